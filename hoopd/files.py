@@ -1,0 +1,180 @@
+"""Reading of YAML files into typed records, with one clear line for everything that is wrong.
+
+Rules of this file: no defaults and no laws here; an unknown key, a wrong unit or an unsafe value raises
+`InputError`, whose text is the whole message (file: key: reason); the command line ends with exit code 2 on it.
+A number may be written plainly, in the unit that its key ends in, or as text with a unit ("20 ms").
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import re
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TypeVar, Union, get_args, get_origin
+
+import msgspec
+import yaml
+
+T = TypeVar("T")
+
+# Key ending -> unit -> factor to the unit of the ending.
+UNITS: dict[str, dict[str, float]] = {
+    "_s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
+    "_hz": {"Hz": 1.0, "kHz": 1e3},
+    "_nm": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "mNm": 1e-3},
+    "_rad": {"rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295},
+    "_rad_s": {"rad/s": 1.0, "deg/s": 0.017453292519943295, "rpm": 0.10471975511965977},
+    "_bytes": {"B": 1, "kB": 1e3, "MB": 1e6, "GB": 1e9, "KiB": 2**10, "MiB": 2**20, "GiB": 2**30},
+    "_px": {"px": 1.0},
+    "_a": {"A": 1.0, "mA": 1e-3},
+    "_m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "_kg": {"kg": 1.0, "g": 1e-3},
+}
+_QUANTITY = re.compile(r"^\s*([-+]?[0-9.]+(?:[eE][-+]?\d+)?)\s*([A-Za-z][A-Za-z /0-9]*)\s*$")
+_AT = re.compile(r" - at `\$\.?([^`]*)`$")
+
+
+class InputError(ValueError):
+    """Unusable input: file, key (or row and column) and reason in one line."""
+
+    def __init__(self, path: object, key: str, reason: str) -> None:
+        self.path, self.key, self.reason = str(path), key, reason
+        super().__init__(": ".join(part for part in (self.path, key, reason) if part))
+
+
+def read_text(path: Path) -> str:
+    """Text of a file; InputError when it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, "", _os_reason(error)) from None
+
+
+def parse_yaml(text: str, path: object) -> dict[str, Any]:
+    """Mapping at the top of a YAML text; InputError names the line of a syntax error."""
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}" if mark is not None else ""
+        raise InputError(path, where, f"not YAML: {getattr(error, 'problem', None) or 'cannot be read'}") from None
+    if data is None:
+        return {}
+    if not isinstance(data, dict):
+        raise InputError(path, "", f"expected keys and values, found {type(data).__name__}")
+    return data
+
+
+def load_struct(path: Path, kind: type[T]) -> T:
+    """Typed content of a YAML file."""
+    return to_struct(parse_yaml(read_text(path), path), kind, path)
+
+
+def to_struct(data: dict[str, Any], kind: type[T], path: object) -> T:
+    """Typed record from plain data: units resolved, keys and values checked."""
+    checked = _resolve(data, kind, path, "")
+    try:
+        return msgspec.convert(checked, kind, strict=True)
+    except msgspec.ValidationError as error:
+        text = str(error)
+        match = _AT.search(text)
+        key = match.group(1) if match else ""
+        raise InputError(path, key, _AT.sub("", text)) from None
+
+
+def _resolve(data: Any, kind: Any, path: object, key: str) -> Any:
+    record, item = _record_type(kind), _item_type(kind)
+    if isinstance(data, dict) and record is not None:
+        hints = typing.get_type_hints(record, include_extras=False)
+        return {name: _resolve(value, _known(hints, name, path, key), path, _join(key, name)) for name, value in data.items()}
+    if isinstance(data, list) and item is not None:
+        return [_resolve(value, item, path, f"{key}[{index}]") for index, value in enumerate(data)]
+    if isinstance(data, dict) and item is not None:
+        return {name: _resolve(value, item, path, _join(key, str(name))) for name, value in data.items()}
+    return _number(data, kind, path, key)
+
+
+def _known(hints: dict[str, Any], name: object, path: object, key: str) -> Any:
+    if name in hints:
+        return hints[str(name)]
+    close = _suggest(str(name), list(hints))
+    hint = f"; did you mean {close}?" if close else f"; known: {', '.join(hints)}"
+    raise InputError(path, _join(key, str(name)), f"unknown key{hint}")
+
+
+def _suggest(name: str, names: list[str]) -> str:
+    stem = name.rsplit("_", 1)[0]
+    by_stem = [other for other in names if other.rsplit("_", 1)[0] == stem]
+    close = by_stem or difflib.get_close_matches(name, names, 1, 0.6)
+    return close[0] if close else ""
+
+
+def _number(value: Any, kind: Any, path: object, key: str) -> Any:
+    """A quantity text in the unit of its key; integers become floats where a float is wanted."""
+    wants = set(_flat_types(kind))
+    if isinstance(value, int) and not isinstance(value, bool) and float in wants and int not in wants:
+        return float(value)
+    if not isinstance(value, str) or not wants & {float, int} or str in wants:
+        return value
+    units = units_of(key)
+    match = _QUANTITY.match(value)
+    if match is None:
+        raise InputError(path, key, f"expected a number, got {value!r}")
+    number, unit = float(match.group(1)), match.group(2).strip()
+    if unit not in units:
+        allowed = ", ".join(units) or "no unit"
+        raise InputError(path, key, f"wrong unit {unit!r}: this value takes {allowed}")
+    scaled = number * units[unit]
+    return round(scaled) if float not in wants else scaled
+
+
+def units_of(key: str) -> dict[str, float]:
+    """Units that a key may be written in, by its ending (the longest ending wins)."""
+    name = re.sub(r"\[\d+\]$", "", key)
+    endings = sorted((ending for ending in UNITS if name.endswith(ending)), key=len, reverse=True)
+    return UNITS[endings[0]] if endings else {}
+
+
+def _record_type(kind: Any) -> Any:
+    for option in _options(kind):
+        if isinstance(option, type) and (issubclass(option, msgspec.Struct) or dataclasses.is_dataclass(option)):
+            return option
+    return None
+
+
+def _item_type(kind: Any) -> Any:
+    for option in _options(kind):
+        origin, args = get_origin(option), get_args(option)
+        if origin in (list, tuple) and args:
+            return args[0]
+        if origin is dict and args:
+            return args[1]
+    return None
+
+
+def _options(kind: Any) -> Iterator[Any]:
+    if get_origin(kind) in (Union, types.UnionType):
+        for option in get_args(kind):
+            yield from _options(option)
+    elif get_origin(kind) is typing.Annotated:
+        yield from _options(get_args(kind)[0])
+    else:
+        yield kind
+
+
+def _flat_types(kind: Any) -> list[Any]:
+    return list(_options(kind))
+
+
+def _join(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
+
+
+def _os_reason(error: Exception) -> str:
+    if isinstance(error, UnicodeDecodeError):
+        return "not a text file"
+    return (getattr(error, "strerror", None) or "cannot be read").lower()
