@@ -1,0 +1,263 @@
+"""Faults: what is wrong with the inputs, since when, and what follows from it.
+
+Rules of this file: a fault is a row of `FAULTS`; a condition says per tick how many periods it held; counts are
+consecutive, never per lifetime; a latched fault stays until it is well again and the operator acknowledged it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from math import isfinite
+from typing import NamedTuple
+
+from hoopd.core.records import DriverSample, Estimate, Inputs
+
+# Bits of the board's answer (docs/board.md).
+ENABLED, TIMEOUT_LATCHED, TORQUE_LIMITED, BOARD_FAULT = 1, 2, 4, 8
+HARD_ERRORS = {4: "overcurrent", 8: "encoder", 16: "supply"}
+BOARD_CLOCK_MS = 65536
+
+
+class Action(IntEnum):
+    """What a fault does, in rising order; the strongest active one wins."""
+
+    NOTE = 0  # recorded and counted
+    FLAG = 1  # control goes on, new experiments are refused
+    PREDICT = 2  # control goes on, on the estimator's prediction
+    PAUSE = 3  # zero torque, still armed
+    STOP = 4  # controlled stop
+    CUT = 5  # zero torque, drive off
+
+
+class Fault(NamedTuple):
+    """One row: after `on` bad periods in a row it is active, after `off` good ones it may go."""
+
+    name: str
+    action: Action
+    on: int
+    off: int
+    latched: bool
+    meaning: str
+
+
+SECOND = 50  # periods
+
+FAULTS: tuple[Fault, ...] = (
+    Fault("frame_bad", Action.NOTE, 1, 1, False, "a frame of the board was damaged, out of order or implausible"),
+    # 60 ms: the board's own time-out is 100 ms, so the host gives up first.
+    Fault("link_lost", Action.CUT, 3, SECOND, True, "no good answer of the board for 60 ms, or the port is gone"),
+    Fault("board_fault", Action.CUT, 1, 1, True, "the board reports overcurrent, encoder, supply or an internal fault"),
+    Fault("board_timeout", Action.CUT, 1, 1, True, "the board's own time-out switched the torque off"),
+    Fault("board_reset", Action.CUT, 1, 1, True, "the board restarted: its clock jumped or its drive went off"),
+    Fault("board_refuses", Action.CUT, SECOND, 1, True, "the board did not enable its drive within a second"),
+    Fault("camera_late", Action.PREDICT, 1, SECOND, False, "the newest picture is more than 1.5 periods older than usual"),
+    Fault("camera_lost", Action.STOP, 1, SECOND, True, "no new picture for five periods"),
+    Fault("ball_missing", Action.PREDICT, 1, 1, False, "the newest picture shows no ball where one can be"),
+    # 200 ms: the prediction is good for about a third of the ball's own period (0.73 s).
+    Fault("ball_lost", Action.PAUSE, 10, 10, False, "no ball for ten pictures in a row"),
+    Fault("overrun", Action.NOTE, 1, 1, False, "lateness and execution exceeded the period"),
+    Fault("overrun_repeated", Action.FLAG, 3, SECOND, False, "three periods in a row were overrun"),
+    Fault("overrun_persistent", Action.STOP, 10, SECOND, True, "ten periods in a row were overrun"),
+    # 200 ms each: longer than any single damaged sample, shorter than the time a wrong torque needs to do harm.
+    Fault("current_implausible", Action.CUT, 10, SECOND, True, "the motor current does not answer the torque"),
+    Fault("speed_implausible", Action.CUT, 10, SECOND, True, "the reported speed is not the derivative of the angle"),
+    Fault("hoop_overspeed", Action.CUT, 3, SECOND, True, "the hoop turns faster than it may"),
+    Fault("not_finite", Action.CUT, 1, 1, True, "an estimate or a command was not a finite number"),
+    Fault("recorder_trouble", Action.FLAG, 1, 1, False, "rows were lost or cannot be written"),
+    Fault("telemetry_trouble", Action.FLAG, 1, SECOND, False, "telemetry rows were dropped"),
+)
+BY_NAME: Mapping[str, Fault] = {fault.name: fault for fault in FAULTS}
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Numbers behind the conditions; the reasons stand beside them."""
+
+    camera_delay_s: float = 0.04  # usual age of a sample when it arrives
+    late_periods: float = 1.5  # over the usual age (one period of it is the tick's phase)
+    lost_periods: float = 5.0
+    torque_constant_nm_per_a: float = 0.0  # 0: unknown, current is not judged
+    current_mismatch_nm: float = 0.2  # between commanded torque and current times constant
+    speed_mismatch_rad_s: float = 6.0  # sixty times the noise of the reported speed
+    hoop_speed_rad_s: float = 60.0  # ten turns a second
+    minimum_confidence: float = 0.3  # of a detection
+
+    def __post_init__(self) -> None:
+        """Refuse thresholds that would switch a check off by accident."""
+        if not 0.0 < self.late_periods < self.lost_periods:
+            raise ValueError("needs 0 < late_periods < lost_periods")
+        if self.hoop_speed_rad_s <= 0 or self.speed_mismatch_rad_s <= 0 or self.current_mismatch_nm <= 0:
+            raise ValueError("limits must be positive")
+
+
+class Sent(NamedTuple):
+    """What the last tick sent, as far as health needs it."""
+
+    t: float
+    torque_nm: float
+    enabled_for: int  # ticks for which the drive has been asked to be on
+
+
+class _Count:
+    """Consecutive bad and good periods of one fault."""
+
+    def __init__(self, fault: Fault) -> None:
+        self.fault, self.bad, self.good, self.active = fault, 0, fault.off, False
+
+    def update(self, weight: int) -> None:
+        if weight:
+            self.bad, self.good = self.bad + weight, 0
+        else:
+            self.bad, self.good = 0, self.good + 1
+        if self.bad >= self.fault.on:
+            self.active = True
+        elif self.active and not self.fault.latched and self.well:
+            self.active = False
+
+    @property
+    def well(self) -> bool:
+        return self.good >= self.fault.off
+
+
+class Health:
+    """Judges every tick's inputs by the table; deterministic, knows no clock."""
+
+    def __init__(self, thresholds: Thresholds, period_s: float) -> None:
+        self.thresholds, self.period_s = thresholds, period_s
+        self._counts = {fault.name: _Count(fault) for fault in FAULTS}
+        self._driver: DriverSample | None = None
+        self._camera_t = float("-inf")
+        self._ball = False
+        self._seen_enabled = False
+        self._id: int | None = None
+        self._overran = 0
+
+    def update(self, inputs: Inputs, estimate: Estimate, sent: Sent) -> None:
+        """Advance every count by this tick."""
+        for name, weight in self._conditions(inputs, estimate, sent).items():
+            self._counts[name].update(weight)
+        if inputs.driver is not None:
+            self._driver = inputs.driver
+        self._id = inputs.id
+
+    def raise_now(self, name: str) -> None:
+        """Make a fault active that was found after this tick's update (a command that is not finite)."""
+        self._counts[name].update(BY_NAME[name].on)
+
+    def active(self) -> tuple[Fault, ...]:
+        """Active faults in table order."""
+        return tuple(count.fault for count in self._counts.values() if count.active)
+
+    def action(self) -> Action:
+        """The strongest action of all active faults."""
+        return max((fault.action for fault in self.active()), default=Action.NOTE)
+
+    def hindrances(self) -> tuple[str, ...]:
+        """What forbids arming: faults of STOP or CUT that are not well yet, and a link or camera never seen."""
+        stop = (c for c in self._counts.values() if c.fault.action >= Action.STOP)
+        return tuple(c.fault.name for c in stop if not c.well)
+
+    def acknowledge(self) -> None:
+        """The operator has seen the latched faults: those that are well go."""
+        for count in self._counts.values():
+            if count.active and count.well:
+                count.active = False
+        self._seen_enabled = False
+
+    @property
+    def ball_steady(self) -> bool:
+        """A ball has been seen in the last ten pictures."""
+        return self._counts["ball_lost"].good >= BY_NAME["ball_lost"].off
+
+    @property
+    def board_enabled(self) -> bool:
+        """The newest answer says that the drive is on."""
+        return self._driver is not None and bool(self._driver.status & ENABLED)
+
+    @property
+    def hoop_speed(self) -> float:
+        """Newest reported hoop speed in rad/s, 0 before the first answer."""
+        return 0.0 if self._driver is None else self._driver.dtheta
+
+    def _conditions(self, inputs: Inputs, estimate: Estimate, sent: Sent) -> dict[str, int]:
+        missed = 0 if self._id is None else inputs.id - self._id - 1
+        late = missed + (inputs.lateness_s + inputs.execution_s > self.period_s)
+        finite = all(isfinite(value) for value in estimate.x)
+        return {
+            "frame_bad": _count_bad(inputs),
+            "link_lost": int(inputs.driver is None or inputs.link.lost),
+            "not_finite": int(not finite),
+            "overrun": late,
+            "overrun_repeated": late,
+            "overrun_persistent": late,
+            "recorder_trouble": inputs.trouble & 1,
+            "telemetry_trouble": inputs.trouble >> 1 & 1,
+            **self._camera(inputs, estimate),
+            **self._board(inputs, sent),
+        }
+
+    def _camera(self, inputs: Inputs, estimate: Estimate) -> dict[str, int]:
+        limits = self.thresholds
+        if inputs.camera is not None:
+            self._camera_t = inputs.camera.t
+            good = isfinite(inputs.camera.psi) and inputs.camera.confidence >= limits.minimum_confidence
+            self._ball = good and estimate.psi_accepted
+        over = inputs.t - self._camera_t - limits.camera_delay_s - self.period_s
+        lost = over > limits.lost_periods * self.period_s or inputs.camera_stalled
+        missing = not self._ball
+        return {
+            "camera_late": int(over > limits.late_periods * self.period_s),
+            "camera_lost": int(lost),
+            "ball_missing": int(missing),
+            "ball_lost": int(missing),
+        }
+
+    def _board(self, inputs: Inputs, sent: Sent) -> dict[str, int]:
+        driver = inputs.driver
+        if sent.enabled_for == 0:
+            self._seen_enabled = False
+        if driver is None:
+            return {}
+        enabled = bool(driver.status & ENABLED)
+        lost_drive = self._seen_enabled and not enabled
+        latched = bool(driver.status & TIMEOUT_LATCHED)
+        # An answer to a request older than the last one tells of the time before the drive was asked for.
+        self._seen_enabled = self._seen_enabled or (enabled and sent.enabled_for > 1)
+        return {
+            "board_fault": int(bool(driver.status & BOARD_FAULT or driver.errors & sum(HARD_ERRORS))),
+            "board_timeout": int(latched and lost_drive),
+            "board_reset": int(self._clock_jumped(driver) or (lost_drive and not latched)),
+            "board_refuses": int(sent.enabled_for > 0 and not enabled),
+            "current_implausible": int(self._current_off(driver, sent)),
+            "speed_implausible": int(self._speed_off(driver)),
+            "hoop_overspeed": int(abs(driver.dtheta) > self.thresholds.hoop_speed_rad_s),
+        }
+
+    def _clock_jumped(self, driver: DriverSample) -> bool:
+        """The board's clock and ours disagree by more than 50 ms over one answer (both count milliseconds)."""
+        if self._driver is None:
+            return False
+        board_ms = (driver.board_ms - self._driver.board_ms) % BOARD_CLOCK_MS
+        host_ms = 1e3 * (driver.t - self._driver.t) % BOARD_CLOCK_MS
+        apart = abs(board_ms - host_ms)
+        return min(apart, BOARD_CLOCK_MS - apart) > 50.0
+
+    def _current_off(self, driver: DriverSample, sent: Sent) -> bool:
+        constant = self.thresholds.torque_constant_nm_per_a
+        if constant == 0.0 or sent.enabled_for < 3 or driver.status & TORQUE_LIMITED:
+            return False
+        return abs(constant * driver.current - sent.torque_nm) > self.thresholds.current_mismatch_nm
+
+    def _speed_off(self, driver: DriverSample) -> bool:
+        if self._driver is None or not 0.0 < driver.t - self._driver.t < 3 * self.period_s:
+            return False
+        mean = (driver.theta - self._driver.theta) / (driver.t - self._driver.t)
+        reported = 0.5 * (driver.dtheta + self._driver.dtheta)
+        return abs(reported - mean) > self.thresholds.speed_mismatch_rad_s
+
+
+def _count_bad(inputs: Inputs) -> int:
+    link = inputs.link
+    return link.bad_crc + link.implausible + link.unexpected_seq + (link.garbage_bytes > 0)

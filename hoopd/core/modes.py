@@ -1,0 +1,72 @@
+"""Modes of operation: which there are and what moves between them.
+
+Rules of this file: transitions are the table, code only reads it; a pair that is not in the table changes
+nothing; torque may flow in the modes of `ENERGISED` only, and no entry leads into one of those but from an arm.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Mode(StrEnum):
+    """What the daemon is doing."""
+
+    DISARMED = "DISARMED"  # asks the board for answers only: torque zero, drive off
+    READY = "READY"  # drive on, torque zero, waits for the ball and the board
+    RUNNING = "RUNNING"  # the controller acts
+    STOPPING = "STOPPING"  # brakes the hoop, then switches off
+    FAULT = "FAULT"  # torque zero, drive off, until the operator acknowledges
+
+
+class Event(StrEnum):
+    """What may move the mode."""
+
+    ARM = "arm"  # operator, and nothing forbids it
+    DISARM = "disarm"  # operator: off at once
+    CLEAR = "clear"  # operator acknowledges, and nothing is wrong any more
+    GO = "go"  # board enabled, state known, ball seen
+    PAUSE = "pause"  # a fault of action PAUSE
+    STOP = "stop"  # operator, the end of the run or a fault of action STOP
+    STOPPED = "stopped"  # hoop at rest or the time for it over
+    CUT = "cut"  # a fault of action CUT
+
+
+TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
+    (Mode.DISARMED, Event.ARM): Mode.READY,
+    (Mode.READY, Event.GO): Mode.RUNNING,
+    (Mode.READY, Event.STOP): Mode.DISARMED,
+    (Mode.READY, Event.DISARM): Mode.DISARMED,
+    (Mode.READY, Event.CUT): Mode.FAULT,
+    (Mode.RUNNING, Event.PAUSE): Mode.READY,
+    (Mode.RUNNING, Event.STOP): Mode.STOPPING,
+    (Mode.RUNNING, Event.DISARM): Mode.DISARMED,
+    (Mode.RUNNING, Event.CUT): Mode.FAULT,
+    (Mode.STOPPING, Event.STOPPED): Mode.DISARMED,
+    (Mode.STOPPING, Event.DISARM): Mode.DISARMED,
+    (Mode.STOPPING, Event.CUT): Mode.FAULT,
+    (Mode.FAULT, Event.CLEAR): Mode.DISARMED,
+    (Mode.FAULT, Event.ARM): Mode.READY,
+}
+
+ENERGISED = frozenset({Mode.READY, Mode.RUNNING, Mode.STOPPING})
+
+# Strongest first: when several events come in one tick, the first that the table knows is taken.
+PRECEDENCE = (
+    Event.CUT,
+    Event.DISARM,
+    Event.STOP,
+    Event.STOPPED,
+    Event.PAUSE,
+    Event.CLEAR,
+    Event.ARM,
+    Event.GO,
+)
+
+
+def next_mode(mode: Mode, events: frozenset[Event]) -> Mode:
+    """Mode after one tick."""
+    for event in PRECEDENCE:
+        if event in events and (mode, event) in TRANSITIONS:
+            return TRANSITIONS[mode, event]
+    return mode

@@ -1,0 +1,282 @@
+"""One tick: from what is known of the world to one torque, in this order and no other.
+
+Rules of this file: `Tick.step` is a function of its inputs and of the inputs before them; it reads no clock,
+opens nothing and waits for nothing, so that recorded inputs give the same commands to the bit. Torque is zero
+unless the mode is RUNNING or STOPPING, and every torque passes the limiter last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, nan, tau
+from typing import Any, NamedTuple, Protocol
+
+from hoopd.core.controllers import Controller, Measurement
+from hoopd.core.health import Action, Health, Sent, Thresholds
+from hoopd.core.limits import Limiter
+from hoopd.core.modes import ENERGISED, Event, Mode, next_mode
+from hoopd.core.records import CameraSample, Command, DriverSample, Estimate, Inputs, TickRecord, TorqueCommand
+
+
+class Estimator(Protocol):
+    """What the tick asks of a state estimator."""
+
+    def update(
+        self,
+        t: float,
+        torque_previous: float,
+        t_applied: float,
+        driver: DriverSample | None,
+        camera: CameraSample | None,
+    ) -> Estimate: ...
+
+    def reset(self) -> None: ...
+
+
+class Note(NamedTuple):
+    """One fact worth a line in the log."""
+
+    name: str
+    level: str  # info | warning | error
+    fields: dict[str, Any]
+
+
+class Output(NamedTuple):
+    """What one tick decided."""
+
+    command: TorqueCommand
+    record: TickRecord
+    notes: tuple[Note, ...]
+
+
+@dataclass(frozen=True)
+class TickSettings:
+    """Numbers of the tick."""
+
+    period_s: float = 0.02
+    wire_s: float = 8 * 10 / 115200  # a request's time on the wire
+    reference_limit_rad: float = 0.5  # larger angles leave the region where the linear design holds
+    brake_nm_per_rad_s: float = 0.01  # hoop inertia 1.5e-3 kg m2: a time constant of 0.15 s
+    brake_limit_nm: float = 0.1
+    stopped_rad_s: float = 0.5
+    stopping_s: float = 1.0  # then off, at rest or not
+
+    def __post_init__(self) -> None:
+        """Refuse a period that no camera or board of this kind can keep."""
+        if not 0.005 <= self.period_s <= 0.1:
+            raise ValueError("period_s must be between 0.005 and 0.1")
+        if self.brake_nm_per_rad_s < 0 or self.brake_limit_nm < 0 or self.reference_limit_rad < 0:
+            raise ValueError("brake and reference limits must not be negative")
+
+
+class Tick:
+    """State of the control loop from one tick to the next."""
+
+    def __init__(
+        self,
+        settings: TickSettings,
+        thresholds: Thresholds,
+        estimator: Estimator,
+        controller: Controller,
+        limiter: Limiter,
+    ) -> None:
+        self.settings, self.estimator, self.controller, self.limiter = settings, estimator, controller, limiter
+        self.health = Health(thresholds, settings.period_s)
+        self.mode = Mode.DISARMED
+        self.reference = 0.0
+        self._sent = Sent(0.0, 0.0, 0)
+        self._faults: frozenset[str] = frozenset()
+        self._seq = -1
+        self._stopping_since = 0.0
+        self._notes: list[Note] = []
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Names of the active faults in table order."""
+        return tuple(fault.name for fault in self.health.active())
+
+    @property
+    def armable(self) -> bool:
+        """An arm command would be obeyed now."""
+        return self.mode in (Mode.DISARMED, Mode.FAULT) and not self.health.hindrances()
+
+    def step(self, inputs: Inputs) -> Output:
+        """Decide one torque."""
+        self._notes = []
+        estimate = self.estimator.update(
+            inputs.t,
+            self._sent.torque_nm,
+            self._sent.t + inputs.execution_s + self.settings.wire_s,
+            inputs.driver,
+            inputs.camera,
+        )
+        self.health.update(inputs, estimate, self._sent)
+        asked = self._take_commands(inputs.commands)
+        before = self.mode
+        self._move(asked | self._own_events(inputs, estimate))
+        torque = self._torque(inputs, estimate)
+        self._report_faults(inputs)
+        command = self._command(inputs, torque, before)
+        return Output(command, self._record(inputs, estimate, command), tuple(self._notes))
+
+    def _take_commands(self, commands: tuple[Command, ...]) -> frozenset[Event]:
+        events: set[Event] = set()
+        for command in commands:
+            event = self._take(command)
+            if event is not None:
+                events.add(event)
+        return frozenset(events)
+
+    def _take(self, command: Command) -> Event | None:
+        if command.name == "reference":
+            self._set_reference(command.value)
+        elif command.name == "tune":
+            self._tune(command)
+        elif command.name in ("arm", "clear"):
+            return self._acknowledged(command.name)
+        elif command.name in ("disarm", "stop"):
+            self._note("operator", "info", command=command.name)
+            return Event(command.name)
+        else:
+            self._note("command_refused", "warning", command=command.name, reason="not known here")
+        return None
+
+    def _set_reference(self, value: float) -> None:
+        if not isfinite(value):
+            self._note("command_refused", "warning", command="reference", reason="not a finite number")
+            return
+        limit = self.settings.reference_limit_rad
+        self.reference = min(limit, max(-limit, value))
+        self._note("reference", "info", reference=self.reference)
+
+    def _tune(self, command: Command) -> None:
+        done = isfinite(command.value) and self.controller.tune(command.key, command.value)
+        if done:
+            self._note("tuned", "info", key=command.key, value=command.value)
+        else:
+            self._note("command_refused", "warning", command="tune", reason=f"no tunable {command.key!r}")
+
+    def _acknowledged(self, name: str) -> Event | None:
+        if self.mode in ENERGISED:
+            return None
+        hindrances = self.health.hindrances()
+        if hindrances:
+            self._note("command_refused", "warning", command=name, reason=", ".join(hindrances))
+            return None
+        self.health.acknowledge()
+        self._note("operator", "info", command=name)
+        return Event(name)
+
+    def _own_events(self, inputs: Inputs, estimate: Estimate) -> frozenset[Event]:
+        events: set[Event] = set()
+        action = self.health.action()
+        if action == Action.CUT:
+            events.add(Event.CUT)
+        if action >= Action.STOP:
+            events.add(Event.STOP)
+        if action >= Action.PAUSE:
+            events.add(Event.PAUSE)
+        if self.health.board_enabled and self.health.ball_steady and estimate.ready and action < Action.PAUSE:
+            events.add(Event.GO)
+        if self.mode is Mode.STOPPING and self._stopped(inputs):
+            events.add(Event.STOPPED)
+        return frozenset(events)
+
+    def _stopped(self, inputs: Inputs) -> bool:
+        at_rest = abs(self.health.hoop_speed) < self.settings.stopped_rad_s
+        return at_rest or inputs.t - self._stopping_since >= self.settings.stopping_s
+
+    def _move(self, events: frozenset[Event]) -> None:
+        before, self.mode = self.mode, next_mode(self.mode, events)
+        if self.mode is Mode.DISARMED:
+            self.health.acknowledge()
+        if self.mode is before:
+            return
+        level = "error" if self.mode is Mode.FAULT else "info"
+        causes = [fault.name for fault in self.health.active() if fault.action >= Action.PAUSE]
+        self._note("mode", level, mode=str(self.mode), was=str(before), because=causes)
+
+    def _torque(self, inputs: Inputs, estimate: Estimate) -> float:
+        if self.mode is Mode.RUNNING:
+            wanted, _ = self.controller.update(self._measurement(inputs, estimate))
+        elif self.mode is Mode.STOPPING:
+            wanted = self._brake(inputs)
+        else:
+            self.controller.reset()
+            self.limiter.reset()
+            return 0.0
+        if not isfinite(wanted):
+            self.health.raise_now("not_finite")
+            self._move(frozenset({Event.CUT}))
+            return 0.0
+        return self.limiter.apply(wanted)
+
+    def _brake(self, inputs: Inputs) -> float:
+        if self._sent.enabled_for == 0 or self._stopping_since == 0.0:
+            self._stopping_since = inputs.t
+        limit = self.settings.brake_limit_nm
+        return min(limit, max(-limit, -self.settings.brake_nm_per_rad_s * self.health.hoop_speed))
+
+    def _measurement(self, inputs: Inputs, estimate: Estimate) -> Measurement:
+        camera, driver = inputs.camera, inputs.driver
+        return Measurement(
+            t=inputs.t,
+            x=estimate.x,
+            ready=estimate.ready,
+            psi_measured=nan if camera is None else camera.psi,
+            psi_fresh=camera is not None and estimate.psi_accepted,
+            dtheta_measured=nan if driver is None else driver.dtheta,
+            reference=self.reference,
+            torque_previous=self._sent.torque_nm,
+            dt=self.settings.period_s,
+        )
+
+    def _report_faults(self, inputs: Inputs) -> None:
+        active = {fault.name: fault for fault in self.health.active()}
+        for name in active.keys() - self._faults:
+            fault = active[name]
+            level = "error" if fault.action == Action.CUT else "warning"
+            if fault.action > Action.NOTE:
+                self._note("fault", level, fault=name, meaning=fault.meaning, action=fault.action.name.lower())
+        for name in sorted(self._faults - active.keys()):
+            self._note("fault_cleared", "info", fault=name)
+        self._faults = frozenset(active)
+
+    def _command(self, inputs: Inputs, torque: float, before: Mode) -> TorqueCommand:
+        enable = self.mode in ENERGISED
+        if self.mode is not Mode.STOPPING:
+            self._stopping_since = 0.0
+        self._seq = (self._seq + 1) % 256
+        clear = self.mode is Mode.READY and not self.health.board_enabled
+        self._sent = Sent(inputs.t, torque, self._sent.enabled_for + 1 if enable else 0)
+        return TorqueCommand(self._seq, enable, clear, torque)
+
+    def _record(self, inputs: Inputs, estimate: Estimate, command: TorqueCommand) -> TickRecord:
+        driver, camera = inputs.driver, inputs.camera
+        x = estimate.x
+        return TickRecord(
+            t=inputs.t,
+            id=inputs.id,
+            mode=str(self.mode),
+            u=command.torque_nm,
+            theta=nan if driver is None else driver.theta,
+            dtheta=nan if driver is None else driver.dtheta,
+            current=nan if driver is None else driver.current,
+            psi=nan if camera is None else _near(camera.psi, float(x[2])),
+            y_t=nan if driver is None else driver.t,
+            psi_t=nan if camera is None else camera.t,
+            x_hat=(float(x[0]), float(x[1]), float(x[2]), float(x[3])),
+            reference=self.reference,
+            status=0 if driver is None else driver.status,
+            errors=0 if driver is None else driver.errors,
+            lateness_s=inputs.lateness_s,
+            execution_s=inputs.execution_s,
+        )
+
+    def _note(self, name: str, level: str, **fields: Any) -> None:
+        self._notes.append(Note(name, level, fields))
+
+
+def _near(angle: float, other: float) -> float:
+    """The same angle, by whole turns nearest to another one."""
+    return angle + tau * round((other - angle) / tau) if isfinite(angle) else angle

@@ -1,0 +1,241 @@
+"""The configuration: every key, its unit, its default and its safe range.
+
+Rules of this file: typed and complete; an unknown key, a wrong unit or an unsafe value is one clear line
+(`InputError`). Layers, later ones win: the shipped hoop.yaml, the shipped sim.yaml with --sim, the
+file of --config, each --set. Paths of models and controllers are looked up beside the file that names them, then among the
+shipped ones.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import yaml
+from msgspec import Meta
+
+from hoopd.core.health import Thresholds
+from hoopd.core.tick import TickSettings
+from hoopd.files import InputError, parse_yaml, read_text, to_struct
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
+Bytes = Annotated[int, Meta(ge=0)]
+
+# The drive saturates here; a larger limit would only hide the anti-windup from the controller.
+TORQUE_LIMIT_NM = 0.7
+
+
+class Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """A section: unknown keys are errors."""
+
+
+class Device(Strict):
+    """Which plant this is."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "hoop"
+    model: str = "models/hoop.yaml"
+
+
+class Serial(Strict):
+    """The line to the driver board."""
+
+    port: str = "/dev/hoop-driver"
+    baud: Annotated[int, Meta(ge=1200, le=4_000_000)] = 115200
+    reopen_s: Positive = 0.5
+    layout: str = "default"  # or a YAML file that tables another firmware's frames
+
+
+class Camera(Strict):
+    """The camera and how its pictures come."""
+
+    backend: Literal["rpicam", "picamera2", "v4l2", "video", "direct"] = "rpicam"
+    command: list[str] = ["rpicam-vid"]
+    device: str = "/dev/video0"
+    file: str = ""
+    width_px: Annotated[int, Meta(ge=64, le=4096)] = 480
+    height_px: Annotated[int, Meta(ge=64, le=4096)] = 480
+    fps: Annotated[float, Meta(ge=1, le=240)] = 50.0
+    stride_px: Annotated[int, Meta(ge=0, le=8192)] = 0  # 0: as wide as the picture
+    exposure_s: Positive = 0.005
+    gain: Positive = 2.0
+    awb_gains: tuple[float, float] = (1.6, 1.8)
+    delay_s: NotNegative = 0.04  # usual age of a picture on arrival, used where it carries no time
+    stall_s: Positive = 0.3
+
+
+class Circle(Strict):
+    """A circle in the picture."""
+
+    centre: tuple[float, float]
+    radius: Positive
+
+
+class Vision(Strict):
+    """From picture to ball angle; `hoopd calibrate` proposes this section."""
+
+    weights: tuple[float, float, float] = (1.0, -0.5, -0.5)  # of R, G, B
+    threshold: Annotated[float, Meta(gt=0, lt=255)] = 70.0
+    circle_px: Circle = Circle(centre=(240.0, 240.0), radius=182.0)  # on which the ball's centre moves
+    homography: list[list[float]] | None = None  # picture to hoop plane; replaces the circle
+    zero_angle_rad: Annotated[float, Meta(ge=-3.2, le=3.2)] = 0.0
+    ball_radius_px: Positive = 23.0
+    band_px: Positive = 20.0  # the ball's centre lies this near to the circle
+
+
+class Control(Strict):
+    """Which law acts: a controller file, or a Python file with a law of the user's own."""
+
+    file: str = "controllers/lqg.yaml"
+    law: str = ""  # a Python file with a class `Law`; the file above still gives estimator and limits
+
+
+class Limits(Strict):
+    """What no controller may exceed."""
+
+    torque_nm: Annotated[float, Meta(gt=0, le=TORQUE_LIMIT_NM)] = TORQUE_LIMIT_NM
+    slew_nm_per_tick: Positive = 1.4  # the whole range in one tick: no limit
+
+
+class Recording(Strict):
+    """Where runs go and how much room they may take."""
+
+    directory: str = ""
+    quota_bytes: Bytes = 2 * 2**30
+    min_free_bytes: Bytes = 200 * 2**20
+
+
+class Telemetry(Strict):
+    """Publishing and commands over zenoh; the defaults never leave this machine."""
+
+    enabled: bool = True
+    endpoint: str = "tcp/127.0.0.1:7447"
+    commands: bool = False
+    zenoh: dict[str, Any] = {}  # zenoh's own keys: TLS, user and password, access control
+
+
+class Log(Strict):
+    """How facts are logged."""
+
+    format: Literal["auto", "human", "json"] = "auto"
+    level: Literal["debug", "info", "warning", "error"] = "info"
+
+
+class SimFault(Strict):
+    """One scripted fault of the rig."""
+
+    kind: str
+    at_s: NotNegative
+    for_s: NotNegative = 0.0
+    params: dict[str, float | str] = {}
+
+
+class SimCommand(Strict):
+    """One scripted command of the operator, for runs without one."""
+
+    at_s: NotNegative
+    name: Literal["arm", "disarm", "stop", "clear", "reference", "tune"]
+    value: float = 0.0
+    key: str = ""
+
+
+class Sim(Strict):
+    """The simulated rig."""
+
+    model: str = "models/hoop.yaml"
+    psi_rad: Annotated[float, Meta(ge=-3.2, le=3.2)] = 0.4  # released from here
+    hold_s: NotNegative = 0.0  # a hand holds the ball until then
+    delay_frames: Annotated[float, Meta(ge=0, le=10)] = 2.0
+    camera_phase: Fraction = 0.35  # of a period, between the tick and the exposure's middle
+    psi_noise_rad: NotNegative = 0.002  # of --camera direct
+    angle_offset_rad: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.0  # zero-angle error of the camera
+    dtheta_noise_rad_s: NotNegative = 0.05
+    current_noise_a: NotNegative = 0.01
+    torque_constant_nm_per_a: Positive = 0.08
+    disturbance_rad: float = 0.0  # added to psi of one picture
+    disturbance_at_s: NotNegative = 0.0
+    faults: list[SimFault] = []
+    commands: list[SimCommand] = []
+
+
+class Config(Strict):
+    """Everything."""
+
+    device: Device = Device()
+    serial: Serial = Serial()
+    camera: Camera = Camera()
+    vision: Vision = Vision()
+    control: Control = Control()
+    limits: Limits = Limits()
+    loop: TickSettings = TickSettings()
+    faults: Thresholds = Thresholds()
+    recording: Recording = Recording()
+    telemetry: Telemetry = Telemetry()
+    log: Log = Log()
+    sim: Sim = Sim()
+
+
+def defaults_folder() -> Path:
+    """Folder of the shipped configuration, in an installed package or in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    shipped = package / "_config"
+    return shipped if shipped.is_dir() else package.parent / "config"
+
+
+def load(path: Path | None, *, sim: bool, overrides: list[str]) -> Config:
+    """Configuration from its layers; InputError names file, key and reason."""
+    layers: list[tuple[object, dict[str, Any]]] = [_layer(defaults_folder() / "hoop.yaml")]
+    if sim:
+        layers.append(_layer(defaults_folder() / "sim.yaml"))
+    if path is not None:
+        layers.append(_layer(path))
+    layers += [_override(text) for text in overrides]
+    merged: dict[str, Any] = {}
+    for source, layer in layers:
+        to_struct(layer, Config, source)  # a mistake is reported with the file that holds it
+        merged = _merge(merged, layer)
+    return to_struct(merged, Config, path or defaults_folder() / "hoop.yaml")
+
+
+def find(name: str, config_path: Path | None) -> Path:
+    """A model or controller file: absolute, beside the configuration, in this folder, or shipped."""
+    folders = ([config_path.parent] if config_path is not None else []) + [Path(), defaults_folder()]
+    for folder in folders:
+        candidate = folder / Path(name).expanduser()
+        if candidate.is_file():
+            return candidate
+    raise InputError(name, "", f"no such file (looked in {', '.join(str(folder) for folder in folders)})")
+
+
+def dump(config: Config) -> str:
+    """The resolved configuration as YAML text, keys in the order of this file."""
+    return yaml.safe_dump(msgspec.to_builtins(config), sort_keys=False)
+
+
+def _layer(path: Path) -> tuple[object, dict[str, Any]]:
+    return path, parse_yaml(read_text(path), path)
+
+
+def _override(text: str) -> tuple[object, dict[str, Any]]:
+    key, equals, value = text.partition("=")
+    source = f"--set {text}"
+    if not equals or not key:
+        raise InputError(source, "", "expected a.b=value")
+    try:
+        parsed = yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise InputError(source, key, "the value is not YAML") from None
+    nested: Any = parsed
+    for part in reversed(key.split(".")):
+        nested = {part: nested}
+    return source, nested
+
+
+def _merge(base: dict[str, Any], top: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in top.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _merge(merged[key], value) if both else value
+    return merged
