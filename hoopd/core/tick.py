@@ -100,6 +100,11 @@ class Tick:
         """An arm command would be obeyed now."""
         return self.mode in (Mode.DISARMED, Mode.FAULT) and not self.health.hindrances()
 
+    def next_seq(self) -> int:
+        """Number of the next request, modulo 256."""
+        self._seq = (self._seq + 1) % 256
+        return self._seq
+
     def step(self, inputs: Inputs) -> Output:
         """Decide one torque."""
         self._notes = []
@@ -246,10 +251,9 @@ class Tick:
         enable = self.mode in ENERGISED
         if self.mode is not Mode.STOPPING:
             self._stopping_since = 0.0
-        self._seq = (self._seq + 1) % 256
         clear = self.mode is Mode.READY and not self.health.board_enabled
         self._sent = Sent(inputs.t, torque, self._sent.enabled_for + 1 if enable else 0)
-        return TorqueCommand(self._seq, enable, clear, torque)
+        return TorqueCommand(self.next_seq(), enable, clear, torque)
 
     def _record(self, inputs: Inputs, estimate: Estimate, command: TorqueCommand) -> TickRecord:
         driver, camera = inputs.driver, inputs.camera

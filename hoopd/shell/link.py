@@ -1,0 +1,168 @@
+"""The line to the driver board: a port that may vanish and come back, and what its bytes mean.
+
+Rules of this file: nothing here waits; a write that cannot be done now is a lost frame, not a pause; any error or
+end of file means the port is lost, once, and is closed and opened again on a helper thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import threading
+from collections.abc import Callable
+
+from hoopd.core.frames import Decoder, Layout, encode_request
+from hoopd.core.linkstate import AnswerFilter
+from hoopd.core.records import DriverSample, LinkCounts, TorqueCommand
+from hoopd.shell.service import lower_thread_priority
+
+BITS_PER_BYTE = 10  # start, eight data, stop
+# The board drops a partial frame after this silence; the host does the same, so that both start afresh together.
+SILENCE_S = 0.002
+# Far more than the line brings in one tick (230 bytes), so that a backlog is drained at once.
+READ_BYTES = 4096
+
+
+def wire_time(count: int, baud: int) -> float:
+    """Seconds that bytes take on the line."""
+    return count * BITS_PER_BYTE / baud
+
+
+class Codec:
+    """Bytes in, newest sample out; requests out. Knows no port and no clock."""
+
+    def __init__(self, layout: Layout, baud: int) -> None:
+        self.layout = layout
+        self.request_s = wire_time(layout.request.length, baud)
+        self._decoder = Decoder(layout, "answer")
+        self._filter = AnswerFilter(has_seq=layout.answer.has_seq)
+        self._last_byte_t = 0.0
+
+    def feed(self, t: float, data: bytes) -> None:
+        """Bytes that arrived at run time t."""
+        self._last_byte_t = t
+        self._filter.take(self._decoder.feed(data))
+
+    def request(self, t: float, command: TorqueCommand) -> bytes:
+        """The frame to write at run time t; its answer is expected from now on."""
+        self._filter.expect(command.seq, t + self.request_s)
+        return encode_request(self.layout, *command)
+
+    def take(self, t: float, *, lost: bool) -> tuple[DriverSample | None, LinkCounts]:
+        """Newest answer and what else came since the last call."""
+        if self._decoder.pending and t - self._last_byte_t > SILENCE_S:
+            self._filter.take(self._decoder.silence())
+        return self._filter.collect(lost)
+
+    def reset(self) -> None:
+        """Forget everything: the port was opened again."""
+        self._decoder = Decoder(self.layout, "answer")
+        self._filter.reset()
+
+
+class SerialDrive:
+    """A serial port on the event loop's selector."""
+
+    def __init__(self, port: str, baud: int, codec: Codec, clock: Callable[[], float], reopen_s: float) -> None:
+        self._port_name, self._baud, self._codec, self._clock, self._reopen_s = port, baud, codec, clock, reopen_s
+        self._port: object | None = None
+        self._fd = -1
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._closing = threading.Event()
+        self.reason = "not opened yet"
+
+    def open(self) -> None:
+        """Open now or raise OSError; the running loop reads from then on."""
+        self._loop = asyncio.get_running_loop()
+        self._adopt(open_port(self._port_name, self._baud))
+
+    def take(self) -> tuple[DriverSample | None, LinkCounts]:
+        """Newest answer and what else came since the last tick."""
+        return self._codec.take(self._clock(), lost=self._fd < 0)
+
+    def write(self, command: TorqueCommand) -> None:
+        """Write one request; a full or lost port loses it."""
+        if self._fd < 0:
+            return
+        data = self._codec.request(self._clock(), command)
+        try:
+            os.write(self._fd, data)
+        except BlockingIOError:
+            self.reason = "the port takes no bytes"
+        except OSError as error:
+            self._lose(error)
+
+    def close(self) -> None:
+        """Close the port and stop trying to open it."""
+        self._closing.set()
+        self._drop()
+
+    def _readable(self) -> None:
+        try:
+            data = os.read(self._fd, READ_BYTES)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lose(error)
+            return
+        if data:
+            self._codec.feed(self._clock(), data)
+        else:
+            self._lose(OSError("end of file"))
+
+    def _adopt(self, port: object) -> None:
+        assert self._loop is not None
+        self._codec.reset()
+        self._port, self._fd = port, port.fileno()  # type: ignore[attr-defined]
+        os.set_blocking(self._fd, False)
+        self._loop.add_reader(self._fd, self._readable)
+
+    def _drop(self) -> None:
+        if self._fd < 0 or self._loop is None:
+            return
+        self._loop.remove_reader(self._fd)
+        port, self._port, self._fd = self._port, None, -1
+        # Closing a vanished USB adapter can block for a third of a second.
+        threading.Thread(target=_close_quietly, args=(port,), daemon=True).start()
+
+    def _lose(self, error: OSError) -> None:
+        self.reason = error.strerror or str(error)
+        self._drop()
+        if not self._closing.is_set():
+            threading.Thread(target=self._reopen, name="reopen", daemon=True).start()
+
+    def _reopen(self) -> None:
+        lower_thread_priority()
+        while not self._closing.wait(self._reopen_s):
+            try:
+                port = open_port(self._port_name, self._baud)
+            except OSError:
+                continue
+            with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+                assert self._loop is not None
+                self._loop.call_soon_threadsafe(self._adopt_or_close, port)
+            return
+
+    def _adopt_or_close(self, port: object) -> None:
+        if self._closing.is_set():
+            _close_quietly(port)
+        else:
+            self._adopt(port)
+
+
+def open_port(name: str, baud: int) -> object:
+    """An exclusive raw serial port, or OSError."""
+    import serial
+
+    try:
+        port = serial.Serial(name, baud, timeout=0, write_timeout=0, exclusive=True)
+    except (serial.SerialException, ValueError) as error:
+        raise OSError(getattr(error, "errno", None) or 0, str(error)) from None
+    port.reset_input_buffer()
+    return port
+
+
+def _close_quietly(port: object) -> None:
+    with contextlib.suppress(OSError):
+        port.close()  # type: ignore[attr-defined]

@@ -1,0 +1,87 @@
+"""Logs: one event per fact, human on a terminal, JSON lines for the journal.
+
+Rules of this file: nothing logs from the tick; facts are queued and a helper thread writes them, because a
+terminal or a journal may block.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable
+
+import structlog
+
+from hoopd.core.records import Inputs, TickRecord
+from hoopd.core.tick import Note
+from hoopd.shell.service import lower_thread_priority
+
+# Facts that wait for the writer; a fault campaign makes a few a second.
+MAX_WAITING = 1000
+REFRESH_S = 0.2
+CLEAR_LINE = "\r\x1b[2K"
+
+
+def configure(form: str, level: str) -> None:
+    """Set up structlog on standard error; `form` is auto, human or json."""
+    human = form == "human" or (form == "auto" and sys.stderr.isatty())
+    stamp = [structlog.processors.TimeStamper(fmt="%H:%M:%S", utc=False)] if human else []
+    renderer = (
+        structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty()) if human else structlog.processors.JSONRenderer()
+    )
+    structlog.configure(
+        processors=[structlog.processors.add_log_level, *stamp, renderer],
+        wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        cache_logger_on_first_use=True,
+    )
+
+
+class Reporter:
+    """Writes facts to the log and keeps the status line, on a thread of its own."""
+
+    def __init__(self, status: Callable[[], str] | None) -> None:
+        self._status = status if sys.stderr.isatty() else None
+        self._waiting: deque[tuple[float, Note]] = deque(maxlen=MAX_WAITING)
+        self._done = threading.Event()
+        self._log = structlog.get_logger()
+        self._thread = threading.Thread(target=self._run, name="reporter", daemon=True)
+
+    trouble = False
+
+    def start(self) -> None:
+        """Begin writing."""
+        self._thread.start()
+
+    def put(self, record: TickRecord, inputs: Inputs) -> None:
+        """Ticks are not logged."""
+
+    def note(self, t: float, note: Note) -> None:
+        """Queue one fact."""
+        self._waiting.append((t, note))
+
+    def close(self) -> None:
+        """Write what waits and stop; a blocked terminal cannot hold the exit for more than a second."""
+        self._done.set()
+        if self._thread.is_alive():
+            self._thread.join(1.0)
+
+    def _run(self) -> None:
+        lower_thread_priority()
+        while not self._done.wait(REFRESH_S):
+            self._write()
+        self._write()
+        if self._status is not None:
+            sys.stderr.write(CLEAR_LINE)
+
+    def _write(self) -> None:
+        if self._status is not None and self._waiting:
+            sys.stderr.write(CLEAR_LINE)
+        while self._waiting:
+            t, note = self._waiting.popleft()
+            getattr(self._log, note.level)(note.name, t=round(t, 4), **note.fields)
+        if self._status is not None:
+            sys.stderr.write(CLEAR_LINE + self._status())
+            sys.stderr.flush()
