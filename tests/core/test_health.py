@@ -1,0 +1,169 @@
+"""The fault table, row by row, on inputs made by hand."""
+
+from __future__ import annotations
+
+from math import inf, nan
+
+import numpy as np
+import pytest
+from hoopd.core.health import BOARD_FAULT, BY_NAME, ENABLED, FAULTS, TIMEOUT_LATCHED, Action, Health, Sent, Thresholds
+from hoopd.core.records import CameraSample, DriverSample, Estimate, Inputs, LinkCounts
+
+PERIOD = 0.02
+
+
+class Bench:
+    """Healthy inputs, tick after tick, with named fields replaced."""
+
+    def __init__(self, **thresholds: float) -> None:
+        self.health = Health(Thresholds(**thresholds), PERIOD)
+        self.k = 0
+        self.sent = Sent(0.0, 0.0, 0)
+        self.board_ms = 0
+
+    def run(self, ticks: int, *, estimate: dict | None = None, driver: dict | None = None, **inputs: object) -> list[str]:
+        for _ in range(ticks):
+            self.k += 1
+            self.board_ms = (self.board_ms + 20) % 65536
+            t = self.k * PERIOD
+            sample = DriverSample(t - 0.019, 0, ENABLED, 0, 0.0, 0.0, 0.0, self.board_ms)._replace(**(driver or {}))
+            camera = CameraSample(self.k, t - 0.05, t - 0.005, 0.1, 1.0, 0.0, 0.0)
+            base = Inputs(self.k, t, camera, sample, LinkCounts(good=1), (), 1e-4, 5e-4, False, 0)
+            guess = Estimate(np.zeros(4), True, 0.0, 0.0, True, 1.0)._replace(**(estimate or {}))
+            self.sent = Sent(t, 0.0, self.sent.enabled_for + 1)
+            self.health.update(base._replace(**inputs), guess, self.sent)
+        return [fault.name for fault in self.health.active()]
+
+    @property
+    def active(self) -> list[str]:
+        return [fault.name for fault in self.health.active()]
+
+
+def started(**thresholds: float) -> Bench:
+    bench = Bench(**thresholds)
+    assert bench.run(60) == []
+    return bench
+
+
+# name of the fault, what the inputs look like while it lasts
+BAD = {
+    "frame_bad": {"link": LinkCounts(bad_crc=1)},
+    "link_lost": {"driver_none": True},
+    "board_fault": {"driver": {"status": ENABLED | BOARD_FAULT}},
+    "board_timeout": {"driver": {"status": TIMEOUT_LATCHED}},
+    "board_reset": {"driver": {"board_ms": 30000}},
+    "camera_late": {"camera": None},
+    "camera_lost": {"camera_stalled": True},
+    "ball_missing": {"no_ball": True},
+    "ball_lost": {"no_ball": True},
+    "overrun": {"lateness_s": 0.015, "execution_s": 0.01},
+    "overrun_repeated": {"lateness_s": 0.015, "execution_s": 0.01},
+    "overrun_persistent": {"lateness_s": 0.015, "execution_s": 0.01},
+    "current_implausible": {"driver": {"current": 9.0}},
+    "speed_implausible": {"driver": {"dtheta": 30.0}},
+    "hoop_overspeed": {"driver": {"dtheta": -61.0}},
+    "not_finite": {"estimate": {"x": np.array([0.0, nan, 0.0, 0.0])}},
+    "recorder_trouble": {"trouble": 1},
+    "telemetry_trouble": {"trouble": 2},
+}
+
+
+def spoil(bench: Bench, ticks: int, name: str) -> None:
+    for _ in range(ticks):
+        bad = dict(BAD[name])
+        if bad.pop("driver_none", False):
+            bench.health.update(_without_driver(bench), Estimate(np.zeros(4), True, 0, 0, True, 1.0), bench.sent)
+        elif bad.pop("no_ball", False):
+            bench.k += 1
+            t = bench.k * PERIOD
+            camera = CameraSample(bench.k, t - 0.05, t, nan, 0.0, nan, nan)
+            bench.k -= 1
+            bench.run(1, camera=camera, **bad)
+        else:
+            bench.run(1, **bad)
+
+
+def _without_driver(bench: Bench) -> Inputs:
+    bench.k += 1
+    bench.board_ms += 20
+    t = bench.k * PERIOD
+    camera = CameraSample(bench.k, t - 0.05, t - 0.005, 0.1, 1.0, 0.0, 0.0)
+    return Inputs(bench.k, t, camera, None, LinkCounts(), (), 1e-4, 5e-4, False, 0)
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_fault_comes_after_its_count_and_not_before(name: str) -> None:
+    bench = started(torque_constant_nm_per_a=0.08)
+    fault = BY_NAME[name]
+    # A stale picture takes a while to be stale; speed and jumps judge pairs of answers.
+    slack = 3 if name in ("camera_late", "speed_implausible") else 0
+    if fault.on > 1:
+        spoil(bench, fault.on - 1, name)
+        assert name not in bench.active
+    spoil(bench, 1 + slack, name)
+    assert name in bench.active
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_fault_clears_as_its_row_says(name: str) -> None:
+    bench = started(torque_constant_nm_per_a=0.08)
+    fault = BY_NAME[name]
+    spoil(bench, fault.on + 4, name)
+    bench.run(fault.off + 5)
+    assert (name in bench.active) is fault.latched
+    bench.health.acknowledge()
+    assert name not in bench.active
+
+
+def test_an_operator_cannot_acknowledge_what_still_is_wrong() -> None:
+    bench = started()
+    spoil(bench, 5, "link_lost")
+    bench.health.acknowledge()
+    assert "link_lost" in bench.active
+    assert "link_lost" in bench.health.hindrances()
+
+
+def test_the_board_that_never_enables_is_reported() -> None:
+    bench = Bench()
+    assert "board_refuses" not in bench.run(BY_NAME["board_refuses"].on - 1, driver={"status": 0})
+    assert "board_refuses" in bench.run(1, driver={"status": 0})
+
+
+def test_missed_timer_expirations_count_as_overruns() -> None:
+    bench = started()
+    bench.k += 3
+    bench.board_ms += 60
+    assert {"overrun", "overrun_repeated"} <= set(bench.run(1))
+
+
+def test_counts_are_consecutive_never_per_lifetime() -> None:
+    bench = started()
+    for _ in range(40):
+        spoil(bench, 2, "link_lost")
+        bench.run(1)
+    assert "link_lost" not in bench.active
+
+
+def test_the_strongest_action_wins() -> None:
+    bench = started()
+    spoil(bench, 11, "ball_lost")
+    assert bench.health.action() is Action.PAUSE
+    spoil(bench, 1, "camera_lost")
+    assert bench.health.action() is Action.STOP
+    spoil(bench, 3, "link_lost")
+    assert bench.health.action() is Action.CUT
+
+
+def test_nothing_seen_yet_forbids_arming() -> None:
+    health = Health(Thresholds(), PERIOD)
+    empty = Inputs(1, 0.02, None, None, LinkCounts(), (), 0.0, 0.0, False, 0)
+    health.update(empty, Estimate(np.zeros(4), False, nan, nan, False, nan), Sent(0.0, 0.0, 0))
+    assert {"link_lost", "camera_lost"} <= set(health.hindrances())
+
+
+def test_every_row_of_the_table_is_tested() -> None:
+    assert {fault.name for fault in FAULTS} == set(BAD) | {"board_refuses"}
+
+
+def test_infinite_state_is_not_finite() -> None:
+    assert "not_finite" in started().run(1, estimate={"x": np.array([inf, 0.0, 0.0, 0.0])})
