@@ -1,0 +1,277 @@
+"""The driver board without a clock and without a port: what docs/board.md demands of a firmware, in Python.
+
+Rules of this file: time is an argument and never runs backwards; the plant is advanced exactly to every instant at
+which the torque changes; each change of the applied torque and each good request is one row for the torque log.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal, Protocol
+
+import numpy as np
+
+from hoopd.core.frames import (
+    DEFAULT_LAYOUT,
+    ERROR_CRC,
+    ERROR_ENCODER,
+    ERROR_OVERCURRENT,
+    ERROR_SEQ_GAP,
+    ERROR_SUPPLY,
+    STATUS_ENABLED,
+    STATUS_FAULT,
+    STATUS_LIMITED,
+    STATUS_TIMEOUT,
+    THETA_WRAP_RAD,
+    Answer,
+    Decoder,
+    Event,
+    Layout,
+    LinkFault,
+    Request,
+    encode_answer,
+)
+from hoopd.sim.torque_log import Sink, TorqueRow
+
+# The motor driver saturates here (PHYSICS: +-0.7 N m).
+TORQUE_LIMIT_NM: Final = 0.7
+# Five ticks without a good request: the host is gone. Long enough for one late tick, short enough for the hoop.
+TIMEOUT_S: Final = 0.100
+# 23 byte times at 115200 baud: no pause inside a frame is that long, and the pause between two requests is longer.
+PARTIAL_FRAME_S: Final = 0.002
+# 10 bits a byte at 115200 baud.
+BYTE_S: Final = 10 / 115200
+
+FaultName = Literal["overcurrent", "encoder", "supply"]
+FAULT_BITS: Final[dict[FaultName, int]] = {
+    "overcurrent": ERROR_OVERCURRENT,
+    "encoder": ERROR_ENCODER,
+    "supply": ERROR_SUPPLY,
+}
+
+
+class Plant(Protocol):
+    """What the board moves; times in s on the board's clock."""
+
+    def advance(self, t: float, torque_nm: float) -> None:
+        """Integrate up to `t` with the torque held; `t` in the past or present changes nothing."""
+
+    def sample(self) -> tuple[float, float, float]:
+        """theta in rad (not wrapped), dtheta in rad/s, current in A (NaN: the board takes torque / kt)."""
+
+    @property
+    def state(self) -> tuple[float, float, float, float]:
+        """theta, dtheta, psi, dpsi in rad and rad/s."""
+
+
+@dataclass(frozen=True)
+class BoardConfig:
+    """Constants of the board and its sensors."""
+
+    torque_limit_nm: float = TORQUE_LIMIT_NM
+    timeout_s: float = TIMEOUT_S
+    partial_frame_s: float = PARTIAL_FRAME_S
+    byte_s: float = BYTE_S
+    counts_per_turn: int = 4096
+    dtheta_noise: float = 0.05  # rad/s, standard deviation
+    current_noise: float = 0.02  # A, standard deviation
+    kt: float = 0.37  # N m / A: slope of the torque over current in the chirp recording
+
+
+class DriverBoard:
+    """Decodes requests, applies torque, samples, answers; guards itself with a latched time-out and latched faults."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        rng: np.random.Generator,
+        layout: Layout = DEFAULT_LAYOUT,
+        config: BoardConfig = BoardConfig(),  # noqa: B008 - frozen
+        sink: Sink | None = None,
+        t: float = 0.0,
+    ) -> None:
+        self._plant = plant
+        self._rng = rng
+        self._layout = layout
+        self._config = config
+        self._sink = sink
+        self._now = t
+        self._injected = 0  # error bits of conditions that persist
+        self._answers: list[tuple[float, bytes]] = []
+        self._start(t, "start")
+
+    # --- what the process around it calls ---
+
+    def receive(self, t: float, data: bytes) -> None:
+        """Bytes came in back to back; `t` is the arrival of the last one's stop bit."""
+        for index, byte in enumerate(data):
+            self._receive_byte(max(t - (len(data) - 1 - index) * self._config.byte_s, self._now), byte)
+
+    def advance(self, t: float) -> None:
+        """Let time pass: partial frames are dropped, the time-out falls, the plant moves."""
+        while self._next_deadline() <= t:
+            self._at_deadline(self._next_deadline())
+        self._move(t)
+
+    def outgoing(self, t: float) -> list[tuple[float, bytes]]:
+        """Answers whose first byte may go on the wire by `t`, each with that instant; every one is given once."""
+        ready = [answer for answer in self._answers if answer[0] <= t]
+        self._answers = [answer for answer in self._answers if answer[0] > t]
+        return ready
+
+    def reset(self, t: float) -> None:
+        """Power cycle: disabled, nothing latched, clock from zero; a condition that persists faults again."""
+        self.advance(t)
+        self._answers.clear()
+        self._start(t, "reset")
+
+    def inject(self, name: FaultName, t: float) -> None:
+        """A condition of the hardware begins: fault, latched."""
+        self.advance(t)
+        self._injected |= FAULT_BITS[name]
+        self._trip(t)
+
+    def heal(self, name: FaultName) -> None:
+        """The condition ends; its bit stays until a clearing request."""
+        self._injected &= ~FAULT_BITS[name]
+
+    @property
+    def torque_nm(self) -> float:
+        """Torque applied now."""
+        return self._torque
+
+    @property
+    def enabled(self) -> bool:
+        return self._enabled
+
+    @property
+    def status(self) -> int:
+        """Status byte as an answer would carry it now."""
+        return (
+            (STATUS_ENABLED if self._enabled else 0)
+            | (STATUS_TIMEOUT if self._timed_out else 0)
+            | (STATUS_LIMITED if self._limited else 0)
+            | (STATUS_FAULT if self._fault else 0)
+        )
+
+    # --- time ---
+
+    def _start(self, t: float, reason: str) -> None:
+        self._decoder = Decoder(self._layout, "request")
+        self._t_zero = t  # of board_ms
+        self._t_byte = -math.inf  # the last byte came in
+        self._t_good = math.inf  # the last good request; none yet, so no time-out yet
+        self._enabled = self._timed_out = self._limited = self._fault = False
+        self._torque = 0.0
+        self._fault_bits = 0
+        self._line_errors = 0  # crc and seq gap since the last answer
+        self._seq: int | None = None
+        self._apply(t, 0.0, False, reason)
+        if self._injected:
+            self._trip(t)
+
+    def _next_deadline(self) -> float:
+        return min(self._silence_deadline(), self._timeout_deadline())
+
+    def _silence_deadline(self) -> float:
+        return self._t_byte + self._config.partial_frame_s if self._decoder.pending else math.inf
+
+    def _timeout_deadline(self) -> float:
+        return math.inf if self._timed_out else self._t_good + self._config.timeout_s
+
+    def _at_deadline(self, t: float) -> None:
+        if self._silence_deadline() <= t:
+            self._handle(t, self._decoder.silence())
+        else:
+            self._timed_out = True
+            self._apply(t, 0.0, False, "timeout")
+
+    def _move(self, t: float) -> None:
+        if t > self._now:
+            self._plant.advance(t, self._torque)
+            self._now = t
+
+    def _apply(self, t: float, torque_nm: float, enabled: bool, reason: str) -> None:
+        """From `t` on the motor gets this torque."""
+        self._move(t)
+        self._torque, self._enabled = torque_nm, enabled
+        self._limited = self._limited and enabled
+        if self._sink:
+            self._sink(TorqueRow(t, torque_nm, enabled, reason))
+
+    # --- requests ---
+
+    def _receive_byte(self, t: float, byte: int) -> None:
+        self.advance(t)
+        self._t_byte = t
+        self._handle(t, self._decoder.feed(bytes((byte,))))
+
+    def _handle(self, t: float, events: list[Event]) -> None:
+        for event in events:
+            if isinstance(event, Request):
+                self._obey(t, event)
+            elif isinstance(event, LinkFault) and event.kind == "bad_crc":
+                self._line_errors |= ERROR_CRC
+
+    def _obey(self, t: float, request: Request) -> None:
+        """A good request: feed the time-out, act, sample at the same instant, answer."""
+        self._t_good = t
+        if request.seq >= 0:
+            if self._seq is not None and request.seq != (self._seq + 1) & 0xFF:
+                self._line_errors |= ERROR_SEQ_GAP
+            self._seq = request.seq
+        self._act(t, request)
+        self._answer(t, request.seq)
+
+    def _act(self, t: float, request: Request) -> None:
+        if not math.isfinite(request.torque_nm):
+            self._trip(t)
+        elif request.clear_fault:
+            self._clear(t)
+        elif request.enable and (self._timed_out or self._fault):
+            self._apply(t, 0.0, False, "refused")
+        else:
+            limit = self._config.torque_limit_nm
+            torque = min(max(request.torque_nm, -limit), limit) if request.enable else 0.0
+            self._limited = request.enable and abs(request.torque_nm) > limit
+            self._apply(t, torque, request.enable, "request")
+
+    def _clear(self, t: float) -> None:
+        """Forget what is latched, unless its condition persists; a clearing request never enables by itself."""
+        self._timed_out = False
+        self._fault_bits = self._injected
+        self._fault = bool(self._injected)
+        self._apply(t, 0.0, False, "cleared")
+
+    def _trip(self, t: float) -> None:
+        """Latch a fault: an injected condition, or a demand that is not a number (no error bit of its own)."""
+        self._fault = True
+        self._fault_bits |= self._injected
+        self._apply(t, 0.0, False, "fault")
+
+    # --- answers ---
+
+    def _answer(self, t: float, seq: int) -> None:
+        theta, dtheta, current = self._sensors()
+        board_ms = int((t - self._t_zero) * 1000.0) & 0xFFFF
+        errors = self._line_errors | self._fault_bits
+        self._line_errors = 0
+        answer = Answer(seq, self.status, errors, theta, dtheta, current, board_ms)
+        self._answers.append((t, encode_answer(self._layout, answer)))
+
+    def _sensors(self) -> tuple[float, float, float]:
+        """theta by the encoder, wrapped; dtheta and current with noise."""
+        config = self._config
+        theta, dtheta, current = self._plant.sample()
+        if math.isnan(current):
+            current = self._torque / config.kt  # tau = kt i
+        count = 2 * math.pi / config.counts_per_turn
+        theta = math.floor(theta / count) * count
+        noise = self._rng.standard_normal(2)
+        return wrap_theta(theta), dtheta + config.dtheta_noise * noise[0], current + config.current_noise * noise[1]
+
+
+def wrap_theta(theta: float) -> float:
+    """theta in [-512, 512) turns."""
+    return (theta + THETA_WRAP_RAD) % (2 * THETA_WRAP_RAD) - THETA_WRAP_RAD
