@@ -1,0 +1,165 @@
+"""The command line.
+
+Rules of this file: parse, call, print; no decision is taken here. Heavy imports are made inside the commands, so
+that the daemon starts fast. Unusable input is one line on standard error and exit code 2.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from hoopd.files import InputError
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=False,
+    pretty_exceptions_enable=False,
+    help="Real-time controller daemon for a ball in a hoop. Without a command it runs the daemon.",
+)
+
+ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration file (YAML).", metavar="FILE")]
+SetOption = Annotated[list[str], typer.Option("--set", help="Override one key: a.b=value.", metavar="KEY=VALUE")]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result to this file.", metavar="FILE")]
+
+
+@app.callback(invoke_without_command=True)
+def run(
+    context: typer.Context,
+    sim: Annotated[bool, typer.Option("--sim", help="Run against the simulated rig.")] = False,
+    config: ConfigOption = None,
+    duration: Annotated[
+        float | None, typer.Option("--duration", min=0.1, help="Seconds to run; without it until stopped.")
+    ] = None,
+    record: Annotated[Path | None, typer.Option("--record", help="Existing folder for the recording.")] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the rig.")] = 0,
+    sets: SetOption = [],  # noqa: B006 (typer copies it)
+    speed: Annotated[str, typer.Option("--speed", help="1: real time; max: lock-step virtual time (--sim).")] = "1",
+    camera: Annotated[
+        str | None, typer.Option("--camera", help="direct: the rig's ball angle without pictures (--sim).")
+    ] = None,
+    arm: Annotated[bool, typer.Option("--arm", help="Arm by itself once everything is well (terminal only).")] = False,
+    json_path: JsonOption = None,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
+) -> None:
+    """Run the daemon, or one of the commands below."""
+    if context.invoked_subcommand is not None:
+        return
+    if version:
+        from hoopd import __version__
+
+        typer.echo(__version__)
+        return
+    from hoopd.app import Options, run_daemon
+
+    if speed not in ("1", "max"):
+        raise InputError("--speed", "", f"must be 1 or max, not {speed!r}")
+    if camera not in (None, "direct"):
+        raise InputError("--camera", "", f"must be direct, not {camera!r}")
+    chosen: Literal["1", "max"] = "max" if speed == "max" else "1"
+    options = Options(sim, config, tuple(sets), duration, record, seed, chosen, camera == "direct", arm)
+    summary = run_daemon(options)
+    _write_json(json_path, summary)
+    if summary["exit"]:
+        raise typer.Exit(int(summary["exit"]))
+
+
+@app.command()
+def check(config: ConfigOption = None, sets: SetOption = [], json_path: JsonOption = None) -> None:  # noqa: B006
+    """Show what is configured and what is granted; proves the board's time-out by going silent."""
+    from hoopd.app import check_device
+
+    raise typer.Exit(check_device(config, sets, json_path))
+
+
+def _command(name: str, value: float | None, config: Path | None, sets: list[str]) -> None:
+    from hoopd.shell import config as configuration
+    from hoopd.shell.commands import send
+
+    settings = configuration.load(config, sim=False, overrides=sets)
+    typer.echo(send(name, value, settings.telemetry.endpoint, settings.device.name))
+
+
+@app.command()
+def arm(config: ConfigOption = None, sets: SetOption = []) -> None:  # noqa: B006
+    """Arm the running daemon (acknowledges faults that are over)."""
+    _command("arm", None, config, sets)
+
+
+@app.command()
+def disarm(config: ConfigOption = None, sets: SetOption = []) -> None:  # noqa: B006
+    """Switch the running daemon's drive off at once."""
+    _command("disarm", None, config, sets)
+
+
+@app.command(context_settings={"ignore_unknown_options": True})
+def ref(
+    value: Annotated[float, typer.Argument(help="Ball angle in rad.")],
+    config: ConfigOption = None,
+    sets: SetOption = [],  # noqa: B006
+) -> None:
+    """Set the running daemon's reference."""
+    _command("reference", value, config, sets)
+
+
+@app.command()
+def calibrate(
+    picture: Annotated[Path | None, typer.Argument(help="One picture of the hoop with the ball at rest.")] = None,
+    positions: Annotated[
+        Path | None, typer.Option("--positions", help="Recorded ball positions (.csv, .npy or .mcap).", metavar="FILE")
+    ] = None,
+    json_path: JsonOption = None,
+    figure: Annotated[Path | None, typer.Option("--figure", help="Where the drawn proposal goes.")] = None,
+    save: Annotated[Path | None, typer.Option("--save", help="Save the proposal as a configuration file.")] = None,
+) -> None:
+    """Propose colour weights, threshold, circle and zero angle, drawn on the picture."""
+    from hoopd.calibrate import run as propose
+
+    _print_result(propose(picture, positions, json_path, figure, save))
+
+
+@app.command()
+def replay(
+    recording: Annotated[Path, typer.Argument(help="A recording (.mcap) made by the daemon.")],
+    json_path: JsonOption = None,
+) -> None:
+    """Recompute every command from the recorded inputs and compare bit for bit."""
+    from hoopd.replay import replay as repeat
+
+    result = repeat(recording)
+    _write_json(json_path, result)
+    _print_result(result)
+    raise typer.Exit(0 if result["equal"] else 1)
+
+
+def _print_result(result: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(show_header=False)
+    for key, value in result.items():
+        table.add_row(key, str(value))
+    Console().print(table)
+
+
+def _write_json(path: Path | None, result: dict[str, Any]) -> None:
+    if path is None:
+        return
+    import msgspec
+
+    try:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
+    except OSError as error:
+        raise InputError(path, "", (error.strerror or "cannot be written").lower()) from None
+
+
+def main() -> None:
+    """Entry point: one clear line and exit code 2 for unusable input."""
+    try:
+        app()
+    except InputError as error:
+        sys.stderr.write(f"hoopd: {error}\n")
+        sys.exit(2)

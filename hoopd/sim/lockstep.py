@@ -1,0 +1,166 @@
+"""The rig in virtual time: board, wire and camera driven by one queue of events, as fast as the machine can.
+
+Rules of this file: no clock, no thread, no process; the same seed and configuration give the same bytes; the order
+of events is their time, then the order in which they were made.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+from collections.abc import Callable
+from typing import Protocol
+
+from hoopd.core.frames import Layout
+from hoopd.core.records import CameraSample, DriverSample, LinkCounts, TorqueCommand
+from hoopd.sim.board import DriverBoard
+from hoopd.sim.faults import BoardFaults, FaultScript, FaultyWire
+from hoopd.sim.plant import RigPlant
+
+# Ticks between two looks at signals; virtual time never really sleeps.
+YIELD_EVERY = 50
+
+
+class Codec(Protocol):
+    """The host's side of the line (`hoopd.shell.link.Codec`)."""
+
+    layout: Layout
+    request_s: float
+
+    def feed(self, t: float, data: bytes) -> None: ...
+
+    def request(self, t: float, command: TorqueCommand) -> bytes: ...
+
+    def take(self, t: float, *, lost: bool) -> tuple[DriverSample | None, LinkCounts]: ...
+
+
+class Watcher(Protocol):
+    """Turns the plant's state at a capture time into what the camera saw."""
+
+    def see(self, frame: int, t: float, state: tuple[float, float, float, float]) -> CameraSample: ...
+
+
+class LockstepRig:
+    """Clock, drive and camera of a loop that runs in virtual time."""
+
+    def __init__(
+        self,
+        plant: RigPlant,
+        board: DriverBoard,
+        codec: Codec,
+        watcher: Watcher,
+        script: FaultScript,
+        *,
+        period_s: float,
+        byte_s: float,
+        frame_s: float,
+        phase_s: float,
+        delay_s: float,
+    ) -> None:
+        self._plant, self._board, self._codec, self._watcher = plant, board, codec, watcher
+        self._script, self._wire = script, FaultyWire(script, codec.layout)
+        self._board_faults = BoardFaults(script)
+        self._period_s, self._byte_s, self._delay_s = period_s, byte_s, delay_s
+        self._frame_s, self._phase_s = frame_s, phase_s
+        self._now = 0.0
+        self._ticks = self._frames = self._made = 0
+        self._events: list[tuple[float, int, Callable[[float], None]]] = []
+        self._sample: CameraSample | None = None
+        self._last_picture_t = 0.0
+        self._at(phase_s, self._expose)
+
+    # --- the loop's timer ---
+
+    async def wait(self) -> int:
+        """Advance to the next deadline."""
+        self._ticks += 1
+        self._run_until(self._ticks * self._period_s)
+        if self._ticks % YIELD_EVERY == 0:
+            await asyncio.sleep(0)
+        return 1
+
+    def now(self) -> float:
+        """Virtual run time in s."""
+        return self._now
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+    # --- the loop's drive ---
+
+    def take(self) -> tuple[DriverSample | None, LinkCounts]:
+        """Newest answer and what else came since the last tick."""
+        return self._codec.take(self._now, lost=False)
+
+    def write(self, command: TorqueCommand) -> None:
+        """Put one request on the wire."""
+        data = self._codec.request(self._now, command)
+        for t, part in self._wire.request(self._now + self._codec.request_s, data):
+            self._at(t, lambda now, part=part: self._arrive(now, part))  # type: ignore[misc]
+
+    # --- the loop's camera ---
+
+    def take_sample(self) -> CameraSample | None:
+        """Newest sample since the last tick."""
+        sample, self._sample = self._sample, None
+        return sample
+
+    def picture_age(self) -> float:
+        """Seconds since a picture arrived."""
+        return self._now - self._last_picture_t
+
+    def finish(self, t: float) -> None:
+        """Let the rig go on without the host, for what is still on the wire and for the board's time-out."""
+        self._run_until(self._now + t)
+
+    # --- events ---
+
+    def _at(self, t: float, what: Callable[[float], None]) -> None:
+        self._made += 1
+        heapq.heappush(self._events, (t, self._made, what))
+
+    def _run_until(self, t: float) -> None:
+        while self._events and self._events[0][0] <= t:
+            self._now, _, what = heapq.heappop(self._events)
+            what(self._now)
+        self._now = t
+        if self._script.faults:
+            self._board_faults.update(t, self._board)
+        self._board.advance(t)
+
+    def _arrive(self, now: float, data: bytes) -> None:
+        self._board.receive(now, data)
+        for start, answer in self._board.outgoing(now):
+            for t, part in self._wire.answer(start + len(answer) * self._byte_s, answer):
+                self._at(t, lambda at, part=part: self._codec.feed(at, part))  # type: ignore[misc]
+
+    def _expose(self, now: float) -> None:
+        self._frames += 1
+        self._at(self._frames * self._frame_s + self._phase_s, self._expose)
+        if self._script.active(now, "camera_stall"):
+            return
+        self._board.advance(now)
+        sample = self._watcher.see(self._frames, now, self._plant.state)
+        late = self._script.active(now, "late_pictures")
+        delay = self._delay_s + (float(late["delay_s"]) if late else 0.0)
+        self._at(now + delay, lambda at: self._deliver(at, sample))
+
+    def _deliver(self, now: float, sample: CameraSample) -> None:
+        self._sample = sample._replace(t_arrival=now)
+        self._last_picture_t = now
+
+
+class LockstepEye:
+    """The camera side of a lock-step rig."""
+
+    def __init__(self, rig: LockstepRig, stall_s: float) -> None:
+        self._rig, self._stall_s = rig, stall_s
+
+    def take(self) -> CameraSample | None:
+        """Newest sample since the last tick."""
+        return self._rig.take_sample()
+
+    @property
+    def stalled(self) -> bool:
+        """No picture for longer than the back end tolerates."""
+        return self._rig.picture_age() > self._stall_s

@@ -1,0 +1,65 @@
+"""What the rig's camera makes of the plant's state: a ball angle directly, or a picture that is then analysed.
+
+Rules of this file: everything random is drawn from one generator per run, once per picture, whatever happens to
+the picture afterwards, so that a fault does not shift the noise of later pictures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, nan, pi, sin, tau
+
+import numpy as np
+
+from hoopd.core.records import CameraSample
+from hoopd.sim.faults import FaultScript
+
+State = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """An angle added to what one picture shows: the thesis's output disturbance."""
+
+    at_s: float = 0.0
+    size_rad: float = 0.0
+
+    def of(self, t: float, frame_s: float) -> float:
+        """Size for the one picture whose period holds `at_s`."""
+        return self.size_rad if self.size_rad and self.at_s <= t < self.at_s + frame_s else 0.0
+
+
+class DirectWatcher:
+    """Angles without pictures: noise, zero-angle error, and the camera's faults in terms of the result."""
+
+    def __init__(
+        self,
+        script: FaultScript,
+        seed: int,
+        *,
+        noise_rad: float,
+        offset_rad: float,
+        centre_px: tuple[float, float],
+        radius_px: float,
+        disturbance: Disturbance = Disturbance(),  # noqa: B008 (frozen)
+        frame_s: float = 0.02,
+    ) -> None:
+        self._script, self._rng = script, np.random.default_rng([seed, 2])
+        self._noise, self._offset = noise_rad, offset_rad
+        self._centre, self._radius = centre_px, radius_px
+        self._disturbance, self._frame_s = disturbance, frame_s
+
+    def see(self, frame: int, t: float, state: State) -> CameraSample:
+        """One sample of the ball's angle."""
+        noise = self._noise * self._rng.standard_normal()
+        if self._script.active(t, "black_pictures") or self._script.active(t, "ball_gone"):
+            return CameraSample(frame, t, t, nan, 0.0, nan, nan)
+        psi = state[2] + self._offset + noise + self._disturbance.of(t, self._frame_s)
+        x = self._centre[0] - self._radius * sin(psi)
+        y = self._centre[1] + self._radius * cos(psi)
+        return CameraSample(frame, t, t, wrap(psi), 1.0, x, y)
+
+
+def wrap(angle: float) -> float:
+    """Angle in (-pi, pi]."""
+    return pi - (pi - angle) % tau
