@@ -9,7 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import nan
 
+import numpy as np
+
 from hoopd.core.records import Vector
+from hoopd.physics.plant import Plant
 
 # One call of the model integrates at most this long (its sub-steps are then 1 ms).
 SEGMENT_S = 0.02
@@ -56,3 +59,15 @@ class RigPlant:
             self._t += h
             if self._held:
                 self._x[2], self._x[3] = self._psi, 0.0
+
+
+def make_plant(
+    structure: str,
+    parameters: dict[str, float],
+    x0: list[float],
+    held: bool = False,
+    hold_s: float = 0.0,
+) -> RigPlant:
+    """Plant from plain data: what the board's process is told on its command line."""
+    model = Plant(structure, parameters)
+    return RigPlant(model.advance, np.array(x0, float), held=held, hold_s=hold_s)
