@@ -7,25 +7,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.vision.blobs import Shape, edge_contact, fit_visible_arc, measure_blob
+
 Image = NDArray[np.uint8]
+Contour = NDArray[np.int32]
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1
 Crop = Callable[[int, int, int, int], Image]
 
-# Soft edge: the weight of a pixel rises from 0 at SOFT_LOW * threshold to 1 at SOFT_HIGH * threshold. Pixels on the rim count
-# by their share (sub-pixel), pixels inside count alike, so neither shading by the lamp nor motion blur moves the centre.
+# Soft edge: the weight of a pixel rises from 0 at SOFT_LOW * threshold to 1 at SOFT_HIGH * threshold. Pixels on the rim
+# count by their share (sub-pixel), pixels inside count alike: neither shading by the lamp nor motion blur moves it.
 SOFT_LOW, SOFT_HIGH = 0.5, 1.5
-RIM_PX = 2  # soft rim kept around the thresholded blob; inside it holes (specular highlights) are filled
 MAX_CANDIDATES = 6  # coarse blobs looked at in full resolution, largest first: bounds the time of a search
 MAX_RECENTRE = 2  # the window follows a ball that touches its edge this often before the whole picture is searched
-FULL_FILL, LEAST_FILL = (
-    0.97,
-    0.80,
-)  # area / area of the ellipse with the same moments: disc 1, square 0.955, crescent < 0.8
+FULL_FILL = 0.97  # a disc's fill with noise on its rim (see blobs.Shape); nothing is rounder than this
+LEAST_FILL = 0.80  # below it lie crescents, bars and merged blobs
 MAX_ELONGATION = 1.6  # 10 rad/s and 5 ms smear a ball of 44 px by 9 px, elongation 1.15
 
 # ITU-R BT.601, limited range, as in cv2.COLOR_YUV2BGR_I420; rows B, G, R, columns Y-16, U-128, V-128.
@@ -86,7 +87,6 @@ class Detector:
         self._shape = (0, 0)
         self._mask: Image | None = None
         self._coarse_mask: Image | None = None
-        self._rim = np.ones((2 * RIM_PX + 1, 2 * RIM_PX + 1), np.uint8)
         self._bgr_matrix = soft_matrix(np.array(settings.weights), np.zeros(3), settings.threshold)
         self._yuv_matrix = soft_matrix(np.array(settings.weights) @ BGR_FROM_YUV, YUV_OFFSET, settings.threshold)
         self._matrix = self._bgr_matrix
@@ -155,7 +155,9 @@ class Detector:
             cv2.bitwise_and(soft, self._coarse_mask, dst=soft)
         binary = cv2.threshold(soft, 127, 255, cv2.THRESH_BINARY)[1]
         count, _, stats, centroids = cv2.connectedComponentsWithStats(binary, connectivity=8)
-        order = np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[:MAX_CANDIDATES] + 1 if count > 1 else []
+        if count < 2:
+            return None
+        order = np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[:MAX_CANDIDATES] + 1
         offset = settings.search_step // 2
         best: Detection | None = None
         for i in order:
@@ -172,7 +174,7 @@ class Detector:
             blobs = self._blobs(crop, x0, y0, x1, y1)
             if not blobs:
                 return None
-            best = max(blobs, key=lambda blob: blob.confidence)
+            best = max(blobs, key=lambda blob: (blob.confidence, blob.radius_px))
             if not best.touches_window:
                 break
             x_px, y_px = best.x_px, best.y_px
@@ -186,54 +188,39 @@ class Detector:
         half, size = self.settings.window_px // 2, self.settings.window_px
         x0 = max(0, min(round(x_px) - half, width - size)) // 2 * 2
         y0 = max(0, min(round(y_px) - half, height - size)) // 2 * 2
-        return x0, y0, min(width, x0 + size), min(height, y0 + size)
+        # one pixel more in an odd picture: the last column must not be out of reach
+        return x0, y0, min(width, x0 + size + width % 2), min(height, y0 + size + height % 2)
 
     def _blobs(self, crop: Crop, x0: int, y0: int, x1: int, y1: int) -> list[Blob]:
         """Blobs above the threshold inside one window, measured."""
-        soft = cv2.transform(crop(x0, y0, x1, y1), self._matrix)
+        soft: Any = cv2.transform(crop(x0, y0, x1, y1), self._matrix)
         if self._mask is not None:
-            soft = cv2.bitwise_and(soft, self._mask[y0:y1, x0:x1])
+            cv2.bitwise_and(soft, self._mask[y0:y1, x0:x1], dst=soft)
         binary = cv2.threshold(soft, 127, 255, cv2.THRESH_BINARY)[1]
-        contours, _ = cv2.findContours(binary, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        contours: Any = cv2.findContours(binary, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
         # A blob of less than a quarter of the ball's area is noise or a far too small object.
         least_area = 0.25 * math.pi * self.settings.ball_radius_px**2
-        shape, window = self._shape, (x0, y0, x1, y1)
-        return [
-            self._measure(soft, contour, window, shape) for contour in contours if cv2.contourArea(contour) > least_area
-        ]
+        window = (x0, y0, x1, y1)
+        return [self._measure(soft, contour, window) for contour in contours if cv2.contourArea(contour) > least_area]
 
-    def _measure(
-        self, soft: Image, contour: NDArray[np.int32], window: tuple[int, int, int, int], shape: tuple[int, int]
-    ) -> Blob:
-        """Centre, radius and confidence of one blob of the window."""
-        filled = np.zeros_like(soft)
-        cv2.drawContours(filled, [contour], -1, 255, cv2.FILLED)
-        rim = cv2.bitwise_and(soft, cv2.dilate(filled, self._rim))
-        weight = cv2.max(rim, cv2.erode(filled, self._rim))
-        m = cv2.moments(weight)
-        area = m["m00"] / 255.0
-        x, y = m["m10"] / m["m00"], m["m01"] / m["m00"]
-        spread = math.sqrt(max(m["mu20"] * m["mu02"] - m["mu11"] ** 2, 1e-12)) / m["m00"]
-        fill = area / (4.0 * math.pi * spread)
-        elongation = axis_ratio(m)
-        radius = math.sqrt(area / math.pi)
-        level = cv2.mean(soft, filled)[0] / 255.0
-        touches_window, touches_picture = edge_contact(contour, window, shape)
-        if touches_picture and not touches_window:
-            x, y, radius, fill = fit_visible_arc(contour, soft.shape)
-            elongation = 1.0
-        x, y = x + window[0], y + window[1]
-        confidence = self._confidence(x, y, radius, fill, elongation, level)
-        return Blob(x, y, radius, confidence, touches_window)
+    def _measure(self, soft: Image, contour: Contour, window: Window) -> Blob:
+        """One blob in picture coordinates; a ball cut by the picture's edge is a circle through its visible arc."""
+        shape = measure_blob(soft, contour)
+        at_window, at_picture = edge_contact(contour, window, self._shape)
+        if at_picture and not at_window:
+            shape = fit_visible_arc(contour, soft.shape, shape)
+        placed = shape._replace(x_px=shape.x_px + window[0], y_px=shape.y_px + window[1])
+        return Blob(placed.x_px, placed.y_px, placed.radius_px, self._confidence(placed), at_window)
 
-    def _confidence(self, x: float, y: float, radius: float, fill: float, elongation: float, level: float) -> float:
-        """0..1: product of size, shape and level; 0 outside of a gate."""
+    def _confidence(self, shape: Shape) -> float:
+        """0..1: product of size, roundness and grey level; 0 outside of a gate."""
         settings = self.settings
-        size = 1.0 - ((radius / settings.ball_radius_px - 1.0) / settings.radius_tolerance) ** 2
-        shape = (fill - LEAST_FILL) / (FULL_FILL - LEAST_FILL)
-        if size <= 0.0 or shape <= 0.0 or elongation > MAX_ELONGATION or not self._on_ring(x, y):
+        size = 1.0 - ((shape.radius_px / settings.ball_radius_px - 1.0) / settings.radius_tolerance) ** 2
+        round_ = (shape.fill - LEAST_FILL) / (FULL_FILL - LEAST_FILL)
+        on_ring = self._on_ring(shape.x_px, shape.y_px)
+        if size <= 0.0 or round_ <= 0.0 or shape.elongation > MAX_ELONGATION or not on_ring:
             return 0.0
-        return size * min(1.0, shape) * min(1.0, level)
+        return size * min(1.0, round_) * min(1.0, shape.level)
 
     def _on_ring(self, x: float, y: float) -> bool:
         """Whether a ball's centre may lie here."""
@@ -266,7 +253,7 @@ class Blob(NamedTuple):
 
 
 def soft_matrix(weights: NDArray[np.float64], offset: NDArray[np.float64], threshold: float) -> NDArray[np.float32]:
-    """1 x 4 matrix for cv2.transform: 0 at SOFT_LOW * threshold, 255 at SOFT_HIGH * threshold, 127.5 at the threshold."""
+    """1 x 4 matrix for cv2.transform: 0 at SOFT_LOW, 127.5 at 1, 255 at SOFT_HIGH times the threshold."""
     # soft = 255 (w (p - offset) - SOFT_LOW t) / ((SOFT_HIGH - SOFT_LOW) t), saturated by uint8
     scale = 255.0 / ((SOFT_HIGH - SOFT_LOW) * threshold)
     bias = -scale * (float(weights @ offset) + SOFT_LOW * threshold)
@@ -292,44 +279,3 @@ def i420_planes(yuv: Image, width: int, height: int, stride: int) -> tuple[Image
     half = (height // 2, stride // 2)
     u, v = flat[luma : luma + quarter].reshape(half), flat[luma + quarter : luma + 2 * quarter].reshape(half)
     return flat[:luma].reshape(height, stride)[:, :width], u[:, : width // 2], v[:, : width // 2]
-
-
-def axis_ratio(m: dict[str, float]) -> float:
-    """Longest over shortest axis of the ellipse with these central moments."""
-    half_sum = 0.5 * (m["mu20"] + m["mu02"])
-    difference = math.hypot(0.5 * (m["mu20"] - m["mu02"]), m["mu11"])
-    return math.sqrt((half_sum + difference) / max(half_sum - difference, 1e-12))
-
-
-def edge_contact(
-    contour: NDArray[np.int32], window: tuple[int, int, int, int], shape: tuple[int, int]
-) -> tuple[bool, bool]:
-    """Whether a blob (window coordinates) touches an inner edge of its window, and an edge of the picture."""
-    x, y, w, h = cv2.boundingRect(contour)
-    x0, y0, x1, y1 = window
-    contact = (x <= 0, y <= 0, x + w >= x1 - x0, y + h >= y1 - y0)
-    picture = (x0 == 0, y0 == 0, x1 == shape[1], y1 == shape[0])
-    at_picture = any(c and p for c, p in zip(contact, picture, strict=True))
-    at_window = any(c and not p for c, p in zip(contact, picture, strict=True))
-    return at_window, at_picture
-
-
-def fit_visible_arc(contour: NDArray[np.int32], shape: tuple[int, ...]) -> tuple[float, float, float, float]:
-    """Circle (x, y, radius) through the part of a contour that is not the picture's edge, and its roundness as a fill."""
-    points = contour.reshape(-1, 2).astype(np.float64)
-    inside = (points > 0).all(axis=1) & (points < np.array([shape[1] - 1, shape[0] - 1])).all(axis=1)
-    points = points[inside]
-    if len(points) < 8:
-        return 0.0, 0.0, 0.0, 0.0
-    x, y, radius = fit_circle(points)
-    residual = np.hypot(points[:, 0] - x, points[:, 1] - y) - radius
-    return x, y, radius + 0.5, 1.0 - 4.0 * float(np.sqrt(np.mean(residual**2))) / max(radius, 1.0)
-
-
-def fit_circle(points: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Least-squares circle (x, y, radius) through N x 2 points (Kasa: x^2 + y^2 = 2 a x + 2 b y + c)."""
-    mean = points.mean(axis=0)
-    p = points - mean
-    design = np.column_stack([2.0 * p, np.ones(len(p))])
-    a, b, c = np.linalg.lstsq(design, (p**2).sum(axis=1), rcond=None)[0]
-    return float(a + mean[0]), float(b + mean[1]), math.sqrt(max(c + a * a + b * b, 0.0))
