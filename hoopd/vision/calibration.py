@@ -16,7 +16,7 @@ from hoopd.vision.detector import Detector, DetectorSettings
 
 Image = NDArray[np.uint8]
 
-LEAST_SCORE = 0.25  # product of eight marks: all of them mediocre (0.84 each), or one of them poor
+LEAST_SCORE = 0.4  # product of seven marks; the real pictures give 1, half dark or noisy ones 0.5 and more
 RIVAL_SCORE = 0.5  # share of the best score that makes a second ball worth a note
 TILT_NOTE_RAD = 0.35  # a camera is mounted straighter than 20 degrees: beyond, the ball is hardly at rest
 LEAST_POSITIONS = 20
@@ -68,7 +68,7 @@ class PixelToAngle:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """What one picture tells; `track` is the circle of the ball's centre: concentric with the hoop, through the ball."""
+    """What one picture tells; `track` is the circle of the ball's centre: concentric with the hoop."""
 
     ball: Circle
     track: Circle
@@ -111,7 +111,7 @@ def wrap(angle_rad: float) -> float:
 
 
 def propose(bgr: Image) -> Proposal:
-    """Circle, zero angle and colour from one picture of the ball at rest; CalibrationError when it lacks hoop or ball."""
+    """Circle, zero angle and colour from one picture of the ball at rest; or CalibrationError."""
     found = find_hoop(bgr)
     if found is None:
         raise CalibrationError("no hoop found: no circular edge goes round far enough")
