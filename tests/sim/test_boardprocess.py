@@ -150,13 +150,14 @@ def test_the_state_ring_follows_the_clock(folder: Path, board: object) -> None:
 
 
 def test_scripted_faults_act_in_run_time(folder: Path) -> None:
-    faults = [{"kind": "board_silent", "at_s": 10.0, "for_s": 0.3}]
-    process = start(folder / "port", config(folder, faults=faults, t0=time.monotonic() - 9.2))
+    t0 = time.monotonic() - 9.0
+    faults = [{"kind": "board_silent", "at_s": 10.0, "for_s": 0.4}]
+    process = start(folder / "port", config(folder, faults=faults, t0=t0))
     host = Host(folder / "port")
     assert host.ask(0.1) is not None
-    time.sleep(0.85)
+    time.sleep(t0 + 10.1 - time.monotonic())
     assert host.ask(0.1, wait_s=0.05) is None
-    time.sleep(0.3)
+    time.sleep(t0 + 10.41 - time.monotonic())
     answer = host.ask(0.1)
     assert answer is not None
     assert answer.status & STATUS_TIMEOUT
