@@ -86,8 +86,9 @@ class DriverBoard:
         self,
         plant: Plant,
         rng: np.random.Generator,
+        *,
         layout: Layout = DEFAULT_LAYOUT,
-        config: BoardConfig = BoardConfig(),  # noqa: B008 - frozen
+        config: BoardConfig = BoardConfig(),
         sink: Sink | None = None,
         t: float = 0.0,
     ) -> None:

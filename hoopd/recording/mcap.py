@@ -1,0 +1,209 @@
+"""Recordings on disk: MCAP with the channels `tick`, `input` and `event` and one metadata record, the header.
+
+Rules of this file: times are run time in nanoseconds; no host, date or path goes in; the same content gives the same
+bytes; whatever a file lost is counted and said; an unusable file is one `InputError`. The caller owns the file object.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import msgspec
+import numpy as np
+from mcap import records
+
+from hoopd.core.records import Inputs, TickRecord
+from hoopd.files import InputError
+from hoopd.recording import rows
+from hoopd.recording.container import ChunkedFile, Scan, stream
+from hoopd.recording.recording import Recording, from_columns
+from hoopd.recording.schemas import CHANNELS, Event, schema_bytes
+
+PROFILE = "hoopd"  # in the file's own header: how a run of ours is told from other MCAP files
+HEADER = "hoopd.header/1"
+FLUSH_S = 0.25  # a killed daemon loses at most what came since the last flush
+_SECRET = re.compile(r"""(\bpassword["']?\s*:\s*)("[^"]*"|'[^']*'|[^\s,}#]+)""")
+
+
+class Header(msgspec.Struct, frozen=True):
+    """What a run was made with; texts are whole files, so that a run can be repeated from its recording alone."""
+
+    device: str = ""
+    config: str = ""  # configuration after all overrides, YAML
+    model: str = ""  # hoopd.model/1 text
+    controller: str = ""  # hoopd.controller/1 text
+    versions: dict[str, str] = {}
+    seed: int | None = None
+    part: int = 0  # above 0: goes on from the file before (after a fault of the disk, or a full one)
+
+
+class Run(NamedTuple):
+    """Everything of one file, in file order."""
+
+    header: Header
+    inputs: list[Inputs]
+    ticks: list[TickRecord]
+    events: list[Event]
+    lost: str  # one line, empty when the file is whole
+
+
+def without_secrets(text: str) -> str:
+    """Text with the values of `password` keys blanked: recordings travel."""
+    return _SECRET.sub(r"\1'***'", text)
+
+
+class Writer:
+    """Rows into an open binary file; a chunk is closed and handed over at every quarter second of run time."""
+
+    def __init__(self, file: BinaryIO, header: Header, *, sync: bool = True) -> None:
+        self._file, self._sync, self._slot, self._sequence = file, sync, -1, 0
+        self._container = ChunkedFile(file, PROFILE)
+        self._channel = {
+            name: self._container.add_channel(name, CHANNELS[name][0], schema_bytes(name)) for name in CHANNELS
+        }
+        self._container.add_metadata(HEADER, _header_texts(header))
+        self.unflushed_rows = 0
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return self._container.size
+
+    def add(self, record: TickRecord, inputs: Inputs) -> None:
+        """One tick: what it knew and what it did."""
+        self._add("input", inputs.t, rows.encode_input(inputs))
+        self._add("tick", record.t, rows.encode_tick(record))
+
+    def add_event(self, event: Event) -> None:
+        """One event."""
+        self._add("event", event.t, rows.encode_event(event))
+
+    def flush(self) -> None:
+        """Close the chunk, flush the file and wait for the disk (unless `sync` is off)."""
+        self._container.flush()
+        self._file.flush()
+        if self._sync:
+            os.fdatasync(self._file.fileno())
+        self.unflushed_rows = 0
+
+    def finish(self) -> None:
+        """Write the index that viewers use and flush; add nothing afterwards."""
+        self._container.finish()
+        self.flush()
+
+    def _add(self, channel: str, t: float, data: bytes) -> None:
+        slot = int(t / FLUSH_S)
+        if slot != self._slot and self.unflushed_rows:
+            self.flush()
+        self._slot = slot
+        self._sequence += 1
+        self.unflushed_rows += 1
+        self._container.add_message(self._channel[channel], max(0, round(t * 1e9)), self._sequence, data)
+
+
+def _header_texts(header: Header) -> dict[str, str]:
+    texts = {name: getattr(header, name) for name in ("device", "model", "controller")}
+    config = without_secrets(header.config)
+    versions = msgspec.json.encode(header.versions, order="sorted").decode()
+    seed = "" if header.seed is None else str(header.seed)
+    return {**texts, "config": config, "versions": versions, "seed": seed, "part": str(header.part)}
+
+
+def _header(texts: dict[str, str]) -> Header:
+    plain = {name: texts.get(name, "") for name in ("device", "config", "model", "controller")}
+    seed, versions = texts.get("seed", ""), texts.get("versions") or "{}"
+    return Header(
+        **plain,
+        versions=msgspec.json.decode(versions, type=dict[str, str]),
+        seed=int(seed) if seed else None,
+        part=int(texts.get("part") or 0),
+    )
+
+
+_DECODE: dict[str, Any] = {"tick": rows.decode_tick, "input": rows.decode_input, "event": rows.decode_event}
+
+
+def read_run(path: Path, channels: Iterable[str] = tuple(CHANNELS)) -> Run:
+    """Header and rows of the wanted channels, torn tails recovered; InputError when it is no run of ours."""
+    wanted, scan, header = set(channels), Scan(), Header()
+    found: dict[str, list[Any]] = {name: [] for name in CHANNELS}
+    try:
+        for record in stream(_bytes(path), scan):
+            if isinstance(record, records.Metadata):
+                header = _header(record.metadata) if record.name == HEADER else header
+            elif (topic := scan.topics.get(record.channel_id, "")) in wanted and _ours(scan, topic):
+                found[topic].append(_DECODE[topic](record.data))
+    except (ValueError, msgspec.MsgspecError) as error:
+        raise InputError(path, "", str(error)) from None
+    if not _ours(scan, "tick"):
+        raise InputError(path, "", _foreign(scan))
+    return Run(header, found["input"], found["tick"], found["event"], describe_loss(scan))
+
+
+def read(path: Path) -> Recording:
+    """Recording of a run's ticks; InputError when it holds none."""
+    path = Path(path)
+    run = read_run(path, ("tick",))
+    if not run.ticks:
+        raise InputError(path, "tick", "the recording holds no ticks" + (f" ({run.lost})" if run.lost else ""))
+    columns = {
+        name: np.array(values) for name, values in zip(TickRecord._fields, zip(*run.ticks, strict=True), strict=True)
+    }
+    return from_columns(columns, source=path.name, config=run.header.config, lost=run.lost)
+
+
+def recover(path: Path, out: Path) -> str:
+    """Write what can be read of a damaged run as a whole file; the one-line account of what was lost."""
+    run = read_run(path)
+    with Path(out).open("xb") as file:
+        writer = Writer(file, run.header)
+        for row in _in_order(run):
+            if isinstance(row, Event):
+                writer.add_event(row)
+            else:
+                writer.add(*row)
+        writer.finish()
+    return run.lost or "nothing was lost"
+
+
+def describe_loss(scan: Scan) -> str:
+    """One line on how a damaged file ended, empty when it is whole."""
+    if scan.closed and not scan.bad_chunks:
+        return ""
+    parts = [] if scan.closed else ["the file was never closed"]
+    if scan.bad_chunks:
+        parts.append(f"{scan.bad_chunks} damaged chunk{'s' if scan.bad_chunks > 1 else ''} left out")
+    if scan.lost_bytes:
+        parts.append(f"{scan.lost_bytes} bytes at the end are no record")
+    return ", ".join(parts)
+
+
+def _in_order(run: Run) -> list[Any]:
+    """Rows and events by run time; a tick without its inputs (or the reverse) cannot be kept."""
+    inputs = {row.id: row for row in run.inputs}
+    pairs = [(tick, inputs[tick.id]) for tick in run.ticks if tick.id in inputs]
+    return sorted([*pairs, *run.events], key=lambda row: row.t if isinstance(row, Event) else row[0].t)
+
+
+def _ours(scan: Scan, topic: str) -> bool:
+    return scan.schemas.get(topic) == CHANNELS[topic][0]
+
+
+def _foreign(scan: Scan) -> str:
+    if not scan.topics:
+        return "an MCAP file without any channel: torn before its first row, or empty"
+    return f"not a recording of hoopd; its channels: {', '.join(sorted(set(scan.topics.values()))[:8])}"
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(path, "", (error.strerror or "cannot be read").lower()) from None
+    if not data:
+        raise InputError(path, "", "the file is empty")
+    return data

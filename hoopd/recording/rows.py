@@ -1,0 +1,139 @@
+"""Records of the tick <-> JSON rows.
+
+Rules of this file: pure; a row is one JSON object with the record's field names in its order; NaN is null, an infinity
+is the text "inf" or "-inf" in an input row, every other float comes back with the same bits (msgspec writes the shortest text that
+does); numpy numbers are taken for what they are. Row types are derived from the records, never written twice.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+import numpy as np
+
+from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, LinkCounts, TickRecord
+from hoopd.recording.schemas import RECORDS, Event
+
+_NAN = float("nan")
+_INFINITE = {"inf": float("inf"), "-inf": float("-inf")}
+
+
+def _plain(value: Any) -> Any:
+    """Python value of a numpy one, or of a mapping proxy."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, types.MappingProxyType):
+        return dict(value)
+    return str(value)
+
+
+_encoder = msgspec.json.Encoder(enc_hook=_plain)
+_rows: dict[type, type[msgspec.Struct]] = {}
+
+
+def row_type(record: type) -> type[msgspec.Struct]:
+    """Struct with the fields of a record, as they stand in JSON."""
+    if record not in _rows:
+        hints = get_type_hints(record)
+        _rows[record] = msgspec.defstruct(
+            record.__name__ + "Row", [(n, _wire(hints[n])) for n in RECORDS[record]], gc=False
+        )
+    return _rows[record]
+
+
+def _wire(hint: Any) -> Any:
+    if hint is float:
+        return float | str | None
+    if hint in RECORDS:
+        return row_type(hint)
+    origin, args = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return Union[row_type(args[0]), None]  # noqa: UP007  (a struct made at run time)
+    if origin is tuple:
+        return list[_wire(args[0])]  # type: ignore[misc]
+    return int if hint is int else bool if hint is bool else str if hint is str else dict[str, Any]
+
+
+_TickRow, _InputRow, _EventRow = row_type(TickRecord), row_type(Inputs), row_type(Event)
+_CameraRow, _DriverRow = row_type(CameraSample), row_type(DriverSample)
+_LinkRow, _CommandRow = row_type(LinkCounts), row_type(Command)
+
+
+def _out(value: Any) -> Any:
+    """A number as JSON can hold it: infinities by name (NaN becomes null by itself)."""
+    return str(float(value)) if value in (_INFINITE["inf"], _INFINITE["-inf"]) else value
+
+
+def _back(value: Any) -> Any:
+    if value is None:
+        return _NAN
+    return _INFINITE[value] if type(value) is str else value
+
+
+def encode_tick(record: TickRecord) -> bytes:
+    """Row of the `tick` channel, also the telemetry message."""
+    return _encoder.encode(_TickRow(*record))
+
+
+def encode_event(event: Event) -> bytes:
+    """Row of the `event` channel, also the telemetry message."""
+    return _encoder.encode(_EventRow(*event))
+
+
+def encode_input(inputs: Inputs) -> bytes:
+    """Row of the `input` channel: everything that the tick knew."""
+    camera, driver = inputs.camera, inputs.driver
+    row = _InputRow(
+        inputs.id,
+        _out(inputs.t),
+        None if camera is None else _CameraRow(*map(_out, camera)),
+        None if driver is None else _DriverRow(*map(_out, driver)),
+        _LinkRow(*inputs.link),
+        [_CommandRow(name, _out(value), key) for name, value, key in inputs.commands],
+        _out(inputs.lateness_s),
+        _out(inputs.execution_s),
+        inputs.camera_stalled,
+        inputs.trouble,
+    )
+    return _encoder.encode(row)
+
+
+def _decoder(record: type) -> Callable[[bytes], Any]:
+    return msgspec.json.Decoder(row_type(record)).decode
+
+
+_decode_tick, _decode_input, _decode_event = _decoder(TickRecord), _decoder(Inputs), _decoder(Event)
+_FLOATS = {record: frozenset(n for n, h in get_type_hints(record).items() if h is float) for record in RECORDS}
+
+
+def _record(record: Any, row: Any) -> Any:
+    """A flat record from its row."""
+    floats = _FLOATS[record]
+    return record._make(_back(getattr(row, n)) if n in floats else getattr(row, n) for n in record._fields)
+
+
+def decode_tick(data: bytes) -> TickRecord:
+    """The tick of a row; msgspec.MsgspecError when it is not one."""
+    record: TickRecord = _record(TickRecord, _decode_tick(data))
+    return record._replace(x_hat=tuple(map(_back, record.x_hat)))
+
+
+def decode_event(data: bytes) -> Event:
+    """The event of a row; msgspec.MsgspecError when it is not one."""
+    event: Event = _record(Event, _decode_event(data))
+    return event
+
+
+def decode_input(data: bytes) -> Inputs:
+    """The inputs of a row, bit for bit; msgspec.MsgspecError when it is not one."""
+    row: Any = _decode_input(data)
+    inputs: Inputs = _record(Inputs, row)
+    return inputs._replace(
+        camera=None if row.camera is None else _record(CameraSample, row.camera),
+        driver=None if row.driver is None else _record(DriverSample, row.driver),
+        link=_record(LinkCounts, row.link),
+        commands=tuple(_record(Command, command) for command in row.commands),
+    )

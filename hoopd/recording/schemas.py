@@ -1,0 +1,166 @@
+"""Fields of the recorded and published messages: name, unit, meaning; JSON schemas made from them.
+
+Rules of this file: a table per record of `hoopd.core.records`, in its order (a test compares both and the tables in
+docs/); types come from the records themselves, so nothing is written twice; no file, no clock.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from hoopd.core import records
+
+
+class Field(NamedTuple):
+    """Unit and meaning of one field."""
+
+    unit: str
+    meaning: str
+
+
+Table = Mapping[str, Field]
+
+TICK: Table = {
+    "t": Field("s", "run time at which the tick took its inputs"),
+    "id": Field("", "number of the tick: counts timer expirations, so a missed one is a gap"),
+    "mode": Field("", "mode after the tick"),
+    "u": Field("N m", "torque commanded, held from this tick to the next"),
+    "theta": Field("rad", "hoop angle, unwrapped; null when no answer came"),
+    "dtheta": Field("rad/s", "hoop speed; null when no answer came"),
+    "current": Field("A", "motor current; null when no answer came"),
+    "psi": Field("rad", "ball angle, 0 at the bottom, unwrapped; null when no new ball was seen"),
+    "y_t": Field("s", "run time at which the board sampled theta, dtheta and current"),
+    "psi_t": Field("s", "run time of the middle of the exposure that gave psi"),
+    "x_hat": Field("rad, rad/s, rad, rad/s", "estimate of theta, dtheta, psi, dpsi at t"),
+    "reference": Field("rad", "wanted ball angle"),
+    "status": Field("", "board: bit0 enabled, 1 time-out latched, 2 torque limited, 3 fault"),
+    "errors": Field("", "board: bit0 crc, 1 seq gap, 2 overcurrent, 3 encoder, 4 supply"),
+    "lateness_s": Field("s", "start of this tick against its deadline"),
+    "execution_s": Field("s", "duration of the previous tick, slots taken to frame written"),
+}
+
+CAMERA: Table = {
+    "frame": Field("", "camera's own picture counter"),
+    "t": Field("s", "run time of the middle of the exposure"),
+    "t_arrival": Field("s", "run time at which the detection was ready"),
+    "psi": Field("rad", "ball angle in (-pi, pi]; null when no ball was found"),
+    "confidence": Field("", "0 to 1"),
+    "x_px": Field("px", "ball centre, to the right; null when no ball was found"),
+    "y_px": Field("px", "ball centre, downwards; null when no ball was found"),
+}
+
+DRIVER: Table = {
+    "t": Field("s", "run time at which the board sampled"),
+    "seq": Field("", "echo of the request's sequence number"),
+    "status": TICK["status"],
+    "errors": TICK["errors"],
+    "theta": Field("rad", "hoop angle, wrapped by the board at +-512 turns"),
+    "dtheta": Field("rad/s", "hoop speed"),
+    "current": Field("A", "motor current"),
+    "board_ms": Field("ms", "board clock modulo 65536"),
+}
+
+LINK: Table = {
+    "good": Field("", "valid answers since the last tick"),
+    "bad_crc": Field("", "answers with a wrong checksum"),
+    "garbage_bytes": Field("", "bytes outside of any frame"),
+    "unexpected_seq": Field("", "answers to another request"),
+    "implausible": Field("", "answers with impossible values"),
+    "lost": Field("", "the port itself is gone"),
+}
+
+COMMAND: Table = {
+    "name": Field("", "arm, disarm, clear, reference, tune, stop or experiment"),
+    "value": Field("", "in the unit of what it sets"),
+    "key": Field("", "tune: name of the parameter; experiment: its name"),
+}
+
+INPUT: Table = {
+    "id": TICK["id"],
+    "t": TICK["t"],
+    "camera": Field("", "newest picture's analysis since the last tick, or null"),
+    "driver": Field("", "newest answer since the last tick, or null"),
+    "link": Field("", "what the serial line brought since the last tick, by kind"),
+    "commands": Field("", "wishes of the operator taken by this tick, in order"),
+    "lateness_s": TICK["lateness_s"],
+    "execution_s": TICK["execution_s"],
+    "camera_stalled": Field("", "the camera's own watchdog gave up"),
+    "trouble": Field("", "bit0 recorder drops or cannot write, bit1 telemetry drops"),
+}
+
+EVENT: Table = {
+    "t": Field("s", "run time of the event"),
+    "event": Field("", "name of the fact"),
+    "level": Field("", "debug, info, warning, error or critical"),
+    "fields": Field("", "particulars by name"),
+}
+
+
+class Event(NamedTuple):
+    """One fact worth a line in the log, at its run time."""
+
+    t: float  # s
+    event: str
+    level: str = "info"
+    fields: Mapping[str, Any] = types.MappingProxyType({})
+
+
+RECORDS: Mapping[type, Table] = {
+    records.TickRecord: TICK,
+    records.Inputs: INPUT,
+    records.CameraSample: CAMERA,
+    records.DriverSample: DRIVER,
+    records.LinkCounts: LINK,
+    records.Command: COMMAND,
+    Event: EVENT,
+}
+
+# Channel of the file (and last chunk of the telemetry key) -> (schema name, record).
+CHANNELS: Mapping[str, tuple[str, type]] = {
+    "tick": ("hoopd.tick", records.TickRecord),
+    "input": ("hoopd.input", records.Inputs),
+    "event": ("hoopd.event", Event),
+}
+
+
+def json_schema(record: type) -> dict[str, Any]:
+    """JSON schema (draft 2020-12 subset) of a record, with unit and description at every field."""
+    hints = get_type_hints(record)
+    properties = {name: _property(hints[name], item) for name, item in RECORDS[record].items()}
+    return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
+
+
+def schema_bytes(channel: str) -> bytes:
+    """The registered schema of a channel, the same bytes every time."""
+    name, record = CHANNELS[channel]
+    return msgspec.json.encode({"title": name, **json_schema(record)})
+
+
+def _property(hint: Any, item: Field) -> dict[str, Any]:
+    unit = {"unit": item.unit} if item.unit else {}
+    return {**_type(hint), **unit, "description": f"{item.meaning} [{item.unit}]" if item.unit else item.meaning}
+
+
+_PLAIN: dict[Any, dict[str, Any]] = {
+    float: {"type": ["number", "null"]},  # null is NaN: missing
+    int: {"type": "integer"},
+    str: {"type": "string"},
+    bool: {"type": "boolean"},
+}
+
+
+def _type(hint: Any) -> dict[str, Any]:
+    if hint in _PLAIN:
+        return dict(_PLAIN[hint])
+    if hint in RECORDS:
+        return json_schema(hint)
+    origin, args = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return {"oneOf": [json_schema(args[0]), {"type": "null"}]}
+    if origin is tuple:
+        return {"type": "array", "items": _type(args[0])}
+    return {"type": "object"}

@@ -1,0 +1,283 @@
+"""The driver board as a process of its own on a pseudo-terminal: `python -m hoopd.sim.boardprocess --link PATH ...`.
+
+Rules of this file: the only clock is the machine's monotonic one; bytes take their time on the wire in both directions;
+the plant is integrated behind the clock in small steps and never ahead of it; the process ends with its parent, on
+SIGTERM or when its stdin pipe closes, and takes its link with it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ctypes
+import gc
+import heapq
+import importlib
+import os
+import select
+import signal
+import stat
+import subprocess
+import sys
+import time
+import tty
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from hoopd.core.frames import DEFAULT_LAYOUT
+from hoopd.core.layout import layout_from_table
+from hoopd.sim.board import BoardConfig, DriverBoard, Plant
+from hoopd.sim.faults import BoardFaults, FaultScript, FaultyWire, fault_from_table
+from hoopd.sim.statering import StateRingWriter
+from hoopd.sim.torque_log import TorqueLogFile, TorqueRow
+
+# A row of the state ring each millisecond: a picture's exposure is 5 ms.
+ROW_S: Final = 0.001
+# The plant lags the clock by at most this; two rows a wake-up halve the cost of waking.
+WAKE_S: Final = 0.002
+# How often the parent is looked for, beside the kernel's own signal.
+PARENT_CHECK_S: Final = 0.25
+# Below the daemon's own priority: the rig must not starve what it tests.
+FIFO_PRIORITY: Final = 10
+_READ_BYTES: Final = 4096
+_PR_SET_PDEATHSIG: Final = 1
+_PR_SET_TIMERSLACK: Final = 29
+
+
+class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The configuration file: JSON with these keys."""
+
+    plant: str  # "package.module:callable"; called with plant_arguments it gives a hoopd.sim.board.Plant at t = 0
+    torque_log: str  # path of the JSON lines
+    plant_arguments: dict[str, Any] = {}
+    state_ring: str = ""  # path, empty for none
+    seed: int = 0
+    t0: float | None = None  # monotonic time of run time zero, for the faults' times; None: when the process starts
+    layout: dict[str, Any] | None = None  # for hoopd.core.layout.layout_from_table; None: the default
+    board: dict[str, Any] = {}  # fields of hoopd.sim.board.BoardConfig
+    faults: list[dict[str, Any]] = []  # rows for hoopd.sim.faults.fault_from_table
+
+
+class BoardProcess:
+    """Board, wire and port on the board's clock (seconds since the process started)."""
+
+    def __init__(self, config: ProcessConfig, master: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._master = master
+        self._t_start = clock()
+        self._clock = clock
+        self._shift = 0.0 if config.t0 is None else self._t_start - config.t0  # board's clock to run time
+        layout = DEFAULT_LAYOUT if config.layout is None else layout_from_table(config.layout)
+        script = FaultScript([fault_from_table(row) for row in config.faults], config.seed)
+        self._plant = _make_plant(config)
+        self._log = TorqueLogFile(Path(config.torque_log))
+        self._ring = StateRingWriter(Path(config.state_ring)) if config.state_ring else None
+        self._wire = FaultyWire(script, layout)
+        self._faults = BoardFaults(script)
+        rng = np.random.default_rng([config.seed, 1])
+        constants = BoardConfig(**config.board)
+        self._byte_s = constants.byte_s
+        self._board = DriverBoard(self._plant, rng, layout=layout, config=constants, sink=self._write_row)
+        self._rx: list[tuple[float, int, bytes]] = []  # heap: arrival of the last byte, order, bytes
+        self._tx: list[tuple[float, int, bytes]] = []
+        self._rx_free = self._tx_free = 0.0  # when each direction's last byte is through
+        self._order = 0
+        self._t_row = 0.0  # of the next row
+
+    def now(self) -> float:
+        """Board's clock, s."""
+        return self._clock() - self._t_start
+
+    def read(self) -> None:
+        """Put what the host wrote on the wire."""
+        with contextlib.suppress(BlockingIOError):
+            data = os.read(self._master, _READ_BYTES)
+            self._rx_free = max(self.now(), self._rx_free) + len(data) * self._byte_s
+            for t, chunk in self._wire.request(self._rx_free + self._shift, data):
+                self._push(self._rx, t - self._shift, chunk)
+
+    def advance(self, now: float) -> None:
+        """Catch up with the clock: rows and requests in the order of time, then answers."""
+        while self._t_row <= now:
+            self._deliver(self._t_row)
+            self._faults.update(self._t_row + self._shift, self._board, self._t_row)
+            self._board.advance(self._t_row)
+            if self._ring:
+                self._ring.push(self._t_row + self._t_start, self._plant.state)
+            self._t_row += ROW_S
+        self._deliver(now)
+        self._send(now)
+
+    def wake_in(self, now: float) -> float:
+        """Seconds until there is something to do."""
+        queues = [queue[0][0] for queue in (self._rx, self._tx) if queue]
+        return max(min([now + WAKE_S, *queues]) - now, 0.0)
+
+    def close(self) -> None:
+        """The motor's supply goes: last row of the log."""
+        self._write_row(TorqueRow(self.now(), 0.0, False, "end"))
+        self._log.close()
+        if self._ring:
+            self._ring.close()
+
+    def _deliver(self, until: float) -> None:
+        """Hand over what has arrived; collect the answers."""
+        while self._rx and self._rx[0][0] <= until:
+            t, _, chunk = heapq.heappop(self._rx)
+            self._board.receive(t, chunk)
+        for ready, frame in self._board.outgoing(until):
+            self._tx_free = max(ready, self._tx_free) + len(frame) * self._byte_s
+            for t, chunk in self._wire.answer(self._tx_free + self._shift, frame):
+                self._push(self._tx, t - self._shift, chunk)
+
+    def _send(self, now: float) -> None:
+        while self._tx and self._tx[0][0] <= now:
+            with contextlib.suppress(BlockingIOError):  # nobody reads: a UART loses bytes too
+                os.write(self._master, heapq.heappop(self._tx)[2])
+
+    def _push(self, queue: list[tuple[float, int, bytes]], t: float, chunk: bytes) -> None:
+        self._order += 1
+        heapq.heappush(queue, (t, self._order, chunk))
+
+    def _write_row(self, row: TorqueRow) -> None:
+        self._log(row._replace(t=row.t + self._t_start))
+
+
+def _make_plant(config: ProcessConfig) -> Plant:
+    module, _, name = config.plant.partition(":")
+    plant: Plant = getattr(importlib.import_module(module), name)(**config.plant_arguments)
+    return plant
+
+
+# --- the process -----------------------------------------------------------------------------------------------------
+
+
+def run(link: Path, config: ProcessConfig, fifo: bool = False) -> None:
+    """Open the port, publish its link, work until told to stop."""
+    stop = _stop_on_sigterm()
+    _tie_to_parent()
+    master, slave = os.openpty()  # the slave stays open here: the host may close and reopen without a hang-up
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    device = os.ttyname(slave)
+    board = BoardProcess(config, master)
+    _settle_process(fifo)
+    _publish(link, device)
+    try:
+        _loop(board, master, stop)
+    finally:
+        _withdraw(link, device)
+        board.close()
+
+
+def _loop(board: BoardProcess, master: int, stop: Callable[[], bool]) -> None:
+    lifeline = [0] if _stdin_is_pipe() else []
+    parent, next_check = os.getppid(), board.now() + PARENT_CHECK_S
+    while not stop():
+        now = board.now()
+        board.advance(now)
+        readable, _, _ = select.select([master, *lifeline], [], [], board.wake_in(board.now()))
+        if master in readable:
+            board.read()
+        if 0 in readable and not os.read(0, _READ_BYTES):
+            return
+        if now > next_check:
+            if os.getppid() != parent:
+                return
+            next_check = now + PARENT_CHECK_S
+
+
+def _stop_on_sigterm() -> Callable[[], bool]:
+    """Flag that SIGTERM sets; SIGINT is left to the daemon: Ctrl-C must not take the board from under it."""
+    state = {"stop": False}
+    signal.signal(signal.SIGTERM, lambda *_: state.update(stop=True))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return lambda: state["stop"]
+
+
+def _tie_to_parent() -> None:
+    """SIGTERM when the thread that started us ends (start the board from the main thread); wake-ups to 1 us."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+
+
+def _settle_process(fifo: bool) -> None:
+    """What exists now stays: the collector need not walk it; real-time priority when asked for and granted."""
+    gc.collect()
+    gc.freeze()
+    if fifo:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
+        except PermissionError:
+            sys.stderr.write("board: real-time priority was not granted, going on without\n")
+
+
+def _stdin_is_pipe() -> bool:
+    """A pipe or socket ends when its other side does; a terminal or /dev/null says nothing."""
+    try:
+        mode = os.fstat(0).st_mode
+    except OSError:
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)
+
+
+def _publish(link: Path, device: str) -> None:
+    """Point the link to the device in one step; an old link is replaced."""
+    fresh = link.with_name(f".{link.name}.{os.getpid()}")
+    fresh.unlink(missing_ok=True)
+    fresh.symlink_to(device)
+    fresh.replace(link)
+
+
+def _withdraw(link: Path, device: str) -> None:
+    """Remove the link unless another board took it over."""
+    with contextlib.suppress(OSError):
+        if str(link.readlink()) == device:
+            link.unlink()
+
+
+# --- starting one ----------------------------------------------------------------------------------------------------
+
+
+def start(link: Path, config: ProcessConfig, fifo: bool = False, timeout_s: float = 10.0) -> subprocess.Popen[bytes]:
+    """Start the process beside its link and wait for the port; RuntimeError with its last line when it fails.
+
+    Close its stdin or terminate it to end it. Call it from the main thread: the board dies with the caller's thread."""
+    path = link.with_name(link.name + ".json")
+    path.write_bytes(msgspec.json.encode(config))
+    link.unlink(missing_ok=True)
+    command = [sys.executable, "-m", __name__ if __name__ != "__main__" else __spec__.name]
+    command += ["--link", str(link), "--config", str(path), *(["--fifo"] if fifo else [])]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    deadline = time.monotonic() + timeout_s
+    while not link.is_symlink():
+        if process.poll() is not None or time.monotonic() > deadline:
+            process.kill()
+            _, errors = process.communicate()
+            raise RuntimeError(f"board process: {errors.decode(errors='replace').strip()[-500:] or 'no port in time'}")
+        time.sleep(0.005)
+    return process
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line; exit code 2 and one line for a wrong configuration."""
+    parser = argparse.ArgumentParser(prog="hoopd.sim.boardprocess", description=__doc__)
+    parser.add_argument("--link", type=Path, required=True, help="symbolic link to make for the port")
+    parser.add_argument("--config", type=Path, required=True, help="JSON file, keys of ProcessConfig")
+    parser.add_argument("--fifo", action="store_true", help="ask for real-time priority")
+    options = parser.parse_args(arguments)
+    try:
+        config = msgspec.json.decode(options.config.read_bytes(), type=ProcessConfig)
+        run(options.link, config, options.fifo)
+    except (OSError, ValueError, TypeError, ImportError, AttributeError, msgspec.MsgspecError) as error:
+        sys.stderr.write(f"{options.config}: {error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,214 @@
+"""Scripted faults of the rig: what goes wrong, when, for how long; applied by the wire, the board and the camera.
+
+Rules of this file: faults are data, the table of kinds says what they mean and which numbers they take; times are run
+time in s; the same script and seed do the same to the same frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+
+from hoopd.core.frames import Answer, Decoder, Layout, encode_answer
+from hoopd.sim.board import BYTE_S, FAULT_BITS, DriverBoard, FaultName
+
+Direction = Literal["request", "answer"]
+
+
+class KindRow(NamedTuple):
+    """One kind of fault: who applies it, its numbers with defaults, its meaning."""
+
+    side: Literal["link", "board", "camera"]
+    params: Mapping[str, Any]
+    meaning: str
+
+
+# `rate`: probability per frame (bit_flips: per byte); `every`: every n-th frame instead of a rate, 0 is off;
+# `direction`: request, answer or both.
+_LINK: Final = {"direction": "both", "rate": 0.0, "every": 0}
+KINDS: Final[Mapping[str, KindRow]] = {
+    "bit_flips": KindRow("link", _LINK | {"bits": 1}, "bits of a frame are inverted on the wire"),
+    "lost_frames": KindRow("link", _LINK | {"rate": 1.0}, "whole frames vanish"),
+    "late_frames": KindRow("link", _LINK | {"rate": 1.0, "delay_s": 0.03}, "frames arrive later than they should"),
+    "duplicated_frames": KindRow("link", _LINK | {"rate": 1.0}, "frames arrive twice, back to back"),
+    "garbage": KindRow("link", _LINK | {"rate": 1.0, "bytes": 16}, "random bytes stand before a frame"),
+    "board_silent": KindRow("link", {}, "the board hears nothing and says nothing; its own time-out goes on"),
+    "implausible_speed": KindRow("link", {"value": 5000.0}, "answers carry this dtheta in rad/s with a good CRC"),
+    "implausible_current": KindRow("link", {"value": 80.0}, "answers carry this current in A with a good CRC"),
+    "board_reset": KindRow("board", {}, "the board restarts once, at the beginning"),
+    "board_fault": KindRow("board", {"name": "overcurrent"}, "overcurrent, encoder or supply condition persists"),
+    "camera_stall": KindRow("camera", {}, "no pictures come"),
+    "black_pictures": KindRow("camera", {}, "pictures are black"),
+    "ball_gone": KindRow("camera", {}, "the ball is not in the picture"),
+    "false_red_object": KindRow("camera", {}, "a second red object is in the picture"),
+    "late_pictures": KindRow("camera", {"delay_s": 0.1}, "pictures are delivered later than they should"),
+}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault: active in [at_s, at_s + for_s); `params` override the table's defaults."""
+
+    kind: str
+    at_s: float
+    for_s: float = math.inf
+    params: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"unknown fault kind {self.kind!r}, known: {', '.join(KINDS)}")
+        known = KINDS[self.kind].params
+        if unknown := set(self.params) - set(known):
+            raise ValueError(f"{self.kind}: unknown parameter {sorted(unknown)[0]!r}, known: {', '.join(known) or '-'}")
+        if not (self.at_s >= 0.0 and self.for_s > 0.0):
+            raise ValueError(f"{self.kind}: at_s must be >= 0 and for_s > 0")
+        self._check_params()
+
+    def _check_params(self) -> None:
+        if self["direction"] not in (None, "request", "answer", "both"):
+            raise ValueError(f"{self.kind}: direction must be request, answer or both, not {self['direction']!r}")
+        if self.kind == "board_fault" and self["name"] not in FAULT_BITS:
+            raise ValueError(f"board_fault: name must be {', '.join(FAULT_BITS)}, not {self['name']!r}")
+        for name in ("rate", "every", "bits", "bytes", "delay_s"):
+            value = self[name]
+            if value is not None and not (isinstance(value, int | float) and value >= 0):
+                raise ValueError(f"{self.kind}: {name} must be a number >= 0, not {value!r}")
+
+    def __getitem__(self, name: str) -> Any:
+        """A parameter with the table's default; None for one that this kind lacks."""
+        return self.params.get(name, KINDS[self.kind].params.get(name))
+
+    def active(self, t: float) -> bool:
+        return self.at_s <= t < self.at_s + self.for_s
+
+    def concerns(self, direction: Direction) -> bool:
+        return self["direction"] in (direction, "both")
+
+
+def fault_from_table(row: Mapping[str, Any]) -> Fault:
+    """A fault from plain data {kind, at_s, for_s?, params?}; ValueError with one clear line."""
+    known = {"kind", "at_s", "for_s", "params"}
+    if unknown := set(row) - known:
+        raise ValueError(f"fault: unknown key {sorted(unknown)[0]!r}, known: {', '.join(sorted(known))}")
+    if missing := {"kind", "at_s"} - set(row):
+        raise ValueError(f"fault: missing key {sorted(missing)[0]!r}")
+    for_s = row.get("for_s")
+    return Fault(row["kind"], row["at_s"], math.inf if for_s is None else for_s, dict(row.get("params") or {}))
+
+
+class FaultScript:
+    """All faults of one run."""
+
+    def __init__(self, faults: Iterable[Fault] = (), seed: int = 0) -> None:
+        self.faults = tuple(faults)
+        self.seed = seed
+
+    def active(self, t: float, kind: str) -> Fault | None:
+        """The first fault of this kind that is active at run time `t`."""
+        if kind not in KINDS:
+            raise ValueError(f"unknown fault kind {kind!r}, known: {', '.join(KINDS)}")
+        return next((f for f in self.faults if f.kind == kind and f.active(t)), None)
+
+
+Delivery = tuple[float, bytes]  # run time of the last byte, bytes
+
+
+class FaultyWire:
+    """Both directions between host and board; gives what arrives of one frame, and when."""
+
+    def __init__(self, script: FaultScript, layout: Layout) -> None:
+        self._script = script
+        self._layout = layout
+        self._rng = {name: np.random.default_rng([script.seed, i]) for i, name in enumerate(("request", "answer"))}
+        self._frames = {"request": 0, "answer": 0}
+
+    def request(self, t: float, data: bytes) -> list[Delivery]:
+        """What the board gets of bytes that the host sent, `t` their arrival without faults."""
+        return self._pass(t, data, "request")
+
+    def answer(self, t: float, data: bytes) -> list[Delivery]:
+        """What the host gets of one answer of the board, `t` its arrival without faults."""
+        return self._pass(t, self._falsify(t, data), "answer")
+
+    def _pass(self, t: float, data: bytes, direction: Direction) -> list[Delivery]:
+        if not self._script.faults:
+            return [(t, data)]
+        self._frames[direction] += 1
+        if self._script.active(t, "board_silent") or self._hit(t, "lost_frames", direction):
+            return []
+        out = self._garbage(t, direction) + self._flip(t, data, direction)
+        if self._hit(t, "duplicated_frames", direction):
+            out += out
+        late = self._hit(t, "late_frames", direction)
+        delay_s = float(late["delay_s"]) if late else 0.0
+        return [(t + delay_s + (len(out) - len(data)) * BYTE_S, out)]
+
+    def _hit(self, t: float, kind: str, direction: Direction) -> Fault | None:
+        """The active fault of this kind, when it strikes this frame."""
+        fault = self._script.active(t, kind)
+        if fault is None or not fault.concerns(direction):
+            return None
+        if fault["every"]:
+            return fault if self._frames[direction] % int(fault["every"]) == 0 else None
+        return fault if self._rng[direction].random() < fault["rate"] else None
+
+    def _flip(self, t: float, data: bytes, direction: Direction) -> bytes:
+        """Invert `bits` different bits: of every n-th frame, or of each byte by rate."""
+        fault = self._script.active(t, "bit_flips")
+        if fault is None or not fault.concerns(direction):
+            return data
+        rng, bits = self._rng[direction], int(fault["bits"])
+        if fault["every"]:
+            strikes = self._frames[direction] % int(fault["every"]) == 0
+            chosen = rng.choice(8 * len(data), min(bits, 8 * len(data)), replace=False)
+            places: list[int] = chosen.tolist() if strikes else []
+        else:
+            hit = np.flatnonzero(rng.random(len(data)) < fault["rate"])
+            places = [8 * int(i) + int(b) for i in hit for b in rng.choice(8, min(bits, 8), replace=False)]
+        out = bytearray(data)
+        for place in places:
+            out[place // 8] ^= 1 << (place % 8)
+        return bytes(out)
+
+    def _garbage(self, t: float, direction: Direction) -> bytes:
+        fault = self._hit(t, "garbage", direction)
+        return self._rng[direction].bytes(int(fault["bytes"])) if fault else b""
+
+    def _falsify(self, t: float, data: bytes) -> bytes:
+        """The same answer with an implausible value and its CRC made good."""
+        changes: dict[str, Any] = {}
+        if fault := self._script.active(t, "implausible_speed"):
+            changes["dtheta"] = float(fault["value"])
+        if fault := self._script.active(t, "implausible_current"):
+            changes["current"] = float(fault["value"])
+        if not changes:
+            return data
+        frames = Decoder(self._layout, "answer", bounds={}).feed(data)
+        return b"".join(encode_answer(self._layout, f._replace(**changes)) for f in frames if isinstance(f, Answer))
+
+
+class BoardFaults:
+    """Carries the script's board kinds to the board; call it whenever time passes."""
+
+    def __init__(self, script: FaultScript) -> None:
+        self._script = script
+        self._done: set[int] = set()  # resets that happened
+        self._injected: set[FaultName] = set()
+
+    def update(self, t: float, board: DriverBoard, t_board: float | None = None) -> None:
+        """Apply what holds at run time `t`; `t_board` is the same instant on the board's clock."""
+        now = t if t_board is None else t_board
+        for index, fault in enumerate(self._script.faults):
+            if fault.kind == "board_reset" and fault.active(t) and index not in self._done:
+                self._done.add(index)
+                board.reset(now)
+        wanted = {f["name"] for f in self._script.faults if f.kind == "board_fault" and f.active(t)}
+        for name in sorted(wanted - self._injected):
+            board.inject(name, now)
+        for name in sorted(self._injected - wanted):
+            board.heal(name)
+        self._injected = wanted
