@@ -177,6 +177,11 @@ class Health:
         return self._driver is not None and bool(self._driver.status & ENABLED)
 
     @property
+    def link_seen(self) -> bool:
+        """The board has answered at least once."""
+        return self._driver is not None
+
+    @property
     def hoop_speed(self) -> float:
         """Newest reported hoop speed in rad/s, 0 before the first answer."""
         return 0.0 if self._driver is None else self._driver.dtheta

@@ -146,14 +146,16 @@ class Sim(Strict):
 
     model: str = "models/hoop.yaml"
     psi_rad: Annotated[float, Meta(ge=-3.2, le=3.2)] = 0.4  # released from here
-    hold_s: NotNegative = 0.0  # a hand holds the ball until then
+    held: bool = True  # a hand holds the ball there until the drive gives its first torque
+    hold_s: NotNegative = 0.0  # and at least this long
+    directory: str = ""  # existing folder for the board's log of the torque it really applied
     delay_frames: Annotated[float, Meta(ge=0, le=10)] = 2.0
     camera_phase: Fraction = 0.35  # of a period, between the tick and the exposure's middle
     psi_noise_rad: NotNegative = 0.002  # of --camera direct
     angle_offset_rad: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.0  # zero-angle error of the camera
     dtheta_noise_rad_s: NotNegative = 0.05
-    current_noise_a: NotNegative = 0.01
-    torque_constant_nm_per_a: Positive = 0.08
+    current_noise_a: NotNegative = 0.02
+    torque_constant_nm_per_a: Positive = 0.37
     disturbance_rad: float = 0.0  # added to psi of one picture
     disturbance_at_s: NotNegative = 0.0
     faults: list[SimFault] = []

@@ -93,7 +93,7 @@ def _without_driver(bench: Bench) -> Inputs:
 
 @pytest.mark.parametrize("name", BAD)
 def test_a_fault_comes_after_its_count_and_not_before(name: str) -> None:
-    bench = started(torque_constant_nm_per_a=0.08)
+    bench = started(torque_constant_nm_per_a=0.37)
     fault = BY_NAME[name]
     # A stale picture takes a while to be stale; speed and jumps judge pairs of answers.
     slack = 3 if name in ("camera_late", "speed_implausible") else 0
@@ -106,7 +106,7 @@ def test_a_fault_comes_after_its_count_and_not_before(name: str) -> None:
 
 @pytest.mark.parametrize("name", BAD)
 def test_a_fault_clears_as_its_row_says(name: str) -> None:
-    bench = started(torque_constant_nm_per_a=0.08)
+    bench = started(torque_constant_nm_per_a=0.37)
     fault = BY_NAME[name]
     spoil(bench, fault.on + 4, name)
     bench.run(fault.off + 5)

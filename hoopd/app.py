@@ -1,0 +1,293 @@
+"""The composition root: puts a tick, a world and those who want its records together, and runs them.
+
+Rules of this file: decides nothing about control; whatever happens, the loop's last frame has zero torque and
+everything that was opened is closed, each within a bound.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from hoopd.build import Texts, build_tick, make_model, read_texts
+from hoopd.core.modes import Mode
+from hoopd.core.records import Command, Inputs, TickRecord
+from hoopd.core.tick import Note, Tick
+from hoopd.files import InputError
+from hoopd.recording.mcap import Header
+from hoopd.shell import config as configuration
+from hoopd.shell import log
+from hoopd.shell.config import Config
+from hoopd.shell.loop import Loop, Sink
+from hoopd.shell.recorder import Recorder
+from hoopd.shell.run_files import Limits as RoomLimits
+from hoopd.shell.service import Notifier, freeze_garbage, is_under_systemd, lock_memory
+from hoopd.world import World, device, lockstep, read_layout, realtime_rig
+
+# The interpreter hands over between threads this often; the default of 5 ms is a quarter of a tick.
+SWITCH_INTERVAL_S = 0.0005
+# Without a board the service still comes up, disarmed, and says what is missing.
+READY_PATIENCE_S = 5.0
+
+
+class Options(NamedTuple):
+    """The command line of the daemon."""
+
+    sim: bool = False
+    config: Path | None = None
+    sets: tuple[str, ...] = ()
+    duration_s: float | None = None
+    record: Path | None = None
+    seed: int = 0
+    speed: Literal["1", "max"] = "1"
+    direct: bool = False
+    arm: bool = False
+
+
+def run_daemon(options: Options) -> dict[str, Any]:
+    """Run until the end; the summary, with `exit` as the exit code."""
+    config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
+    _check(options, config)
+    log.configure(config.log.format, config.log.level)
+    texts = read_texts(config, options.config)
+    tick = build_tick(config, texts)
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    notifier = Notifier()
+    with ExitStack() as stack:
+        stack.callback(notifier.close)
+        world = stack.enter_context(_world(options, config, texts))
+        summary = asyncio.run(_run(options, config, texts, tick, world, notifier))
+    print_summary(summary)
+    return summary
+
+
+def _check(options: Options, config: Config) -> None:
+    for flag, given in (("--speed max", options.speed == "max"), ("--camera direct", options.direct)):
+        if given and not options.sim:
+            raise InputError(flag, "", "only with --sim")
+    if options.arm and is_under_systemd():
+        raise InputError("--arm", "", "refused under systemd: the daemon starts disarmed; use `hoopd arm`")
+    if options.arm and not sys.stdin.isatty():
+        raise InputError("--arm", "", "only on a terminal; use `hoopd arm`")
+    if options.speed == "max" and options.duration_s is None:
+        raise InputError("--speed max", "", "needs --duration")
+    folders = (("--record", options.record), ("sim.directory", Path(config.sim.directory) if config.sim.directory else None))
+    for name, folder in folders:
+        if folder is not None and not folder.is_dir():
+            raise InputError(folder, name, "no such folder")
+
+
+@contextmanager
+def _world(options: Options, config: Config, texts: Texts) -> Iterator[World]:
+    layout = read_layout(config, options.config)
+    if not options.sim:
+        with device(config, layout) as world:
+            yield world
+        return
+    plant = make_model(configuration.read_model_text(config.sim.model, options.config), config.sim.model)
+    make = lockstep if options.speed == "max" else realtime_rig
+    with make(config, layout, plant, options.seed, direct=options.direct) as world:
+        yield world
+
+
+async def _run(
+    options: Options, config: Config, texts: Texts, tick: Tick, world: World, notifier: Notifier
+) -> dict[str, Any]:
+    virtual = options.speed == "max"
+    reporter = log.Reporter(lambda: status_line(loop))
+    with ExitStack() as stack:
+        recorder = _recorder(stack, options, config, texts, reporter)
+        telemetry = None if virtual else _telemetry(stack, config, texts, reporter)
+        watch = Watch()
+        sinks = [sink for sink in (reporter, recorder, telemetry, watch) if sink is not None]
+        loop = Loop(
+            tick,
+            world.timer,
+            world.drive,
+            world.eye,
+            sinks=tuple(sinks),
+            troubles=tuple((lambda s=s: s is not None and s.trouble) for s in (recorder, telemetry)),  # type: ignore[misc]
+            sources=(_script(config), *([telemetry.take_commands] if telemetry else [])),
+            beat=_beat(notifier, tick),
+            auto_arm=options.sim or options.arm,
+            duration_s=options.duration_s,
+            collect=not virtual,
+        )
+        stack.callback(reporter.close)
+        reporter.start()
+        _handle_signals(loop)
+        _quiet(virtual)
+        started = time.perf_counter()
+        await loop.run()
+        wall_s = time.perf_counter() - started
+        notifier.stopping()
+    return summarise(options, loop, watch, recorder, telemetry, wall_s)
+
+
+class Watch:
+    """Counts what the summary tells: modes, faults, torque and angles."""
+
+    trouble = False
+
+    def __init__(self) -> None:
+        self.faults: dict[str, int] = {}
+        self.running_ticks = 0
+        self.max_torque_nm = 0.0
+        self.settled: deque[float] = deque(maxlen=250)  # psi of the last five seconds
+
+    def put(self, record: TickRecord, inputs: Inputs) -> None:
+        """Look at one tick."""
+        self.max_torque_nm = max(self.max_torque_nm, abs(record.u))
+        if record.mode == Mode.RUNNING:
+            self.running_ticks += 1
+            self.settled.append(record.x_hat[2] - record.reference)
+
+    def note(self, t: float, note: Note) -> None:
+        """Count faults by name."""
+        if note.name == "fault":
+            name = note.fields["fault"]
+            self.faults[name] = self.faults.get(name, 0) + 1
+
+
+def _script(config: Config) -> Callable[[float], tuple[Command, ...]]:
+    """The rig's operator: commands at their times."""
+    waiting = deque(sorted(config.sim.commands, key=lambda command: command.at_s))
+
+    def due(t: float) -> tuple[Command, ...]:
+        commands = []
+        while waiting and waiting[0].at_s <= t:
+            row = waiting.popleft()
+            commands.append(Command(row.name, row.value, row.key))
+        return tuple(commands)
+
+    return due
+
+
+def _beat(notifier: Notifier, tick: Tick) -> Callable[[float], None]:
+    """READY once the board answers (or after a while without it), then the watchdog from the tick."""
+    ready = False
+
+    def beat(t: float) -> None:
+        nonlocal ready
+        if not ready and (tick.health.link_seen or t > READY_PATIENCE_S):
+            ready = notifier.ready(str(tick.mode)) or not notifier.active
+        notifier.beat(t)
+
+    return beat
+
+
+def _handle_signals(loop: Loop) -> None:
+    running = asyncio.get_running_loop()
+    for name in (signal.SIGTERM, signal.SIGINT):
+        with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
+            running.add_signal_handler(name, loop.request_stop)
+
+
+def _quiet(virtual: bool) -> None:
+    """Nothing made at start-up is ever collected again; memory stays where it is."""
+    freeze_garbage()
+    if not virtual:
+        lock_memory()
+
+
+def _recorder(
+    stack: ExitStack, options: Options, config: Config, texts: Texts, reporter: log.Reporter
+) -> RecorderSink | None:
+    folder = options.record or (Path(config.recording.directory) if config.recording.directory else None)
+    if folder is None:
+        return None
+    header = Header(
+        device=config.device.name,
+        config=texts.config,
+        model=texts.model,
+        controller=texts.controller,
+        law=texts.law,
+        versions={name: _version(name) for name in ("hoopd", "numpy", "casadi")},
+        seed=options.seed if options.sim else None,
+    )
+    limits = RoomLimits(config.recording.quota_bytes, config.recording.min_free_bytes)
+    sink = RecorderSink(Recorder(folder, header, limits=limits, synchronous=options.speed == "max"), reporter)
+    stack.callback(sink.recorder.close)
+    return sink
+
+
+def status_line(loop: Loop) -> str:
+    """One line for a terminal."""
+    record = loop.record
+    if record is None:
+        return "waiting for the first tick"
+    faults = ", ".join(loop.tick.faults)
+    return (
+        f"{record.t:7.1f} s  {record.mode:8}  psi {record.x_hat[2]:+.3f} rad  ref {record.reference:+.2f}"
+        f"  hoop {record.x_hat[1]:+6.2f} rad/s  u {record.u:+.3f} N m"
+        f"  late {1e3 * loop.statistics.take_worst():4.1f} ms  {faults}"
+    )
+
+
+def summarise(
+    options: Options,
+    loop: Loop,
+    watch: Watch,
+    recorder: RecorderSink | None,
+    telemetry: Any,
+    wall_s: float,
+) -> dict[str, Any]:
+    """What a run was, as plain data."""
+    record = loop.record
+    settled = sum(psi * psi for psi in watch.settled) / len(watch.settled) if watch.settled else 0.0
+    return {
+        "exit": 0,
+        "seconds": record.t if record else 0.0,
+        "real_time_factor": loop.statistics.last_t / wall_s if wall_s else 0.0,
+        **loop.statistics.summary(),
+        "final_mode": str(loop.tick.mode),
+        "running_s": watch.running_ticks * loop.tick.settings.period_s,
+        "psi_error_rms_last_5s_rad": settled**0.5,
+        "max_torque_nm": watch.max_torque_nm,
+        "faults": watch.faults,
+        "recording": recorder.summary() if recorder else None,
+        "telemetry": telemetry.summary() if telemetry else None,
+    }
+
+
+def print_summary(summary: dict[str, Any]) -> None:
+    """The table at the end of a run."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="run", show_header=False, title_justify="left")
+    for name, text in _summary_rows(summary):
+        table.add_row(name, text)
+    Console().print(table)
+
+
+def _summary_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    late, execution = summary["lateness_s"], summary["execution_s"]
+    yield "duration", f"{summary['seconds']:.2f} s at {summary['real_time_factor']:.1f} x real time"
+    yield "ticks", f"{summary['ticks']}, {summary['missed']} missed"
+    yield "mean period", f"{1e3 * summary['mean_period_s']:.4f} ms"
+    yield "lateness p50 / p99 / max", " / ".join(f"{1e3 * late[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
+    yield "execution p50 / p99 / max", " / ".join(f"{1e3 * execution[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
+    yield "mode at the end", f"{summary['final_mode']}, controlled for {summary['running_s']:.1f} s"
+    yield "psi error, last 5 s", f"{summary['psi_error_rms_last_5s_rad']:.4f} rad rms"
+    yield "largest torque", f"{summary['max_torque_nm']:.3f} N m"
+    yield "faults", ", ".join(f"{name} x{count}" for name, count in summary["faults"].items()) or "none"
+    for part in ("recording", "telemetry"):
+        if summary[part]:
+            yield part, ", ".join(f"{key} {value}" for key, value in summary[part].items())
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
