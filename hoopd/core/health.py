@@ -101,10 +101,10 @@ class Sent(NamedTuple):
 
 
 class _Count:
-    """Consecutive bad and good periods of one fault."""
+    """Consecutive bad and good periods of one fault; nothing is well before it was seen to be."""
 
     def __init__(self, fault: Fault) -> None:
-        self.fault, self.bad, self.good, self.active = fault, 0, fault.off, False
+        self.fault, self.bad, self.good, self.active = fault, 0, 0, False
 
     def update(self, weight: int) -> None:
         if weight:
@@ -175,6 +175,11 @@ class Health:
     def board_enabled(self) -> bool:
         """The newest answer says that the drive is on."""
         return self._driver is not None and bool(self._driver.status & ENABLED)
+
+    @property
+    def board_latched(self) -> bool:
+        """The newest answer tells of a time-out or a fault that waits for a clearing request."""
+        return self._driver is not None and bool(self._driver.status & (TIMEOUT_LATCHED | BOARD_FAULT))
 
     @property
     def link_seen(self) -> bool:

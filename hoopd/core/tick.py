@@ -18,6 +18,11 @@ from hoopd.core.modes import ENERGISED, Event, Mode, next_mode
 from hoopd.core.records import CameraSample, Command, DriverSample, Estimate, Inputs, TickRecord, TorqueCommand
 
 
+# What the board itself has latched goes only by a clearing request, so that an arm may wait this long for it.
+WISH_TICKS = 10
+BOARD_LATCHES = frozenset({"board_fault", "board_timeout", "board_reset"})
+
+
 class Estimator(Protocol):
     """What the tick asks of a state estimator."""
 
@@ -88,6 +93,7 @@ class Tick:
         self._faults: frozenset[str] = frozenset()
         self._seq = -1
         self._stopping_since = 0.0
+        self._wish, self._patience = "", 0
         self._notes: list[Note] = []
 
     @property
@@ -117,20 +123,16 @@ class Tick:
         )
         self.health.update(inputs, estimate, self._sent)
         asked = self._take_commands(inputs.commands)
-        before = self.mode
         self._move(asked | self._own_events(inputs, estimate))
         torque = self._torque(inputs, estimate)
         self._report_faults(inputs)
-        command = self._command(inputs, torque, before)
+        command = self._command(inputs, torque)
         return Output(command, self._record(inputs, estimate, command), tuple(self._notes))
 
     def _take_commands(self, commands: tuple[Command, ...]) -> frozenset[Event]:
-        events: set[Event] = set()
-        for command in commands:
-            event = self._take(command)
-            if event is not None:
-                events.add(event)
-        return frozenset(events)
+        events = {self._take(command) for command in commands}
+        events.add(self._acknowledged())
+        return frozenset(event for event in events if event is not None)
 
     def _take(self, command: Command) -> Event | None:
         if command.name == "reference":
@@ -138,7 +140,7 @@ class Tick:
         elif command.name == "tune":
             self._tune(command)
         elif command.name in ("arm", "clear"):
-            return self._acknowledged(command.name)
+            self._wish, self._patience = command.name, WISH_TICKS
         elif command.name in ("disarm", "stop"):
             self._note("operator", "info", command=command.name)
             return Event(command.name)
@@ -161,10 +163,16 @@ class Tick:
         else:
             self._note("command_refused", "warning", command="tune", reason=f"no tunable {command.key!r}")
 
-    def _acknowledged(self, name: str) -> Event | None:
-        if self.mode in ENERGISED:
+    def _acknowledged(self) -> Event | None:
+        """The wish to arm or to clear, once nothing forbids it; what the board latched is cleared meanwhile."""
+        if not self._wish or self.mode in ENERGISED:
+            self._wish = ""
             return None
         hindrances = self.health.hindrances()
+        if hindrances and self._patience > 0 and set(hindrances) <= BOARD_LATCHES:
+            self._patience -= 1
+            return None
+        name, self._wish = self._wish, ""
         if hindrances:
             self._note("command_refused", "warning", command=name, reason=", ".join(hindrances))
             return None
@@ -247,11 +255,11 @@ class Tick:
             self._note("fault_cleared", "info", fault=name)
         self._faults = frozenset(active)
 
-    def _command(self, inputs: Inputs, torque: float, before: Mode) -> TorqueCommand:
+    def _command(self, inputs: Inputs, torque: float) -> TorqueCommand:
         enable = self.mode in ENERGISED
         if self.mode is not Mode.STOPPING:
             self._stopping_since = 0.0
-        clear = self.mode is Mode.READY and not self.health.board_enabled
+        clear = self.health.board_latched and (self.mode is Mode.READY or bool(self._wish))
         self._sent = Sent(inputs.t, torque, self._sent.enabled_for + 1 if enable else 0)
         return TorqueCommand(self.next_seq(), enable, clear, torque)
 

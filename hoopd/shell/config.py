@@ -52,7 +52,7 @@ class Camera(Strict):
     """The camera and how its pictures come."""
 
     backend: Literal["rpicam", "picamera2", "v4l2", "video", "direct"] = "rpicam"
-    command: list[str] = ["rpicam-vid"]
+    command: tuple[str, ...] = ("rpicam-vid",)
     device: str = "/dev/video0"
     file: str = ""
     width_px: Annotated[int, Meta(ge=64, le=4096)] = 480

@@ -1,4 +1,4 @@
-"""The plant of the rig: a model moved through time, and the hand that holds the ball before a release.
+"""The plant of the rig: a model moved through time, and the hand that holds it before a release.
 
 Rules of this file: time is an argument and never runs backwards; a segment between two events is integrated in
 steps of at most 1 ms.
@@ -30,9 +30,9 @@ class RigPlant:
         hold_s: float = 0.0,
         t: float = 0.0,
     ) -> None:
-        """`held`: a hand holds the ball at x0 until `hold_s` has passed and the drive gives its first torque."""
+        """`held`: hands hold ball and hoop at x0 until `hold_s` has passed and the drive gives its first torque."""
         self._advance, self._x, self._t = advance, x0.copy(), t
-        self._held, self._release_t, self._psi = held, t + hold_s, float(x0[2])
+        self._held, self._release_t = held, t + hold_s
 
     @property
     def t(self) -> float:
@@ -53,12 +53,12 @@ class RigPlant:
         """Integrate up to `t` with the torque held."""
         if self._held and torque_nm != 0.0 and self._t >= self._release_t:
             self._held = False
+        if self._held:
+            self._t = max(t, self._t)
         while t - self._t > 1e-9:
             h = min(t - self._t, SEGMENT_S)
             self._x = self._advance(self._x, torque_nm, h)
             self._t += h
-            if self._held:
-                self._x[2], self._x[3] = self._psi, 0.0
 
 
 def make_plant(

@@ -1,0 +1,69 @@
+"""`hoopd replay`: the recorded inputs through the same tick again, compared bit for bit.
+
+Rules of this file: everything comes out of the recording (configuration, model, controller, inputs); equal means
+the same bits, a missing number equals a missing number.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hoopd.build import Texts, build_tick
+from hoopd.core.records import TickRecord
+from hoopd.files import InputError, parse_yaml, to_struct
+from hoopd.recording.mcap import Run, read_run
+from hoopd.shell.config import Config
+
+# Measured after the decision, so that no decision depends on it.
+NOT_DECIDED = ("execution_s",)
+DROPS = ("recorder_dropped", "recorder_trouble")
+
+
+def replay(path: Path) -> dict[str, Any]:
+    """Repeat a run; `equal` and, when not, the first row and field that differ."""
+    run = read_run(path)
+    _check(path, run)
+    header = run.header
+    config = to_struct(parse_yaml(header.config, path), Config, path)
+    tick = build_tick(config, Texts(header.config, header.model, header.controller, header.law))
+    different, first = 0, ""
+    for inputs, recorded in zip(run.inputs, run.ticks, strict=False):
+        fields = list(differences(tick.step(inputs).record, recorded))
+        different += bool(fields)
+        if fields and not first:
+            first = f"row {recorded.id} at {recorded.t:.4f} s: {', '.join(fields)}"
+    gaps = [event.event for event in run.events if event.event in DROPS]
+    return {
+        "recording": path.name,
+        "ticks": min(len(run.inputs), len(run.ticks)),
+        "equal": different == 0,
+        "different": different,
+        "first_difference": first,
+        "lost": run.lost or (f"the recorder reported {', '.join(sorted(set(gaps)))}" if gaps else ""),
+    }
+
+
+def differences(new: TickRecord, old: TickRecord) -> Iterator[str]:
+    """Names of the decided fields whose bits differ."""
+    for name, a, b in zip(TickRecord._fields, new, old, strict=True):
+        if name not in NOT_DECIDED and _bits(a) != _bits(b):
+            yield name
+
+
+def _bits(value: Any) -> Any:
+    """A number as its bits, so that NaN equals NaN and -0 differs from 0."""
+    if isinstance(value, float):
+        return "nan" if value != value else struct.pack("<d", value)
+    if isinstance(value, tuple | list):
+        return tuple(_bits(item) for item in value)
+    return value
+
+
+def _check(path: Path, run: Run) -> None:
+    if not run.inputs:
+        raise InputError(path, "input", "holds no inputs, nothing to replay")
+    if run.header.part:
+        raise InputError(path, "part", f"is part {run.header.part} of a run: the state at its beginning is not in it")
