@@ -201,9 +201,7 @@ class TransferFunctionController:
 
     def update(self, measurement: Measurement) -> tuple[float, Log]:
         """See the class."""
-        if self._started:
-            self._torques = [measurement.torque_previous, *self._torques[:-1]] if self._torques else []
-        self._started = True
+        self._torques = [measurement.torque_previous, *self._torques][: len(self._a) - 1]
         if measurement.psi_fresh and isfinite(measurement.psi_measured):
             self._error = measurement.reference - measurement.psi_measured
         self._errors = [self._error, *self._errors[:-1]]
@@ -213,7 +211,7 @@ class TransferFunctionController:
 
     def reset(self) -> None:
         """No error and no torque in the past."""
-        self._error, self._started = 0.0, False
+        self._error = 0.0
         self._errors = [0.0] * len(self._b)
         self._torques = [0.0] * (len(self._a) - 1)
 
