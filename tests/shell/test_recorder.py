@@ -102,7 +102,7 @@ def test_full_queue_drops_the_oldest_and_counts(tmp_path: Path, monkeypatch: pyt
 
 def test_stuck_disk_does_not_hold_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gate = threading.Event()
-    monkeypatch.setattr(module._Sink, "add", lambda *args: [gate.wait(20.0)] and [])
+    monkeypatch.setattr(module._Sink, "add", lambda *args: [gate.wait(20.0)][:0])
     recorder = Recorder(tmp_path, HEADER, limits=SMALL)
     feed(recorder, 10)
     assert wait_until(lambda: len(recorder._queue) < 10)
