@@ -114,7 +114,8 @@ class BoardProcess:
     def wake_in(self, now: float) -> float:
         """Seconds until there is something to do."""
         queues = [queue[0][0] for queue in (self._rx, self._tx) if queue]
-        return max(min([now + WAKE_S, *queues]) - now, 0.0)
+        next_rows = self._t_row + WAKE_S - ROW_S
+        return max(min([next_rows, *queues]) - now, 0.0)
 
     def close(self) -> None:
         """The motor's supply goes: last row of the log."""
