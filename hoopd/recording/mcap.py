@@ -66,7 +66,8 @@ class Writer:
             name: self._container.add_channel(name, CHANNELS[name][0], schema_bytes(name)) for name in CHANNELS
         }
         self._container.add_metadata(HEADER, _header_texts(header))
-        self.unflushed_rows = 0
+        self.flushes = 0  # chunks that reached the disk so far
+        self._waiting = 0
 
     @property
     def size(self) -> int:
@@ -75,8 +76,9 @@ class Writer:
 
     def add(self, record: TickRecord, inputs: Inputs) -> None:
         """One tick: what it knew and what it did."""
-        self._add("input", inputs.t, rows.encode_input(inputs))
-        self._add("tick", record.t, rows.encode_tick(record))
+        known, done = rows.encode_input(inputs), rows.encode_tick(record)  # both or neither
+        self._add("input", inputs.t, known)
+        self._add("tick", record.t, done)
 
     def add_event(self, event: Event) -> None:
         """One event."""
@@ -88,7 +90,8 @@ class Writer:
         self._file.flush()
         if self._sync:
             os.fdatasync(self._file.fileno())
-        self.unflushed_rows = 0
+        self.flushes += 1
+        self._waiting = 0
 
     def finish(self) -> None:
         """Write the index that viewers use and flush; add nothing afterwards."""
@@ -97,11 +100,11 @@ class Writer:
 
     def _add(self, channel: str, t: float, data: bytes) -> None:
         slot = int(t / FLUSH_S)
-        if slot != self._slot and self.unflushed_rows:
+        if slot != self._slot and self._waiting:
             self.flush()
         self._slot = slot
         self._sequence += 1
-        self.unflushed_rows += 1
+        self._waiting += 1
         self._container.add_message(self._channel[channel], max(0, round(t * 1e9)), self._sequence, data)
 
 

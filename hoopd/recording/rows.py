@@ -1,8 +1,9 @@
 """Records of the tick <-> JSON rows.
 
-Rules of this file: pure; a row is one JSON object with the record's field names in its order; NaN is null, an infinity
-is the text "inf" or "-inf" in an input row, every other float comes back with the same bits (msgspec writes the shortest text that
-does); numpy numbers are taken for what they are. Row types are derived from the records, never written twice.
+Rules of this file: pure; a row is one JSON object with the record's field names in its order; NaN is null, in an input
+row an infinity is the text "inf" or "-inf", every other float comes back with the same bits (msgspec writes the
+shortest text that does); numpy numbers are taken for what they are. Row types are derived from the
+records, never written twice.
 """
 
 from __future__ import annotations

@@ -106,8 +106,12 @@ class DriverBoard:
 
     def receive(self, t: float, data: bytes) -> None:
         """Bytes came in back to back; `t` is the arrival of the last one's stop bit."""
-        for index, byte in enumerate(data):
-            self._receive_byte(max(t - (len(data) - 1 - index) * self._config.byte_s, self._now), byte)
+        if len(data) == self._layout.request.length and not self._decoder.pending:
+            return self._receive(t, data)  # one frame, as nearly always: nothing can happen before its last byte
+        for index in range(len(data)):
+            t_byte = t - (len(data) - 1 - index) * self._config.byte_s
+            self._receive(max(t_byte, self._now), data[index : index + 1])
+        return None
 
     def advance(self, t: float) -> None:
         """Let time pass: partial frames are dropped, the time-out falls, the plant moves."""
@@ -203,10 +207,10 @@ class DriverBoard:
 
     # --- requests ---
 
-    def _receive_byte(self, t: float, byte: int) -> None:
+    def _receive(self, t: float, data: bytes) -> None:
         self.advance(t)
         self._t_byte = t
-        self._handle(t, self._decoder.feed(bytes((byte,))))
+        self._handle(t, self._decoder.feed(data))
 
     def _handle(self, t: float, events: list[Event]) -> None:
         for event in events:

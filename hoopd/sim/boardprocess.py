@@ -11,7 +11,6 @@ import argparse
 import contextlib
 import ctypes
 import gc
-import heapq
 import importlib
 import os
 import select
@@ -31,9 +30,10 @@ import numpy as np
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import layout_from_table
 from hoopd.sim.board import BoardConfig, DriverBoard, Plant
-from hoopd.sim.faults import BoardFaults, FaultScript, FaultyWire, fault_from_table
+from hoopd.sim.faults import FaultScript, fault_from_table
 from hoopd.sim.statering import StateRingWriter
 from hoopd.sim.torque_log import TorqueLogFile, TorqueRow
+from hoopd.sim.wiredboard import WiredBoard
 
 # A row of the state ring each millisecond: a picture's exposure is 5 ms.
 ROW_S: Final = 0.001
@@ -67,24 +67,18 @@ class BoardProcess:
 
     def __init__(self, config: ProcessConfig, master: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._master = master
-        self._t_start = clock()
         self._clock = clock
-        self._shift = 0.0 if config.t0 is None else self._t_start - config.t0  # board's clock to run time
         layout = DEFAULT_LAYOUT if config.layout is None else layout_from_table(config.layout)
+        constants = BoardConfig(**config.board)
         script = FaultScript([fault_from_table(row) for row in config.faults], config.seed)
+        rng = np.random.default_rng([config.seed, 1])
         self._plant = _make_plant(config)
         self._log = TorqueLogFile(Path(config.torque_log))
         self._ring = StateRingWriter(Path(config.state_ring)) if config.state_ring else None
-        self._wire = FaultyWire(script, layout)
-        self._faults = BoardFaults(script)
-        rng = np.random.default_rng([config.seed, 1])
-        constants = BoardConfig(**config.board)
-        self._byte_s = constants.byte_s
-        self._board = DriverBoard(self._plant, rng, layout=layout, config=constants, sink=self._write_row)
-        self._rx: list[tuple[float, int, bytes]] = []  # heap: arrival of the last byte, order, bytes
-        self._tx: list[tuple[float, int, bytes]] = []
-        self._rx_free = self._tx_free = 0.0  # when each direction's last byte is through
-        self._order = 0
+        self._t_start = clock()
+        shift_s = 0.0 if config.t0 is None else self._t_start - config.t0
+        board = DriverBoard(self._plant, rng, layout=layout, config=constants, sink=self._write_row)
+        self._board = WiredBoard(board, script, layout=layout, byte_s=constants.byte_s, shift_s=shift_s)
         self._t_row = 0.0  # of the next row
 
     def now(self) -> float:
@@ -95,26 +89,25 @@ class BoardProcess:
         """Put what the host wrote on the wire."""
         with contextlib.suppress(BlockingIOError):
             data = os.read(self._master, _READ_BYTES)
-            self._rx_free = max(self.now(), self._rx_free) + len(data) * self._byte_s
-            for t, chunk in self._wire.request(self._rx_free + self._shift, data):
-                self._push(self._rx, t - self._shift, chunk)
+            self._board.write(self.now(), data)
 
     def advance(self, now: float) -> None:
-        """Catch up with the clock: rows and requests in the order of time, then answers."""
+        """Catch up with the clock: plant and requests in the order of time, then answers."""
         while self._t_row <= now:
-            self._deliver(self._t_row)
-            self._faults.update(self._t_row + self._shift, self._board, self._t_row)
             self._board.advance(self._t_row)
             if self._ring:
                 self._ring.push(self._t_row + self._t_start, self._plant.state)
             self._t_row += ROW_S
-        self._deliver(now)
-        self._send(now)
+        if self._board.next_event() <= now:
+            self._board.advance(now)
+        for _, chunk in self._board.arrived(now):
+            with contextlib.suppress(BlockingIOError):  # nobody reads: a UART loses bytes too
+                os.write(self._master, chunk)
 
     def wake_in(self, now: float) -> float:
         """Seconds until there is something to do."""
-        queues = [queue[0][0] for queue in (self._rx, self._tx) if queue]
-        return max(min([now + WAKE_S, *queues]) - now, 0.0)
+        next_rows = self._t_row + WAKE_S - ROW_S
+        return max(min(next_rows, self._board.next_event()) - now, 0.0)
 
     def close(self) -> None:
         """The motor's supply goes: last row of the log."""
@@ -122,25 +115,6 @@ class BoardProcess:
         self._log.close()
         if self._ring:
             self._ring.close()
-
-    def _deliver(self, until: float) -> None:
-        """Hand over what has arrived; collect the answers."""
-        while self._rx and self._rx[0][0] <= until:
-            t, _, chunk = heapq.heappop(self._rx)
-            self._board.receive(t, chunk)
-        for ready, frame in self._board.outgoing(until):
-            self._tx_free = max(ready, self._tx_free) + len(frame) * self._byte_s
-            for t, chunk in self._wire.answer(self._tx_free + self._shift, frame):
-                self._push(self._tx, t - self._shift, chunk)
-
-    def _send(self, now: float) -> None:
-        while self._tx and self._tx[0][0] <= now:
-            with contextlib.suppress(BlockingIOError):  # nobody reads: a UART loses bytes too
-                os.write(self._master, heapq.heappop(self._tx)[2])
-
-    def _push(self, queue: list[tuple[float, int, bytes]], t: float, chunk: bytes) -> None:
-        self._order += 1
-        heapq.heappush(queue, (t, self._order, chunk))
 
     def _write_row(self, row: TorqueRow) -> None:
         self._log(row._replace(t=row.t + self._t_start))

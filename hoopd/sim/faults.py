@@ -192,7 +192,7 @@ class FaultyWire:
 
 
 class BoardFaults:
-    """Carries the script's board kinds to the board; call it whenever time passes."""
+    """Carries the script's board kinds to the board; call it at the faults' edges, or whenever time passes."""
 
     def __init__(self, script: FaultScript) -> None:
         self._script = script

@@ -148,7 +148,7 @@ def main() -> int:
     counts = run(options.cases, options.seed)
     rows = [("cases", str(options.cases)), ("frames decoded", str(counts["frames"]))]
     rows += [(f"{name} (must be 0)", str(counts[name])) for name in MUST_BE_ZERO]
-    for kind, bits in (("request", 16), ("answer", 32)):
+    for kind, bits in (("request", 16), ("answer", 24)):
         n = counts["garbage bytes " + kind]
         rows.append(
             (f"{kind}s made of {n} random bytes", f"{counts['chance frames ' + kind]} (chance {n / 2**bits:.2f})")

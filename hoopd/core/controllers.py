@@ -1,0 +1,223 @@
+"""Control laws: from one tick's measurement to the torque that the law wants.
+
+Rules of this file: a law is a pure function of its measurements since `reset`; it neither limits its torque nor knows
+the limit: `Measurement.torque_previous` tells what was really sent, and a law with a memory starts from that
+(anti-windup). A user's own law is a class with the methods of `Controller`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import copysign, exp, inf, isfinite, sin, tau
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from hoopd.core.records import Vector
+
+Log = dict[str, float]
+
+
+class Measurement(NamedTuple):
+    """What a law may know of one tick."""
+
+    t: float  # s, run time
+    x: Vector  # (4,) estimate at t: theta rad, dtheta rad/s, psi rad, dpsi rad/s
+    ready: bool  # the estimate can be used
+    psi_measured: float  # rad, as the camera saw it, 2 to 4 ticks ago; NaN without a picture
+    psi_fresh: bool  # a new picture, and its angle was plausible
+    dtheta_measured: float  # rad/s, NaN without an answer of the board
+    reference: float  # rad, wanted psi
+    torque_previous: float  # N m, what was sent last tick, after all limits
+    dt: float  # s, tick period
+
+
+class Controller(Protocol):
+    """A control law."""
+
+    def update(self, measurement: Measurement) -> tuple[float, Log]:
+        """Wanted torque in N m, and numbers worth plotting."""
+        ...
+
+    def reset(self) -> None:
+        """Forget the past: the torque has been zero."""
+        ...
+
+    def tune(self, key: str, value: float) -> bool:
+        """Change a named number while running; False when the law has none of that name or it makes no sense."""
+        ...
+
+
+# ---------------------------------------------------------------------------------------------- LQG
+
+
+@dataclass(frozen=True)
+class LqgGains:
+    """Full-state feedback without theta, and how a held reference moves the hoop (see `Lqg`)."""
+
+    k_dtheta: float  # N m / (rad/s)
+    k_psi: float  # N m / rad
+    k_dpsi: float  # N m / (rad/s)
+    # psi = r held: torque = torque_per_sin * sin r + torque_per_speed * dtheta, and then
+    # dtheta' = hold_rate (speed_per_sin sin r - dtheta)
+    torque_per_sin: float = 0.0
+    torque_per_speed: float = 0.0
+    speed_per_sin: float = 0.0  # rad/s that the hoop ends at, per sin r
+    hold_rate: float = 0.5  # 1/s
+    hoop_speed_limit: float = 30.0  # rad/s, no reference may ask for more
+
+
+class Lqg:
+    """State feedback on the filter's estimate; hoop speed is regulated, the hoop's angle is free.
+
+    Holding the ball off the bottom needs a hoop that accelerates until friction carries the ball (about 4 to 7 rad/s
+    per degree, reached in some seconds). So a reference r comes with the hoop speed w that the plant itself demands:
+
+        u = u_r - k_dtheta (dtheta - w) - k_psi (psi - r) - k_dpsi dpsi
+        u_r = torque_per_sin sin r + torque_per_speed w,   w' = hold_rate (speed_per_sin sin r - w)
+
+    and the step is tracked without the regulator working against itself. At `hoop_speed_limit` w stops and r falls
+    back to the angle which that speed sustains: a larger angle can only be held for a while.
+    """
+
+    def __init__(self, gains: LqgGains) -> None:
+        self.gains = gains
+        self.reset()
+
+    def update(self, measurement: Measurement) -> tuple[float, Log]:
+        """See the class; zero torque until the estimate is ready."""
+        if not measurement.ready:
+            return 0.0, {}
+        g = self.gains
+        _, dtheta, psi, dpsi = measurement.x.tolist()
+        r, w = self._target(measurement.reference, measurement.dt)
+        hold = g.torque_per_sin * sin(r) + g.torque_per_speed * w
+        # the ball's own turn of psi: a ball that went round the hoop is regulated to the nearest bottom
+        off = psi - r
+        off -= tau * round(off / tau)
+        torque = hold - g.k_dtheta * (dtheta - w) - g.k_psi * off - g.k_dpsi * dpsi
+        return torque, {"reference_rad": r, "reference_speed_rad_s": w, "hold_nm": hold}
+
+    def reset(self) -> None:
+        """The hoop owes no speed to a reference."""
+        self._speed = 0.0
+
+    def tune(self, key: str, value: float) -> bool:
+        """Any number of `LqgGains` by its name."""
+        if not isfinite(value) or not hasattr(self.gains, key) or (key == "hoop_speed_limit" and value < 0.0):
+            return False
+        self.gains = replace(self.gains, **{key: value})
+        return True
+
+    def _target(self, reference: float, dt: float) -> tuple[float, float]:
+        """Angle and hoop speed to go for now."""
+        g = self.gains
+        if not (g.hold_rate > 0.0 and abs(reference) > 0.0):
+            self._speed = 0.0
+            return reference, 0.0
+        end = g.speed_per_sin * sin(reference)
+        if end * self._speed < 0.0 or abs(self._speed) > abs(end):
+            self._speed = end if end * self._speed > 0.0 else 0.0  # slowing down is the regulator's own work
+        self._speed += (end - self._speed) * (1.0 - exp(-g.hold_rate * dt))
+        if abs(self._speed) < g.hoop_speed_limit:
+            return reference, self._speed
+        self._speed = copysign(g.hoop_speed_limit, self._speed)
+        return reference * self._speed / end, self._speed
+
+
+# ---------------------------------------------------------------------------------------------- LQG, identified model
+
+
+class LinearGains(NamedTuple):
+    """Model in innovation form with outputs (dtheta, psi), and its feedback."""
+
+    a: Vector  # (n, n)
+    b: Vector  # (n,)
+    c: Vector  # (2, n)
+    filter_gain: Vector  # (n, 2), x = x + M (y - C x) in the tick of y
+    feedback: Vector  # (n,)
+    feedforward: float  # N m per rad of reference
+
+
+class LqgLinear:
+    """LQG on a discrete linear model of what arrives: the camera's delay is part of the model.
+
+    x = A x + B u_previous,   x += M (y - C x) for the samples that came,   u = feedforward r - L x
+    """
+
+    def __init__(self, gains: LinearGains) -> None:
+        self.gains = gains
+        self.reset()
+
+    def update(self, measurement: Measurement) -> tuple[float, Log]:
+        """See the class; a missing output leaves its prediction."""
+        g = self.gains
+        x = g.a @ self._x + g.b * measurement.torque_previous
+        predicted = g.c @ x
+        innovation = self._innovation(measurement, predicted)
+        x = x + g.filter_gain @ innovation
+        self._x = x if isfinite(float(x.sum())) else np.zeros_like(x)
+        torque = g.feedforward * measurement.reference - float(g.feedback @ self._x)
+        return torque, {"psi_predicted_rad": float(predicted[1]), "innovation_psi_rad": float(innovation[1])}
+
+    def reset(self) -> None:
+        """The model rests at the bottom."""
+        self._x = np.zeros(len(self.gains.b))
+
+    def tune(self, key: str, value: float) -> bool:
+        """`feedforward` alone: the rest only fits together."""
+        if key != "feedforward" or not isfinite(value):
+            return False
+        self.gains = self.gains._replace(feedforward=value)
+        return True
+
+    @staticmethod
+    def _innovation(measurement: Measurement, predicted: Vector) -> Vector:
+        speed, psi = measurement.dtheta_measured - float(predicted[0]), measurement.psi_measured - float(predicted[1])
+        psi -= tau * round(psi / tau) if isfinite(psi) else 0.0
+        return np.array([speed if isfinite(speed) else 0.0, psi if measurement.psi_fresh and isfinite(psi) else 0.0])
+
+
+# ---------------------------------------------------------------------------------------------- PID, lead
+
+
+class TransferFunctionController:
+    """u = C(z) (reference - psi) for any proper C; sees measured psi alone (the thesis's PID and lead).
+
+        a_0 u_k = b_0 e_k + b_1 e_k-1 + ... - a_1 u_k-1 - a_2 u_k-2 - ...
+
+    The past torques are those really sent: with C's integrator in `a`, a saturated torque does not wind up.
+    A tick without a new angle keeps the last error.
+    """
+
+    def __init__(self, b: Sequence[float], a: Sequence[float], gain: float = 1.0) -> None:
+        if len(a) == 0 or len(b) == 0 or a[0] == 0.0 or len(b) > len(a) or not all(map(isfinite, (*b, *a))):
+            raise ValueError("a transfer function needs finite b and a, a[0] not zero, b not longer than a")
+        lead = [0.0] * (len(a) - len(b))  # b is written for the lowest powers: a shorter one is delayed
+        self._b, self._a = [value / a[0] for value in (*lead, *b)], [value / a[0] for value in a]
+        self.gain = gain
+        self.reset()
+
+    def update(self, measurement: Measurement) -> tuple[float, Log]:
+        """See the class."""
+        self._torques = [measurement.torque_previous, *self._torques][: len(self._a) - 1]
+        if measurement.psi_fresh and isfinite(measurement.psi_measured):
+            self._error = measurement.reference - measurement.psi_measured
+        self._errors = [self._error, *self._errors[:-1]]
+        torque = self.gain * sum(b * e for b, e in zip(self._b, self._errors, strict=True))
+        torque -= sum(a * u for a, u in zip(self._a[1:], self._torques, strict=True))
+        return torque, {"error_rad": self._error}
+
+    def reset(self) -> None:
+        """No error and no torque in the past."""
+        self._error = 0.0
+        self._errors = [0.0] * len(self._b)
+        self._torques = [0.0] * (len(self._a) - 1)
+
+    def tune(self, key: str, value: float) -> bool:
+        """`gain`, a factor on the whole law."""
+        if key != "gain" or not 0.0 <= value < inf:
+            return False
+        self.gain = value
+        return True

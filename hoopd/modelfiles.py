@@ -1,0 +1,229 @@
+"""Model files (`hoopd.model/1`) and controller files (`hoopd.controller/1`): their records, checks and objects.
+
+Rules of this file: everything wrong in a file is one `InputError`; no control law and no equation lives here.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import msgspec
+import numpy as np
+
+from hoopd.core.controllers import Controller, LinearGains, Lqg, LqgGains, LqgLinear, TransferFunctionController
+from hoopd.core.estimator import DelayedEkf, EkfSettings
+from hoopd.core.limits import Limiter
+from hoopd.files import InputError, load_struct
+from hoopd.physics.plant import PARAMETER_UNITS, ParameterError, Plant, check_parameters
+
+T = TypeVar("T")
+
+
+class _Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """Base of all records: unknown keys are refused."""
+
+
+# ---------------------------------------------------------------------------------------------- model
+
+
+class DeviceConstants(_Strict):
+    """What is weighed and measured on the device, and the limits of its drive and encoder."""
+
+    ball_mass_kg: float
+    hoop_radius_m: float  # Ro: axis to the contact circle
+    ball_radius_m: float  # Rb: the ball's rolling radius on its O-rings
+    gravity_m_s2: float = 9.81
+    torque_limit_nm: float = 0.7
+    encoder_counts: int = 4096
+
+    def values(self) -> dict[str, float]:
+        """By the names of the equations."""
+        return {"mb": self.ball_mass_kg, "Ro": self.hoop_radius_m, "Rb": self.ball_radius_m, "g": self.gravity_m_s2}
+
+
+class Parameter(_Strict):
+    """A number of the model: value and unit, 95 % interval where it was estimated, and what it started from."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float] | None = None
+    nominal: float | None = None
+
+
+class EffectEntry(_Strict):
+    """A found effect (vocabulary of effects, `slot.name`) with its parameters."""
+
+    name: str
+    parameters: dict[str, Parameter] = {}
+
+
+class ModelFile(_Strict):
+    """`hoopd.model/1`."""
+
+    schema: Literal["hoopd.model/1"]
+    name: str
+    structure: Literal["rolling", "published", "entries"]
+    device: DeviceConstants
+    parameters: dict[str, Parameter]
+    effects: list[EffectEntry] = []
+    sample_time_s: float = 0.02
+
+    def values(self) -> dict[str, float]:
+        """Parameters by name; a parameter overrides the device constant of the same name."""
+        return {**self.device.values(), **{name: entry.value for name, entry in self.parameters.items()}}
+
+
+def load_model(path: Path) -> ModelFile:
+    """A checked model file; InputError otherwise."""
+    model = load_struct(path, ModelFile)
+    units = PARAMETER_UNITS[model.structure]
+    for name, entry in model.parameters.items():
+        _check_parameter(path, f"parameters.{name}", entry, units.get(name))
+    try:
+        check_parameters(model.structure, model.values())
+    except ParameterError as error:
+        known = {"mb": "device.ball_mass_kg", "Ro": "device.hoop_radius_m", "Rb": "device.ball_radius_m"}
+        known["g"] = "device.gravity_m_s2"
+        inside = error.name in model.parameters or error.name not in known
+        raise InputError(path, f"parameters.{error.name}" if inside else known[error.name], error.reason) from None
+    _between(path, "device.torque_limit_nm", model.device.torque_limit_nm, 0.0, 100.0)
+    _between(path, "device.encoder_counts", model.device.encoder_counts, 0, 2**26)
+    _between(path, "sample_time_s", model.sample_time_s, 0.0, 1.0)
+    return model
+
+
+def plant_of(model: ModelFile) -> Plant:
+    """The plant that a model file describes; its effects are not part of it."""
+    return Plant(model.structure, model.values())
+
+
+def _check_parameter(path: Path, key: str, entry: Parameter, unit: str | None) -> None:
+    if unit is not None and entry.unit != unit:
+        raise InputError(path, f"{key}.unit", f"wrong unit {entry.unit!r}: this parameter is in {unit}")
+    if entry.ci95 is not None and not entry.ci95[0] <= entry.value <= entry.ci95[1]:
+        raise InputError(path, f"{key}.ci95", f"the interval {list(entry.ci95)} does not hold the value {entry.value}")
+
+
+# ---------------------------------------------------------------------------------------------- controller
+
+
+class EstimatorEntry(_Strict):
+    """Numbers of `EkfSettings` in a file."""
+
+    q: tuple[float, float, float, float]
+    r_theta: float
+    r_dtheta: float
+    r_psi: float
+    gate_nis: float = 25.0
+    reacquire_after: int = 5
+    horizon_s: float = 0.25
+
+
+class ControllerLimits(_Strict):
+    """What this law may ask for."""
+
+    torque_nm: float = 0.7
+    slew_nm_per_tick: float = 1.4
+
+
+class ControllerFile(_Strict):
+    """`hoopd.controller/1`: all numbers of a law, so that nothing is designed at run time.
+
+    `gains` holds numbers and (nested) lists of them, by the names of the law: `LqgGains`, `LinearGains`, or `b`, `a`.
+    """
+
+    schema: Literal["hoopd.controller/1"]
+    name: str
+    kind: Literal["lqg", "lqg_linear", "pid", "lead", "transfer_function"]
+    gains: dict[str, Any]
+    estimator: EstimatorEntry
+    limits: ControllerLimits = ControllerLimits()
+    model: str = "models/hoop.yaml"
+    sample_time_s: float = 0.02
+    notes: str = ""
+
+
+def load_controller(path: Path) -> ControllerFile:
+    """A checked controller file; InputError otherwise."""
+    file = load_struct(path, ControllerFile)
+    _between(path, "limits.torque_nm", file.limits.torque_nm, 0.0, 0.7)
+    _between(path, "limits.slew_nm_per_tick", file.limits.slew_nm_per_tick, 0.0, math.inf)
+    _between(path, "sample_time_s", file.sample_time_s, 0.0, 1.0)
+    _checked(path, "gains", lambda: controller_of(file))
+    _checked(path, "estimator", lambda: settings_of(file))
+    return file
+
+
+def controller_of(file: ControllerFile) -> Controller:
+    """The law of a controller file; ValueError when its gains do not fit it."""
+    if file.kind == "lqg":
+        gains = _numbers(file.gains)
+        missing = {"k_dtheta", "k_psi", "k_dpsi"} - gains.keys()
+        unknown = gains.keys() - set(LqgGains.__dataclass_fields__)
+        if missing or unknown:
+            raise ValueError(f"missing {sorted(missing)}, unknown {sorted(unknown)}")
+        return Lqg(LqgGains(**gains))
+    if file.kind == "lqg_linear":
+        return LqgLinear(_linear_gains(file.gains))
+    if file.gains.keys() != {"b", "a"}:
+        raise ValueError("expected b and a, the coefficients of C(z) from the highest power down")
+    return TransferFunctionController(_array(file.gains, "b", 1).tolist(), _array(file.gains, "a", 1).tolist())
+
+
+def settings_of(file: ControllerFile) -> EkfSettings:
+    """The filter's settings in a controller file."""
+    return EkfSettings(**msgspec.structs.asdict(file.estimator))
+
+
+def estimator_of(file: ControllerFile, plant: Plant) -> DelayedEkf:
+    """The filter of a controller file on a plant."""
+    return DelayedEkf(plant.step_and_jacobian, settings_of(file))
+
+
+def limiter_of(file: ControllerFile) -> Limiter:
+    """The limits of a controller file."""
+    return Limiter(file.limits.torque_nm, file.limits.slew_nm_per_tick)
+
+
+def _linear_gains(gains: dict[str, Any]) -> LinearGains:
+    shapes = {"a": 2, "b": 1, "c": 2, "filter_gain": 2, "feedback": 1}
+    if gains.keys() != {*shapes, "feedforward"}:
+        raise ValueError(f"expected {', '.join(LinearGains._fields)}")
+    arrays = {name: _array(gains, name, ndim) for name, ndim in shapes.items()}
+    n = len(arrays["b"])
+    wanted = {"a": (n, n), "b": (n,), "c": (2, n), "filter_gain": (n, 2), "feedback": (n,)}
+    for name, shape in wanted.items():
+        if arrays[name].shape != shape:
+            raise ValueError(f"{name} must have shape {shape}, not {arrays[name].shape}")
+    return LinearGains(**arrays, feedforward=_numbers({"feedforward": gains["feedforward"]})["feedforward"])
+
+
+def _array(gains: dict[str, Any], name: str, ndim: int) -> np.ndarray:
+    try:
+        array = np.array(gains[name], dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a table of numbers") from None
+    if array.ndim != ndim or not np.isfinite(array).all():
+        raise ValueError(f"{name} must be {'a list' if ndim == 1 else 'a list of rows'} of finite numbers")
+    return array
+
+
+def _numbers(gains: dict[str, Any]) -> dict[str, float]:
+    for name, value in gains.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise ValueError(f"{name} must be a finite number, not {value!r}")
+    return {name: float(value) for name, value in gains.items()}
+
+
+def _checked(path: Path, key: str, make: Any) -> None:
+    try:
+        make()
+    except ValueError as error:
+        raise InputError(path, key, str(error)) from None
+
+
+def _between(path: Path, key: str, value: float, low: float, high: float) -> None:
+    if not low < value <= high:
+        raise InputError(path, key, f"must be above {low:g} and at most {high:g}, not {value:g}")

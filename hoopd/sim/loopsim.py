@@ -1,0 +1,172 @@
+"""The control loop on the plant alone, without bytes and pictures: for design searches and tests of the laws.
+
+Rules of this file: pure and seeded; the time-line is the daemon's: at t_k the tick sees the newest answer of the
+board (sampled WIRE_S after t_k-1) and the newest picture delivered, its torque acts from t_k + WIRE_S.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import pi, tau
+
+import numpy as np
+
+from hoopd.core.controllers import Controller, Measurement
+from hoopd.core.estimator import DelayedEkf
+from hoopd.core.limits import Limiter
+from hoopd.core.records import CameraSample, DriverSample, Estimate, Vector
+from hoopd.physics.plant import Plant
+
+WIRE_S = 8 * 10 / 115200  # a request's time on the wire
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One run: what the plant starts from, what the sensors do to it, what is asked of the law."""
+
+    duration_s: float = 6.0
+    psi0_rad: float = 0.0
+    period_s: float = 0.02
+    delay_frames: int = 2  # picture delivered so long after the middle of its exposure
+    phase_s: float = 0.006  # the camera's clock against the tick's: the first exposure's middle
+    psi_noise_rad: float = 0.002
+    dtheta_noise_rad_s: float = 0.05
+    encoder_counts: int = 4096  # 0: no quantisation
+    angle_offset_rad: float = 0.0  # what the camera adds to psi: its zero angle is wrong
+    disturbance_rad: float = 0.0  # added to one picture's angle ...
+    disturbance_at_s: float = 1.0  # ... the first one after this time
+    reference: Callable[[float], float] = field(default=lambda _t: 0.0)
+    start_s: float = 0.2  # torque is zero until then and the ball is held: the filter settles first
+    psi_missing: Callable[[float], bool] = field(default=lambda _t: False)  # by capture time
+    hoop_missing: Callable[[float], bool] = field(default=lambda _t: False)
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class Run:
+    """What happened, one row a tick."""
+
+    t: Vector  # s, zero at the release
+    x: Vector  # (n, 4), true state
+    u: Vector  # N m
+    psi_measured: Vector  # rad, newest picture's angle, as measured
+    x_hat: Vector  # (n, 4)
+
+    @property
+    def psi(self) -> Vector:
+        """True ball angle in rad."""
+        return self.x[:, 2]
+
+    @property
+    def dtheta(self) -> Vector:
+        """True hoop speed in rad/s."""
+        return self.x[:, 1]
+
+    def settled_s(self, values: Vector, bound: float) -> float:
+        """Time after which |values| stays below a bound; inf when it does not."""
+        outside = np.flatnonzero(np.abs(values) >= bound)
+        if len(outside) == 0:
+            return 0.0
+        return float(self.t[outside[-1] + 1]) if outside[-1] + 1 < len(self.t) else float("inf")
+
+
+class _World:
+    """The true plant and its two sensors."""
+
+    def __init__(self, plant: Plant, scenario: Scenario) -> None:
+        self.s, self.plant = scenario, plant
+        self.rng = np.random.default_rng(scenario.seed)
+        self.x = np.array([0.0, 0.0, scenario.psi0_rad, 0.0])
+        self.t, self.u, self.held = 0.0, 0.0, True
+        self._frame, self._next_frame = 0, scenario.phase_s
+        self._pictures: list[CameraSample] = []
+        self._disturbed = scenario.disturbance_rad == 0.0
+
+    def run_to(self, t: float) -> None:
+        """Advance, exposing the pictures on the way."""
+        while self._next_frame <= t:
+            self._move(self._next_frame)
+            self._expose()
+            self._next_frame = self.s.phase_s + self._frame * self.s.period_s
+        self._move(t)
+
+    def picture(self, now: float) -> CameraSample | None:
+        """The newest picture delivered by now; older ones are dropped."""
+        newest = None
+        while self._pictures and self._pictures[0].t_arrival <= now:
+            newest = self._pictures.pop(0)
+        return newest
+
+    def answer(self, seq: int) -> DriverSample:
+        """The board's sample of this instant."""
+        s, theta = self.s, float(self.x[0])
+        if s.encoder_counts:
+            theta = tau / s.encoder_counts * np.floor(theta * s.encoder_counts / tau)
+        dtheta = float(self.x[1]) + s.dtheta_noise_rad_s * self.rng.normal()
+        return DriverSample(self.t, seq % 256, 1, 0, theta, dtheta, 0.0, 0)
+
+    def _move(self, t: float) -> None:
+        while not self.held and self.t < t:
+            piece = min(t - self.t, 0.02)
+            self.x = self.plant.advance(self.x, self.u, piece)
+            self.t += piece
+        self.t = t
+
+    def _expose(self) -> None:
+        s, t = self.s, self.t
+        psi = float(self.x[2]) + s.angle_offset_rad + s.psi_noise_rad * self.rng.normal()
+        if not self._disturbed and t >= s.start_s + s.disturbance_at_s:
+            psi, self._disturbed = psi + s.disturbance_rad, True
+        psi = (psi + pi) % tau - pi
+        self._frame += 1
+        if not s.psi_missing(t - s.start_s):
+            arrival = t + s.delay_frames * s.period_s
+            self._pictures.append(CameraSample(self._frame, t, arrival, psi, 1.0, 0.0, 0.0))
+
+
+def simulate(
+    plant: Plant, controller: Controller, estimator: DelayedEkf, limiter: Limiter, scenario: Scenario | None = None
+) -> Run:
+    """Run one scenario; the ball is held until `start_s`, where the rows' time begins."""
+    s = scenario or Scenario()
+    world, answer = _World(plant, s), None
+    controller.reset(), estimator.reset(), limiter.reset()
+    ticks = round((s.start_s + s.duration_s) / s.period_s)
+    rows: list[tuple[float, ...]] = []
+    torque, applied, psi_last = 0.0, -s.period_s + WIRE_S, float("nan")
+    for k in range(ticks):
+        t = k * s.period_s
+        world.run_to(t)
+        camera = world.picture(t)
+        estimate = estimator.update(t, torque, applied, answer, camera)
+        psi_last = psi_last if camera is None else camera.psi
+        world.held = t < s.start_s - 1e-9
+        wanted = 0.0
+        before = torque
+        if not world.held:
+            wanted, _ = controller.update(_measurement(t, s, estimate, answer, camera, before))
+        torque, applied = limiter.apply(wanted), t + WIRE_S
+        if not world.held:
+            rows.append((t - s.start_s, *world.x, torque, psi_last, *estimate.x))
+        world.run_to(applied)
+        world.u = torque
+        answer = None if s.hoop_missing(applied - s.start_s) else world.answer(k)
+    table = np.array(rows)
+    return Run(table[:, 0], table[:, 1:5], table[:, 5], table[:, 6], table[:, 7:11])
+
+
+def _measurement(
+    t: float, s: Scenario, estimate: Estimate, answer: DriverSample | None, camera: CameraSample | None, before: float
+) -> Measurement:
+    return Measurement(
+        t=t,
+        x=estimate.x,
+        ready=estimate.ready,
+        psi_measured=float("nan") if camera is None else camera.psi,
+        psi_fresh=camera is not None and estimate.psi_accepted,
+        dtheta_measured=float("nan") if answer is None else answer.dtheta,
+        reference=s.reference(t - s.start_s),
+        torque_previous=before,
+        dt=s.period_s,
+    )

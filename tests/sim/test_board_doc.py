@@ -1,0 +1,105 @@
+"""docs/board.md against the code: frames, bits, checksums, vectors, timing, layout example."""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+from pathlib import Path
+
+import pytest
+
+from hoopd.core import frames, layout
+from hoopd.core.frames import DEFAULT_LAYOUT, Answer, Decoder, encode_answer, encode_request
+from hoopd.sim import board
+
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "board.md").read_text()
+
+
+def tables() -> dict[str, list[list[str]]]:
+    """First header cell and section of every table -> its rows of cells."""
+    found: dict[str, list[list[str]]] = {}
+    for block in re.findall(r"(?:^\|.*\n)+", TEXT, re.MULTILINE):
+        lines = [[c.strip().strip("`") for c in line.strip().strip("|").split("|")] for line in block.splitlines()]
+        section = re.findall(r"^#+ (.*)$", TEXT[: TEXT.index(block)], re.MULTILINE)[-1]
+        found[f"{section.split(':')[0]}/{lines[0][0].split()[0]}"] = lines[2:]
+    return found
+
+
+TABLES = tables()
+SIZES = {"u8": "B", "u16": "H", "f32": "f", "crc8": "B", "crc16": "H"}
+
+
+@pytest.mark.parametrize("kind", ["request", "answer"])
+def test_byte_tables(kind: str) -> None:
+    frame = getattr(DEFAULT_LAYOUT, kind)
+    rows = TABLES[f"{kind.capitalize()}/offset"]
+    offset = 0
+    for row in rows:
+        assert int(row[0]) == offset
+        offset += struct.calcsize("<" + SIZES[row[2]])
+    assert offset == frame.length
+    assert int(rows[0][3], 16) == frame.sync
+    assert rows[-1][2] == frame.crc
+    assert [(r[1], SIZES[r[2]]) for r in rows[1:-1]] == [(f.name, f.code) for f in frame.fields]
+
+
+@pytest.mark.parametrize("word", ["Status", "Errors"])
+def test_bits(word: str) -> None:
+    prefix = {"Status": "STATUS_", "Errors": "ERROR_"}[word]
+    documented = {prefix + row[2].upper(): int(row[1], 16) for row in TABLES[f"{word}/bit"]}
+    assert documented == {n: v for n, v in vars(frames).items() if n.startswith(prefix)}
+    assert all(1 << int(row[0]) == int(row[1], 16) for row in TABLES[f"{word}/bit"])
+
+
+def test_checksums() -> None:
+    for name, *_, check in TABLES["Checksums/name"]:
+        assert getattr(layout, name)(b"123456789") == int(check, 16)
+
+
+def test_request_vectors() -> None:
+    rows = TABLES["Test vectors/request"]
+    assert len(rows) == 4
+    for values, text in rows:
+        seq, enable, clear, torque = (float(v) for v in values.split(","))
+        data = bytes.fromhex(text)
+        assert encode_request(DEFAULT_LAYOUT, int(seq), bool(enable), bool(clear), torque) == data
+        assert Decoder(DEFAULT_LAYOUT, "request").feed(data)[0].seq == seq
+
+
+def test_answer_vectors() -> None:
+    rows = TABLES["Test vectors/answer"]
+    assert len(rows) == 3
+    for values, text in rows:
+        numbers = [float(v) if "." in v else int(v) for v in values.split(",")]
+        answer = Answer(*numbers)
+        assert encode_answer(DEFAULT_LAYOUT, answer) == bytes.fromhex(text)
+        assert Decoder(DEFAULT_LAYOUT).feed(bytes.fromhex(text)) == [answer]
+
+
+def test_timing() -> None:
+    values = {row[0]: float(row[1].split()[0]) for row in TABLES["Timing/name"]}
+    assert values["torque limit"] == board.TORQUE_LIMIT_NM
+    assert values["time-out"] == 1e3 * board.TIMEOUT_S
+    assert values["partial frame"] == 1e3 * board.PARTIAL_FRAME_S
+    assert values["byte"] == pytest.approx(1e6 * board.BYTE_S, abs=0.05)
+
+
+def test_bounds_of_the_host() -> None:
+    words = re.search(r"\|theta\| <= (\d+) turns, \|dtheta\| <= (\d+) rad/s, \|current\| <= (\d+) A", TEXT)
+    assert words is not None
+    turns, dtheta, current = map(float, words.groups())
+    assert pytest.approx({"theta": turns * 6.283185307, "dtheta": dtheta, "current": current}) == frames.ANSWER_BOUNDS
+
+
+def test_the_layout_example_is_one() -> None:
+    example = json.loads(re.search(r"```json\n(.*?)```", TEXT, re.DOTALL).group(1))
+    other = layout.layout_from_table(example)
+    assert (other.request.length, other.answer.length) == (3, 12)
+
+
+def test_reasons_of_the_log() -> None:
+    words = re.search(r"Reasons: ([a-z, ]+)\.", TEXT).group(1).split(", ")
+    source = Path(board.__file__).read_text() + Path(board.__file__).with_name("boardprocess.py").read_text()
+    for word in words:
+        assert f'"{word}"' in source
