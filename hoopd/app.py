@@ -12,17 +12,18 @@ import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from hoopd.build import Texts, build_tick, make_model, read_texts
+from hoopd.build import Texts, build_tick, read_texts
 from hoopd.core.modes import Mode
 from hoopd.core.records import Command, Inputs, TickRecord
 from hoopd.core.tick import Note, Tick
 from hoopd.files import InputError
+from hoopd.modelfiles import load_model
 from hoopd.recording.mcap import Header
 from hoopd.shell import config as configuration
 from hoopd.shell import log
@@ -31,7 +32,11 @@ from hoopd.shell.loop import Loop, Sink
 from hoopd.shell.recorder import Recorder
 from hoopd.shell.run_files import Limits as RoomLimits
 from hoopd.shell.service import Notifier, freeze_garbage, is_under_systemd, lock_memory
-from hoopd.world import World, device, lockstep, read_layout, realtime_rig
+from hoopd.shell.commands import Ranges
+from hoopd.world import World, device, lockstep, plant_arguments, read_layout, realtime_rig
+
+if TYPE_CHECKING:
+    from hoopd.shell.telemetry import Telemetry
 
 # The interpreter hands over between threads this often; the default of 5 ms is a quarter of a tick.
 SWITCH_INTERVAL_S = 0.0005
@@ -64,7 +69,7 @@ def run_daemon(options: Options) -> dict[str, Any]:
     notifier = Notifier()
     with ExitStack() as stack:
         stack.callback(notifier.close)
-        world = stack.enter_context(_world(options, config, texts))
+        world = stack.enter_context(_world(options, config))
         summary = asyncio.run(_run(options, config, texts, tick, world, notifier))
     print_summary(summary)
     return summary
@@ -87,13 +92,14 @@ def _check(options: Options, config: Config) -> None:
 
 
 @contextmanager
-def _world(options: Options, config: Config, texts: Texts) -> Iterator[World]:
+def _world(options: Options, config: Config) -> Iterator[World]:
     layout = read_layout(config, options.config)
     if not options.sim:
         with device(config, layout) as world:
             yield world
         return
-    plant = make_model(configuration.read_model_text(config.sim.model, options.config), config.sim.model)
+    model = load_model(configuration.find(config.sim.model, options.config))
+    plant = plant_arguments(config, model.structure, model.values())
     make = lockstep if options.speed == "max" else realtime_rig
     with make(config, layout, plant, options.seed, direct=options.direct) as world:
         yield world
@@ -108,15 +114,15 @@ async def _run(
         recorder = _recorder(stack, options, config, texts, reporter)
         telemetry = None if virtual else _telemetry(stack, config, texts, reporter)
         watch = Watch()
-        sinks = [sink for sink in (reporter, recorder, telemetry, watch) if sink is not None]
+        sinks: list[Sink] = [sink for sink in (reporter, recorder, telemetry, watch) if sink is not None]
         loop = Loop(
             tick,
             world.timer,
             world.drive,
             world.eye,
             sinks=tuple(sinks),
-            troubles=tuple((lambda s=s: s is not None and s.trouble) for s in (recorder, telemetry)),  # type: ignore[misc]
-            sources=(_script(config), *([telemetry.take_commands] if telemetry else [])),
+            troubles=tuple(_trouble(sink) for sink in (recorder, telemetry)),
+            sources=(_script(config), *([telemetry.commands] if telemetry else [])),
             beat=_beat(notifier, tick),
             auto_arm=options.sim or options.arm,
             duration_s=options.duration_s,
@@ -199,6 +205,59 @@ def _quiet(virtual: bool) -> None:
         lock_memory()
 
 
+def _trouble(sink: RecorderSink | TelemetrySink | None) -> Callable[[], bool]:
+    return (lambda: False) if sink is None else (lambda: sink.trouble)
+
+
+class RecorderSink:
+    """The recorder as the loop sees it."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        self.recorder = recorder
+
+    @property
+    def trouble(self) -> bool:
+        """Rows were lost or cannot be written."""
+        return self.recorder.trouble
+
+    def put(self, record: TickRecord, inputs: Inputs) -> None:
+        """Record one tick."""
+        self.recorder.put(record, inputs)
+
+    def note(self, t: float, note: Note) -> None:
+        """Record one fact."""
+        self.recorder.event(t, note.name, note.level, **note.fields)
+
+
+class TelemetrySink:
+    """Telemetry as the loop sees it."""
+
+    def __init__(self, telemetry: Telemetry) -> None:
+        self.telemetry = telemetry
+
+    @property
+    def trouble(self) -> bool:
+        """Rows were dropped."""
+        return self.telemetry.trouble
+
+    def put(self, record: TickRecord, inputs: Inputs) -> None:
+        """Publish one tick."""
+        self.telemetry.put(record)
+
+    def note(self, t: float, note: Note) -> None:
+        """Publish one fact."""
+        self.telemetry.event(t, note.name, note.level, **note.fields)
+
+    def commands(self, t: float) -> tuple[Command, ...]:
+        """What operators asked for since the last tick."""
+        return self.telemetry.take_commands()
+
+
+def _tell(reporter: log.Reporter) -> Callable[[str, str, Mapping[str, Any]], None]:
+    """A helper's own facts go to the log."""
+    return lambda name, level, fields: reporter.note(reporter.t, Note(name, level, dict(fields)))
+
+
 def _recorder(
     stack: ExitStack, options: Options, config: Config, texts: Texts, reporter: log.Reporter
 ) -> RecorderSink | None:
@@ -215,9 +274,30 @@ def _recorder(
         seed=options.seed if options.sim else None,
     )
     limits = RoomLimits(config.recording.quota_bytes, config.recording.min_free_bytes)
-    sink = RecorderSink(Recorder(folder, header, limits=limits, synchronous=options.speed == "max"), reporter)
-    stack.callback(sink.recorder.close)
-    return sink
+    recorder = Recorder(
+        folder, header, limits=limits, synchronous=options.speed == "max", on_event=_tell(reporter)
+    )
+    stack.callback(recorder.close)
+    return RecorderSink(recorder)
+
+
+def _telemetry(stack: ExitStack, config: Config, texts: Texts, reporter: log.Reporter) -> TelemetrySink | None:
+    if not config.telemetry.enabled:
+        return None
+    from hoopd.shell.telemetry import Settings, Telemetry
+
+    limit = config.loop.reference_limit_rad
+    settings = Settings(
+        device=config.device.name,
+        endpoint=config.telemetry.endpoint,
+        commands=config.telemetry.commands,
+        ranges=Ranges(reference=(-limit, limit)),
+        zenoh=config.telemetry.zenoh,
+    )
+    telemetry = Telemetry(settings, config_text=texts.config, on_event=_tell(reporter))
+    telemetry.start()
+    stack.callback(telemetry.close)
+    return TelemetrySink(telemetry)
 
 
 def status_line(loop: Loop) -> str:
@@ -238,7 +318,7 @@ def summarise(
     loop: Loop,
     watch: Watch,
     recorder: RecorderSink | None,
-    telemetry: Any,
+    telemetry: TelemetrySink | None,
     wall_s: float,
 ) -> dict[str, Any]:
     """What a run was, as plain data."""
@@ -254,8 +334,8 @@ def summarise(
         "psi_error_rms_last_5s_rad": settled**0.5,
         "max_torque_nm": watch.max_torque_nm,
         "faults": watch.faults,
-        "recording": recorder.summary() if recorder else None,
-        "telemetry": telemetry.summary() if telemetry else None,
+        "recording": recorder.recorder.counts._asdict() if recorder else None,
+        "telemetry": telemetry.telemetry.counts._asdict() if telemetry else None,
     }
 
 

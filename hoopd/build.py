@@ -14,6 +14,7 @@ from hoopd.core.controllers import Controller
 from hoopd.core.limits import Limiter
 from hoopd.core.tick import Tick
 from hoopd.files import InputError, read_text
+from hoopd.modelfiles import controller_of, estimator_of, parse_controller, parse_model, plant_of
 from hoopd.shell.config import Config, dump, find
 
 
@@ -35,6 +36,26 @@ def read_texts(config: Config, config_path: Path | None) -> Texts:
         read_text(find(config.control.file, config_path)),
         read_text(find(law, config_path)) if law else "",
     )
+
+
+def build_tick(config: Config, texts: Texts) -> Tick:
+    """A tick in its first state; InputError names the file that does not fit."""
+    model = parse_model(texts.model, config.device.model)
+    file = parse_controller(texts.controller, config.control.file)
+    _same_period(config, file.sample_time_s)
+    law = load_law(texts.law, config.control.law)() if texts.law else controller_of(file)
+    # The narrower of the device's and the controller's limit holds.
+    limiter = Limiter(
+        min(config.limits.torque_nm, file.limits.torque_nm),
+        min(config.limits.slew_nm_per_tick, file.limits.slew_nm_per_tick),
+    )
+    return Tick(config.loop, config.faults, estimator_of(file, plant_of(model)), law, limiter)
+
+
+def _same_period(config: Config, sample_time_s: float) -> None:
+    if abs(sample_time_s - config.loop.period_s) > 1e-9:
+        reason = f"designed for {sample_time_s} s, the loop's period is {config.loop.period_s} s"
+        raise InputError(config.control.file, "sample_time_s", reason)
 
 
 def load_law(text: str, name: str) -> Callable[[], Controller]:

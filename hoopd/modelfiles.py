@@ -15,7 +15,7 @@ import numpy as np
 from hoopd.core.controllers import Controller, LinearGains, Lqg, LqgGains, LqgLinear, TransferFunctionController
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
-from hoopd.files import InputError, load_struct
+from hoopd.files import InputError, parse_yaml, read_text, to_struct
 from hoopd.physics.plant import PARAMETER_UNITS, ParameterError, Plant, check_parameters
 
 T = TypeVar("T")
@@ -77,7 +77,12 @@ class ModelFile(_Strict):
 
 def load_model(path: Path) -> ModelFile:
     """A checked model file; InputError otherwise."""
-    model = load_struct(path, ModelFile)
+    return parse_model(read_text(path), path)
+
+
+def parse_model(text: str, path: object) -> ModelFile:
+    """A checked model from its text; `path` names it in messages."""
+    model = to_struct(parse_yaml(text, path), ModelFile, path)
     units = PARAMETER_UNITS[model.structure]
     for name, entry in model.parameters.items():
         _check_parameter(path, f"parameters.{name}", entry, units.get(name))
@@ -99,7 +104,7 @@ def plant_of(model: ModelFile) -> Plant:
     return Plant(model.structure, model.values())
 
 
-def _check_parameter(path: Path, key: str, entry: Parameter, unit: str | None) -> None:
+def _check_parameter(path: object, key: str, entry: Parameter, unit: str | None) -> None:
     if unit is not None and entry.unit != unit:
         raise InputError(path, f"{key}.unit", f"wrong unit {entry.unit!r}: this parameter is in {unit}")
     if entry.ci95 is not None and not entry.ci95[0] <= entry.value <= entry.ci95[1]:
@@ -147,7 +152,12 @@ class ControllerFile(_Strict):
 
 def load_controller(path: Path) -> ControllerFile:
     """A checked controller file; InputError otherwise."""
-    file = load_struct(path, ControllerFile)
+    return parse_controller(read_text(path), path)
+
+
+def parse_controller(text: str, path: object) -> ControllerFile:
+    """A checked controller from its text; `path` names it in messages."""
+    file = to_struct(parse_yaml(text, path), ControllerFile, path)
     _between(path, "limits.torque_nm", file.limits.torque_nm, 0.0, 0.7)
     _between(path, "limits.slew_nm_per_tick", file.limits.slew_nm_per_tick, 0.0, math.inf)
     _between(path, "sample_time_s", file.sample_time_s, 0.0, 1.0)
@@ -217,13 +227,13 @@ def _numbers(gains: dict[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in gains.items()}
 
 
-def _checked(path: Path, key: str, make: Any) -> None:
+def _checked(path: object, key: str, make: Any) -> None:
     try:
         make()
     except ValueError as error:
         raise InputError(path, key, str(error)) from None
 
 
-def _between(path: Path, key: str, value: float, low: float, high: float) -> None:
+def _between(path: object, key: str, value: float, low: float, high: float) -> None:
     if not low < value <= high:
         raise InputError(path, key, f"must be above {low:g} and at most {high:g}, not {value:g}")

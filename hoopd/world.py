@@ -49,6 +49,7 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
     from hoopd.sim.faults import FaultScript
     from hoopd.sim.lockstep import LockstepEye, LockstepRig
     from hoopd.sim.plant import make_plant
+    from hoopd.sim.wiredboard import WiredBoard
 
     sim, byte_s = config.sim, BITS_PER_BYTE / config.serial.baud
     script = FaultScript(fault_list(config), seed)
@@ -56,15 +57,15 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
     constants = BoardConfig(byte_s=byte_s, **board_constants(config))
     with torque_log(config) as sink:
         board = DriverBoard(model, np.random.default_rng([seed, 1]), layout=layout, config=constants, sink=sink)
+        wired = WiredBoard(board, script, layout=layout, byte_s=byte_s)
         frame_s = 1.0 / config.camera.fps
         rig = LockstepRig(
             model,
-            board,
+            wired,
             Codec(layout, config.serial.baud),
             make_watcher(config, script, seed, direct=direct),
             script,
             period_s=config.loop.period_s,
-            byte_s=byte_s,
             frame_s=frame_s,
             phase_s=sim.camera_phase * frame_s,
             delay_s=sim.delay_frames * frame_s,
@@ -153,3 +154,17 @@ def make_watcher(config: Config, script: Any, seed: int, *, direct: bool) -> Any
         disturbance=disturbance,
         frame_s=frame_s,
     )
+
+
+@contextmanager
+def device(config: Config, layout: Layout) -> Iterator[World]:
+    """The laboratory device."""
+    raise NotImplementedError
+    yield
+
+
+@contextmanager
+def realtime_rig(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *, direct: bool) -> Iterator[World]:
+    """The rig as processes of its own, on the machine's clock."""
+    raise NotImplementedError
+    yield

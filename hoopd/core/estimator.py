@@ -37,6 +37,8 @@ class EkfSettings:
 
     # process noise, variance per second: unmodelled accelerations of hoop (rad/s)^2/s and ball
     q: tuple[float, float, float, float] = (1e-8, 4.0, 1e-6, 0.1)
+    # A hand on the ball undoes up to K2 sin psi = 70 rad/s^2 for as long as it likes: (70 rad/s^2)^2 over 0.2 s.
+    q_held_dpsi: float = 1000.0
     r_theta: float = (tau / 4096) ** 2 / 12  # rad^2, one count's quantisation
     r_dtheta: float = 0.05**2  # (rad/s)^2
     r_psi: float = 0.004**2  # rad^2
@@ -76,7 +78,8 @@ class DelayedEkf:
     def __init__(self, step: Step, settings: EkfSettings | None = None) -> None:
         self.settings = settings or EkfSettings()
         self._step = step
-        self._q = np.array(self.settings.q)
+        self._q = self._q_free = np.array(self.settings.q)
+        self._q_held = np.array([*self.settings.q[:3], self.settings.q_held_dpsi])
         self.reset()
 
     def reset(self) -> None:
@@ -99,8 +102,13 @@ class DelayedEkf:
         t_applied: float,
         driver: DriverSample | None,
         camera: CameraSample | None,
+        *,
+        held: bool = False,
     ) -> Estimate:
-        """Estimate at `t`: the torque acts since `t_applied`; None or NaN samples predict only; times in s."""
+        """Estimate at `t`: the torque acts since `t_applied`; None or NaN samples predict only; times in s.
+
+        `held`: nobody controls the ball, so that a hand may hold it or carry it round against the model."""
+        self._q = self._q_held if held else self._q_free
         self._open(t)
         innovation_theta, judged = nan, (False, nan, nan)
         switch = max(min(t, t_applied), self._nodes[0].t)

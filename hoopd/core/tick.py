@@ -12,7 +12,7 @@ from math import isfinite, nan, tau
 from typing import Any, NamedTuple, Protocol
 
 from hoopd.core.controllers import Controller, Measurement
-from hoopd.core.health import Action, Health, Sent, Thresholds
+from hoopd.core.health import BY_NAME, Action, Health, Sent, Thresholds
 from hoopd.core.limits import Limiter
 from hoopd.core.modes import ENERGISED, Event, Mode, next_mode
 from hoopd.core.records import CameraSample, Command, DriverSample, Estimate, Inputs, TickRecord, TorqueCommand
@@ -21,6 +21,16 @@ from hoopd.core.records import CameraSample, Command, DriverSample, Estimate, In
 # What the board itself has latched goes only by a clearing request, so that an arm may wait this long for it.
 WISH_TICKS = 10
 BOARD_LATCHES = frozenset({"board_fault", "board_timeout", "board_reset"})
+
+
+# A single missing picture is no news; a cut is.
+LEVELS = {
+    Action.FLAG: "warning",
+    Action.PREDICT: "debug",
+    Action.PAUSE: "warning",
+    Action.STOP: "warning",
+    Action.CUT: "error",
+}
 
 
 class Estimator(Protocol):
@@ -33,6 +43,8 @@ class Estimator(Protocol):
         t_applied: float,
         driver: DriverSample | None,
         camera: CameraSample | None,
+        *,
+        held: bool,
     ) -> Estimate: ...
 
     def reset(self) -> None: ...
@@ -42,7 +54,7 @@ class Note(NamedTuple):
     """One fact worth a line in the log."""
 
     name: str
-    level: str  # info | warning | error
+    level: str  # debug | info | warning | error
     fields: dict[str, Any]
 
 
@@ -90,7 +102,7 @@ class Tick:
         self.mode = Mode.DISARMED
         self.reference = 0.0
         self._sent = Sent(0.0, 0.0, 0)
-        self._faults: frozenset[str] = frozenset()
+        self._faults: tuple[str, ...] = ()
         self._seq = -1
         self._stopping_since = 0.0
         self._wish, self._patience = "", 0
@@ -120,12 +132,13 @@ class Tick:
             self._sent.t + inputs.execution_s + self.settings.wire_s,
             inputs.driver,
             inputs.camera,
+            held=self.mode is not Mode.RUNNING,
         )
         self.health.update(inputs, estimate, self._sent)
         asked = self._take_commands(inputs.commands)
         self._move(asked | self._own_events(inputs, estimate))
         torque = self._torque(inputs, estimate)
-        self._report_faults(inputs)
+        self._report_faults()
         command = self._command(inputs, torque)
         return Output(command, self._record(inputs, estimate, command), tuple(self._notes))
 
@@ -244,16 +257,16 @@ class Tick:
             dt=self.settings.period_s,
         )
 
-    def _report_faults(self, inputs: Inputs) -> None:
+    def _report_faults(self) -> None:
         active = {fault.name: fault for fault in self.health.active()}
-        for name in active.keys() - self._faults:
-            fault = active[name]
-            level = "error" if fault.action == Action.CUT else "warning"
-            if fault.action > Action.NOTE:
-                self._note("fault", level, fault=name, meaning=fault.meaning, action=fault.action.name.lower())
-        for name in sorted(self._faults - active.keys()):
-            self._note("fault_cleared", "info", fault=name)
-        self._faults = frozenset(active)
+        for name, fault in active.items():
+            if name not in self._faults and fault.action > Action.NOTE:
+                action = fault.action.name.lower()
+                self._note("fault", LEVELS[fault.action], fault=name, meaning=fault.meaning, action=action)
+        for name in self._faults:
+            if name not in active and BY_NAME[name].action > Action.NOTE:
+                self._note("fault_cleared", "info" if BY_NAME[name].action > Action.PREDICT else "debug", fault=name)
+        self._faults = tuple(active)
 
     def _command(self, inputs: Inputs, torque: float) -> TorqueCommand:
         enable = self.mode in ENERGISED

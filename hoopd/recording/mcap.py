@@ -36,6 +36,7 @@ class Header(msgspec.Struct, frozen=True):
     config: str = ""  # configuration after all overrides, YAML
     model: str = ""  # hoopd.model/1 text
     controller: str = ""  # hoopd.controller/1 text
+    law: str = ""  # text of a user's own law
     versions: dict[str, str] = {}
     seed: int | None = None
     part: int = 0  # above 0: goes on from the file before (after a fault of the disk, or a full one)
@@ -109,7 +110,7 @@ class Writer:
 
 
 def _header_texts(header: Header) -> dict[str, str]:
-    texts = {name: getattr(header, name) for name in ("device", "model", "controller")}
+    texts = {name: getattr(header, name) for name in ("device", "model", "controller", "law")}
     config = without_secrets(header.config)
     versions = msgspec.json.encode(header.versions, order="sorted").decode()
     seed = "" if header.seed is None else str(header.seed)
@@ -117,7 +118,7 @@ def _header_texts(header: Header) -> dict[str, str]:
 
 
 def _header(texts: dict[str, str]) -> Header:
-    plain = {name: texts.get(name, "") for name in ("device", "config", "model", "controller")}
+    plain = {name: texts.get(name, "") for name in ("device", "config", "model", "controller", "law")}
     seed, versions = texts.get("seed", ""), texts.get("versions") or "{}"
     return Header(
         **plain,

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from hoopd.core.frames import Decoder, Layout, encode_request
 from hoopd.core.linkstate import AnswerFilter
 from hoopd.core.records import DriverSample, LinkCounts, TorqueCommand
-from hoopd.shell.service import lower_thread_priority
+from hoopd.shell.helpers import start_helper
 
 BITS_PER_BYTE = 10  # start, eight data, stop
 # The board drops a partial frame after this silence; the host does the same, so that both start afresh together.
@@ -124,16 +124,15 @@ class SerialDrive:
         self._loop.remove_reader(self._fd)
         port, self._port, self._fd = self._port, None, -1
         # Closing a vanished USB adapter can block for a third of a second.
-        threading.Thread(target=_close_quietly, args=(port,), daemon=True).start()
+        start_helper("close", lambda: _close_quietly(port))
 
     def _lose(self, error: OSError) -> None:
         self.reason = error.strerror or str(error)
         self._drop()
         if not self._closing.is_set():
-            threading.Thread(target=self._reopen, name="reopen", daemon=True).start()
+            start_helper("reopen", self._reopen)
 
     def _reopen(self) -> None:
-        lower_thread_priority()
         while not self._closing.wait(self._reopen_s):
             try:
                 port = open_port(self._port_name, self._baud)

@@ -16,7 +16,7 @@ import structlog
 
 from hoopd.core.records import Inputs, TickRecord
 from hoopd.core.tick import Note
-from hoopd.shell.service import lower_thread_priority
+from hoopd.shell.helpers import start_helper
 
 # Facts that wait for the writer; a fault campaign makes a few a second.
 MAX_WAITING = 1000
@@ -47,16 +47,18 @@ class Reporter:
         self._waiting: deque[tuple[float, Note]] = deque(maxlen=MAX_WAITING)
         self._done = threading.Event()
         self._log = structlog.get_logger()
-        self._thread = threading.Thread(target=self._run, name="reporter", daemon=True)
+        self._thread: threading.Thread | None = None
 
     trouble = False
+    t = 0.0  # run time of the newest tick, for facts of helpers
 
     def start(self) -> None:
         """Begin writing."""
-        self._thread.start()
+        self._thread = start_helper("reporter", self._run)
 
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """Ticks are not logged."""
+        self.t = record.t
 
     def note(self, t: float, note: Note) -> None:
         """Queue one fact."""
@@ -65,11 +67,10 @@ class Reporter:
     def close(self) -> None:
         """Write what waits and stop; a blocked terminal cannot hold the exit for more than a second."""
         self._done.set()
-        if self._thread.is_alive():
+        if self._thread is not None:
             self._thread.join(1.0)
 
     def _run(self) -> None:
-        lower_thread_priority()
         while not self._done.wait(REFRESH_S):
             self._write()
         self._write()

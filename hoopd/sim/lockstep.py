@@ -11,11 +11,10 @@ import heapq
 from collections.abc import Callable
 from typing import Protocol
 
-from hoopd.core.frames import Layout
 from hoopd.core.records import CameraSample, DriverSample, LinkCounts, TorqueCommand
-from hoopd.sim.board import DriverBoard
-from hoopd.sim.faults import BoardFaults, FaultScript, FaultyWire
+from hoopd.sim.faults import FaultScript
 from hoopd.sim.plant import RigPlant
+from hoopd.sim.wiredboard import WiredBoard
 
 # Ticks between two looks at signals; virtual time never really sleeps.
 YIELD_EVERY = 50
@@ -23,9 +22,6 @@ YIELD_EVERY = 50
 
 class Codec(Protocol):
     """The host's side of the line (`hoopd.shell.link.Codec`)."""
-
-    layout: Layout
-    request_s: float
 
     def feed(self, t: float, data: bytes) -> None: ...
 
@@ -46,21 +42,18 @@ class LockstepRig:
     def __init__(
         self,
         plant: RigPlant,
-        board: DriverBoard,
+        board: WiredBoard,
         codec: Codec,
         watcher: Watcher,
         script: FaultScript,
         *,
         period_s: float,
-        byte_s: float,
         frame_s: float,
         phase_s: float,
         delay_s: float,
     ) -> None:
         self._plant, self._board, self._codec, self._watcher = plant, board, codec, watcher
-        self._script, self._wire = script, FaultyWire(script, codec.layout)
-        self._board_faults = BoardFaults(script)
-        self._period_s, self._byte_s, self._delay_s = period_s, byte_s, delay_s
+        self._script, self._period_s, self._delay_s = script, period_s, delay_s
         self._frame_s, self._phase_s = frame_s, phase_s
         self._now = 0.0
         self._ticks = self._frames = self._made = 0
@@ -94,9 +87,7 @@ class LockstepRig:
 
     def write(self, command: TorqueCommand) -> None:
         """Put one request on the wire."""
-        data = self._codec.request(self._now, command)
-        for t, part in self._wire.request(self._now + self._codec.request_s, data):
-            self._at(t, lambda now, part=part: self._arrive(now, part))  # type: ignore[misc]
+        self._board.write(self._now, self._codec.request(self._now, command))
 
     # --- the loop's camera ---
 
@@ -124,15 +115,9 @@ class LockstepRig:
             self._now, _, what = heapq.heappop(self._events)
             what(self._now)
         self._now = t
-        if self._script.faults:
-            self._board_faults.update(t, self._board)
         self._board.advance(t)
-
-    def _arrive(self, now: float, data: bytes) -> None:
-        self._board.receive(now, data)
-        for start, answer in self._board.outgoing(now):
-            for t, part in self._wire.answer(start + len(answer) * self._byte_s, answer):
-                self._at(t, lambda at, part=part: self._codec.feed(at, part))  # type: ignore[misc]
+        for arrival, data in self._board.arrived(t):
+            self._codec.feed(arrival, data)
 
     def _expose(self, now: float) -> None:
         self._frames += 1
