@@ -121,6 +121,8 @@ class DriverBoard:
 
     def outgoing(self, t: float) -> list[tuple[float, bytes]]:
         """Answers whose first byte may go on the wire by `t`, each with that instant; every one is given once."""
+        if not self._answers:
+            return []
         ready = [answer for answer in self._answers if answer[0] <= t]
         self._answers = [answer for answer in self._answers if answer[0] > t]
         return ready

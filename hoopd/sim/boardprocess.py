@@ -35,10 +35,9 @@ from hoopd.sim.statering import StateRingWriter
 from hoopd.sim.torque_log import TorqueLogFile, TorqueRow
 from hoopd.sim.wiredboard import WiredBoard
 
-# A row of the state ring each millisecond: a picture's exposure is 5 ms.
-ROW_S: Final = 0.001
-# The plant lags the clock by at most this; two rows a wake-up halve the cost of waking.
-WAKE_S: Final = 0.002
+# The plant lags the clock by at most this, and the state ring has a row as often: readers interpolate by rates, so
+# a finer grid would only cost wake-ups (requests are met at their own instant whatever this is).
+ROW_S: Final = 0.002
 # How often the parent is looked for, beside the kernel's own signal.
 PARENT_CHECK_S: Final = 0.25
 # Below the daemon's own priority: the rig must not starve what it tests.
@@ -106,8 +105,7 @@ class BoardProcess:
 
     def wake_in(self, now: float) -> float:
         """Seconds until there is something to do."""
-        next_rows = self._t_row + WAKE_S - ROW_S
-        return max(min(next_rows, self._board.next_event()) - now, 0.0)
+        return max(min(self._t_row, self._board.next_event()) - now, 0.0)
 
     def close(self) -> None:
         """The motor's supply goes: last row of the log."""

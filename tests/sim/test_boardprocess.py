@@ -231,9 +231,9 @@ def test_the_ring_drops_the_oldest_and_interpolates(tmp_path: Path) -> None:
     assert reader.latest() is None
     assert reader.at(0.0) is None
     for k in range(6):
-        writer.push(float(k), (k * 1.0, k * 2.0, k * 3.0, k * 4.0))
+        writer.push(float(k), (k**2, 2.0 * k, k**3, 3.0 * k**2))
     assert reader.rows()[:, 0].tolist() == [2.0, 3.0, 4.0, 5.0]
-    assert reader.at(3.5) == PlantState(3.5, 3.5, 7.0, 10.5, 14.0)
+    assert reader.at(3.5) == PlantState(3.5, 12.25, 7.0, 42.875, 37.5)
     assert reader.at(1.0) is None
     assert not math.isnan(reader.latest().t)
     (tmp_path / "other").write_bytes(b"x" * 100)

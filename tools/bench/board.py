@@ -26,6 +26,22 @@ from hoopd.sim.boardprocess import ProcessConfig, start  # noqa: E402
 from hoopd.sim.statering import StateRingReader  # noqa: E402
 from hoopd.sim.torque_log import read  # noqa: E402
 
+RIG_PLANT = "hoopd.sim.plant:make_plant"
+RIG_ARGUMENTS = {
+    "structure": "rolling",
+    "parameters": {
+        "mb": 0.0608,
+        "Ro": 0.0957,
+        "Rb": 0.0104,
+        "Ib": 3.679e-6,
+        "Ih": 1.518e-3,
+        "bb": 2.6e-6,
+        "bh": 7e-4,
+        "g": 9.81,
+    },
+    "x0": [0.0, 0.0, 0.4, 0.0],
+}
+
 
 class FreeWheel:
     """A free inertia: what the process costs without a real plant."""
@@ -79,15 +95,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--plant", default="", help="package.module:callable; default: a free wheel")
+    parser.add_argument("--rig", action="store_true", help="the rig's own plant: the rolling model")
     parser.add_argument("--fifo", action="store_true")
     options = parser.parse_args()
     sys.path.insert(0, str(Path(__file__).parent))
     os.environ["PYTHONPATH"] += os.pathsep + str(Path(__file__).parent)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        config = ProcessConfig(
-            options.plant or "board:FreeWheel", str(folder / "torque.jsonl"), state_ring=str(folder / "ring")
-        )
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        name, arguments = (RIG_PLANT, RIG_ARGUMENTS) if options.rig else (options.plant or "board:FreeWheel", {})
+        config = ProcessConfig(name, str(folder / "torque.jsonl"), arguments, state_ring=str(folder / "ring"))
         process = start(folder / "port", config, fifo=options.fifo)
         meter = psutil.Process(process.pid)
         before = sum(meter.cpu_times()[:2])
