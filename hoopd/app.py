@@ -85,7 +85,10 @@ def _check(options: Options, config: Config) -> None:
         raise InputError("--arm", "", "only on a terminal; use `hoopd arm`")
     if options.speed == "max" and options.duration_s is None:
         raise InputError("--speed max", "", "needs --duration")
-    folders = (("--record", options.record), ("sim.directory", Path(config.sim.directory) if config.sim.directory else None))
+    folders = (
+        ("--record", options.record),
+        ("sim.directory", Path(config.sim.directory) if config.sim.directory else None),
+    )
     for name, folder in folders:
         if folder is not None and not folder.is_dir():
             raise InputError(folder, name, "no such folder")
@@ -274,9 +277,7 @@ def _recorder(
         seed=options.seed if options.sim else None,
     )
     limits = RoomLimits(config.recording.quota_bytes, config.recording.min_free_bytes)
-    recorder = Recorder(
-        folder, header, limits=limits, synchronous=options.speed == "max", on_event=_tell(reporter)
-    )
+    recorder = Recorder(folder, header, limits=limits, synchronous=options.speed == "max", on_event=_tell(reporter))
     stack.callback(recorder.close)
     return RecorderSink(recorder)
 

@@ -90,7 +90,10 @@ def _resolve(data: Any, kind: Any, path: object, key: str) -> Any:
     record, item = _record_type(kind), _item_type(kind)
     if isinstance(data, dict) and record is not None:
         hints = typing.get_type_hints(record, include_extras=False)
-        return {name: _resolve(value, _known(hints, name, path, key), path, _join(key, name)) for name, value in data.items()}
+        return {
+            name: _resolve(value, _known(hints, name, path, key), path, _join(key, name))
+            for name, value in data.items()
+        }
     if isinstance(data, list) and item is not None:
         return [_resolve(value, item, path, f"{key}[{index}]") for index, value in enumerate(data)]
     if isinstance(data, dict) and item is not None:

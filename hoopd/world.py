@@ -7,20 +7,27 @@ command.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import msgspec
 import numpy as np
 
 from hoopd.core.frames import DEFAULT_LAYOUT
-from hoopd.core.layout import Layout, layout_from_table
+from hoopd.core.layout import Layout, layout_from_table, layout_to_table
 from hoopd.files import InputError, parse_yaml, read_text
 from hoopd.shell.config import Config, find
-from hoopd.shell.link import BITS_PER_BYTE, Codec
+from hoopd.shell.link import BITS_PER_BYTE, Codec, SerialDrive
 from hoopd.shell.loop import Drive, Eye, Timer
+
+if TYPE_CHECKING:
+    from hoopd.sim.boardprocess import ProcessConfig
+    from hoopd.sim.faults import FaultScript
+    from hoopd.sim.rig import Rig
+
+TORQUE_LOG = "torque.jsonl"
 
 
 class World(NamedTuple):
@@ -133,9 +140,6 @@ def torque_log(config: Config) -> Iterator[Any]:
         log.close()
 
 
-TORQUE_LOG = "torque.jsonl"
-
-
 def make_watcher(config: Config, script: Any, seed: int, *, direct: bool) -> Any:
     """The rig's camera in virtual time."""
     from hoopd.sim.watchers import DirectWatcher, Disturbance
@@ -158,13 +162,90 @@ def make_watcher(config: Config, script: Any, seed: int, *, direct: bool) -> Any
 
 @contextmanager
 def device(config: Config, layout: Layout) -> Iterator[World]:
-    """The laboratory device."""
-    raise NotImplementedError
-    yield
+    """The laboratory device: a serial port and a camera."""
+    from hoopd.shell.clock import TickTimer
+
+    with TickTimer(config.loop.period_s) as timer, _drive(config, layout, config.serial.port, timer) as drive:
+        with _camera_thread(config, timer) as eye:
+            yield World(timer, drive, eye)
 
 
 @contextmanager
 def realtime_rig(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *, direct: bool) -> Iterator[World]:
-    """The rig as processes of its own, on the machine's clock."""
-    raise NotImplementedError
+    """The rig as processes of its own on the machine's clock; the daemon sees a port and a camera."""
+    from hoopd.shell.clock import TickTimer
+    from hoopd.sim.faults import FaultScript
+    from hoopd.sim.rig import rig_processes
+
+    script = FaultScript(fault_list(config), seed)
+    with ExitStack() as stack:
+        timer = stack.enter_context(TickTimer(config.loop.period_s))
+        start = timer.start_ns / 1e9
+
+        def board(folder: Path) -> ProcessConfig:
+            return board_process(config, layout, plant, seed, start, folder)
+
+        rig = stack.enter_context(rig_processes(board, fifo=os.sched_getscheduler(0) == os.SCHED_FIFO))
+        drive = stack.enter_context(_drive(config, layout, str(rig.port), timer))
+        if direct:
+            eye: Eye = stack.enter_context(_direct_eye(config, script, rig, seed, timer, start))
+        else:
+            eye = stack.enter_context(_camera_thread(config, timer))
+        yield World(timer, drive, eye)
+
+
+def board_process(
+    config: Config, layout: Layout, plant: dict[str, Any], seed: int, start: float, folder: Path
+) -> ProcessConfig:
+    """What the board's process is told; `start` is the monotonic time of run time zero."""
+    from hoopd.sim.boardprocess import ProcessConfig
+
+    logs = Path(config.sim.directory) if config.sim.directory else folder
+    return ProcessConfig(
+        plant="hoopd.sim.plant:make_plant",
+        plant_arguments=plant,
+        torque_log=str(logs / TORQUE_LOG),
+        state_ring=str(folder / "ring"),
+        seed=seed,
+        t0=start,
+        layout=layout_to_table(layout),
+        board={**board_constants(config), "byte_s": BITS_PER_BYTE / config.serial.baud},
+        faults=fault_rows(config),
+    )
+
+
+@contextmanager
+def _direct_eye(config: Config, script: FaultScript, rig: Rig, seed: int, timer: Timer, start: float) -> Iterator[Eye]:
+    from hoopd.sim.rig import DirectEye
+
+    frame_s = 1.0 / config.camera.fps
+    eye = DirectEye(
+        rig.ring,
+        make_watcher(config, script, seed, direct=True),
+        script,
+        clock=timer.now,
+        start=start,
+        frame_s=frame_s,
+        phase_s=config.sim.camera_phase * frame_s,
+        delay_s=config.sim.delay_frames * frame_s,
+        stall_s=config.camera.stall_s,
+    )
+    try:
+        yield eye
+    finally:
+        eye.close()
+
+
+@contextmanager
+def _camera_thread(config: Config, timer: Timer) -> Iterator[Eye]:
+    raise InputError("camera", "", "not built yet")
     yield
+
+
+@contextmanager
+def _drive(config: Config, layout: Layout, port: str, timer: Timer) -> Iterator[SerialDrive]:
+    drive = SerialDrive(port, config.serial.baud, Codec(layout, config.serial.baud), timer.now, config.serial.reopen_s)
+    try:
+        yield drive
+    finally:
+        drive.close()

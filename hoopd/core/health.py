@@ -52,7 +52,9 @@ FAULTS: tuple[Fault, ...] = (
     Fault("board_timeout", Action.CUT, 1, 1, True, "the board's own time-out switched the torque off"),
     Fault("board_reset", Action.CUT, 1, 1, True, "the board restarted: its clock jumped or its drive went off"),
     Fault("board_refuses", Action.CUT, SECOND, 1, True, "the board did not enable its drive within a second"),
-    Fault("camera_late", Action.PREDICT, 1, SECOND, False, "the newest picture is more than 1.5 periods older than usual"),
+    Fault(
+        "camera_late", Action.PREDICT, 1, SECOND, False, "the newest picture is more than 1.5 periods older than usual"
+    ),
     Fault("camera_lost", Action.STOP, 1, SECOND, True, "no new picture for five periods"),
     Fault("ball_missing", Action.PREDICT, 1, 1, False, "the newest picture shows no ball where one can be"),
     # 200 ms: the prediction is good for about a third of the ball's own period (0.73 s).

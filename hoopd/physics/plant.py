@@ -39,7 +39,11 @@ _ENTRIES = {
     "L2": "1/(kg m^2)",
 }
 PARAMETER_UNITS: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {"rolling": MappingProxyType(_LAGRANGIAN), "published": MappingProxyType(_LAGRANGIAN), "entries": MappingProxyType(_ENTRIES)}
+    {
+        "rolling": MappingProxyType(_LAGRANGIAN),
+        "published": MappingProxyType(_LAGRANGIAN),
+        "entries": MappingProxyType(_ENTRIES),
+    }
 )
 _POSITIVE = frozenset({"mb", "Ro", "Rb", "g", "Ib", "Ih", "L1"})
 _NOT_NEGATIVE = frozenset({"bb", "bh"})
@@ -136,7 +140,9 @@ def equations_of_motion(kinematics: str, s: Symbols, force: ca.SX) -> tuple[ca.S
     # d/dt dL/dq' - dL/dq + dD/dq' = Q   with   d/dt dL/dq' = M q'' + d(dL/dq')/dq q'
     momentum = ca.gradient(lagrange, dq)
     mass = ca.jacobian(momentum, dq)
-    rhs = force + ca.gradient(lagrange, q) - ca.gradient(energy.dissipation, dq) - ca.mtimes(ca.jacobian(momentum, q), dq)
+    rhs = (
+        force + ca.gradient(lagrange, q) - ca.gradient(energy.dissipation, dq) - ca.mtimes(ca.jacobian(momentum, q), dq)
+    )
     return mass, rhs
 
 
@@ -175,7 +181,9 @@ def symbols(x: ca.SX, u: ca.SX, p: Mapping[str, ca.SX]) -> Symbols:
     return Symbols(x[0], x[1], x[2], x[3], u, p)
 
 
-def rate(structure: str, x: ca.SX, u: ca.SX, p: Mapping[str, ca.SX], extra_forces: tuple[ExtraForce, ...] = ()) -> ca.SX:
+def rate(
+    structure: str, x: ca.SX, u: ca.SX, p: Mapping[str, ca.SX], extra_forces: tuple[ExtraForce, ...] = ()
+) -> ca.SX:
     """dx/dt (4,) as an expression; `p` maps names to symbols or constants."""
     # the Euler-Lagrange derivatives need symbols of their own: the state may be an expression or a number
     z = ca.SX.sym("z", 4)

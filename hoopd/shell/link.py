@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 from hoopd.core.frames import Decoder, Layout, encode_request
 from hoopd.core.linkstate import AnswerFilter
+from hoopd.files import InputError
 from hoopd.core.records import DriverSample, LinkCounts, TorqueCommand
 from hoopd.shell.helpers import start_helper
 
@@ -51,7 +52,7 @@ class Codec:
 
     def take(self, t: float, *, lost: bool) -> tuple[DriverSample | None, LinkCounts]:
         """Newest answer and what else came since the last call."""
-        if self._decoder.pending and t - self._last_byte_t > SILENCE_S:
+        if t - self._last_byte_t > SILENCE_S:
             self._filter.take(self._decoder.silence())
         return self._filter.collect(lost)
 
@@ -73,9 +74,12 @@ class SerialDrive:
         self.reason = "not opened yet"
 
     def open(self) -> None:
-        """Open now or raise OSError; the running loop reads from then on."""
+        """Open now, or InputError; the running loop reads from then on."""
         self._loop = asyncio.get_running_loop()
-        self._adopt(open_port(self._port_name, self._baud))
+        try:
+            self._adopt(open_port(self._port_name, self._baud))
+        except OSError as error:
+            raise InputError(self._port_name, "serial.port", (error.strerror or str(error)).lower()) from None
 
     def take(self) -> tuple[DriverSample | None, LinkCounts]:
         """Newest answer and what else came since the last tick."""
@@ -157,7 +161,8 @@ def open_port(name: str, baud: int) -> object:
     try:
         port = serial.Serial(name, baud, timeout=0, write_timeout=0, exclusive=True)
     except (serial.SerialException, ValueError) as error:
-        raise OSError(getattr(error, "errno", None) or 0, str(error)) from None
+        number = getattr(error, "errno", None)
+        raise OSError(number or 0, os.strerror(number) if number else str(error)) from None
     port.reset_input_buffer()
     return port
 

@@ -40,6 +40,8 @@ class Timer(Protocol):
 class Drive(Protocol):
     """The line to the driver board, as the loop sees it."""
 
+    def open(self) -> None: ...
+
     def take(self) -> tuple[DriverSample | None, LinkCounts]: ...
 
     def write(self, command: TorqueCommand) -> None: ...
@@ -104,6 +106,7 @@ class Loop:
 
     async def run(self) -> None:
         """Tick until the run ends."""
+        self.drive.open()
         try:
             while not self._finished():
                 self._id += await self.timer.wait()

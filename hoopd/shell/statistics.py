@@ -56,7 +56,7 @@ class RunStatistics:
 
     def add(self, tick_id: int, t: float, lateness_s: float, execution_s: float) -> None:
         """Count one tick."""
-        if self.ticks == 0:
+        if self.ticks <= 1:  # the very first tick comes whenever start-up is done, not at its deadline
             self.first_t, self.first_id = t, tick_id
         else:
             self.missed += tick_id - self.last_id - 1

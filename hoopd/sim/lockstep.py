@@ -14,6 +14,7 @@ from typing import Protocol
 from hoopd.core.records import CameraSample, DriverSample, LinkCounts, TorqueCommand
 from hoopd.sim.faults import FaultScript
 from hoopd.sim.plant import RigPlant
+from hoopd.sim.watchers import Watcher
 from hoopd.sim.wiredboard import WiredBoard
 
 # Ticks between two looks at signals; virtual time never really sleeps.
@@ -28,12 +29,6 @@ class Codec(Protocol):
     def request(self, t: float, command: TorqueCommand) -> bytes: ...
 
     def take(self, t: float, *, lost: bool) -> tuple[DriverSample | None, LinkCounts]: ...
-
-
-class Watcher(Protocol):
-    """Turns the plant's state at a capture time into what the camera saw."""
-
-    def see(self, frame: int, t: float, state: tuple[float, float, float, float]) -> CameraSample: ...
 
 
 class LockstepRig:
@@ -71,6 +66,9 @@ class LockstepRig:
         if self._ticks % YIELD_EVERY == 0:
             await asyncio.sleep(0)
         return 1
+
+    def open(self) -> None:
+        """Nothing to open."""
 
     def now(self) -> float:
         """Virtual run time in s."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, nan, pi, sin, tau
+from typing import Protocol
 
 import numpy as np
 
@@ -15,6 +16,12 @@ from hoopd.core.records import CameraSample
 from hoopd.sim.faults import FaultScript
 
 State = tuple[float, float, float, float]
+
+
+class Watcher(Protocol):
+    """Turns the plant's state at a capture time into what the camera saw."""
+
+    def see(self, frame: int, t: float, state: State) -> CameraSample: ...
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,9 @@ class Bench:
         self.sent = Sent(0.0, 0.0, 0)
         self.board_ms = 0
 
-    def run(self, ticks: int, *, estimate: dict | None = None, driver: dict | None = None, **inputs: object) -> list[str]:
+    def run(
+        self, ticks: int, *, estimate: dict | None = None, driver: dict | None = None, **inputs: object
+    ) -> list[str]:
         for _ in range(ticks):
             self.k += 1
             self.board_ms = (self.board_ms + 20) % 65536
