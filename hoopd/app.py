@@ -27,12 +27,12 @@ from hoopd.modelfiles import load_model
 from hoopd.recording.mcap import Header
 from hoopd.shell import config as configuration
 from hoopd.shell import log
+from hoopd.shell.commands import Ranges
 from hoopd.shell.config import Config
 from hoopd.shell.loop import Loop, Sink
 from hoopd.shell.recorder import Recorder
 from hoopd.shell.run_files import Limits as RoomLimits
 from hoopd.shell.service import Notifier, freeze_garbage, is_under_systemd, lock_memory
-from hoopd.shell.commands import Ranges
 from hoopd.world import World, device, lockstep, plant_arguments, read_layout, realtime_rig
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ class _Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=T
 # ---------------------------------------------------------------------------------------------- model
 
 
-class DeviceConstants(_Strict):
+class DeviceConstants(_Strict, frozen=True):
     """What is weighed and measured on the device, and the limits of its drive and encoder."""
 
     ball_mass_kg: float
@@ -43,7 +43,7 @@ class DeviceConstants(_Strict):
         return {"mb": self.ball_mass_kg, "Ro": self.hoop_radius_m, "Rb": self.ball_radius_m, "g": self.gravity_m_s2}
 
 
-class Parameter(_Strict):
+class Parameter(_Strict, frozen=True):
     """A number of the model: value and unit, 95 % interval where it was estimated, and what it started from."""
 
     value: float
@@ -52,14 +52,14 @@ class Parameter(_Strict):
     nominal: float | None = None
 
 
-class EffectEntry(_Strict):
+class EffectEntry(_Strict, frozen=True):
     """A found effect (vocabulary of effects, `slot.name`) with its parameters."""
 
     name: str
     parameters: dict[str, Parameter] = {}
 
 
-class ModelFile(_Strict):
+class ModelFile(_Strict, frozen=True):
     """`hoopd.model/1`."""
 
     schema: Literal["hoopd.model/1"]
@@ -114,7 +114,7 @@ def _check_parameter(path: object, key: str, entry: Parameter, unit: str | None)
 # ---------------------------------------------------------------------------------------------- controller
 
 
-class EstimatorEntry(_Strict):
+class EstimatorEntry(_Strict, frozen=True):
     """Numbers of `EkfSettings` in a file."""
 
     q: tuple[float, float, float, float]
@@ -126,14 +126,14 @@ class EstimatorEntry(_Strict):
     horizon_s: float = 0.25
 
 
-class ControllerLimits(_Strict):
+class ControllerLimits(_Strict, frozen=True):
     """What this law may ask for."""
 
     torque_nm: float = 0.7
     slew_nm_per_tick: float = 1.4
 
 
-class ControllerFile(_Strict):
+class ControllerFile(_Strict, frozen=True):
     """`hoopd.controller/1`: all numbers of a law, so that nothing is designed at run time.
 
     `gains` holds numbers and (nested) lists of them, by the names of the law: `LqgGains`, `LinearGains`, or `b`, `a`.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ def differences(new: TickRecord, old: TickRecord) -> Iterator[str]:
 def _bits(value: Any) -> Any:
     """A number as its bits, so that NaN equals NaN and -0 differs from 0."""
     if isinstance(value, float):
-        return "nan" if value != value else struct.pack("<d", value)
+        return "nan" if isnan(value) else struct.pack("<d", value)
     if isinstance(value, tuple | list):
         return tuple(_bits(item) for item in value)
     return value

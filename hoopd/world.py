@@ -115,7 +115,7 @@ def checked_fault(make: Any, index: int, row: dict[str, Any]) -> Any:
         raise InputError("configuration", f"sim.faults[{index}]", str(error)) from None
 
 
-def board_constants(config: Config) -> dict[str, float]:
+def board_constants(config: Config) -> dict[str, Any]:
     """The rig's board as the configuration describes it."""
     sim = config.sim
     return {

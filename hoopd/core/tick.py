@@ -17,7 +17,6 @@ from hoopd.core.limits import Limiter
 from hoopd.core.modes import ENERGISED, Event, Mode, next_mode
 from hoopd.core.records import CameraSample, Command, DriverSample, Estimate, Inputs, TickRecord, TorqueCommand
 
-
 # What the board itself has latched goes only by a clearing request, so that an arm may wait this long for it.
 WISH_TICKS = 10
 BOARD_LATCHES = frozenset({"board_fault", "board_timeout", "board_reset"})

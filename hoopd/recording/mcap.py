@@ -36,9 +36,9 @@ class Header(msgspec.Struct, frozen=True):
     config: str = ""  # configuration after all overrides, YAML
     model: str = ""  # hoopd.model/1 text
     controller: str = ""  # hoopd.controller/1 text
-    law: str = ""  # text of a user's own law
     versions: dict[str, str] = {}
     seed: int | None = None
+    law: str = ""  # text of a user's own law
     part: int = 0  # above 0: goes on from the file before (after a fault of the disk, or a full one)
 
 

@@ -2,8 +2,8 @@
 
 Rules of this file: typed and complete; an unknown key, a wrong unit or an unsafe value is one clear line
 (`InputError`). Layers, later ones win: the shipped hoop.yaml, the shipped sim.yaml with --sim, the
-file of --config, each --set. Paths of models and controllers are looked up beside the file that names them, then among the
-shipped ones.
+file of --config, each --set. Paths of models and controllers are looked up beside the file that names them, then
+among the shipped ones.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ class Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=Tr
     """A section: unknown keys are errors."""
 
 
-class Device(Strict):
+class Device(Strict, frozen=True):
     """Which plant this is."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "hoop"
     model: str = "models/hoop.yaml"
 
 
-class Serial(Strict):
+class Serial(Strict, frozen=True):
     """The line to the driver board."""
 
     port: str = "/dev/hoop-driver"
@@ -48,7 +48,7 @@ class Serial(Strict):
     layout: str = "default"  # or a YAML file that tables another firmware's frames
 
 
-class Camera(Strict):
+class Camera(Strict, frozen=True):
     """The camera and how its pictures come."""
 
     backend: Literal["rpicam", "picamera2", "v4l2", "video", "direct"] = "rpicam"
@@ -66,14 +66,14 @@ class Camera(Strict):
     stall_s: Positive = 0.3
 
 
-class Circle(Strict):
+class Circle(Strict, frozen=True):
     """A circle in the picture."""
 
     centre: tuple[float, float]
     radius: Positive
 
 
-class Vision(Strict):
+class Vision(Strict, frozen=True):
     """From picture to ball angle; `hoopd calibrate` proposes this section."""
 
     weights: tuple[float, float, float] = (1.0, -0.5, -0.5)  # of R, G, B
@@ -85,21 +85,21 @@ class Vision(Strict):
     band_px: Positive = 20.0  # the ball's centre lies this near to the circle
 
 
-class Control(Strict):
+class Control(Strict, frozen=True):
     """Which law acts: a controller file, or a Python file with a law of the user's own."""
 
     file: str = "controllers/lqg.yaml"
     law: str = ""  # a Python file with a class `Law`; the file above still gives estimator and limits
 
 
-class Limits(Strict):
+class Limits(Strict, frozen=True):
     """What no controller may exceed."""
 
     torque_nm: Annotated[float, Meta(gt=0, le=TORQUE_LIMIT_NM)] = TORQUE_LIMIT_NM
     slew_nm_per_tick: Positive = 1.4  # the whole range in one tick: no limit
 
 
-class Recording(Strict):
+class Recording(Strict, frozen=True):
     """Where runs go and how much room they may take."""
 
     directory: str = ""
@@ -107,7 +107,7 @@ class Recording(Strict):
     min_free_bytes: Bytes = 200 * 2**20
 
 
-class Telemetry(Strict):
+class Telemetry(Strict, frozen=True):
     """Publishing and commands over zenoh; the defaults never leave this machine."""
 
     enabled: bool = True
@@ -116,14 +116,14 @@ class Telemetry(Strict):
     zenoh: dict[str, Any] = {}  # zenoh's own keys: TLS, user and password, access control
 
 
-class Log(Strict):
+class Log(Strict, frozen=True):
     """How facts are logged."""
 
     format: Literal["auto", "human", "json"] = "auto"
     level: Literal["debug", "info", "warning", "error"] = "info"
 
 
-class SimFault(Strict):
+class SimFault(Strict, frozen=True):
     """One scripted fault of the rig."""
 
     kind: str
@@ -132,7 +132,7 @@ class SimFault(Strict):
     params: dict[str, float | str] = {}
 
 
-class SimCommand(Strict):
+class SimCommand(Strict, frozen=True):
     """One scripted command of the operator, for runs without one."""
 
     at_s: NotNegative
@@ -141,7 +141,7 @@ class SimCommand(Strict):
     key: str = ""
 
 
-class Sim(Strict):
+class Sim(Strict, frozen=True):
     """The simulated rig."""
 
     model: str = "models/hoop.yaml"
@@ -162,7 +162,7 @@ class Sim(Strict):
     commands: list[SimCommand] = []
 
 
-class Config(Strict):
+class Config(Strict, frozen=True):
     """Everything."""
 
     device: Device = Device()

@@ -14,8 +14,8 @@ from collections.abc import Callable
 
 from hoopd.core.frames import Decoder, Layout, encode_request
 from hoopd.core.linkstate import AnswerFilter
-from hoopd.files import InputError
 from hoopd.core.records import DriverSample, LinkCounts, TorqueCommand
+from hoopd.files import InputError
 from hoopd.shell.helpers import start_helper
 
 BITS_PER_BYTE = 10  # start, eight data, stop

@@ -35,7 +35,7 @@ class Histogram:
         for place, count in enumerate(self.counts):
             seen += count
             if count and seen >= wanted:
-                return min(SMALLEST_S * RATIO ** (place + 0.5), self.max_s)
+                return min(float(SMALLEST_S * RATIO ** (place + 0.5)), self.max_s)
         return 0.0
 
     def summary(self) -> dict[str, float]:

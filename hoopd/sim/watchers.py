@@ -48,7 +48,7 @@ class DirectWatcher:
         offset_rad: float,
         centre_px: tuple[float, float],
         radius_px: float,
-        disturbance: Disturbance = Disturbance(),  # noqa: B008 (frozen)
+        disturbance: Disturbance = Disturbance(),
         frame_s: float = 0.02,
     ) -> None:
         self._script, self._rng = script, np.random.default_rng([seed, 2])

@@ -6,6 +6,7 @@ from math import inf, nan
 
 import numpy as np
 import pytest
+
 from hoopd.core.health import BOARD_FAULT, BY_NAME, ENABLED, FAULTS, TIMEOUT_LATCHED, Action, Health, Sent, Thresholds
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Inputs, LinkCounts
 

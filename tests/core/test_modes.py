@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import pytest
+
 from hoopd.core.modes import ENERGISED, TRANSITIONS, Event, Mode, next_mode
 
 ALL = list(itertools.product(Mode, Event))
