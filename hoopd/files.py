@@ -34,7 +34,7 @@ UNITS: dict[str, dict[str, float]] = {
     "_m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
     "_kg": {"kg": 1.0, "g": 1e-3},
 }
-_QUANTITY = re.compile(r"^\s*([-+]?[0-9.]+(?:[eE][-+]?\d+)?)\s*([A-Za-z][A-Za-z /0-9]*)\s*$")
+_QUANTITY = re.compile(r"^\s*([-+]?[0-9.]+(?:[eE][-+]?\d+)?)\s*([A-Za-z][A-Za-z /0-9]*)?\s*$")
 _AT = re.compile(r" - at `\$\.?([^`]*)`$")
 
 
@@ -127,7 +127,9 @@ def _number(value: Any, kind: Any, path: object, key: str) -> Any:
     match = _QUANTITY.match(value)
     if match is None:
         raise InputError(path, key, f"expected a number, got {value!r}")
-    number, unit = float(match.group(1)), match.group(2).strip()
+    number, unit = float(match.group(1)), (match.group(2) or "").strip()
+    if not unit:  # YAML 1.1 takes 1e-8, without a point, for text
+        return number
     if unit not in units:
         allowed = ", ".join(units) or "no unit"
         raise InputError(path, key, f"wrong unit {unit!r}: this value takes {allowed}")
