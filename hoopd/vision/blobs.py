@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from hoopd.vision.circles import fit_circle
 
 RIM_PX = 2  # soft rim kept around the thresholded blob; inside it holes (specular highlights) are filled
-LEAST_ARC_POINTS = 12  # a shorter arc gives no circle worth the name
+LEAST_ARC_POINTS = 8  # a shorter arc gives no circle worth the name
+LEAST_CONVEXITY = 0.9  # of the hull's area
 RIM = np.ones((2 * RIM_PX + 1, 2 * RIM_PX + 1), np.uint8)
 
 
@@ -69,7 +70,11 @@ def edge_contact(
 
 def fit_visible_arc(contour: NDArray[np.int32], size: tuple[int, ...], shape: Shape) -> Shape:
     """The shape replaced by the circle through the part of its contour that is not the picture's edge."""
-    points = contour.reshape(-1, 2).astype(np.float64)
+    # the hull bridges a highlight that opens to the picture's edge; a blob that is not convex is no ball
+    hull: NDArray[np.int32] = np.asarray(cv2.convexHull(contour), np.int32)
+    if cv2.contourArea(contour) < LEAST_CONVEXITY * cv2.contourArea(hull):
+        return shape._replace(fill=0.0)
+    points = hull.reshape(-1, 2).astype(np.float64)
     inside = (points > 0).all(axis=1) & (points < np.array([size[1] - 1, size[0] - 1])).all(axis=1)
     points = points[inside]
     if len(points) < LEAST_ARC_POINTS:
