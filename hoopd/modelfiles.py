@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -17,9 +17,6 @@ from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
 from hoopd.files import InputError, parse_yaml, read_text, to_struct
 from hoopd.physics.plant import PARAMETER_UNITS, ParameterError, Plant, check_parameters
-
-T = TypeVar("T")
-
 
 class _Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
     """Base of all records: unknown keys are refused."""
@@ -81,7 +78,7 @@ def load_model(path: Path) -> ModelFile:
 
 
 def parse_model(text: str, path: object) -> ModelFile:
-    """A checked model from its text; `path` names it in messages."""
+    """A checked model from its file's text; `path` is what a message calls it."""
     model = to_struct(parse_yaml(text, path), ModelFile, path)
     units = PARAMETER_UNITS[model.structure]
     for name, entry in model.parameters.items():
@@ -156,7 +153,7 @@ def load_controller(path: Path) -> ControllerFile:
 
 
 def parse_controller(text: str, path: object) -> ControllerFile:
-    """A checked controller from its text; `path` names it in messages."""
+    """A checked controller from its file's text; `path` is what a message calls it."""
     file = to_struct(parse_yaml(text, path), ControllerFile, path)
     _between(path, "limits.torque_nm", file.limits.torque_nm, 0.0, 0.7)
     _between(path, "limits.slew_nm_per_tick", file.limits.slew_nm_per_tick, 0.0, math.inf)

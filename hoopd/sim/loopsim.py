@@ -94,7 +94,7 @@ class _World:
     def picture(self, now: float) -> CameraSample | None:
         """The newest picture delivered by now; older ones are dropped."""
         newest = None
-        while self._pictures and self._pictures[0].t_arrival <= now:
+        while self._pictures and self._pictures[0].t_arrival <= now + 1e-9:
             newest = self._pictures.pop(0)
         return newest
 

@@ -1,0 +1,105 @@
+"""The controllers that ship with hoopd, remade from their models: `python -m hoopd.design.defaults FOLDER`.
+
+Rules of this file: seeded, so that the same code makes the same numbers; they are written with eight digits, which
+no machine's last bits reach.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hoopd.core.estimator import EkfSettings
+from hoopd.design.arx import ArxModel, arx_lqg, fit_arx
+from hoopd.design.lqg import Weights, lqg_gains
+from hoopd.modelfiles import load_model, plant_of
+from hoopd.physics.plant import Plant
+
+TICK_S = 0.02
+# age of the newest picture at its tick: 2 frames and the way from the camera's clock to the tick's
+PICTURE_AGE_S = 0.05
+WIRE_S = 8 * 10 / 115200  # a request on the wire; the board samples at its end
+
+# The thesis's printed coefficients, Tustin at 0.02 s, of
+#   PID   Kp (1 + 1/(Ti s) + Td s/(1 + s Td/15)), Kp 0.164256, Ti 0.0390661 s, Td 0.393028 s
+#   lead  (0.0279508 s + 1)/(0.00559017 s + 1)
+PID_B = [1.9895532268941687, -3.781042887492248, 1.837946360416423]
+PID_A = [1.0, -1.4475426500133597, 0.4475426500133597]
+LEAD_B = [2.4342806945451483, -1.1514210418177229]
+LEAD_A = [1.0, 0.28285965272742575]
+
+HEAD = "# Made by hoopd.design.defaults from {model}: change the design there, or make a file of your own.\n"
+
+
+def experiment(plant: Plant, ticks: int = 3000, amplitude_nm: float = 0.06, seed: int = 5) -> tuple[Any, Any]:
+    """A random two-level run as a daemon records it: u (n,), y (n, 2) = (dtheta, psi) as they arrive in the tick."""
+    rng = np.random.default_rng(seed)
+    x, u, y = np.zeros(4), np.zeros(ticks), np.zeros((ticks, 2))
+    for k in range(ticks):
+        u[k] = amplitude_nm * rng.choice((-1.0, 1.0)) if k % 3 == 0 else u[k - 1]
+        before = plant.advance(x, u[k - 1] if k else 0.0, WIRE_S)
+        if k + 1 < ticks:
+            y[k + 1, 0] = before[1]
+        seen = k + 1 + int(PICTURE_AGE_S // TICK_S)
+        if seen < ticks:
+            y[seen, 1] = plant.advance(before, u[k], TICK_S - PICTURE_AGE_S % TICK_S - WIRE_S)[2]
+        x = plant.advance(before, u[k], TICK_S - WIRE_S)
+    return u, y + rng.normal(size=y.shape) * (0.05, 0.002)
+
+
+def fitted(plant: Plant) -> ArxModel:
+    """ARX model of the simulated experiment."""
+    return fit_arx(*experiment(plant))
+
+
+def make_defaults(config: Path) -> dict[str, dict[str, Any]]:
+    """Controller files by name; `config` is the folder that holds models/hoop.yaml."""
+    plant = plant_of(load_model(config / "models" / "hoop.yaml"))
+    arx = {name: _plain(value) for name, value in arx_lqg(fitted(plant), Weights(), TICK_S)._asdict().items()}
+    lqg = {name: _plain(value) for name, value in asdict(lqg_gains(plant, Weights(), TICK_S)).items()}
+    return {
+        "lqg": _file("lqg", "lqg", lqg, "state feedback on the filter's estimate; hoop speed regulated"),
+        "arx": _file("arx", "lqg_linear", arx, "LQG on an ARX model identified from a simulated run"),
+        "pid": _file("pid", "pid", {"b": PID_B, "a": PID_A}, "the thesis's PID; sees psi alone"),
+        "lead": _file("lead", "lead", {"b": LEAD_B, "a": LEAD_A}, "the thesis's lead link; sees psi alone"),
+    }
+
+
+def write_defaults(config: Path, folder: Path) -> None:
+    """Write every default controller as YAML."""
+    for name, file in make_defaults(config).items():
+        text = HEAD.format(model=file["model"]) + yaml.safe_dump(file, sort_keys=False, default_flow_style=None, width=118)
+        (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+
+
+def _file(name: str, kind: str, gains: dict[str, Any], notes: str) -> dict[str, Any]:
+    settings = asdict(EkfSettings())
+    kept = ("q", "r_theta", "r_dtheta", "r_psi", "gate_nis", "reacquire_after", "horizon_s")
+    return {
+        "schema": "hoopd.controller/1",
+        "name": name,
+        "kind": kind,
+        "notes": notes,
+        "model": "models/hoop.yaml",
+        "sample_time_s": TICK_S,
+        "limits": {"torque_nm": 0.7, "slew_nm_per_tick": 1.4},
+        "estimator": {key: _plain(settings[key]) for key in kept},
+        "gains": gains,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Numbers with eight digits, arrays as lists."""
+    if isinstance(value, np.ndarray | tuple | list):
+        return [_plain(item) for item in np.asarray(value).tolist()]
+    return value if isinstance(value, int) else float(f"{value:.8g}")
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1])
+    write_defaults(target, target / "controllers")

@@ -1,0 +1,173 @@
+"""From a model to the numbers of the default law: linear-quadratic gains, how a reference is held, loop margins.
+
+Rules of this file: offline only; what comes out are plain numbers for a controller file.
+
+theta is left out of the state: it is the integral of dtheta, nothing in the plant depends on it, and a weight on it
+would wind the hoop back to where it stood. The regulated state is (dtheta, psi, dpsi).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_are
+
+from hoopd.core.controllers import LqgGains
+from hoopd.core.estimator import EkfSettings
+from hoopd.physics.plant import Plant, zero_order_hold
+
+Array = NDArray[Any]
+
+REGULATED = [1, 2, 3]  # dtheta, psi, dpsi
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Deviations that cost the same (Bryson's rule): each squared is one unit of cost per second."""
+
+    dtheta_rad_s: float = 6.0
+    psi_rad: float = 0.2
+    dpsi_rad_s: float = 1.2
+    torque_nm: float = 0.05
+
+
+class Margins(NamedTuple):
+    """How far the loop, broken at the torque, is from instability."""
+
+    phase_rad: float
+    delay_s: float  # more delay that it bears
+    gain_up: float  # factor on the plant's gain
+    gain_down: float
+    peak_sensitivity: float
+
+
+def reduced_model(plant: Plant, h: float) -> tuple[Array, Array]:
+    """Ad (3, 3), Bd (3, 1) of (dtheta, psi, dpsi) at rest, input held over `h`."""
+    a, b = plant.linearize()
+    return zero_order_hold(a[np.ix_(REGULATED, REGULATED)], b[REGULATED], h)
+
+
+def lqr(a: Array, b: Array, q: Array, r: Array) -> Array:
+    """K (m, n) of u = -K x that minimises sum x'Qx + u'Ru: P by the Riccati equation, K = (R + B'PB)^-1 B'PA."""
+    p = solve_discrete_are(a, b, q, r)
+    return np.asarray(np.linalg.solve(r + b.T @ p @ b, b.T @ p @ a))
+
+
+def kalman_gain(a: Array, c: Array, q: Array, r: Array) -> Array:
+    """Filter gain M (n, p) of x += M (y - C x), stationary: M = P C' (C P C' + R)^-1."""
+    p = solve_discrete_are(a.T, c.T, q, r)
+    return np.asarray(np.linalg.solve(c @ p @ c.T + r, c @ p).T)
+
+
+def feedback(plant: Plant, weights: Weights, h: float) -> Array:
+    """K (3,) on (dtheta, psi, dpsi)."""
+    a, b = reduced_model(plant, h)
+    q = np.diag([weights.dtheta_rad_s**-2, weights.psi_rad**-2, weights.dpsi_rad_s**-2])
+    return lqr(a, b, q, np.array([[weights.torque_nm**-2]]))[0]
+
+
+def hold(plant: Plant) -> dict[str, float]:
+    """The four numbers by which a reference is held, see `Lqg`: psi'' = 0 at psi = r solved for the torque.
+
+    psi''   = J21 w + K2 sin r + L2 u = 0      ->  u = -(K2 sin r + J21 w) / L2
+    theta'' = J11 w + K1 sin r + L1 u          ->  w' = rate (speed_per_sin sin r - w)
+    """
+    a, b = plant.linearize()
+    k1, k2, l1, l2 = a[1, 2], a[3, 2], b[1, 0], b[3, 0]
+    rate = -(a[1, 1] - l1 * a[3, 1] / l2)
+    return {
+        "torque_per_sin": float(-k2 / l2),
+        "torque_per_speed": float(-a[3, 1] / l2),
+        "speed_per_sin": float((k1 - l1 * k2 / l2) / rate),
+        "hold_rate": float(rate),
+    }
+
+
+def lqg_gains(plant: Plant, weights: Weights, h: float, hoop_speed_limit: float = 30.0) -> LqgGains:
+    """Everything that `Lqg` needs."""
+    k_dtheta, k_psi, k_dpsi = (float(value) for value in feedback(plant, weights, h))
+    return LqgGains(k_dtheta, k_psi, k_dpsi, **hold(plant), hoop_speed_limit=hoop_speed_limit)
+
+
+# ---------------------------------------------------------------------------------------------- analysis
+
+
+class Loop(NamedTuple):
+    """Plant and law as linear systems of one tick each; the law has u = -(output of its system)."""
+
+    plant: tuple[Array, Array, Array]
+    law: tuple[Array, Array, Array, Array]
+
+
+def delayed(model: tuple[Array, Array], delay_ticks: int) -> tuple[Array, Array, Array]:
+    """Plant with its outputs as they arrive: dtheta one tick old, psi `delay_ticks` old.
+
+    State: (dtheta, psi, dpsi)_k, dtheta_k-1, psi_k-1 ... psi_k-d.
+    """
+    a, b = model
+    n = 3 + 1 + delay_ticks
+    big, inp, out = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((2, n))
+    big[:3, :3], inp[:3] = a, b
+    big[3, 0] = 1.0
+    big[4, 1] = 1.0
+    for index in range(5, n):
+        big[index, index - 1] = 1.0
+    out[0, 3], out[1, n - 1] = 1.0, 1.0
+    return big, inp, out
+
+
+def lqg_loop(true: Plant, model: Plant, k: Array, settings: EkfSettings, h: float, delay_ticks: int) -> Loop:
+    """The loop of `Lqg` at rest. A filter that fuses late samples at their own time is the one on the state with the
+    delays in it: the same estimate, one Riccati equation."""
+    a, b, c = delayed(reduced_model(model, h), delay_ticks)
+    q = np.zeros_like(a)
+    q[:3, :3] = np.diag(settings.q[1:]) * h
+    m = kalman_gain(a, c, q, np.diag([settings.r_dtheta, settings.r_psi]))
+    k_all = np.zeros((1, len(a)))
+    k_all[0, :3] = k
+    # x = (I - MC)(A x + B u) + M y, u = -K x: state z = x before the tick
+    keep = np.eye(len(a)) - m @ c
+    law_a = keep @ (a - b @ k_all)
+    law = (law_a, m, k_all @ law_a, k_all @ m)
+    return Loop(delayed(reduced_model(true, h), delay_ticks), law)
+
+
+def closed_loop_radius(loop: Loop) -> float:
+    """Largest |eigenvalue| of the closed loop: below 1 is stable."""
+    (a, b, c), (f, g, p, d) = loop
+    top = np.hstack([a - b @ d @ c, -b @ p])
+    bottom = np.hstack([g @ c, f])
+    return float(np.abs(np.linalg.eigvals(np.vstack([top, bottom]))).max())
+
+
+def frequency_response(loop: Loop, w: Array, h: float) -> Array:
+    """Loop transfer L(e^jwh) at the torque."""
+    (a, b, c), (f, g, p, d) = loop
+    values = []
+    for z in np.exp(1j * w * h):
+        y = c @ np.linalg.solve(z * np.eye(len(a)) - a, b)
+        values.append(((p @ np.linalg.solve(z * np.eye(len(f)) - f, g) + d) @ y)[0, 0])
+    return np.array(values)
+
+
+def margins(loop: Loop, h: float, points: int = 1500) -> Margins:
+    """Margins from a grid of frequencies, crossings interpolated."""
+    w = np.geomspace(1e-2, np.pi / h * 0.999, points)
+    value = frequency_response(loop, w, h)
+    size, phase = np.abs(value), np.unwrap(np.angle(value))
+    cross = np.flatnonzero(np.diff(np.sign(size - 1.0)))
+    away, delays = [np.pi], [np.inf]
+    for i in cross:
+        share = (1.0 - size[i]) / (size[i + 1] - size[i])
+        w_c, phase_c = w[i] + share * (w[i + 1] - w[i]), phase[i] + share * (phase[i + 1] - phase[i])
+        lag = (phase_c + np.pi) % (2 * np.pi)  # how far the phase may fall until it is -180 degrees
+        away.append(min(lag, 2 * np.pi - lag))
+        delays.append(lag / w_c)
+    turns = (phase + np.pi) / (2 * np.pi)
+    at = size[np.flatnonzero(np.diff(np.floor(turns)))]
+    up = 1.0 / at[at < 1.0].max() if (at < 1.0).any() else np.inf
+    down = 1.0 / at[at > 1.0].min() if (at > 1.0).any() else 0.0
+    return Margins(float(min(away)), float(min(delays)), float(up), float(down), float((1 / np.abs(1 + value)).max()))
