@@ -51,7 +51,17 @@ class ChunkedFile:
         self._messages: dict[int, records.MessageIndex] = {}
         self._span = (0, 0)
         self._zstd = zstandard.ZstdCompressor()
-        self._totals = records.Statistics(0, 0, {}, 0, 0, 0, 0, 0, 0)
+        self._totals = records.Statistics(
+            attachment_count=0,
+            channel_count=0,
+            channel_message_counts={},
+            chunk_count=0,
+            message_count=0,
+            message_end_time=0,
+            message_start_time=0,
+            metadata_count=0,
+            schema_count=0,
+        )
         self._out.write(MCAP0_MAGIC)
         records.Header(profile=profile, library="hoopd").write(self._out)
 
@@ -115,14 +125,29 @@ class ChunkedFile:
         plain = _taken(self._chunk)
         packed = self._zstd.compress(plain)
         start, end = self._span
-        records.Chunk("zstd", packed, end, start, zlib.crc32(plain), len(plain)).write(self._out)
+        records.Chunk(
+            compression="zstd",
+            data=packed,
+            message_start_time=start,
+            message_end_time=end,
+            uncompressed_crc=zlib.crc32(plain),
+            uncompressed_size=len(plain),
+        ).write(self._out)
         length, offsets = self._out.count, {}
         for channel, index in messages.items():
             offsets[channel] = self._offset + self._out.count
             index.write(self._out)
         index_length = self._out.count - length
         records.ChunkIndex(
-            length, self._offset, "zstd", len(packed), end, index_length, offsets, start, len(plain)
+            chunk_start_offset=self._offset,
+            chunk_length=length,
+            message_start_time=start,
+            message_end_time=end,
+            message_index_offsets=offsets,
+            message_index_length=index_length,
+            compression="zstd",
+            compressed_size=len(packed),
+            uncompressed_size=len(plain),
         ).write(self._index)
         self._write_out()
 
@@ -149,7 +174,9 @@ class ChunkedFile:
         )
         for opcode, builder in groups:
             if builder.count:
-                records.SummaryOffset(opcode, start + summary.count, builder.count).write(offsets)
+                records.SummaryOffset(
+                    group_opcode=opcode, group_start=start + summary.count, group_length=builder.count
+                ).write(offsets)
                 summary.write(_taken(builder))
         offset_start = start + summary.count
         summary.write(_taken(offsets))
@@ -157,7 +184,8 @@ class ChunkedFile:
         # The checksum covers the summary and the footer up to the checksum itself (MCAP specification, "Footer").
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 8 + 8 + 4, start, offset_start)
         self._out.write(body)
-        records.Footer(start, offset_start, zlib.crc32(footer, zlib.crc32(body))).write(self._out)
+        checksum = zlib.crc32(footer, zlib.crc32(body))
+        records.Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=checksum).write(self._out)
         self._out.write(MCAP0_MAGIC)
         self._write_out()
 

@@ -18,6 +18,7 @@ import msgspec
 import zenoh
 
 from hoopd.core.records import Command
+from hoopd.files import InputError
 from hoopd.shell.session import DEVICE, ENDPOINT, connecting, device_key, reason
 
 ALWAYS = ("disarm", "stop")  # first, and whether commands are enabled or not
@@ -119,8 +120,11 @@ def _inside(what: str, value: float | None, allowed: Range) -> float:
     return value
 
 
-class CommandError(RuntimeError):
+class CommandError(InputError):
     """A command that no daemon took, in one line; the command line ends with exit code 2 on it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__("", "", text)
 
 
 def send(

@@ -18,8 +18,13 @@ from hoopd.files import InputError
 DEVICE = "hoop"
 ENDPOINT = "tcp/127.0.0.1:7447"
 _LOOPBACK = re.compile(r"^[a-z]+/(127\.\d+\.\d+\.\d+|localhost|\[::1\]):\d+")
+_ADDRESS = re.compile(r"^(?:tcp|udp|tls|quic|ws)/(?:\[[^\]\s]+\]|[^\s/:\[]+):(\d{1,5})(?:[?#]\S*)?$")
 _LOCAL_LINKS = ("unixsock-stream/", "unixpipe/")
 _CHUNK = re.compile(r"^[A-Za-z0-9_.-]+$")
+_PLAIN_WORDS = {
+    "Address already in use": "the address is already in use",
+    "Unable to connect": "nothing listens there, or it does not let us in",
+}
 _CLOSED = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -29,13 +34,15 @@ _CLOSED = {
 
 def listening(endpoint: str, extras: Mapping[str, Any]) -> zenoh.Config:
     """Configuration of the daemon's peer: listens at the endpoint, connects nowhere; InputError for a wrong key."""
-    keys = {"mode": "peer", "listen/endpoints": [endpoint], "connect/endpoints": []}
+    keys = {"mode": "peer", "listen/endpoints": [_checked(endpoint)], "connect/endpoints": []}
     return _configured(keys, extras)
 
 
 def connecting(endpoint: str, extras: Mapping[str, Any], timeout_s: float) -> zenoh.Config:
     """Configuration of a client of one endpoint; InputError for a wrong key."""
-    keys = {"mode": "client", "connect/endpoints": [endpoint], "connect/timeout_ms": round(timeout_s * 1e3)}
+    # On this machine a daemon is there or not; with a time-out zenoh would keep trying until it is over.
+    wait_ms = 0 if _LOOPBACK.match(endpoint) else round(timeout_s * 1e3)
+    keys = {"mode": "client", "connect/endpoints": [_checked(endpoint)], "connect/timeout_ms": wait_ms}
     return _configured(keys, extras)
 
 
@@ -63,7 +70,16 @@ def asks_who(config: zenoh.Config) -> bool:
 def reason(error: Exception) -> str:
     """zenoh's error without the lines of its source."""
     text = re.split(r"\s+at /|\.\] at ", str(error).replace("\n", " "))[0].strip(" []!")
-    return "the address is already in use" if "Address already in use" in text else text[:200]
+    known = (said for mark, said in _PLAIN_WORDS.items() if mark in text)
+    return next(known, text[:200])
+
+
+def _checked(endpoint: str) -> str:
+    """The endpoint, if zenoh can understand it: it would say so only when it opens."""
+    match = _ADDRESS.match(endpoint)
+    if endpoint.startswith(_LOCAL_LINKS) or (match and 0 < int(match[1]) < 65536):
+        return endpoint
+    raise InputError("", "telemetry.endpoint", f"{endpoint!r}: expected something like {ENDPOINT}")
 
 
 def _configured(keys: Mapping[str, Any], extras: Mapping[str, Any]) -> zenoh.Config:

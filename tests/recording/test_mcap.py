@@ -21,7 +21,7 @@ from hoopd.recording import mcap, rows
 from hoopd.recording.schemas import CHANNELS, RECORDS, Event
 
 NAN = float("nan")
-HEADER = mcap.Header("hoop", "a: 1\n", "model", "controller", {"hoopd": "0.1"}, seed=7)
+HEADER = mcap.Header("hoop", "a: 1\n", "model", "controller", versions={"hoopd": "0.1"}, seed=7)
 
 
 def tick(k: int, **changes: object) -> TickRecord:

@@ -362,6 +362,8 @@ def test_users_and_access_rules(tmp_path: Path) -> None:
     ("settings", "says"),
     [
         (Settings(zenoh={"scouting/typo": 1}), r"telemetry\.zenoh\.scouting/typo: zenoh refuses it"),
+        (Settings(endpoint="foo"), r"telemetry\.endpoint: 'foo': expected something like tcp/127\.0\.0\.1:7447"),
+        (Settings(endpoint="tcp/127.0.0.1:99999"), r"telemetry\.endpoint"),
         (Settings(device="a/b"), r"device\.name: 'a/b'"),
         (
             Settings(endpoint="tcp/0.0.0.0:7447", commands=True),
