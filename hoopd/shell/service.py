@@ -124,15 +124,15 @@ def lock_memory() -> str:
     return os.strerror(ctypes.get_errno()).lower()
 
 
-def granted_realtime() -> dict[str, Any]:
-    """Scheduling of the calling thread, limits and locked memory as the kernel reports them."""
-    policy = os.sched_getscheduler(0)
+def granted_realtime(pid: int = 0) -> dict[str, Any]:
+    """Scheduling, limits and locked memory of the calling thread (0) or a process, as the kernel reports them."""
+    policy = os.sched_getscheduler(pid)
     return {
         "policy": _POLICIES.get(policy & ~_SCHED_RESET_ON_FORK, str(policy)),
-        "priority": os.sched_getparam(0).sched_priority,
-        "rtprio_limit": _limit(resource.getrlimit(_RLIMIT_RTPRIO)[0]),
-        "memlock_limit_bytes": _limit(resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]),
-        "locked_bytes": _locked_bytes(),
+        "priority": os.sched_getparam(pid).sched_priority,
+        "rtprio_limit": _limit(resource.prlimit(pid, _RLIMIT_RTPRIO)[0]),
+        "memlock_limit_bytes": _limit(resource.prlimit(pid, resource.RLIMIT_MEMLOCK)[0]),
+        "locked_bytes": _locked_bytes(pid),
     }
 
 
@@ -152,9 +152,9 @@ def _limit(value: int) -> int | None:
     return None if value == resource.RLIM_INFINITY else value
 
 
-def _locked_bytes() -> int:
+def _locked_bytes(pid: int) -> int:
     # Pages locked on fault count in VmLck as whole mappings; Locked in smaps would walk every page.
-    for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
+    for line in Path(f"/proc/{pid or 'self'}/status").read_text(encoding="ascii", errors="replace").splitlines():
         if line.startswith("VmLck:"):
             return int(line.split()[1]) * 1024
     return 0

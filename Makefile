@@ -1,0 +1,59 @@
+# The two commands of a fresh machine are `make sim` and `make test`; they need Python 3.11 or newer and nothing else.
+PYTHON ?= python3
+VENV ?= .venv
+RUN := $(VENV)/bin/python
+PIP := $(RUN) -m pip install --quiet --disable-pip-version-check --no-input
+DURATION ?= 20
+
+# Installing on a Raspberry Pi: sudo make install [LAMP_GPIO=23|none] [PICAMERA2=1]; into a folder: DESTDIR=/tmp/root
+DESTDIR ?=
+LAMP_GPIO ?= 18
+INSTALL_FLAGS := --root "$(DESTDIR)/" $(if $(DRY_RUN),--dry-run)
+
+.DEFAULT_GOAL := help
+.PHONY: help sim test lint install uninstall lock wheels clean
+
+help: ## this list
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
+
+sim: $(VENV)/.runtime ## run the daemon against the simulated rig (DURATION=20)
+	$(VENV)/bin/hoopd --sim --duration $(DURATION)
+
+test: $(VENV)/.development ## run all tests (ARGS="-k name")
+	$(RUN) -m pytest -q $(ARGS)
+
+lint: $(VENV)/.development ## style, types and import contracts
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	$(RUN) -m mypy
+	$(VENV)/bin/lint-imports
+
+install: ## install on this Raspberry Pi (as root)
+	$(PYTHON) tools/install.py install $(INSTALL_FLAGS) --lamp-gpio $(LAMP_GPIO) $(if $(PICAMERA2),--picamera2)
+
+uninstall: ## take it away again; recordings and configuration stay (PURGE=1: not even those)
+	$(PYTHON) tools/install.py uninstall $(INSTALL_FLAGS) $(if $(PURGE),--purge)
+
+lock: ## newest versions that fit into the lock files (PYTHON=python3.11)
+	$(PYTHON) tools/lock.py
+
+wheels: $(VENV)/.runtime ## does every pinned package have wheels for the Raspberry Pi?
+	$(RUN) tools/check_wheels.py
+
+clean: ## remove the environment and everything that was built
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Stamps: a second call only installs when a lock file or pyproject.toml has changed.
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "hoopd needs Python 3.11 or newer, this is " + sys.version.split()[0] + " (make PYTHON=python3.11)")'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.runtime: requirements.lock pyproject.toml | $(VENV)/bin/python
+	$(PIP) -r requirements.lock
+	$(PIP) --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(VENV)/.development: requirements-dev.lock $(VENV)/.runtime
+	$(PIP) -r requirements-dev.lock
+	@touch $@

@@ -1,0 +1,118 @@
+"""The checks of `hoopd check` put together for one configuration.
+
+Rules of this file: opens what a check needs, closes it again, decides nothing; the order of the rows is the order in
+which a person would look.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+from hoopd import check
+from hoopd.check import Check, CheckResult, Verdict
+from hoopd.core.layout import Layout
+from hoopd.core.records import CameraSample
+from hoopd.files import parse_yaml, read_text
+from hoopd.shell import probe
+from hoopd.shell.config import Config, find
+from hoopd.shell.service import granted_realtime
+
+# As in the unit.
+FIFO_PRIORITY = 50
+WATCH_S = 1.0
+TIMER_TICKS = 50
+SERVICE_RECORDINGS = Path("/var/lib/hoopd")
+FORMATS = {"model": "hoopd.model/1", "controller": "hoopd.controller/1"}
+
+Watch = Callable[[float], list[CameraSample]]
+
+
+def device_checks(config: Config, config_path: Path | None, layout: Layout, watch: Watch) -> list[tuple[str, Check]]:
+    """Every check of the device; `watch(seconds)` gives the analysed pictures of that time."""
+    period_s = config.loop.period_s
+    return [
+        ("files", lambda: _files(config, config_path)),
+        ("board", lambda: _board(config, layout)),
+        ("camera", lambda: _camera(config, watch)),
+        ("priority", _scheduling),
+        ("memory lock", _memory_lock),
+        ("clock", lambda: _clock(period_s)),
+        ("wall clock", lambda: check.wall_clock(probe.clock_synchronised())),
+        ("power", lambda: check.power(probe.throttled_word())),
+        ("disk", lambda: _disk(config)),
+        ("telemetry", lambda: _telemetry(config)),
+    ]
+
+
+def _files(config: Config, config_path: Path | None) -> CheckResult:
+    named = {"model": config.device.model, "controller": config.control.file}
+    formats = {}
+    for kind, name in named.items():
+        path = find(name, config_path)
+        formats[kind] = str(parse_yaml(read_text(path), path).get("format", ""))
+    return check.configuration_files(formats, FORMATS)
+
+
+def _board(config: Config, layout: Layout) -> list[CheckResult]:
+    port, baud = config.serial.port, config.serial.baud
+    try:
+        line = probe.BoardLine(port, baud, layout)
+    except OSError as error:
+        row = check.serial_port(port, baud, error.strerror or str(error))
+        return [row, *(CheckResult(name, "", "no port", Verdict.SKIPPED) for name in ("board", "board time-out"))]
+    with closing(line):
+        rows = [check.serial_port(port, baud, ""), check.board_answers(line)]
+        if rows[-1].verdict is Verdict.FAIL:
+            return [*rows, CheckResult("board time-out", "", "the board does not answer", Verdict.SKIPPED)]
+        return [*rows, check.board_timeout(line)]
+
+
+def _camera(config: Config, watch: Watch) -> list[CheckResult]:
+    samples = watch(WATCH_S)
+    return [check.camera_rate(config.camera.backend, config.camera.fps, samples), check.ball_seen(samples)]
+
+
+def _scheduling() -> CheckResult:
+    pid = probe.service_pid()
+    if pid:
+        return check.scheduling(FIFO_PRIORITY, granted_realtime(pid), "the running service")
+    return check.scheduling(FIFO_PRIORITY, probe.try_realtime(FIFO_PRIORITY), "this process, on request")
+
+
+def _memory_lock() -> CheckResult:
+    pid = probe.service_pid()
+    if pid:
+        found = granted_realtime(pid)
+        return check.memory_lock("", found["locked_bytes"], found["memlock_limit_bytes"])
+    reason, locked_bytes = probe.try_memory_lock()
+    return check.memory_lock(reason, locked_bytes, granted_realtime()["memlock_limit_bytes"])
+
+
+def _clock(period_s: float) -> CheckResult:
+    return check.clock(period_s, probe.clock_resolution_s(), probe.timer_lateness_s(period_s, TIMER_TICKS))
+
+
+def _disk(config: Config) -> CheckResult:
+    settings = config.recording
+    folder = Path(settings.directory) if settings.directory else SERVICE_RECORDINGS
+    if not folder.is_dir():
+        if not settings.directory:
+            return CheckResult("disk", str(folder), "no such folder", Verdict.SKIPPED, "made by the installer")
+        return CheckResult("disk", str(folder), "no such folder", Verdict.FAIL, "see recording.directory")
+    used = sum(path.stat().st_size for path in folder.glob("*.mcap"))
+    free = shutil.disk_usage(folder).free
+    return check.disk(str(folder), settings.quota_bytes, used, free, settings.min_free_bytes)
+
+
+def _telemetry(config: Config) -> CheckResult:
+    endpoint = config.telemetry.endpoint
+    if not config.telemetry.enabled:
+        return CheckResult("telemetry", "off", "", Verdict.SKIPPED)
+    try:
+        probe.claim_endpoint(endpoint)
+    except OSError as error:
+        return check.telemetry(endpoint, (error.strerror or str(error)).lower())
+    return check.telemetry(endpoint, "")
