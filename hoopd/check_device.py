@@ -52,7 +52,7 @@ def _files(config: Config, config_path: Path | None) -> CheckResult:
     formats = {}
     for kind, name in named.items():
         path = find(name, config_path)
-        formats[kind] = str(parse_yaml(read_text(path), path).get("format", ""))
+        formats[kind] = str(parse_yaml(read_text(path), path).get("schema", ""))
     return check.configuration_files(formats, FORMATS)
 
 

@@ -18,6 +18,7 @@ from hoopd.core.limits import Limiter
 from hoopd.files import InputError, parse_yaml, read_text, to_struct
 from hoopd.physics.plant import PARAMETER_UNITS, ParameterError, Plant, check_parameters
 
+
 class _Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
     """Base of all records: unknown keys are refused."""
 

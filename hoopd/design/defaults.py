@@ -73,7 +73,9 @@ def make_defaults(config: Path) -> dict[str, dict[str, Any]]:
 def write_defaults(config: Path, folder: Path) -> None:
     """Write every default controller as YAML."""
     for name, file in make_defaults(config).items():
-        text = HEAD.format(model=file["model"]) + yaml.safe_dump(file, sort_keys=False, default_flow_style=None, width=118)
+        text = HEAD.format(model=file["model"]) + yaml.safe_dump(
+            file, sort_keys=False, default_flow_style=None, width=118
+        )
         (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
 
 
