@@ -148,13 +148,10 @@ def refine_ball(bgr: Image, colour: Colour, guess: Circle) -> Circle:
 
 
 def detector_settings(colour: Colour, ball: Circle, track: Circle) -> DetectorSettings:
-    """Settings for a ball of this size on this track; the window grows with the ball in steps of 16 px."""
-    window_px = max(64, 16 * math.ceil(2.7 * ball.radius_px / 16.0))
-    return DetectorSettings(
+    """Settings for this ball on this track; a circle from one picture may be some pixels off all round."""
+    return DetectorSettings.for_ball(
         weights=colour.weights,
         threshold=colour.threshold,
-        window_px=window_px,
-        search_step=max(1, min(8, int(ball.radius_px / 2.0))),
         ball_radius_px=ball.radius_px,
         ring_centre_px=(track.x_px, track.y_px),
         ring_radius_px=track.radius_px,

@@ -20,6 +20,7 @@ SECTORS = 72
 EDGES_PER_SECTOR = 3  # fewer aligned pixels in 5 degrees of a ring are chance
 LEAST_COVERAGE = 0.6  # of the visible sectors: a hoop's edge goes round, other things do not
 LEAST_VISIBLE = 0.4  # of a circle inside the picture
+RING_REACH = 2.5  # reduced pixels: a circle seen in slight perspective leaves a true circle by this much
 VOTE_MARGIN = 0.25  # of the picture's side: the centre may lie this far outside
 
 
@@ -142,7 +143,7 @@ def outer_ring(edges: Edges, x: float, y: float) -> tuple[float, float] | None:
     radii = np.arange(int(RADIUS_RANGE[0] * side), int(RADIUS_RANGE[1] * side))
     coverage = np.zeros(len(radii))
     for i, radius in enumerate(radii):
-        on = aligned & (np.abs(distance - radius) <= 1.5)
+        on = aligned & (np.abs(distance - radius) <= RING_REACH)
         full = np.bincount(sector[on], minlength=SECTORS) >= EDGES_PER_SECTOR
         visible = visible_sectors(edges.shape, x, y, float(radius))
         if visible.mean() >= LEAST_VISIBLE:
@@ -150,9 +151,10 @@ def outer_ring(edges: Edges, x: float, y: float) -> tuple[float, float] | None:
     good = np.flatnonzero(coverage >= LEAST_COVERAGE)
     if len(good) == 0:
         return None
-    # an edge is a few pixels wide: the best radius of the outermost run
-    outermost = good[good > good[-1] - 5]
-    best = int(outermost[np.argmax(coverage[outermost])])
+    # the outermost ring is seen at all radii within its reach: the one amid most of its edge is its own
+    outermost = good[good > good[-1] - round(2.0 * RING_REACH) - 1]
+    count = [int((aligned & (np.abs(distance - radii[i]) <= 1.5)).sum()) for i in outermost]
+    best = int(outermost[int(np.argmax(count))])
     return float(radii[best]), float(coverage[best])
 
 

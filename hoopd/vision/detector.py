@@ -68,6 +68,29 @@ class DetectorSettings:
             if not valid:
                 raise ValueError(reason)
 
+    @classmethod
+    def for_ball(
+        cls,
+        *,
+        weights: tuple[float, float, float],
+        threshold: float,
+        ball_radius_px: float,
+        ring_centre_px: tuple[float, float] | None,
+        ring_radius_px: float,
+        ring_half_width_px: float,
+    ) -> DetectorSettings:
+        """Settings whose window (64 px or more) and search step (8 or less) fit the ball."""
+        return cls(
+            weights=weights,
+            threshold=threshold,
+            window_px=max(64, 16 * math.ceil(2.7 * ball_radius_px / 16.0)),
+            search_step=max(1, min(8, int(ball_radius_px / 2.0))),
+            ball_radius_px=ball_radius_px,
+            ring_centre_px=ring_centre_px,
+            ring_radius_px=ring_radius_px,
+            ring_half_width_px=ring_half_width_px,
+        )
+
 
 class Detection(NamedTuple):
     """The ball in pixels (centre of the top left pixel is 0, 0); confidence 0..1; tracking: found without a search."""

@@ -210,3 +210,20 @@ def test_a_picture_of_the_wrong_kind_is_refused() -> None:
 def test_impossible_settings_are_refused(change: dict[str, object], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         dataclasses.replace(RING, **change)
+
+
+@pytest.mark.parametrize(("radius", "window", "step"), [(22.0, 64, 8), (30.0, 96, 8), (14.0, 64, 7)])
+def test_window_and_step_follow_the_ball(radius: float, window: int, step: int) -> None:
+    look = dataclasses.replace(LOOK, ball_radius=radius)
+    settings = DetectorSettings.for_ball(
+        weights=RING.weights,
+        threshold=78.0,
+        ball_radius_px=radius,
+        ring_centre_px=look.centre,
+        ring_radius_px=look.track_radius,
+        ring_half_width_px=15.0,
+    )
+    assert (settings.window_px, settings.search_step) == (window, step)
+    found = Detector(settings).detect(picture(look, psi=0.5))
+    assert found is not None
+    assert found[:2] == pytest.approx(ball_centre(look, 0.5), abs=0.3)
