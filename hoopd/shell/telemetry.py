@@ -8,9 +8,9 @@ the interpreter); a full slot drops its oldest; whatever fails is counted, answe
 from __future__ import annotations
 
 import contextlib
-import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -28,7 +28,7 @@ from hoopd.shell.helpers import start_helper
 from hoopd.shell.session import DEVICE, ENDPOINT, asks_who, device_key, exposed, listening, reason
 
 SLOT_ROWS = 64  # 1.3 s of ticks: telemetry is for now, the recording keeps the rest
-POLL_S = 0.02  # how long a query may wait for us
+POLL_S = 0.01  # how long a row or a query may wait for us: waking a thread would cost the tick 4 us, polling nothing
 STATUS_S = 1.0
 RETRY_S = 10.0  # between tries to open
 QUERIES_PER_TURN = 4  # of one key: a flood costs at most a fraction of a millisecond per tick
@@ -103,7 +103,7 @@ class Telemetry:
         self._zenoh_config = listening(settings.endpoint, settings.zenoh)
         _refuse_open_door(settings, self._zenoh_config)
         self._gate = Gate(settings.ranges, enabled=settings.commands)
-        self._slot: queue.SimpleQueue[TickRecord | Event] = queue.SimpleQueue()
+        self._slot: deque[TickRecord | Event] = deque()
         self._summary, self._extra, self._status = _Summary(), {}, b"{}"  # type: tuple[_Summary, Mapping[str, Any], bytes]
         self._published = self._dropped = self._errors = self._queries = self._bad_puts = 0
         self._dropped_before, self._dropping, self._warned = 0, False, False
@@ -123,7 +123,7 @@ class Telemetry:
     @property
     def trouble(self) -> bool:
         """Rows were dropped in the last second, or the slot is full."""
-        return self._dropping or self._slot.qsize() >= SLOT_ROWS
+        return self._dropping or len(self._slot) >= SLOT_ROWS
 
     @property
     def counts(self) -> TelemetryCounts:
@@ -158,18 +158,20 @@ class Telemetry:
         return True
 
     def _offer(self, item: TickRecord | Event) -> None:
-        if self._slot.qsize() >= SLOT_ROWS:
-            with contextlib.suppress(queue.Empty):
-                self._slot.get_nowait()
+        if len(self._slot) >= SLOT_ROWS:
+            with contextlib.suppress(IndexError):  # just taken: there is room
+                self._slot.popleft()
                 self._dropped += 1
-        self._slot.put(item)
+        self._slot.append(item)
 
     # ---- helper thread ----
 
     def _run(self) -> None:
         try:
-            while not self._stop.is_set():
+            while not self._stop.wait(POLL_S):
                 self._turn()
+            if self._session is not None:
+                self._turn()  # the last facts of a run are the ones that somebody waits for
         finally:
             self._shut()
 
@@ -177,8 +179,10 @@ class Telemetry:
         """Open if needed, publish what comes, answer what waits."""
         if self._session is None and time.monotonic() >= self._open_at:
             self._try_open()
-        with contextlib.suppress(queue.Empty):
-            self._publish(self._slot.get(timeout=POLL_S))
+        with contextlib.suppress(IndexError):  # the tick's side takes the oldest of a full slot
+            for _ in range(len(self._slot)):
+                self._publish(self._slot.popleft())
+                time.sleep(0)  # lets a waiting tick in: no batch may hold the interpreter
         for name, queryable in self._queryables.items():
             self._serve(name, queryable)
         if time.monotonic() >= self._status_at:

@@ -99,11 +99,13 @@ def test_late_subscriber_gets_ticks_events_and_status() -> None:
     with running(Settings(endpoint=endpoint)) as telemetry:
         for k in range(20):
             telemetry.put(tick(k))
+        assert wait_until(lambda: telemetry.counts.published >= 20)
         with client(endpoint) as session:
             rows = session.declare_subscriber("hoopd/hoop/tick", zenoh.handlers.RingChannel(100))
             events = session.declare_subscriber("hoopd/hoop/event", zenoh.handlers.RingChannel(10))
             status = session.declare_subscriber("hoopd/hoop/status", zenoh.handlers.RingChannel(10))
-            assert wait_until(lambda: telemetry._publishers["tick"].matching_status.matching)
+            publishers = telemetry._publishers.values()
+            assert wait_until(lambda: all(publisher.matching_status.matching for publisher in publishers))
             for k in range(20, 30):
                 telemetry.put(tick(k))
             telemetry.event(0.6, "camera_lost", "warning", age_s=0.2)
@@ -119,6 +121,16 @@ def test_late_subscriber_gets_ticks_events_and_status() -> None:
                 str(reply.ok.key_expr) for reply in session.liveliness().get("hoopd/*/alive", timeout=5.0) if reply.ok
             ]
             assert tokens == ["hoopd/hoop/alive"]
+
+
+def test_last_event_is_published_before_the_end() -> None:
+    endpoint = free_endpoint()
+    with running(Settings(endpoint=endpoint)) as telemetry, client(endpoint) as session:
+        events = session.declare_subscriber("hoopd/hoop/event", zenoh.handlers.RingChannel(10))
+        assert wait_until(lambda: telemetry._publishers["event"].matching_status.matching)
+        telemetry.event(1.0, "stopped")
+        assert telemetry.close(10.0)
+        assert json.loads(receive(events, 1)[0])["event"] == "stopped"
 
 
 def test_snapshot_and_config() -> None:
@@ -221,13 +233,20 @@ def test_taken_port_is_one_warning_and_heals() -> None:
 
 
 def test_full_slot_drops_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
-    gate = threading.Event()
-    monkeypatch.setattr(module.zenoh, "open", lambda _config: gate.wait(20.0) and None)
+    gate, hanging = threading.Event(), threading.Event()
+
+    def hang(_config: object) -> None:
+        hanging.set()
+        gate.wait(20.0)
+        raise RuntimeError("too late")
+
+    monkeypatch.setattr(module.zenoh, "open", hang)
     telemetry = Telemetry(Settings(endpoint=free_endpoint()))
     telemetry.start()
+    assert hanging.wait(10.0)
     for k in range(500):
         telemetry.put(tick(k))
-    assert telemetry._slot.qsize() == module.SLOT_ROWS
+    assert len(telemetry._slot) == module.SLOT_ROWS
     assert telemetry.counts.dropped == 500 - module.SLOT_ROWS
     assert telemetry.trouble
     begin = time.monotonic()
@@ -261,7 +280,7 @@ def test_frozen_subscriber_delays_nothing() -> None:
             for k in range(2000):  # 40 s of ticks in 2 s
                 telemetry.put(tick(k))
                 time.sleep(0.001)
-            assert wait_until(lambda: telemetry._slot.qsize() == 0)
+            assert wait_until(lambda: len(telemetry._slot) == 0)
             assert telemetry.counts.published >= 2000 - telemetry.counts.dropped
             assert telemetry.counts.errors == 0
         finally:
