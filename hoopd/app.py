@@ -40,6 +40,17 @@ if TYPE_CHECKING:
 
 # The interpreter hands over between threads this often; the default of 5 ms is a quarter of a tick.
 SWITCH_INTERVAL_S = 0.0005
+# Rows between two status messages: a second.
+STATUS_EVERY = 50
+# What may be changed while running, and how far; a law knows only some of them.
+TUNABLE = {
+    "k_dtheta": (0.0, 0.1),
+    "k_psi": (0.0, 2.0),
+    "k_dpsi": (0.0, 0.5),
+    "hoop_speed_limit": (0.0, 40.0),
+    "feedforward": (-5.0, 5.0),
+    "gain": (0.0, 3.0),
+}
 # Without a board the service still comes up, disarmed, and says what is missing.
 READY_PATIENCE_S = 5.0
 
@@ -115,7 +126,7 @@ async def _run(
     reporter = log.Reporter(lambda: status_line(loop))
     with ExitStack() as stack:
         recorder = _recorder(stack, options, config, texts, reporter)
-        telemetry = None if virtual else _telemetry(stack, config, texts, reporter)
+        telemetry = None if virtual else _telemetry(stack, config, texts, reporter, lambda: status(loop, recorder))
         watch = Watch()
         sinks: list[Sink] = [sink for sink in (reporter, recorder, telemetry, watch) if sink is not None]
         loop = Loop(
@@ -235,8 +246,8 @@ class RecorderSink:
 class TelemetrySink:
     """Telemetry as the loop sees it."""
 
-    def __init__(self, telemetry: Telemetry) -> None:
-        self.telemetry = telemetry
+    def __init__(self, telemetry: Telemetry, status: Callable[[], dict[str, Any]]) -> None:
+        self.telemetry, self._status, self._rows = telemetry, status, 0
 
     @property
     def trouble(self) -> bool:
@@ -244,8 +255,11 @@ class TelemetrySink:
         return self.telemetry.trouble
 
     def put(self, record: TickRecord, inputs: Inputs) -> None:
-        """Publish one tick."""
+        """Publish one tick, and now and then what the status message tells beside it."""
         self.telemetry.put(record)
+        self._rows += 1
+        if self._rows % STATUS_EVERY == 0:
+            self.telemetry.set_status(self._status())
 
     def note(self, t: float, note: Note) -> None:
         """Publish one fact."""
@@ -278,11 +292,17 @@ def _recorder(
     )
     limits = RoomLimits(config.recording.quota_bytes, config.recording.min_free_bytes)
     recorder = Recorder(folder, header, limits=limits, synchronous=options.speed == "max", on_event=_tell(reporter))
-    stack.callback(recorder.close)
+    stack.callback(_close, recorder.close, "recorder")
     return RecorderSink(recorder)
 
 
-def _telemetry(stack: ExitStack, config: Config, texts: Texts, reporter: log.Reporter) -> TelemetrySink | None:
+def _telemetry(
+    stack: ExitStack,
+    config: Config,
+    texts: Texts,
+    reporter: log.Reporter,
+    status: Callable[[], dict[str, Any]],
+) -> TelemetrySink | None:
     if not config.telemetry.enabled:
         return None
     from hoopd.shell.telemetry import Settings, Telemetry
@@ -292,13 +312,31 @@ def _telemetry(stack: ExitStack, config: Config, texts: Texts, reporter: log.Rep
         device=config.device.name,
         endpoint=config.telemetry.endpoint,
         commands=config.telemetry.commands,
-        ranges=Ranges(reference=(-limit, limit)),
+        ranges=Ranges(reference=(-limit, limit), tune=TUNABLE),
         zenoh=config.telemetry.zenoh,
     )
     telemetry = Telemetry(settings, config_text=texts.config, on_event=_tell(reporter))
     telemetry.start()
-    stack.callback(telemetry.close)
-    return TelemetrySink(telemetry)
+    stack.callback(_close, telemetry.close, "telemetry")
+    return TelemetrySink(telemetry, status)
+
+
+def _close(close: Callable[[], bool], what: str) -> None:
+    """Close within the helper's own bound; helpers are daemon threads, so one that hangs cannot hold the process."""
+    if not close():
+        sys.stderr.write(f"hoopd: {what} did not close in time\n")
+
+
+def status(loop: Loop, recorder: RecorderSink | None) -> dict[str, Any]:
+    """What the status message tells beside the newest tick."""
+    statistics = loop.statistics
+    return {
+        "faults": loop.tick.faults,
+        "missed_ticks": statistics.missed,
+        "lateness_p99_s": statistics.lateness.quantile(0.99),
+        "execution_p99_s": statistics.execution.quantile(0.99),
+        "recorder": recorder.recorder.counts._asdict() if recorder else None,
+    }
 
 
 def status_line(loop: Loop) -> str:

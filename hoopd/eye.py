@@ -5,6 +5,7 @@ Rules of this file: joins vision to the records of the tick; no camera, no clock
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import nan
 
 from hoopd.core.records import CameraSample
@@ -20,6 +21,10 @@ class Analyser:
     def __init__(self, vision: Vision, minimum_confidence: float) -> None:
         self._detector = Detector(_settings(vision, minimum_confidence))
         self._to_angle = _pixel_to_angle(vision)
+
+    def reset(self) -> None:
+        """Forget where the ball was: the camera started again."""
+        self._detector.reset()
 
     def bgr(self, frame: int, t: float, t_arrival: float, picture: Image) -> CameraSample:
         """Sample from a picture of shape (height, width, 3), channels B, G, R."""
@@ -39,16 +44,15 @@ class Analyser:
 def _settings(vision: Vision, minimum_confidence: float) -> DetectorSettings:
     red, green, blue = vision.weights
     try:
-        return DetectorSettings(
+        settings = DetectorSettings.for_ball(
             weights=(blue, green, red),
             threshold=vision.threshold,
             ball_radius_px=vision.ball_radius_px,
-            window_px=max(64, round(2.8 * vision.ball_radius_px)),
             ring_centre_px=vision.circle_px.centre,
             ring_radius_px=vision.circle_px.radius,
             ring_half_width_px=vision.band_px,
-            min_confidence=minimum_confidence,
         )
+        return replace(settings, min_confidence=minimum_confidence)
     except ValueError as error:
         raise InputError("configuration", "vision", str(error)) from None
 

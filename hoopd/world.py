@@ -17,6 +17,7 @@ import numpy as np
 
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import Layout, layout_from_table, layout_to_table
+from hoopd.eye import Analyser
 from hoopd.files import InputError, parse_yaml, read_text
 from hoopd.shell.config import Config, find
 from hoopd.shell.link import BITS_PER_BYTE, Codec, SerialDrive
@@ -24,6 +25,7 @@ from hoopd.shell.loop import Drive, Eye, Timer
 
 if TYPE_CHECKING:
     from hoopd.sim.boardprocess import ProcessConfig
+    from hoopd.sim.camera import CameraConfig
     from hoopd.sim.faults import FaultScript
     from hoopd.sim.rig import Rig
 
@@ -142,12 +144,14 @@ def torque_log(config: Config) -> Iterator[Any]:
 
 def make_watcher(config: Config, script: Any, seed: int, *, direct: bool) -> Any:
     """The rig's camera in virtual time."""
-    from hoopd.sim.watchers import DirectWatcher, Disturbance
+    from hoopd.sim.camera import Painter
+    from hoopd.sim.watchers import DirectWatcher, Disturbance, PictureWatcher
 
     sim, frame_s = config.sim, 1.0 / config.camera.fps
-    disturbance = Disturbance(sim.disturbance_at_s, sim.disturbance_rad)
     if not direct:
-        raise NotImplementedError
+        painter = Painter(camera_config(config, seed, ring="", start=0.0), script)
+        return PictureWatcher(painter, Analyser(config.vision, config.faults.minimum_confidence), frame_s)
+    disturbance = Disturbance(sim.disturbance_at_s, sim.disturbance_rad)
     return DirectWatcher(
         script,
         seed,
@@ -157,6 +161,33 @@ def make_watcher(config: Config, script: Any, seed: int, *, direct: bool) -> Any
         radius_px=config.vision.circle_px.radius,
         disturbance=disturbance,
         frame_s=frame_s,
+    )
+
+
+def camera_config(config: Config, seed: int, *, ring: str, start: float) -> CameraConfig:
+    """What the rig's camera is told: it shows the hoop where the vision section expects it."""
+    from hoopd.sim.camera import CameraConfig
+
+    sim, camera, vision = config.sim, config.camera, config.vision
+    return CameraConfig(
+        ring=ring,
+        start=start,
+        phase_s=sim.camera_phase / camera.fps,
+        delay_s=sim.delay_frames / camera.fps,
+        scene={
+            "width": camera.width_px,
+            "height": camera.height_px,
+            "centre": vision.circle_px.centre,
+            "track_radius": vision.circle_px.radius,
+            "ball_radius": vision.ball_radius_px,
+            "exposure_s": camera.exposure_s,
+            "seed": seed,
+        },
+        angle_offset_rad=sim.angle_offset_rad,
+        disturbance_at_s=sim.disturbance_at_s,
+        disturbance_rad=sim.disturbance_rad,
+        faults=fault_rows(config),
+        seed=seed,
     )
 
 

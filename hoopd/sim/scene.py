@@ -170,7 +170,10 @@ def _hoop_sprite(s: SceneSettings) -> Image:
     track, ball = s.track_radius, s.ball_radius
     _disc(colour, s, track + 2.0 * ball, s.hoop_colour)
     _disc(colour, s, track + 0.55 * ball, s.background)
-    for inner, outer, dark in ((track + 0.55 * ball, track + 0.75 * ball, 0.45), (track + 0.9 * ball, track + 0.97 * ball, 0.6)):
+    for inner, outer, dark in (
+        (track + 0.55 * ball, track + 0.75 * ball, 0.45),
+        (track + 0.9 * ball, track + 0.97 * ball, 0.6),
+    ):
         _ring(colour, s, (inner, outer), tuple(dark * c for c in s.hoop_colour))
     for k in range(4):
         _spoke(colour, s, k * pi / 2 + pi / 4)

@@ -13,6 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from hoopd.core.records import CameraSample
+from hoopd.eye import Analyser
+from hoopd.sim.camera import Painter
 from hoopd.sim.faults import FaultScript
 
 State = tuple[float, float, float, float]
@@ -65,6 +67,17 @@ class DirectWatcher:
         x = self._centre[0] - self._radius * sin(psi)
         y = self._centre[1] + self._radius * cos(psi)
         return CameraSample(frame, t, t, wrap(psi), 1.0, x, y)
+
+
+class PictureWatcher:
+    """Angles from rendered pictures, by the same analysis as on the device."""
+
+    def __init__(self, painter: Painter, analyser: Analyser, frame_s: float) -> None:
+        self._painter, self._analyser, self._frame_s = painter, analyser, frame_s
+
+    def see(self, frame: int, t: float, state: State) -> CameraSample:
+        """Render and analyse one picture."""
+        return self._analyser.bgr(frame, t, t, self._painter.paint(frame, t, state, self._frame_s))
 
 
 def wrap(angle: float) -> float:
