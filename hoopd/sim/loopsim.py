@@ -139,7 +139,7 @@ def simulate(
         t = k * s.period_s
         world.run_to(t)
         camera = world.picture(t)
-        estimate = estimator.update(t, torque, applied, answer, camera)
+        estimate = estimator.update(t, torque, applied, answer, camera, held=world.held)
         psi_last = psi_last if camera is None else camera.psi
         world.held = t < s.start_s - 1e-9
         wanted = 0.0
