@@ -145,7 +145,9 @@ def test_a_ball_that_was_moved_is_found_again_and_random_false_ones_are_not() ->
         for k in range(130):
             t, u, applied, answer, picture = world.tick()
             if k >= 100:
-                picture = picture._replace(psi=2.0 + 0.01 * (k - 100) if moved else rng.uniform(1.0, 3.1) * rng.choice((-1, 1)))
+                picture = picture._replace(
+                    psi=2.0 + 0.01 * (k - 100) if moved else rng.uniform(1.0, 3.1) * rng.choice((-1, 1))
+                )
             accepted.append(ekf.update(t, u, applied, answer, picture).psi_accepted)
             world.torque(0.0)
         assert any(accepted[100:106]) is expected

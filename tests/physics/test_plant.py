@@ -49,7 +49,9 @@ def by_hand(kinematics: str, p: dict[str, float], x: np.ndarray, u: float) -> np
     """q'' = M^-1 (D u - Q q' - C sin psi): w = a theta' + b psi', phi' = n (theta' - psi')."""
     n, r = p["Ro"] / p["Rb"], p["Ro"] - p["Rb"]
     a, b = (n, 1 - n) if kinematics == "rolling" else (n + 1, -n)
-    mass = np.array([[p["Ih"] + p["Ib"] * a * a, p["Ib"] * a * b], [p["Ib"] * a * b, p["mb"] * r * r + p["Ib"] * b * b]])
+    mass = np.array(
+        [[p["Ih"] + p["Ib"] * a * a, p["Ib"] * a * b], [p["Ib"] * a * b, p["mb"] * r * r + p["Ib"] * b * b]]
+    )
     damping = p["bb"] * n * n * np.array([[1, -1], [-1, 1]]) + np.diag([p["bh"], 0])
     gravity = np.array([0, p["mb"] * p["g"] * r * np.sin(x[2])])
     acceleration = np.linalg.solve(mass, np.array([u, 0]) - damping @ x[[1, 3]] - gravity)
@@ -159,7 +161,9 @@ def test_jacobians_agree_with_differences() -> None:
         np.testing.assert_allclose(f[:, i], step / (2 * d), atol=1e-6)
         slope = plant.derivative(up, 0.2) - plant.derivative(down, 0.2)
         np.testing.assert_allclose(a[:, i], slope / (2 * d), atol=1e-5)
-    np.testing.assert_allclose(b[:, 0], plant.derivative(STATE, 1.2) - plant.derivative(STATE, 0.2), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        b[:, 0], plant.derivative(STATE, 1.2) - plant.derivative(STATE, 0.2), rtol=1e-9, atol=1e-9
+    )
     assert np.isfinite(x1).all()
 
 
