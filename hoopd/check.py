@@ -255,9 +255,9 @@ def telemetry(endpoint: str, failure: str) -> CheckResult:
 
 
 def configuration_files(versions: dict[str, str], expected: dict[str, str]) -> CheckResult:
-    """Every file has the format that this version reads: name -> format."""
+    """Every file has the schema that this version reads: name -> schema."""
     wrong = [
-        f"{name}: {versions.get(name) or 'no format'}" for name in expected if versions.get(name) != expected[name]
+        f"{name}: {versions.get(name) or 'no schema'}" for name in expected if versions.get(name) != expected[name]
     ]
     wanted = ", ".join(f"{name} {kind}" for name, kind in expected.items())
     if wrong:

@@ -7,27 +7,73 @@ which a person would look.
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
+
+import msgspec
 
 from hoopd import check
 from hoopd.check import Check, CheckResult, Verdict
 from hoopd.core.layout import Layout
 from hoopd.core.records import CameraSample
-from hoopd.files import parse_yaml, read_text
+from hoopd.files import InputError, parse_yaml, read_text
 from hoopd.shell import probe
+from hoopd.shell.clock import TickTimer
 from hoopd.shell.config import Config, find
+from hoopd.shell.loop import Eye, Timer
 from hoopd.shell.service import granted_realtime
 
 # As in the unit.
 FIFO_PRIORITY = 50
 WATCH_S = 1.0
+# The camera's program starts within two seconds; its first pictures come at an irregular rate.
+FIRST_PICTURE_S = 6.0
+SETTLING_PICTURES = 10
+# Ten looks in a picture's period: the slot holds one picture only.
+LOOK_S = 0.002
 TIMER_TICKS = 50
 SERVICE_RECORDINGS = Path("/var/lib/hoopd")
 FORMATS = {"model": "hoopd.model/1", "controller": "hoopd.controller/1"}
 
 Watch = Callable[[float], list[CameraSample]]
+OpenCamera = Callable[[Config, Timer], AbstractContextManager[Eye]]
+
+
+def check_device(
+    config: Config, config_path: Path | None, layout: Layout, camera: OpenCamera, json_path: Path | None = None
+) -> int:
+    """Run every check, print the table, write the JSON file; the exit code."""
+
+    def watch(seconds: float) -> list[CameraSample]:
+        with TickTimer(config.loop.period_s) as timer, camera(config, timer) as eye:
+            return collect(eye, seconds)
+
+    rows = check.run_checks(device_checks(config, config_path, layout, watch))
+    check.print_table(rows)
+    if json_path is not None:
+        try:
+            json_path.write_bytes(msgspec.json.format(msgspec.json.encode(check.as_data(rows)), indent=2) + b"\n")
+        except OSError as error:
+            raise InputError(json_path, "", (error.strerror or "cannot be written").lower()) from None
+    return check.exit_code(rows)
+
+
+def collect(eye: Eye, seconds: float) -> list[CameraSample]:
+    """Pictures of so many seconds, after the camera has settled; fewer or none when it gives none."""
+    samples: list[CameraSample] = []
+    settling, end = SETTLING_PICTURES, time.monotonic() + FIRST_PICTURE_S
+    while time.monotonic() < end:
+        sample = eye.take()
+        if sample is None:
+            time.sleep(LOOK_S)
+        elif settling > 0:
+            settling -= 1
+            end = end if settling else time.monotonic() + seconds
+        else:
+            samples.append(sample)
+    return samples
 
 
 def device_checks(config: Config, config_path: Path | None, layout: Layout, watch: Watch) -> list[tuple[str, Check]]:
@@ -71,7 +117,11 @@ def _board(config: Config, layout: Layout) -> list[CheckResult]:
 
 
 def _camera(config: Config, watch: Watch) -> list[CheckResult]:
-    samples = watch(WATCH_S)
+    try:
+        samples = watch(WATCH_S)
+    except InputError as error:  # here a camera that cannot be had is a finding, not unusable input
+        wanted = f"{config.camera.backend}, {config.camera.fps:g} pictures a second"
+        return [CheckResult("camera", wanted, str(error), Verdict.FAIL, "see the section camera")]
     return [check.camera_rate(config.camera.backend, config.camera.fps, samples), check.ball_seen(samples)]
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONS = ("3.11", "3.13")
 # glibc of Raspberry Pi OS: bookworm 2.36, trixie 2.41. A wheel for an older one runs on both.
-PLATFORMS = tuple(f"manylinux_2_{minor}_aarch64" for minor in range(36, 16, -1)) + ("manylinux2014_aarch64",)
+PLATFORMS = (*(f"manylinux_2_{minor}_aarch64" for minor in range(36, 16, -1)), "manylinux2014_aarch64")
 COLUMN = 42
 _PIN = re.compile(r"^([A-Za-z0-9._-]+)==([^\s;]+)")
 

@@ -198,6 +198,8 @@ def install(target: Target, options: argparse.Namespace) -> None:
 def install_venv(target: Target, python: str, *, picamera2: bool) -> None:
     """The interpreter's own environment with the pinned packages and the daemon."""
     venv = target.path(VENV)
+    if Path(python).resolve().is_relative_to("/home") or Path(python).resolve().is_relative_to("/root"):
+        print(f"careful: the service cannot see {python} (ProtectHome); better: make install PYTHON=/usr/bin/python3")
     site = ["--system-site-packages"] if picamera2 else []
     target.run(python, "-m", "venv", "--clear", *site, str(venv), needed=True)
     pip = [str(venv / "bin/python"), "-m", "pip", "install", "--no-input", "--disable-pip-version-check", "--quiet"]
@@ -207,7 +209,8 @@ def install_venv(target: Target, python: str, *, picamera2: bool) -> None:
     )
     if picamera2:
         target.run(*pip, "--ignore-installed", "--no-deps", PICAMERA2_REBUILT, needed=True)
-    target.run(*pip, "--no-deps", str(SOURCE), needed=True)
+    # The build backend is in the lock too: nothing unpinned is fetched.
+    target.run(*pip, "--no-deps", "--no-build-isolation", str(SOURCE), needed=True)
     if not (target.live or target.dry_run):
         relocate(venv, target.root)
 

@@ -148,7 +148,7 @@ class LqgLinear:
 
     def __init__(self, gains: LinearGains) -> None:
         self.gains = gains
-        self.reset()
+        self._x: Vector = np.zeros(len(gains.b))
 
     def update(self, measurement: Measurement) -> tuple[float, Log]:
         """See the class; a missing output leaves its prediction."""
@@ -197,7 +197,9 @@ class TransferFunctionController:
         lead = [0.0] * (len(a) - len(b))  # b is written for the lowest powers: a shorter one is delayed
         self._b, self._a = [value / a[0] for value in (*lead, *b)], [value / a[0] for value in a]
         self.gain = gain
-        self.reset()
+        self._error = 0.0  # rad
+        self._errors = [0.0] * len(self._b)
+        self._torques = [0.0] * (len(self._a) - 1)  # N m
 
     def update(self, measurement: Measurement) -> tuple[float, Log]:
         """See the class."""

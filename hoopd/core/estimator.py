@@ -28,7 +28,7 @@ LONGEST_STEP_S = 0.02  # what a `Step` is accurate for
 SAME_INSTANT_S = 1e-3  # a sample this close to a torque switch was taken by the same request
 RESTART_GAP_S = 1.0  # a gap this long outlives the ball's swing: start again rather than predict
 THETA_JUMP_RAD = 1.0  # no prediction misses by this much: the board restarted its count
-BALL_SPEED_LIMIT_RAD_S = 30.0  # successive rejected samples that move faster are not one ball
+BALL_SPEED_LIMIT_RAD_S = 15.0  # rejected samples that move faster are not one ball; one let go at the side has 12
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,10 @@ class EkfSettings:
 class _Node:
     """One instant of the past: torque from here on, what was measured here, state and covariance after it."""
 
-    __slots__ = ("dtheta", "p", "psi", "start_ball", "start_hoop", "t", "theta", "u", "x")
+    __slots__ = ("dtheta", "p", "psi", "q", "start_ball", "start_hoop", "t", "theta", "u", "x")
 
-    def __init__(self, t: float, u: float, x: Vector, p: Vector) -> None:
-        self.t, self.u, self.x, self.p = t, u, x, p
+    def __init__(self, t: float, u: float, q: Vector, x: Vector, p: Vector) -> None:
+        self.t, self.u, self.q, self.x, self.p = t, u, q, x, p  # u and q from here on
         self.theta = self.dtheta = self.psi = nan  # NaN: not measured here
         self.start_hoop = self.start_ball = False  # the measurement replaces the prediction
 
@@ -78,7 +78,7 @@ class DelayedEkf:
     def __init__(self, step: Step, settings: EkfSettings | None = None) -> None:
         self.settings = settings or EkfSettings()
         self._step = step
-        self._q = self._q_free = np.array(self.settings.q)
+        self._q_free = np.array(self.settings.q)
         self._q_held = np.array([*self.settings.q[:3], self.settings.q_held_dpsi])
         self.reset()
 
@@ -107,8 +107,8 @@ class DelayedEkf:
     ) -> Estimate:
         """Estimate at `t`: the torque acts since `t_applied`; None or NaN samples predict only; times in s.
 
-        `held`: nobody controls the ball, so that a hand may hold it or carry it round against the model."""
-        self._q = self._q_held if held else self._q_free
+        `held`: nobody controls the ball, so that a hand may hold it or carry it round against the model.
+        """
         self._open(t)
         innovation_theta, judged = nan, (False, nan, nan)
         switch = max(min(t, t_applied), self._nodes[0].t)
@@ -116,7 +116,8 @@ class DelayedEkf:
         # a late picture first: then the newest instants run once, not twice
         if camera is not None and late:
             judged = self._fuse_camera(camera)
-        self._insert(switch).u = torque_previous if isfinite(torque_previous) else 0.0
+        node = self._insert(switch)
+        node.u, node.q = torque_previous if isfinite(torque_previous) else 0.0, self._q_held if held else self._q_free
         if driver is not None:
             innovation_theta = self._fuse_driver(driver)
         if camera is not None and not late:
@@ -137,7 +138,7 @@ class DelayedEkf:
         self._t = t
         nodes, oldest = self._nodes, t - self.settings.horizon_s
         if not nodes:
-            nodes.append(_Node(oldest, 0.0, np.zeros(4), np.diag(self._start_variance())))
+            nodes.append(_Node(oldest, 0.0, self._q_held, np.zeros(4), np.diag(self._start_variance())))
         while len(nodes) > 1 and nodes[1].t <= oldest:
             nodes.pop(0)
 
@@ -145,8 +146,8 @@ class DelayedEkf:
         """A new node with the predicted state, the last one at its time."""
         index = self._index_before(t)
         node = self._nodes[index]
-        x, p = self._predict(node.x, node.p, node.u, t - node.t)
-        new = _Node(t, node.u, x, p)
+        x, p = self._predict(node, t)
+        new = _Node(t, node.u, node.q, x, p)
         self._nodes.insert(index + 1, new)
         return new
 
@@ -167,7 +168,7 @@ class DelayedEkf:
         nodes = self._nodes
         for index in range(nodes.index(node) + 1, len(nodes)):
             before, after = nodes[index - 1], nodes[index]
-            after.x, after.p = self._predict(before.x, before.p, before.u, after.t - before.t)
+            after.x, after.p = self._predict(before, after.t)
             self._absorb(after)
 
     # ------------------------------------------------------------------------------------------ samples
@@ -218,14 +219,15 @@ class DelayedEkf:
     def _start_variance(self) -> tuple[float, float, float, float]:
         return (tau**2, self.settings.start_dtheta, 1.0, self.settings.start_dpsi)
 
-    def _predict(self, x: Vector, p: Vector, u: float, h: float) -> tuple[Vector, Vector]:
-        """x' = f(x, u, h), P' = F P F' + q h."""
+    def _predict(self, node: _Node, t: float) -> tuple[Vector, Vector]:
+        """State and covariance of a node carried on to `t`: x' = f(x, u, h), P' = F P F' + q h."""
+        x, p, h = node.x, node.p, t - node.t
         while h > 0.0:
             piece = min(h, LONGEST_STEP_S)
-            x, f = self._step(x, u, piece)
-            p = f @ p @ f.T
+            x, f = self._step(x, node.u, piece)
+            p = f.dot(p).dot(f.T)  # the operator @ takes twice as long for matrices this small
             p = 0.5 * (p + p.T)  # symmetric to the bit
-            p.ravel()[::5] += self._q * piece
+            p.ravel()[::5] += node.q * piece
             h -= piece
         return x, p
 

@@ -28,7 +28,7 @@ class ArxModel(NamedTuple):
 
 
 def fit_arx(u: Array, y: Array, na: int = 4, nb: int = 6) -> ArxModel:
-    """Least squares over all rows whose past is complete (NaN: missing); u (n,) N m, y (n, 2); ValueError if too few."""
+    """Least squares over the rows whose past is complete (NaN: missing); u (n,) N m, y (n, 2); ValueError: too few."""
     lag = max(na, nb)
     past_y = [y[lag - i : len(y) - i] for i in range(1, na + 1)]
     past_u = [u[lag - j : len(u) - j, None] for j in range(1, nb + 1)]

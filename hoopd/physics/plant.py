@@ -229,12 +229,12 @@ class _Call:
         self._results = [np.zeros((function.size2_out(i), function.size1_out(i))) for i in range(function.n_out())]
         self._buffer, self._trigger = function.buffer()
         for index, array in enumerate(self._arguments):
-            self._buffer.set_arg(index, memoryview(array))
-        for index, array in enumerate(self._results):
-            self._buffer.set_res(index, memoryview(array))
+            self._buffer.set_arg(index, memoryview(array))  # type: ignore[call-arg, arg-type, unused-ignore]
+        for index, result in enumerate(self._results):
+            self._buffer.set_res(index, memoryview(result))  # type: ignore[call-arg, arg-type, unused-ignore]
         self.x, *rest = self._arguments
         self._scalars = rest
-        self._first = self._results[0][0]
+        self._first: Vector = self._results[0][0]
 
     def vector(self, x: ArrayLike, *scalars: float) -> Vector:
         """First result as a new vector."""

@@ -131,7 +131,9 @@ def simulate(
     """Run one scenario; the ball is held until `start_s`, where the rows' time begins."""
     s = scenario or Scenario()
     world, answer = _World(plant, s), None
-    controller.reset(), estimator.reset(), limiter.reset()
+    controller.reset()
+    estimator.reset()
+    limiter.reset()
     ticks = round((s.start_s + s.duration_s) / s.period_s)
     rows: list[tuple[float, ...]] = []
     torque, applied, psi_last = 0.0, -s.period_s + WIRE_S, float("nan")
@@ -139,13 +141,13 @@ def simulate(
         t = k * s.period_s
         world.run_to(t)
         camera = world.picture(t)
-        estimate = estimator.update(t, torque, applied, answer, camera)
+        estimate = estimator.update(t, torque, applied, answer, camera, held=world.held)
         psi_last = psi_last if camera is None else camera.psi
         world.held = t < s.start_s - 1e-9
         wanted = 0.0
         before = torque
         if not world.held:
-            wanted, _ = controller.update(_measurement(t, s, estimate, answer, camera, before))
+            wanted, _ = controller.update(_measurement(t, s, estimate, (answer, camera), before))
         torque, applied = limiter.apply(wanted), t + WIRE_S
         if not world.held:
             rows.append((t - s.start_s, *world.x, torque, psi_last, *estimate.x))
@@ -157,8 +159,9 @@ def simulate(
 
 
 def _measurement(
-    t: float, s: Scenario, estimate: Estimate, answer: DriverSample | None, camera: CameraSample | None, before: float
+    t: float, s: Scenario, estimate: Estimate, samples: tuple[DriverSample | None, CameraSample | None], before: float
 ) -> Measurement:
+    answer, camera = samples
     return Measurement(
         t=t,
         x=estimate.x,

@@ -190,7 +190,7 @@ def test_environment_is_built_from_the_lock_and_moved_to_its_place(tmp_path, mon
     installer.install_venv(target, "python3.11", picamera2=True)
     assert calls[0] == ("python3.11", "-m", "venv", "--clear", "--system-site-packages", str(tmp_path / "opt/hoopd"))
     assert str(ROOT / "requirements.lock") in calls[1]
-    assert calls[-1][-2:] == ("--no-deps", str(ROOT))
+    assert calls[-1][-3:] == ("--no-deps", "--no-build-isolation", str(ROOT))
     assert (tmp_path / "opt/hoopd/bin/hoopd").read_text() == "#!/opt/hoopd/bin/python\n"
 
 

@@ -121,3 +121,17 @@ def test_libraries_live_inside_the_sandbox():
     if result.returncode == UNAVAILABLE:
         pytest.skip(result.stderr.strip())
     assert (result.returncode, result.stdout) == (0, "lives\n"), result.stderr
+
+
+@needs_analyze
+@pytest.mark.realtime
+def test_the_whole_daemon_lives_inside_the_sandbox(tmp_path):
+    command = [sys.executable, "-m", "hoopd", "--sim", "--camera", "direct", "--duration", "2", "--record", tmp_path]
+    result = subprocess.run(
+        [sys.executable, ROOT / "tools/sandbox.py", UNIT, *command, "--set", "telemetry.endpoint=tcp/127.0.0.1:17447"],
+        capture_output=True, text=True, timeout=60, check=False, cwd=ROOT,
+    )  # fmt: skip
+    if result.returncode == UNAVAILABLE:
+        pytest.skip(result.stderr.strip())
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert list(tmp_path.glob("*.mcap"))

@@ -1,0 +1,105 @@
+"""Model and controller files: what ships loads, what is wrong is one clear line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from hoopd.files import InputError
+from hoopd.modelfiles import (
+    controller_of,
+    estimator_of,
+    limiter_of,
+    load_controller,
+    load_model,
+    parse_controller,
+    parse_model,
+    plant_of,
+)
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+
+
+@pytest.mark.parametrize("path", sorted((CONFIG / "models").glob("*.yaml")), ids=lambda path: path.stem)
+def test_shipped_models_load(path: Path) -> None:
+    model = load_model(path)
+    assert plant_of(model).structure == model.structure
+    assert model.device.values()["mb"] == pytest.approx(0.0608)
+
+
+@pytest.mark.parametrize("path", sorted((CONFIG / "controllers").glob("*.yaml")), ids=lambda path: path.stem)
+def test_shipped_controllers_load(path: Path) -> None:
+    file = load_controller(path)
+    plant = plant_of(load_model(CONFIG / file.model))
+    assert estimator_of(file, plant).settings.gate_nis == 25.0
+    assert limiter_of(file).torque_nm == 0.7
+    controller_of(file).reset()
+
+
+MODEL_MISTAKES = [
+    (("schema",), "hoopd.model/2", "schema"),
+    (("structure",), "sliding", "structure"),
+    (("parameters", "Ib", "unit"), "g cm^2", "wrong unit 'g cm^2': this parameter is in kg m^2"),
+    (("parameters", "Ib", "value"), -1e-6, "parameters.Ib: must be positive"),
+    (("parameters", "Ib", "ci95"), [1.0, 2.0], "parameters.Ib.ci95"),
+    (("parameters", "Ic"), {"value": 1.0, "unit": "kg"}, "parameters.Ic: not a parameter of the rolling model"),
+    (("device", "ball_mass_kg"), -0.06, "device.ball_mass_kg: must be positive"),
+    (("device", "ball_mass_kg"), "60 mm", "device.ball_mass_kg: wrong unit 'mm'"),
+    (("device", "torque_limit_nm"), 0.0, "device.torque_limit_nm: must be above 0"),
+    (("device", "mass"), 1.0, "device.mass: unknown key"),
+    (("sample_time_s",), 0.0, "sample_time_s"),
+]
+
+
+@pytest.mark.parametrize(("keys", "value", "message"), MODEL_MISTAKES, ids=lambda item: str(item)[:30])
+def test_mistakes_in_a_model_are_one_line_with_file_and_key(keys: tuple[str, ...], value: object, message: str) -> None:
+    check(parse_model, (CONFIG / "models" / "hoop.yaml").read_text(), keys, value, message)
+
+
+def test_a_missing_parameter_is_named() -> None:
+    data = yaml.safe_load((CONFIG / "models" / "hoop.yaml").read_text())
+    del data["parameters"]["bh"]
+    with pytest.raises(InputError, match=r"m\.yaml: parameters\.bh: missing"):
+        parse_model(yaml.safe_dump(data), "m.yaml")
+
+
+CONTROLLER_MISTAKES = [
+    (("kind",), "fuzzy", "kind"),
+    (("gains", "k_phi"), 1.0, "gains: missing [], unknown ['k_phi']"),
+    (("gains", "k_psi"), "much", "gains: k_psi must be a finite number"),
+    (("limits", "torque_nm"), 1.5, "limits.torque_nm: must be above 0 and at most 0.7"),
+    (("limits", "slew_nm_per_tick"), 0.0, "limits.slew_nm_per_tick"),
+    (("estimator", "r_psi"), 0.0, "estimator: r_psi must be above zero"),
+    (("estimator", "q"), [1.0, 2.0], "estimator.q"),
+]
+
+
+@pytest.mark.parametrize(("keys", "value", "message"), CONTROLLER_MISTAKES, ids=lambda item: str(item)[:30])
+def test_mistakes_in_a_controller_are_one_line(keys: tuple[str, ...], value: object, message: str) -> None:
+    check(parse_controller, (CONFIG / "controllers" / "lqg.yaml").read_text(), keys, value, message)
+
+
+ARX_MISTAKES = [
+    (("gains", "b"), [1.0, 2.0], "gains: a must have shape (2, 2)"),
+    (("gains", "feedback"), [[1.0]], "gains: feedback must be a list of finite numbers"),
+    (("gains", "c"), [[1.0], [1.0, 2.0]], "gains: c must be a table of numbers"),
+]
+
+
+@pytest.mark.parametrize(("keys", "value", "message"), ARX_MISTAKES, ids=lambda item: str(item)[:30])
+def test_matrices_that_do_not_fit_are_refused(keys: tuple[str, ...], value: object, message: str) -> None:
+    check(parse_controller, (CONFIG / "controllers" / "arx.yaml").read_text(), keys, value, message)
+
+
+def check(parse: object, text: str, keys: tuple[str, ...], value: object, message: str) -> None:
+    data = yaml.safe_load(text)
+    place = data
+    for key in keys[:-1]:
+        place = place[key]
+    place[keys[-1]] = value
+    with pytest.raises(InputError) as error:
+        parse(yaml.safe_dump(data), "x.yaml")  # type: ignore[operator]
+    assert str(error.value).startswith("x.yaml: ") and message in str(error.value)
+    assert "\n" not in str(error.value)
