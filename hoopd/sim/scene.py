@@ -71,7 +71,7 @@ class Scene:
         if ball:
             self._ball(picture, psi, dpsi)
         lit = cv2.multiply(picture, self._lamp, scale=brightness, dtype=cv2.CV_8U)
-        return self._with_noise(lit, frame)
+        return self._with_noise(np.asarray(lit, np.uint8), frame)
 
     def ball_centre(self, psi: float) -> tuple[float, float]:
         """Where the ball's centre is in the picture."""
@@ -126,13 +126,13 @@ def _smeared_disc(size: int, x: float, y: float, radius: float, blur_x: float, b
     for k in range(steps):
         along = (k + 0.5) / steps - 0.5
         total += np.clip(radius + 0.5 - _distance(size, x + along * blur_x, y + along * blur_y), 0.0, 1.0)
-    return total / steps
+    return (total / steps).astype(np.float32)
 
 
 def _distance(size: int, x: float, y: float) -> NDArray[np.float32]:
     across = (np.arange(size, dtype=np.float32) - np.float32(x)) ** 2
     down = (np.arange(size, dtype=np.float32) - np.float32(y)) ** 2
-    return np.sqrt(down[:, None] + across[None, :])
+    return np.sqrt(down[:, None] + across[None, :]).astype(np.float32)
 
 
 def _shading(size: int, x: float, y: float, radius: float) -> NDArray[np.float32]:

@@ -59,7 +59,7 @@ def test_a_missing_port_is_one_clear_line() -> None:
     async def run() -> None:
         SerialDrive("/dev/no-such-port", 115200, Codec(DEFAULT_LAYOUT, 115200), lambda: 0.0, 0.05).open()
 
-    with pytest.raises(InputError, match="/dev/no-such-port: serial.port: no such file"):
+    with pytest.raises(InputError, match=r"/dev/no-such-port: serial\.port: no such file"):
         asyncio.run(run())
 
 
