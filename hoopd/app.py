@@ -33,7 +33,7 @@ from hoopd.shell.loop import Loop, Sink
 from hoopd.shell.recorder import Recorder
 from hoopd.shell.run_files import Limits as RoomLimits
 from hoopd.shell.service import Notifier, freeze_garbage, is_under_systemd, lock_memory
-from hoopd.world import World, device, lockstep, plant_arguments, read_layout, realtime_rig
+from hoopd.world import World, device, lockstep, read_layout, realtime_rig
 
 if TYPE_CHECKING:
     from hoopd.shell.telemetry import Telemetry
@@ -112,6 +112,8 @@ def _world(options: Options, config: Config) -> Iterator[World]:
         with device(config, layout) as world:
             yield world
         return
+    from hoopd.sim.parts import plant_arguments
+
     model = load_model(configuration.find(config.sim.model, options.config))
     plant = plant_arguments(config, model.structure, model.values())
     make = lockstep if options.speed == "max" else realtime_rig

@@ -144,8 +144,9 @@ class Program:
 
     def _send(self, t: float, data: bytes) -> None:
         if self._metadata is not None:
-            begin = self._config.start + t - self._form.exposure_s / 2 + self._boot_offset_s
-            row = {"SensorTimestamp": round(1e9 * begin), "ExposureTime": round(1e6 * self._form.exposure_s)}
+            # The stamp of a real sensor is the first row's readout: the end of its exposure, on the boot clock.
+            readout = self._config.start + t + self._form.exposure_s / 2 + self._boot_offset_s
+            row = {"SensorTimestamp": round(1e9 * readout), "ExposureTime": round(1e6 * self._form.exposure_s)}
             self._metadata.write((",\n" if self._sent else "[\n").encode() + json.dumps(row).encode())
             self._metadata.flush()
         self._sent += 1

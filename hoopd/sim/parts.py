@@ -1,0 +1,142 @@
+"""The rig's parts as the configuration describes them.
+
+Rules of this file: translates, starts nothing; a wrong fault is told as one line with its place in the configuration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from hoopd.core.layout import Layout, layout_to_table
+from hoopd.eye import Analyser
+from hoopd.files import InputError
+from hoopd.shell.config import Config
+from hoopd.shell.link import BITS_PER_BYTE
+from hoopd.sim.boardprocess import ProcessConfig
+from hoopd.sim.camera import CameraConfig, Painter
+from hoopd.sim.faults import Fault, FaultScript, fault_from_table
+from hoopd.sim.torque_log import TorqueLogFile
+from hoopd.sim.watchers import DirectWatcher, Disturbance, PictureWatcher, Watcher
+
+TORQUE_LOG = "torque.jsonl"
+
+
+def plant_arguments(config: Config, structure: str, parameters: dict[str, float]) -> dict[str, Any]:
+    """What the rig's plant is made of."""
+    sim = config.sim
+    return {
+        "structure": structure,
+        "parameters": parameters,
+        "x0": [0.0, 0.0, sim.psi_rad, 0.0],
+        "held": sim.held,
+        "hold_s": sim.hold_s,
+    }
+
+
+def fault_list(config: Config) -> list[Fault]:
+    """The rig's scripted faults."""
+    return [_checked(index, row) for index, row in enumerate(fault_rows(config))]
+
+
+def fault_rows(config: Config) -> list[dict[str, Any]]:
+    """The scripted faults as plain data; a duration of zero means for good."""
+    return [
+        {"kind": f.kind, "at_s": f.at_s, "for_s": f.for_s or None, "params": dict(f.params)} for f in config.sim.faults
+    ]
+
+
+def _checked(index: int, row: dict[str, Any]) -> Fault:
+    try:
+        return fault_from_table(row)
+    except ValueError as error:
+        raise InputError("configuration", f"sim.faults[{index}]", str(error)) from None
+
+
+def board_constants(config: Config) -> dict[str, Any]:
+    """The rig's board as the configuration describes it."""
+    sim = config.sim
+    return {
+        "dtheta_noise": sim.dtheta_noise_rad_s,
+        "current_noise": sim.current_noise_a,
+        "kt": sim.torque_constant_nm_per_a,
+    }
+
+
+@contextmanager
+def torque_log(config: Config) -> Iterator[Any]:
+    """Sink for the rig's log of the torque that it really applied."""
+    if not config.sim.directory:
+        yield None
+        return
+    log = TorqueLogFile(Path(config.sim.directory) / TORQUE_LOG)
+    try:
+        yield log
+    finally:
+        log.close()
+
+
+def make_watcher(config: Config, script: FaultScript, seed: int, *, direct: bool) -> Watcher:
+    """The rig's camera in virtual time."""
+    sim, frame_s = config.sim, 1.0 / config.camera.fps
+    if not direct:
+        painter = Painter(camera_config(config, seed, ring="", start=0.0), script)
+        return PictureWatcher(painter, Analyser(config.vision, config.faults.minimum_confidence), frame_s)
+    disturbance = Disturbance(sim.disturbance_at_s, sim.disturbance_rad)
+    return DirectWatcher(
+        script,
+        seed,
+        noise_rad=sim.psi_noise_rad,
+        offset_rad=sim.angle_offset_rad,
+        centre_px=config.vision.circle_px.centre,
+        radius_px=config.vision.circle_px.radius,
+        disturbance=disturbance,
+        frame_s=frame_s,
+    )
+
+
+def camera_config(config: Config, seed: int, *, ring: str, start: float) -> CameraConfig:
+    """What the rig's camera is told: it shows the hoop where the vision section expects it."""
+    sim, camera, vision = config.sim, config.camera, config.vision
+    return CameraConfig(
+        ring=ring,
+        start=start,
+        phase_s=sim.camera_phase / camera.fps,
+        delay_s=sim.delay_frames / camera.fps,
+        scene={
+            "width": camera.width_px,
+            "height": camera.height_px,
+            "centre": vision.circle_px.centre,
+            "track_radius": vision.circle_px.radius,
+            "ball_radius": vision.ball_radius_px,
+            "exposure_s": camera.exposure_s,
+            "seed": seed,
+        },
+        angle_offset_rad=sim.angle_offset_rad,
+        disturbance_at_s=sim.disturbance_at_s,
+        disturbance_rad=sim.disturbance_rad,
+        faults=fault_rows(config),
+        seed=seed,
+    )
+
+
+def board_process(
+    config: Config, layout: Layout, plant: dict[str, Any], seed: int, start: float, folder: Path
+) -> ProcessConfig:
+    """What the board's process is told; `start` is the monotonic time of run time zero."""
+    logs = Path(config.sim.directory) if config.sim.directory else folder
+    return ProcessConfig(
+        plant="hoopd.sim.plant:make_plant",
+        plant_arguments=plant,
+        torque_log=str(logs / TORQUE_LOG),
+        state_ring=str(folder / "ring"),
+        seed=seed,
+        t0=start,
+        layout=layout_to_table(layout),
+        board={**board_constants(config), "byte_s": BITS_PER_BYTE / config.serial.baud},
+        faults=fault_rows(config),
+    )
+
+
