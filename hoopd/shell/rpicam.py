@@ -1,0 +1,253 @@
+"""Pictures of rpicam-vid (or of a program with its flags): raw planes through a pipe, metadata through a FIFO.
+
+Rules of this file: the child never outlives its thread, and no wait is longer than CANCEL_STEP_S. The command prefix is
+the only difference between a Raspberry Pi and the simulated rig.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import fcntl
+import os
+import select
+import shutil
+import signal
+import struct
+import subprocess
+import tempfile
+import termios
+import threading
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+
+from hoopd.files import InputError
+from hoopd.shell.config import Camera
+from hoopd.shell.metadata import MetadataStream
+from hoopd.shell.pictures import CANCEL_STEP_S, CameraError, Clock, Frame, Stamps
+from hoopd.shell.service import lower_thread_priority
+
+# The stamp of a CSI-2 camera is the frame start: the first row's readout, which ends that row's exposure.
+STAMP_TO_MIDDLE = -0.5  # of the exposure time
+# The program writes a picture's metadata right after its pixels: wait this long for it, and after so many pictures in
+# a row without it no longer.
+METADATA_PATIENCE_S = 0.004
+PATIENT_FRAMES = 10
+KILL_AFTER_S = 0.5
+STDERR_LINES = 5
+BUFFERS = 4
+PIPE_BYTES = 1 << 20
+_F_SETPIPE_SZ, _F_GETPIPE_SZ = 1031, 1032
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None)
+
+
+class RpicamVid:
+    """The camera program as a child process."""
+
+    def __init__(self, camera: Camera, clock: Clock, t0: float) -> None:
+        self.note = ""
+        self._camera = camera
+        self._clock = clock
+        self._stamps = Stamps(t0, camera.delay_s)
+        self._stride = camera.stride_px or camera.width_px
+        self._frame_bytes = self._stride * camera.height_px * 3 // 2
+        self._buffers = [bytearray(self._frame_bytes) for _ in range(BUFFERS)]
+        self._number = 0
+        self._child: subprocess.Popen[bytes] | None = None
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._fifo = -1
+        self._metadata = MetadataStream()
+        self._patience = PATIENT_FRAMES
+        self._stderr: deque[str] = deque(maxlen=STDERR_LINES)
+        self._stderr_reader: threading.Thread | None = None
+        self._cancelled = False
+        self._full_bytes = self._frame_bytes
+
+    def arguments(self, metadata: Path) -> list[str]:
+        """The whole command line."""
+        camera = self._camera
+        red, blue = camera.awb_gains
+        return [
+            *camera.command,
+            *("-n", "-t", "0", "--codec", "yuv420", "--flush", "-o", "-"),
+            *("--width", str(camera.width_px), "--height", str(camera.height_px), "--framerate", f"{camera.fps:g}"),
+            *("--shutter", str(round(camera.exposure_s * 1e6)), "--gain", f"{camera.gain:g}"),
+            *("--awbgains", f"{red:g},{blue:g}", "--denoise", "cdn_off"),
+            *("--metadata", str(metadata), "--metadata-format", "json"),
+        ]
+
+    def open(self) -> None:
+        """Start the program; InputError when there is none."""
+        program = self._camera.command[0] if self._camera.command else ""
+        if shutil.which(program) is None:
+            raise InputError("configuration", "camera.command", f"no program {program!r} on this computer")
+        self._folder = tempfile.TemporaryDirectory(prefix="hoopd-camera-")
+        path = Path(self._folder.name) / "metadata"
+        os.mkfifo(path, 0o600)
+        # Opened first: the program's own opening waits for a reader.
+        self._fifo = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            self._child = subprocess.Popen(
+                self.arguments(path),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                bufsize=0,
+                process_group=0,
+                preexec_fn=_die_with_parent,  # noqa: PLW1509 - one system call, its function is loaded already
+            )
+        except OSError as error:
+            raise InputError("configuration", "camera.command", f"{program}: {error.strerror}") from None
+        self._full_bytes = min(self._frame_bytes, _widen(self._stdout))
+        self._stderr_reader = threading.Thread(target=self._drain_stderr, name="camera-stderr", daemon=True)
+        self._stderr_reader.start()
+
+    def read(self) -> Frame | None:
+        """The next whole picture with its time."""
+        data = self._buffers[self._number % BUFFERS]
+        if not self._fill(memoryview(data)):
+            if self._cancelled:
+                return None
+            raise CameraError(self._obituary())
+        t_arrival = self._clock()
+        t = self._time_of(self._number, t_arrival)
+        frame = Frame(self._number, t, t_arrival, np.frombuffer(data, np.uint8), "i420", self._size)
+        self._number += 1
+        return frame
+
+    def waiting(self) -> bool:
+        """The pipe holds another whole picture, or as much of one as it can."""
+        count = fcntl.ioctl(self._stdout, termios.FIONREAD, b"\0\0\0\0")
+        return bool(struct.unpack("i", count)[0] >= self._full_bytes)
+
+    def cancel(self) -> None:
+        """End a waiting read at its next look."""
+        self._cancelled = True
+
+    def close(self) -> None:
+        """End the program: asked first, forced after KILL_AFTER_S."""
+        self._cancelled = True
+        child, self._child = self._child, None
+        if child is not None:
+            _end(child)
+            if self._stderr_reader is not None:
+                self._stderr_reader.join(KILL_AFTER_S)
+            if child.stdout is not None:
+                child.stdout.close()
+        if self._fifo >= 0:
+            os.close(self._fifo)
+            self._fifo = -1
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+
+    @property
+    def _size(self) -> tuple[int, int, int]:
+        return self._camera.width_px, self._camera.height_px, self._stride
+
+    @property
+    def _stdout(self) -> int:
+        if self._child is None or self._child.stdout is None:
+            raise CameraError("the camera program is not running")
+        return self._child.stdout.fileno()
+
+    def _fill(self, view: memoryview) -> bool:
+        """Read a whole picture; false at the end of the stream (a torn picture is dropped) or when cancelled."""
+        pipe, filled = self._stdout, 0
+        while filled < len(view):
+            if self._cancelled:
+                return False
+            if not _readable(pipe, CANCEL_STEP_S):
+                continue
+            count = os.readv(pipe, [view[filled:]])
+            if count == 0:
+                return False
+            filled += count
+        return True
+
+    def _time_of(self, number: int, t_arrival: float) -> float:
+        """Middle of the exposure of a picture: from its metadata, else from its arrival."""
+        stamp = self._metadata.take(number)
+        if stamp is None:
+            self._drain_metadata(METADATA_PATIENCE_S if self._patience > 0 else 0.0, number)
+            stamp = self._metadata.take(number)
+        if stamp is None:
+            self._patience -= 1
+            t, stamped = self._stamps.mid_exposure(None, 0.0, t_arrival)
+        else:
+            self._patience = PATIENT_FRAMES
+            exposure_s = stamp.exposure_s or self._camera.exposure_s
+            t, stamped = self._stamps.mid_exposure(stamp.t, STAMP_TO_MIDDLE * exposure_s, t_arrival)
+        if not self.note and (self._patience <= 0 or (stamp is not None and not stamped)):
+            what = "carry no metadata in time" if stamp is None else "carry stamps of another clock"
+            self.note = f"pictures {what}; their time is taken as arrival less camera.delay_s"
+        return t
+
+    def _drain_metadata(self, patience_s: float, number: int) -> None:
+        """Take in what waits in the FIFO; wait a moment while the metadata of that picture is not among it."""
+        while self._fifo >= 0:
+            try:
+                chunk = os.read(self._fifo, 65536)
+            except BlockingIOError:
+                if self._metadata.has(number) or patience_s <= 0 or not _readable(self._fifo, patience_s):
+                    return
+                patience_s /= 2  # parts of one record may come one by one; the sum stays bounded
+                continue
+            if not chunk:  # no writer: not yet, or no longer
+                return
+            self._metadata.feed(chunk.decode("ascii", errors="replace"))
+
+    def _drain_stderr(self) -> None:
+        lower_thread_priority()
+        child = self._child
+        if child is None or child.stderr is None:
+            return
+        with child.stderr as stream:
+            for line in stream:
+                text = line.decode(errors="replace").strip()
+                if text:
+                    self._stderr.append(text[:200])
+
+    def _obituary(self) -> str:
+        child = self._child
+        code: int | None = None
+        if child is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = child.wait(KILL_AFTER_S)
+        if self._stderr_reader is not None:
+            self._stderr_reader.join(KILL_AFTER_S)
+        how = f"exit {code}" if code is not None else "still running"
+        last = self._stderr[-1] if self._stderr else "no message"
+        return f"the camera program closed its output ({how}): {last}"
+
+
+def _readable(descriptor: int, timeout_s: float) -> bool:
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+    return bool(poll.poll(timeout_s * 1e3))
+
+
+def _widen(pipe: int) -> int:
+    """Make room for some pictures in the pipe; its size in bytes."""
+    with contextlib.suppress(OSError):
+        fcntl.fcntl(pipe, _F_SETPIPE_SZ, PIPE_BYTES)
+    return int(fcntl.fcntl(pipe, _F_GETPIPE_SZ))
+
+
+def _die_with_parent() -> None:
+    """In the child: the kernel ends it when the thread that started it ends, however that happens."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with contextlib.suppress(OSError):
+            os.killpg(child.pid, number)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(KILL_AFTER_S)
+            break
+    with contextlib.suppress(OSError):
+        os.killpg(child.pid, signal.SIGKILL)  # what the program may have left behind in its group
