@@ -33,7 +33,7 @@ from hoopd.shell.loop import Loop, Sink
 from hoopd.shell.recorder import Recorder
 from hoopd.shell.run_files import Limits as RoomLimits
 from hoopd.shell.service import Notifier, freeze_garbage, is_under_systemd, lock_memory
-from hoopd.world import World, device, lockstep, read_layout, realtime_rig
+from hoopd.world import World, camera_eye, device, lockstep, read_layout, realtime_rig, rig_devices
 
 if TYPE_CHECKING:
     from hoopd.shell.telemetry import Telemetry
@@ -105,6 +105,25 @@ def _check(options: Options, config: Config) -> None:
             raise InputError(folder, name, "no such folder")
 
 
+def check_device(path: Path | None, sets: list[str], *, sim: bool, json_path: Path | None) -> int:
+    """`hoopd check` for the device, or for the rig that takes its place; the exit code."""
+    from hoopd.check_device import check_device as run
+
+    config = configuration.load(path, sim=sim, overrides=sets)
+    layout = read_layout(config, path)
+    if not sim:
+        return run(config, path, layout, camera_eye, json_path)
+    with rig_devices(config, layout, _plant(config, path), 0, time.monotonic()) as (rigged, _):
+        return run(rigged, path, layout, camera_eye, json_path)
+
+
+def _plant(config: Config, path: Path | None) -> dict[str, Any]:
+    from hoopd.sim.parts import plant_arguments
+
+    model = load_model(configuration.find(config.sim.model, path))
+    return plant_arguments(config, model.structure, model.values())
+
+
 @contextmanager
 def _world(options: Options, config: Config) -> Iterator[World]:
     layout = read_layout(config, options.config)
@@ -112,10 +131,7 @@ def _world(options: Options, config: Config) -> Iterator[World]:
         with device(config, layout) as world:
             yield world
         return
-    from hoopd.sim.parts import plant_arguments
-
-    model = load_model(configuration.find(config.sim.model, options.config))
-    plant = plant_arguments(config, model.structure, model.values())
+    plant = _plant(config, options.config)
     make = lockstep if options.speed == "max" else realtime_rig
     with make(config, layout, plant, options.seed, direct=options.direct) as world:
         yield world
@@ -125,7 +141,7 @@ async def _run(
     options: Options, config: Config, texts: Texts, tick: Tick, world: World, notifier: Notifier
 ) -> dict[str, Any]:
     virtual = options.speed == "max"
-    reporter = log.Reporter(lambda: status_line(loop))
+    reporter = log.Reporter(lambda: status_line(loop), notifier.status)
     with ExitStack() as stack:
         recorder = _recorder(stack, options, config, texts, reporter)
         telemetry = None if virtual else _telemetry(stack, config, texts, reporter, lambda: status(loop, recorder))
@@ -376,7 +392,9 @@ def summarise(
         "max_torque_nm": watch.max_torque_nm,
         "faults": watch.faults,
         "recording": recorder.recorder.counts._asdict() if recorder else None,
-        "telemetry": telemetry.telemetry.counts._asdict() if telemetry else None,
+        "telemetry": {k: v for k, v in telemetry.telemetry.counts._asdict().items() if k != "open"}
+        if telemetry
+        else None,
     }
 
 

@@ -22,7 +22,7 @@ from hoopd.files import InputError, parse_yaml, read_text
 from hoopd.shell import probe
 from hoopd.shell.clock import TickTimer
 from hoopd.shell.config import Config, find
-from hoopd.shell.loop import Eye, Timer
+from hoopd.shell.loop import Eye
 from hoopd.shell.service import granted_realtime
 
 # As in the unit.
@@ -38,7 +38,7 @@ SERVICE_RECORDINGS = Path("/var/lib/hoopd")
 FORMATS = {"model": "hoopd.model/1", "controller": "hoopd.controller/1"}
 
 Watch = Callable[[float], list[CameraSample]]
-OpenCamera = Callable[[Config, Timer], AbstractContextManager[Eye]]
+OpenCamera = Callable[[Config, TickTimer], AbstractContextManager[Eye]]
 
 
 def check_device(

@@ -79,11 +79,9 @@ def check(
     json_path: JsonOption = None,
 ) -> None:
     """Show what is configured and what is granted; proves the board's time-out by going silent."""
-    from hoopd.check_device import check_device
+    from hoopd.app import check_device
 
-    result = check_device(config, sets, sim=sim)
-    _write_json(json_path, result)
-    raise typer.Exit(int(result["exit"]))
+    raise typer.Exit(check_device(config, sets, sim=sim, json_path=json_path))
 
 
 def _command(name: str, value: float | None, config: Path | None, sets: list[str]) -> None:

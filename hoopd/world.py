@@ -79,9 +79,10 @@ def rig_devices(
 ) -> Iterator[tuple[Config, Rig]]:
     """A running rig, and the configuration with its port and camera command in the place of the device's."""
     from hoopd.sim import parts
+    from hoopd.sim.boardprocess import ProcessConfig
     from hoopd.sim.rig import rig_processes
 
-    def board(folder: Path) -> parts.ProcessConfig:
+    def board(folder: Path) -> ProcessConfig:
         return parts.board_process(config, layout, plant, seed, start, folder)
 
     with rig_processes(board, fifo=os.sched_getscheduler(0) == os.SCHED_FIFO) as rig:
@@ -129,7 +130,7 @@ def direct_eye(config: Config, rig: Rig, seed: int, timer: Timer, start: float) 
     from hoopd.sim import parts
     from hoopd.sim.rig import DirectEye
 
-    script = parts.FaultScript(parts.fault_list(config), seed)
+    script = parts.fault_script(config, seed)
     frame_s = 1.0 / config.camera.fps
     eye = DirectEye(
         rig.ring,
@@ -160,7 +161,7 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
     from hoopd.sim.wiredboard import WiredBoard
 
     sim, byte_s = config.sim, BITS_PER_BYTE / config.serial.baud
-    script = parts.FaultScript(parts.fault_list(config), seed)
+    script = parts.fault_script(config, seed)
     model = make_plant(**plant)
     constants = BoardConfig(byte_s=byte_s, **parts.board_constants(config))
     with parts.torque_log(config) as sink:
@@ -180,5 +181,3 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
         )
         yield World(rig, rig, LockstepEye(rig, config.camera.stall_s))
         rig.finish(2.0 * constants.timeout_s)
-
-

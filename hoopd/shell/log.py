@@ -21,6 +21,7 @@ from hoopd.shell.helpers import start_helper
 # Facts that wait for the writer; a fault campaign makes a few a second.
 MAX_WAITING = 1000
 REFRESH_S = 0.2
+TELL_EVERY = 5  # refreshes: a second
 CLEAR_LINE = "\r\x1b[2K"
 
 
@@ -42,8 +43,10 @@ def configure(form: str, level: str) -> None:
 class Reporter:
     """Writes facts to the log and keeps the status line, on a thread of its own."""
 
-    def __init__(self, status: Callable[[], str] | None) -> None:
+    def __init__(self, status: Callable[[], str] | None, tell: Callable[[str], object] = lambda text: None) -> None:
+        """`status` makes the line for a terminal; `tell` gets a short one every second (for the service manager)."""
         self._status = status if sys.stderr.isatty() else None
+        self._tell, self._turn, self._mode = tell, 0, ""
         self._waiting: deque[tuple[float, Note]] = deque(maxlen=MAX_WAITING)
         self._done = threading.Event()
         self._log = structlog.get_logger()
@@ -58,7 +61,7 @@ class Reporter:
 
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """Ticks are not logged."""
-        self.t = record.t
+        self.t, self._mode = record.t, record.mode
 
     def note(self, t: float, note: Note) -> None:
         """Queue one fact."""
@@ -73,6 +76,9 @@ class Reporter:
     def _run(self) -> None:
         while not self._done.wait(REFRESH_S):
             self._write()
+            self._turn += 1
+            if self._turn % TELL_EVERY == 0:
+                self._tell(f"{self._mode}, {self.t:.0f} s")
         self._write()
         if self._status is not None:
             sys.stderr.write(CLEAR_LINE)

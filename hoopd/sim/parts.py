@@ -48,6 +48,11 @@ def fault_rows(config: Config) -> list[dict[str, Any]]:
     ]
 
 
+def fault_script(config: Config, seed: int) -> FaultScript:
+    """The rig's script."""
+    return FaultScript(fault_list(config), seed)
+
+
 def _checked(index: int, row: dict[str, Any]) -> Fault:
     try:
         return fault_from_table(row)
@@ -138,5 +143,3 @@ def board_process(
         board={**board_constants(config), "byte_s": BITS_PER_BYTE / config.serial.baud},
         faults=fault_rows(config),
     )
-
-
