@@ -133,7 +133,8 @@ def _distance(size: int, x: float, y: float) -> NDArray[np.float32]:
     across = (np.arange(size, dtype=np.float32) - np.float32(x)) ** 2
     down = (np.arange(size, dtype=np.float32) - np.float32(y)) ** 2
     away = np.empty((size, size), np.float32)
-    return np.sqrt(down[:, None] + across[None, :], out=away)
+    np.sqrt(down[:, None] + across[None, :], out=away)
+    return away
 
 
 def _shading(size: int, x: float, y: float, radius: float) -> NDArray[np.float32]:
