@@ -7,6 +7,7 @@ pauses; a reader that hangs in a library is left behind, one at most.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -27,6 +28,8 @@ OPEN_S = 5.0
 STOP_S = 2.0
 # At most so many pictures of a backlog are skipped in a row: a source that is always ahead must not starve the loop.
 SKIP_AT_MOST = 8
+# A read that lies may return at once, for ever.
+LIE_PAUSE_S = 0.002
 
 
 def make_backend(camera: Camera, clock: Clock, t0: float) -> Backend:
@@ -125,8 +128,10 @@ class CameraThread:
         return frame if frame is None else frame._replace(data=frame.data.copy())
 
     def stop(self) -> None:
-        """End the threads; takes STOP_S at most, a reader that hangs in a library is left behind."""
+        """End the threads; bounded by 2 STOP_S, a reader that hangs in a library is left behind."""
         self._stop.set()
+        if self._reader is not None:
+            self._reader.cancel()
         if self._supervisor is not None:
             self._supervisor.join(STOP_S)
         for reader in (self._reader, self._stuck):
@@ -261,6 +266,7 @@ class _Reader:
                 return
             if frame.number == last:
                 self._owner.counts.lies += 1
+                time.sleep(LIE_PAUSE_S)
                 continue
             last = frame.number
             self.frames += 1

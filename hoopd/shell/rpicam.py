@@ -7,7 +7,6 @@ the only difference between a Raspberry Pi and the simulated rig.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import fcntl
 import os
 import select
@@ -40,8 +39,9 @@ STDERR_LINES = 5
 BUFFERS = 4
 PIPE_BYTES = 1 << 20
 _F_SETPIPE_SZ, _F_GETPIPE_SZ = 1031, 1032
-_PR_SET_PDEATHSIG = 1
-_LIBC = ctypes.CDLL(None)
+# The kernel ends the child together with the thread that started it, however that ends. Python's own way (preexec_fn)
+# would fork the whole daemon, whose locked memory makes that a pause of every thread.
+_DIE_WITH_PARENT = ("setpriv", "--pdeathsig", "KILL", "--")
 
 
 class RpicamVid:
@@ -71,6 +71,7 @@ class RpicamVid:
         camera = self._camera
         red, blue = camera.awb_gains
         return [
+            *(_DIE_WITH_PARENT if shutil.which(_DIE_WITH_PARENT[0]) else ()),
             *camera.command,
             *("-n", "-t", "0", "--codec", "yuv420", "--flush", "-o", "-"),
             *("--width", str(camera.width_px), "--height", str(camera.height_px), "--framerate", f"{camera.fps:g}"),
@@ -97,7 +98,6 @@ class RpicamVid:
                 stderr=subprocess.PIPE,
                 bufsize=0,
                 process_group=0,
-                preexec_fn=_die_with_parent,  # noqa: PLW1509 - one system call, its function is loaded already
             )
         except OSError as error:
             raise InputError("configuration", "camera.command", f"{program}: {error.strerror}") from None
@@ -235,11 +235,6 @@ def _widen(pipe: int) -> int:
     with contextlib.suppress(OSError):
         fcntl.fcntl(pipe, _F_SETPIPE_SZ, PIPE_BYTES)
     return int(fcntl.fcntl(pipe, _F_GETPIPE_SZ))
-
-
-def _die_with_parent() -> None:
-    """In the child: the kernel ends it when the thread that started it ends, however that happens."""
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
