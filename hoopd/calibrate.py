@@ -19,6 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from hoopd.files import InputError
+from hoopd.recording.mcap import read_run
 from hoopd.vision.calibration import CalibrationError, Proposal, RunProposal, propose, propose_from_run
 from hoopd.vision.circles import Circle
 from hoopd.vision.draw import draw_proposal, draw_run
@@ -138,12 +139,24 @@ def read_picture(path: Path) -> Image:
 
 
 def read_positions(path: Path) -> NDArray[np.float64]:
-    """N x 2 pixel positions from a CSV with columns x_px, y_px or the first two columns of an npy array."""
+    """N x 2 pixels: columns x_px, y_px of a CSV, the first two columns of an npy array, or a recording."""
     if path.suffix == ".npy":
         return read_npy(path)
     if path.suffix == ".csv":
         return read_csv(path)
-    raise InputError(path, "", "expected positions as .csv or .npy")
+    if path.suffix == ".mcap":
+        return read_recording(path)
+    raise InputError(path, "", "expected positions as .csv, .npy or a recording (.mcap)")
+
+
+def read_recording(path: Path) -> NDArray[np.float64]:
+    """Positions that a recorded run found, one row a picture."""
+    samples = [inputs.camera for inputs in read_run(path, ("input",)).inputs if inputs.camera is not None]
+    positions = np.array([(sample.x_px, sample.y_px) for sample in samples], float).reshape(-1, 2)
+    found = positions[np.isfinite(positions).all(axis=1)]
+    if not len(found):
+        raise InputError(path, "input.camera", "the run saw no ball")
+    return found
 
 
 def read_npy(path: Path) -> NDArray[np.float64]:

@@ -117,3 +117,12 @@ def test_unusable_input_is_one_clear_line(tmp_path: Path, still: Path) -> None:
             run(**{"picture": None, **arguments})  # type: ignore[arg-type]
         assert reason in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_positions_may_come_from_a_recording(tmp_path: Path) -> None:
+    from hoopd.app import Options, run_daemon
+
+    run_daemon(Options(sim=True, duration_s=6.0, record=tmp_path, speed="max", sets=("sim.held=false",)))
+    found = run(None, tmp_path / "run-0001.mcap")
+    assert found["circle_px"]["radius"] == pytest.approx(182.0, abs=3.0)
+    assert found["circle_px"]["centre"] == pytest.approx([240.0, 240.0], abs=3.0)

@@ -6,6 +6,7 @@ consecutive, never per lifetime; a latched fault stays until it is well again an
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -43,6 +44,8 @@ class Fault(NamedTuple):
 
 
 SECOND = 50  # periods
+# Of the last 50 pictures. A push costs the filter five refusals until it follows; twenty are four pushes a second.
+REFUSALS = 20
 
 FAULTS: tuple[Fault, ...] = (
     Fault("frame_bad", Action.NOTE, 1, 1, False, "a frame of the board was damaged, out of order or implausible"),
@@ -59,6 +62,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault("ball_missing", Action.PREDICT, 1, 1, False, "the newest picture shows no ball where one can be"),
     # 200 ms: the prediction is good for about a third of the ball's own period (0.73 s).
     Fault("ball_lost", Action.PAUSE, 10, 10, False, "no ball for ten pictures in a row"),
+    # A hand on the ball, or something red that is not the ball: it does not move as a ball under this torque must.
+    Fault("ball_implausible", Action.STOP, 1, SECOND, True, "what the camera tracks does not move as a ball"),
     Fault("overrun", Action.NOTE, 1, 1, False, "lateness and execution exceeded the period"),
     Fault("overrun_repeated", Action.FLAG, 3, SECOND, False, "three periods in a row were overrun"),
     Fault("overrun_persistent", Action.STOP, 10, SECOND, True, "ten periods in a row were overrun"),
@@ -132,6 +137,7 @@ class Health:
         self._driver: DriverSample | None = None
         self._camera_t = float("-inf")
         self._ball = False
+        self._refusals: deque[bool] = deque(maxlen=SECOND)  # of the last pictures with a ball: against the model
         self._seen_enabled = False
         self._id: int | None = None
         self._overran = 0
@@ -166,6 +172,7 @@ class Health:
         for count in self._counts.values():
             if count.active and count.well:
                 count.active = False
+        self._refusals.clear()
         self._seen_enabled = False
 
     @property
@@ -216,6 +223,8 @@ class Health:
             self._camera_t = inputs.camera.t
             good = isfinite(inputs.camera.psi) and inputs.camera.confidence >= limits.minimum_confidence
             self._ball = good and estimate.psi_accepted
+            if good:
+                self._refusals.append(not estimate.psi_accepted)
         over = inputs.t - self._camera_t - limits.camera_delay_s - self.period_s
         lost = over > limits.lost_periods * self.period_s or inputs.camera_stalled
         missing = not self._ball
@@ -224,6 +233,7 @@ class Health:
             "camera_lost": int(lost),
             "ball_missing": int(missing),
             "ball_lost": int(missing),
+            "ball_implausible": int(sum(self._refusals) >= REFUSALS),
         }
 
     def _board(self, inputs: Inputs, sent: Sent) -> dict[str, int]:

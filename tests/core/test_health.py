@@ -7,7 +7,18 @@ from math import inf, nan
 import numpy as np
 import pytest
 
-from hoopd.core.health import BOARD_FAULT, BY_NAME, ENABLED, FAULTS, TIMEOUT_LATCHED, Action, Health, Sent, Thresholds
+from hoopd.core.health import (
+    BOARD_FAULT,
+    BY_NAME,
+    ENABLED,
+    FAULTS,
+    REFUSALS,
+    TIMEOUT_LATCHED,
+    Action,
+    Health,
+    Sent,
+    Thresholds,
+)
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Inputs, LinkCounts
 
 PERIOD = 0.02
@@ -59,6 +70,7 @@ BAD = {
     "camera_lost": {"camera_stalled": True},
     "ball_missing": {"no_ball": True},
     "ball_lost": {"no_ball": True},
+    "ball_implausible": {"estimate": {"psi_accepted": False}},
     "overrun": {"lateness_s": 0.015, "execution_s": 0.01},
     "overrun_repeated": {"lateness_s": 0.015, "execution_s": 0.01},
     "overrun_persistent": {"lateness_s": 0.015, "execution_s": 0.01},
@@ -99,7 +111,8 @@ def test_a_fault_comes_after_its_count_and_not_before(name: str) -> None:
     bench = started(torque_constant_nm_per_a=0.37)
     fault = BY_NAME[name]
     # A stale picture takes a while to be stale; speed and jumps judge pairs of answers.
-    slack = 3 if name in ("camera_late", "speed_implausible") else 0
+    # An implausible ball is judged by a share of many pictures.
+    slack = {"camera_late": 3, "speed_implausible": 3, "ball_implausible": REFUSALS - 1}.get(name, 0)
     if fault.on > 1:
         spoil(bench, fault.on - 1, name)
         assert name not in bench.active
@@ -111,8 +124,8 @@ def test_a_fault_comes_after_its_count_and_not_before(name: str) -> None:
 def test_a_fault_clears_as_its_row_says(name: str) -> None:
     bench = started(torque_constant_nm_per_a=0.37)
     fault = BY_NAME[name]
-    spoil(bench, fault.on + 4, name)
-    bench.run(fault.off + 5)
+    spoil(bench, fault.on + 4 + REFUSALS, name)
+    bench.run(fault.off + 60)
     assert (name in bench.active) is fault.latched
     bench.health.acknowledge()
     assert name not in bench.active

@@ -189,7 +189,8 @@ def test_rpicam_child_dies_with_a_killed_daemon(fake, tmp_path: Path) -> None:
         "import sys, time\n"
         "from hoopd.shell.config import Camera\n"
         "from hoopd.shell.rpicam import RpicamVid\n"
-        f"backend = RpicamVid(Camera(command={fake('deaf').command!r}, width_px={W}, height_px={H}), time.monotonic, 0)\n"
+        f"camera = Camera(command={fake('deaf').command!r}, width_px={W}, height_px={H})\n"
+        "backend = RpicamVid(camera, time.monotonic, 0)\n"
         "backend.open(); backend.read(); print(backend._child.pid, flush=True); time.sleep(60)\n"
     )
     root = Path(__file__).parents[2]
