@@ -153,7 +153,7 @@ def read_recording(path: Path) -> NDArray[np.float64]:
     """Positions that a recorded run found, one row a picture."""
     samples = [inputs.camera for inputs in read_run(path, ("input",)).inputs if inputs.camera is not None]
     positions = np.array([(sample.x_px, sample.y_px) for sample in samples], float).reshape(-1, 2)
-    found = positions[np.isfinite(positions).all(axis=1)]
+    found: NDArray[np.float64] = positions[np.isfinite(positions).all(axis=1)]
     if not len(found):
         raise InputError(path, "input.camera", "the run saw no ball")
     return found

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from math import isfinite
+from math import isfinite, isinf
 from typing import NamedTuple
 
 from hoopd.core.records import DriverSample, Estimate, Inputs
@@ -44,6 +44,8 @@ class Fault(NamedTuple):
 
 
 SECOND = 50  # periods
+# Board and camera may take so long to be heard of first; until then they are awaited, not lost.
+START_GRACE_S = 3.0
 # Of the last 50 pictures. A push costs the filter five refusals until it follows; twenty are four pushes a second.
 REFUSALS = 20
 
@@ -206,7 +208,7 @@ class Health:
         finite = all(isfinite(value) for value in estimate.x)
         return {
             "frame_bad": _count_bad(inputs),
-            "link_lost": int(inputs.driver is None or inputs.link.lost),
+            **self._link(inputs),
             "not_finite": int(not finite),
             "overrun": late,
             "overrun_repeated": late,
@@ -217,8 +219,15 @@ class Health:
             **self._board(inputs, sent),
         }
 
+    def _link(self, inputs: Inputs) -> dict[str, int]:
+        if not self.link_seen and inputs.driver is None and inputs.t < START_GRACE_S:
+            return {}
+        return {"link_lost": int(inputs.driver is None or inputs.link.lost)}
+
     def _camera(self, inputs: Inputs, estimate: Estimate) -> dict[str, int]:
         limits = self.thresholds
+        if inputs.camera is None and isinf(self._camera_t) and inputs.t < START_GRACE_S:
+            return {}
         if inputs.camera is not None:
             self._camera_t = inputs.camera.t
             good = isfinite(inputs.camera.psi) and inputs.camera.confidence >= limits.minimum_confidence
