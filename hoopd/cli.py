@@ -86,10 +86,10 @@ def check(
 
 def _command(name: str, value: float | None, config: Path | None, sets: list[str]) -> None:
     from hoopd.shell import config as configuration
-    from hoopd.shell.commands import send
+    from hoopd.shell.commands import operate
 
     settings = configuration.load(config, sim=False, overrides=sets)
-    typer.echo(send(name, value, settings.telemetry.endpoint, settings.device.name))
+    typer.echo(operate(name, value, settings.telemetry.endpoint, settings.device.name))
 
 
 @app.command()

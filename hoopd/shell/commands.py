@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -25,6 +27,15 @@ ALWAYS = ("disarm", "stop")  # first, and whether commands are enabled or not
 NAMES = (*ALWAYS, "arm", "clear", "reference", "tune", "experiment")
 WAITING = 16  # commands that one tick may bring: more than a hand can send in 20 ms
 PAYLOAD_BYTES = 1000
+LOOK_S = 0.05  # between two looks at what became of a command
+# What the newest tick looks like once a command has been obeyed.
+OUTCOMES: Mapping[str, Callable[[Mapping[str, Any], float | None], bool]] = MappingProxyType(
+    {
+        "arm": lambda tick, _: tick.get("mode") in ("READY", "RUNNING"),
+        "disarm": lambda tick, _: tick.get("mode") in ("DISARMED", "FAULT"),
+        "reference": lambda tick, value: tick.get("reference") == value,
+    }
+)
 
 Range = tuple[float, float]
 
@@ -138,15 +149,48 @@ def send(
     extras: Mapping[str, Any] = MappingProxyType({}),
 ) -> str:
     """The daemon's answer; CommandError when none answers or it refuses."""
-    target = device_key(device, "cmd", command)
     content = json.dumps({"key": key} if value is None else {"value": value, "key": key})
+    with _session(endpoint, extras, timeout_s) as session:
+        return _ask(session, device_key(device, "cmd", command), content, timeout_s, endpoint, device)
+
+
+def operate(
+    command: str,
+    value: float | None = None,
+    endpoint: str = ENDPOINT,
+    device: str = DEVICE,
+    *,
+    extras: Mapping[str, Any] = MappingProxyType({}),
+    timeout_s: float = 2.0,
+) -> str:
+    """Send a command and say in one line what became of it; CommandError when the daemon does not do it."""
+    send(command, value, endpoint, device, timeout_s, extras=extras)
+    with _session(endpoint, extras, timeout_s) as session:
+        deadline = time.monotonic() + timeout_s
+        while True:
+            seen = json.loads(_ask(session, device_key(device, "snapshot"), "", timeout_s, endpoint, device))
+            tick = seen.get("tick") or {}
+            if OUTCOMES[command](tick, value):
+                return f"{command}: {tick['mode']}, reference {tick['reference']:g} rad"
+            if time.monotonic() > deadline:
+                faults = ", ".join(seen.get("status", {}).get("faults") or []) or "see its log"
+                raise CommandError(f"{command}: the daemon stays {tick.get('mode', 'silent')} ({faults})")
+            time.sleep(LOOK_S)
+
+
+@contextmanager
+def _session(endpoint: str, extras: Mapping[str, Any], timeout_s: float) -> Iterator[zenoh.Session]:
     try:
         with zenoh.open(connecting(endpoint, extras, timeout_s)) as session:
             if not session.info.transports():
                 raise CommandError(f"the daemon at {endpoint} does not let us in (user, password or certificate?)")
-            return _answer(list(session.get(target, payload=content, timeout=timeout_s)), endpoint, device)
+            yield session
     except zenoh.ZError as error:
         raise CommandError(f"no daemon answers at {endpoint}: {reason(error)}") from None
+
+
+def _ask(session: zenoh.Session, key: str, content: str, timeout_s: float, endpoint: str, device: str) -> str:
+    return _answer(list(session.get(key, payload=content, timeout=timeout_s)), endpoint, device)
 
 
 def _answer(replies: list[zenoh.Reply], endpoint: str, device: str) -> str:

@@ -394,3 +394,31 @@ def test_users_and_access_rules(tmp_path: Path) -> None:
 def test_unsafe_settings_are_refused_before_anything_opens(settings: Settings, says: str) -> None:
     with pytest.raises(InputError, match=says):
         Telemetry(settings)
+
+
+def test_operate_says_what_became_of_a_command() -> None:
+    from hoopd.shell.commands import operate
+
+    seen = {"mode": "DISARMED", "reference": 0.0}
+    settings = Settings(endpoint=free_endpoint(), commands=True)
+    telemetry = Telemetry(settings)
+    telemetry.start()
+    done = threading.Event()
+
+    def ticks() -> None:
+        while not done.wait(0.01):
+            for command in telemetry.take_commands():
+                if command.name == "reference":
+                    seen["reference"] = command.value
+            telemetry.put(tick_record(1)._replace(mode=seen["mode"], reference=seen["reference"]))
+
+    thread = threading.Thread(target=ticks)
+    thread.start()
+    try:
+        assert "reference 0.25 rad" in operate("reference", 0.25, settings.endpoint)
+        with pytest.raises(CommandError, match="the daemon stays DISARMED"):
+            operate("arm", None, settings.endpoint, timeout_s=0.5)
+    finally:
+        done.set()
+        thread.join()
+        telemetry.close()
