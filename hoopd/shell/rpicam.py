@@ -33,6 +33,9 @@ STAMP_TO_MIDDLE = -0.5  # of the exposure time
 # The program writes a picture's metadata right after its pixels: wait this long for it, and after so many pictures in
 # a row without it no longer.
 METADATA_PATIENCE_S = 0.004
+FIRST_PATIENCE_S = 0.015  # the first one also shows where a picture ends; less than a period
+# The Raspberry Pi's image processors lengthen the rows of YUV 4:2:0 pictures to a multiple of this (480 to 512).
+STRIDE_STEP = 64  # px
 PATIENT_FRAMES = 10
 KILL_AFTER_S = 0.5
 STDERR_LINES = 5
@@ -52,9 +55,7 @@ class RpicamVid:
         self._camera = camera
         self._clock = clock
         self._stamps = Stamps(t0, camera.delay_s)
-        self._stride = camera.stride_px or camera.width_px
-        self._frame_bytes = self._stride * camera.height_px * 3 // 2
-        self._buffers = [bytearray(self._frame_bytes) for _ in range(BUFFERS)]
+        self._use_stride(camera.stride_px or camera.width_px)
         self._number = 0
         self._child: subprocess.Popen[bytes] | None = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None
@@ -64,7 +65,7 @@ class RpicamVid:
         self._stderr: deque[str] = deque(maxlen=STDERR_LINES)
         self._stderr_reader: threading.Thread | None = None
         self._cancelled = False
-        self._full_bytes = self._frame_bytes
+        self._pipe_bytes = self._full_bytes = self._frame_bytes
 
     def arguments(self, metadata: Path) -> list[str]:
         """The whole command line."""
@@ -101,7 +102,8 @@ class RpicamVid:
             )
         except OSError as error:
             raise InputError("configuration", "camera.command", f"{program}: {error.strerror}") from None
-        self._full_bytes = min(self._frame_bytes, _widen(self._stdout))
+        self._pipe_bytes = _widen(self._stdout)
+        self._full_bytes = min(self._frame_bytes, self._pipe_bytes)
         self._stderr_reader = threading.Thread(target=self._drain_stderr, name="camera-stderr", daemon=True)
         self._stderr_reader.start()
 
@@ -114,14 +116,15 @@ class RpicamVid:
             raise CameraError(self._obituary())
         t_arrival = self._clock()
         t = self._time_of(self._number, t_arrival)
+        if self._number == 0 and self._camera.stride_px == 0:
+            data = self._find_stride(data)
         frame = Frame(self._number, t, t_arrival, np.frombuffer(data, np.uint8), "i420", self._size)
         self._number += 1
         return frame
 
     def waiting(self) -> bool:
         """The pipe holds another whole picture, or as much of one as it can."""
-        count = fcntl.ioctl(self._stdout, termios.FIONREAD, b"\0\0\0\0")
-        return bool(struct.unpack("i", count)[0] >= self._full_bytes)
+        return self._pending() >= self._full_bytes
 
     def cancel(self) -> None:
         """End a waiting read at its next look."""
@@ -154,6 +157,30 @@ class RpicamVid:
             raise CameraError("the camera program is not running")
         return self._child.stdout.fileno()
 
+    def _use_stride(self, stride: int) -> None:
+        self._stride = stride
+        self._frame_bytes = stride * self._camera.height_px * 3 // 2
+        self._buffers = [bytearray(self._frame_bytes) for _ in range(BUFFERS)]
+
+    def _find_stride(self, data: bytearray) -> bytearray:
+        """The first picture whole: its metadata came after its last byte, so what is left in the pipe belongs to it."""
+        aligned = -(-self._camera.width_px // STRIDE_STEP) * STRIDE_STEP
+        left = self._pending()
+        if aligned == self._camera.width_px or left == 0:
+            return data
+        if left != aligned * self._camera.height_px * 3 // 2 - self._frame_bytes:
+            raise CameraError(f"cannot tell the length of a row; set camera.stride_px ({aligned} on a Raspberry Pi)")
+        rest = bytearray(left)
+        self._fill(memoryview(rest))
+        self._use_stride(aligned)
+        self._full_bytes = min(self._frame_bytes, self._pipe_bytes)
+        return data + rest
+
+    def _pending(self) -> int:
+        """Bytes that wait in the pipe."""
+        count = fcntl.ioctl(self._stdout, termios.FIONREAD, b"\0\0\0\0")
+        return int(struct.unpack("i", count)[0])
+
     def _fill(self, view: memoryview) -> bool:
         """Read a whole picture; false at the end of the stream (a torn picture is dropped) or when cancelled."""
         pipe, filled = self._stdout, 0
@@ -172,7 +199,8 @@ class RpicamVid:
         """Middle of the exposure of a picture: from its metadata, else from its arrival."""
         stamp = self._metadata.take(number)
         if stamp is None:
-            self._drain_metadata(METADATA_PATIENCE_S if self._patience > 0 else 0.0, number)
+            patience_s = METADATA_PATIENCE_S if number > 0 else FIRST_PATIENCE_S
+            self._drain_metadata(patience_s if self._patience > 0 else 0.0, number)
             stamp = self._metadata.take(number)
         if stamp is None:
             self._patience -= 1
