@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import tempfile
 import threading
+import time
 from collections import deque
 from pathlib import Path
 
@@ -28,9 +29,10 @@ from hoopd.shell.service import lower_thread_priority
 # a row without it no longer.
 METADATA_PATIENCE_S = 0.004
 PATIENT_FRAMES = 10
-FIRST_PATIENCE_S = 0.015  # the first one also shows where a picture ends; less than a period
+FIRST_PATIENCE_S = 0.012  # the first one also shows where a picture ends; less than a period
 # The Raspberry Pi's image processors lengthen the rows of YUV 4:2:0 pictures to a multiple of this (480 to 512).
 STRIDE_STEP = 64  # px
+SETTLE_S = 0.003  # in which the rest of a picture follows
 STDERR_LINES = 5
 BUFFERS = 4
 
@@ -151,10 +153,13 @@ class RpicamVid:
         self._buffers = [bytearray(self._frame_bytes) for _ in range(BUFFERS)]
 
     def _find_stride(self, data: bytearray) -> bytearray:
-        """The first picture whole: its metadata came after its last byte, so what is left in the pipe belongs to it."""
+        """The first picture whole: the second is not due yet, so what is left in the pipe belongs to the first."""
         aligned = -(-self._camera.width_px // STRIDE_STEP) * STRIDE_STEP
+        if aligned == self._camera.width_px:
+            return data
+        time.sleep(SETTLE_S)
         left = pending(self._stdout)
-        if aligned == self._camera.width_px or left == 0:
+        if left == 0:
             return data
         if left != aligned * self._camera.height_px * 3 // 2 - self._frame_bytes:
             raise CameraError(f"cannot tell the length of a row; set camera.stride_px ({aligned} on a Raspberry Pi)")
