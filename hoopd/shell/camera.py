@@ -37,7 +37,8 @@ def make_backend(camera: Camera, clock: Clock, t0: float) -> Backend:
     if camera.backend == "rpicam":
         return RpicamVid(camera, clock, t0)
     # Imported on need: the rpicam way needs no capture library.
-    from hoopd.shell.videodevices import Picamera2Backend, V4l2Backend, VideoFile
+    from hoopd.shell.picamera import Picamera2Backend
+    from hoopd.shell.videodevices import V4l2Backend, VideoFile
 
     if camera.backend == "picamera2":
         return Picamera2Backend(camera, clock, t0)

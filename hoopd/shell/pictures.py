@@ -19,6 +19,9 @@ Clock = Callable[[], float]
 # the clocks' reading one after the other) nor have waited for longer than any queue of a camera.
 YOUNGEST_S = -0.002
 OLDEST_S = 1.0
+# The stamp of a camera on a CSI-2 cable is the frame start: the first row's readout, which ends that row's exposure.
+STAMP_TO_MIDDLE = -0.5  # of the exposure time
+NO_STAMP = "pictures carry no usable stamp; their time is taken as arrival less camera.delay_s"
 # A blocked wait looks this often whether it is to end.
 CANCEL_STEP_S = 0.1
 

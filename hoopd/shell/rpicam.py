@@ -7,41 +7,34 @@ the only difference between a Raspberry Pi and the simulated rig.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
-import select
 import shutil
-import signal
-import struct
 import subprocess
 import tempfile
-import termios
 import threading
+import time
 from collections import deque
 from pathlib import Path
 
 import numpy as np
 
 from hoopd.files import InputError
+from hoopd.shell.child import KILL_AFTER_S, end, end_with_parent, pending, readable, widen
 from hoopd.shell.config import Camera
 from hoopd.shell.metadata import MetadataStream
-from hoopd.shell.pictures import CANCEL_STEP_S, CameraError, Clock, Frame, Stamps
+from hoopd.shell.pictures import CANCEL_STEP_S, STAMP_TO_MIDDLE, CameraError, Clock, Frame, Stamps
 from hoopd.shell.service import lower_thread_priority
 
-# The stamp of a CSI-2 camera is the frame start: the first row's readout, which ends that row's exposure.
-STAMP_TO_MIDDLE = -0.5  # of the exposure time
 # The program writes a picture's metadata right after its pixels: wait this long for it, and after so many pictures in
 # a row without it no longer.
 METADATA_PATIENCE_S = 0.004
 PATIENT_FRAMES = 10
-KILL_AFTER_S = 0.5
+FIRST_PATIENCE_S = 0.012  # the first one also shows where a picture ends; less than a period
+# The Raspberry Pi's image processors lengthen the rows of YUV 4:2:0 pictures to a multiple of this (480 to 512).
+STRIDE_STEP = 64  # px
+SETTLE_S = 0.003  # in which the rest of a picture follows
 STDERR_LINES = 5
 BUFFERS = 4
-PIPE_BYTES = 1 << 20
-_F_SETPIPE_SZ, _F_GETPIPE_SZ = 1031, 1032
-# The kernel ends the child together with the thread that started it, however that ends. Python's own way (preexec_fn)
-# would fork the whole daemon, whose locked memory makes that a pause of every thread.
-_DIE_WITH_PARENT = ("setpriv", "--pdeathsig", "KILL", "--")
 
 
 class RpicamVid:
@@ -52,9 +45,7 @@ class RpicamVid:
         self._camera = camera
         self._clock = clock
         self._stamps = Stamps(t0, camera.delay_s)
-        self._stride = camera.stride_px or camera.width_px
-        self._frame_bytes = self._stride * camera.height_px * 3 // 2
-        self._buffers = [bytearray(self._frame_bytes) for _ in range(BUFFERS)]
+        self._use_stride(camera.stride_px or camera.width_px)
         self._number = 0
         self._child: subprocess.Popen[bytes] | None = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None
@@ -64,14 +55,14 @@ class RpicamVid:
         self._stderr: deque[str] = deque(maxlen=STDERR_LINES)
         self._stderr_reader: threading.Thread | None = None
         self._cancelled = False
-        self._full_bytes = self._frame_bytes
+        self._pipe_bytes = self._full_bytes = self._frame_bytes
 
     def arguments(self, metadata: Path) -> list[str]:
         """The whole command line."""
         camera = self._camera
         red, blue = camera.awb_gains
         return [
-            *(_DIE_WITH_PARENT if shutil.which(_DIE_WITH_PARENT[0]) else ()),
+            *end_with_parent(),
             *camera.command,
             *("-n", "-t", "0", "--codec", "yuv420", "--flush", "-o", "-"),
             *("--width", str(camera.width_px), "--height", str(camera.height_px), "--framerate", f"{camera.fps:g}"),
@@ -101,7 +92,8 @@ class RpicamVid:
             )
         except OSError as error:
             raise InputError("configuration", "camera.command", f"{program}: {error.strerror}") from None
-        self._full_bytes = min(self._frame_bytes, _widen(self._stdout))
+        self._pipe_bytes = widen(self._stdout)
+        self._full_bytes = min(self._frame_bytes, self._pipe_bytes)
         self._stderr_reader = threading.Thread(target=self._drain_stderr, name="camera-stderr", daemon=True)
         self._stderr_reader.start()
 
@@ -114,14 +106,15 @@ class RpicamVid:
             raise CameraError(self._obituary())
         t_arrival = self._clock()
         t = self._time_of(self._number, t_arrival)
+        if self._number == 0 and self._camera.stride_px == 0:
+            data = self._find_stride(data)
         frame = Frame(self._number, t, t_arrival, np.frombuffer(data, np.uint8), "i420", self._size)
         self._number += 1
         return frame
 
     def waiting(self) -> bool:
         """The pipe holds another whole picture, or as much of one as it can."""
-        count = fcntl.ioctl(self._stdout, termios.FIONREAD, b"\0\0\0\0")
-        return bool(struct.unpack("i", count)[0] >= self._full_bytes)
+        return pending(self._stdout) >= self._full_bytes
 
     def cancel(self) -> None:
         """End a waiting read at its next look."""
@@ -132,7 +125,7 @@ class RpicamVid:
         self._cancelled = True
         child, self._child = self._child, None
         if child is not None:
-            _end(child)
+            end(child)
             if self._stderr_reader is not None:
                 self._stderr_reader.join(KILL_AFTER_S)
             if child.stdout is not None:
@@ -154,13 +147,35 @@ class RpicamVid:
             raise CameraError("the camera program is not running")
         return self._child.stdout.fileno()
 
+    def _use_stride(self, stride: int) -> None:
+        self._stride = stride
+        self._frame_bytes = stride * self._camera.height_px * 3 // 2
+        self._buffers = [bytearray(self._frame_bytes) for _ in range(BUFFERS)]
+
+    def _find_stride(self, data: bytearray) -> bytearray:
+        """The first picture whole: the second is not due yet, so what is left in the pipe belongs to the first."""
+        aligned = -(-self._camera.width_px // STRIDE_STEP) * STRIDE_STEP
+        if aligned == self._camera.width_px:
+            return data
+        time.sleep(SETTLE_S)
+        left = pending(self._stdout)
+        if left == 0:
+            return data
+        if left != aligned * self._camera.height_px * 3 // 2 - self._frame_bytes:
+            raise CameraError(f"cannot tell the length of a row; set camera.stride_px ({aligned} on a Raspberry Pi)")
+        rest = bytearray(left)
+        self._fill(memoryview(rest))
+        self._use_stride(aligned)
+        self._full_bytes = min(self._frame_bytes, self._pipe_bytes)
+        return data + rest
+
     def _fill(self, view: memoryview) -> bool:
         """Read a whole picture; false at the end of the stream (a torn picture is dropped) or when cancelled."""
         pipe, filled = self._stdout, 0
         while filled < len(view):
             if self._cancelled:
                 return False
-            if not _readable(pipe, CANCEL_STEP_S):
+            if not readable(pipe, CANCEL_STEP_S):
                 continue
             count = os.readv(pipe, [view[filled:]])
             if count == 0:
@@ -172,7 +187,8 @@ class RpicamVid:
         """Middle of the exposure of a picture: from its metadata, else from its arrival."""
         stamp = self._metadata.take(number)
         if stamp is None:
-            self._drain_metadata(METADATA_PATIENCE_S if self._patience > 0 else 0.0, number)
+            patience_s = METADATA_PATIENCE_S if number > 0 else FIRST_PATIENCE_S
+            self._drain_metadata(patience_s if self._patience > 0 else 0.0, number)
             stamp = self._metadata.take(number)
         if stamp is None:
             self._patience -= 1
@@ -192,7 +208,7 @@ class RpicamVid:
             try:
                 chunk = os.read(self._fifo, 65536)
             except BlockingIOError:
-                if self._metadata.has(number) or patience_s <= 0 or not _readable(self._fifo, patience_s):
+                if self._metadata.has(number) or patience_s <= 0 or not readable(self._fifo, patience_s):
                     return
                 patience_s /= 2  # parts of one record may come one by one; the sum stays bounded
                 continue
@@ -222,27 +238,3 @@ class RpicamVid:
         how = f"exit {code}" if code is not None else "still running"
         last = self._stderr[-1] if self._stderr else "no message"
         return f"the camera program closed its output ({how}): {last}"
-
-
-def _readable(descriptor: int, timeout_s: float) -> bool:
-    poll = select.poll()
-    poll.register(descriptor, select.POLLIN)
-    return bool(poll.poll(timeout_s * 1e3))
-
-
-def _widen(pipe: int) -> int:
-    """Make room for some pictures in the pipe; its size in bytes."""
-    with contextlib.suppress(OSError):
-        fcntl.fcntl(pipe, _F_SETPIPE_SZ, PIPE_BYTES)
-    return int(fcntl.fcntl(pipe, _F_GETPIPE_SZ))
-
-
-def _end(child: subprocess.Popen[bytes]) -> None:
-    for number in (signal.SIGTERM, signal.SIGKILL):
-        with contextlib.suppress(OSError):
-            os.killpg(child.pid, number)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(KILL_AFTER_S)
-            break
-    with contextlib.suppress(OSError):
-        os.killpg(child.pid, signal.SIGKILL)  # what the program may have left behind in its group

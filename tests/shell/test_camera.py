@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
@@ -45,6 +46,8 @@ if mode == "error":
 if mode == "deaf":
     import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN)
 stride = 512 if mode == "stride" else int(a.width)
+if mode == "pi":
+    stride = -(-int(a.width) // 64) * 64
 size = stride * int(a.height) * 3 // 2
 meta = open(a.metadata, "w"); meta.write("[\\n"); meta.flush()
 count = {"torn": 2, "stall": 4, "deaf": 1}.get(mode, 40)
@@ -145,6 +148,23 @@ def test_rpicam_rows_may_be_longer_than_the_picture(fake, clock, opened) -> None
         assert frame.data.size == 512 * H * 3 // 2
         assert (frame.data == number).all()
         assert frame.size == (W, H, 512)
+
+
+def test_rpicam_finds_the_rows_of_a_raspberry_pi_by_itself(fake, clock, opened) -> None:
+    backend = opened(RpicamVid(msgspec.structs.replace(fake("pi"), width_px=72), clock, clock.t0))
+    for number in range(8):
+        frame = read(backend)
+        assert frame.size == (72, H, 128)
+        assert (frame.data == number).all()
+        assert frame.data.size == 128 * H * 3 // 2
+
+
+def test_rpicam_rows_without_padding_stay(fake, clock, opened) -> None:
+    backend = opened(RpicamVid(msgspec.structs.replace(fake("good"), width_px=72), clock, clock.t0))
+    for number in range(8):
+        frame = read(backend)
+        assert frame.size == (72, H, 72)
+        assert (frame.data == number).all()
 
 
 def test_rpicam_without_timely_metadata_falls_back_to_the_arrival_and_says_so(fake, clock, opened) -> None:
