@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -80,8 +81,9 @@ def run_daemon(options: Options) -> dict[str, Any]:
     notifier = Notifier()
     with ExitStack() as stack:
         stack.callback(notifier.close)
-        world = stack.enter_context(_world(options, config))
-        summary = asyncio.run(_run(options, config, texts, tick, world, notifier))
+        reporter = log.Reporter(notifier.status)
+        world = stack.enter_context(_world(options, config, _say(reporter)))
+        summary = asyncio.run(_run(options, config, texts, tick, world, notifier, reporter))
     print_summary(summary)
     return summary
 
@@ -125,23 +127,28 @@ def _plant(config: Config, path: Path | None) -> dict[str, Any]:
 
 
 @contextmanager
-def _world(options: Options, config: Config) -> Iterator[World]:
+def _world(options: Options, config: Config, say: Callable[[str], None]) -> Iterator[World]:
     layout = read_layout(config, options.config)
     if not options.sim:
-        with device(config, layout) as world:
+        with device(config, layout, say) as world:
             yield world
         return
     plant = _plant(config, options.config)
-    make = lockstep if options.speed == "max" else realtime_rig
+    make = lockstep if options.speed == "max" else partial(realtime_rig, say=say)
     with make(config, layout, plant, options.seed, direct=options.direct) as world:
         yield world
 
 
 async def _run(
-    options: Options, config: Config, texts: Texts, tick: Tick, world: World, notifier: Notifier
+    options: Options,
+    config: Config,
+    texts: Texts,
+    tick: Tick,
+    world: World,
+    notifier: Notifier,
+    reporter: log.Reporter,
 ) -> dict[str, Any]:
     virtual = options.speed == "max"
-    reporter = log.Reporter(lambda: status_line(loop), notifier.status)
     with ExitStack() as stack:
         recorder = _recorder(stack, options, config, texts, reporter)
         telemetry = None if virtual else _telemetry(stack, config, texts, reporter, lambda: status(loop, recorder))
@@ -161,7 +168,7 @@ async def _run(
             collect=not virtual,
         )
         stack.callback(reporter.close)
-        reporter.start()
+        reporter.start(lambda: status_line(loop))
         _handle_signals(loop)
         _quiet(virtual)
         started = time.perf_counter()
@@ -286,6 +293,11 @@ class TelemetrySink:
     def commands(self, t: float) -> tuple[Command, ...]:
         """What operators asked for since the last tick."""
         return self.telemetry.take_commands()
+
+
+def _say(reporter: log.Reporter) -> Callable[[str], None]:
+    """The camera's own facts go to the log."""
+    return lambda text: reporter.note(reporter.t, Note("camera", "warning", {"says": text}))
 
 
 def _tell(reporter: log.Reporter) -> Callable[[str, str, Mapping[str, Any]], None]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,6 +27,8 @@ from hoopd.shell.loop import Drive, Eye, Timer
 
 if TYPE_CHECKING:
     from hoopd.sim.rig import Rig
+
+Say = Callable[[str], None]  # one line for the log
 
 
 class World(NamedTuple):
@@ -49,17 +51,19 @@ def read_layout(config: Config, config_path: Path | None) -> Layout:
 
 
 @contextmanager
-def device(config: Config, layout: Layout) -> Iterator[World]:
+def device(config: Config, layout: Layout, say: Say) -> Iterator[World]:
     """The laboratory device: a serial port and a camera."""
     with ExitStack() as stack:
         timer = stack.enter_context(TickTimer(config.loop.period_s))
         drive = stack.enter_context(serial_drive(config, layout, timer))
-        eye = stack.enter_context(camera_eye(config, timer))
+        eye = stack.enter_context(camera_eye(config, timer, say))
         yield World(timer, drive, eye)
 
 
 @contextmanager
-def realtime_rig(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *, direct: bool) -> Iterator[World]:
+def realtime_rig(
+    config: Config, layout: Layout, plant: dict[str, Any], seed: int, *, direct: bool, say: Say
+) -> Iterator[World]:
     """The rig as processes of its own on the machine's clock."""
     with ExitStack() as stack:
         timer = stack.enter_context(TickTimer(config.loop.period_s))
@@ -69,7 +73,7 @@ def realtime_rig(config: Config, layout: Layout, plant: dict[str, Any], seed: in
         if direct:
             eye: Eye = stack.enter_context(direct_eye(config, rig, seed, timer, start))
         else:
-            eye = stack.enter_context(camera_eye(rigged, timer))
+            eye = stack.enter_context(camera_eye(rigged, timer, say))
         yield World(timer, drive, eye)
 
 
@@ -107,7 +111,7 @@ def serial_drive(config: Config, layout: Layout, timer: Timer) -> Iterator[Seria
 
 
 @contextmanager
-def camera_eye(config: Config, timer: TickTimer) -> Iterator[CameraThread]:
+def camera_eye(config: Config, timer: TickTimer, say: Say = lambda text: None) -> Iterator[CameraThread]:
     """The camera on a thread of its own, with the analysis of its pictures."""
     analyser = Analyser(config.vision, config.faults.minimum_confidence)
     start = timer.start_ns / 1e9
@@ -116,7 +120,7 @@ def camera_eye(config: Config, timer: TickTimer) -> Iterator[CameraThread]:
         analyser.reset()  # a restarted camera may show the ball anywhere
         return make_backend(config.camera, timer.now, start)
 
-    eye = CameraThread(make, analysis(analyser), timer.now, config.camera.stall_s)
+    eye = CameraThread(make, analysis(analyser), timer.now, config.camera.stall_s, say)
     eye.start()
     try:
         yield eye

@@ -58,7 +58,7 @@ class Camera(Strict, frozen=True):
     width_px: Annotated[int, Meta(ge=64, le=4096)] = 480
     height_px: Annotated[int, Meta(ge=64, le=4096)] = 480
     fps: Annotated[float, Meta(ge=1, le=240)] = 50.0
-    stride_px: Annotated[int, Meta(ge=0, le=8192)] = 0  # 0: as wide as the picture
+    stride_px: Annotated[int, Meta(ge=0, le=8192)] = 0  # 0: found from the first picture (rpicam)
     exposure_s: Positive = 0.005
     gain: Positive = 2.0
     awb_gains: tuple[float, float] = (1.6, 1.8)

@@ -43,9 +43,9 @@ def configure(form: str, level: str) -> None:
 class Reporter:
     """Writes facts to the log and keeps the status line, on a thread of its own."""
 
-    def __init__(self, status: Callable[[], str] | None, tell: Callable[[str], object] = lambda text: None) -> None:
-        """`status` makes the line for a terminal; `tell` gets a short one every second (for the service manager)."""
-        self._status = status if sys.stderr.isatty() else None
+    def __init__(self, tell: Callable[[str], object] = lambda text: None) -> None:
+        """`tell` gets a short status every second (for the service manager)."""
+        self._status: Callable[[], str] | None = None
         self._tell, self._turn, self._mode = tell, 0, ""
         self._waiting: deque[tuple[float, Note]] = deque(maxlen=MAX_WAITING)
         self._done = threading.Event()
@@ -55,8 +55,9 @@ class Reporter:
     trouble = False
     t = 0.0  # run time of the newest tick, for facts of helpers
 
-    def start(self) -> None:
-        """Begin writing."""
+    def start(self, status: Callable[[], str]) -> None:
+        """Begin writing; `status` makes the line for a terminal."""
+        self._status = status if sys.stderr.isatty() else None
         self._thread = start_helper("reporter", self._run)
 
     def put(self, record: TickRecord, inputs: Inputs) -> None:

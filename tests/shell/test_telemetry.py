@@ -23,7 +23,7 @@ from hoopd.core.records import Command, TickRecord
 from hoopd.files import InputError
 from hoopd.recording.rows import decode_tick
 from hoopd.shell import telemetry as module
-from hoopd.shell.commands import CommandError, Ranges, send
+from hoopd.shell.commands import CommandError, Ranges, operate, send
 from hoopd.shell.session import connecting
 from hoopd.shell.telemetry import Settings, Telemetry
 
@@ -397,12 +397,8 @@ def test_unsafe_settings_are_refused_before_anything_opens(settings: Settings, s
 
 
 def test_operate_says_what_became_of_a_command() -> None:
-    from hoopd.shell.commands import operate
-
     seen = {"mode": "DISARMED", "reference": 0.0}
     settings = Settings(endpoint=free_endpoint(), commands=True)
-    telemetry = Telemetry(settings)
-    telemetry.start()
     done = threading.Event()
 
     def ticks() -> None:
@@ -410,15 +406,15 @@ def test_operate_says_what_became_of_a_command() -> None:
             for command in telemetry.take_commands():
                 if command.name == "reference":
                     seen["reference"] = command.value
-            telemetry.put(tick_record(1)._replace(mode=seen["mode"], reference=seen["reference"]))
+            telemetry.put(tick(1)._replace(mode=seen["mode"], reference=seen["reference"]))
 
-    thread = threading.Thread(target=ticks)
-    thread.start()
-    try:
-        assert "reference 0.25 rad" in operate("reference", 0.25, settings.endpoint)
-        with pytest.raises(CommandError, match="the daemon stays DISARMED"):
-            operate("arm", None, settings.endpoint, timeout_s=0.5)
-    finally:
-        done.set()
-        thread.join()
-        telemetry.close()
+    with running(settings) as telemetry:
+        thread = threading.Thread(target=ticks)
+        thread.start()
+        try:
+            assert "reference 0.25 rad" in operate("reference", 0.25, settings.endpoint)
+            with pytest.raises(CommandError, match="the daemon stays DISARMED"):
+                operate("arm", None, settings.endpoint, timeout_s=0.5)
+        finally:
+            done.set()
+            thread.join()
