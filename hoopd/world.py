@@ -168,7 +168,7 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
     script = parts.fault_script(config, seed)
     model = make_plant(**plant)
     constants = BoardConfig(byte_s=byte_s, **parts.board_constants(config))
-    with parts.torque_log(config) as sink:
+    with parts.torque_log(config) as sink, parts.truth_log(config) as truth:
         board = DriverBoard(model, np.random.default_rng([seed, 1]), layout=layout, config=constants, sink=sink)
         wired = WiredBoard(board, script, layout=layout, byte_s=byte_s)
         frame_s = 1.0 / config.camera.fps
@@ -182,6 +182,7 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
             frame_s=frame_s,
             phase_s=sim.camera_phase * frame_s,
             delay_s=sim.delay_frames * frame_s,
+            truth=truth,
         )
         yield World(rig, rig, LockstepEye(rig, config.camera.stall_s))
         rig.finish(2.0 * constants.timeout_s)

@@ -31,6 +31,12 @@ class Codec(Protocol):
     def take(self, t: float, *, lost: bool) -> tuple[DriverSample | None, LinkCounts]: ...
 
 
+class TruthSink(Protocol):
+    """Takes the plant's true state (`hoopd.sim.truth`)."""
+
+    def __call__(self, t: float, state: tuple[float, float, float, float], /) -> None: ...
+
+
 class LockstepRig:
     """Clock, drive and camera of a loop that runs in virtual time."""
 
@@ -46,7 +52,10 @@ class LockstepRig:
         frame_s: float,
         phase_s: float,
         delay_s: float,
+        truth: TruthSink | None = None,
     ) -> None:
+        """`truth` gets the plant's state at every tick."""
+        self._truth = truth
         self._plant, self._board, self._codec, self._watcher = plant, board, codec, watcher
         self._script, self._period_s, self._delay_s = script, period_s, delay_s
         self._frame_s, self._phase_s = frame_s, phase_s
@@ -63,6 +72,8 @@ class LockstepRig:
         """Advance to the next deadline."""
         self._ticks += 1
         self._run_until(self._ticks * self._period_s)
+        if self._truth is not None:
+            self._truth(self._now, self._plant.state)
         if self._ticks % YIELD_EVERY == 0:
             await asyncio.sleep(0)
         return 1

@@ -22,6 +22,7 @@ from hoopd.sim.torque_log import TorqueLogFile
 from hoopd.sim.watchers import DirectWatcher, Disturbance, PictureWatcher, Watcher
 
 TORQUE_LOG = "torque.jsonl"
+TRUTH_LOG = "truth.csv"  # of lock-step alone
 
 
 def plant_arguments(config: Config, structure: str, parameters: dict[str, float]) -> dict[str, Any]:
@@ -81,6 +82,18 @@ def torque_log(config: Config) -> Iterator[Any]:
         yield log
     finally:
         log.close()
+
+
+@contextmanager
+def truth_log(config: Config) -> Iterator[Any]:
+    """Sink for the plant's true state."""
+    if not config.sim.directory:
+        yield None
+        return
+    from hoopd.sim.truth import TruthFile
+
+    with TruthFile(Path(config.sim.directory) / TRUTH_LOG) as log:
+        yield log
 
 
 def make_watcher(config: Config, script: FaultScript, seed: int, *, direct: bool) -> Watcher:

@@ -1,0 +1,49 @@
+"""The plant's true state at every tick of a lock-step run: what tests and figures judge a controller by.
+
+Rules of this file: comma separated, one header, one row a tick, full precision; times in s, angles in rad.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Column = NDArray[np.float64]
+State = tuple[float, float, float, float]
+
+
+class Truth(NamedTuple):
+    """Columns of one length."""
+
+    t: Column  # s, the tick's deadline
+    theta: Column  # rad, unwrapped
+    dtheta: Column  # rad/s
+    psi: Column  # rad, unwrapped
+    dpsi: Column  # rad/s
+
+
+class TruthFile:
+    """A sink that writes one row per call."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w", encoding="ascii")
+        self._file.write(",".join(Truth._fields) + "\n")
+
+    def __call__(self, t: float, state: State) -> None:
+        """Write the plant's state at run time `t`."""
+        self._file.write(",".join(map(repr, (t, *state))) + "\n")
+
+    def __enter__(self) -> TruthFile:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self._file.close()
+
+
+def read(path: Path) -> Truth:
+    """The rows of a finished run."""
+    return Truth(*np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).T)
