@@ -6,7 +6,6 @@ port, no camera, no clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,7 +42,7 @@ def build_tick(config: Config, texts: Texts) -> Tick:
     model = parse_model(texts.model, config.device.model)
     file = parse_controller(texts.controller, config.control.file)
     _same_period(config, file.sample_time_s)
-    law = load_law(texts.law, config.control.law)() if texts.law else controller_of(file)
+    law = load_law(texts.law, config.control.law) if texts.law else controller_of(file)
     # The narrower of the device's and the controller's limit holds.
     limiter = Limiter(
         min(config.limits.torque_nm, file.limits.torque_nm),
@@ -58,14 +57,16 @@ def _same_period(config: Config, sample_time_s: float) -> None:
         raise InputError(config.control.file, "sample_time_s", reason)
 
 
-def load_law(text: str, name: str) -> Callable[[], Controller]:
-    """Class `Law` of a user's Python file; it is the user's own code and runs with the daemon's rights."""
+def load_law(text: str, name: str) -> Controller:
+    """An object of class `Law` of a user's Python file; it is the user's own code and runs with the daemon's rights."""
     space: dict[str, Any] = {"__name__": "hoopd_law"}
     try:
         exec(compile(text, name, "exec"), space)
+        make = space.get("Law")
+        law = make() if isinstance(make, type) else None
+        if all(callable(getattr(law, part, None)) for part in ("update", "reset")):
+            law.reset()
+            return law
     except Exception as error:
         raise InputError(name, "", f"cannot be loaded: {type(error).__name__}: {error}") from None
-    law = space.get("Law")
-    if not isinstance(law, type) or not all(callable(getattr(law, part, None)) for part in ("update", "reset")):
-        raise InputError(name, "Law", "needs a class Law with update(measurement) and reset()")
-    return law
+    raise InputError(name, "Law", "needs a class Law with update(measurement) and reset()")

@@ -169,7 +169,10 @@ class Tick:
         self._note("reference", "info", reference=self.reference)
 
     def _tune(self, command: Command) -> None:
-        done = isfinite(command.value) and self.controller.tune(command.key, command.value)
+        try:
+            done = isfinite(command.value) and self.controller.tune(command.key, command.value)
+        except Exception:  # a user's own law may have nothing to tune
+            done = False
         if done:
             self._note("tuned", "info", key=command.key, value=command.value)
         else:
@@ -223,7 +226,7 @@ class Tick:
 
     def _torque(self, inputs: Inputs, estimate: Estimate) -> float:
         if self.mode is Mode.RUNNING:
-            wanted, _ = self.controller.update(self._measurement(inputs, estimate))
+            wanted = self._ask_law(inputs, estimate)
         elif self.mode is Mode.STOPPING:
             wanted = self._brake(inputs)
         else:
@@ -235,6 +238,15 @@ class Tick:
             self._move(frozenset({Event.CUT}))
             return 0.0
         return self.limiter.apply(wanted)
+
+    def _ask_law(self, inputs: Inputs, estimate: Estimate) -> float:
+        """The law's torque; a law that fails (a user's own may) is one whose torque is not a number."""
+        try:
+            wanted, _ = self.controller.update(self._measurement(inputs, estimate))
+            return float(wanted)
+        except Exception as error:
+            self._note("law_failed", "error", reason=f"{type(error).__name__}: {error}")
+            return nan
 
     def _brake(self, inputs: Inputs) -> float:
         if self._sent.enabled_for == 0 or self._stopping_since == 0.0:
