@@ -139,7 +139,7 @@ def _distance(size: int, x: float, y: float) -> NDArray[np.float32]:
 
 def _shading(size: int, x: float, y: float, radius: float) -> NDArray[np.float32]:
     """Brightness over a sphere lit from above left, with a small highlight."""
-    body = 1.0 - 0.28 * (_distance(size, x + 0.35 * radius, y + 0.45 * radius) / radius) ** 2 / 2
+    body = 1.0 - 0.28 * (_distance(size, x - 0.35 * radius, y - 0.45 * radius) / radius) ** 2 / 2
     spot = 0.25 * np.exp(-((_distance(size, x - 0.3 * radius, y - 0.4 * radius) / (0.22 * radius)) ** 2))
     return np.asarray(np.clip(body + spot, 0.3, 1.25), np.float32)
 
