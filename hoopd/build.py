@@ -7,7 +7,7 @@ port, no camera, no clock.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from hoopd.core.controllers import Controller
 from hoopd.core.limits import Limiter
@@ -63,10 +63,10 @@ def load_law(text: str, name: str) -> Controller:
     try:
         exec(compile(text, name, "exec"), space)
         make = space.get("Law")
-        law = make() if isinstance(make, type) else None
+        law: Any = make() if isinstance(make, type) else None
         if all(callable(getattr(law, part, None)) for part in ("update", "reset")):
             law.reset()
-            return law
+            return cast(Controller, law)
     except Exception as error:
         raise InputError(name, "", f"cannot be loaded: {type(error).__name__}: {error}") from None
     raise InputError(name, "Law", "needs a class Law with update(measurement) and reset()")

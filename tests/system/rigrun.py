@@ -32,6 +32,7 @@ class RigRun:
     psi: Column  # rad, true
     u: Column  # N m, applied from this tick on
     psi_seen: Column  # rad, as the camera saw it, NaN without a new picture
+    reference: Column  # rad
     torque: torque_log.TorqueLog
     summary: dict[str, Any]
 
@@ -78,6 +79,7 @@ def run_rig(
         state.psi[part],
         u[part],
         recording.psi[part],
+        recording.extra["reference"][part],
         log,
         summary,
     )
