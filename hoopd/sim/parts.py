@@ -19,6 +19,7 @@ from hoopd.sim.boardprocess import ProcessConfig
 from hoopd.sim.camera import CameraConfig, Painter
 from hoopd.sim.faults import Fault, FaultScript, fault_from_table
 from hoopd.sim.torque_log import TorqueLogFile
+from hoopd.sim.truth import TruthFile
 from hoopd.sim.watchers import DirectWatcher, Disturbance, PictureWatcher, Watcher
 
 TORQUE_LOG = "torque.jsonl"
@@ -90,8 +91,6 @@ def truth_log(config: Config) -> Iterator[Any]:
     if not config.sim.directory:
         yield None
         return
-    from hoopd.sim.truth import TruthFile
-
     with TruthFile(Path(config.sim.directory) / TRUTH_LOG) as log:
         yield log
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
+from hoopd.files import InputError
 from hoopd.recording.mcap import read_run
 from hoopd.replay import replay
 from tests.system.rigrun import RigRun, run_rig
@@ -284,3 +285,19 @@ def test_tuning_of_nonsense_is_refused(tmp_path: Path, row: str) -> None:
     run = run_rig(tmp_path, commands(f"{{at_s: 1.5, name: tune, {row}}}"), duration_s=4.0)
     assert "command_refused" in {event.event for event in read_run(tmp_path / "run-0001.mcap").events}
     assert run.settled_s(run.psi, 0.05) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("def", "SyntaxError"),
+        ("import no_such_module", "ModuleNotFoundError"),
+        ("class Law:\n    def update(self, m):\n        return 0.0, {}", "needs a class Law"),
+        ("Law = 3", "needs a class Law"),
+        ("class Law:\n    def __init__(self):\n        raise OSError('no')", "OSError: no"),
+    ],
+)
+def test_a_file_that_is_no_law_is_one_line(tmp_path: Path, text: str, reason: str) -> None:
+    with pytest.raises(InputError) as refused:
+        run_rig(tmp_path, own_law(tmp_path, text), duration_s=1.0)
+    assert reason in str(refused.value) and "law.py" in str(refused.value) and "\n" not in str(refused.value)
