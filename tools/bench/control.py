@@ -218,7 +218,7 @@ def figures(folder: Path, scratch: Path, release: RigRun) -> None:
     off = (*THESIS, "sim.psi_rad=0.1")
     wanted: tuple[tuple[str, ...], ...] = ((*off, PID, WRONG_ZERO), (*off, PID), (*off, WRONG_ZERO))
     runs = [run_rig(scratch / f"figure-{k}", *sets, duration_s=15.0) for k, sets in enumerate(wanted)]
-    draw_thesis(*runs, folder / "thesis_device.png")
+    draw_thesis(runs[0], runs[1], runs[2], folder / "thesis_device.png")
 
 
 def main() -> None:
