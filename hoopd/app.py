@@ -84,6 +84,7 @@ def run_daemon(options: Options) -> dict[str, Any]:
         reporter = log.Reporter(notifier.status)
         world = stack.enter_context(_world(options, config, _say(reporter)))
         summary = asyncio.run(_run(options, config, texts, tick, world, notifier, reporter))
+    summary["start_monotonic_s"] = getattr(world.timer, "start_ns", 0) / 1e9
     print_summary(summary)
     return summary
 
