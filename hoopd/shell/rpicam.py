@@ -23,7 +23,7 @@ from hoopd.shell.child import KILL_AFTER_S, end, end_with_parent, pending, reada
 from hoopd.shell.config import Camera
 from hoopd.shell.metadata import MetadataStream
 from hoopd.shell.pictures import CANCEL_STEP_S, STAMP_TO_MIDDLE, CameraError, Clock, Frame, Stamps
-from hoopd.shell.service import lower_thread_priority
+from hoopd.shell.service import settle_helper_thread
 
 # The program writes a picture's metadata right after its pixels: wait this long for it, and after so many pictures in
 # a row without it no longer.
@@ -217,7 +217,7 @@ class RpicamVid:
             self._metadata.feed(chunk.decode("ascii", errors="replace"))
 
     def _drain_stderr(self) -> None:
-        lower_thread_priority()
+        settle_helper_thread()
         child = self._child
         if child is None or child.stderr is None:
             return

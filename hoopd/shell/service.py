@@ -21,6 +21,8 @@ STATUS_CHARS = 200
 # READY and STOPPING must arrive: they may wait for room in systemd's queue. Everything else is dropped instead.
 PATIENCE_S = 1.0
 _SCHED_RESET_ON_FORK = 0x40000000
+# Helper threads run this far below the loop.
+HELPERS_BELOW = 10
 _POLICIES = {
     os.SCHED_OTHER: "other",
     os.SCHED_FIFO: "fifo",
@@ -105,6 +107,20 @@ def lower_thread_priority() -> None:
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, policy, os.sched_param(0))
             return
+
+
+def settle_helper_thread() -> None:
+    """Scheduling of a helper thread: below the loop, but never behind ordinary processes while it holds the interpreter.
+
+    A helper at ordinary priority that is preempted with the interpreter lock in its hand stops a FIFO loop for a whole
+    time slice of somebody else. So helpers follow the loop's policy, a little below it; what they start does not.
+    """
+    main = os.getpid()  # the main thread's id is the process's
+    if os.sched_getscheduler(main) & ~_SCHED_RESET_ON_FORK == os.SCHED_FIFO:
+        priority = os.sched_getparam(main).sched_priority - HELPERS_BELOW
+        if priority > 0 and raise_thread_priority(priority):
+            return
+    lower_thread_priority()
 
 
 def raise_thread_priority(priority: int) -> bool:

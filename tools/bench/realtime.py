@@ -72,7 +72,13 @@ def run(seconds: float, busy: int, *, fifo: bool, direct: bool) -> dict[str, Any
 
 def _daemon(folder: Path, seconds: float, *, fifo: bool, direct: bool) -> None:
     command = [*(FIFO if fifo else ()), sys.executable, "-m", "hoopd", "--sim", "--duration", str(seconds)]
-    command += ["--record", str(folder), "--json", str(folder / "summary.json"), *(["--camera", "direct"] if direct else [])]
+    command += [
+        "--record",
+        str(folder),
+        "--json",
+        str(folder / "summary.json"),
+        *(["--camera", "direct"] if direct else []),
+    ]
     command += ["--set", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}", "--set", f"sim.directory={folder}"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with process(command, **quiet) as child:
@@ -149,7 +155,9 @@ def main() -> int:
     parser.add_argument("--all", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    cases = [(busy, fifo) for busy in (0, 2) for fifo in (False, True)] if options.all else [(options.busy, options.fifo)]
+    cases = (
+        [(busy, fifo) for busy in (0, 2) for fifo in (False, True)] if options.all else [(options.busy, options.fifo)]
+    )
     results = {}
     for busy, fifo in cases:
         if fifo and subprocess.call([*FIFO, "true"], stderr=subprocess.DEVNULL):
