@@ -13,7 +13,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from hoopd.core.frames import Answer, Decoder, Layout, encode_answer
+from hoopd.core.frames import Answer, Decoder, Layout, Request, encode_answer, encode_request
 from hoopd.sim.board import BYTE_S, FAULT_BITS, DriverBoard, FaultName
 
 Direction = Literal["request", "answer"]
@@ -39,6 +39,7 @@ KINDS: Final[Mapping[str, KindRow]] = {
     "board_silent": KindRow("link", {}, "the board hears nothing and says nothing; its own time-out goes on"),
     "implausible_speed": KindRow("link", {"value": 5000.0}, "answers carry this dtheta in rad/s with a good CRC"),
     "implausible_current": KindRow("link", {"value": 80.0}, "answers carry this current in A with a good CRC"),
+    "drive_blocked": KindRow("link", {}, "an emergency stop holds the drive: requests reach it without enable"),
     "board_reset": KindRow("board", {}, "the board restarts once, at the beginning"),
     "board_fault": KindRow("board", {"name": "overcurrent"}, "overcurrent, encoder or supply condition persists"),
     "camera_stall": KindRow("camera", {}, "no pictures come"),
@@ -128,7 +129,7 @@ class FaultyWire:
 
     def request(self, t: float, data: bytes) -> list[Delivery]:
         """What the board gets of bytes that the host sent, `t` their arrival without faults."""
-        return self._pass(t, data, "request")
+        return self._pass(t, self._blocked(t, data), "request")
 
     def answer(self, t: float, data: bytes) -> list[Delivery]:
         """What the host gets of one answer of the board, `t` its arrival without faults."""
@@ -177,6 +178,14 @@ class FaultyWire:
     def _garbage(self, t: float, direction: Direction) -> bytes:
         fault = self._hit(t, "garbage", direction)
         return self._rng[direction].bytes(int(fault["bytes"])) if fault else b""
+
+    def _blocked(self, t: float, data: bytes) -> bytes:
+        """The same request without its enable bit and with its CRC made good."""
+        if self._script.active(t, "drive_blocked") is None:
+            return data
+        frames = Decoder(self._layout, "request", bounds={}).feed(data)
+        asked = (f for f in frames if isinstance(f, Request))
+        return b"".join(encode_request(self._layout, f.seq, False, f.clear_fault, f.torque_nm) for f in asked)
 
     def _falsify(self, t: float, data: bytes) -> bytes:
         """The same answer with an implausible value and its CRC made good."""
