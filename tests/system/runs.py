@@ -104,7 +104,7 @@ def load(folder: Path, record: Path, log: str, summary: dict[str, Any] | None = 
 
 
 class SlowHost:
-    """A timer and drive around a lock-step rig that is served late: `late(k)` s after deadline k, `slow(k)` s of work."""
+    """Timer and drive of a lock-step rig, `late(k)` s after deadline k and with `slow(k)` s of work in that tick."""
 
     def __init__(
         self, rig: Any, late: Callable[[int], float] = lambda k: 0.0, slow: Callable[[int], float] = lambda k: 0.0

@@ -1,4 +1,4 @@
-"""Every row of the fault table through the rig: right action, in time, never too much torque, cleared as the row says."""
+"""Every row of the fault table through the rig: right action, in time, never too much torque, cleared by its rule."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from hoopd.core.modes import Mode
 from hoopd.shell import recorder
 
 AT_S = 2.0  # the fault begins
-EARLY_S = 2.3  # the operator arms while the fault lasts
+EARLY_S = 2.3  # the operator arms while the fault lasts, a cut
+EARLY_STOP_S = 2.8  # the same after a controlled stop
 ARM_S = 4.0  # the operator arms when it is long over
 END_S = 6.0
 MARGIN_S = 0.1  # zero torque this long after the deadline of the rule
@@ -140,7 +141,7 @@ CASES: dict[str, Case] = {
     "board_reset": Case("cut", 0.04, "board_reset", clears="operator"),
     "board_refuses": Case("never starts", 2.1, "drive_blocked", 2.5, clears="operator", at_s=0.0),
     "camera_late": Case("goes on", 0.12, "late_pictures", 1.0, {"delay_s": 0.06}),
-    "camera_lost": Case("stop", 0.16 + 0.02, "camera_stall", 1.0, clears="operator", early_arm=True),
+    "camera_lost": Case("stop", 0.16 + 0.02, "camera_stall", 0.9, clears="operator", early_arm=True),
     "ball_missing": Case("goes on", CAMERA_S + 0.02, "ball_gone", 0.1),
     "ball_lost": Case("pause", CAMERA_S + 0.2, "ball_gone", 0.5),
     "overrun": Case("goes on", 0.02, prepare=late_from(1), seen=overran),
@@ -166,7 +167,7 @@ def provoke(name: str, case: Case, folder: Path, patch: pytest.MonkeyPatch) -> R
     faults = [{"kind": case.kind, "at_s": case.at_s, "for_s": case.for_s, "params": case.params}] if case.kind else []
     commands: list[dict[str, Any]] = [{"at_s": 1.3, "name": "reference", "value": 0.1}]
     if case.early_arm:
-        commands.append({"at_s": EARLY_S, "name": "arm"})
+        commands.append({"at_s": EARLY_STOP_S if case.outcome == "stop" else EARLY_S, "name": "arm"})
     if case.clears == "operator":
         commands.append({"at_s": ARM_S, "name": "arm"})
     return run(folder, duration_s=END_S, config=case.config, faults=faults, commands=commands)
