@@ -141,6 +141,7 @@ async def _run(
     options: Options, config: Config, texts: Texts, tick: Tick, world: World, notifier: Notifier
 ) -> dict[str, Any]:
     virtual = options.speed == "max"
+    world.drive.open()  # first: without its port a run leaves no file and no log
     reporter = log.Reporter(lambda: status_line(loop), notifier.status)
     with ExitStack() as stack:
         recorder = _recorder(stack, options, config, texts, reporter)

@@ -75,7 +75,9 @@ class SerialDrive:
         self.reason = "not opened yet"
 
     def open(self) -> None:
-        """Open now, or InputError; the running loop reads from then on."""
+        """Open now (unless it is), or InputError; the running loop reads from then on."""
+        if self._fd >= 0:
+            return
         self._loop = asyncio.get_running_loop()
         try:
             self._adopt(open_port(self._port_name, self._baud))

@@ -46,6 +46,7 @@ KINDS: Final[Mapping[str, KindRow]] = {
     "black_pictures": KindRow("camera", {}, "pictures are black"),
     "ball_gone": KindRow("camera", {}, "the ball is not in the picture"),
     "false_red_object": KindRow("camera", {}, "a second red object is in the picture"),
+    "ball_held": KindRow("camera", {"psi_rad": 0.3}, "pictures show the ball held at psi_rad, whatever the torque"),
     "late_pictures": KindRow("camera", {"delay_s": 0.1}, "pictures are delivered later than they should"),
 }
 
@@ -74,6 +75,10 @@ class Fault:
             raise ValueError(f"{self.kind}: direction must be request, answer or both, not {self['direction']!r}")
         if self.kind == "board_fault" and self["name"] not in FAULT_BITS:
             raise ValueError(f"board_fault: name must be {', '.join(FAULT_BITS)}, not {self['name']!r}")
+        for name in ("value", "psi_rad"):
+            value = self[name]
+            if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
+                raise ValueError(f"{self.kind}: {name} must be a number, not {value!r}")
         for name in ("rate", "every", "bits", "bytes", "delay_s"):
             value = self[name]
             if value is not None and not (isinstance(value, int | float) and value >= 0):

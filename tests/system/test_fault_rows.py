@@ -21,7 +21,7 @@ from hoopd.shell import recorder
 AT_S = 2.0  # the fault begins
 EARLY_S = 2.3  # the operator arms while the fault lasts, a cut
 EARLY_STOP_S = 2.8  # the same after a controlled stop
-ARM_S = 4.0  # the operator arms when it is long over
+ARM_S = 4.4  # the operator arms when it is long over
 END_S = 6.0
 MARGIN_S = 0.1  # zero torque this long after the deadline of the rule
 CAMERA_S = 0.06  # a picture is two to three periods old when it is judged
@@ -144,6 +144,8 @@ CASES: dict[str, Case] = {
     "camera_lost": Case("stop", 0.16 + 0.02, "camera_stall", 0.9, clears="operator", early_arm=True),
     "ball_missing": Case("goes on", CAMERA_S + 0.02, "ball_gone", 0.1),
     "ball_lost": Case("pause", CAMERA_S + 0.2, "ball_gone", 0.5),
+    # Twenty refusals among the pictures of a second: the filter follows after five, and the held ball leaves it again.
+    "ball_implausible": Case("stop", CAMERA_S + 1.0, "ball_held", 0.9, {"psi_rad": -0.4}, clears="operator"),
     "overrun": Case("goes on", 0.02, prepare=late_from(1), seen=overran),
     "overrun_repeated": Case("goes on", 3 * 0.04 + 0.02, prepare=late_from(3)),
     "overrun_persistent": Case("stop", 10 * 0.04 + 0.02, clears="operator", prepare=late_from(12)),
