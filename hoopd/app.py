@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from hoopd.build import Texts, build_tick, read_texts
 from hoopd.core.modes import Mode
-from hoopd.core.records import Command, Inputs, TickRecord
+from hoopd.core.records import Command, Inputs, LinkCounts, TickRecord
 from hoopd.core.tick import Note, Tick
 from hoopd.files import InputError
 from hoopd.modelfiles import load_model
@@ -150,6 +150,7 @@ async def _run(
     reporter: log.Reporter,
 ) -> dict[str, Any]:
     virtual = options.speed == "max"
+    world.drive.open()  # first: without its port a run leaves no file and no log
     with ExitStack() as stack:
         recorder = _recorder(stack, options, config, texts, reporter)
         telemetry = None if virtual else _telemetry(stack, config, texts, reporter, lambda: status(loop, recorder))
@@ -179,6 +180,9 @@ async def _run(
     return summarise(options, loop, watch, recorder, telemetry, wall_s)
 
 
+WELL = LinkCounts(good=1)
+
+
 class Watch:
     """Counts what the summary tells: modes, faults, torque and angles."""
 
@@ -186,6 +190,7 @@ class Watch:
 
     def __init__(self) -> None:
         self.faults: dict[str, int] = {}
+        self.link: dict[str, int] = {}  # what was wrong on the line, by kind
         self.running_ticks = 0
         self.max_torque_nm = 0.0
         self.settled: deque[float] = deque(maxlen=250)  # psi of the last five seconds
@@ -193,9 +198,25 @@ class Watch:
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """Look at one tick."""
         self.max_torque_nm = max(self.max_torque_nm, abs(record.u))
+        if inputs.link != WELL or inputs.driver is None:
+            self._count_link(inputs)
         if record.mode == Mode.RUNNING:
             self.running_ticks += 1
             self.settled.append(record.x_hat[2] - record.reference)
+
+    def _count_link(self, inputs: Inputs) -> None:
+        link = inputs.link
+        counts = {
+            "no answer": inputs.driver is None,
+            "bad CRC": link.bad_crc,
+            "garbage bytes": link.garbage_bytes,
+            "not asked for": link.unexpected_seq,
+            "implausible": link.implausible,
+            "port lost": link.lost,
+        }
+        for name, count in counts.items():
+            if count:
+                self.link[name] = self.link.get(name, 0) + count
 
     def note(self, t: float, note: Note) -> None:
         """Count faults by name."""
@@ -404,6 +425,7 @@ def summarise(
         "psi_error_rms_last_5s_rad": settled**0.5,
         "max_torque_nm": watch.max_torque_nm,
         "faults": watch.faults,
+        "link": watch.link,
         "recording": recorder.recorder.counts._asdict() if recorder else None,
         "telemetry": {k: v for k, v in telemetry.telemetry.counts._asdict().items() if k != "open"}
         if telemetry
@@ -419,7 +441,8 @@ def print_summary(summary: dict[str, Any]) -> None:
     table = Table(title="run", show_header=False, title_justify="left")
     for name, text in _summary_rows(summary):
         table.add_row(name, text)
-    Console().print(table)
+    with contextlib.suppress(OSError):  # nobody reads it, or its disk is full: the run was good
+        Console().print(table)
 
 
 def _summary_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -433,6 +456,7 @@ def _summary_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "psi error, last 5 s", f"{summary['psi_error_rms_last_5s_rad']:.4f} rad rms"
     yield "largest torque", f"{summary['max_torque_nm']:.3f} N m"
     yield "faults", ", ".join(f"{name} x{count}" for name, count in summary["faults"].items()) or "none"
+    yield "serial line", ", ".join(f"{name} {count}" for name, count in summary["link"].items()) or "well"
     for part in ("recording", "telemetry"):
         if summary[part]:
             yield part, ", ".join(f"{key} {value}" for key, value in summary[part].items())

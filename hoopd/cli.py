@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 import sys
+from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NoReturn
 
 import typer
 
@@ -17,6 +18,9 @@ from hoopd.files import InputError
 
 # Matrices of four by four gain nothing from threads, and lose milliseconds to them; before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# What the parser of the command line raises: unknown options, values that do not fit.
+UsageError: Any = typer.BadParameter.__base__
 
 app = typer.Typer(
     add_completion=False,
@@ -63,6 +67,10 @@ def run(
         raise InputError("--speed", "", f"must be 1 or max, not {speed!r}")
     if camera not in (None, "direct"):
         raise InputError("--camera", "", f"must be direct, not {camera!r}")
+    if json_path is not None and not json_path.parent.is_dir():  # said before the run, not after it
+        raise InputError(json_path, "--json", "no such folder")
+    if duration is not None and not isfinite(duration):
+        raise InputError("--duration", "", "must be a finite number of seconds")
     chosen: Literal["1", "max"] = "max" if speed == "max" else "1"
     options = Options(sim, config, tuple(sets), duration, record, seed, chosen, camera == "direct", arm)
     summary = run_daemon(options)
@@ -168,7 +176,17 @@ def _write_json(path: Path | None, result: dict[str, Any]) -> None:
 def main() -> None:
     """Entry point: one clear line and exit code 2 for unusable input."""
     try:
-        app()
+        code = app(standalone_mode=False)
+    except UsageError as error:
+        _refuse(f"{error.format_message()} (see hoopd --help)")
     except InputError as error:
-        sys.stderr.write(f"hoopd: {error}\n")
-        sys.exit(2)
+        _refuse(str(error))
+    except typer.Abort:
+        sys.exit(1)
+    else:
+        sys.exit(code or 0)
+
+
+def _refuse(line: str) -> NoReturn:
+    sys.stderr.write(f"hoopd: {line}\n")
+    sys.exit(2)

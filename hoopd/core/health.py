@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from math import isfinite, isinf
+from math import inf, isfinite, isinf
 from typing import NamedTuple
 
 from hoopd.core.records import DriverSample, Estimate, Inputs
@@ -97,8 +97,9 @@ class Thresholds:
         """Refuse thresholds that would switch a check off by accident."""
         if not 0.0 < self.late_periods < self.lost_periods:
             raise ValueError("needs 0 < late_periods < lost_periods")
-        if self.hoop_speed_rad_s <= 0 or self.speed_mismatch_rad_s <= 0 or self.current_mismatch_nm <= 0:
-            raise ValueError("limits must be positive")
+        limits = (self.hoop_speed_rad_s, self.speed_mismatch_rad_s, self.current_mismatch_nm)
+        if not all(0.0 < limit < inf for limit in limits):
+            raise ValueError("limits must be positive and finite")
 
 
 class Sent(NamedTuple):

@@ -276,7 +276,7 @@ class Tick:
                 self._note("fault", LEVELS[fault.action], fault=name, meaning=fault.meaning, action=action)
         for name in self._faults:
             if name not in active and BY_NAME[name].action > Action.NOTE:
-                self._note("fault_cleared", "info" if BY_NAME[name].action > Action.PREDICT else "debug", fault=name)
+                self._note("fault_cleared", "debug" if BY_NAME[name].action is Action.PREDICT else "info", fault=name)
         self._faults = tuple(active)
 
     def _command(self, inputs: Inputs, torque: float) -> TorqueCommand:

@@ -141,6 +141,8 @@ def read_run(path: Path, channels: Iterable[str] = tuple(CHANNELS)) -> Run:
                 header = _header(record.metadata) if record.name == HEADER else header
             elif (topic := scan.topics.get(record.channel_id, "")) in wanted and _ours(scan, topic):
                 found[topic].append(_DECODE[topic](record.data))
+    except InputError:
+        raise
     except (ValueError, msgspec.MsgspecError) as error:
         raise InputError(path, "", str(error)) from None
     if not _ours(scan, "tick"):

@@ -71,10 +71,13 @@ class SerialDrive:
         self._fd = -1
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing = threading.Event()
+        self._empty = False  # the last read of a port that was said to be ready
         self.reason = "not opened yet"
 
     def open(self) -> None:
-        """Open now, or InputError; the running loop reads from then on."""
+        """Open now (unless it is), or InputError; the running loop reads from then on."""
+        if self._fd >= 0:
+            return
         self._loop = asyncio.get_running_loop()
         try:
             self._adopt(open_port(self._port_name, self._baud))
@@ -87,6 +90,10 @@ class SerialDrive:
 
     def write(self, command: TorqueCommand) -> None:
         """Write one request; a full or lost port loses it."""
+        # An answer that came while a slow tick computed belongs to the request before this one: take it first, or a
+        # slow host would look like a lost link.
+        if self._fd >= 0:
+            self._read(ready=False)
         if self._fd < 0:
             return
         data = self._codec.request(self._clock(), command)
@@ -103,6 +110,10 @@ class SerialDrive:
         self._drop()
 
     def _readable(self) -> None:
+        self._read(ready=True)
+
+    def _read(self, *, ready: bool) -> None:
+        """Hand on what came; the end of the file is `ready` but empty twice in a row (once: a write was faster)."""
         try:
             data = os.read(self._fd, READ_BYTES)
         except BlockingIOError:
@@ -112,8 +123,9 @@ class SerialDrive:
             return
         if data:
             self._codec.feed(self._clock(), data)
-        else:
+        elif ready and self._empty:
             self._lose(OSError("end of file"))
+        self._empty = ready and not data
 
     def _adopt(self, port: object) -> None:
         assert self._loop is not None

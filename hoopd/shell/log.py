@@ -6,6 +6,7 @@ terminal or a journal may block.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import sys
 import threading
@@ -76,13 +77,15 @@ class Reporter:
 
     def _run(self) -> None:
         while not self._done.wait(REFRESH_S):
-            self._write()
+            with contextlib.suppress(OSError):  # a full disk or a closed terminal ends no log
+                self._write()
             self._turn += 1
             if self._turn % TELL_EVERY == 0:
                 self._tell(f"{self._mode}, {self.t:.0f} s")
-        self._write()
-        if self._status is not None:
-            sys.stderr.write(CLEAR_LINE)
+        with contextlib.suppress(OSError):
+            self._write()
+            if self._status is not None:
+                sys.stderr.write(CLEAR_LINE)
 
     def _write(self) -> None:
         if self._status is not None and self._waiting:

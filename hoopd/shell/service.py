@@ -110,7 +110,7 @@ def lower_thread_priority() -> None:
 
 
 def settle_helper_thread() -> None:
-    """Scheduling of a helper thread: below the loop, but never behind ordinary processes while it holds the interpreter.
+    """Scheduling of a helper thread: below the loop, never behind ordinary processes with the interpreter in hand.
 
     A helper at ordinary priority that is preempted with the interpreter lock in its hand stops a FIFO loop for a whole
     time slice of somebody else. So helpers follow the loop's policy, a little below it; what they start does not.

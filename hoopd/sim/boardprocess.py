@@ -2,7 +2,7 @@
 
 Rules of this file: the only clock is the machine's monotonic one; bytes take their time on the wire in both directions;
 the plant is integrated behind the clock in small steps and never ahead of it; the process ends with its parent, on
-SIGTERM or when its stdin pipe closes, and takes its link with it.
+SIGTERM or when its stdin pipe closes, once its drive is off, and takes its link with it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import contextlib
 import ctypes
 import gc
 import importlib
+import math
 import os
 import select
 import signal
@@ -40,6 +41,8 @@ from hoopd.sim.wiredboard import WiredBoard
 ROW_S: Final = 0.002
 # How often the parent is looked for, beside the kernel's own signal.
 PARENT_CHECK_S: Final = 0.25
+# A board does not know that its host was killed: it goes on until its own time-out, here no longer than twice that.
+LINGER_S: Final = 0.2
 # Below the daemon's own priority: the rig must not starve what it tests.
 FIFO_PRIORITY: Final = 10
 _READ_BYTES: Final = 4096
@@ -83,6 +86,11 @@ class BoardProcess:
     def now(self) -> float:
         """Board's clock, s."""
         return self._clock() - self._t_start
+
+    @property
+    def enabled(self) -> bool:
+        """The drive is on."""
+        return self._board.board.enabled
 
     def read(self) -> None:
         """Put what the host wrote on the wire."""
@@ -147,19 +155,20 @@ def run(link: Path, config: ProcessConfig, fifo: bool = False) -> None:
 
 def _loop(board: BoardProcess, master: int, stop: Callable[[], bool]) -> None:
     lifeline = [0] if _stdin_is_pipe() else []
-    parent, next_check = os.getppid(), board.now() + PARENT_CHECK_S
-    while not stop():
+    parent, next_check, end = os.getppid(), board.now() + PARENT_CHECK_S, math.inf
+    while board.now() < end and not (math.isfinite(end) and not board.enabled):
         now = board.now()
         board.advance(now)
         readable, _, _ = select.select([master, *lifeline], [], [], board.wake_in(board.now()))
         if master in readable:
             board.read()
+        gone = stop()
         if 0 in readable and not os.read(0, _READ_BYTES):
-            return
+            lifeline, gone = [], True
         if now > next_check:
-            if os.getppid() != parent:
-                return
-            next_check = now + PARENT_CHECK_S
+            gone, next_check = gone or os.getppid() != parent, now + PARENT_CHECK_S
+        if gone:
+            end = min(end, now + LINGER_S)
 
 
 def _stop_on_sigterm() -> Callable[[], bool]:

@@ -71,7 +71,8 @@ class Painter:
         config = self._config
         if self._script.active(t, "black_pictures"):
             return np.zeros((self.settings.height, self.settings.width, 3), np.uint8)
-        psi = state[2] + config.angle_offset_rad
+        held = self._script.active(t, "ball_held")
+        psi = (float(held["psi_rad"]) if held else state[2]) + config.angle_offset_rad
         if config.disturbance_at_s <= t < config.disturbance_at_s + frame_s:
             psi += config.disturbance_rad
         return self._scene.render(

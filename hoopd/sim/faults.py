@@ -13,7 +13,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from hoopd.core.frames import Answer, Decoder, Layout, encode_answer
+from hoopd.core.frames import Answer, Decoder, Layout, Request, encode_answer, encode_request
 from hoopd.sim.board import BYTE_S, FAULT_BITS, DriverBoard, FaultName
 
 Direction = Literal["request", "answer"]
@@ -39,12 +39,14 @@ KINDS: Final[Mapping[str, KindRow]] = {
     "board_silent": KindRow("link", {}, "the board hears nothing and says nothing; its own time-out goes on"),
     "implausible_speed": KindRow("link", {"value": 5000.0}, "answers carry this dtheta in rad/s with a good CRC"),
     "implausible_current": KindRow("link", {"value": 80.0}, "answers carry this current in A with a good CRC"),
+    "drive_blocked": KindRow("link", {}, "an emergency stop holds the drive: requests reach it without enable"),
     "board_reset": KindRow("board", {}, "the board restarts once, at the beginning"),
     "board_fault": KindRow("board", {"name": "overcurrent"}, "overcurrent, encoder or supply condition persists"),
     "camera_stall": KindRow("camera", {}, "no pictures come"),
     "black_pictures": KindRow("camera", {}, "pictures are black"),
     "ball_gone": KindRow("camera", {}, "the ball is not in the picture"),
     "false_red_object": KindRow("camera", {}, "a second red object is in the picture"),
+    "ball_held": KindRow("camera", {"psi_rad": 0.3}, "pictures show the ball held at psi_rad, whatever the torque"),
     "late_pictures": KindRow("camera", {"delay_s": 0.1}, "pictures are delivered later than they should"),
 }
 
@@ -73,6 +75,10 @@ class Fault:
             raise ValueError(f"{self.kind}: direction must be request, answer or both, not {self['direction']!r}")
         if self.kind == "board_fault" and self["name"] not in FAULT_BITS:
             raise ValueError(f"board_fault: name must be {', '.join(FAULT_BITS)}, not {self['name']!r}")
+        for name in ("value", "psi_rad"):
+            value = self[name]
+            if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
+                raise ValueError(f"{self.kind}: {name} must be a number, not {value!r}")
         for name in ("rate", "every", "bits", "bytes", "delay_s"):
             value = self[name]
             if value is not None and not (isinstance(value, int | float) and value >= 0):
@@ -128,7 +134,7 @@ class FaultyWire:
 
     def request(self, t: float, data: bytes) -> list[Delivery]:
         """What the board gets of bytes that the host sent, `t` their arrival without faults."""
-        return self._pass(t, data, "request")
+        return self._pass(t, self._blocked(t, data), "request")
 
     def answer(self, t: float, data: bytes) -> list[Delivery]:
         """What the host gets of one answer of the board, `t` its arrival without faults."""
@@ -177,6 +183,14 @@ class FaultyWire:
     def _garbage(self, t: float, direction: Direction) -> bytes:
         fault = self._hit(t, "garbage", direction)
         return self._rng[direction].bytes(int(fault["bytes"])) if fault else b""
+
+    def _blocked(self, t: float, data: bytes) -> bytes:
+        """The same request without its enable bit and with its CRC made good."""
+        if self._script.active(t, "drive_blocked") is None:
+            return data
+        frames = Decoder(self._layout, "request", bounds={}).feed(data)
+        asked = (f for f in frames if isinstance(f, Request))
+        return b"".join(encode_request(self._layout, f.seq, False, f.clear_fault, f.torque_nm) for f in asked)
 
     def _falsify(self, t: float, data: bytes) -> bytes:
         """The same answer with an implausible value and its CRC made good."""

@@ -63,7 +63,9 @@ class DirectWatcher:
         noise = self._noise * self._rng.standard_normal()
         if self._script.active(t, "black_pictures") or self._script.active(t, "ball_gone"):
             return CameraSample(frame, t, t, nan, 0.0, nan, nan)
-        psi = state[2] + self._offset + noise + self._disturbance.of(t, self._frame_s)
+        held = self._script.active(t, "ball_held")
+        true = float(held["psi_rad"]) if held else state[2]
+        psi = true + self._offset + noise + self._disturbance.of(t, self._frame_s)
         x = self._centre[0] - self._radius * sin(psi)
         y = self._centre[1] + self._radius * cos(psi)
         return CameraSample(frame, t, t, wrap(psi), 1.0, x, y)

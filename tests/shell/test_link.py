@@ -99,6 +99,26 @@ def test_the_port_may_vanish_and_come_back(tmp_path: Path) -> None:
     asyncio.run(asyncio.wait_for(run(), 10.0))
 
 
+def test_an_answer_that_came_while_a_slow_tick_computed_still_counts(tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+
+    async def run() -> None:
+        drive = SerialDrive(os.ttyname(slave), 115200, Codec(DEFAULT_LAYOUT, 115200), lambda: 0.0, 0.05)
+        drive.open()
+        drive.write(COMMAND)
+        os.write(master, answer(7))  # the loop has no turn before the next request
+        drive.write(COMMAND._replace(seq=8))
+        sample, counts = drive.take()
+        assert sample is not None and sample.seq == 7
+        assert counts.unexpected_seq == 0
+        drive.close()
+
+    asyncio.run(run())
+    os.close(master)
+    os.close(slave)
+
+
 async def _until(condition: object) -> None:
     for _ in range(400):
         if condition():  # type: ignore[operator]

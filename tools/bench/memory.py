@@ -1,7 +1,8 @@
 """Does the daemon's memory stay flat? `python tools/bench/memory.py --minutes 30`.
 
-Runs the daemon in real time against the full rig, recording, with a subscriber attached, samples its resident memory
-every 5 s after a warm-up of 60 s and prints the Theil-Sen slope with its 95 % interval. Exit code 1 above 10 MiB an hour.
+Runs the daemon in real time against the full rig, recording, with a subscriber attached, samples its resident
+memory every 5 s after a warm-up of 60 s and prints the Theil-Sen slope with its 95 % interval. Exit code 1 above
+10 MiB an hour.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """An independent witness of this machine's freezes: one process on each core that only looks at the clock.
 
-`python tools/bench/witness.py OUT.json` runs until its standard input closes or SIGTERM; then it writes every gap of the
+`python tools/bench/witness.py OUT.json` runs until its standard input closes; then it writes every gap of the
 monotonic clock above the threshold as [core, start, end] in seconds. It asks for real-time priority above everything
 that it watches; without it a gap may also be another process's time slice, and the file says so.
 """

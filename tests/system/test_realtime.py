@@ -1,0 +1,246 @@
+"""The daemon on the real clock against signals, a dead board, a full disk and bad neighbours; the board's log judges.
+
+The machine may stand still by itself: a check is repeated only when an independent witness saw that.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from system.realrun import ENVIRONMENT, Daemon, gaps_in, zero_of
+from system.runs import TORQUE_LIMIT_NM, Run
+from system.witness import Witness, witnessed
+
+from hoopd.core.modes import Mode
+from hoopd.replay import replay
+from hoopd.shell.commands import send
+
+pytestmark = pytest.mark.realtime
+
+BOARD_TIMEOUT_S = 0.1
+MARGIN_S = 0.1
+STOPPING_S = 1.0
+TICK_S = 0.02
+REFERENCE = [{"at_s": 1.8, "name": "reference", "value": 0.1}]  # keeps the motor busy
+
+
+def judge(run: Run) -> None:
+    """What holds for every run: never too much torque, and a recording that opens and replays to the bit."""
+    assert run.torque.max_abs() <= TORQUE_LIMIT_NM
+    assert run.recordings
+    for path in run.recordings[:1]:
+        result = replay(path)
+        assert result["equal"], result["first_difference"]
+        assert result["ticks"] > 50
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+def test_a_signal_is_a_controlled_stop(name: str, tmp_path: Path) -> None:
+    def check(folder: Path, witness: Witness) -> None:
+        with Daemon(folder, commands=REFERENCE) as daemon:
+            daemon.wait_running()
+            sent = daemon.signal(signal.Signals[name])
+            assert daemon.wait_exit() == 0
+            run = daemon.result()
+        judge(run)
+        assert run.torque.max_abs(sent - 0.1, sent) > 0.0
+        assert run.torque.zero_for_good_from(sent) <= STOPPING_S + MARGIN_S
+        assert [row.enabled for row in run.torque.rows[-4:]] == [False] * 4
+        assert [tick.mode for tick in run.ticks][-1] == Mode.DISARMED
+        assert any(e.event == "operator" and e.fields["command"] == "stop" for e in run.events)
+
+    witnessed(tmp_path, check)
+
+
+def test_killed_the_boards_own_time_out_zeroes_and_the_recording_lives(tmp_path: Path) -> None:
+    def check(folder: Path, witness: Witness) -> None:
+        with Daemon(folder, commands=REFERENCE) as daemon:
+            daemon.wait_running()
+            killed = daemon.signal(signal.SIGKILL)
+            assert daemon.wait_exit() == -signal.SIGKILL
+            time.sleep(0.3)
+            run = daemon.result()
+        judge(run)
+        assert run.torque.max_abs(killed - 0.1, killed) > 0.0
+        assert run.torque.zero_for_good_from(killed) <= BOARD_TIMEOUT_S + 0.01
+        assert "timeout" in run.torque.reasons()
+        assert killed - (zero_of(run) + run.ticks[-1].t) <= 1.0  # lost at most a second
+
+    witnessed(tmp_path, check)
+
+
+def test_stopped_and_continued_it_stays_without_torque(tmp_path: Path) -> None:
+    def check(folder: Path, witness: Witness) -> None:
+        with Daemon(folder, commands=REFERENCE) as daemon:
+            daemon.wait_running()
+            stopped = daemon.signal(signal.SIGSTOP)
+            time.sleep(0.5)
+            daemon.signal(signal.SIGCONT)
+            daemon.wait_for(event="mode", mode="FAULT")
+            time.sleep(0.5)
+            assert daemon.stop() == 0
+            run = daemon.result()
+        judge(run)
+        assert run.torque.max_abs(stopped - 0.1, stopped) > 0.0
+        assert run.torque.zero_for_good_from(stopped) <= BOARD_TIMEOUT_S + 0.01
+        assert {tick.mode for tick in run.ticks[-20:]} == {Mode.FAULT}
+        assert run.causes(Mode.FAULT) & {"board_timeout", "overrun_persistent"}
+
+    witnessed(tmp_path, check)
+
+
+def test_without_its_board_it_goes_on_in_fault_and_still_ends(tmp_path: Path) -> None:
+    def check(folder: Path, witness: Witness) -> None:
+        with Daemon(folder) as daemon:
+            daemon.wait_running()
+            [board] = daemon.family("boardprocess")
+            killed = time.monotonic()
+            board.kill()
+            daemon.wait_for(event="fault", fault="link_lost")
+            assert time.monotonic() - killed < 0.06 + 0.2 + MARGIN_S  # 0.2 s: facts are written that often
+            time.sleep(0.7)
+            assert daemon.stop() == 0
+            run = daemon.result()
+        judge(run)
+        assert run.ticks[-1].t - run.fault_at("link_lost") > 0.6
+        assert run.ticks[-1].mode == Mode.FAULT
+        assert run.inputs[-1].link.lost
+
+    witnessed(tmp_path, check)
+
+
+def test_a_full_disk_does_not_touch_control(tmp_path: Path) -> None:
+    def check(folder: Path, witness: Witness) -> None:
+        with Daemon(folder, commands=REFERENCE) as daemon:
+            daemon.wait_running()
+            size = max(path.stat().st_size for path in daemon.record.iterdir())
+            # No file of this process may grow beyond what the recording has already: writes fail as on a full disk.
+            resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+            full = time.monotonic()
+            daemon.wait_for(3.0, event="recorder_trouble")
+            time.sleep(1.0)
+            end = time.monotonic()
+            assert daemon.stop() == 0
+            run = daemon.result()
+        judge(run)
+        assert run.torque.longest_nonzero_after(full, end) >= end - full - TICK_S
+        [line] = [line for line in run.log if line["event"] == "recorder_trouble"]
+        assert line["reason"] == "file too large"
+        assert any(line.get("fault") == "recorder_trouble" and line["event"] == "fault" for line in run.log)
+
+    witnessed(tmp_path, check)
+
+
+FLOOD = """
+import sys, time, zenoh
+from hoopd.shell.session import connecting
+with zenoh.open(connecting(sys.argv[1], {}, 2.0)) as session:
+    end = time.monotonic() + float(sys.argv[2])
+    while time.monotonic() < end:
+        for _ in range(20):
+            session.get("hoopd/hoop/cmd/reference", zenoh.handlers.RingChannel(1), payload="0.1", timeout=0.5)
+        time.sleep(0.002)
+"""
+
+SUBSCRIBER = """
+import sys, time, zenoh
+from hoopd.shell.session import connecting
+with zenoh.open(connecting(sys.argv[1], {}, 2.0)) as session:
+    with session.declare_subscriber("hoopd/**", zenoh.handlers.FifoChannel(10)):
+        print("ready", flush=True)
+        time.sleep(30)
+"""
+
+
+@contextmanager
+def neighbour(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A process that talks to the daemon."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", text, *arguments], env=ENVIRONMENT, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def undelayed(run: Run, witness: Witness, start: float, stop: float) -> None:
+    """No tick was missed but where the machine stood still."""
+    zero = zero_of(run)
+    alone = [(t, n) for t, n in gaps_in(run, start - zero, stop - zero) if not witness.gaps(zero + t - 0.2, zero + t)]
+    assert alone == []
+
+
+def test_a_flood_of_commands_delays_nothing_and_disarm_is_obeyed(tmp_path: Path) -> None:
+    def check(folder: Path, witness: Witness) -> None:
+        with Daemon(folder, commands=REFERENCE) as daemon:
+            daemon.wait_running()
+            start = time.monotonic()
+            with neighbour(FLOOD, daemon.endpoint, "3"):
+                time.sleep(1.5)
+                asked = time.monotonic()
+                send("disarm", endpoint=daemon.endpoint)
+                answered = time.monotonic()
+                time.sleep(0.3)
+                assert daemon.stop() == 0
+            run = daemon.result()
+        judge(run)
+        undelayed(run, witness, start, answered)
+        assert sum(len(row.commands) for row in run.inputs) > 20  # the flood came through
+        assert run.torque.max_abs(asked - 0.1, asked) > 0.0
+        assert run.torque.zero_for_good_from(answered) <= MARGIN_S
+        assert answered - asked < 2.0
+
+    witnessed(tmp_path, check)
+
+
+def test_a_frozen_subscriber_delays_nothing_and_does_not_hold_the_exit(tmp_path: Path) -> None:
+    def check(folder: Path, witness: Witness) -> None:
+        with Daemon(folder, commands=REFERENCE) as daemon:
+            daemon.wait_running()
+            with neighbour(SUBSCRIBER, daemon.endpoint) as subscriber:
+                assert subscriber.stdout is not None and subscriber.stdout.readline()
+                start = time.monotonic()
+                subscriber.send_signal(signal.SIGSTOP)
+                time.sleep(2.0)
+                stop = time.monotonic()
+                assert daemon.stop() == 0
+            run = daemon.result()
+        judge(run)
+        undelayed(run, witness, start, stop)
+        assert run.torque.longest_nonzero_after(start, stop) >= stop - start - TICK_S
+
+    witnessed(tmp_path, check)
+
+
+def test_a_blocked_terminal_holds_neither_control_nor_the_exit(tmp_path: Path) -> None:
+    (tmp_path / "rec").mkdir()
+    read, write = os.pipe()
+    fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
+    os.set_blocking(write, False)
+    os.write(write, b"." * 4096)
+    os.set_blocking(write, True)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hoopd", "--sim", "--camera", "direct", "--record", str(tmp_path / "rec"), "--duration",
+         "2.5", "--set", "telemetry.enabled=false", "--set", f"sim.directory={tmp_path}"],
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=write, env=ENVIRONMENT,
+    )  # fmt: skip
+    os.close(write)
+    try:
+        process.wait(12.0)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(read)
+    assert process.returncode == 0
