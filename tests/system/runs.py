@@ -136,8 +136,8 @@ def serve_late(patch: pytest.MonkeyPatch, **lateness: Callable[[int], float]) ->
     original = app._world
 
     @contextlib.contextmanager
-    def slow(options: Any, config: Any) -> Iterator[World]:
-        with original(options, config) as world:
+    def slow(*arguments: Any) -> Iterator[World]:
+        with original(*arguments) as world:
             host = SlowHost(world.drive, **lateness)
             yield World(host, host, world.eye)
 
