@@ -230,7 +230,7 @@ class Tick:
         elif self.mode is Mode.STOPPING:
             wanted = self._brake(inputs)
         else:
-            self.controller.reset()
+            self._reset_law()
             self.limiter.reset()
             return 0.0
         if not isfinite(wanted):
@@ -248,6 +248,14 @@ class Tick:
             self._note("law_failed", "error", reason=f"{type(error).__name__}: {error}")
             return nan
 
+    def _reset_law(self) -> None:
+        try:
+            self.controller.reset()
+        except Exception as error:
+            if "not_finite" not in self._faults:  # it is reset in every tick without torque, the fact is one
+                self.health.raise_now("not_finite")
+                self._note("law_failed", "error", reason=f"{type(error).__name__}: {error}")
+
     def _brake(self, inputs: Inputs) -> float:
         if self._sent.enabled_for == 0 or self._stopping_since == 0.0:
             self._stopping_since = inputs.t
@@ -256,6 +264,7 @@ class Tick:
 
     def _measurement(self, inputs: Inputs, estimate: Estimate) -> Measurement:
         camera, driver = inputs.camera, inputs.driver
+        estimate.x.flags.writeable = False  # the record shows it, too
         return Measurement(
             t=inputs.t,
             x=estimate.x,
