@@ -51,7 +51,7 @@ def test_a_law_without_tune_refuses_to_be_tuned(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["x = ", "x = 1", "class Law: pass", WELL, "class Law:\n    def __init__(self):\n        raise KeyError(1)\n"],
+    ["x = ", "x = 1", "class Law: pass", WELL, "class Law:\n  def __init__(self):\n    raise KeyError(1)\n"],
 )
 def test_a_file_that_is_no_law_is_one_clear_line(text: str) -> None:
     with pytest.raises(InputError, match=r"^law\.py: "):

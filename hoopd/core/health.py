@@ -97,8 +97,19 @@ class Thresholds:
         """Refuse thresholds that would switch a check off by accident."""
         if not 0.0 < self.late_periods < self.lost_periods:
             raise ValueError("needs 0 < late_periods < lost_periods")
-        if self.hoop_speed_rad_s <= 0 or self.speed_mismatch_rad_s <= 0 or self.current_mismatch_nm <= 0:
-            raise ValueError("limits must be positive")
+        highest = {
+            "camera_delay_s": 0.2,
+            "lost_periods": 25.0,  # half a second without a picture: the ball may be anywhere
+            "hoop_speed_rad_s": 200.0,  # the board cannot report more
+            "speed_mismatch_rad_s": 100.0,
+            "current_mismatch_nm": 1.4,  # twice the torque limit: no mismatch can be larger
+            "minimum_confidence": 1.0,
+        }
+        for name, high in highest.items():
+            if not 0.0 < getattr(self, name) <= high:
+                raise ValueError(f"{name} must be above 0 and at most {high:g}")
+        if not self.torque_constant_nm_per_a >= 0.0:
+            raise ValueError("torque_constant_nm_per_a must not be negative")
 
 
 class Sent(NamedTuple):

@@ -78,11 +78,19 @@ class TickSettings:
     stopping_s: float = 1.0  # then off, at rest or not
 
     def __post_init__(self) -> None:
-        """Refuse a period that no camera or board of this kind can keep."""
-        if not 0.005 <= self.period_s <= 0.1:
-            raise ValueError("period_s must be between 0.005 and 0.1")
-        if self.brake_nm_per_rad_s < 0 or self.brake_limit_nm < 0 or self.reference_limit_rad < 0:
-            raise ValueError("brake and reference limits must not be negative")
+        """Refuse a period that no camera or board of this kind can keep, and a stop that does not end."""
+        ranges = {
+            "period_s": (0.005, 0.1),
+            "wire_s": (0.0, 0.02),
+            "reference_limit_rad": (0.0, 1.5),  # the ball leaves the track near a quarter turn
+            "brake_nm_per_rad_s": (0.0, 0.1),  # above, one tick of delay turns the brake into an oscillator
+            "brake_limit_nm": (0.0, 0.7),
+            "stopped_rad_s": (0.0, 60.0),
+            "stopping_s": (0.0, 10.0),
+        }
+        for name, (low, high) in ranges.items():
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f"{name} must be between {low:g} and {high:g}")
 
 
 class Tick:
