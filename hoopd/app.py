@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import signal
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -80,10 +81,12 @@ def run_daemon(options: Options) -> dict[str, Any]:
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     notifier = Notifier()
     with ExitStack() as stack:
+        stack.enter_context(_signals_unwind())
         stack.callback(notifier.close)
         reporter = log.Reporter(notifier.status)
         world = stack.enter_context(_world(options, config, _say(reporter)))
         summary = asyncio.run(_run(options, config, texts, tick, world, notifier, reporter))
+        _ignore_signals()
     print_summary(summary)
     return summary
 
@@ -230,9 +233,37 @@ def _beat(notifier: Notifier, tick: Tick) -> Callable[[float], None]:
     return beat
 
 
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+@contextmanager
+def _signals_unwind() -> Iterator[None]:
+    """Asked to end before the loop listens: whatever is open already is closed in order."""
+
+    def end(number: int, frame: object) -> None:
+        raise SystemExit(0)
+
+    if threading.current_thread() is not threading.main_thread():  # signals are not ours
+        yield
+        return
+    before = {name: signal.signal(name, end) for name in SIGNALS}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
+
+
+def _ignore_signals() -> None:
+    """The end has begun and every step of it is bounded: asking again must not leave half of it undone."""
+    if threading.current_thread() is threading.main_thread():
+        for name in SIGNALS:
+            signal.signal(name, signal.SIG_IGN)
+
+
 def _handle_signals(loop: Loop) -> None:
     running = asyncio.get_running_loop()
-    for name in (signal.SIGTERM, signal.SIGINT):
+    for name in SIGNALS:
         with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
             running.add_signal_handler(name, loop.request_stop)
 
