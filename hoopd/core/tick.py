@@ -332,4 +332,4 @@ class Tick:
 
 def _near(angle: float, other: float) -> float:
     """The same angle, by whole turns nearest to another one."""
-    return angle + tau * round((other - angle) / tau) if isfinite(angle) else angle
+    return angle + tau * round((other - angle) / tau) if isfinite(other - angle) else angle
