@@ -20,7 +20,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from hoopd.build import Texts, build_tick, read_texts
+from hoopd.build import Texts, build_tick, mismatch, read_texts
 from hoopd.core.modes import Mode
 from hoopd.core.records import Command, Inputs, TickRecord
 from hoopd.core.tick import Note, Tick
@@ -84,6 +84,8 @@ def run_daemon(options: Options) -> dict[str, Any]:
         stack.enter_context(_signals_unwind())
         stack.callback(notifier.close)
         reporter = log.Reporter(notifier.status)
+        if reason := mismatch(config, texts):
+            reporter.note(0.0, Note("controller_mismatch", "warning", {"reason": reason}))
         world = stack.enter_context(_world(options, config, _say(reporter)))
         summary = asyncio.run(_run(options, config, texts, tick, world, notifier, reporter))
         _ignore_signals()

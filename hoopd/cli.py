@@ -51,6 +51,7 @@ def run(
 ) -> None:
     """Run the daemon, or one of the commands below."""
     if context.invoked_subcommand is not None:
+        _refuse_misplaced(context)
         return
     if version:
         from hoopd import __version__
@@ -69,6 +70,15 @@ def run(
     _write_json(json_path, summary)
     if summary["exit"]:
         raise typer.Exit(int(summary["exit"]))
+
+
+def _refuse_misplaced(context: typer.Context) -> None:
+    """An option before a command would be silently without effect: `hoopd --sim check` would check the device."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if source is not None and source.name == "COMMANDLINE":
+            option = parameter.opts[0]
+            raise InputError(option, "", f"belongs after the command: hoopd {context.invoked_subcommand} {option} ...")
 
 
 @app.command()

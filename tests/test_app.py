@@ -10,7 +10,11 @@ from contextlib import ExitStack
 
 import pytest
 
+from hoopd import cli
 from hoopd.app import _signals_unwind
+from hoopd.build import build_tick, mismatch, read_texts
+from hoopd.files import InputError
+from hoopd.shell.config import load
 
 HEAVY = ("scipy", "matplotlib", "control", "hoopd.design", "hoopd.sim")
 
@@ -38,3 +42,24 @@ def test_the_path_of_the_daemon_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_narrowest_torque_limit_holds() -> None:
+    config = load(None, sim=False, overrides=[])
+    texts = read_texts(config, None)
+    weaker = texts._replace(model=texts.model.replace("torque_limit_nm: 0.7", "torque_limit_nm: 0.3"))
+    assert build_tick(config, texts).limiter.torque_nm == 0.7
+    assert build_tick(config, weaker).limiter.torque_nm == 0.3
+
+
+def test_a_controller_designed_on_another_model_is_named() -> None:
+    config = load(None, sim=False, overrides=["device.model=models/thesis.yaml"])
+    texts = read_texts(config, None)
+    assert "designed on models/hoop.yaml, the filter uses models/thesis.yaml" in mismatch(config, texts)
+    assert mismatch(load(None, sim=False, overrides=[]), texts) == ""
+
+
+@pytest.mark.parametrize("option", [["--sim"], ["--config", "x"], ["--json", "x"], ["--seed", "1"]])
+def test_an_option_of_the_daemon_before_a_command_is_refused(option: list[str]) -> None:
+    with pytest.raises(InputError, match=r"belongs after the command: hoopd check"):
+        cli.app([*option, "check"], standalone_mode=False)
