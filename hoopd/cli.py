@@ -144,11 +144,12 @@ def calibrate(
 def replay(
     recording: Annotated[Path, typer.Argument(help="A recording (.mcap) made by the daemon.")],
     json_path: JsonOption = None,
+    run_law: Annotated[bool, typer.Option("--run-law", help="Run the user's own law in the recording: code.")] = False,
 ) -> None:
     """Recompute every command from the recorded inputs and compare bit for bit."""
     from hoopd.replay import replay as repeat
 
-    result = repeat(recording)
+    result = repeat(recording, run_law=run_law)
     _write_json(json_path, result)
     _print_result(result)
     raise typer.Exit(0 if result["equal"] else 1)

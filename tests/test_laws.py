@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
-from hoopd import app
+from hoopd import app, cli
 from hoopd.build import load_law
 from hoopd.files import InputError
 from hoopd.recording.mcap import read_run
+from hoopd.replay import replay
 
 WELL = "class Law:\n    def reset(self):\n        self.n = 0\n"
 UPDATE = "    def update(self, m):\n        self.n += 1\n        "
@@ -56,3 +57,12 @@ def test_a_law_without_tune_refuses_to_be_tuned(tmp_path: Path) -> None:
 def test_a_file_that_is_no_law_is_one_clear_line(text: str) -> None:
     with pytest.raises(InputError, match=r"^law\.py: "):
         load_law(text, "law.py")
+
+
+def test_a_recorded_law_runs_only_when_that_is_wanted(tmp_path: Path) -> None:
+    tune = "    def tune(self, key, value):\n        self.gain = value\n        return True\n"
+    law = WELL + "        self.gain = 1.0\n" + UPDATE + "return -0.01 * self.gain * m.x[1] - 0.1 * m.x[2], {}\n" + tune
+    _, path = run(tmp_path, law, 3.0, "sim.commands=[{at_s: 2, name: tune, key: gain, value: 2.0}]")
+    with pytest.raises(InputError, match="law: holds a law of a user's own"):
+        cli.app(["replay", str(path)], standalone_mode=False)
+    assert replay(path)["equal"]
