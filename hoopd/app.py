@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import signal
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -19,7 +20,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from hoopd.build import Texts, build_tick, read_texts
+from hoopd.build import Texts, build_tick, mismatch, read_texts
 from hoopd.core.modes import Mode
 from hoopd.core.records import Command, Inputs, LinkCounts, TickRecord
 from hoopd.core.tick import Note, Tick
@@ -80,10 +81,14 @@ def run_daemon(options: Options) -> dict[str, Any]:
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     notifier = Notifier()
     with ExitStack() as stack:
+        stack.enter_context(_signals_unwind())
         stack.callback(notifier.close)
         reporter = log.Reporter(notifier.status)
+        if reason := mismatch(config, texts):
+            reporter.note(0.0, Note("controller_mismatch", "warning", {"reason": reason}))
         world = stack.enter_context(_world(options, config, _say(reporter)))
         summary = asyncio.run(_run(options, config, texts, tick, world, notifier, reporter))
+        _ignore_signals()
     summary["start_monotonic_s"] = getattr(world.timer, "start_ns", 0) / 1e9
     print_summary(summary)
     return summary
@@ -252,9 +257,37 @@ def _beat(notifier: Notifier, tick: Tick) -> Callable[[float], None]:
     return beat
 
 
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+@contextmanager
+def _signals_unwind() -> Iterator[None]:
+    """Asked to end before the loop listens: whatever is open already is closed in order."""
+
+    def end(number: int, frame: object) -> None:
+        raise SystemExit(0)
+
+    if threading.current_thread() is not threading.main_thread():  # signals are not ours
+        yield
+        return
+    before = {name: signal.signal(name, end) for name in SIGNALS}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
+
+
+def _ignore_signals() -> None:
+    """The end has begun and every step of it is bounded: asking again must not leave half of it undone."""
+    if threading.current_thread() is threading.main_thread():
+        for name in SIGNALS:
+            signal.signal(name, signal.SIG_IGN)
+
+
 def _handle_signals(loop: Loop) -> None:
     running = asyncio.get_running_loop()
-    for name in (signal.SIGTERM, signal.SIGINT):
+    for name in SIGNALS:
         with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
             running.add_signal_handler(name, loop.request_stop)
 

@@ -43,12 +43,20 @@ def build_tick(config: Config, texts: Texts) -> Tick:
     file = parse_controller(texts.controller, config.control.file)
     _same_period(config, file.sample_time_s)
     law = load_law(texts.law, config.control.law) if texts.law else controller_of(file)
-    # The narrower of the device's and the controller's limit holds.
+    # The narrowest of the configuration's, the device's and the controller's limit holds.
     limiter = Limiter(
-        min(config.limits.torque_nm, file.limits.torque_nm),
+        min(config.limits.torque_nm, model.device.torque_limit_nm, file.limits.torque_nm),
         min(config.limits.slew_nm_per_tick, file.limits.slew_nm_per_tick),
     )
     return Tick(config.loop, config.faults, estimator_of(file, plant_of(model)), law, limiter)
+
+
+def mismatch(config: Config, texts: Texts) -> str:
+    """Why the controller may not fit the model that the filter uses; empty when it was designed on it."""
+    designed_on = parse_controller(texts.controller, config.control.file).model
+    if Path(designed_on).name == Path(config.device.model).name:
+        return ""
+    return f"{config.control.file} was designed on {designed_on}, the filter uses {config.device.model}"
 
 
 def _same_period(config: Config, sample_time_s: float) -> None:

@@ -55,6 +55,7 @@ def run(
 ) -> None:
     """Run the daemon, or one of the commands below."""
     if context.invoked_subcommand is not None:
+        _refuse_misplaced(context)
         return
     if version:
         from hoopd import __version__
@@ -77,6 +78,15 @@ def run(
     _write_json(json_path, summary)
     if summary["exit"]:
         raise typer.Exit(int(summary["exit"]))
+
+
+def _refuse_misplaced(context: typer.Context) -> None:
+    """An option before a command would be silently without effect: `hoopd --sim check` would check the device."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if source is not None and source.name == "COMMANDLINE":
+            option = parameter.opts[0]
+            raise InputError(option, "", f"belongs after the command: hoopd {context.invoked_subcommand} {option} ...")
 
 
 @app.command()
@@ -142,11 +152,12 @@ def calibrate(
 def replay(
     recording: Annotated[Path, typer.Argument(help="A recording (.mcap) made by the daemon.")],
     json_path: JsonOption = None,
+    run_law: Annotated[bool, typer.Option("--run-law", help="Run the user's own law in the recording: code.")] = False,
 ) -> None:
     """Recompute every command from the recorded inputs and compare bit for bit."""
     from hoopd.replay import replay as repeat
 
-    result = repeat(recording)
+    result = repeat(recording, run_law=run_law)
     _write_json(json_path, result)
     _print_result(result)
     raise typer.Exit(0 if result["equal"] else 1)

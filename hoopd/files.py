@@ -13,6 +13,7 @@ import re
 import types
 import typing
 from collections.abc import Iterator
+from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin
 
@@ -119,6 +120,8 @@ def _suggest(name: str, names: list[str]) -> str:
 def _number(value: Any, kind: Any, path: object, key: str) -> Any:
     """A quantity text in the unit of its key; integers become floats where a float is wanted."""
     wants = set(_flat_types(kind))
+    if isinstance(value, float) and not isfinite(value):  # it would switch off every check that compares with it
+        raise InputError(path, key, f"must be a finite number, not {value}")
     if isinstance(value, int) and not isinstance(value, bool) and float in wants and int not in wants:
         return float(value)
     if not isinstance(value, str) or not wants & {float, int} or str in wants:
@@ -128,6 +131,8 @@ def _number(value: Any, kind: Any, path: object, key: str) -> Any:
     if match is None:
         raise InputError(path, key, f"expected a number, got {value!r}")
     number, unit = float(match.group(1)), (match.group(2) or "").strip()
+    if not isfinite(number):
+        raise InputError(path, key, f"must be a finite number, not {value!r}")
     if not unit:  # YAML 1.1 takes 1e-8, without a point, for text
         return number
     if unit not in units:

@@ -23,10 +23,15 @@ NOT_DECIDED = ("execution_s",)
 DROPS = ("recorder_dropped", "recorder_trouble")
 
 
-def replay(path: Path) -> dict[str, Any]:
-    """Repeat a run; `equal` and, when not, the first row and field that differ."""
+def replay(path: Path, *, run_law: bool = True) -> dict[str, Any]:
+    """Repeat a run; `equal` and, when not, the first row and field that differ.
+
+    `run_law`: the code of a user's own law in the recording may run here.
+    """
     run = read_run(path)
     _check(path, run)
+    if run.header.law and not run_law:
+        raise InputError(path, "law", "holds a law of a user's own, which is code: read it, then add --run-law")
     header = run.header
     config = to_struct(parse_yaml(header.config, path), Config, path)
     tick = build_tick(config, Texts(header.config, header.model, header.controller, header.law))

@@ -124,8 +124,8 @@ class DelayedEkf:
             judged = self._fuse_camera(camera)
         x = self._at(t)
         if not isfinite(float(x.sum())):
-            self.reset()
-            return Estimate(np.zeros(4), False, nan, nan, False, nan)
+            self.reset()  # the caller sees that it is lost, and the next samples begin anew
+            return Estimate(np.full(4, nan), False, nan, nan, False, nan)
         accepted, innovation_psi, nis = judged
         return Estimate(x, self._hoop_seen and self._ball_seen, innovation_psi, innovation_theta, accepted, nis)
 
@@ -193,6 +193,8 @@ class DelayedEkf:
             return False, nan, nan
         node = self._insert(camera.t)
         predicted = float(node.x[2])
+        if not isfinite(predicted):
+            return False, nan, nan  # lost: `update` says so
         psi = camera.psi + tau * round((predicted - camera.psi) / tau)  # the turn nearest to the estimate at that time
         innovation = psi - predicted
         nis = innovation * innovation / (float(node.p[2, 2]) + self.settings.r_psi)

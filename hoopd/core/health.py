@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from math import inf, isfinite, isinf
+from math import isfinite, isinf
 from typing import NamedTuple
 
 from hoopd.core.records import DriverSample, Estimate, Inputs
@@ -97,9 +97,19 @@ class Thresholds:
         """Refuse thresholds that would switch a check off by accident."""
         if not 0.0 < self.late_periods < self.lost_periods:
             raise ValueError("needs 0 < late_periods < lost_periods")
-        limits = (self.hoop_speed_rad_s, self.speed_mismatch_rad_s, self.current_mismatch_nm)
-        if not all(0.0 < limit < inf for limit in limits):
-            raise ValueError("limits must be positive and finite")
+        highest = {
+            "camera_delay_s": 0.2,
+            "lost_periods": 25.0,  # half a second without a picture: the ball may be anywhere
+            "hoop_speed_rad_s": 200.0,  # the board cannot report more
+            "speed_mismatch_rad_s": 100.0,
+            "current_mismatch_nm": 1.4,  # twice the torque limit: no mismatch can be larger
+            "minimum_confidence": 1.0,
+        }
+        for name, high in highest.items():
+            if not 0.0 < getattr(self, name) <= high:
+                raise ValueError(f"{name} must be above 0 and at most {high:g}")
+        if not self.torque_constant_nm_per_a >= 0.0:
+            raise ValueError("torque_constant_nm_per_a must not be negative")
 
 
 class Sent(NamedTuple):

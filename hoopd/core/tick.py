@@ -78,11 +78,19 @@ class TickSettings:
     stopping_s: float = 1.0  # then off, at rest or not
 
     def __post_init__(self) -> None:
-        """Refuse a period that no camera or board of this kind can keep."""
-        if not 0.005 <= self.period_s <= 0.1:
-            raise ValueError("period_s must be between 0.005 and 0.1")
-        if self.brake_nm_per_rad_s < 0 or self.brake_limit_nm < 0 or self.reference_limit_rad < 0:
-            raise ValueError("brake and reference limits must not be negative")
+        """Refuse a period that no camera or board of this kind can keep, and a stop that does not end."""
+        ranges = {
+            "period_s": (0.005, 0.1),
+            "wire_s": (0.0, 0.02),
+            "reference_limit_rad": (0.0, 1.5),  # the ball leaves the track near a quarter turn
+            "brake_nm_per_rad_s": (0.0, 0.1),  # above, one tick of delay turns the brake into an oscillator
+            "brake_limit_nm": (0.0, 0.7),
+            "stopped_rad_s": (0.0, 60.0),
+            "stopping_s": (0.0, 10.0),
+        }
+        for name, (low, high) in ranges.items():
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f"{name} must be between {low:g} and {high:g}")
 
 
 class Tick:
@@ -230,7 +238,7 @@ class Tick:
         elif self.mode is Mode.STOPPING:
             wanted = self._brake(inputs)
         else:
-            self.controller.reset()
+            self._reset_law()
             self.limiter.reset()
             return 0.0
         if not isfinite(wanted):
@@ -248,6 +256,14 @@ class Tick:
             self._note("law_failed", "error", reason=f"{type(error).__name__}: {error}")
             return nan
 
+    def _reset_law(self) -> None:
+        try:
+            self.controller.reset()
+        except Exception as error:
+            if "not_finite" not in self._faults:  # it is reset in every tick without torque, the fact is one
+                self.health.raise_now("not_finite")
+                self._note("law_failed", "error", reason=f"{type(error).__name__}: {error}")
+
     def _brake(self, inputs: Inputs) -> float:
         if self._sent.enabled_for == 0 or self._stopping_since == 0.0:
             self._stopping_since = inputs.t
@@ -256,6 +272,7 @@ class Tick:
 
     def _measurement(self, inputs: Inputs, estimate: Estimate) -> Measurement:
         camera, driver = inputs.camera, inputs.driver
+        estimate.x.flags.writeable = False  # the record shows it, too
         return Measurement(
             t=inputs.t,
             x=estimate.x,
@@ -315,4 +332,4 @@ class Tick:
 
 def _near(angle: float, other: float) -> float:
     """The same angle, by whole turns nearest to another one."""
-    return angle + tau * round((other - angle) / tau) if isfinite(angle) else angle
+    return angle + tau * round((other - angle) / tau) if isfinite(other - angle) else angle

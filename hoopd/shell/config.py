@@ -8,10 +8,12 @@ among the shipped ones.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
+import numpy as np
 import yaml
 from msgspec import Meta
 
@@ -26,6 +28,11 @@ Bytes = Annotated[int, Meta(ge=0)]
 
 # The drive saturates here; a larger limit would only hide the anti-windup from the controller.
 TORQUE_LIMIT_NM = 0.7
+
+
+# zenoh's keys that hold a secret itself or, in base64, a private key.
+_SECRET = re.compile(r"password|private_key|secret", re.IGNORECASE)
+BLANK = "***"
 
 
 class Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
@@ -44,7 +51,7 @@ class Serial(Strict, frozen=True):
 
     port: str = "/dev/hoop-driver"
     baud: Annotated[int, Meta(ge=1200, le=4_000_000)] = 115200
-    reopen_s: Positive = 0.5
+    reopen_s: Annotated[float, Meta(gt=0, le=60)] = 0.5
     layout: str = "default"  # or a YAML file that tables another firmware's frames
 
 
@@ -59,11 +66,11 @@ class Camera(Strict, frozen=True):
     height_px: Annotated[int, Meta(ge=64, le=4096)] = 480
     fps: Annotated[float, Meta(ge=1, le=240)] = 50.0
     stride_px: Annotated[int, Meta(ge=0, le=8192)] = 0  # 0: found from the first picture (rpicam)
-    exposure_s: Positive = 0.005
+    exposure_s: Annotated[float, Meta(gt=0, le=0.1)] = 0.005
     gain: Positive = 2.0
     awb_gains: tuple[float, float] = (1.6, 1.8)
-    delay_s: NotNegative = 0.04  # usual age of a picture on arrival, used where it carries no time
-    stall_s: Positive = 0.3
+    delay_s: Annotated[float, Meta(ge=0, le=0.2)] = 0.04  # usual age on arrival, for pictures that carry no time
+    stall_s: Annotated[float, Meta(gt=0, le=5)] = 0.3
 
 
 class Circle(Strict, frozen=True):
@@ -83,6 +90,12 @@ class Vision(Strict, frozen=True):
     zero_angle_rad: Annotated[float, Meta(ge=-3.2, le=3.2)] = 0.0
     ball_radius_px: Positive = 23.0
     band_px: Positive = 20.0  # the ball's centre lies this near to the circle
+
+    def __post_init__(self) -> None:
+        """Refuse a homography that is none."""
+        rows = self.homography
+        if rows is not None and ([len(row) for row in rows] != [3, 3, 3] or np.linalg.det(np.array(rows)) == 0.0):
+            raise ValueError("homography must be three rows of three numbers that can be inverted")
 
 
 class Control(Strict, frozen=True):
@@ -212,8 +225,16 @@ def find(name: str, config_path: Path | None) -> Path:
 
 
 def dump(config: Config) -> str:
-    """The resolved configuration as YAML text, keys in the order of this file."""
-    return yaml.safe_dump(msgspec.to_builtins(config), sort_keys=False)
+    """The resolved configuration as YAML text, keys in the order of this file, without secrets: recordings travel."""
+    data = msgspec.to_builtins(config)
+    data["telemetry"]["zenoh"] = _without_secrets(data["telemetry"]["zenoh"])
+    return yaml.safe_dump(data, sort_keys=False)
+
+
+def _without_secrets(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {k: BLANK if _SECRET.search(str(k)) else _without_secrets(v) for k, v in data.items()}
+    return [_without_secrets(item) for item in data] if isinstance(data, list | tuple) else data
 
 
 def _layer(path: Path) -> tuple[object, dict[str, Any]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import termios
 import threading
 from collections.abc import Callable
 
@@ -175,7 +176,11 @@ def open_port(name: str, baud: int) -> object:
     except (serial.SerialException, ValueError) as error:
         number = getattr(error, "errno", None)
         raise OSError(number or 0, os.strerror(number) if number else str(error)) from None
-    port.reset_input_buffer()
+    try:
+        port.reset_input_buffer()
+    except termios.error as error:  # no OSError: the adapter went while it was opened
+        _close_quietly(port)
+        raise OSError(*error.args) from None
     return port
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -180,6 +181,24 @@ def test_no_number_poisons_the_state(bad: float) -> None:
         assert np.isfinite(estimate.x).all()
         world.torque(0.0)
     assert estimate.ready and not estimate.psi_accepted and math.isnan(estimate.innovation_theta)
+
+
+def test_a_prediction_that_is_no_number_is_said_once_and_begun_anew() -> None:
+    spoilt = False
+
+    def step(x: Any, u: float, h: float) -> Any:
+        ahead, f = PLANT.step_and_jacobian(x, u, h)
+        return (ahead * math.nan, f) if spoilt else (ahead, f)
+
+    world, ekf, ready = World(), DelayedEkf(step), []
+    for k in range(80):
+        t, u, applied, answer, picture = world.tick()
+        spoilt = k == 50
+        estimate = ekf.update(t, u, applied, answer, picture)
+        ready.append(estimate.ready)
+        assert np.isfinite(estimate.x).all() == (k != 50)
+        world.torque(0.0)
+    assert not ready[50] and ready[60]
 
 
 def test_a_board_that_lost_its_count_does_not_shake_the_ball() -> None:

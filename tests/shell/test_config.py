@@ -56,6 +56,20 @@ def test_angles_in_degrees_and_sizes_in_gibibytes() -> None:
         ("device: {name: 'a b'}", "device.name", "regex"),
         ("sim: {faults: [{kind: x, at_s: -1}]}", "sim.faults[0].at_s", ">= 0"),
         ("nonsense: 1", "nonsense", "unknown key"),
+        ("faults: {hoop_speed_rad_s: .nan}", "faults.hoop_speed_rad_s", "finite"),
+        ("faults: {hoop_speed_rad_s: 1e999}", "faults.hoop_speed_rad_s", "finite"),
+        ("faults: {hoop_speed_rad_s: 1000}", "faults", "hoop_speed_rad_s must be above 0 and at most 200"),
+        ("faults: {minimum_confidence: 0}", "faults", "minimum_confidence"),
+        ("faults: {camera_delay_s: 5}", "faults", "camera_delay_s"),
+        ("faults: {torque_constant_nm_per_a: -1}", "faults", "negative"),
+        ("faults: {limit: 1}", "faults.limit", "unknown key"),
+        ("loop: {stopping_s: 1e9}", "loop", "stopping_s must be between 0 and 10"),
+        ("loop: {reference_limit_rad: 100}", "loop", "reference_limit_rad"),
+        ("camera: {stall_s: .inf}", "camera.stall_s", "finite"),
+        ("camera: {stall_s: 1000}", "camera.stall_s", "<= 5"),
+        ("vision: {homography: [[1]]}", "vision", "three rows of three"),
+        ("vision: {homography: [[1, 0, 0], [1, 0, 0], [0, 0, 1]]}", "vision", "inverted"),
+        ("vision: {threshold: .nan}", "vision.threshold", "finite"),
         ("just text", "", "expected keys and values"),
         ("a: [1, 2", "line", "not YAML"),
     ],
@@ -91,3 +105,20 @@ def test_the_resolved_configuration_reads_back() -> None:
 
 def test_defaults_come_from_the_checkout_or_the_package() -> None:
     assert (defaults_folder() / "hoop.yaml").is_file()
+
+
+def test_secrets_of_any_shape_stay_out_of_the_text_that_travels() -> None:
+    secrets = ["a: ''b''", "it's, #1", "plain words"]
+    zenoh = {
+        "transport": {
+            "auth": {"usrpwd": {"user": "me", "password": secrets[0]}},
+            "link": {"tls": {"listen_private_key_base64": secrets[1], "users": [{"password": secrets[2]}]}},
+        }
+    }
+    config = to_struct({"telemetry": {"zenoh": zenoh}}, Config, "here")
+    text = dump(config)
+    for part in ("''b", "#1", "words"):
+        assert part not in text
+    again = to_struct(parse_yaml(text, "again"), Config, "again")
+    assert dump(again) == text
+    assert again.telemetry.zenoh["transport"]["auth"]["usrpwd"]["user"] == "me"

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import os
+import termios
 import tty
 from pathlib import Path
 
 import pytest
+import serial
 
 from hoopd.core.frames import DEFAULT_LAYOUT, Answer, encode_answer
 from hoopd.core.records import TorqueCommand
 from hoopd.files import InputError
-from hoopd.shell.link import Codec, SerialDrive, wire_time
+from hoopd.shell.link import Codec, SerialDrive, open_port, wire_time
 
 COMMAND = TorqueCommand(7, True, False, 0.25)
 
@@ -125,3 +127,22 @@ async def _until(condition: object) -> None:
             return
         await asyncio.sleep(0.01)
     raise AssertionError("did not happen within 4 s")
+
+
+def test_an_adapter_that_goes_while_it_is_opened_is_an_ordinary_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Port:
+        closed = False
+
+        def __init__(self, *args: object, **options: object) -> None:
+            pass
+
+        def reset_input_buffer(self) -> None:
+            raise termios.error(5, "Input/output error")
+
+        def close(self) -> None:
+            Port.closed = True
+
+    monkeypatch.setattr(serial, "Serial", Port)
+    with pytest.raises(OSError, match="Input/output error"):
+        open_port("/dev/ttyUSB0", 115200)
+    assert Port.closed

@@ -1,0 +1,65 @@
+"""The composition root: how a daemon that is asked to end early ends, and what its start costs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import ExitStack
+
+import pytest
+
+from hoopd import cli
+from hoopd.app import _signals_unwind
+from hoopd.build import build_tick, mismatch, read_texts
+from hoopd.files import InputError
+from hoopd.shell.config import load
+
+HEAVY = ("scipy", "matplotlib", "control", "hoopd.design", "hoopd.sim")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_asked_to_end_before_the_loop_listens_everything_open_is_closed(number: int) -> None:
+    closed: list[str] = []
+    before = signal.getsignal(number)
+    with pytest.raises(SystemExit) as end, ExitStack() as stack:
+        stack.enter_context(_signals_unwind())
+        stack.callback(closed.append, "camera")
+        os.kill(os.getpid(), number)
+    assert (closed, end.value.code) == (["camera"], 0)
+    assert signal.getsignal(number) is before
+
+
+def test_the_path_of_the_daemon_imports_nothing_heavy() -> None:
+    program = (
+        "import sys, hoopd.cli, hoopd.app, hoopd.shell.telemetry, hoopd.shell.videodevices\n"
+        "from hoopd.build import build_tick, read_texts\n"
+        "from hoopd.shell.config import load\n"
+        "config = load(None, sim=False, overrides=[])\n"
+        "build_tick(config, read_texts(config, None))\n"
+        f"print([m for m in sys.modules if m.startswith({HEAVY!r})])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_narrowest_torque_limit_holds() -> None:
+    config = load(None, sim=False, overrides=[])
+    texts = read_texts(config, None)
+    weaker = texts._replace(model=texts.model.replace("torque_limit_nm: 0.7", "torque_limit_nm: 0.3"))
+    assert build_tick(config, texts).limiter.torque_nm == 0.7
+    assert build_tick(config, weaker).limiter.torque_nm == 0.3
+
+
+def test_a_controller_designed_on_another_model_is_named() -> None:
+    config = load(None, sim=False, overrides=["device.model=models/thesis.yaml"])
+    texts = read_texts(config, None)
+    assert "designed on models/hoop.yaml, the filter uses models/thesis.yaml" in mismatch(config, texts)
+    assert mismatch(load(None, sim=False, overrides=[]), texts) == ""
+
+
+@pytest.mark.parametrize("option", [["--sim"], ["--config", "x"], ["--json", "x"], ["--seed", "1"]])
+def test_an_option_of_the_daemon_before_a_command_is_refused(option: list[str]) -> None:
+    with pytest.raises(InputError, match=r"belongs after the command: hoopd check"):
+        cli.app([*option, "check"], standalone_mode=False)
