@@ -33,6 +33,7 @@ FIRST_PATIENCE_S = 0.012  # the first one also shows where a picture ends; less 
 # The Raspberry Pi's image processors lengthen the rows of YUV 4:2:0 pictures to a multiple of this (480 to 512).
 STRIDE_STEP = 64  # px
 SETTLE_S = 0.003  # in which the rest of a picture follows
+SETTLE_TRIES = 12  # looks at the pipe: more than a period of 20 ms, so one of them falls between two pictures
 STDERR_LINES = 5
 BUFFERS = 4
 
@@ -153,17 +154,25 @@ class RpicamVid:
         self._buffers = [bytearray(self._frame_bytes) for _ in range(BUFFERS)]
 
     def _find_stride(self, data: bytearray) -> bytearray:
-        """The first picture whole: the second is not due yet, so what is left in the pipe belongs to the first."""
+        """The first picture whole, once what came so far is a whole number of pictures of either kind.
+
+        The second one may be in the pipe already, whole or in part, when this computer is busy; between two pictures
+        the pipe rests. 16 pictures of 480 px rows are as long as 15 of 512 px: more than the pipe holds.
+        """
         aligned = -(-self._camera.width_px // STRIDE_STEP) * STRIDE_STEP
         if aligned == self._camera.width_px:
             return data
-        time.sleep(SETTLE_S)
-        left = pending(self._stdout)
-        if left == 0:
-            return data
-        if left != aligned * self._camera.height_px * 3 // 2 - self._frame_bytes:
+        short, long = self._frame_bytes, aligned * self._camera.height_px * 3 // 2
+        for _ in range(SETTLE_TRIES):
+            time.sleep(SETTLE_S)
+            came = short + pending(self._stdout)
+            if came % short == 0:
+                return data
+            if came % long == 0:
+                break
+        else:
             raise CameraError(f"cannot tell the length of a row; set camera.stride_px ({aligned} on a Raspberry Pi)")
-        rest = bytearray(left)
+        rest = bytearray(long - short)
         self._fill(memoryview(rest))
         self._use_stride(aligned)
         self._full_bytes = min(self._frame_bytes, self._pipe_bytes)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import ctypes
-import json
 import signal
 import sys
 import time
@@ -144,15 +143,17 @@ class Program:
         self._send(t, data)
 
     def _send(self, t: float, data: bytes) -> None:
+        self._pictures.write(data)
+        self._pictures.flush()
         if self._metadata is not None:
+            # As rpicam-vid does: after the pixels, and a record's brace comes only with the next record.
             # The stamp of a real sensor is the first row's readout: the end of its exposure, on the boot clock.
             readout = self._config.start + t + self._form.exposure_s / 2 + self._boot_offset_s
             row = {"SensorTimestamp": round(1e9 * readout), "ExposureTime": round(1e6 * self._form.exposure_s)}
-            self._metadata.write((",\n" if self._sent else "[\n").encode() + json.dumps(row).encode())
+            values = ",\n".join(f'    "{key}": {value}' for key, value in row.items())
+            self._metadata.write(("},\n{\n" if self._sent else "[\n{\n").encode() + values.encode() + b"\n")
             self._metadata.flush()
         self._sent += 1
-        self._pictures.write(data)
-        self._pictures.flush()
 
 
 def _sleep_until(t: float) -> None:
