@@ -280,7 +280,7 @@ def test_gains_change_while_running(tmp_path: Path) -> None:
     assert replay(tmp_path / "tuned" / "run-0001.mcap")["equal"]
 
 
-@pytest.mark.parametrize("row", ["key: k_nothing, value: 1", "key: k_psi, value: .nan"])
+@pytest.mark.parametrize("row", ["key: k_nothing, value: 1", "key: hoop_speed_limit, value: -1"])
 def test_tuning_of_nonsense_is_refused(tmp_path: Path, row: str) -> None:
     run = run_rig(tmp_path, commands(f"{{at_s: 1.5, name: tune, {row}}}"), duration_s=4.0)
     assert "command_refused" in {event.event for event in read_run(tmp_path / "run-0001.mcap").events}
