@@ -11,10 +11,10 @@ from contextlib import ExitStack
 import pytest
 
 from hoopd import cli
-from hoopd.app import _signals_unwind
 from hoopd.build import build_tick, mismatch, read_texts
 from hoopd.files import InputError
 from hoopd.shell.config import load
+from hoopd.shell.signals import unwinding
 
 HEAVY = ("scipy", "matplotlib", "control", "hoopd.design", "hoopd.sim")
 
@@ -24,7 +24,7 @@ def test_asked_to_end_before_the_loop_listens_everything_open_is_closed(number: 
     closed: list[str] = []
     before = signal.getsignal(number)
     with pytest.raises(SystemExit) as end, ExitStack() as stack:
-        stack.enter_context(_signals_unwind())
+        stack.enter_context(unwinding())
         stack.callback(closed.append, "camera")
         os.kill(os.getpid(), number)
     assert (closed, end.value.code) == (["camera"], 0)
