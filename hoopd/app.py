@@ -7,10 +7,7 @@ everything that was opened is closed, each within a bound.
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import signal
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -18,32 +15,28 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from hoopd.build import Texts, build_tick, mismatch, read_texts
-from hoopd.core.modes import Mode
-from hoopd.core.records import Command, Inputs, LinkCounts, TickRecord
+from hoopd.core.records import Command
 from hoopd.core.tick import Note, Tick
 from hoopd.files import InputError
 from hoopd.modelfiles import load_model
 from hoopd.recording.mcap import Header
+from hoopd.report import Watch, print_summary, status, status_line, summarise
 from hoopd.shell import config as configuration
-from hoopd.shell import log
+from hoopd.shell import log, signals
 from hoopd.shell.commands import Ranges
 from hoopd.shell.config import Config
 from hoopd.shell.loop import Loop, Sink
 from hoopd.shell.recorder import Recorder
 from hoopd.shell.run_files import Limits as RoomLimits
 from hoopd.shell.service import Notifier, freeze_garbage, is_under_systemd, lock_memory
+from hoopd.sinks import RecorderSink, TelemetrySink
 from hoopd.world import World, camera_eye, device, lockstep, read_layout, realtime_rig, rig_devices
-
-if TYPE_CHECKING:
-    from hoopd.shell.telemetry import Telemetry
 
 # The interpreter hands over between threads this often; the default of 5 ms is a quarter of a tick.
 SWITCH_INTERVAL_S = 0.0005
-# Rows between two status messages: a second.
-STATUS_EVERY = 50
 # What may be changed while running, and how far; a law knows only some of them.
 TUNABLE = {
     "k_dtheta": (0.0, 0.1),
@@ -81,14 +74,14 @@ def run_daemon(options: Options) -> dict[str, Any]:
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     notifier = Notifier()
     with ExitStack() as stack:
-        stack.enter_context(_signals_unwind())
+        stack.enter_context(signals.unwinding())
         stack.callback(notifier.close)
         reporter = log.Reporter(notifier.status)
         if reason := mismatch(config, texts):
             reporter.note(0.0, Note("controller_mismatch", "warning", {"reason": reason}))
         world = stack.enter_context(_world(options, config, _say(reporter)))
         summary = asyncio.run(_run(options, config, texts, tick, world, notifier, reporter))
-        _ignore_signals()
+        signals.ignore()
     summary["start_monotonic_s"] = getattr(world.timer, "start_ns", 0) / 1e9
     print_summary(summary)
     return summary
@@ -176,58 +169,13 @@ async def _run(
         )
         stack.callback(reporter.close)
         reporter.start(lambda: status_line(loop))
-        _handle_signals(loop)
+        signals.handle(loop.request_stop)
         _quiet(virtual)
         started = time.perf_counter()
         await loop.run()
         wall_s = time.perf_counter() - started
         notifier.stopping()
-    return summarise(options, loop, watch, recorder, telemetry, wall_s)
-
-
-WELL = LinkCounts(good=1)
-
-
-class Watch:
-    """Counts what the summary tells: modes, faults, torque and angles."""
-
-    trouble = False
-
-    def __init__(self) -> None:
-        self.faults: dict[str, int] = {}
-        self.link: dict[str, int] = {}  # what was wrong on the line, by kind
-        self.running_ticks = 0
-        self.max_torque_nm = 0.0
-        self.settled: deque[float] = deque(maxlen=250)  # psi of the last five seconds
-
-    def put(self, record: TickRecord, inputs: Inputs) -> None:
-        """Look at one tick."""
-        self.max_torque_nm = max(self.max_torque_nm, abs(record.u))
-        if inputs.link != WELL or inputs.driver is None:
-            self._count_link(inputs)
-        if record.mode == Mode.RUNNING:
-            self.running_ticks += 1
-            self.settled.append(record.x_hat[2] - record.reference)
-
-    def _count_link(self, inputs: Inputs) -> None:
-        link = inputs.link
-        counts = {
-            "no answer": inputs.driver is None,
-            "bad CRC": link.bad_crc,
-            "garbage bytes": link.garbage_bytes,
-            "not asked for": link.unexpected_seq,
-            "implausible": link.implausible,
-            "port lost": link.lost,
-        }
-        for name, count in counts.items():
-            if count:
-                self.link[name] = self.link.get(name, 0) + count
-
-    def note(self, t: float, note: Note) -> None:
-        """Count faults by name."""
-        if note.name == "fault":
-            name = note.fields["fault"]
-            self.faults[name] = self.faults.get(name, 0) + 1
+    return summarise(loop, watch, recorder, telemetry, wall_s)
 
 
 def _script(config: Config) -> Callable[[float], tuple[Command, ...]]:
@@ -257,41 +205,6 @@ def _beat(notifier: Notifier, tick: Tick) -> Callable[[float], None]:
     return beat
 
 
-SIGNALS = (signal.SIGTERM, signal.SIGINT)
-
-
-@contextmanager
-def _signals_unwind() -> Iterator[None]:
-    """Asked to end before the loop listens: whatever is open already is closed in order."""
-
-    def end(number: int, frame: object) -> None:
-        raise SystemExit(0)
-
-    if threading.current_thread() is not threading.main_thread():  # signals are not ours
-        yield
-        return
-    before = {name: signal.signal(name, end) for name in SIGNALS}
-    try:
-        yield
-    finally:
-        for name, handler in before.items():
-            signal.signal(name, handler)
-
-
-def _ignore_signals() -> None:
-    """The end has begun and every step of it is bounded: asking again must not leave half of it undone."""
-    if threading.current_thread() is threading.main_thread():
-        for name in SIGNALS:
-            signal.signal(name, signal.SIG_IGN)
-
-
-def _handle_signals(loop: Loop) -> None:
-    running = asyncio.get_running_loop()
-    for name in SIGNALS:
-        with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
-            running.add_signal_handler(name, loop.request_stop)
-
-
 def _quiet(virtual: bool) -> None:
     """Nothing made at start-up is ever collected again; memory stays where it is."""
     freeze_garbage()
@@ -301,53 +214,6 @@ def _quiet(virtual: bool) -> None:
 
 def _trouble(sink: RecorderSink | TelemetrySink | None) -> Callable[[], bool]:
     return (lambda: False) if sink is None else (lambda: sink.trouble)
-
-
-class RecorderSink:
-    """The recorder as the loop sees it."""
-
-    def __init__(self, recorder: Recorder) -> None:
-        self.recorder = recorder
-
-    @property
-    def trouble(self) -> bool:
-        """Rows were lost or cannot be written."""
-        return self.recorder.trouble
-
-    def put(self, record: TickRecord, inputs: Inputs) -> None:
-        """Record one tick."""
-        self.recorder.put(record, inputs)
-
-    def note(self, t: float, note: Note) -> None:
-        """Record one fact."""
-        self.recorder.event(t, note.name, note.level, **note.fields)
-
-
-class TelemetrySink:
-    """Telemetry as the loop sees it."""
-
-    def __init__(self, telemetry: Telemetry, status: Callable[[], dict[str, Any]]) -> None:
-        self.telemetry, self._status, self._rows = telemetry, status, 0
-
-    @property
-    def trouble(self) -> bool:
-        """Rows were dropped."""
-        return self.telemetry.trouble
-
-    def put(self, record: TickRecord, inputs: Inputs) -> None:
-        """Publish one tick, and now and then what the status message tells beside it."""
-        self.telemetry.put(record)
-        self._rows += 1
-        if self._rows % STATUS_EVERY == 0:
-            self.telemetry.set_status(self._status())
-
-    def note(self, t: float, note: Note) -> None:
-        """Publish one fact."""
-        self.telemetry.event(t, note.name, note.level, **note.fields)
-
-    def commands(self, t: float) -> tuple[Command, ...]:
-        """What operators asked for since the last tick."""
-        return self.telemetry.take_commands()
 
 
 def _say(reporter: log.Reporter) -> Callable[[str], None]:
@@ -410,89 +276,6 @@ def _close(close: Callable[[], bool], what: str) -> None:
     """Close within the helper's own bound; helpers are daemon threads, so one that hangs cannot hold the process."""
     if not close():
         sys.stderr.write(f"hoopd: {what} did not close in time\n")
-
-
-def status(loop: Loop, recorder: RecorderSink | None) -> dict[str, Any]:
-    """What the status message tells beside the newest tick."""
-    statistics = loop.statistics
-    return {
-        "faults": loop.tick.faults,
-        "missed_ticks": statistics.missed,
-        "lateness_p99_s": statistics.lateness.quantile(0.99),
-        "execution_p99_s": statistics.execution.quantile(0.99),
-        "recorder": recorder.recorder.counts._asdict() if recorder else None,
-    }
-
-
-def status_line(loop: Loop) -> str:
-    """One line for a terminal."""
-    record = loop.record
-    if record is None:
-        return "waiting for the first tick"
-    faults = ", ".join(loop.tick.faults)
-    return (
-        f"{record.t:7.1f} s  {record.mode:8}  psi {record.x_hat[2]:+.3f} rad  ref {record.reference:+.2f}"
-        f"  hoop {record.x_hat[1]:+6.2f} rad/s  u {record.u:+.3f} N m"
-        f"  late {1e3 * loop.statistics.take_worst():4.1f} ms  {faults}"
-    )
-
-
-def summarise(
-    options: Options,
-    loop: Loop,
-    watch: Watch,
-    recorder: RecorderSink | None,
-    telemetry: TelemetrySink | None,
-    wall_s: float,
-) -> dict[str, Any]:
-    """What a run was, as plain data."""
-    record = loop.record
-    settled = sum(psi * psi for psi in watch.settled) / len(watch.settled) if watch.settled else 0.0
-    return {
-        "exit": 0,
-        "seconds": record.t if record else 0.0,
-        "real_time_factor": loop.statistics.last_t / wall_s if wall_s else 0.0,
-        **loop.statistics.summary(),
-        "final_mode": str(loop.tick.mode),
-        "running_s": watch.running_ticks * loop.tick.settings.period_s,
-        "psi_error_rms_last_5s_rad": settled**0.5,
-        "max_torque_nm": watch.max_torque_nm,
-        "faults": watch.faults,
-        "link": watch.link,
-        "recording": recorder.recorder.counts._asdict() if recorder else None,
-        "telemetry": {k: v for k, v in telemetry.telemetry.counts._asdict().items() if k != "open"}
-        if telemetry
-        else None,
-    }
-
-
-def print_summary(summary: dict[str, Any]) -> None:
-    """The table at the end of a run."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title="run", show_header=False, title_justify="left")
-    for name, text in _summary_rows(summary):
-        table.add_row(name, text)
-    with contextlib.suppress(OSError):  # nobody reads it, or its disk is full: the run was good
-        Console().print(table)
-
-
-def _summary_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    late, execution = summary["lateness_s"], summary["execution_s"]
-    yield "duration", f"{summary['seconds']:.2f} s at {summary['real_time_factor']:.1f} x real time"
-    yield "ticks", f"{summary['ticks']}, {summary['missed']} missed"
-    yield "mean period", f"{1e3 * summary['mean_period_s']:.4f} ms"
-    yield "lateness p50 / p99 / max", " / ".join(f"{1e3 * late[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
-    yield "execution p50 / p99 / max", " / ".join(f"{1e3 * execution[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
-    yield "mode at the end", f"{summary['final_mode']}, controlled for {summary['running_s']:.1f} s"
-    yield "psi error, last 5 s", f"{summary['psi_error_rms_last_5s_rad']:.4f} rad rms"
-    yield "largest torque", f"{summary['max_torque_nm']:.3f} N m"
-    yield "faults", ", ".join(f"{name} x{count}" for name, count in summary["faults"].items()) or "none"
-    yield "serial line", ", ".join(f"{name} {count}" for name, count in summary["link"].items()) or "well"
-    for part in ("recording", "telemetry"):
-        if summary[part]:
-            yield part, ", ".join(f"{key} {value}" for key, value in summary[part].items())
 
 
 def _version(name: str) -> str:

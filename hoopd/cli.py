@@ -107,7 +107,10 @@ def _command(name: str, value: float | None, config: Path | None, sets: list[str
     from hoopd.shell.commands import operate
 
     settings = configuration.load(config, sim=False, overrides=sets)
-    typer.echo(operate(name, value, settings.telemetry.endpoint, settings.device.name))
+    telemetry = settings.telemetry
+    # Of zenoh's keys an operator shares user, password and certificates with the daemon, not where it listens.
+    extras = {key: value for key, value in telemetry.zenoh.items() if key.partition("/")[0] == "transport"}
+    typer.echo(operate(name, value, telemetry.endpoint, settings.device.name, extras=extras))
 
 
 @app.command()

@@ -22,6 +22,9 @@ import yaml
 
 T = TypeVar("T")
 
+# Beside a type in Annotated: infinities and NaN are meant (the rig's operator sends them to be refused).
+ANY_NUMBER = "any number"
+
 # Key ending -> unit -> factor to the unit of the ending.
 UNITS: dict[str, dict[str, float]] = {
     "_s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
@@ -90,7 +93,7 @@ def to_struct(data: dict[str, Any], kind: type[T], path: object) -> T:
 def _resolve(data: Any, kind: Any, path: object, key: str) -> Any:
     record, item = _record_type(kind), _item_type(kind)
     if isinstance(data, dict) and record is not None:
-        hints = typing.get_type_hints(record, include_extras=False)
+        hints = typing.get_type_hints(record, include_extras=True)
         return {
             name: _resolve(value, _known(hints, name, path, key), path, _join(key, name))
             for name, value in data.items()
@@ -120,7 +123,8 @@ def _suggest(name: str, names: list[str]) -> str:
 def _number(value: Any, kind: Any, path: object, key: str) -> Any:
     """A quantity text in the unit of its key; integers become floats where a float is wanted."""
     wants = set(_flat_types(kind))
-    if isinstance(value, float) and not isfinite(value):  # it would switch off every check that compares with it
+    # NaN would switch off every check that compares with it.
+    if isinstance(value, float) and not isfinite(value) and ANY_NUMBER not in get_args(kind):
         raise InputError(path, key, f"must be a finite number, not {value}")
     if isinstance(value, int) and not isinstance(value, bool) and float in wants and int not in wants:
         return float(value)

@@ -7,14 +7,16 @@ import signal
 import subprocess
 import sys
 from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hoopd import cli
-from hoopd.app import _signals_unwind
 from hoopd.build import build_tick, mismatch, read_texts
 from hoopd.files import InputError
 from hoopd.shell.config import load
+from hoopd.shell.signals import unwinding
 
 HEAVY = ("scipy", "matplotlib", "control", "hoopd.design", "hoopd.sim")
 
@@ -24,7 +26,7 @@ def test_asked_to_end_before_the_loop_listens_everything_open_is_closed(number: 
     closed: list[str] = []
     before = signal.getsignal(number)
     with pytest.raises(SystemExit) as end, ExitStack() as stack:
-        stack.enter_context(_signals_unwind())
+        stack.enter_context(unwinding())
         stack.callback(closed.append, "camera")
         os.kill(os.getpid(), number)
     assert (closed, end.value.code) == (["camera"], 0)
@@ -63,3 +65,13 @@ def test_a_controller_designed_on_another_model_is_named() -> None:
 def test_an_option_of_the_daemon_before_a_command_is_refused(option: list[str]) -> None:
     with pytest.raises(InputError, match=r"belongs after the command: hoopd check"):
         cli.app([*option, "check"], standalone_mode=False)
+
+
+def test_an_operator_says_who_it_is_by_the_configuration(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    seen: dict[str, Any] = {}
+    monkeypatch.setattr("hoopd.shell.commands.operate", lambda *a, **k: seen.update(k) or "armed")
+    path = tmp_path / "mine.yaml"
+    user = {"auth": {"usrpwd": {"user": "operator", "password": "turn"}}}
+    path.write_text(f"telemetry: {{zenoh: {{transport: {user}, listen/endpoints: [tcp/0.0.0.0:7447]}}}}\n")
+    cli.app(["arm", "--config", str(path)], standalone_mode=False)
+    assert seen["extras"] == {"transport": user}

@@ -20,8 +20,7 @@ LAWS = {
     "gives no pair": WELL + UPDATE + "return 0.1\n",
     "gives a text": WELL + UPDATE + "return 'much', {}\n",
     "changes the estimate": WELL + UPDATE + "m.x[2] = 0.0; return 0.1, {}\n",
-    "cannot be reset": "class Law:\n    def __init__(self):\n        self.n = 0\n"
-    "    def reset(self):\n        self.n += 1; self.n < 9 or 1 / 0\n"
+    "cannot be reset": "class Law:\n    n = 0\n    def reset(self):\n        self.n += 1; self.n < 9 or 1 / 0\n"
     "    def update(self, m):\n        return 0.1, {}\n",
 }
 

@@ -19,7 +19,7 @@ from msgspec import Meta
 
 from hoopd.core.health import Thresholds
 from hoopd.core.tick import TickSettings
-from hoopd.files import InputError, parse_yaml, read_text, to_struct
+from hoopd.files import ANY_NUMBER, InputError, parse_yaml, read_text, to_struct
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -150,7 +150,7 @@ class SimCommand(Strict, frozen=True):
 
     at_s: NotNegative
     name: Literal["arm", "disarm", "stop", "clear", "reference", "tune"]
-    value: float = 0.0
+    value: Annotated[float, ANY_NUMBER] = 0.0
     key: str = ""
 
 

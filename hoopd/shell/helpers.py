@@ -13,7 +13,7 @@ from hoopd.shell.service import settle_helper_thread
 
 
 def start_helper(name: str, run: Callable[[], None]) -> threading.Thread:
-    """A started daemon thread with ordinary scheduling."""
+    """A started daemon thread with a helper's scheduling."""
 
     def lowered() -> None:
         settle_helper_thread()

@@ -1,0 +1,143 @@
+"""What a run tells of itself: status line, status message, and the summary at its end.
+
+Rules of this file: reads the loop and its sinks, changes nothing; plain data first, the table is made from that.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+from hoopd.core.modes import Mode
+from hoopd.core.records import Inputs, LinkCounts, TickRecord
+from hoopd.core.tick import Note
+from hoopd.shell.loop import Loop
+from hoopd.sinks import RecorderSink, TelemetrySink
+
+WELL = LinkCounts(good=1)
+
+
+class Watch:
+    """Counts what the summary tells: modes, faults, torque and angles."""
+
+    trouble = False
+
+    def __init__(self) -> None:
+        self.faults: dict[str, int] = {}
+        self.link: dict[str, int] = {}  # what was wrong on the line, by kind
+        self.running_ticks = 0
+        self.max_torque_nm = 0.0
+        self.settled: deque[float] = deque(maxlen=250)  # psi of the last five seconds
+
+    def put(self, record: TickRecord, inputs: Inputs) -> None:
+        """Look at one tick."""
+        self.max_torque_nm = max(self.max_torque_nm, abs(record.u))
+        if inputs.link != WELL or inputs.driver is None:
+            self._count_link(inputs)
+        if record.mode == Mode.RUNNING:
+            self.running_ticks += 1
+            self.settled.append(record.x_hat[2] - record.reference)
+
+    def _count_link(self, inputs: Inputs) -> None:
+        link = inputs.link
+        counts = {
+            "no answer": inputs.driver is None,
+            "bad CRC": link.bad_crc,
+            "garbage bytes": link.garbage_bytes,
+            "not asked for": link.unexpected_seq,
+            "implausible": link.implausible,
+            "port lost": link.lost,
+        }
+        for name, count in counts.items():
+            if count:
+                self.link[name] = self.link.get(name, 0) + count
+
+    def note(self, t: float, note: Note) -> None:
+        """Count faults by name."""
+        if note.name == "fault":
+            name = note.fields["fault"]
+            self.faults[name] = self.faults.get(name, 0) + 1
+
+
+def status(loop: Loop, recorder: RecorderSink | None) -> dict[str, Any]:
+    """What the status message tells beside the newest tick."""
+    statistics = loop.statistics
+    return {
+        "faults": loop.tick.faults,
+        "missed_ticks": statistics.missed,
+        "lateness_p99_s": statistics.lateness.quantile(0.99),
+        "execution_p99_s": statistics.execution.quantile(0.99),
+        "recorder": recorder.recorder.counts._asdict() if recorder else None,
+    }
+
+
+def status_line(loop: Loop) -> str:
+    """One line for a terminal."""
+    record = loop.record
+    if record is None:
+        return "waiting for the first tick"
+    faults = ", ".join(loop.tick.faults)
+    return (
+        f"{record.t:7.1f} s  {record.mode:8}  psi {record.x_hat[2]:+.3f} rad  ref {record.reference:+.2f}"
+        f"  hoop {record.x_hat[1]:+6.2f} rad/s  u {record.u:+.3f} N m"
+        f"  late {1e3 * loop.statistics.take_worst():4.1f} ms  {faults}"
+    )
+
+
+def summarise(
+    loop: Loop,
+    watch: Watch,
+    recorder: RecorderSink | None,
+    telemetry: TelemetrySink | None,
+    wall_s: float,
+) -> dict[str, Any]:
+    """What a run was, as plain data."""
+    record = loop.record
+    settled = sum(psi * psi for psi in watch.settled) / len(watch.settled) if watch.settled else 0.0
+    return {
+        "exit": 0,
+        "seconds": record.t if record else 0.0,
+        "real_time_factor": loop.statistics.last_t / wall_s if wall_s else 0.0,
+        **loop.statistics.summary(),
+        "final_mode": str(loop.tick.mode),
+        "running_s": watch.running_ticks * loop.tick.settings.period_s,
+        "psi_error_rms_last_5s_rad": settled**0.5,
+        "max_torque_nm": watch.max_torque_nm,
+        "faults": watch.faults,
+        "link": watch.link,
+        "recording": recorder.recorder.counts._asdict() if recorder else None,
+        "telemetry": {k: v for k, v in telemetry.telemetry.counts._asdict().items() if k != "open"}
+        if telemetry
+        else None,
+    }
+
+
+def print_summary(summary: dict[str, Any]) -> None:
+    """The table at the end of a run."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="run", show_header=False, title_justify="left")
+    for name, text in _summary_rows(summary):
+        table.add_row(name, text)
+    with contextlib.suppress(OSError):  # nobody reads it, or its disk is full: the run was good
+        Console().print(table)
+
+
+def _summary_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    late, execution = summary["lateness_s"], summary["execution_s"]
+    yield "duration", f"{summary['seconds']:.2f} s at {summary['real_time_factor']:.1f} x real time"
+    yield "ticks", f"{summary['ticks']}, {summary['missed']} missed"
+    yield "mean period", f"{1e3 * summary['mean_period_s']:.4f} ms"
+    yield "lateness p50 / p99 / max", " / ".join(f"{1e3 * late[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
+    yield "execution p50 / p99 / max", " / ".join(f"{1e3 * execution[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
+    yield "mode at the end", f"{summary['final_mode']}, controlled for {summary['running_s']:.1f} s"
+    yield "psi error, last 5 s", f"{summary['psi_error_rms_last_5s_rad']:.4f} rad rms"
+    yield "largest torque", f"{summary['max_torque_nm']:.3f} N m"
+    yield "faults", ", ".join(f"{name} x{count}" for name, count in summary["faults"].items()) or "none"
+    yield "serial line", ", ".join(f"{name} {count}" for name, count in summary["link"].items()) or "well"
+    for part in ("recording", "telemetry"):
+        if summary[part]:
+            yield part, ", ".join(f"{key} {value}" for key, value in summary[part].items())

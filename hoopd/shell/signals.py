@@ -1,0 +1,49 @@
+"""What SIGTERM and Ctrl-C do in each part of the daemon's life.
+
+Rules of this file: before the loop listens they unwind what is open, while it runs they ask it to stop, and at the end
+they change nothing; without the main thread signals are not ours.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+@contextmanager
+def unwinding() -> Iterator[None]:
+    """Asked to end before the loop listens: whatever is open already is closed in order."""
+
+    def end(number: int, frame: object) -> None:
+        raise SystemExit(0)
+
+    if threading.current_thread() is not threading.main_thread():  # signals are not ours
+        yield
+        return
+    before = {name: signal.signal(name, end) for name in SIGNALS}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
+
+
+def ignore() -> None:
+    """The end has begun and every step of it is bounded: asking again must not leave half of it undone."""
+    if threading.current_thread() is threading.main_thread():
+        for name in SIGNALS:
+            signal.signal(name, signal.SIG_IGN)
+
+
+def handle(stop: Callable[[], None]) -> None:
+    """From now on the running loop is asked to stop."""
+    running = asyncio.get_running_loop()
+    for name in SIGNALS:
+        with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
+            running.add_signal_handler(name, stop)
