@@ -82,7 +82,7 @@ CASES: dict[str, tuple[Maker, str]] = {
     "a truth for a number": (override("sim.psi_rad=true"), "sim.psi_rad"),
     "unsafe torque": (override("limits.torque_nm=5"), "limits.torque_nm: Expected `float` <= 0.7"),
     "no torque limit": (override("limits.torque_nm=.nan"), "limits.torque_nm"),
-    "no speed limit": (override("faults.hoop_speed_rad_s=.inf"), "limits must be positive and finite"),
+    "no speed limit": (override("faults.hoop_speed_rad_s=.inf"), "faults.hoop_speed_rad_s: must be a finite number"),
     "unsafe period": (override("loop.period_s=5"), "period_s must be between"),
     "not YAML": (settings("a: [1\n"), "not YAML"),
     "not text": (
@@ -103,7 +103,7 @@ CASES: dict[str, tuple[Maker, str]] = {
     "law that is none": (law("x = 1"), "Law: needs a class Law"),
     "controller without a schema": (controller("schema: hoopd.controller/1", ""), "schema"),
     "controller that is not YAML": (controller("gains: {", "gains: {{"), "not YAML"),
-    "gain that is not a number": (controller("k_psi: 0.12387277", "k_psi: .nan"), "k_psi must be a finite number"),
+    "gain that is not a number": (controller("k_psi: 0.12387277", "k_psi: .nan"), "k_psi: must be a finite number"),
     "controller beyond the limit": (controller("torque_nm: 0.7", "torque_nm: 7"), "limits.torque_nm"),
     "controller of another period": (
         controller("sample_time_s: 0.02", "sample_time_s: 0.01"),

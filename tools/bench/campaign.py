@@ -193,7 +193,7 @@ def judge(name: str, kind: Kind, folder: Path, direct: bool, witness: Witness) -
     else:
         _went_off(verdict, kind, found, at)
     _opens(verdict, found)
-    verdict.message = message(kind, found)
+    verdict.message = message(kind, found, at - zero_of(found) - MARGIN_S)
     verdict.demand(bool(verdict.message), f"no message names {' or '.join(kind.causes)}")
     return verdict
 
@@ -227,16 +227,16 @@ def _opens(verdict: Verdict, found: Run) -> None:
     verdict.demand(verdict.opens, "; ".join(r["first_difference"] for r in results) or "no recording")
 
 
-def message(kind: Kind, found: Run) -> str:
-    """The words that name the cause."""
+def message(kind: Kind, found: Run, since: float) -> str:
+    """The words that name the cause, from this run time on."""
     if kind.causes == NOTHING_TO_SAY:
         return "-"
     for cause in kind.causes:
         for line in found.log:
-            if cause in (line.get("fault"), line["event"], line.get("command")) and line["t"] > 2.0:
+            if cause in (line.get("fault"), line["event"], line.get("command")) and line["t"] >= since:
                 return f"{line['t']:.2f} s {line['event']}: {line.get('meaning') or line.get('reason') or cause}"
         for row in found.events:  # the recording tells more than the log
-            if row.event == "fault" and row.fields["fault"] == cause and row.t > 2.0:
+            if row.event == "fault" and row.fields["fault"] == cause and row.t >= since:
                 return f"{row.t:.2f} s {row.event}: {row.fields['meaning']}"
     link = found.summary.get("link", {})
     return ", ".join(f"{name} {link[name]}" for name in kind.causes if name in link)
