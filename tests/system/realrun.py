@@ -138,10 +138,18 @@ class Daemon:
 
 
 def zero_of(run: Run) -> float:
-    """Monotonic time of run time zero: the same torques in the recording and in the board's log."""
-    sent = {_f32(tick.u): tick.t for tick in run.ticks if tick.u}
-    differences = [row.t - sent[row.torque_nm] for row in run.torque.rows if row.torque_nm and row.torque_nm in sent]
-    return min(differences, default=math.nan) - WIRE_S
+    """Monotonic time of run time zero: torques that were sent once, in the recording and in the board's log."""
+    sent = _once((_f32(tick.u), tick.t) for tick in run.ticks if tick.u)
+    got = _once((row.torque_nm, row.t) for row in run.torque.rows if row.torque_nm)
+    return min((got[u] - sent[u] for u in sent.keys() & got.keys()), default=math.nan) - WIRE_S
+
+
+def _once(pairs: Iterable[tuple[float, float]]) -> dict[float, float]:
+    """Times of the values that come only once."""
+    found: dict[float, list[float]] = {}
+    for value, t in pairs:
+        found.setdefault(value, []).append(t)
+    return {value: times[0] for value, times in found.items() if len(times) == 1}
 
 
 def _f32(value: float) -> float:

@@ -82,7 +82,7 @@ CASES: dict[str, tuple[Maker, str]] = {
     "a truth for a number": (override("sim.psi_rad=true"), "sim.psi_rad"),
     "unsafe torque": (override("limits.torque_nm=5"), "limits.torque_nm: Expected `float` <= 0.7"),
     "no torque limit": (override("limits.torque_nm=.nan"), "limits.torque_nm"),
-    "no speed limit": (override("faults.hoop_speed_rad_s=.inf"), "hoop_speed_rad_s: must be a finite number"),
+    "no speed limit": (override("faults.hoop_speed_rad_s=.inf"), "faults.hoop_speed_rad_s: must be a finite number"),
     "unsafe period": (override("loop.period_s=5"), "period_s must be between"),
     "not YAML": (settings("a: [1\n"), "not YAML"),
     "not text": (

@@ -23,7 +23,7 @@ NOISY: list[dict[str, Any]] = [
 BUSY: list[dict[str, Any]] = [
     {"at_s": 1.4, "name": "reference", "value": 0.15},
     {"at_s": 2.0, "name": "tune", "key": "k_psi", "value": 0.15},
-    {"at_s": 2.2, "name": "tune", "key": "hoop_speed_limit", "value": -1.0},
+    {"at_s": 2.2, "name": "tune", "key": "k_psi", "value": -1e9},
     {"at_s": 2.4, "name": "tune", "key": "no_such_gain", "value": 1.0},
     {"at_s": 2.6, "name": "reference", "value": -0.1},
     {"at_s": 3.0, "name": "disarm"},

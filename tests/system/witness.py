@@ -1,4 +1,4 @@
-"""An independent witness of the machine: a process that notes every gap of the monotonic clock longer than 50 ms.
+"""An independent witness of the machine: a process on each core that notes gaps of the clock longer than 50 ms.
 
 Rules of this file: it shares nothing with what it judges; a test in real time may be repeated only when the witness saw
 the machine stand still.
@@ -6,6 +6,7 @@ the machine stand still.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -31,19 +32,20 @@ class Witness:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._process: subprocess.Popen[bytes] | None = None
+        self._processes: list[subprocess.Popen[bytes]] = []
 
     def __enter__(self) -> Witness:
         self._path.write_text("")
-        self._process = subprocess.Popen([sys.executable, "-S", __file__, str(self._path)], stdin=subprocess.PIPE)
+        for core in sorted(os.sched_getaffinity(0)):
+            self._processes.append(subprocess.Popen([sys.executable, "-S", __file__, str(self._path), str(core)]))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        assert self._process is not None
-        self._process.terminate()
-        self._process.communicate()
+        for process in self._processes:
+            process.terminate()
+            process.wait()
 
     def gaps(self, start: float = 0.0, stop: float = float("inf")) -> list[Gap]:
         """Gaps that touch [start, stop]."""
@@ -66,8 +68,9 @@ def witnessed(folder: Path, check: Callable[[Path, Witness], None]) -> None:
                     raise
 
 
-def watch(path: Path) -> None:
+def watch(path: Path, core: int) -> None:
     """Sleep briefly, look at the clock, note what is too long; until ended."""
+    os.sched_setaffinity(0, {core})
     with path.open("a", buffering=1) as out:
         before = time.monotonic()
         while True:
@@ -79,4 +82,4 @@ def watch(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    watch(Path(sys.argv[1]))
+    watch(Path(sys.argv[1]), int(sys.argv[2]))
