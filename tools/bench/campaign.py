@@ -2,8 +2,9 @@
 
     python tools/bench/campaign.py [--direct] [--fifo] [--only KIND ...] [--keep FOLDER] [--json FILE]
 
-Every run lasts some seven seconds. A failed one is repeated, at most three times, when an independent witness saw the machine
-stand still for more than 50 ms (or starve a core), or when it did not control yet. Exit code 1 when one fails.
+Every run lasts some seven seconds. A failed one is repeated, at most three times, when an independent witness saw the
+machine stand still for more than 50 ms (or starve a core), or when it did not control yet as the fault came. Exit code
+1 when one fails.
 """
 
 from __future__ import annotations
