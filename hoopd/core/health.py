@@ -243,7 +243,7 @@ class Health:
             self._camera_t = inputs.camera.t
             good = isfinite(inputs.camera.psi) and inputs.camera.confidence >= limits.minimum_confidence
             self._ball = good and estimate.psi_accepted
-            if good:
+            if good and isfinite(estimate.innovation_psi):  # a picture too old to judge says nothing
                 self._refusals.append(not estimate.psi_accepted)
         over = inputs.t - self._camera_t - limits.camera_delay_s - self.period_s
         lost = over > limits.lost_periods * self.period_s or inputs.camera_stalled

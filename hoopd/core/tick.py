@@ -188,8 +188,10 @@ class Tick:
 
     def _acknowledged(self) -> Event | None:
         """The wish to arm or to clear, once nothing forbids it; what the board latched is cleared meanwhile."""
-        if not self._wish or self.mode in ENERGISED:
+        if self._wish and self.mode in ENERGISED:
+            self._note("command_refused", "warning", command=self._wish, reason=f"the mode is {self.mode}")
             self._wish = ""
+        if not self._wish:
             return None
         hindrances = self.health.hindrances()
         if hindrances and self._patience > 0 and set(hindrances) <= BOARD_LATCHES:
