@@ -185,7 +185,9 @@ def _frame_from_table(kind: Kind, table: Mapping[str, Any]) -> FrameLayout:
             raise ValueError(f"{kind}: unknown key {sorted(unknown)[0]!r}, known: {', '.join(sorted(known))}")
         fields = tuple(Field(*entry) for entry in row["fields"])
         return FrameLayout(kind, fields, row.get("sync"), row.get("crc", "none"), row.get("byte_order", "<"))
-    except (KeyError, TypeError, AttributeError) as error:
+    except KeyError as error:
+        raise ValueError(f"layout.{kind}: {error} is missing") from error
+    except (TypeError, AttributeError) as error:
         raise ValueError(f"layout.{kind}: {error}") from error
 
 

@@ -25,6 +25,11 @@ Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Bytes = Annotated[int, Meta(ge=0)]
+# No picture is wider than 4096; even, because a camera's colour planes have half the size.
+Width = Annotated[int, Meta(ge=64, le=4096, multiple_of=2)]
+Extent = Annotated[float, Meta(gt=0, le=4096)]
+BallSize = Annotated[float, Meta(ge=2, le=400)]
+Pixel = Annotated[float, Meta(ge=-4096, le=8192)]
 
 # The drive saturates here; a larger limit would only hide the anti-windup from the controller.
 TORQUE_LIMIT_NM = 0.7
@@ -62,8 +67,8 @@ class Camera(Strict, frozen=True):
     command: tuple[str, ...] = ("rpicam-vid",)
     device: str = "/dev/video0"
     file: str = ""
-    width_px: Annotated[int, Meta(ge=64, le=4096)] = 480
-    height_px: Annotated[int, Meta(ge=64, le=4096)] = 480
+    width_px: Width = 480
+    height_px: Width = 480
     fps: Annotated[float, Meta(ge=1, le=240)] = 50.0
     stride_px: Annotated[int, Meta(ge=0, le=8192)] = 0  # 0: found from the first picture (rpicam)
     exposure_s: Annotated[float, Meta(gt=0, le=0.1)] = 0.005
@@ -76,8 +81,8 @@ class Camera(Strict, frozen=True):
 class Circle(Strict, frozen=True):
     """A circle in the picture."""
 
-    centre: tuple[float, float]
-    radius: Positive
+    centre: tuple[Pixel, Pixel] = (240.0, 240.0)
+    radius: Extent = 182.0
 
 
 class Vision(Strict, frozen=True):
@@ -85,14 +90,16 @@ class Vision(Strict, frozen=True):
 
     weights: tuple[float, float, float] = (1.0, -0.5, -0.5)  # of R, G, B
     threshold: Annotated[float, Meta(gt=0, lt=255)] = 70.0
-    circle_px: Circle = Circle(centre=(240.0, 240.0), radius=182.0)  # on which the ball's centre moves
+    circle_px: Circle = Circle()  # on which the ball's centre moves
     homography: list[list[float]] | None = None  # picture to hoop plane; replaces the circle
     zero_angle_rad: Annotated[float, Meta(ge=-3.2, le=3.2)] = 0.0
-    ball_radius_px: Positive = 23.0
-    band_px: Positive = 20.0  # the ball's centre lies this near to the circle
+    ball_radius_px: BallSize = 23.0
+    band_px: BallSize = 20.0  # the ball's centre lies this near to the circle
 
     def __post_init__(self) -> None:
-        """Refuse a homography that is none."""
+        """Refuse weights that see nothing and a homography that is none."""
+        if max(self.weights) <= 0.0:
+            raise ValueError("weights need one above zero")
         rows = self.homography
         if rows is not None and ([len(row) for row in rows] != [3, 3, 3] or np.linalg.det(np.array(rows)) == 0.0):
             raise ValueError("homography must be three rows of three numbers that can be inverted")

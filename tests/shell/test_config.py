@@ -69,6 +69,9 @@ def test_angles_in_degrees_and_sizes_in_gibibytes() -> None:
         ("camera: {stall_s: 1000}", "camera.stall_s", "<= 5"),
         ("vision: {homography: [[1]]}", "vision", "three rows of three"),
         ("vision: {homography: [[1, 0, 0], [1, 0, 0], [0, 0, 1]]}", "vision", "inverted"),
+        ("vision: {ball_radius_px: 1e9}", "vision.ball_radius_px", "<= 400"),
+        ("vision: {weights: [0, 0, 0]}", "vision", "above zero"),
+        ("camera: {width_px: 481}", "camera.width_px", "multiple of 2"),
         ("vision: {threshold: .nan}", "vision.threshold", "finite"),
         ("just text", "", "expected keys and values"),
         ("a: [1, 2", "line", "not YAML"),
@@ -105,6 +108,11 @@ def test_the_resolved_configuration_reads_back() -> None:
 
 def test_defaults_come_from_the_checkout_or_the_package() -> None:
     assert (defaults_folder() / "hoop.yaml").is_file()
+
+
+def test_one_number_of_a_circle_may_be_set_alone() -> None:
+    circle = load(None, sim=False, overrides=["vision.circle_px.radius=170"]).vision.circle_px
+    assert (circle.centre, circle.radius) == ((240.0, 240.0), 170.0)
 
 
 def test_secrets_of_any_shape_stay_out_of_the_text_that_travels() -> None:
