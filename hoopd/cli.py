@@ -18,6 +18,8 @@ from hoopd.files import InputError
 
 # Matrices of four by four gain nothing from threads, and lose milliseconds to them; before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# OpenCV would unpack a picture of a gigapixel before anyone could refuse it; 4096 x 4096, before cv2 is imported.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(4096 * 4096))
 
 # What the parser of the command line raises: unknown options, values that do not fit.
 UsageError: Any = typer.BadParameter.__base__
