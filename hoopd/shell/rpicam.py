@@ -36,6 +36,7 @@ SETTLE_S = 0.003  # in which the rest of a picture follows
 SETTLE_TRIES = 12  # looks at the pipe: more than a period of 20 ms, so one of them falls between two pictures
 STDERR_LINES = 5
 STDERR_LINE_BYTES = 4096
+STDERR_PAUSE_S = 0.002  # between lines: a program that complains without end must not hold the interpreter
 BUFFERS = 4
 
 
@@ -236,6 +237,7 @@ class RpicamVid:
                 text = line.decode(errors="replace").strip()
                 if text:
                     self._stderr.append(text[:200])
+                time.sleep(STDERR_PAUSE_S)
 
     def _obituary(self) -> str:
         child = self._child
