@@ -206,17 +206,11 @@ def _own_streams() -> None:
     sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
 
 
-def _end_by_signal(number: int, frame: object) -> NoReturn:
-    """SIGTERM before or after the loop, or in another command: what was opened is closed on the way out."""
-    raise SystemExit(128 + number)
-
-
 def main() -> None:
     """Entry point: one clear line and exit code 2 for unusable input."""
     _own_streams()
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        signal.signal(signal.SIGTERM, _end_by_signal)
     try:
         code = app(standalone_mode=False)
     except UsageError as error:

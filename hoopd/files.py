@@ -87,7 +87,7 @@ class _Loader(yaml.SafeLoader):
 def load_yaml(text: str, path: object) -> Any:
     """Plain data of a YAML text; InputError names the line of a mistake."""
     try:
-        data = yaml.load(text, _Loader)  # noqa: S506  (a safe loader)
+        data = yaml.load(text, _Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}" if mark is not None else ""

@@ -44,7 +44,7 @@ class Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=Tr
 class Device(Strict, frozen=True):
     """Which plant this is."""
 
-    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "hoop"
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\Z")] = "hoop"
     model: str = "models/hoop.yaml"
 
 
