@@ -76,8 +76,6 @@ def run_daemon(options: Options) -> dict[str, Any]:
     with ExitStack() as stack:
         stack.enter_context(signals.unwinding())
         stack.callback(notifier.close)
-        with contextlib.suppress(ValueError):  # not the main thread
-            signal.signal(signal.SIGTERM, _end_early)
         reporter = log.Reporter(notifier.status)
         if reason := mismatch(config, texts):
             reporter.note(0.0, Note("controller_mismatch", "warning", {"reason": reason}))
@@ -87,11 +85,6 @@ def run_daemon(options: Options) -> dict[str, Any]:
     summary["start_monotonic_s"] = getattr(world.timer, "start_ns", 0) / 1e9
     print_summary(summary)
     return summary
-
-
-def _end_early(number: int, frame: object) -> None:
-    """SIGTERM before the loop runs: a regular end, with everything closed that was opened."""
-    sys.exit(0)
 
 
 def _check(options: Options, config: Config) -> None:
