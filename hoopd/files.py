@@ -177,7 +177,9 @@ def _number(value: Any, kind: Any, path: object, key: str) -> Any:
     wants = set(_flat_types(kind))
     if ANY_NUMBER in get_args(kind) and isinstance(value, float):
         return value
-    if isinstance(value, int | float) and not isinstance(value, bool) and float in wants and int not in wants:
+    if isinstance(value, float):
+        return _finite(value, path, key)
+    if isinstance(value, int) and not isinstance(value, bool) and float in wants and int not in wants:
         return _finite(value, path, key)
     if not isinstance(value, str) or not wants & {float, int} or str in wants:
         return value
