@@ -42,7 +42,7 @@ def build_tick(config: Config, texts: Texts) -> Tick:
     model = parse_model(texts.model, config.device.model)
     file = parse_controller(texts.controller, config.control.file)
     _same_period(config, file.sample_time_s)
-    law = load_law(texts.law, config.control.law) if texts.law else controller_of(file)
+    law = load_law(texts.law, config.control.law) if config.control.law else controller_of(file)
     # The narrowest of the configuration's, the device's and the controller's limit holds.
     limiter = Limiter(
         min(config.limits.torque_nm, model.device.torque_limit_nm, file.limits.torque_nm),
@@ -75,6 +75,6 @@ def load_law(text: str, name: str) -> Controller:
         if all(callable(getattr(law, part, None)) for part in ("update", "reset")):
             law.reset()
             return cast(Controller, law)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(name, "", f"cannot be loaded: {type(error).__name__}: {error}") from None
     raise InputError(name, "Law", "needs a class Law with update(measurement) and reset()")

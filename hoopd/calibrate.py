@@ -9,7 +9,11 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Callable
+import os
+import sys
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,7 +22,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from hoopd.files import InputError
+from hoopd.files import InputError, os_reason
 from hoopd.recording.mcap import read_run
 from hoopd.vision.calibration import CalibrationError, Proposal, RunProposal, propose, propose_from_run
 from hoopd.vision.circles import Circle
@@ -27,6 +31,8 @@ from hoopd.vision.draw import draw_proposal, draw_run
 Image = NDArray[np.uint8]
 T = TypeVar("T")
 CONFIG_KEYS = ("weights", "threshold", "circle_px", "zero_angle_rad", "ball_radius_px", "band_px")
+LARGEST_FILE_BYTES = 2**26  # a raw picture of the largest size; a device file has no end
+LARGEST_POSITION_PX = 1e5
 LARGEST_SIDE_PX = 4096  # a larger picture is no camera's of this device and would take minutes
 
 
@@ -45,6 +51,8 @@ def run(
     refuse_overwriting((picture, positions), (json_path, figure_path, save_path))
     image = None if picture is None else read_picture(picture)
     points = None if positions is None else read_positions(positions)
+    if points is not None and np.nanmax(np.abs(points), initial=0.0, where=np.isfinite(points)) > LARGEST_POSITION_PX:
+        raise InputError(positions, "", f"positions beyond {LARGEST_POSITION_PX:g} px are no pixels")
     still = None if image is None else guarded(picture, lambda: propose(image))
     track = None if points is None else guarded(positions, lambda: propose_from_run(points))
     result = proposal_data(still) if still is not None else {}
@@ -130,12 +138,30 @@ def config_fragment(result: dict[str, Any]) -> str:
 def read_picture(path: Path) -> Image:
     """Picture as blue, green, red of uint8."""
     data = np.frombuffer(read_bytes(path), np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    try:
+        with silent_libraries():
+            image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    except cv2.error:  # one that claims more pixels than OpenCV may take (see cli.py)
+        image = None
     if image is None:
         raise InputError(path, "", "not a picture that OpenCV can read")
     if max(image.shape[:2]) > LARGEST_SIDE_PX:
         raise InputError(path, "", f"{image.shape[1]} x {image.shape[0]} px is too large: {LARGEST_SIDE_PX} at most")
     return np.asarray(image, np.uint8)
+
+
+@contextmanager
+def silent_libraries() -> Iterator[None]:
+    """What libpng and others write to standard error themselves is not for the user, who gets our one line."""
+    sys.stderr.flush()
+    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nothing)
 
 
 def read_positions(path: Path) -> NDArray[np.float64]:
@@ -164,8 +190,10 @@ def read_npy(path: Path) -> NDArray[np.float64]:
     read_bytes(path)
     try:
         array = np.load(path, allow_pickle=False)
+        if array.dtype.kind not in "iuf":
+            raise TypeError(array.dtype)
         points = np.asarray(array, np.float64)
-    except (ValueError, TypeError, EOFError, OSError):
+    except (ValueError, TypeError, EOFError, OSError, MemoryError, AttributeError, zipfile.BadZipFile):
         raise InputError(path, "", "not a numeric npy array") from None
     if points.ndim != 2 or points.shape[1] < 2:
         raise InputError(path, "", f"expected N x 2 positions, got shape {points.shape}")
@@ -175,10 +203,17 @@ def read_npy(path: Path) -> NDArray[np.float64]:
 def read_csv(path: Path) -> NDArray[np.float64]:
     """Columns x_px and y_px; an empty field is a missing position."""
     try:
-        text = read_bytes(path).decode()
+        text = read_bytes(path).decode("utf-8-sig")  # spreadsheets write a byte order mark
     except UnicodeDecodeError:
         raise InputError(path, "", "not a text file") from None
-    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    try:
+        return csv_points(csv.DictReader(text.splitlines(), skipinitialspace=True), path)
+    except csv.Error as error:
+        raise InputError(path, "", f"not a table: {error}") from None
+
+
+def csv_points(reader: csv.DictReader[str], path: Path) -> NDArray[np.float64]:
+    """The two columns of a table with a head."""
     for key in ("x_px", "y_px"):
         if key not in (reader.fieldnames or ()):
             raise InputError(path, key, "column is missing")
@@ -199,9 +234,13 @@ def number(text: str | None, path: Path, where: str) -> float:
 def read_bytes(path: Path) -> bytes:
     """Content of a file."""
     try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(path, "", (error.strerror or "cannot be read").lower()) from None
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE_BYTES + 1)
+    except (OSError, ValueError) as error:
+        raise InputError(path, "", os_reason(error)) from None
+    if len(data) > LARGEST_FILE_BYTES:
+        raise InputError(path, "", f"larger than {LARGEST_FILE_BYTES} bytes")
+    return data
 
 
 def write_text(path: Path, text: str) -> None:

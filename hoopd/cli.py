@@ -6,8 +6,11 @@ that the daemon starts fast. Unusable input is one line on standard error and ex
 
 from __future__ import annotations
 
+import errno
 import os
+import signal
 import sys
+import threading
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn
@@ -18,6 +21,11 @@ from hoopd.files import InputError
 
 # Matrices of four by four gain nothing from threads, and lose milliseconds to them; before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# OpenCV would unpack a picture of a gigapixel before anyone could refuse it; 4096 x 4096, before cv2 is imported.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(4096 * 4096))
+# What OpenCV and its video library find wrong with an input comes as our one line.
+os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 # What the parser of the command line raises: unknown options, values that do not fit.
 UsageError: Any = typer.BadParameter.__base__
@@ -187,8 +195,22 @@ def _write_json(path: Path | None, result: dict[str, Any]) -> None:
         raise InputError(path, "", (error.strerror or "cannot be written").lower()) from None
 
 
+def _own_streams() -> None:
+    """Something stands at descriptors 0 to 2: a serial port that got one of them would be sent the log."""
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, this one
+    sys.stdout = sys.stdout or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+    sys.stderr = sys.stderr or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+
+
 def main() -> None:
     """Entry point: one clear line and exit code 2 for unusable input."""
+    _own_streams()
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         code = app(standalone_mode=False)
     except UsageError as error:
@@ -196,6 +218,12 @@ def main() -> None:
     except InputError as error:
         _refuse(str(error))
     except typer.Abort:
+        sys.exit(128 + signal.SIGINT)
+    except OSError as error:
+        if error.filename is not None or error.errno not in (errno.ENOSPC, errno.EPIPE, errno.EIO):
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or the interpreter tries again at its end
+        sys.stderr.write(f"hoopd: standard output: {(error.strerror or '').lower()}\n")
         sys.exit(1)
     else:
         sys.exit(code or 0)

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 import re
 import types
 import typing
-from collections.abc import Iterator
-from math import isfinite
+from collections.abc import Hashable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin
 
@@ -38,8 +38,15 @@ UNITS: dict[str, dict[str, float]] = {
     "_m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
     "_kg": {"kg": 1.0, "g": 1e-3},
 }
-_QUANTITY = re.compile(r"^\s*([-+]?[0-9.]+(?:[eE][-+]?\d+)?)\s*([A-Za-z][A-Za-z /0-9]*)?\s*$")
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*([A-Za-z][A-Za-z /0-9]*)?\s*$")
 _AT = re.compile(r" - at `\$\.?([^`]*)`$")
+# Thousands of times what any of our files holds: what is larger (a picture, a device file) is not one of them.
+MAX_FILE_BYTES = 2**20
+# Aliases of aliases make a few lines grow without end.
+MAX_VALUES = 100_000
+# A line for a person: of a value that is longer its beginning tells enough.
+MAX_PART_CHARS = 300
 
 
 class InputError(ValueError):
@@ -47,25 +54,69 @@ class InputError(ValueError):
 
     def __init__(self, path: object, key: str, reason: str) -> None:
         self.path, self.key, self.reason = str(path), key, reason
-        super().__init__(": ".join(part for part in (self.path, key, reason) if part))
+        super().__init__(": ".join(_printable(part) for part in (self.path, key, reason) if part))
 
 
 def read_text(path: Path) -> str:
     """Text of a file; InputError when it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, "", _os_reason(error)) from None
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+        text = data.decode()
+    except (OSError, ValueError) as error:
+        raise InputError(path, "", os_reason(error)) from None
+    if len(data) > MAX_FILE_BYTES:
+        raise InputError(path, "", f"larger than {MAX_FILE_BYTES} bytes: no file of this program")
+    return text
 
 
-def parse_yaml(text: str, path: object) -> dict[str, Any]:
-    """Mapping at the top of a YAML text; InputError names the line of a syntax error."""
+class _Loader(yaml.SafeLoader):
+    """YAML in which no key stands twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        """A mapping; ConstructorError names the line of a repeated key."""
+        seen: set[tuple[str, str]] = set()
+        for key, _ in node.value:
+            name = (key.tag, str(key.value))
+            if name in seen and isinstance(key, yaml.ScalarNode):
+                raise yaml.constructor.ConstructorError(None, None, f"{key.value!r} stands twice", key.start_mark)
+            seen.add(name)
+        return super().construct_mapping(node, deep)
+
+
+def load_yaml(text: str, path: object) -> Any:
+    """Plain data of a YAML text; InputError names the line of a mistake."""
     try:
-        data = yaml.safe_load(text)
+        data = yaml.load(text, _Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}" if mark is not None else ""
         raise InputError(path, where, f"not YAML: {getattr(error, 'problem', None) or 'cannot be read'}") from None
+    except RecursionError:
+        raise InputError(path, "", "nested too deeply") from None
+    except Exception as error:  # what the library's own constructors raise: a 31st of February, !!int of a word
+        raise InputError(path, "", f"not YAML: {error}") from None
+    _refuse_endless(data, path)
+    return data
+
+
+def _refuse_endless(data: Any, path: object) -> None:
+    """InputError when aliases make the data too large, or hold themselves."""
+    count, waiting = 0, [data]
+    while waiting:
+        item = waiting.pop()
+        count += 1
+        if count + len(waiting) > MAX_VALUES:
+            raise InputError(path, "", f"more than {MAX_VALUES} values once its aliases are resolved")
+        if isinstance(item, dict):
+            waiting.extend(item.values())
+        elif isinstance(item, list | tuple | set):
+            waiting.extend(item)
+
+
+def parse_yaml(text: str, path: object) -> dict[str, Any]:
+    """Mapping at the top of a YAML text; InputError names the line of a syntax error."""
+    data = load_yaml(text, path)
     if data is None:
         return {}
     if not isinstance(data, dict):
@@ -80,9 +131,10 @@ def load_struct(path: Path, kind: type[T]) -> T:
 
 def to_struct(data: dict[str, Any], kind: type[T], path: object) -> T:
     """Typed record from plain data: units resolved, keys and values checked."""
-    checked = _resolve(data, kind, path, "")
     try:
-        return msgspec.convert(checked, kind, strict=True)
+        return msgspec.convert(_resolve(data, kind, path, ""), kind, strict=True)
+    except RecursionError:
+        raise InputError(path, "", "nested too deeply") from None
     except msgspec.ValidationError as error:
         text = str(error)
         match = _AT.search(text)
@@ -123,27 +175,37 @@ def _suggest(name: str, names: list[str]) -> str:
 def _number(value: Any, kind: Any, path: object, key: str) -> Any:
     """A quantity text in the unit of its key; integers become floats where a float is wanted."""
     wants = set(_flat_types(kind))
-    # NaN would switch off every check that compares with it.
-    if isinstance(value, float) and not isfinite(value) and ANY_NUMBER not in get_args(kind):
-        raise InputError(path, key, f"must be a finite number, not {value}")
+    if ANY_NUMBER in get_args(kind) and isinstance(value, float):
+        return value
+    if isinstance(value, float):
+        return _finite(value, path, key)
     if isinstance(value, int) and not isinstance(value, bool) and float in wants and int not in wants:
-        return float(value)
+        return _finite(value, path, key)
     if not isinstance(value, str) or not wants & {float, int} or str in wants:
         return value
     units = units_of(key)
     match = _QUANTITY.match(value)
     if match is None:
         raise InputError(path, key, f"expected a number, got {value!r}")
-    number, unit = float(match.group(1)), (match.group(2) or "").strip()
-    if not isfinite(number):
-        raise InputError(path, key, f"must be a finite number, not {value!r}")
+    number, unit = _finite(match.group(1), path, key), (match.group(2) or "").strip()
     if not unit:  # YAML 1.1 takes 1e-8, without a point, for text
         return number
     if unit not in units:
         allowed = ", ".join(units) or "no unit"
         raise InputError(path, key, f"wrong unit {unit!r}: this value takes {allowed}")
-    scaled = number * units[unit]
+    scaled = _finite(number * units[unit], path, key)
     return round(scaled) if float not in wants else scaled
+
+
+def _finite(value: float | str, path: object, key: str) -> float:
+    """The number; InputError for NaN and infinities: every comparison with one of them may switch a check off."""
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise InputError(path, key, f"must be a finite number, not {value}")
+    return number
 
 
 def units_of(key: str) -> dict[str, float]:
@@ -188,7 +250,14 @@ def _join(key: str, name: str) -> str:
     return f"{key}.{name}" if key else name
 
 
-def _os_reason(error: Exception) -> str:
+def os_reason(error: Exception, otherwise: str = "cannot be read") -> str:
+    """Why a file cannot be used, in lower case."""
     if isinstance(error, UnicodeDecodeError):
         return "not a text file"
-    return (getattr(error, "strerror", None) or "cannot be read").lower()
+    return (getattr(error, "strerror", None) or otherwise).lower()
+
+
+def _printable(text: str) -> str:
+    """Text that stays on one line and is no longer than a person reads."""
+    shown = text if len(text) <= MAX_PART_CHARS else f"{text[:MAX_PART_CHARS]}..."
+    return "".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in shown)

@@ -14,6 +14,7 @@ from typing import Any
 
 from hoopd.build import Texts, build_tick
 from hoopd.core.records import TickRecord
+from hoopd.core.tick import Tick
 from hoopd.files import InputError, parse_yaml, to_struct
 from hoopd.recording.mcap import Run, read_run
 from hoopd.shell.config import Config
@@ -34,7 +35,7 @@ def replay(path: Path, *, run_law: bool = True) -> dict[str, Any]:
         raise InputError(path, "law", "holds a law of a user's own, which is code: read it, then add --run-law")
     header = run.header
     config = to_struct(parse_yaml(header.config, path), Config, path)
-    tick = build_tick(config, Texts(header.config, header.model, header.controller, header.law))
+    tick = _built(path, config, Texts(header.config, header.model, header.controller, header.law))
     different, first = 0, ""
     for inputs, recorded in zip(run.inputs, run.ticks, strict=False):
         fields = list(differences(tick.step(inputs).record, recorded))
@@ -50,6 +51,14 @@ def replay(path: Path, *, run_law: bool = True) -> dict[str, Any]:
         "first_difference": first,
         "lost": run.lost or (f"the recorder reported {', '.join(sorted(set(gaps)))}" if gaps else ""),
     }
+
+
+def _built(path: Path, config: Config, texts: Texts) -> Tick:
+    """The tick of a recording; what its header lacks is the recording's fault."""
+    try:
+        return build_tick(config, texts)
+    except InputError as error:
+        raise InputError(path, f"header: {error.path}", f"{error.key}: {error.reason}".lstrip(": ")) from None
 
 
 def differences(new: TickRecord, old: TickRecord) -> Iterator[str]:
@@ -71,5 +80,7 @@ def _bits(value: Any) -> Any:
 def _check(path: Path, run: Run) -> None:
     if not run.inputs:
         raise InputError(path, "input", "holds no inputs, nothing to replay")
+    if not (run.header.model and run.header.controller):
+        raise InputError(path, "header", "model and controller are not in it: damaged, nothing to replay")
     if run.header.part:
         raise InputError(path, "part", f"is part {run.header.part} of a run: the state at its beginning is not in it")

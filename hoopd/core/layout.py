@@ -106,7 +106,8 @@ class FrameLayout:
             raise ValueError(f"{self.kind}.crc: must be crc8, crc16 or none, not {self.crc!r}")
         if self.byte_order not in ("<", ">"):
             raise ValueError(f"{self.kind}.byte_order: must be < or >, not {self.byte_order!r}")
-        if self.sync is not None and not 0 <= self.sync <= 0xFF:
+        whole = isinstance(self.sync, int) and not isinstance(self.sync, bool)
+        if self.sync is not None and not (whole and 0 <= self.sync <= 0xFF):
             raise ValueError(f"{self.kind}.sync: must be a byte or none, not {self.sync!r}")
         self._check_fields()
 

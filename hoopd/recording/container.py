@@ -24,7 +24,9 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 CHUNK_BYTES = 64 * 1024  # a chunk is closed at this size even without a flush: bounds what is held in memory
-_DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError, MemoryError)
+# A chunk of ours is CHUNK_BYTES and one row more; what claims more than this would fill the memory before it fails.
+MAX_CHUNK_BYTES = 64 * 2**20
+_DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError, MemoryError, RuntimeError)
 
 
 class Sink(Protocol):
@@ -269,4 +271,14 @@ def _unpack(opcode: int, body: bytes) -> list[Any]:
     if opcode not in _READ:
         return []
     record = _READ[opcode](source)
-    return breakup_chunk(record, validate_crc=True) if isinstance(record, records.Chunk) else [record]
+    return breakup_chunk(_sound(record), validate_crc=True) if isinstance(record, records.Chunk) else [record]
+
+
+def _sound(chunk: records.Chunk) -> records.Chunk:
+    """The chunk, unless it is larger unpacked than any of ours, or than it says itself; ValueError then."""
+    claimed = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        claimed = max(claimed, zstandard.frame_content_size(chunk.data))
+    if claimed > MAX_CHUNK_BYTES or chunk.compression not in ("", "zstd"):
+        raise ValueError(f"a chunk of {claimed} bytes, packed as {chunk.compression!r}")
+    return chunk

@@ -15,6 +15,7 @@ from typing import Any, BinaryIO, NamedTuple
 import msgspec
 import numpy as np
 from mcap import records
+from mcap.writer import MCAP0_MAGIC
 
 from hoopd.core.records import Inputs, TickRecord
 from hoopd.files import InputError
@@ -25,6 +26,7 @@ from hoopd.recording.schemas import CHANNELS, Event, schema_bytes
 
 PROFILE = "hoopd"  # in the file's own header: how a run of ours is told from other MCAP files
 HEADER = "hoopd.header/1"
+MAX_FILE_BYTES = 2**31  # two days in one file; the quota of all of them is as large
 FLUSH_S = 0.25  # a killed daemon loses at most what came since the last flush
 _SECRET = re.compile(r"""(\bpassword["']?\s*:\s*)("[^"]*"|'[^']*'|[^\s,}#]+)""")
 
@@ -207,7 +209,13 @@ def _foreign(scan: Scan) -> str:
 
 def _bytes(path: Path) -> bytes:
     try:
-        data = Path(path).read_bytes()
+        if not Path(path).is_file():  # a device has no end
+            raise InputError(path, "", "no such file" if not Path(path).exists() else "not a file")
+        if Path(path).stat().st_size > MAX_FILE_BYTES:
+            raise InputError(path, "", f"larger than {MAX_FILE_BYTES} bytes: no recording of hoopd")
+        with Path(path).open("rb") as file:
+            head = file.read(len(MCAP0_MAGIC))  # looked at before the rest is in memory
+            data = head + file.read() if head == MCAP0_MAGIC else head
     except OSError as error:
         raise InputError(path, "", (error.strerror or "cannot be read").lower()) from None
     if not data:

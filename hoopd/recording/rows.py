@@ -71,7 +71,11 @@ def _out(value: Any) -> Any:
 def _back(value: Any) -> Any:
     if value is None:
         return _NAN
-    return _INFINITE[value] if type(value) is str else value
+    if type(value) is not str:
+        return value
+    if value not in _INFINITE:
+        raise msgspec.ValidationError(f"expected a number, got {value[:40]!r}")
+    return _INFINITE[value]
 
 
 def encode_tick(record: TickRecord) -> bytes:
@@ -103,7 +107,15 @@ def encode_input(inputs: Inputs) -> bytes:
 
 
 def _decoder(record: type) -> Callable[[bytes], Any]:
-    return msgspec.json.Decoder(row_type(record)).decode
+    decode = msgspec.json.Decoder(row_type(record)).decode
+
+    def guarded(data: bytes) -> Any:
+        try:
+            return decode(data)
+        except RecursionError:
+            raise msgspec.ValidationError("the row is nested too deeply") from None
+
+    return guarded
 
 
 _decode_tick, _decode_input, _decode_event = _decoder(TickRecord), _decoder(Inputs), _decoder(Event)

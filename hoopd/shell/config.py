@@ -9,6 +9,7 @@ among the shipped ones.
 from __future__ import annotations
 
 import re
+from math import cos, sin
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,10 +20,11 @@ from msgspec import Meta
 
 from hoopd.core.health import Thresholds
 from hoopd.core.tick import TickSettings
-from hoopd.files import ANY_NUMBER, InputError, parse_yaml, read_text, to_struct
+from hoopd.files import ANY_NUMBER, InputError, load_yaml, parse_yaml, read_text, to_struct
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
+Moderate = Annotated[float, Meta(ge=-1000, le=1000)]  # of numbers near one: keeps products finite
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Bytes = Annotated[int, Meta(ge=0)]
 # No picture is wider than 4096; even, because a camera's colour planes have half the size.
@@ -47,7 +49,7 @@ class Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=Tr
 class Device(Strict, frozen=True):
     """Which plant this is."""
 
-    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "hoop"
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\Z")] = "hoop"
     model: str = "models/hoop.yaml"
 
 
@@ -58,6 +60,9 @@ class Serial(Strict, frozen=True):
     baud: Annotated[int, Meta(ge=1200, le=4_000_000)] = 115200
     reopen_s: Annotated[float, Meta(gt=0, le=60)] = 0.5
     layout: str = "default"  # or a YAML file that tables another firmware's frames
+
+
+Gain = Annotated[float, Meta(gt=0, le=100)]
 
 
 class Camera(Strict, frozen=True):
@@ -72,10 +77,10 @@ class Camera(Strict, frozen=True):
     fps: Annotated[float, Meta(ge=1, le=240)] = 50.0
     stride_px: Annotated[int, Meta(ge=0, le=8192)] = 0  # 0: found from the first picture (rpicam)
     exposure_s: Annotated[float, Meta(gt=0, le=0.1)] = 0.005
-    gain: Positive = 2.0
-    awb_gains: tuple[float, float] = (1.6, 1.8)
+    gain: Annotated[float, Meta(gt=0, le=1000)] = 2.0
+    awb_gains: tuple[Gain, Gain] = (1.6, 1.8)
     delay_s: Annotated[float, Meta(ge=0, le=0.2)] = 0.04  # usual age on arrival, for pictures that carry no time
-    stall_s: Annotated[float, Meta(gt=0, le=5)] = 0.3
+    stall_s: Annotated[float, Meta(ge=0.01, le=5)] = 0.3
 
 
 class Circle(Strict, frozen=True):
@@ -88,7 +93,7 @@ class Circle(Strict, frozen=True):
 class Vision(Strict, frozen=True):
     """From picture to ball angle; `hoopd calibrate` proposes this section."""
 
-    weights: tuple[float, float, float] = (1.0, -0.5, -0.5)  # of R, G, B
+    weights: tuple[Moderate, Moderate, Moderate] = (1.0, -0.5, -0.5)  # of R, G, B
     threshold: Annotated[float, Meta(gt=0, lt=255)] = 70.0
     circle_px: Circle = Circle()  # on which the ball's centre moves
     homography: list[list[float]] | None = None  # picture to hoop plane; replaces the circle
@@ -171,12 +176,12 @@ class Sim(Strict, frozen=True):
     directory: str = ""  # existing folder for the board's log of its torque; in lock-step for the true state too
     delay_frames: Annotated[float, Meta(ge=0, le=10)] = 2.0
     camera_phase: Fraction = 0.35  # of a period, between the tick and the exposure's middle
-    psi_noise_rad: NotNegative = 0.002  # of --camera direct
+    psi_noise_rad: Annotated[float, Meta(ge=0, le=1000)] = 0.002  # of --camera direct
     angle_offset_rad: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.0  # zero-angle error of the camera
-    dtheta_noise_rad_s: NotNegative = 0.05
-    current_noise_a: NotNegative = 0.02
-    torque_constant_nm_per_a: Positive = 0.37
-    disturbance_rad: float = 0.0  # added to psi of one picture
+    dtheta_noise_rad_s: Annotated[float, Meta(ge=0, le=1000)] = 0.05
+    current_noise_a: Annotated[float, Meta(ge=0, le=1000)] = 0.02
+    torque_constant_nm_per_a: Annotated[float, Meta(ge=1e-3, le=1000)] = 0.37
+    disturbance_rad: Moderate = 0.0  # added to psi of one picture
     disturbance_at_s: NotNegative = 0.0
     faults: list[SimFault] = []
     commands: list[SimCommand] = []
@@ -216,9 +221,30 @@ def load(path: Path | None, *, sim: bool, overrides: list[str]) -> Config:
     layers += [_override(text) for text in overrides]
     merged: dict[str, Any] = {}
     for source, layer in layers:
-        to_struct(layer, Config, source)  # a mistake is reported with the file that holds it
         merged = _merge(merged, layer)
-    return to_struct(merged, Config, path or defaults_folder() / "hoop.yaml")
+        config = to_struct(merged, Config, source)  # a mistake is reported with the layer that brought it
+    _check_picture(config.camera, config.vision)
+    return config
+
+
+def _check_picture(camera: Camera, vision: Vision) -> None:
+    """InputError for what no single key tells: a picture and a circle that do not fit each other."""
+    width, height, stride = camera.width_px, camera.height_px, camera.stride_px
+    if camera.exposure_s > 1.0 / camera.fps:
+        reason = f"{camera.exposure_s:g} s is longer than a picture's period, {1.0 / camera.fps:g} s"
+        raise InputError("configuration", "camera.exposure_s", reason)
+    if not any(vision.weights):
+        raise InputError("configuration", "vision.weights", "all zero: nothing could be seen")
+    if camera.backend in ("video", "v4l2"):  # the device tells the size
+        return
+    if width % 2 or height % 2 or stride % 2 or 0 < stride < width:
+        reason = f"{width} x {height} with stride {stride or width}: must be even, the stride not below the width"
+        raise InputError("configuration", "camera.width_px", reason)
+    (cx, cy), radius, zero = vision.circle_px.centre, vision.circle_px.radius, vision.zero_angle_rad
+    x, y = cx - radius * sin(zero), cy + radius * cos(zero)
+    if not (0 <= x < width and 0 <= y < height):
+        reason = f"the ball at rest, at {x:.0f}, {y:.0f}, would be outside of the {width} x {height} picture"
+        raise InputError("configuration", "vision.circle_px", reason)
 
 
 def find(name: str, config_path: Path | None) -> Path:
@@ -253,11 +279,7 @@ def _override(text: str) -> tuple[object, dict[str, Any]]:
     source = f"--set {text}"
     if not equals or not key:
         raise InputError(source, "", "expected a.b=value")
-    try:
-        parsed = yaml.safe_load(value)
-    except yaml.YAMLError:
-        raise InputError(source, key, "the value is not YAML") from None
-    nested: Any = parsed
+    nested = load_yaml(value, source)
     for part in reversed(key.split(".")):
         nested = {part: nested}
     return source, nested

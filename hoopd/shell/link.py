@@ -22,8 +22,11 @@ from hoopd.shell.helpers import start_helper
 BITS_PER_BYTE = 10  # start, eight data, stop
 # The board drops a partial frame after this silence; the host does the same, so that both start afresh together.
 SILENCE_S = 0.002
-# Far more than the line brings in one tick (230 bytes), so that a backlog is drained at once.
-READ_BYTES = 4096
+# More than the line brings in one tick (230 bytes), little enough that decoding the worst of it, sync bytes only (2 us
+# each), leaves the tick its time.
+READ_BYTES = 512
+# A port that brings more than this between two ticks (a USB adapter knows no baud rate) is flushed, not decoded.
+FLOOD_BYTES = 1024
 
 
 def wire_time(count: int, baud: int) -> float:
@@ -73,6 +76,8 @@ class SerialDrive:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing = threading.Event()
         self._empty = False  # the last read of a port that was said to be ready
+        self._brought = 0  # bytes since the last tick
+        self._deaf = False  # until the next tick
         self.reason = "not opened yet"
 
     def open(self) -> None:
@@ -87,6 +92,9 @@ class SerialDrive:
 
     def take(self) -> tuple[DriverSample | None, LinkCounts]:
         """Newest answer and what else came since the last tick."""
+        self._brought = 0
+        if self._deaf:
+            self._listen_again()
         return self._codec.take(self._clock(), lost=self._fd < 0)
 
     def write(self, command: TorqueCommand) -> None:
@@ -124,13 +132,31 @@ class SerialDrive:
             return
         if data:
             self._codec.feed(self._clock(), data)
+            self._brought += len(data)
         elif ready and self._empty:
             self._lose(OSError("end of file"))
+            return
         self._empty = ready and not data
+        if self._brought > max(FLOOD_BYTES, self._baud // 100) and not self._deaf and self._loop is not None:
+            self._deaf = True
+            self._loop.remove_reader(self._fd)
+
+    def _listen_again(self) -> None:
+        """After a flood: what waits is as worthless as what came."""
+        self._deaf = False
+        if self._fd < 0 or self._loop is None:
+            return
+        try:
+            termios.tcflush(self._fd, termios.TCIFLUSH)
+        except termios.error as error:
+            self._lose(OSError(*error.args))
+            return
+        self._loop.add_reader(self._fd, self._readable)
 
     def _adopt(self, port: object) -> None:
         assert self._loop is not None
         self._codec.reset()
+        self._deaf = False
         self._port, self._fd = port, port.fileno()  # type: ignore[attr-defined]
         os.set_blocking(self._fd, False)
         self._loop.add_reader(self._fd, self._readable)

@@ -7,6 +7,7 @@ the program quotes its values by guess and ends a record only with the next one.
 from __future__ import annotations
 
 import re
+from math import isfinite
 from typing import NamedTuple
 
 # Stamps of pictures that nobody asked for: more is a program that counts otherwise.
@@ -33,7 +34,7 @@ class MetadataStream:
 
     def __init__(self) -> None:
         self._text = ""
-        self._values: dict[str, float] = {}
+        self._values: dict[str, float | None] = {}
         self._handed = False
         self._count = 0
         self._stamps: dict[int, Stamp] = {}
@@ -47,7 +48,7 @@ class MetadataStream:
             if match[1] is None:
                 self._finish()
             else:
-                self._add(match[1], float(match[2]))
+                self._add(match[1], _number(match[2]))
         self._text = self._text[max(end, len(self._text) - self._TAIL_CHARS) :]
 
     def has(self, number: int) -> bool:
@@ -62,7 +63,7 @@ class MetadataStream:
                 del self._stamps[old]
         return found
 
-    def _add(self, key: str, value: float) -> None:
+    def _add(self, key: str, value: float | None) -> None:
         if key in self._values:
             self._finish()
         self._values[key] = value
@@ -85,3 +86,12 @@ class MetadataStream:
             self._hand()
         self._values = {}
         self._handed = False
+
+
+def _number(text: str) -> float | None:
+    """The finite number, or None for what only looks like one (1.2.3, 1e999)."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if isfinite(value) else None

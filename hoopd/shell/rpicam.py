@@ -35,6 +35,8 @@ STRIDE_STEP = 64  # px
 SETTLE_S = 0.003  # in which the rest of a picture follows
 SETTLE_TRIES = 12  # looks at the pipe: more than a period of 20 ms, so one of them falls between two pictures
 STDERR_LINES = 5
+STDERR_LINE_BYTES = 4096
+STDERR_PAUSE_S = 0.002  # between lines: a program that complains without end must not hold the interpreter
 BUFFERS = 4
 
 
@@ -231,10 +233,11 @@ class RpicamVid:
         if child is None or child.stderr is None:
             return
         with child.stderr as stream:
-            for line in stream:
+            while line := stream.readline(STDERR_LINE_BYTES):  # a line without end must not fill the memory
                 text = line.decode(errors="replace").strip()
                 if text:
                     self._stderr.append(text[:200])
+                time.sleep(STDERR_PAUSE_S)
 
     def _obituary(self) -> str:
         child = self._child

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
+# Signals that came while unwinding: an exception raised in a destructor or in a weak reference's callback goes nowhere.
+_asked: list[int] = []
 
 
 @contextmanager
@@ -21,11 +23,13 @@ def unwinding() -> Iterator[None]:
     """Asked to end before the loop listens: whatever is open already is closed in order."""
 
     def end(number: int, frame: object) -> None:
+        _asked.append(number)
         raise SystemExit(0)
 
     if threading.current_thread() is not threading.main_thread():  # signals are not ours
         yield
         return
+    _asked.clear()
     before = {name: signal.signal(name, end) for name in SIGNALS}
     try:
         yield
@@ -47,3 +51,5 @@ def handle(stop: Callable[[], None]) -> None:
     for name in SIGNALS:
         with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
             running.add_signal_handler(name, stop)
+    if _asked:  # and yet we are here
+        stop()
