@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import ModuleType
 
@@ -73,15 +75,17 @@ def test_witness_sees_that_it_was_stopped(tmp_path: Path) -> None:
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == b"watching\n"
-        for sign in ("STOP", "CONT"):  # the watchers, which are its children
-            subprocess.run(["pkill", f"-{sign}", "-P", str(child.pid)], check=True)
-            subprocess.run(["sleep", "0.2"], check=True)
+        watchers = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
+        for sign in (signal.SIGSTOP, signal.SIGCONT):
+            for pid in watchers:
+                os.kill(int(pid), sign)
+            time.sleep(0.2)
         assert child.stdin is not None
         child.stdin.close()
         child.wait(20)
-    watchers = json.loads(out.read_text())["watchers"]
-    assert len(watchers) == len(os.sched_getaffinity(0)) + 1
-    assert all(any(end - begin > 0.15 for begin, end in watcher["gaps"]) for watcher in watchers)
+    rows = json.loads(out.read_text())["watchers"]
+    assert len(rows) == len(watchers) == len(os.sched_getaffinity(0)) + 1
+    assert all(any(end - begin > 0.15 for begin, end in row["gaps"]) for row in rows)
 
 
 def _tick(number: int, t: float) -> TickRecord:
