@@ -171,11 +171,11 @@ async def _run(
         reporter.start(lambda: status_line(loop))
         signals.handle(loop.request_stop)
         _quiet(virtual)
-        started = time.perf_counter()
+        started, started_cpu = time.perf_counter(), time.process_time()
         await loop.run()
-        wall_s = time.perf_counter() - started
+        wall_s, cpu_s = time.perf_counter() - started, time.process_time() - started_cpu
         notifier.stopping()
-    return summarise(loop, watch, recorder, telemetry, wall_s)
+    return {**summarise(loop, watch, recorder, telemetry, wall_s), "cpu_s": cpu_s}
 
 
 def _script(config: Config) -> Callable[[float], tuple[Command, ...]]:

@@ -123,7 +123,7 @@ class DelayedEkf:
         if camera is not None and not late:
             judged = self._fuse_camera(camera)
         x = self._at(t)
-        if not isfinite(float(x.sum())):
+        if not all(map(isfinite, x.tolist())):
             self.reset()  # the caller sees that it is lost, and the next samples begin anew
             return Estimate(np.full(4, nan), False, nan, nan, False, nan)
         accepted, innovation_psi, nis = judged

@@ -100,16 +100,24 @@ def _encode(frame: FrameLayout, values: Mapping[str, float]) -> bytes:
 _F32_MAX: Final = 3.4028234e38
 
 
+def _integer_range(code: str) -> tuple[int, int]:
+    """Smallest and largest number of a struct format."""
+    bits = 8 * struct.calcsize("=" + code)
+    low = 0 if code.isupper() else -(1 << (bits - 1))
+    return low, low + (1 << bits) - 1
+
+
+_INTEGER_RANGES: Final = {code: _integer_range(code) for code in "bBhHiI"}
+
+
 def _to_raw(entry: Field, value: float) -> float:
     """The number to pack: floats beyond f32 become infinite, counters wrap, scaled integers saturate."""
     if entry.code in "fd":
         raw = value / entry.scale
         return math.copysign(math.inf, raw) if entry.code == "f" and abs(raw) > _F32_MAX else raw
-    bits = 8 * struct.calcsize("=" + entry.code)
-    low = 0 if entry.code.isupper() else -(1 << (bits - 1))
+    low, high = _INTEGER_RANGES[entry.code]
     if entry.name in WORDS:
-        return low + ((int(value) - low) & ((1 << bits) - 1))
-    high = low + (1 << bits) - 1
+        return low + ((int(value) - low) & (high - low))
     # A non-finite number has no integer: zero is the harmless one for a torque.
     return min(max(round(value / entry.scale), low), high) if math.isfinite(value) else 0
 

@@ -129,12 +129,11 @@ class _Count:
     def update(self, weight: int) -> None:
         if weight:
             self.bad, self.good = self.bad + weight, 0
+            self.active = self.active or self.bad >= self.fault.on
         else:
             self.bad, self.good = 0, self.good + 1
-        if self.bad >= self.fault.on:
-            self.active = True
-        elif self.active and not self.fault.latched and self.well:
-            self.active = False
+            if self.active and not self.fault.latched and self.well:
+                self.active = False
 
     @property
     def well(self) -> bool:
@@ -147,6 +146,7 @@ class Health:
     def __init__(self, thresholds: Thresholds, period_s: float) -> None:
         self.thresholds, self.period_s = thresholds, period_s
         self._counts = {fault.name: _Count(fault) for fault in FAULTS}
+        self._active: tuple[Fault, ...] = ()
         self._driver: DriverSample | None = None
         self._camera_t = float("-inf")
         self._ball = False
@@ -159,6 +159,7 @@ class Health:
         """Advance every count by this tick."""
         for name, weight in self._conditions(inputs, estimate, sent).items():
             self._counts[name].update(weight)
+        self._look()
         if inputs.driver is not None:
             self._driver = inputs.driver
         self._id = inputs.id
@@ -166,10 +167,11 @@ class Health:
     def raise_now(self, name: str) -> None:
         """Make a fault active that was found after this tick's update (a command that is not finite)."""
         self._counts[name].update(BY_NAME[name].on)
+        self._look()
 
     def active(self) -> tuple[Fault, ...]:
         """Active faults in table order."""
-        return tuple(count.fault for count in self._counts.values() if count.active)
+        return self._active
 
     def action(self) -> Action:
         """The strongest action of all active faults."""
@@ -185,6 +187,7 @@ class Health:
         for count in self._counts.values():
             if count.active and count.well:
                 count.active = False
+        self._look()
         self._refusals.clear()
         self._seen_enabled = False
 
@@ -213,10 +216,14 @@ class Health:
         """Newest reported hoop speed in rad/s, 0 before the first answer."""
         return 0.0 if self._driver is None else self._driver.dtheta
 
+    def _look(self) -> None:
+        """Keep what is active, which is asked for several times a tick."""
+        self._active = tuple([count.fault for count in self._counts.values() if count.active])
+
     def _conditions(self, inputs: Inputs, estimate: Estimate, sent: Sent) -> dict[str, int]:
         missed = 0 if self._id is None else inputs.id - self._id - 1
         late = missed + (inputs.lateness_s + inputs.execution_s > self.period_s)
-        finite = all(isfinite(value) for value in estimate.x)
+        finite = all(map(isfinite, estimate.x.tolist()))
         return {
             "frame_bad": _count_bad(inputs),
             **self._link(inputs),

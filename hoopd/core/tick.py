@@ -308,7 +308,7 @@ class Tick:
 
     def _record(self, inputs: Inputs, estimate: Estimate, command: TorqueCommand) -> TickRecord:
         driver, camera = inputs.driver, inputs.camera
-        x = estimate.x
+        x0, x1, x2, x3 = estimate.x.tolist()
         return TickRecord(
             t=inputs.t,
             id=inputs.id,
@@ -317,10 +317,10 @@ class Tick:
             theta=nan if driver is None else driver.theta,
             dtheta=nan if driver is None else driver.dtheta,
             current=nan if driver is None else driver.current,
-            psi=nan if camera is None else _near(camera.psi, float(x[2])),
+            psi=nan if camera is None else _near(camera.psi, x2),
             y_t=nan if driver is None else driver.t,
             psi_t=nan if camera is None else camera.t,
-            x_hat=(float(x[0]), float(x[1]), float(x[2]), float(x[3])),
+            x_hat=(x0, x1, x2, x3),
             reference=self.reference,
             status=0 if driver is None else driver.status,
             errors=0 if driver is None else driver.errors,

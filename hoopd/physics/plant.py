@@ -232,8 +232,10 @@ class _Call:
             self._buffer.set_arg(index, memoryview(array))  # type: ignore[call-arg, arg-type, unused-ignore]
         for index, result in enumerate(self._results):
             self._buffer.set_res(index, memoryview(result))  # type: ignore[call-arg, arg-type, unused-ignore]
-        self.x, *rest = self._arguments
-        self._scalars = rest
+        self.x = self._arguments[0]
+        self._scalars: list[Any] = [
+            memoryview(array) for array in self._arguments[1:]
+        ]  # numpy takes longer for one number
         self._first: Vector = self._results[0][0]
 
     def vector(self, x: ArrayLike, *scalars: float) -> Vector:

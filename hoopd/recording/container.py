@@ -1,6 +1,7 @@
 """An MCAP file written in small chunks for hours, and read back however it ended.
 
-Rules of this file: MCAP's records and their bytes are the `mcap` package's; here is only their order. Its own writer
+Rules of this file: MCAP's records and their bytes are the `mcap` package's (but for the head of a message); here is
+only their order. Its own writer
 keeps a Python object per chunk until the end (measured: 650 bytes, 9 MB an hour at four chunks a second, and all of it
 walked by the garbage collector), so the index is kept here as the bytes that the summary will hold (0.1 kB a chunk).
 Nothing is written between two flushes, a partial write is continued, and the same content gives the same bytes.
@@ -23,6 +24,10 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
+# A message's record before its data: opcode and length, channel, sequence, log and publish time. The package packs them
+# one by one, which costs 3 us a message under the interpreter's lock, a hundred times a second.
+_MESSAGE = struct.Struct("<BQHIQQ")
+_RECORD_HEAD_BYTES = 9  # opcode and length, which the length leaves out
 CHUNK_BYTES = 64 * 1024  # a chunk is closed at this size even without a flush: bounds what is held in memory
 # A chunk of ours is CHUNK_BYTES and one row more; what claims more than this would fill the memory before it fails.
 MAX_CHUNK_BYTES = 64 * 2**20
@@ -92,14 +97,15 @@ class ChunkedFile:
 
     def add_message(self, channel: int, time_ns: int, sequence: int, data: bytes) -> None:
         """One message into the open chunk; a full chunk is closed and written."""
-        entry = self._messages.setdefault(channel, records.MessageIndex(channel, []))
+        entry = self._messages.get(channel)
+        if entry is None:
+            entry = self._messages[channel] = records.MessageIndex(channel, [])
         entry.records.append((time_ns, self._chunk.count))
-        message = records.Message(
-            channel_id=channel, log_time=time_ns, publish_time=time_ns, sequence=sequence & 0xFFFFFFFF, data=data
-        )
         start, end = self._span if len(self._messages) > 1 or len(entry.records) > 1 else (time_ns, time_ns)
         self._span = min(start, time_ns), max(end, time_ns)
-        message.write(self._chunk)
+        size = len(data) + _MESSAGE.size - _RECORD_HEAD_BYTES
+        head = _MESSAGE.pack(Opcode.MESSAGE, size, channel, sequence & 0xFFFFFFFF, time_ns, time_ns)
+        self._chunk.write(head + data)
         if self._chunk.count >= CHUNK_BYTES:
             self.flush()
 

@@ -20,6 +20,7 @@ from hoopd.recording.schemas import RECORDS, Event
 
 _NAN = float("nan")
 _INFINITE = {"inf": float("inf"), "-inf": float("-inf")}
+_INFINITIES = frozenset(_INFINITE.values())
 
 
 def _plain(value: Any) -> Any:
@@ -65,7 +66,7 @@ _LinkRow, _CommandRow = row_type(LinkCounts), row_type(Command)
 
 def _out(value: Any) -> Any:
     """A number as JSON can hold it: infinities by name (NaN becomes null by itself)."""
-    return str(float(value)) if value in (_INFINITE["inf"], _INFINITE["-inf"]) else value
+    return str(float(value)) if value in _INFINITIES else value
 
 
 def _back(value: Any) -> Any:

@@ -12,6 +12,7 @@ from typing import Any
 SMALLEST_S = 1e-6
 RATIO = 1.02
 BINS = 950  # 1 us to 148 s
+_LOG_RATIO = log(RATIO)
 
 
 class Histogram:
@@ -23,7 +24,7 @@ class Histogram:
 
     def add(self, value_s: float) -> None:
         """Count one duration."""
-        place = int(log(max(value_s, SMALLEST_S) / SMALLEST_S) / log(RATIO))
+        place = int(log(value_s / SMALLEST_S) / _LOG_RATIO) if value_s > SMALLEST_S else 0
         self.counts[min(place, BINS - 1)] += 1
         self.total += 1
         self.sum_s += value_s

@@ -117,6 +117,8 @@ class FaultScript:
         """The first fault of this kind that is active at run time `t`."""
         if kind not in KINDS:
             raise ValueError(f"unknown fault kind {kind!r}, known: {', '.join(KINDS)}")
+        if not self.faults:
+            return None
         return next((f for f in self.faults if f.kind == kind and f.active(t)), None)
 
 

@@ -1,0 +1,103 @@
+"""The benches run and print what they promise; their timing is judged on a quiet machine, not here."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from hoopd.core.records import TickRecord
+
+ROOT = Path(__file__).resolve().parents[2]
+BENCH = ROOT / "tools" / "bench"
+BOUNDS_FAILED = 1  # a busy machine may miss a bound: that is no fault of the bench
+
+
+def run_bench(name: str, *arguments: str) -> str:
+    """What a bench prints; anything but success or a missed bound fails."""
+    command = [sys.executable, str(BENCH / name), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False, cwd=ROOT)
+    assert done.returncode in (0, BOUNDS_FAILED), done.stderr
+    assert "Traceback" not in done.stderr, done.stderr
+    return done.stdout
+
+
+@pytest.fixture
+def realtime(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The module of the real-time bench, for its laws."""
+    monkeypatch.syspath_prepend(str(BENCH))
+    import realtime
+
+    return realtime
+
+
+@pytest.mark.realtime
+def test_realtime_prints_every_figure(tmp_path: Path) -> None:
+    path = tmp_path / "figures.json"
+    out = run_bench("realtime.py", "--seconds", "3", "--direct", "--busy", "1", "--json", str(path))
+    for row in (
+        "mean period ms",
+        "missed ticks",
+        "gaps unexplained",
+        "lateness ms",
+        "execution ms",
+        "request interval",
+    ):
+        assert row in out
+    (figures,) = json.loads(path.read_text()).values()
+    assert figures["ticks"] > 50
+    assert 19.0 < figures["mean_period_ms"] < 21.0
+
+
+@pytest.mark.realtime
+def test_memory_prints_its_slope() -> None:
+    out = run_bench("memory.py", "--minutes", "0.05", "--warm-up", "0", "--every", "0.3", "--direct")
+    assert "Theil-Sen slope" in out
+    assert "MiB at first" in out
+
+
+def test_speed_prints_both_kinds_of_run() -> None:
+    out = run_bench("speed.py", "--runs", "1", "--seconds", "2")
+    assert "direct" in out
+    assert "pictures" in out
+
+
+def test_witness_sees_that_it_was_stopped(tmp_path: Path) -> None:
+    out = tmp_path / "witness.json"
+    command = [sys.executable, str(BENCH / "witness.py"), str(out), "--threshold-ms", "2"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == b"watching\n"
+        watchers = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
+        for sign in (signal.SIGSTOP, signal.SIGCONT):
+            for pid in watchers:
+                os.kill(int(pid), sign)
+            time.sleep(0.2)
+        assert child.stdin is not None
+        child.stdin.close()
+        child.wait(20)
+    rows = json.loads(out.read_text())["watchers"]
+    assert len(rows) == len(watchers) == len(os.sched_getaffinity(0)) + 1
+    assert all(any(end - begin > 0.15 for begin, end in row["gaps"]) for row in rows)
+
+
+def _tick(number: int, t: float) -> TickRecord:
+    nan = float("nan")
+    return TickRecord(t, number, "", 0.0, nan, nan, nan, nan, nan, nan, (0.0,) * 4, 0.0, 0, 0, 0.0, 0.0)
+
+
+def test_a_gap_is_explained_only_by_a_witness_that_stood_still_then(realtime: ModuleType) -> None:
+    ticks = [_tick(1, 0.02), _tick(2, 0.04), _tick(5, 0.10), _tick(6, 0.12)]
+    (gap,) = realtime.find_gaps(ticks, 1000.0)
+    assert (round(gap.begin, 6), round(gap.end, 6), gap.missed) == (1000.04, 1000.10, 2)
+    assert realtime.stood_still(gap, [[1000.05, 1000.10]])
+    assert realtime.stood_still(gap, [[1000.05, 1000.06], [1000.08, 1000.099]])
+    assert not realtime.stood_still(gap, [[1000.05, 1000.06]])  # too short to have missed two
+    assert not realtime.stood_still(gap, [[1000.00, 1000.04], [1000.10, 1000.30]])  # at another time
