@@ -33,7 +33,7 @@ from hoopd.shell.recorder import Recorder
 from hoopd.shell.run_files import Limits as RoomLimits
 from hoopd.shell.service import Notifier, freeze_garbage, is_under_systemd, lock_memory
 from hoopd.sinks import RecorderSink, TelemetrySink
-from hoopd.world import World, camera_eye, device, lockstep, read_layout, realtime_rig, rig_devices
+from hoopd.world import Say, World, camera_eye, device, lockstep, read_layout, realtime_rig, rig_devices
 
 # The interpreter hands over between threads this often; the default of 5 ms is a quarter of a tick.
 SWITCH_INTERVAL_S = 0.0005
@@ -126,7 +126,7 @@ def _plant(config: Config, path: Path | None) -> dict[str, Any]:
 
 
 @contextmanager
-def _world(options: Options, config: Config, say: Callable[[str], None]) -> Iterator[World]:
+def _world(options: Options, config: Config, say: Say) -> Iterator[World]:
     layout = read_layout(config, options.config)
     if not options.sim:
         with device(config, layout, say) as world:
@@ -216,9 +216,9 @@ def _trouble(sink: RecorderSink | TelemetrySink | None) -> Callable[[], bool]:
     return (lambda: False) if sink is None else (lambda: sink.trouble)
 
 
-def _say(reporter: log.Reporter) -> Callable[[str], None]:
-    """The camera's own facts go to the log."""
-    return lambda text: reporter.note(reporter.t, Note("camera", "warning", {"says": text}))
+def _say(reporter: log.Reporter) -> Say:
+    """Facts of the camera and of the serial line go to the log."""
+    return lambda who, text: reporter.note(reporter.t, Note(who, "warning", {"says": text}))
 
 
 def _tell(reporter: log.Reporter) -> Callable[[str, str, Mapping[str, Any]], None]:

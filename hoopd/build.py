@@ -9,6 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
+import msgspec
+
 from hoopd.core.controllers import Controller
 from hoopd.core.limits import Limiter
 from hoopd.core.tick import Tick
@@ -30,11 +32,29 @@ def read_texts(config: Config, config_path: Path | None) -> Texts:
     """Texts of the files that a configuration names."""
     law = config.control.law
     return Texts(
-        dump(config),
+        dump(without_places(config)),
         read_text(find(config.device.model, config_path)),
         read_text(find(config.control.file, config_path)),
         read_text(find(law, config_path)) if law else "",
     )
+
+
+def without_places(config: Config) -> Config:
+    """The configuration without folders and devices of this machine: what a recording may tell."""
+    change = msgspec.structs.replace
+    control, device = config.control, config.device
+    return change(
+        config,
+        device=change(device, model=_name(device.model)),
+        control=change(control, file=_name(control.file), law=_name(control.law)),
+        recording=change(config.recording, directory=""),
+        sim=change(config.sim, model=_name(config.sim.model), directory=""),
+    )
+
+
+def _name(text: str) -> str:
+    path = Path(text)
+    return path.name if path.is_absolute() else text
 
 
 def build_tick(config: Config, texts: Texts) -> Tick:

@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -28,7 +29,7 @@ from hoopd.shell.loop import Drive, Eye, Timer
 if TYPE_CHECKING:
     from hoopd.sim.rig import Rig
 
-Say = Callable[[str], None]  # one line for the log
+Say = Callable[[str, str], None]  # who speaks and one line for the log
 
 
 class World(NamedTuple):
@@ -55,7 +56,7 @@ def device(config: Config, layout: Layout, say: Say) -> Iterator[World]:
     """The laboratory device: a serial port and a camera."""
     with ExitStack() as stack:
         timer = stack.enter_context(TickTimer(config.loop.period_s))
-        drive = stack.enter_context(serial_drive(config, layout, timer))
+        drive = stack.enter_context(serial_drive(config, layout, timer, say))
         eye = stack.enter_context(camera_eye(config, timer, say))
         yield World(timer, drive, eye)
 
@@ -69,7 +70,7 @@ def realtime_rig(
         timer = stack.enter_context(TickTimer(config.loop.period_s))
         start = timer.start_ns / 1e9
         rigged, rig = stack.enter_context(rig_devices(config, layout, plant, seed, start))
-        drive = stack.enter_context(serial_drive(rigged, layout, timer))
+        drive = stack.enter_context(serial_drive(rigged, layout, timer, say))
         if direct:
             eye: Eye = stack.enter_context(direct_eye(config, rig, seed, timer, start))
         else:
@@ -100,10 +101,11 @@ def rig_devices(
 
 
 @contextmanager
-def serial_drive(config: Config, layout: Layout, timer: Timer) -> Iterator[SerialDrive]:
+def serial_drive(config: Config, layout: Layout, timer: Timer, say: Say) -> Iterator[SerialDrive]:
     """The port to the driver board; the loop opens it."""
     serial = config.serial
-    drive = SerialDrive(serial.port, serial.baud, Codec(layout, serial.baud), timer.now, serial.reopen_s)
+    codec = Codec(layout, serial.baud)
+    drive = SerialDrive(serial.port, serial.baud, codec, timer.now, serial.reopen_s, partial(say, "serial"))
     try:
         yield drive
     finally:
@@ -111,7 +113,7 @@ def serial_drive(config: Config, layout: Layout, timer: Timer) -> Iterator[Seria
 
 
 @contextmanager
-def camera_eye(config: Config, timer: TickTimer, say: Say = lambda text: None) -> Iterator[CameraThread]:
+def camera_eye(config: Config, timer: TickTimer, say: Say = lambda who, text: None) -> Iterator[CameraThread]:
     """The camera on a thread of its own, with the analysis of its pictures."""
     analyser = Analyser(config.vision, config.faults.minimum_confidence)
     start = timer.start_ns / 1e9
@@ -120,7 +122,7 @@ def camera_eye(config: Config, timer: TickTimer, say: Say = lambda text: None) -
         analyser.reset()  # a restarted camera may show the ball anywhere
         return make_backend(config.camera, timer.now, start)
 
-    eye = CameraThread(make, analysis(analyser), timer.now, config.camera.stall_s, say)
+    eye = CameraThread(make, analysis(analyser), timer.now, config.camera.stall_s, partial(say, "camera"))
     eye.start()
     try:
         yield eye

@@ -234,7 +234,8 @@ class _Call:
             self._buffer.set_res(index, memoryview(result))  # type: ignore[call-arg, arg-type, unused-ignore]
         self.x = self._arguments[0]
         self._scalars: list[Any] = [
-            memoryview(array) for array in self._arguments[1:]
+            memoryview(array)  # type: ignore[arg-type, unused-ignore]
+            for array in self._arguments[1:]
         ]  # numpy takes longer for one number
         self._first: Vector = self._results[0][0]
 

@@ -69,12 +69,20 @@ class Codec:
 class SerialDrive:
     """A serial port on the event loop's selector."""
 
-    def __init__(self, port: str, baud: int, codec: Codec, clock: Callable[[], float], reopen_s: float) -> None:
+    def __init__(
+        self,
+        port: str,
+        baud: int,
+        codec: Codec,
+        clock: Callable[[], float],
+        reopen_s: float,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
         self._port_name, self._baud, self._codec, self._clock, self._reopen_s = port, baud, codec, clock, reopen_s
         self._port: object | None = None
         self._fd = -1
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._closing = threading.Event()
+        self._say, self._closing = say, threading.Event()
         self._empty = False  # the last read of a port that was said to be ready
         self._brought = 0  # bytes since the last tick
         self._deaf = False  # until the next tick
@@ -156,7 +164,7 @@ class SerialDrive:
     def _adopt(self, port: object) -> None:
         assert self._loop is not None
         self._codec.reset()
-        self._deaf = False
+        self._deaf = self._empty = False
         self._port, self._fd = port, port.fileno()  # type: ignore[attr-defined]
         os.set_blocking(self._fd, False)
         self._loop.add_reader(self._fd, self._readable)
@@ -170,7 +178,8 @@ class SerialDrive:
         start_helper("close", lambda: _close_quietly(port))
 
     def _lose(self, error: OSError) -> None:
-        self.reason = error.strerror or str(error)
+        self.reason = (error.strerror or str(error)).lower()
+        self._say(f"{self._port_name} is lost: {self.reason}")
         self._drop()
         if not self._closing.is_set():
             start_helper("reopen", self._reopen)
@@ -191,6 +200,7 @@ class SerialDrive:
             _close_quietly(port)
         else:
             self._adopt(port)
+            self._say(f"{self._port_name} is open again")
 
 
 def open_port(name: str, baud: int) -> object:

@@ -34,9 +34,9 @@ from hoopd.shell.service import granted_realtime
 from hoopd.sim.torque_log import read as read_torque_log
 
 PERIOD_S = 0.02
-# Rows of the board's log that a request made. Beside busy processes these come late by tens of ms although loop and board
-# are on time: a pseudo-terminal hands its bytes over in a kernel worker of ordinary priority (a pipe between two FIFO
-# processes: p99 0.15 ms, a pseudo-terminal 10 to 100 ms).
+# Rows of the board's log that a request made. Beside busy processes these come late by tens of ms although loop and
+# board are on time: a pseudo-terminal hands its bytes over in a kernel worker of ordinary priority (a pipe between two
+# FIFO processes: p99 0.15 ms, a pseudo-terminal 10 to 100 ms).
 BOARD_REASONS = frozenset({"request", "cleared", "refused"})
 # A missed expiration needs a stand-still from one deadline to the next; the loop's own part of it is below half.
 EXPLAINING_SHARE = 0.5
