@@ -117,6 +117,7 @@ def judge(folder: Path) -> dict[str, Any]:
         **_judge_gaps(find_gaps(ticks, start), watchers),
         "lateness_ms": quantiles([tick.lateness_s for tick in ticks]),
         "execution_ms": quantiles([tick.execution_s for tick in ticks]),
+        "longest_executions": _longest(ticks),
         "request_interval_ms": quantiles(_request_intervals(folder / "torque.jsonl", start)),
         **_judge_witness(watchers, start + ticks[0].t, start + ticks[-1].t),
         "faults": ", ".join(f"{name} x{count}" for name, count in summary["faults"].items()) or "none",
@@ -171,6 +172,12 @@ def _request_intervals(path: Path, start: float) -> list[float]:
     """Seconds between requests as the board had them, until the loop's last one."""
     times = [row.t for row in read_torque_log(path).rows if row.reason in BOARD_REASONS and row.t > start]
     return [b - a for a, b in itertools.pairwise(times[1:])] or [float("nan")]
+
+
+def _longest(ticks: list[TickRecord]) -> str:
+    """The three longest executions and when they were, in run time: start-up or in the midst."""
+    worst = sorted(ticks, key=lambda tick: tick.execution_s, reverse=True)[:3]
+    return ", ".join(f"{1e3 * tick.execution_s:.1f} ms at {tick.t:.1f} s" for tick in worst)
 
 
 def quantiles(seconds: list[float]) -> tuple[float, float, float]:
