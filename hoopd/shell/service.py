@@ -21,8 +21,8 @@ STATUS_CHARS = 200
 # READY and STOPPING must arrive: they may wait for room in systemd's queue. Everything else is dropped instead.
 PATIENCE_S = 1.0
 _SCHED_RESET_ON_FORK = 0x40000000
-# Helper threads run this far below the loop.
-HELPERS_BELOW = 10
+# Real-time priority of helper threads beside a FIFO loop: above all ordinary processes, below everything else.
+HELPER_PRIORITY = 1
 _POLICIES = {
     os.SCHED_OTHER: "other",
     os.SCHED_FIFO: "fifo",
@@ -113,14 +113,12 @@ def settle_helper_thread() -> None:
     """Scheduling of a helper thread: below the loop, never behind ordinary processes with the interpreter in hand.
 
     A helper at ordinary priority that is preempted with the interpreter lock in its hand stops a FIFO loop for a whole
-    time slice of somebody else. So helpers follow the loop's policy, a little below it; what they start does not.
+    time slice of somebody else. So helpers follow the loop's policy at the lowest priority; what they start does not.
     """
     main = os.getpid()  # the main thread's id is the process's
-    if os.sched_getscheduler(main) & ~_SCHED_RESET_ON_FORK == os.SCHED_FIFO:
-        priority = os.sched_getparam(main).sched_priority - HELPERS_BELOW
-        if priority > 0 and raise_thread_priority(priority):
-            return
-    lower_thread_priority()
+    fifo = os.sched_getscheduler(main) & ~_SCHED_RESET_ON_FORK == os.SCHED_FIFO
+    if not (fifo and raise_thread_priority(HELPER_PRIORITY)):
+        lower_thread_priority()
 
 
 def raise_thread_priority(priority: int) -> bool:

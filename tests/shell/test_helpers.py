@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from hoopd.shell.helpers import start_helper
-from hoopd.shell.service import HELPERS_BELOW, granted_realtime
+from hoopd.shell.service import HELPER_PRIORITY, granted_realtime
 
 REALTIME = """
 import os
@@ -49,5 +49,5 @@ def test_a_realtime_maker_has_helpers_a_little_below_it(reset_on_fork: bool) -> 
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=20)
     if done.stdout == "refused\n":
         pytest.skip("no right to real-time priority here")
-    assert done.stdout.splitlines() == [f"fifo {50 - HELPERS_BELOW}"] * 2 + ["fifo 50"]
+    assert done.stdout.splitlines() == [f"fifo {HELPER_PRIORITY}"] * 2 + ["fifo 50"]
     assert "SCHED_OTHER" in done.stderr  # a program that a helper starts (the camera's) is an ordinary one
