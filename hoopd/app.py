@@ -114,7 +114,8 @@ def check_device(path: Path | None, sets: list[str], *, sim: bool, json_path: Pa
     layout = read_layout(config, path)
     if not sim:
         return run(config, path, layout, camera_eye, json_path)
-    with rig_devices(config, layout, _plant(config, path), 0, time.monotonic()) as (rigged, _):
+    plant = _plant(config, path)
+    with signals.unwinding(), rig_devices(config, layout, plant, 0, time.monotonic()) as (rigged, _):
         return run(rigged, path, layout, camera_eye, json_path)
 
 

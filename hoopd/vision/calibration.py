@@ -20,6 +20,8 @@ LEAST_SCORE = 0.4  # product of seven marks; the real pictures give 1, half dark
 RIVAL_SCORE = 0.5  # share of the best score that makes a second ball worth a note
 TILT_NOTE_RAD = 0.35  # a camera is mounted straighter than 20 degrees: beyond, the ball is hardly at rest
 LEAST_POSITIONS = 20
+LEAST_KEPT = 0.5  # share of a run on one circle; below, the positions are something else
+MOST_RESIDUAL = 0.05  # of the radius: 9 px on a track of 182 px, fifteen times what the real device leaves
 SHORT_ARC_RAD = 1.0  # a shorter arc leaves centre and radius to the noise
 REST_SAMPLES = 25  # half a second at 50 fps
 REST_SPREAD_RAD = 0.01  # 2 px on a track of 182 px: detection noise of a ball that lies still
@@ -190,6 +192,10 @@ def propose_from_run(positions_px: Points) -> RunProposal:
     if float(np.ptp(points, axis=0).max()) < 5.0:
         raise CalibrationError("the ball does not move: a circle needs an arc")
     fit = fit_circle_robust(points)
+    if fit.kept < LEAST_KEPT or fit.residual_px > MOST_RESIDUAL * fit.circle.radius_px:
+        raise CalibrationError(
+            f"no circle: only {100 * fit.kept:.0f} % of the positions lie on one, to {fit.residual_px:.1f} px"
+        )
     angle = np.unwrap(np.arctan2(fit.circle.x_px - points[:, 0], points[:, 1] - fit.circle.y_px))
     span = float(np.subtract(*np.percentile(angle, [99.0, 1.0])))
     zero, source = run_zero(angle)

@@ -316,3 +316,11 @@ def test_drawings_show_the_picture_and_the_numbers() -> None:
     run = propose_from_run(swing())
     assert draw_run(swing(), run).shape[2] == 3
     assert draw_run(swing(), run, image).shape[1] == 960
+
+
+def test_positions_on_a_line_are_no_circle() -> None:
+    line = np.column_stack([np.linspace(0.0, 400.0, 200), np.linspace(0.0, 400.0, 200)])
+    scattered = np.random.default_rng(1).uniform(0.0, 480.0, (300, 2))
+    for points in (line, scattered):
+        with pytest.raises(CalibrationError):
+            propose_from_run(points)
