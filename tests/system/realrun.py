@@ -27,6 +27,7 @@ from system.runs import Run, load
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests")))}
 WIRE_S = 8 * 10 / 115200
+FIFO_PRIORITY = 40
 START_S = 20.0  # until it controls: interpreter and imports on a busy machine, then a second of good pictures
 EXIT_S = 8.0  # a controlled stop, closing of recorder and telemetry, and the interpreter's end
 
@@ -35,8 +36,16 @@ class Daemon:
     """One run; ended with the block whatever happens."""
 
     def __init__(
-        self, folder: Path, *, direct: bool = True, config: dict[str, Any] | None = None, seed: int = 0, **sim: Any
+        self,
+        folder: Path,
+        *,
+        direct: bool = True,
+        fifo: bool = False,
+        config: dict[str, Any] | None = None,
+        seed: int = 0,
+        **sim: Any,
     ) -> None:
+        """`fifo`: with the real-time priority that the unit grants (needs the right to it); `sim`: keys of the rig."""
         self.folder, self.record = folder, folder / "rec"
         self.record.mkdir(parents=True, exist_ok=True)
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -47,7 +56,7 @@ class Daemon:
             "sim": {"directory": str(folder), **sim},
         }
         (folder / "run.yaml").write_text(yaml.safe_dump(content))
-        self._direct, self._seed = direct, seed
+        self._direct, self._seed, self._fifo = direct, seed, fifo
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Daemon:
@@ -61,6 +70,7 @@ class Daemon:
             str(self.folder / "summary.json"),
         ]
         command += ["--camera", "direct"] if self._direct else []
+        command = [*(["chrt", "--fifo", str(FIFO_PRIORITY)] if self._fifo else []), *command]
         with (self.folder / "log.jsonl").open("wb") as log, (self.folder / "out.txt").open("wb") as out:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=out, stderr=log, env=ENVIRONMENT, cwd=self.folder

@@ -1,9 +1,10 @@
 """The fault campaign: the daemon in real time on the full rig, one fault a run, judged by the board's log of torque.
 
-    python tools/bench/campaign.py [--direct] [--only KIND ...] [--keep FOLDER] [--json FILE]
+    python tools/bench/campaign.py [--direct] [--fifo] [--only KIND ...] [--keep FOLDER] [--json FILE]
 
-Every run lasts some seven seconds. A failed one is repeated, at most twice, when an independent witness saw the machine
-stand still for more than 50 ms, or when it did not control yet as the fault came. Exit code 1 when one fails.
+Every run lasts some seven seconds. A failed one is repeated, at most three times, when an independent witness saw the
+machine stand still for more than 50 ms (or starve a core), or when it did not control yet as the fault came. Exit code
+1 when one fails.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
@@ -30,7 +31,6 @@ from system.runs import TORQUE_LIMIT_NM, Run  # noqa: E402
 from system.test_realtime import FLOOD, SUBSCRIBER, neighbour  # noqa: E402
 from system.witness import Witness  # noqa: E402
 
-from hoopd.core.health import BY_NAME  # noqa: E402
 from hoopd.replay import replay  # noqa: E402
 
 MARGIN_S = 0.1  # zero torque this long after the deadline that the rule sets
@@ -39,10 +39,17 @@ OBSERVE_S = 3.0  # from then on, a little more for scripted ones
 BOARD_TIMEOUT_S = 0.1
 STOPPING_S = 1.0  # a controlled stop may take this long
 CAMERA_S = 0.06  # a picture is two to three periods old when it is judged
-ATTEMPTS = 3
+ATTEMPTS = 4
 LONGEST_PAUSE_S = 0.06  # without torque while control goes on: a lost request or two
 
 Outcome = Literal["goes on", "pause", "stop", "cut"]
+
+
+class Way(NamedTuple):
+    """How the daemon is run."""
+
+    direct: bool
+    fifo: bool
 
 
 @dataclass
@@ -161,11 +168,11 @@ class Verdict:
             self.wrong.append(what)
 
 
-def run_one(folder: Path, kind: Kind, direct: bool) -> tuple[Run, float, int]:
+def run_one(folder: Path, kind: Kind, way: Way) -> tuple[Run, float, int]:
     """The run, the monotonic time of the fault, the exit code."""
     faults = [kind.script] if kind.script else []
     commands = [{"at_s": AT_S - 1.2, "name": "reference", "value": 0.1}]  # keeps the motor busy
-    with Daemon(folder, direct=direct, faults=faults, commands=commands) as daemon:
+    with Daemon(folder, **way._asdict(), faults=faults, commands=commands) as daemon:
         daemon.wait_for(event="mode", mode="RUNNING")
         daemon.wait_for(event="reference")
         time.sleep(0.6)
@@ -178,10 +185,10 @@ def run_one(folder: Path, kind: Kind, direct: bool) -> tuple[Run, float, int]:
     return found, (zero_of(found) + AT_S if math.isnan(at) else at), code
 
 
-def judge(name: str, kind: Kind, folder: Path, direct: bool, witness: Witness) -> Verdict:
+def judge(name: str, kind: Kind, folder: Path, way: Way, witness: Witness) -> Verdict:
     """Run and judge one kind."""
     verdict = Verdict(name, kind.outcome, kind.deadline_s)
-    found, at, code = run_one(folder, kind, direct)
+    found, at, code = run_one(folder, kind, way)
     verdict.max_torque_nm = found.torque.max_abs()
     verdict.demand(verdict.max_torque_nm <= TORQUE_LIMIT_NM, f"torque {verdict.max_torque_nm:.3f} N m")
     verdict.controlled = found.torque.max_abs(at - 0.1, at) > 0.0
@@ -242,25 +249,25 @@ def message(kind: Kind, found: Run, since: float) -> str:
     return ", ".join(f"{name} {link[name]}" for name in kind.causes if name in link)
 
 
-def campaign(names: list[str], folder: Path, direct: bool) -> list[Verdict]:
+def campaign(names: list[str], folder: Path, way: Way) -> list[Verdict]:
     """All kinds, one after the other."""
     verdicts = []
     for index, name in enumerate(names):
         sys.stderr.write(f"\r\x1b[2K{index + 1}/{len(names)} {name}")
         sys.stderr.flush()
-        verdicts.append(repeated(name, folder / name.replace(" ", "-").replace(",", ""), direct))
+        verdicts.append(repeated(name, folder / name.replace(" ", "-").replace(",", ""), way))
     sys.stderr.write("\r\x1b[2K")
     return verdicts
 
 
-def repeated(name: str, folder: Path, direct: bool) -> Verdict:
+def repeated(name: str, folder: Path, way: Way) -> Verdict:
     """One kind, again when the machine stood still."""
     for attempt in range(1, ATTEMPTS + 1):
         mine = folder / str(attempt)
         mine.mkdir(parents=True)
         with Witness(mine / "gaps.txt") as witness:
             try:
-                verdict = judge(name, KINDS[name], mine, direct, witness)
+                verdict = judge(name, KINDS[name], mine, way, witness)
             except (AssertionError, OSError, IndexError) as error:
                 verdict = Verdict(name, KINDS[name].outcome, KINDS[name].deadline_s, wrong=[str(error)[:200]])
             verdict.attempts = attempt
@@ -269,7 +276,7 @@ def repeated(name: str, folder: Path, direct: bool) -> Verdict:
     return verdict
 
 
-def show(verdicts: list[Verdict], took_s: float, direct: bool) -> None:
+def show(verdicts: list[Verdict], took_s: float, way: Way) -> None:
     """The table."""
     print(f"{'kind':<20} {'rule':<8} {'deadline':>8} {'zero at':>9} {'max N m':>8} {'replay':>7}  verdict, message")
     for v in verdicts:
@@ -283,23 +290,25 @@ def show(verdicts: list[Verdict], took_s: float, direct: bool) -> None:
             f"  {verdict}{again}; {v.message}"
         )
     failed = sum(bool(v.wrong) for v in verdicts)
-    camera = "angles without pictures" if direct else "rendered pictures"
-    print(f"{len(verdicts)} kinds, {failed} failed, {took_s:.0f} s, {camera}, {len(BY_NAME)} rules in the fault table")
+    camera = "angles without pictures" if way.direct else "rendered pictures"
+    priority = "FIFO" if way.fifo else "no priority"
+    print(f"{len(verdicts)} kinds, {failed} failed, {took_s:.0f} s, {camera}, {priority}")
 
 
 def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--direct", action="store_true", help="ball angles without pictures")
+    parser.add_argument("--fifo", action="store_true", help="with real-time priority, as the unit grants it")
     parser.add_argument("--only", nargs="*", choices=sorted(KINDS), metavar="KIND", help="some of the kinds")
     parser.add_argument("--keep", type=Path, help="existing folder for what the runs leave behind")
     parser.add_argument("--json", type=Path, help="write the table to this file")
     options = parser.parse_args()
     names = options.only or [name for name in KINDS if not (options.direct and name in PICTURES_ONLY)]
-    begun = time.monotonic()
+    way, begun = Way(options.direct, options.fifo), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="hoopd-campaign-") as scratch:
-        verdicts = campaign(names, options.keep or Path(scratch), options.direct)
-    show(verdicts, time.monotonic() - begun, options.direct)
+        verdicts = campaign(names, options.keep or Path(scratch), way)
+    show(verdicts, time.monotonic() - begun, way)
     if options.json:
         options.json.write_text(json.dumps([vars(verdict) for verdict in verdicts], indent=2))
     return int(any(verdict.wrong for verdict in verdicts))
