@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from system.realrun import ENVIRONMENT, Daemon, gaps_in, zero_of
+from system.realrun import ENVIRONMENT, Daemon, fifo_granted, gaps_in, zero_of
 from system.runs import TORQUE_LIMIT_NM, Run
 from system.witness import Witness, witnessed
 
@@ -184,7 +184,7 @@ def undelayed(run: Run, witness: Witness, start: float, stop: float) -> None:
 
 def test_a_flood_of_commands_delays_nothing_and_disarm_is_obeyed(tmp_path: Path) -> None:
     def check(folder: Path, witness: Witness) -> None:
-        with Daemon(folder, commands=REFERENCE) as daemon:
+        with Daemon(folder, fifo=fifo_granted(), commands=REFERENCE) as daemon:
             daemon.wait_running()
             start = time.monotonic()
             with neighbour(FLOOD, daemon.endpoint, "3"):
@@ -207,7 +207,7 @@ def test_a_flood_of_commands_delays_nothing_and_disarm_is_obeyed(tmp_path: Path)
 
 def test_a_frozen_subscriber_delays_nothing_and_does_not_hold_the_exit(tmp_path: Path) -> None:
     def check(folder: Path, witness: Witness) -> None:
-        with Daemon(folder, commands=REFERENCE) as daemon:
+        with Daemon(folder, fifo=fifo_granted(), commands=REFERENCE) as daemon:
             daemon.wait_running()
             with neighbour(SUBSCRIBER, daemon.endpoint) as subscriber:
                 assert subscriber.stdout is not None and subscriber.stdout.readline()
