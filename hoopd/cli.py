@@ -180,7 +180,7 @@ def _print_result(result: dict[str, Any]) -> None:
 
     table = Table(show_header=False)
     for key, value in result.items():
-        table.add_row(key, str(value))
+        table.add_row(key, "\n".join(map(str, value)) if isinstance(value, list) and key == "notes" else str(value))
     Console().print(table)
 
 

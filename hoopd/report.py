@@ -27,14 +27,15 @@ class Watch:
     def __init__(self) -> None:
         self.faults: dict[str, int] = {}
         self.link: dict[str, int] = {}  # what was wrong on the line, by kind
-        self.running_ticks = 0
+        self.running_ticks = self._ticks = 0
         self.max_torque_nm = 0.0
         self.settled: deque[float] = deque(maxlen=250)  # psi of the last five seconds
 
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """Look at one tick."""
         self.max_torque_nm = max(self.max_torque_nm, abs(record.u))
-        if inputs.link != WELL or inputs.driver is None:
+        self._ticks += 1
+        if self._ticks > 1 and (inputs.link != WELL or inputs.driver is None):  # nothing was asked before the first
             self._count_link(inputs)
         if record.mode == Mode.RUNNING:
             self.running_ticks += 1
@@ -80,9 +81,9 @@ def status_line(loop: Loop) -> str:
         return "waiting for the first tick"
     faults = ", ".join(loop.tick.faults)
     return (
-        f"{record.t:7.1f} s  {record.mode:8}  psi {record.x_hat[2]:+.3f} rad  ref {record.reference:+.2f}"
-        f"  hoop {record.x_hat[1]:+6.2f} rad/s  u {record.u:+.3f} N m"
-        f"  late {1e3 * loop.statistics.take_worst():4.1f} ms  {faults}"
+        f"{record.t:6.1f} s {record.mode:8} {faults + '  ' if faults else ''}psi {record.x_hat[2]:+.3f} rad"
+        f" ref {record.reference:+.2f}  hoop {record.x_hat[1]:+6.2f} rad/s  u {record.u:+.3f} N m"
+        f"  late {1e3 * loop.statistics.take_worst():.1f} ms"
     )
 
 
@@ -128,13 +129,15 @@ def print_summary(summary: dict[str, Any]) -> None:
 
 def _summary_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     late, execution = summary["lateness_s"], summary["execution_s"]
-    yield "duration", f"{summary['seconds']:.2f} s at {summary['real_time_factor']:.1f} x real time"
+    faster = f" at {summary['real_time_factor']:.1f} x real time" if summary["real_time_factor"] > 1.5 else ""
+    yield "duration", f"{summary['seconds']:.2f} s{faster}"
     yield "ticks", f"{summary['ticks']}, {summary['missed']} missed"
     yield "mean period", f"{1e3 * summary['mean_period_s']:.4f} ms"
     yield "lateness p50 / p99 / max", " / ".join(f"{1e3 * late[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
     yield "execution p50 / p99 / max", " / ".join(f"{1e3 * execution[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
     yield "mode at the end", f"{summary['final_mode']}, controlled for {summary['running_s']:.1f} s"
-    yield "psi error, last 5 s", f"{summary['psi_error_rms_last_5s_rad']:.4f} rad rms"
+    if summary["running_s"] > 0:
+        yield "psi error, last 5 s of it", f"{summary['psi_error_rms_last_5s_rad']:.4f} rad rms"
     yield "largest torque", f"{summary['max_torque_nm']:.3f} N m"
     yield "faults", ", ".join(f"{name} x{count}" for name, count in summary["faults"].items()) or "none"
     yield "serial line", ", ".join(f"{name} {count}" for name, count in summary["link"].items()) or "well"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from math import cos, sin
 from pathlib import Path
 
@@ -17,7 +18,13 @@ OUT = Path(__file__).resolve().parents[1] / "docs" / "rig.png"
 
 
 def main() -> None:
-    """Write the picture."""
+    """Write the page's picture, or a plain one of the ball at rest."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plain", type=Path, help="write one picture as the rig's camera takes it, ball at rest")
+    plain = parser.parse_args().plain
+    if plain is not None:
+        cv2.imwrite(str(plain), Scene(SceneSettings()).render(0, (0.35, 0.0, 0.0, 0.0)))
+        return
     config = load(None, sim=True, overrides=[])
     scene, analyser = Scene(SceneSettings(noise_sigma=0.0)), Analyser(config.vision, 0.3)
     pictures = [marked(scene, analyser, number, state) for number, state in enumerate(STATES)]

@@ -86,8 +86,8 @@ def _over(begun: float, seconds: float | None) -> bool:
 def main() -> int:
     """Exit code 0 when ticks were seen, 1 without any, 2 when no daemon answers."""
     parser = argparse.ArgumentParser(description="watch a running hoopd")
-    parser.add_argument("--endpoint", default="tcp/127.0.0.1:7447")
-    parser.add_argument("--device", default="hoop")
+    parser.add_argument("--endpoint", default="tcp/127.0.0.1:7447", help="where the daemon listens")
+    parser.add_argument("--device", default="hoop", help="device.name of its configuration")
     parser.add_argument("--count", type=int, help="end after this many ticks")
     parser.add_argument("--seconds", type=float, help="end after this time")
     parser.add_argument("--json", action="store_true", help="every message as one line of JSON")
@@ -96,11 +96,15 @@ def main() -> int:
     extras = json.loads(options.zenoh.read_text(encoding="utf-8")) if options.zenoh else {}
     try:
         with connect(options.endpoint, extras) as session:
-            return 0 if watch(session, options) else 1
+            seen = watch(session, options)
+        if sys.stdout.isatty():
+            print()
+        return 0 if seen else 1
     except zenoh.ZError as error:
         print(f"no daemon answers at {options.endpoint}: {str(error).split(' at /')[0]}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
+        print()
         return 0
 
 

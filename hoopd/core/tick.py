@@ -230,6 +230,8 @@ class Tick:
             self.health.acknowledge()
         if self.mode is before:
             return
+        if self.mode not in ENERGISED:
+            self.reference = 0.0  # the next arm begins at the bottom, not where somebody once wanted the ball
         level = "error" if self.mode is Mode.FAULT else "info"
         causes = [fault.name for fault in self.health.active() if fault.action >= Action.PAUSE]
         self._note("mode", level, mode=str(self.mode), was=str(before), because=causes)

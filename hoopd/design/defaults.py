@@ -6,7 +6,7 @@ no machine's last bits reach.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -103,5 +103,7 @@ def _plain(value: Any) -> Any:
 
 
 if __name__ == "__main__":
-    target = Path(sys.argv[1])
+    parser = argparse.ArgumentParser(description="write the shipped controllers anew from models/hoop.yaml")
+    parser.add_argument("config", type=Path, help="folder with models/ and controllers/")
+    target = parser.parse_args().config
     write_defaults(target, target / "controllers")

@@ -164,6 +164,11 @@ def operate(
     timeout_s: float = 2.0,
 ) -> str:
     """Send a command and say in one line what became of it; CommandError when the daemon does not do it."""
+    if command == "arm":
+        with _session(endpoint, extras, timeout_s) as session:
+            seen = json.loads(_ask(session, device_key(device, "snapshot"), "", timeout_s, endpoint, device))
+        if OUTCOMES["arm"](seen.get("tick") or {}, None):
+            return f"{device}: already {seen['tick']['mode']}"
     send(command, value, endpoint, device, timeout_s, extras=extras)
     with _session(endpoint, extras, timeout_s) as session:
         deadline = time.monotonic() + timeout_s
@@ -171,7 +176,7 @@ def operate(
             seen = json.loads(_ask(session, device_key(device, "snapshot"), "", timeout_s, endpoint, device))
             tick = seen.get("tick") or {}
             if OUTCOMES[command](tick, value):
-                return f"{command}: {tick['mode']}, reference {tick['reference']:g} rad"
+                return f"{device}: {tick['mode']}, reference {tick['reference']:g} rad"
             if time.monotonic() > deadline:
                 faults = ", ".join(seen.get("status", {}).get("faults") or []) or "see its log"
                 raise CommandError(f"{command}: the daemon stays {tick.get('mode', 'silent')} ({faults})")

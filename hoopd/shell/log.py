@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import shutil
 import sys
 import threading
 from collections import deque
@@ -94,5 +95,6 @@ class Reporter:
             t, note = self._waiting.popleft()
             getattr(self._log, note.level)(note.name, t=round(t, 4), **note.fields)
         if self._status is not None:
-            sys.stderr.write(CLEAR_LINE + self._status())
+            width = shutil.get_terminal_size().columns - 1  # a line that wraps would scroll with every refresh
+            sys.stderr.write(CLEAR_LINE + self._status()[:width])
             sys.stderr.flush()

@@ -78,7 +78,11 @@ class RpicamVid:
         """Start the program; InputError when there is none."""
         program = self._camera.command[0] if self._camera.command else ""
         if shutil.which(program) is None:
-            raise InputError("configuration", "camera.command", f"no program {program!r} on this computer")
+            raise InputError(
+                "configuration",
+                "camera.command",
+                f"no program {program!r} on this computer (without hardware: hoopd --sim)",
+            )
         self._folder = tempfile.TemporaryDirectory(prefix="hoopd-camera-")
         path = Path(self._folder.name) / "metadata"
         os.mkfifo(path, 0o600)

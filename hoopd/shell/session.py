@@ -22,7 +22,7 @@ _ADDRESS = re.compile(r"^(?:tcp|udp|tls|quic|ws)/(?:\[[^\]\s]+\]|[^\s/:\[]+):(\d
 _LOCAL_LINKS = ("unixsock-stream/", "unixpipe/")
 _CHUNK = re.compile(r"^[A-Za-z0-9_.-]+$")
 _PLAIN_WORDS = {
-    "Address already in use": "the address is already in use",
+    "Address already in use": "the address is already in use: commands sent there go to another program, not here",
     "Unable to connect": "nothing listens there, or it does not let us in",
 }
 _CLOSED = {

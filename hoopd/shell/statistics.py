@@ -63,8 +63,9 @@ class RunStatistics:
             self.missed += tick_id - self.last_id - 1
         self.ticks += 1
         self.last_t, self.last_id = t, tick_id
-        self.lateness.add(lateness_s)
-        self.execution.add(execution_s)
+        if self.ticks > 1:  # the first tick is as late as start-up took
+            self.lateness.add(lateness_s)
+            self.execution.add(execution_s)
         self.worst_recent_s = max(self.worst_recent_s, lateness_s)
 
     def mean_period_s(self) -> float:

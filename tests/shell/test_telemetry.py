@@ -227,7 +227,11 @@ def test_taken_port_is_one_warning_and_heals() -> None:
     assert wait_until(lambda: second.counts.open)
     assert second.close(10.0)
     assert told == [
-        ("telemetry_unavailable", "warning", "the address is already in use"),
+        (
+            "telemetry_unavailable",
+            "warning",
+            "the address is already in use: commands sent there go to another program, not here",
+        ),
         ("telemetry_open", "info", None),
     ]
 
