@@ -167,6 +167,14 @@ def test_a_large_reference_is_limited_by_the_hoop_speed_it_would_need(tmp_path: 
     assert run.summary["final_mode"] == "DISARMED" and "hoop_overspeed" not in run.summary["faults"]
 
 
+def test_a_disarm_forgets_the_reference(tmp_path: Path) -> None:
+    rows = "{at_s: 1.5, name: reference, value: 0.2}, {at_s: 2, name: disarm}, {at_s: 2.2, name: arm}"
+    run_rig(tmp_path, AT_REST, commands(rows), duration_s=4.0)
+    ticks = read_run(tmp_path / "run-0001.mcap").ticks
+    assert {tick.reference for tick in ticks if tick.t < 2.0 and tick.mode == "RUNNING"} == {0.0, 0.2}
+    assert {tick.reference for tick in ticks if tick.t > 2.1 and tick.mode == "RUNNING"} == {0.0}
+
+
 def test_a_reference_beyond_the_range_is_cut_to_it(tmp_path: Path) -> None:
     run_rig(tmp_path, AT_REST, commands("{at_s: 2, name: reference, value: 3.0}"), duration_s=3.0)
     assert max(tick.reference for tick in read_run(tmp_path / "run-0001.mcap").ticks) == 0.5
