@@ -124,11 +124,6 @@ def parse_yaml(text: str, path: object) -> dict[str, Any]:
     return data
 
 
-def load_struct(path: Path, kind: type[T]) -> T:
-    """Typed content of a YAML file."""
-    return to_struct(parse_yaml(read_text(path), path), kind, path)
-
-
 def to_struct(data: dict[str, Any], kind: type[T], path: object) -> T:
     """Typed record from plain data: units resolved, keys and values checked."""
     try:

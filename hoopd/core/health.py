@@ -13,11 +13,19 @@ from enum import IntEnum
 from math import isfinite, isinf
 from typing import NamedTuple
 
+from hoopd.core.frames import (
+    ERROR_ENCODER,
+    ERROR_OVERCURRENT,
+    ERROR_SUPPLY,
+    STATUS_ENABLED,
+    STATUS_FAULT,
+    STATUS_LIMITED,
+    STATUS_TIMEOUT,
+)
 from hoopd.core.records import DriverSample, Estimate, Inputs
 
-# Bits of the board's answer (docs/board.md).
-ENABLED, TIMEOUT_LATCHED, TORQUE_LIMITED, BOARD_FAULT = 1, 2, 4, 8
-HARD_ERRORS = {4: "overcurrent", 8: "encoder", 16: "supply"}
+# Conditions of the hardware; the drive stays off while one lasts.
+HARD_ERRORS = ERROR_OVERCURRENT | ERROR_ENCODER | ERROR_SUPPLY
 BOARD_CLOCK_MS = 65536
 
 
@@ -199,12 +207,12 @@ class Health:
     @property
     def board_enabled(self) -> bool:
         """The newest answer says that the drive is on."""
-        return self._driver is not None and bool(self._driver.status & ENABLED)
+        return self._driver is not None and bool(self._driver.status & STATUS_ENABLED)
 
     @property
     def board_latched(self) -> bool:
         """The newest answer tells of a time-out or a fault that waits for a clearing request."""
-        return self._driver is not None and bool(self._driver.status & (TIMEOUT_LATCHED | BOARD_FAULT))
+        return self._driver is not None and bool(self._driver.status & (STATUS_TIMEOUT | STATUS_FAULT))
 
     @property
     def link_seen(self) -> bool:
@@ -269,13 +277,13 @@ class Health:
             self._seen_enabled = False
         if driver is None:
             return {}
-        enabled = bool(driver.status & ENABLED)
+        enabled = bool(driver.status & STATUS_ENABLED)
         lost_drive = self._seen_enabled and not enabled
-        latched = bool(driver.status & TIMEOUT_LATCHED)
+        latched = bool(driver.status & STATUS_TIMEOUT)
         # An answer to a request older than the last one tells of the time before the drive was asked for.
         self._seen_enabled = self._seen_enabled or (enabled and sent.enabled_for > 1)
         return {
-            "board_fault": int(bool(driver.status & BOARD_FAULT or driver.errors & sum(HARD_ERRORS))),
+            "board_fault": int(bool(driver.status & STATUS_FAULT or driver.errors & HARD_ERRORS)),
             "board_timeout": int(latched and lost_drive),
             "board_reset": int(self._clock_jumped(driver) or (lost_drive and not latched)),
             "board_refuses": int(sent.enabled_for > 0 and not enabled),
@@ -295,7 +303,7 @@ class Health:
 
     def _current_off(self, driver: DriverSample, sent: Sent) -> bool:
         constant = self.thresholds.torque_constant_nm_per_a
-        if constant == 0.0 or sent.enabled_for < 3 or driver.status & TORQUE_LIMITED:
+        if constant == 0.0 or sent.enabled_for < 3 or driver.status & STATUS_LIMITED:
             return False
         return abs(constant * driver.current - sent.torque_nm) > self.thresholds.current_mismatch_nm
 

@@ -7,7 +7,7 @@ the picture afterwards, so that a fault does not shift the noise of later pictur
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, nan, pi, sin, tau
+from math import cos, nan, sin
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +16,7 @@ from hoopd.core.records import CameraSample
 from hoopd.eye import Analyser
 from hoopd.sim.camera import Painter
 from hoopd.sim.faults import FaultScript
+from hoopd.vision.calibration import wrap
 
 State = tuple[float, float, float, float]
 
@@ -80,8 +81,3 @@ class PictureWatcher:
     def see(self, frame: int, t: float, state: State) -> CameraSample:
         """Render and analyse one picture."""
         return self._analyser.bgr(frame, t, t, self._painter.paint(frame, t, state, self._frame_s))
-
-
-def wrap(angle: float) -> float:
-    """Angle in (-pi, pi]."""
-    return pi - (pi - angle) % tau

@@ -7,13 +7,11 @@ from math import inf, nan
 import numpy as np
 import pytest
 
+from hoopd.core.frames import STATUS_ENABLED, STATUS_FAULT, STATUS_TIMEOUT
 from hoopd.core.health import (
-    BOARD_FAULT,
     BY_NAME,
-    ENABLED,
     FAULTS,
     REFUSALS,
-    TIMEOUT_LATCHED,
     Action,
     Health,
     Sent,
@@ -40,7 +38,9 @@ class Bench:
             self.k += 1
             self.board_ms = (self.board_ms + 20) % 65536
             t = self.k * PERIOD
-            sample = DriverSample(t - 0.019, 0, ENABLED, 0, 0.0, 0.0, 0.0, self.board_ms)._replace(**(driver or {}))
+            sample = DriverSample(t - 0.019, 0, STATUS_ENABLED, 0, 0.0, 0.0, 0.0, self.board_ms)._replace(
+                **(driver or {})
+            )
             camera = CameraSample(self.k, t - 0.05, t - 0.005, 0.1, 1.0, 0.0, 0.0)
             base = Inputs(self.k, t, camera, sample, LinkCounts(good=1), (), 1e-4, 5e-4, False, 0)
             guess = Estimate(np.zeros(4), True, 0.0, 0.0, True, 1.0)._replace(**(estimate or {}))
@@ -63,8 +63,8 @@ def started(**thresholds: float) -> Bench:
 BAD = {
     "frame_bad": {"link": LinkCounts(bad_crc=1)},
     "link_lost": {"driver_none": True},
-    "board_fault": {"driver": {"status": ENABLED | BOARD_FAULT}},
-    "board_timeout": {"driver": {"status": TIMEOUT_LATCHED}},
+    "board_fault": {"driver": {"status": STATUS_ENABLED | STATUS_FAULT}},
+    "board_timeout": {"driver": {"status": STATUS_TIMEOUT}},
     "board_reset": {"driver": {"board_ms": 30000}},
     "camera_late": {"camera": None},
     "camera_lost": {"camera_stalled": True},
