@@ -17,7 +17,9 @@ from typing import Annotated, Any, Literal, NoReturn
 
 import typer
 
+from hoopd import cli_bench
 from hoopd.files import InputError
+from hoopd.output import print_result, write_json
 
 # Matrices of four by four gain nothing from threads, and lose milliseconds to them; before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -36,6 +38,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Real-time controller daemon for a ball in a hoop. Without a command it runs the daemon.",
 )
+
+cli_bench.register(app)
 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration file (YAML).", metavar="FILE")]
 SetOption = Annotated[list[str], typer.Option("--set", help="Override one key: a.b=value.", metavar="KEY=VALUE")]
@@ -83,7 +87,7 @@ def run(
     chosen: Literal["1", "max"] = "max" if speed == "max" else "1"
     options = Options(sim, config, tuple(sets), duration, record, seed, chosen, camera == "direct", arm)
     summary = run_daemon(options)
-    _write_json(json_path, summary)
+    write_json(json_path, summary)
     if summary["exit"]:
         raise typer.Exit(int(summary["exit"]))
 
@@ -156,7 +160,7 @@ def calibrate(
     """Propose colour weights, threshold, circle and zero angle, drawn on the picture."""
     from hoopd.calibrate import run as propose
 
-    _print_result(propose(picture, positions, json_path, figure, save))
+    print_result(propose(picture, positions, json_path, figure, save))
 
 
 @app.command()
@@ -169,30 +173,9 @@ def replay(
     from hoopd.replay import replay as repeat
 
     result = repeat(recording, run_law=run_law)
-    _write_json(json_path, result)
-    _print_result(result)
+    write_json(json_path, result)
+    print_result(result)
     raise typer.Exit(0 if result["equal"] else 1)
-
-
-def _print_result(result: dict[str, Any]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(show_header=False)
-    for key, value in result.items():
-        table.add_row(key, "\n".join(map(str, value)) if isinstance(value, list) and key == "notes" else str(value))
-    Console().print(table)
-
-
-def _write_json(path: Path | None, result: dict[str, Any]) -> None:
-    if path is None:
-        return
-    import msgspec
-
-    try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
-    except OSError as error:
-        raise InputError(path, "", (error.strerror or "cannot be written").lower()) from None
 
 
 def _own_streams() -> None:

@@ -1,0 +1,101 @@
+"""The offline commands of the command line.
+
+Rules of this file: declare options, call `hoopd.bench`, print; heavy imports are made inside the commands.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result to this file.", metavar="FILE")]
+FigureOption = Annotated[
+    Path | None, typer.Option("--figure", help="Draw into this file (.png, .svg or .pdf).", metavar="FILE")
+]
+ModelOption = Annotated[Path, typer.Option("--model", help="Model file (hoopd.model/1).", metavar="MODEL")]
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option("--columns", help="What a file's columns hold, e.g. u,theta,dtheta,current.", metavar="NAMES"),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add every offline command to the program."""
+    for command in (convert, fit, simulate, linearize, design):
+        app.command()(command)
+
+
+def convert(
+    source: Annotated[Path, typer.Argument(help="Recording: .mcap, .mat, .h5 or .csv.", metavar="IN")],
+    target: Annotated[Path, typer.Argument(help="Where it goes; the extension says the format.", metavar="OUT")],
+    columns: ColumnsOption = None,
+    experiment: Annotated[str | None, typer.Option("--experiment", help="Group of an .h5 file, e.g. Exp2.")] = None,
+    start: Annotated[float | None, typer.Option("--from", help="First second to keep.")] = None,
+    end: Annotated[float | None, typer.Option("--to", help="Last second to keep.")] = None,
+    step: Annotated[float | None, typer.Option("--step", help="Resample to this step in seconds.")] = None,
+    json_path: JsonOption = None,
+) -> None:
+    """Convert a recording between formats; cut and resample on the way."""
+    from hoopd.bench.convert import run
+
+    _finish(run(source, target, columns=columns, experiment=experiment, start=start, end=end, step=step), json_path)
+
+
+def fit(
+    recordings: Annotated[list[str], typer.Argument(help="Recordings to fit.", metavar="REC...")],
+    holdout: Annotated[
+        list[str],
+        typer.Option("--holdout", help="Recording that judges the model, never fitted; repeatable.", metavar="REC"),
+    ] = [],  # noqa: B006
+    structure: Annotated[str, typer.Option("--structure", help="entries, rolling or published.")] = "entries",
+    out: Annotated[Path | None, typer.Option("--out", help="Write the model here.", metavar="MODEL")] = None,
+    json_path: JsonOption = None,
+) -> None:
+    """Fit the plant's parameters to recordings."""
+    raise NotImplementedError
+
+
+def simulate(
+    model: ModelOption,
+    recording: Annotated[str, typer.Option("--input", help="Recording whose torque is applied.", metavar="REC")],
+    figure: FigureOption = None,
+    columns: ColumnsOption = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Write the simulated run (.csv or .mcap).", metavar="FILE")
+    ] = None,
+    json_path: JsonOption = None,
+) -> None:
+    """Run a model freely with the torque of a recording and compare."""
+    raise NotImplementedError
+
+
+def linearize(
+    model: ModelOption,
+    figure: FigureOption = None,
+    json_path: JsonOption = None,
+) -> None:
+    """Linear model around an operating point, and what it says."""
+    raise NotImplementedError
+
+
+def design(
+    kind: Annotated[str, typer.Argument(help="The law to design.", metavar="LAW")],
+    model: ModelOption,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Write the controller file here.", metavar="CONTROLLER")
+    ] = None,
+    figure: FigureOption = None,
+    json_path: JsonOption = None,
+) -> None:
+    """Design a control law for a model and write the file that the daemon loads."""
+    raise NotImplementedError
+
+
+def _finish(result: dict[str, Any], json_path: Path | None) -> None:
+    """Print a result, and write it where it is wanted."""
+    from hoopd.output import print_result, write_json
+
+    write_json(json_path, result)
+    print_result(result)

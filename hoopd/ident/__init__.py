@@ -1,0 +1,1 @@
+"""Identification: models from recordings."""

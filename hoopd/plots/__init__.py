@@ -1,0 +1,1 @@
+"""Every figure, drawn without a screen."""
