@@ -1,0 +1,101 @@
+"""A recording as a simulation sees it: nodes of time, the torque between them, the node of every measurement.
+
+Rules of this file: a measurement belongs to the instant at which it was taken, not to the row that brought it; rows
+without a torque end a run. No model here.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.recording.recording import Recording
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# Nodes nearer than this are one: a tick's clock is read to a microsecond.
+SAME_S = 1e-6
+TIMES = {"theta": "y_t", "dtheta": "y_t", "current": "y_t", "psi": "psi_t"}
+
+
+class Channel(NamedTuple):
+    """What one sensor saw."""
+
+    nodes: Index  # (k,) node of each value
+    values: Array  # (k,) never missing
+
+
+class Timeline(NamedTuple):
+    """Nodes, held torques, and the channels' measurements on them."""
+
+    t: Array  # (n,) s
+    u: Array  # (n-1,) N m
+    channels: dict[str, Channel]
+
+    def between(self, first: int, last: int) -> Timeline:
+        """Nodes first ... last (included) with what was measured on them."""
+        cut = {}
+        for name, (nodes, values) in self.channels.items():
+            inside = (nodes >= first) & (nodes <= last)
+            cut[name] = Channel(nodes[inside] - first, values[inside])
+        return Timeline(self.t[first : last + 1], self.u[first:last], cut)
+
+    def windows(self, length_s: float) -> list[Timeline]:
+        """Cut into pieces of about this length; a shorter rest joins the last piece."""
+        count = max(1, int((self.t[-1] - self.t[0]) / length_s + 1e-6))
+        edges = np.searchsorted(self.t, np.linspace(self.t[0], self.t[-1], count + 1) - SAME_S)
+        return [self.between(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def timelines(recording: Recording) -> list[Timeline]:
+    """One timeline for each stretch of rows with a torque; ValueError when there is none of two rows."""
+    whole = np.isfinite(recording.u) & np.isfinite(recording.t)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(int)))
+    stretches = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= 2]
+    if not stretches:
+        raise ValueError("no two rows in a row with time and torque")
+    return [_timeline(recording, slice(a, b)) for a, b in stretches]
+
+
+def _timeline(recording: Recording, rows: slice) -> Timeline:
+    switch = switch_times(recording)[rows]
+    u = recording.u[rows]
+    measured = {name: _measured(recording, name, rows) for name in TIMES}
+    times = np.concatenate([switch, *(t for t, _ in measured.values())])
+    # what was seen before the first known torque acted says nothing about this run
+    t = _distinct(np.sort(times[times >= switch[0] - SAME_S]))
+    held = u[np.clip(np.searchsorted(switch, t[:-1] + SAME_S, side="right") - 1, 0, None)]
+    channels = {}
+    for name, (when, values) in measured.items():
+        inside = when >= t[0] - SAME_S
+        nodes = np.searchsorted(t, when[inside] - SAME_S)
+        channels[name] = Channel(nodes.astype(np.int64), values[inside])
+    return Timeline(t, held, channels)
+
+
+def switch_times(recording: Recording) -> Array:
+    """When each row's torque began to act: the board samples as it takes a request over, so the next row's `y_t`
+    tells; without one, the usual time after the tick."""
+    t, y_t = recording.t, recording.y_t
+    after = np.append(y_t[1:], np.nan)
+    # a row's torque acts after its tick and before the next one
+    good = (after >= t) & (after < np.append(t[1:], np.inf))
+    if np.array_equal(t, y_t) or not good.any():
+        return t
+    return np.asarray(np.where(good, after, t + np.median((after - t)[good])))
+
+
+def _measured(recording: Recording, name: str, rows: slice) -> tuple[Array, Array]:
+    t, values = getattr(recording, TIMES[name])[rows], getattr(recording, name)[rows]
+    seen = np.isfinite(t) & np.isfinite(values)
+    t, values = t[seen], values[seen]
+    # a board or camera that has nothing new is recorded twice: once is enough
+    new = np.diff(t, prepend=-np.inf) > SAME_S
+    return t[new], values[new]
+
+
+def _distinct(times: Array) -> Array:
+    return times[np.diff(times, prepend=-np.inf) > SAME_S]
