@@ -182,17 +182,47 @@ def symbols(x: ca.SX, u: ca.SX, p: Mapping[str, ca.SX]) -> Symbols:
 
 
 def rate(
-    structure: str, x: ca.SX, u: ca.SX, p: Mapping[str, ca.SX], extra_forces: tuple[ExtraForce, ...] = ()
+    structure: str,
+    x: ca.SX,
+    u: ca.SX,
+    p: Mapping[str, ca.SX],
+    extra_forces: tuple[ExtraForce, ...] = (),
+    moving: str = "both",
 ) -> ca.SX:
-    """dx/dt (4,) as an expression; `p` maps names to symbols or constants."""
+    """dx/dt (4,) as an expression; `p` maps names to symbols or constants.
+
+    `moving`: both, `hoop` (there is no ball) or `ball` (the hoop is held).
+    """
     # the Euler-Lagrange derivatives need symbols of their own: the state may be an expression or a number
     z = ca.SX.sym("z", 4)
     s = symbols(z, u, p)
     force = ca.vertcat(u, 0)
     for extra in extra_forces:
         force += ca.vertcat(*extra(s))
+    dtheta2, dpsi2 = _MOTIONS[moving](structure, s, force)
+    return ca.substitute(ca.vertcat(z[1], dtheta2, z[3], dpsi2), z, x)
+
+
+def _both(structure: str, s: Symbols, force: ca.SX) -> tuple[ca.SX, ca.SX]:
     acceleration = accelerations(structure, s, force)
-    return ca.substitute(ca.vertcat(z[1], acceleration[0], z[3], acceleration[1]), z, x)
+    return acceleration[0], acceleration[1]
+
+
+def _hoop_alone(structure: str, s: Symbols, force: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Without the ball: its mass, inertia and friction leave the equations; entries are then the bare hoop's."""
+    if structure == "entries":
+        return s.p["J11"] * s.dtheta + s.p["L1"] * force[0], ca.SX(0)
+    return (force[0] - s.p["bh"] * s.dtheta) / s.p["Ih"], ca.SX(0)
+
+
+def _ball_alone(structure: str, s: Symbols, force: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """The hoop held at rest: whoever holds it brings the torque r that makes theta'' = 0."""
+    free, push = accelerations(structure, s, force), mobility(structure, s)
+    # 0 = theta''_free + (M^-1)_11 r,   psi'' = psi''_free + (M^-1)_21 r
+    return ca.SX(0), ca.substitute(free[1] - push[1, 0] / push[0, 0] * free[0], s.dtheta, ca.SX(0))
+
+
+_MOTIONS = {"both": _both, "hoop": _hoop_alone, "ball": _ball_alone}
 
 
 def rate_function(

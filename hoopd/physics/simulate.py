@@ -41,15 +41,17 @@ class Model:
         free: Sequence[str] = (),
         extra_forces: tuple[ExtraForce, ...] = (),
         *,
+        moving: str = "both",
         step_s: float = STEP_S,
     ) -> None:
-        """`values`: every parameter of the structure (and of the forces); `free`: which of them a run is told anew."""
+        """`values`: every parameter of the structure (and of the forces); `free`: which of them a run is told anew;
+        `moving`: both, hoop (no ball) or ball (hoop held)."""
         unknown = [name for name in free if name not in values]
         missing = [name for name in PARAMETER_UNITS[structure] if name not in values]
         if unknown or missing:
             raise ValueError(f"unknown parameters {unknown}, missing {missing}")
         self.structure, self.values, self.free, self.step_s = structure, dict(values), tuple(free), step_s
-        self._extra_forces = extra_forces
+        self._extra_forces, self.moving = extra_forces, moving
         self._cache: dict[tuple[str, int, int], ca.Function] = {}
 
     @property
@@ -92,7 +94,7 @@ class Model:
         x, u, h, p = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("h"), ca.SX.sym("p", len(self.free))
         named = {name: ca.SX(value) for name, value in self.values.items()}
         named |= {name: p[index] for index, name in enumerate(self.free)}
-        f = ca.Function("f", [x, u, p], [rate(self.structure, x, u, named, self._extra_forces)])
+        f = ca.Function("f", [x, u, p], [rate(self.structure, x, u, named, self._extra_forces, self.moving)])
         return x, u, h, p, runge_kutta(lambda z: f(z, u, p), x, h, steps)
 
     def _step_function(self, steps: int) -> ca.Function:
