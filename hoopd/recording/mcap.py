@@ -42,6 +42,7 @@ class Header(msgspec.Struct, frozen=True):
     seed: int | None = None
     law: str = ""  # text of a user's own law
     part: int = 0  # above 0: goes on from the file before (after a fault of the disk, or a full one)
+    converted: str = ""  # name of the file that this one was made from; empty: recorded by the daemon
 
 
 class Run(NamedTuple):
@@ -83,6 +84,10 @@ class Writer:
         self._add("input", inputs.t, known)
         self._add("tick", record.t, done)
 
+    def add_tick(self, record: TickRecord) -> None:
+        """One tick of a recording from elsewhere, whose inputs nobody kept."""
+        self._add("tick", record.t, rows.encode_tick(record))
+
     def add_event(self, event: Event) -> None:
         """One event."""
         self._add("event", event.t, rows.encode_event(event))
@@ -116,11 +121,12 @@ def _header_texts(header: Header) -> dict[str, str]:
     config = without_secrets(header.config)
     versions = msgspec.json.encode(header.versions, order="sorted").decode()
     seed = "" if header.seed is None else str(header.seed)
-    return {**texts, "config": config, "versions": versions, "seed": seed, "part": str(header.part)}
+    converted = {"converted": header.converted} if header.converted else {}
+    return {**texts, "config": config, "versions": versions, "seed": seed, "part": str(header.part), **converted}
 
 
 def _header(texts: dict[str, str]) -> Header:
-    plain = {name: texts.get(name, "") for name in ("device", "config", "model", "controller", "law")}
+    plain = {name: texts.get(name, "") for name in ("device", "config", "model", "controller", "law", "converted")}
     seed, versions = texts.get("seed", ""), texts.get("versions") or "{}"
     return Header(
         **plain,

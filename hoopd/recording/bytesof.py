@@ -1,0 +1,73 @@
+"""Whole files in, whole files out: bounded reads, and writes that leave the old file or the new one, never a half.
+
+Rules of this file: every fault of the disk is one `InputError`; a directory or a device is no recording.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+from hoopd.files import InputError, os_reason
+
+MAX_FILE_BYTES = 2**29  # a week of a .mat file; larger ones are something else
+
+
+def require_file(path: Path, max_bytes: int = MAX_FILE_BYTES) -> None:
+    """InputError unless the path is a readable, non-empty file of bounded size."""
+    try:
+        if not path.is_file():  # a device has no end
+            raise InputError(path, "", "not a file" if path.exists() else "no such file")
+        size = path.stat().st_size
+    except (OSError, ValueError) as error:
+        raise InputError(path, "", os_reason(error)) from None
+    if not size:
+        raise InputError(path, "", "the file is empty")
+    if size > max_bytes:
+        raise InputError(path, "", f"larger than {max_bytes} bytes: no recording of this kind")
+
+
+def file_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
+    """Content of a file; InputError when it cannot be read."""
+    require_file(path, max_bytes)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(path, "", os_reason(error)) from None
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Put data where path is, at once: written beside it, then renamed over it."""
+    try:
+        if path.is_dir():
+            raise InputError(path, "", "is a directory")
+        mode = path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask()
+        handle, name = tempfile.mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
+    except (OSError, ValueError) as error:
+        raise _unwritable(path, error) from None
+    try:
+        with os.fdopen(handle, "wb") as file:
+            os.fchmod(file.fileno(), mode)
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(name).replace(path)
+    except BaseException as error:
+        with contextlib.suppress(OSError):
+            Path(name).unlink()
+        if isinstance(error, OSError):
+            raise _unwritable(path, error) from None
+        raise
+
+
+def _unwritable(path: Path, error: Exception) -> InputError:
+    return error if isinstance(error, InputError) else InputError(path, "", os_reason(error, "cannot be written"))
+
+
+def _umask() -> int:
+    """The process's mask; there is no call that only reads it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask

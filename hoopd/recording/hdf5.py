@@ -1,0 +1,125 @@
+"""Recordings in HDF5 as the thesis keeps them: groups ExpN with Timestamps (n), States (n x 3 or 4) and Input (n).
+
+Rules of this file: HDF5's bytes are h5py's. Julia and MATLAB store the columns of a matrix one after the other, so
+their n x 3 arrives here as 3 x n; which side is time is told by Timestamps. We write as they do. Further signals stand
+in further datasets (`Current`, `y_t`, `psi_t`). The same recording gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from hoopd.files import InputError
+from hoopd.recording.bytesof import require_file
+from hoopd.recording.recording import Recording
+from hoopd.recording.tables import INPUT_AND_STATES, MAX_ROWS, by_row, column_names, named, recording_of, vector
+
+FIELDS = {"current": "Current", "y_t": "y_t", "psi_t": "psi_t"}
+NEEDED = ("Timestamps", "States", "Input")
+STATES = INPUT_AND_STATES[1:4]
+LAYOUT = "layout"  # attribute of States: which side is time, said by files of ours
+SIGNALS_FIRST = "signals,samples"
+
+
+def read(path: Path, columns: str | None = None, experiment: str | None = None) -> Recording:
+    """Recording of one experiment; InputError when several are there and none is chosen."""
+    with opened(path) as file:
+        name = _chosen(_experiments(file, path), experiment, path)
+        return _recording(file[name], columns, path, name)
+
+
+def experiments(path: Path) -> tuple[str, ...]:
+    """Names of the experiments in a file, Exp2 before Exp10; InputError when there is none."""
+    with opened(path) as file:
+        return _experiments(file, path)
+
+
+def encode(recording: Recording, fields: dict[str, Any]) -> bytes:
+    """The file's bytes, with one experiment `Exp1`; `fields`: further signals by name."""
+    buffer = BytesIO()
+    with h5py.File(buffer, "w") as file:
+        group = file.create_group("Exp1")
+        group["Timestamps"], group["Input"] = recording.t, recording.u
+        group["States"] = np.stack([getattr(recording, name) for name in STATES])
+        group["States"].attrs[LAYOUT] = SIGNALS_FIRST
+        for name, column in fields.items():
+            group[FIELDS[name]] = column
+        if recording.config:
+            group.attrs["config"] = recording.config
+    return buffer.getvalue()
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """An HDF5 file; whatever its damage makes the library say is one InputError."""
+    require_file(path)
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except InputError:
+        raise
+    except Exception as error:  # the library raises OSError, KeyError, RuntimeError, ValueError, TypeError on damage
+        text = (str(error).strip().splitlines() or [""])[0]
+        raise InputError(path, "", f"not an HDF5 file, or a damaged one ({type(error).__name__}: {text})") from None
+
+
+def datasets(group: Any, path: Path, key: str) -> dict[str, Any]:
+    """Arrays of a group by name; InputError when it is none, or an array is larger than any recording."""
+    if not isinstance(group, h5py.Group):
+        raise InputError(path, key, "expected a group with arrays")
+    return {name: _array(group[name], path, f"{key}/{name}") for name in group if isinstance(group[name], h5py.Dataset)}
+
+
+def _array(dataset: h5py.Dataset, path: Path, key: str) -> Any:
+    if dataset.shape is None or dataset.size > 4 * MAX_ROWS:
+        raise InputError(path, key, f"an array of {dataset.size or 0} values: no recording")
+    return dataset[()]
+
+
+def _experiments(file: h5py.File, path: Path) -> tuple[str, ...]:
+    names = [name for name in file if isinstance(file.get(name), h5py.Group) and "Timestamps" in file[name]]
+    if not names:
+        held = f"; it holds {', '.join(list(file)[:8])}" if len(file) else "; it holds nothing"
+        raise InputError(path, "", f"no group with {', '.join(NEEDED)} (Exp1, Exp2, ...){held}")
+    return tuple(sorted(names, key=_natural))
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def _chosen(names: tuple[str, ...], experiment: str | None, path: Path) -> str:
+    if experiment is None and len(names) == 1:
+        return names[0]
+    if experiment is None:
+        raise InputError(path, "", f"holds {', '.join(names)}: choose one, as {path.name}:{names[-1]}")
+    if experiment not in names:
+        raise InputError(path, experiment, f"no such experiment; there are {', '.join(names)}")
+    return experiment
+
+
+def _recording(group: h5py.Group, columns: str | None, path: Path, key: str) -> Recording:
+    arrays = datasets(group, path, key)
+    for name in NEEDED:
+        if name not in arrays:
+            raise InputError(path, f"{key}/{name}", f"no such array; there are {', '.join(arrays) or 'none'}")
+    t = vector(arrays["Timestamps"], path, f"{key}/Timestamps")
+    u = vector(arrays["Input"], path, f"{key}/Input")
+    if len(u) != len(t):
+        raise InputError(path, f"{key}/Input", f"has {len(u)} values, Timestamps has {len(t)}")
+    first = False if group["States"].attrs.get(LAYOUT) == SIGNALS_FIRST else None
+    states = by_row(arrays["States"], len(t), path, f"{key}/States", samples_first=first)
+    default = INPUT_AND_STATES[: 5 if states.shape[1] == 4 else 4]
+    names = column_names(columns, default, path)
+    signals = named(np.column_stack([u, states]), names, path, f"{key}/Input and States")
+    others = {n: vector(arrays[f], path, f"{key}/{f}") for n, f in FIELDS.items() if f in arrays and n not in names}
+    config = group.attrs.get("config", "")
+    return recording_of({"t": t, **others, **signals}, path, config=config if isinstance(config, str) else "")
