@@ -1,0 +1,159 @@
+"""Recordings made ready for a fit: what moved, which samples count, which runs are simulated from a start of their own.
+
+Rules of this file: a recording is judged by itself, never by a model; every sample that is set aside is counted and
+said; nothing of the input is changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import tau
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.files import InputError
+from hoopd.recording.recording import Recording
+from hoopd.recording.timeline import Channel, Timeline, timelines
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+CHANNELS = ("theta", "theta_rate", "dtheta", "psi")
+STATES = {"theta": 0, "theta_rate": 0, "dtheta": 1, "psi": 2}
+UNITS = {"theta": "rad", "theta_rate": "rad/s", "dtheta": "rad/s", "psi": "rad"}
+# A camera that has lost the ball repeats its last angle to the bit; four equal ones in a row are no measurement.
+STUCK = 5
+# A ball that stayed within this was never seen to move: 5 camera quanta.
+STILL_PSI_RAD = 0.005
+# A hoop that stayed within so many encoder counts was held.
+HELD_COUNTS = 2.5
+# A run shorter than this tells nothing beyond its own initial state.
+SHORTEST_ROWS = 10
+
+
+@dataclass(frozen=True)
+class Series:
+    """One channel of a run: values and the nodes they compare with; `before`: a rate over two nodes."""
+
+    name: str
+    nodes: Index  # (k,)
+    values: Array  # (k,)
+    before: Index | None = None
+    span_s: Array | None = None  # time between the two nodes
+
+    def of(self, states: Array) -> Array:
+        """The same from simulated states (n, 4, ...): (k, ...)."""
+        column = states[:, STATES[self.name]]
+        if self.before is None or self.span_s is None:
+            return np.asarray(column[self.nodes])
+        span = self.span_s.reshape(-1, *([1] * (column.ndim - 1)))
+        return np.asarray((column[self.nodes] - column[self.before]) / span)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A stretch that is simulated from one initial state."""
+
+    recording: str
+    moving: str  # both, hoop (no ball), ball (hoop held)
+    t: Array  # (n,) s
+    u: Array  # (n-1,) N m
+    series: dict[str, Series]
+    start: Array  # (4,) first guess of the state
+    set_aside: dict[str, int]  # samples that do not count, by channel
+
+    @property
+    def samples(self) -> int:
+        """Measurements that count."""
+        return sum(len(series.values) for series in self.series.values())
+
+
+def moving_of(recording: Recording, encoder_counts: int = 4096) -> str:
+    """Whether ball and hoop move: both, hoop or ball."""
+    psi, theta = _seen(recording.psi), _seen(recording.theta)
+    ball = len(psi) > SHORTEST_ROWS and np.ptp(psi) > STILL_PSI_RAD
+    held = len(theta) == 0 or np.ptp(theta) < HELD_COUNTS * tau / encoder_counts
+    return "hoop" if not ball else "ball" if held else "both"
+
+
+def prepare(
+    recordings: Sequence[Recording],
+    channels: Sequence[str] = ("theta_rate", "psi"),
+    window_s: float | None = None,
+    encoder_counts: int = 4096,
+) -> list[Run]:
+    """Runs of the recordings, whole or in windows; InputError when a recording holds nothing to fit."""
+    runs = []
+    for recording in recordings:
+        moving = moving_of(recording, encoder_counts)
+        wanted = [name for name in channels if name != "psi"] if moving == "hoop" else list(channels)
+        wanted = ["psi"] if moving == "ball" else wanted
+        found = [run for part in _pieces(recording, window_s) if (run := _run(recording, part, moving, wanted))]
+        if not found:
+            raise InputError(recording.source, ", ".join(wanted), f"no stretch of {SHORTEST_ROWS} samples to fit")
+        runs += found
+    return runs
+
+
+def _pieces(recording: Recording, window_s: float | None) -> list[Timeline]:
+    try:
+        whole = timelines(recording)
+    except ValueError as error:
+        raise InputError(recording.source, "u", str(error)) from None
+    return whole if window_s is None else [piece for part in whole for piece in part.windows(window_s)]
+
+
+def _run(recording: Recording, part: Timeline, moving: str, wanted: list[str]) -> Run | None:
+    series, aside = {}, {}
+    for name in wanted:
+        channel = part.channels["theta" if name == "theta_rate" else name]
+        if name == "psi":
+            fresh = not_stuck(channel.values)
+            aside[name] = int((~fresh).sum())
+            channel = Channel(channel.nodes[fresh], channel.values[fresh])
+        if len(channel.values) >= 3:
+            series[name] = _rate(part, channel) if name == "theta_rate" else Series(name, *channel)
+    if sum(len(one.values) for one in series.values()) < SHORTEST_ROWS:
+        return None
+    return Run(recording.source, moving, part.t, part.u, series, _start(part, moving), aside)
+
+
+def _rate(part: Timeline, theta: Channel) -> Series:
+    """(theta_k+1 - theta_k-1) / (t_k+1 - t_k-1), the same of the simulation: no derivative is guessed."""
+    after, before = theta.nodes[2:], theta.nodes[:-2]
+    span = part.t[after] - part.t[before]
+    return Series("theta_rate", after, (theta.values[2:] - theta.values[:-2]) / span, before, span)
+
+
+def not_stuck(psi: Array) -> NDArray[np.bool_]:
+    """False where a value repeats and repeats (STUCK or more equal ones): the first of them counts."""
+    if len(psi) == 0:
+        return np.zeros(0, dtype=bool)
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(psi) != 0.0, [True]]))
+    lengths = np.diff(edges)
+    good = np.repeat(lengths < STUCK, lengths)
+    good[edges[:-1]] = True
+    return good
+
+
+def _start(part: Timeline, moving: str) -> Array:
+    """State at the first node by straight lines through the first samples."""
+    theta, dtheta = _line(part, part.channels["theta"])
+    psi, dpsi = _line(part, part.channels["psi"])
+    if moving == "hoop":
+        psi = dpsi = 0.0
+    return np.array([theta, 0.0 if moving == "ball" else dtheta, psi, dpsi])
+
+
+def _line(part: Timeline, channel: Channel, samples: int = 5) -> tuple[float, float]:
+    t, y = part.t[channel.nodes[:samples]] - part.t[0], channel.values[:samples]
+    if len(t) < 2:
+        return (float(y[0]) if len(y) else 0.0), 0.0
+    slope, value = np.polyfit(t, y, 1)
+    return float(value), float(slope)
+
+
+def _seen(values: Array) -> Array:
+    return values[np.isfinite(values)]
