@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ class _Problem:
         self.models = {m: Model(structure, values, scale.names, extra_forces, moving=m) for m in kinds}
         self.free = [_free_starts(run) for run in runs]
         offsets = np.cumsum([len(scale.names), *(len(free) for free in self.free)])
-        self.slots = [slice(int(a), int(b)) for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+        self.slots = [slice(int(a), int(b)) for a, b in pairwise(offsets)]
         self.size = int(offsets[-1])
         self.sigma = {name: _first_sigma(name, runs) for name in _channels(runs)}
 
@@ -114,7 +115,7 @@ class _Problem:
         parts = [e / self.sigma[name] for run in self.residual_parts(v) for name, e in run.items()]
         z = v[: len(self.scale.names)]
         stacked = np.concatenate([*parts, self._prior_residual(z)])
-        return np.clip(np.nan_to_num(stacked, nan=LARGEST_RESIDUAL), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
+        return np.asarray(np.clip(np.nan_to_num(stacked, nan=LARGEST_RESIDUAL), -LARGEST_RESIDUAL, LARGEST_RESIDUAL))
 
     def jacobian(self, v: Array) -> Array:
         m, blocks = len(self.scale.names), []
@@ -148,7 +149,7 @@ class _Problem:
                 ]
             )
         )
-        return self._prior_jacobian() @ (z - centre)
+        return np.asarray(self._prior_jacobian() @ (z - centre))
 
     def _prior_jacobian(self) -> Array:
         rows = [name for name in self.scale.names if name in self.priors]

@@ -81,10 +81,10 @@ def _weights(e: Array, loss: str) -> Array:
 def _freedom(solution: Solution) -> float:
     """n / (n - estimated numbers): sigma was taken from the same residuals."""
     count = sum(len(e) for run in solution.residuals for e in run.values())
-    estimated = len(solution.names) + sum(
+    estimated: int = len(solution.names) + sum(
         next(iter(j.values())).shape[1] - len(solution.names) for j in solution.jacobian
     )
-    return count / max(count - estimated, 1)
+    return float(count) / max(count - estimated, 1)
 
 
 def prior_information(solution: Solution) -> Array:

@@ -80,7 +80,7 @@ class Model:
         count = h.shape[1]
         # one column of parameters a step: a single one would make CasADi map the whole run over u instead
         columns = np.repeat(np.asarray(p, float).reshape(len(self.free), 1), count, axis=1)
-        return self._function(kind, count, h)(start, u, h, columns).full()
+        return np.asarray(self._function(kind, count, h)(start, u, h, columns).full())
 
     def _function(self, kind: str, count: int, h: Array) -> ca.Function:
         steps = max(1, math.ceil(float(h.max()) / self.step_s - 1e-9))

@@ -6,6 +6,7 @@ without a torque end a run. No model here.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +48,7 @@ class Timeline(NamedTuple):
         """Cut into pieces of about this length; a shorter rest joins the last piece."""
         count = max(1, int((self.t[-1] - self.t[0]) / length_s + 1e-6))
         edges = np.searchsorted(self.t, np.linspace(self.t[0], self.t[-1], count + 1) - SAME_S)
-        return [self.between(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return [self.between(int(a), int(b)) for a, b in pairwise(edges)]
 
 
 def timelines(recording: Recording) -> list[Timeline]:
