@@ -28,7 +28,9 @@ def register(app: typer.Typer) -> None:
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(help="Recording: .mcap, .mat, .h5 or .csv.", metavar="IN")],
+    source: Annotated[
+        Path, typer.Argument(help="Recording: .mcap, .mat, .h5 (also FILE.h5:Exp2) or .csv.", metavar="IN")
+    ],
     target: Annotated[Path, typer.Argument(help="Where it goes; the extension says the format.", metavar="OUT")],
     columns: ColumnsOption = None,
     experiment: Annotated[str | None, typer.Option("--experiment", help="Group of an .h5 file, e.g. Exp2.")] = None,

@@ -8,7 +8,7 @@ in further datasets (`Current`, `y_t`, `psi_t`). The same recording gives the sa
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -26,7 +26,9 @@ FIELDS = {"current": "Current", "y_t": "y_t", "psi_t": "psi_t"}
 NEEDED = ("Timestamps", "States", "Input")
 STATES = INPUT_AND_STATES[1:4]
 LAYOUT = "layout"  # attribute of States: which side is time, said by files of ours
-SIGNALS_FIRST = "signals,samples"
+SIGNALS_FIRST = b"signals,samples"
+CONFIG = "config"  # attribute of the group: configuration text
+MAX_TEXT_BYTES = 60_000  # an attribute holds 64 kB
 
 
 def read(path: Path, columns: str | None = None, experiment: str | None = None) -> Recording:
@@ -49,11 +51,11 @@ def encode(recording: Recording, fields: dict[str, Any]) -> bytes:
         group = file.create_group("Exp1")
         group["Timestamps"], group["Input"] = recording.t, recording.u
         group["States"] = np.stack([getattr(recording, name) for name in STATES])
-        group["States"].attrs[LAYOUT] = SIGNALS_FIRST
+        group["States"].attrs[LAYOUT] = np.bytes_(SIGNALS_FIRST)
         for name, column in fields.items():
             group[FIELDS[name]] = column
-        if recording.config:
-            group.attrs["config"] = recording.config
+        if 0 < len(config := recording.config.encode()) <= MAX_TEXT_BYTES:
+            group.attrs[CONFIG] = np.bytes_(config)
     return buffer.getvalue()
 
 
@@ -71,17 +73,29 @@ def opened(path: Path) -> Iterator[h5py.File]:
         raise InputError(path, "", f"not an HDF5 file, or a damaged one ({type(error).__name__}: {text})") from None
 
 
-def datasets(group: Any, path: Path, key: str) -> dict[str, Any]:
-    """Arrays of a group by name; InputError when it is none, or an array is larger than any recording."""
+def datasets(group: Any, names: Iterable[str], path: Path, key: str) -> dict[str, Any]:
+    """Those of the named arrays that a group has; InputError when it is none, or one is no array of numbers."""
     if not isinstance(group, h5py.Group):
         raise InputError(path, key, "expected a group with arrays")
-    return {name: _array(group[name], path, f"{key}/{name}") for name in group if isinstance(group[name], h5py.Dataset)}
+    return {name: _array(group[name], path, f"{key}/{name}") for name in names if name in group}
 
 
-def _array(dataset: h5py.Dataset, path: Path, key: str) -> Any:
+def _array(dataset: Any, path: Path, key: str) -> Any:
+    if not isinstance(dataset, h5py.Dataset):
+        raise InputError(path, key, "expected an array, found a group")
     if dataset.shape is None or dataset.size > 4 * MAX_ROWS:
         raise InputError(path, key, f"an array of {dataset.size or 0} values: no recording")
+    if dataset.dtype.kind not in "fiu":
+        raise InputError(path, key, f"expected real numbers, found {dataset.dtype}")
     return dataset[()]
+
+
+def _text(item: Any, name: str) -> bytes:
+    """Text of an attribute of fixed length; others are not followed: a damaged heap stops the library for ever."""
+    if name not in item.attrs or item.attrs.get_id(name).dtype.kind != "S":
+        return b""
+    value = item.attrs[name]
+    return bytes(value) if isinstance(value, bytes) else b""
 
 
 def _experiments(file: h5py.File, path: Path) -> tuple[str, ...]:
@@ -107,19 +121,19 @@ def _chosen(names: tuple[str, ...], experiment: str | None, path: Path) -> str:
 
 
 def _recording(group: h5py.Group, columns: str | None, path: Path, key: str) -> Recording:
-    arrays = datasets(group, path, key)
+    arrays = datasets(group, (*NEEDED, *FIELDS.values()), path, key)
     for name in NEEDED:
         if name not in arrays:
-            raise InputError(path, f"{key}/{name}", f"no such array; there are {', '.join(arrays) or 'none'}")
+            raise InputError(path, f"{key}/{name}", f"no such array; there are {', '.join(group) or 'none'}")
     t = vector(arrays["Timestamps"], path, f"{key}/Timestamps")
     u = vector(arrays["Input"], path, f"{key}/Input")
     if len(u) != len(t):
         raise InputError(path, f"{key}/Input", f"has {len(u)} values, Timestamps has {len(t)}")
-    first = False if group["States"].attrs.get(LAYOUT) == SIGNALS_FIRST else None
+    first = False if _text(group["States"], LAYOUT) == SIGNALS_FIRST else None
     states = by_row(arrays["States"], len(t), path, f"{key}/States", samples_first=first)
     default = INPUT_AND_STATES[: 5 if states.shape[1] == 4 else 4]
     names = column_names(columns, default, path)
     signals = named(np.column_stack([u, states]), names, path, f"{key}/Input and States")
     others = {n: vector(arrays[f], path, f"{key}/{f}") for n, f in FIELDS.items() if f in arrays and n not in names}
-    config = group.attrs.get("config", "")
-    return recording_of({"t": t, **others, **signals}, path, config=config if isinstance(config, str) else "")
+    config = _text(group, CONFIG).decode(errors="replace")
+    return recording_of({"t": t, **others, **signals}, path, config=config)

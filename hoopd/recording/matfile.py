@@ -72,7 +72,7 @@ def _fields_of_hdf5(path: Path) -> dict[str, Any]:
     with opened(path) as file:
         if STRUCT not in file:
             raise InputError(path, STRUCT, "no such struct in the file")
-        return datasets(file[STRUCT], path, STRUCT)
+        return datasets(file[STRUCT], ("Time", "Data", *FIELDS.values()), path, STRUCT)
 
 
 def _recording(fields: dict[str, Any], names: tuple[str, ...], path: Path) -> Recording:

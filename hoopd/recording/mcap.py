@@ -178,6 +178,8 @@ def recover(path: Path, out: Path) -> str:
         for row in _in_order(run):
             if isinstance(row, Event):
                 writer.add_event(row)
+            elif row[1] is None:
+                writer.add_tick(row[0])
             else:
                 writer.add(*row)
         writer.finish()
@@ -197,9 +199,9 @@ def describe_loss(scan: Scan) -> str:
 
 
 def _in_order(run: Run) -> list[Any]:
-    """Rows and events by run time; a tick without its inputs (or the reverse) cannot be kept."""
+    """Rows and events by run time; a tick without its inputs (or the reverse) is torn, unless there never were any."""
     inputs = {row.id: row for row in run.inputs}
-    pairs = [(tick, inputs[tick.id]) for tick in run.ticks if tick.id in inputs]
+    pairs = [(tick, inputs.get(tick.id)) for tick in run.ticks if tick.id in inputs or run.header.converted]
     return sorted([*pairs, *run.events], key=lambda row: row.t if isinstance(row, Event) else row[0].t)
 
 

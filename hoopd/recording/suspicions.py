@@ -1,0 +1,177 @@
+"""What in a recording may not be what it is called, in plain words: printed as warnings, never acted upon.
+
+Rules of this file: nothing is changed and nothing refused; a threshold follows from the device (counts of the encoder,
+limit of the torque, how the ball swings), never from one file; a doubt names the evidence, and what to do about it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.recording.recording import Column, Recording
+
+COUNT_RAD = 2 * math.pi / 4096  # one count of the encoder
+TORQUE_LIMIT_NM = 0.7  # what the drive can give
+# The ball swings at 1 to 1.5 Hz. Well above that it moves against the torque and hardly at all; what still follows the
+# torque there is no ball. (At a slow sine a real ball follows the torque with a correlation of 0.98.)
+ABOVE_BALL_HZ = 3.0
+FOLLOWS = 0.8  # correlation above ABOVE_BALL_HZ: a ball gives a negative one
+SHARE_ABOVE = 0.1  # of the torque's spread that must lie above ABOVE_BALL_HZ for that to be told
+GAIN_TOLERANCE = 0.1  # dtheta against the slope of theta; scale of a sensor's calibration
+SLOPE_CORRELATION = 0.9
+# Second differences of ten times noise occur in every recording with steps of torque; twenty times does not.
+OUTLIER_SIGMAS = 20.0
+OUTLIER_FLOORS = {"theta": 10 * COUNT_RAD, "dtheta": 5.0, "psi": 0.1}  # smaller jumps harm no fit
+REPEAT_COUNTS = 3  # a hoop that moves this many counts in a step cannot give the same row again
+GAP_STEPS = 1.5
+MIN_ROWS = 20  # below that there is nothing to compare
+
+
+def suspicions(recording: Recording) -> list[str]:
+    """One sentence for each thing in the recording that is worth a doubt; empty when there is none."""
+    checks: tuple[Callable[[Recording], Iterator[str]], ...] = (
+        _lost,
+        _gaps,
+        _torque,
+        _hoop,
+        _ball,
+        _ball_is_current,
+        _speed,
+        _repeated,
+        _outliers,
+    )
+    return [sentence for check in checks for sentence in check(recording)]
+
+
+def _lost(recording: Recording) -> Iterator[str]:
+    if recording.lost:
+        yield f"the file was damaged: {recording.lost}"
+
+
+def _gaps(recording: Recording) -> Iterator[str]:
+    steps = np.diff(recording.t)
+    long = steps[steps > GAP_STEPS * recording.sample_time_s]
+    if len(long):
+        yield f"rows are missing at {len(long)} place{_s(long)}, the longest step is {long.max():.3g} s"
+
+
+def _torque(recording: Recording) -> Iterator[str]:
+    u = _finite(recording.u)
+    if not len(u):
+        yield "u is missing in every row: nothing says what drove the hoop"
+    elif np.abs(u).max() > TORQUE_LIMIT_NM * 1.01:
+        yield f"u reaches {np.abs(u).max():.3g}, the drive's limit is {TORQUE_LIMIT_NM} N m: another unit?"
+    elif _constant(u):
+        yield f"u never changes ({u[0]:.3g} N m): no torque drives the recording"
+
+
+def _hoop(recording: Recording) -> Iterator[str]:
+    theta = _finite(recording.theta)
+    if not len(theta):
+        yield "theta is missing in every row"
+    elif np.ptp(theta) <= 1.5 * COUNT_RAD:
+        yield "theta moves one count of the encoder at most: the hoop was held, or stuck"
+
+
+def _ball(recording: Recording) -> Iterator[str]:
+    psi = _finite(recording.psi)
+    if len(psi) and _constant(psi):
+        yield f"psi never changes ({psi[0]:.4g} rad): no ball; leave it out with columns, as u,theta,dtheta,-"
+
+
+def _ball_is_current(recording: Recording) -> Iterator[str]:
+    u, psi = _filled(recording.t, recording.u), _filled(recording.t, recording.psi)
+    if u is None or psi is None:
+        return
+    width = max(3, round(1 / (ABOVE_BALL_HZ * recording.sample_time_s)) | 1)
+    fast_u, fast_psi = _fast(u, width), _fast(psi, width)
+    if not len(fast_u) or fast_u.std() < SHARE_ABOVE * u.std() or _constant(fast_psi):
+        return
+    if (fast := _correlation(fast_u, fast_psi)) > FOLLOWS:
+        yield (
+            f"psi follows u with correlation {_correlation(u, psi):.2f}, and {fast:.2f} above {ABOVE_BALL_HZ:g} Hz"
+            " where a ball cannot: this may be a motor current; then load with columns u,theta,dtheta,current"
+        )
+
+
+def _speed(recording: Recording) -> Iterator[str]:
+    t, theta, dtheta = recording.t, recording.theta, recording.dtheta
+    if len(t) < MIN_ROWS:
+        return
+    slope = (theta[2:] - theta[:-2]) / (t[2:] - t[:-2])
+    both = np.isfinite(slope) & np.isfinite(dtheta[1:-1])
+    slope, speed = slope[both], dtheta[1:-1][both]
+    noise = COUNT_RAD / recording.sample_time_s
+    if len(slope) < MIN_ROWS or slope.std() < 10 * noise:
+        return
+    correlation, gain = _correlation(slope, speed), float(slope @ speed / (slope @ slope))
+    if correlation < SLOPE_CORRELATION:
+        yield f"dtheta is not the slope of theta (correlation {correlation:.2f}): another signal, unit or sign?"
+    elif abs(gain - 1) > GAIN_TOLERANCE:
+        yield f"dtheta is {gain:.2f} times the slope of theta (correlation {correlation:.2f}): trust theta, not dtheta"
+
+
+def _repeated(recording: Recording) -> Iterator[str]:
+    still = [np.diff(getattr(recording, name)) == 0 for name in ("theta", "dtheta")]
+    moves = np.abs(recording.dtheta[1:]) * np.diff(recording.t) > REPEAT_COUNTS * COUNT_RAD
+    rows = np.flatnonzero(still[0] & still[1] & moves) + 1
+    if len(rows):
+        first = f"{recording.t[rows[0]]:.6g} s"
+        yield f"{len(rows)} row{_s(rows)} the same as the one before while the hoop turns (first at {first})"
+
+
+def _outliers(recording: Recording) -> Iterator[str]:
+    for name, floor in OUTLIER_FLOORS.items():
+        places = _jumps(getattr(recording, name), floor)
+        if len(places):
+            where = ", ".join(f"{recording.t[k]:.6g}" for k in places[:3]) + (", ..." if len(places) > 3 else "")
+            yield f"{name} has {len(places)} outlier{_s(places)} (at {where} s): a slip of the sensor, or a hand"
+
+
+def _jumps(column: Column, floor: float) -> NDArray[np.int64]:
+    """Rows that lie far from the middle of their neighbours, against how far rows lie usually."""
+    rows = np.flatnonzero(np.isfinite(column))
+    x = column[rows]
+    if len(x) < MIN_ROWS:
+        return rows[:0]
+    away = np.abs(x[1:-1] - (x[:-2] + x[2:]) / 2)
+    sigma = 1.4826 * float(np.median(away))  # of a normal distribution with this median
+    far = away > max(floor, OUTLIER_SIGMAS * sigma)
+    peak = far & (away >= np.maximum(np.r_[0, away[:-1]], np.r_[away[1:], 0]))  # one slip spoils three differences
+    return rows[1:-1][peak]
+
+
+def _fast(x: Column, width: int) -> Column:
+    """What is left of a column without its moving average."""
+    if len(x) < 2 * width:
+        return x[:0]
+    return x[width // 2 : len(x) - width // 2] - np.convolve(x, np.ones(width) / width, "valid")
+
+
+def _filled(t: Column, column: Column) -> Column | None:
+    """The column with its few missing rows bridged; None when more than a tenth is missing."""
+    there = np.isfinite(column)
+    if len(t) < MIN_ROWS or there.mean() < 0.9:
+        return None
+    return np.interp(t, t[there], column[there])
+
+
+def _correlation(a: Column, b: Column) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    return float(a @ b / max(math.sqrt((a @ a) * (b @ b)), np.finfo(float).tiny))
+
+
+def _finite(column: Column) -> Column:
+    return column[np.isfinite(column)]
+
+
+def _constant(column: Column) -> bool:
+    return len(column) > 1 and bool(np.ptp(column) == 0)
+
+
+def _s(items: Column | NDArray[np.int64]) -> str:
+    return "s" if len(items) != 1 else ""
