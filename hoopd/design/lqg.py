@@ -11,12 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import control
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from hoopd.core.controllers import LqgGains
 from hoopd.core.estimator import EkfSettings
+from hoopd.design.margins import Margins
+from hoopd.design.margins import margins as margins_of
 from hoopd.physics.plant import Plant, zero_order_hold
 
 Array = NDArray[Any]
@@ -37,16 +40,6 @@ class Weights:
     psi_rad: float = 0.2
     dpsi_rad_s: float = 1.2
     torque_nm: float = 0.05
-
-
-class Margins(NamedTuple):
-    """How far the loop, broken at the torque, is from instability."""
-
-    phase_rad: float
-    delay_s: float  # more delay that it bears
-    gain_up: float  # factor on the plant's gain
-    gain_down: float
-    peak_sensitivity: float
 
 
 def reduced_model(plant: Plant, h: float) -> tuple[Array, Array]:
@@ -152,31 +145,11 @@ def closed_loop_radius(loop: Loop) -> float:
     return float(np.abs(np.linalg.eigvals(np.vstack([top, bottom]))).max())
 
 
-def frequency_response(loop: Loop, w: Array, h: float) -> Array:
-    """Loop transfer L(e^jwh) at the torque."""
-    (a, b, c), (f, g, p, d) = loop
-    values = []
-    for z in np.exp(1j * w * h):
-        y = c @ np.linalg.solve(z * np.eye(len(a)) - a, b)
-        values.append(((p @ np.linalg.solve(z * np.eye(len(f)) - f, g) + d) @ y)[0, 0])
-    return np.array(values)
+def loop_system(loop: Loop, h: float) -> control.StateSpace:
+    """L at the torque: the plant, then the law."""
+    return control.ss(*loop.law, h) * control.ss(*loop.plant, 0, h)
 
 
-def margins(loop: Loop, h: float, points: int = 1500) -> Margins:
-    """Margins from a grid of frequencies, crossings interpolated."""
-    w = np.geomspace(1e-2, np.pi / h * 0.999, points)
-    value = frequency_response(loop, w, h)
-    size, phase = np.abs(value), np.unwrap(np.angle(value))
-    cross = np.flatnonzero(np.diff(np.sign(size - 1.0)))
-    away, delays = [np.pi], [np.inf]
-    for i in cross:
-        share = (1.0 - size[i]) / (size[i + 1] - size[i])
-        w_c, phase_c = w[i] + share * (w[i + 1] - w[i]), phase[i] + share * (phase[i + 1] - phase[i])
-        lag = (phase_c + np.pi) % (2 * np.pi)  # how far the phase may fall until it is -180 degrees
-        away.append(min(lag, 2 * np.pi - lag))
-        delays.append(lag / w_c)
-    turns = (phase + np.pi) / (2 * np.pi)
-    at = size[np.flatnonzero(np.diff(np.floor(turns)))]
-    up = 1.0 / at[at < 1.0].max() if (at < 1.0).any() else np.inf
-    down = 1.0 / at[at > 1.0].min() if (at > 1.0).any() else 0.0
-    return Margins(float(min(away)), float(min(delays)), float(up), float(down), float((1 / np.abs(1 + value)).max()))
+def margins(loop: Loop, h: float) -> Margins:
+    """Margins of the loop broken at the torque."""
+    return margins_of(loop_system(loop, h))
