@@ -11,11 +11,11 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 from hoopd.build import Texts, build_tick, mismatch, read_texts
 from hoopd.core.records import Command
@@ -64,12 +64,30 @@ class Options(NamedTuple):
     arm: bool = False
 
 
+class Guest(Sink, Protocol):
+    """Who takes part in a run beside the loop: sees every tick as a sink does, and may ask for the end."""
+
+    def attend(self, loop: Loop) -> AbstractContextManager[None]:
+        """Be there while the loop runs."""
+        ...
+
+    def status(self) -> str:
+        """One line for a terminal."""
+        ...
+
+
 def run_daemon(options: Options) -> dict[str, Any]:
     """Run until the end; the summary, with `exit` as the exit code."""
     config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
-    _check(options, config)
+    check_options(options, config)
+    summary = perform(options, config, read_texts(config, options.config))
+    print_summary(summary)
+    return summary
+
+
+def perform(options: Options, config: Config, texts: Texts, guest: Guest | None = None) -> dict[str, Any]:
+    """One run with these texts, whoever wrote them; its summary."""
     log.configure(config.log.format, config.log.level)
-    texts = read_texts(config, options.config)
     tick = build_tick(config, texts)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     notifier = Notifier()
@@ -80,14 +98,14 @@ def run_daemon(options: Options) -> dict[str, Any]:
         if reason := mismatch(config, texts):
             reporter.note(0.0, Note("controller_mismatch", "warning", {"reason": reason}))
         world = stack.enter_context(_world(options, config, _say(reporter)))
-        summary = asyncio.run(_run(options, config, texts, tick, world, notifier, reporter))
+        summary = asyncio.run(_run(options, config, texts, tick, world, notifier, reporter, guest))
         signals.ignore()
     summary["start_monotonic_s"] = getattr(world.timer, "start_ns", 0) / 1e9
-    print_summary(summary)
     return summary
 
 
-def _check(options: Options, config: Config) -> None:
+def check_options(options: Options, config: Config) -> None:
+    """InputError for what cannot be run, before anything is opened."""
     for flag, given in (("--speed max", options.speed == "max"), ("--camera direct", options.direct)):
         if given and not options.sim:
             raise InputError(flag, "", "only with --sim")
@@ -147,6 +165,7 @@ async def _run(
     world: World,
     notifier: Notifier,
     reporter: log.Reporter,
+    guest: Guest | None,
 ) -> dict[str, Any]:
     virtual = options.speed == "max"
     world.drive.open()  # first: without its port a run leaves no file and no log
@@ -154,7 +173,7 @@ async def _run(
         recorder = _recorder(stack, options, config, texts, reporter)
         telemetry = None if virtual else _telemetry(stack, config, texts, reporter, lambda: status(loop, recorder))
         watch = Watch()
-        sinks: list[Sink] = [sink for sink in (reporter, recorder, telemetry, watch) if sink is not None]
+        sinks: list[Sink] = [sink for sink in (reporter, recorder, telemetry, watch, guest) if sink is not None]
         loop = Loop(
             tick,
             world.timer,
@@ -169,8 +188,10 @@ async def _run(
             collect=not virtual,
         )
         stack.callback(reporter.close)
-        reporter.start(lambda: status_line(loop))
+        reporter.start(guest.status if guest else lambda: status_line(loop))
         signals.handle(loop.request_stop)
+        if guest is not None:
+            stack.enter_context(guest.attend(loop))
         _quiet(virtual)
         started, started_cpu = time.perf_counter(), time.process_time()
         await loop.run()

@@ -12,10 +12,12 @@ from typing import Any, NamedTuple, cast
 import msgspec
 
 from hoopd.core.controllers import Controller
+from hoopd.core.excitation import Excitation
+from hoopd.core.hooponly import HoopOnly
 from hoopd.core.limits import Limiter
 from hoopd.core.tick import Tick
 from hoopd.files import InputError, read_text
-from hoopd.modelfiles import controller_of, estimator_of, parse_controller, parse_model, plant_of
+from hoopd.modelfiles import ControllerFile, controller_of, estimator_of, parse_controller, parse_model, plant_of
 from hoopd.shell.config import Config, dump, find
 
 
@@ -68,7 +70,16 @@ def build_tick(config: Config, texts: Texts) -> Tick:
         min(config.limits.torque_nm, model.device.torque_limit_nm, file.limits.torque_nm),
         min(config.limits.slew_nm_per_tick, file.limits.slew_nm_per_tick),
     )
-    return Tick(config.loop, config.faults, estimator_of(file, plant_of(model)), law, limiter)
+    if config.faults.ball_expected:
+        return Tick(config.loop, config.faults, estimator_of(file, plant_of(model)), law, limiter)
+    _needs_no_ball(config, file, law)
+    return Tick(config.loop, config.faults, HoopOnly(), law, limiter)
+
+
+def _needs_no_ball(config: Config, file: ControllerFile, law: Controller) -> None:
+    if config.control.law or not isinstance(law, Excitation) or law.around is not None:
+        reason = f"false, but {config.control.law or file.name} acts on the ball: only an excitation can do without one"
+        raise InputError("configuration", "faults.ball_expected", reason)
 
 
 def mismatch(config: Config, texts: Texts) -> str:

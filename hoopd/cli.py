@@ -76,16 +76,11 @@ def run(
         return
     from hoopd.app import Options, run_daemon
 
-    if speed not in ("1", "max"):
-        raise InputError("--speed", "", f"must be 1 or max, not {speed!r}")
-    if camera not in (None, "direct"):
-        raise InputError("--camera", "", f"must be direct, not {camera!r}")
-    if json_path is not None and not json_path.parent.is_dir():  # said before the run, not after it
-        raise InputError(json_path, "--json", "no such folder")
+    chosen, direct = _speed(speed), _direct(camera)
+    _check_json(json_path)
     if duration is not None and not isfinite(duration):
         raise InputError("--duration", "", "must be a finite number of seconds")
-    chosen: Literal["1", "max"] = "max" if speed == "max" else "1"
-    options = Options(sim, config, tuple(sets), duration, record, seed, chosen, camera == "direct", arm)
+    options = Options(sim, config, tuple(sets), duration, record, seed, chosen, direct, arm)
     summary = run_daemon(options)
     write_json(json_path, summary)
     if summary["exit"]:
@@ -176,6 +171,82 @@ def replay(
     write_json(json_path, result)
     print_result(result)
     raise typer.Exit(0 if result["equal"] else 1)
+
+
+@app.command()
+def experiment(
+    kind: Annotated[str, typer.Argument(help="prbs, chirp, multisine, steps or decay.", metavar="KIND")],
+    sim: Annotated[bool, typer.Option("--sim", help="On the simulated rig.")] = False,
+    config: ConfigOption = None,
+    sets: SetOption = [],  # noqa: B006
+    duration: Annotated[float, typer.Option("--duration", help="Seconds of signal.", min=0.5, max=1200.0)] = 20.0,
+    amplitude: Annotated[
+        float | None, typer.Option("--amplitude", help="Torque in N m; without it what the model lets through.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the signal, and of the rig.")] = 0,
+    clock: Annotated[int, typer.Option("--clock", min=1, max=1000, help="prbs: ticks that a value is held.")] = 1,
+    low: Annotated[float, typer.Option("--low", help="chirp, multisine: lowest frequency in Hz.")] = 0.3,
+    high: Annotated[float, typer.Option("--high", help="chirp, multisine: highest frequency in Hz.")] = 5.0,
+    hold: Annotated[float, typer.Option("--hold", min=0.02, help="steps: seconds of each.")] = 0.4,
+    kick: Annotated[float, typer.Option("--kick", min=0.02, help="decay: seconds of torque.")] = 0.2,
+    rest: Annotated[float, typer.Option("--rest", min=0.02, help="decay: seconds without, after each kick.")] = 8.0,
+    max_torque: Annotated[float, typer.Option("--max-torque", min=0.001, max=0.7, help="Limit in N m.")] = 0.3,
+    max_speed: Annotated[
+        float, typer.Option("--max-speed", min=0.1, help="Hoop speed in rad/s that ends the experiment.")
+    ] = 45.0,
+    max_angle: Annotated[
+        float, typer.Option("--max-angle", min=0.01, max=3.2, help="Ball angle in rad that ends the experiment.")
+    ] = 1.25,
+    centring: Annotated[
+        float, typer.Option("--centring", min=0.0, max=0.05, help="Feedback that slows the hoop, N m per rad/s.")
+    ] = 0.0,
+    around: Annotated[
+        Path | None, typer.Option("--around", help="On top of this holding law.", metavar="CONTROLLER")
+    ] = None,
+    no_ball: Annotated[bool, typer.Option("--no-ball", help="There is no ball in the hoop; no camera needed.")] = False,
+    record: Annotated[Path | None, typer.Option("--record", help="Existing folder for the recording.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="The recording's file (.mcap).", metavar="FILE")] = None,
+    figure: Annotated[Path | None, typer.Option("--figure", help="Draw what was recorded.", metavar="FILE")] = None,
+    speed: Annotated[str, typer.Option("--speed", help="1: real time; max: lock-step virtual time (--sim).")] = "1",
+    camera: Annotated[
+        str | None, typer.Option("--camera", help="direct: the rig's ball angle without pictures (--sim).")
+    ] = None,
+    arm: Annotated[bool, typer.Option("--arm", help="Arm by itself once everything is well (terminal only).")] = False,
+    json_path: JsonOption = None,
+) -> None:
+    """Play a test signal within limits of torque, hoop speed and ball angle, and record it."""
+    from hoopd.app import Options
+    from hoopd.experiment import Where, run
+    from hoopd.experimentplan import Plan
+
+    plan = Plan(
+        kind, duration, amplitude, seed, clock, low, high, hold, kick, rest, max_torque, max_speed, max_angle,
+        centring_nm_per_rad_s=centring, around=around, ball=not no_ball,
+    )  # fmt: skip
+    options = Options(sim, config, tuple(sets), None, None, seed, _speed(speed), _direct(camera), arm)
+    _check_json(json_path)
+    result = run(plan, options, Where(record, out), figure)
+    write_json(json_path, result)
+    print_result(result)
+    raise typer.Exit(result["exit"])
+
+
+def _speed(text: str) -> Literal["1", "max"]:
+    if text not in ("1", "max"):
+        raise InputError("--speed", "", f"must be 1 or max, not {text!r}")
+    return "max" if text == "max" else "1"
+
+
+def _direct(camera: str | None) -> bool:
+    if camera not in (None, "direct"):
+        raise InputError("--camera", "", f"must be direct, not {camera!r}")
+    return camera == "direct"
+
+
+def _check_json(path: Path | None) -> None:
+    """Said before a run, not after it."""
+    if path is not None and not path.parent.is_dir():
+        raise InputError(path, "--json", "no such folder")
 
 
 def _own_streams() -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from hoopd.core.controllers import Controller, LinearGains, Lqg, LqgGains, LqgLinear, TransferFunctionController
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
+from hoopd.excitationfile import excitation_entry, excitation_of
 from hoopd.files import InputError, parse_yaml, read_text, to_struct
 from hoopd.physics.plant import PARAMETER_UNITS, ParameterError, Plant, check_parameters
 
@@ -134,12 +135,13 @@ class ControllerLimits(_Strict, frozen=True):
 class ControllerFile(_Strict, frozen=True):
     """`hoopd.controller/1`: all numbers of a law, so that nothing is designed at run time.
 
-    `gains` holds numbers and (nested) lists of them, by the names of the law: `LqgGains`, `LinearGains`, or `b`, `a`.
+    `gains` holds numbers and (nested) lists of them, by the names of the law: `LqgGains`, `LinearGains`, `b` and
+    `a`, or those of an experiment (`hoopd.excitationfile`).
     """
 
     schema: Literal["hoopd.controller/1"]
     name: str
-    kind: Literal["lqg", "lqg_linear", "pid", "lead", "transfer_function"]
+    kind: Literal["lqg", "lqg_linear", "pid", "lead", "transfer_function", "excitation"]
     gains: dict[str, Any]
     estimator: EstimatorEntry
     limits: ControllerLimits = ControllerLimits()
@@ -166,6 +168,8 @@ def parse_controller(text: str, path: object) -> ControllerFile:
 
 def controller_of(file: ControllerFile) -> Controller:
     """The law of a controller file; ValueError when its gains do not fit it."""
+    if file.kind == "excitation":
+        return _excitation(file)
     if file.kind == "lqg":
         gains = _numbers(file.gains)
         missing = {"k_dtheta", "k_psi", "k_dpsi"} - gains.keys()
@@ -178,6 +182,14 @@ def controller_of(file: ControllerFile) -> Controller:
     if file.gains.keys() != {"b", "a"}:
         raise ValueError("expected b and a, the coefficients of C(z) from the highest power down")
     return TransferFunctionController(_array(file.gains, "b", 1).tolist(), _array(file.gains, "a", 1).tolist())
+
+
+def _excitation(file: ControllerFile) -> Controller:
+    entry = excitation_entry(file.gains)
+    if entry.around is None:
+        return excitation_of(entry, None)
+    change = {"kind": entry.around.kind, "gains": entry.around.gains}
+    return excitation_of(entry, controller_of(msgspec.structs.replace(file, **change)))
 
 
 def settings_of(file: ControllerFile) -> EkfSettings:

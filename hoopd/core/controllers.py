@@ -49,6 +49,16 @@ class Controller(Protocol):
         ...
 
 
+# Why a law has ended when it did what it was made for.
+DONE = "done"
+
+
+class Ending(Controller, Protocol):
+    """A law that comes to an end by itself, as an experiment does: the tick then brakes the hoop and disarms."""
+
+    ended: str  # empty while it acts, then `DONE` or what went wrong; empty again after `reset`
+
+
 # ---------------------------------------------------------------------------------------------- LQG
 
 

@@ -85,6 +85,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("recorder_trouble", Action.FLAG, 1, 1, False, "rows were lost or cannot be written"),
     Fault("telemetry_trouble", Action.FLAG, 1, SECOND, False, "telemetry rows were dropped"),
 )
+CAMERA_FAULTS = ("camera_late", "camera_lost", "ball_missing", "ball_lost", "ball_implausible")
 BY_NAME: Mapping[str, Fault] = {fault.name: fault for fault in FAULTS}
 
 
@@ -100,6 +101,8 @@ class Thresholds:
     speed_mismatch_rad_s: float = 6.0  # sixty times the noise of the reported speed
     hoop_speed_rad_s: float = 60.0  # ten turns a second
     minimum_confidence: float = 0.3  # of a detection
+    # False: there is no ball in the hoop, camera and ball are not judged; only a law that needs no ball may act then.
+    ball_expected: bool = True
 
     def __post_init__(self) -> None:
         """Refuse thresholds that would switch a check off by accident."""
@@ -252,6 +255,8 @@ class Health:
 
     def _camera(self, inputs: Inputs, estimate: Estimate) -> dict[str, int]:
         limits = self.thresholds
+        if not limits.ball_expected:
+            return dict.fromkeys(CAMERA_FAULTS, 0)
         if inputs.camera is None and isinf(self._camera_t) and inputs.t < START_GRACE_S:
             return {}
         if inputs.camera is not None:

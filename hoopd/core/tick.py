@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import isfinite, nan, tau
 from typing import Any, NamedTuple, Protocol
 
-from hoopd.core.controllers import Controller, Measurement
+from hoopd.core.controllers import DONE, Controller, Measurement
 from hoopd.core.health import BY_NAME, Action, Health, Sent, Thresholds
 from hoopd.core.limits import Limiter
 from hoopd.core.modes import ENERGISED, Event, Mode, next_mode
@@ -113,6 +113,7 @@ class Tick:
         self._seq = -1
         self._stopping_since = 0.0
         self._wish, self._patience = "", 0
+        self._over = ""
         self._notes: list[Note] = []
 
     @property
@@ -133,6 +134,8 @@ class Tick:
     def step(self, inputs: Inputs) -> Output:
         """Decide one torque."""
         self._notes = []
+        if not self.health.thresholds.ball_expected:
+            inputs = inputs._replace(camera=None)  # whatever the camera takes for a ball is none
         estimate = self.estimator.update(
             inputs.t,
             self._sent.torque_nm,
@@ -239,6 +242,8 @@ class Tick:
     def _torque(self, inputs: Inputs, estimate: Estimate) -> float:
         if self.mode is Mode.RUNNING:
             wanted = self._ask_law(inputs, estimate)
+            if self._over and isfinite(wanted):
+                wanted = self._end_law(inputs)
         elif self.mode is Mode.STOPPING:
             wanted = self._brake(inputs)
         else:
@@ -253,12 +258,21 @@ class Tick:
 
     def _ask_law(self, inputs: Inputs, estimate: Estimate) -> float:
         """The law's torque; a law that fails (a user's own may) is one whose torque is not a number."""
+        self._over = ""
         try:
             wanted, _ = self.controller.update(self._measurement(inputs, estimate))
+            ended = getattr(self.controller, "ended", "")
+            self._over = ended if isinstance(ended, str) else ""
             return float(wanted)
         except Exception as error:
             self._note("law_failed", "error", reason=f"{type(error).__name__}: {error}")
             return nan
+
+    def _end_law(self, inputs: Inputs) -> float:
+        """A law that is over (`Ending`) stops the run in this very tick, as the operator's stop would."""
+        self._note("law_ended", "info" if self._over == DONE else "warning", reason=self._over)
+        self._move(frozenset({Event.STOP}))
+        return self._brake(inputs)
 
     def _reset_law(self) -> None:
         try:

@@ -247,6 +247,13 @@ def runge_kutta(f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX, steps: int) -> 
     return x
 
 
+def without_ball(structure: str, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Parameters of the hoop alone: a ball so light that it moves nothing (`entries`: one that acts on nothing)."""
+    if structure == "entries":
+        return {**parameters, "J12": 0.0, "K1": 0.0}
+    return {**parameters, **{name: 1e-9 * parameters[name] for name in ("mb", "Ib", "bb")}}
+
+
 # ---------------------------------------------------------------------------------------------- the object
 
 

@@ -13,6 +13,7 @@ from typing import Any
 from hoopd.core.layout import Layout, layout_to_table
 from hoopd.eye import Analyser
 from hoopd.files import InputError
+from hoopd.physics.plant import without_ball
 from hoopd.shell.config import Config
 from hoopd.shell.link import BITS_PER_BYTE
 from hoopd.sim.boardprocess import ProcessConfig
@@ -31,7 +32,7 @@ def plant_arguments(config: Config, structure: str, parameters: dict[str, float]
     sim = config.sim
     return {
         "structure": structure,
-        "parameters": parameters,
+        "parameters": parameters if config.faults.ball_expected else without_ball(structure, parameters),
         "x0": [0.0, 0.0, sim.psi_rad, 0.0],
         "held": sim.held,
         "hold_s": sim.hold_s,

@@ -1,0 +1,282 @@
+"""`hoopd experiment`: a test signal on the rig or the device, recorded.
+
+Rules of this file: nothing here touches the drive; the signal is a law in the daemon's own tick, behind the same
+limits, faults and modes, and every way out is the daemon's: brake, disarm, zero torque last. What was recorded stays.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from hoopd.app import Options, check_options, perform
+from hoopd.build import Texts, read_texts, without_places
+from hoopd.core.controllers import DONE
+from hoopd.core.modes import ENERGISED, Mode
+from hoopd.core.records import Inputs, TickRecord
+from hoopd.core.tick import Note
+from hoopd.experimentplan import Plan, Score, write_score
+from hoopd.files import InputError
+from hoopd.ident import signals
+from hoopd.modelfiles import load_controller, parse_controller
+from hoopd.recording.mcap import read
+from hoopd.recording.recording import Recording
+from hoopd.shell import config as configuration
+from hoopd.shell.config import Config
+from hoopd.shell.keys import pressed
+from hoopd.shell.loop import Loop
+
+KINDS = ("prbs", "chirp", "multisine", "steps", "decay")
+ABORT_KEYS = "q Q\x1b"
+# From the start, or from the operator's arm, until the ball is seen and the drive is on; measured: 1.3 s on the rig.
+START_PATIENCE_S = 20.0
+# After the signal: braking (a second), and a margin; the end of a lock-step run that never began.
+END_PATIENCE_S = 5.0
+ABORTED = "aborted by the operator"
+
+
+class Where(NamedTuple):
+    """Where the recording goes: into a folder under the next number, or into one file."""
+
+    folder: Path | None = None
+    file: Path | None = None
+
+
+def run(plan: Plan, options: Options, where: Where = Where(), figure: Path | None = None) -> dict[str, Any]:  # noqa: B008
+    """Play, record, and say what was recorded; `exit` is 0 when the signal was played to its end."""
+    options = options._replace(sets=_sets(plan, options))
+    config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
+    check_options(options._replace(duration_s=inf), config)
+    _check(plan, config, where, figure)
+    config, texts, score = prepared(plan, config, options.config)
+    options = options._replace(duration_s=_longest(options, score))
+    conductor = Conductor(score, armed=options.sim or options.arm)
+    with _folder(where) as folder:
+        summary = perform(options._replace(record=folder), config, texts, conductor)
+        path = _kept(folder, summary, where)
+    result = told(plan, score, conductor, summary, path, config.loop.period_s)
+    if figure is not None:
+        _draw(path, plan, figure)
+    return result
+
+
+def prepared(plan: Plan, config: Config, config_path: Path | None) -> tuple[Config, Texts, Score]:
+    """Configuration and texts of a run with the experiment in the controller's place."""
+    change = msgspec.structs.replace
+    config = change(config, control=change(config.control, law=""))
+    texts = read_texts(config, config_path)
+    base = parse_controller(texts.controller, config.control.file)
+    if plan.around is not None:
+        base = load_controller(configuration.find(str(plan.around), config_path))
+    score = write_score(plan, base, texts.model, config.loop.period_s)
+    config = change(config, control=change(config.control, file=f"experiment {plan.kind}"))
+    text = configuration.dump(without_places(config))
+    return config, texts._replace(config=text, controller=score.text), score
+
+
+def _sets(plan: Plan, options: Options) -> tuple[str, ...]:
+    """Overrides of an experiment: on the rig the ball begins at rest, unless somebody wants it elsewhere."""
+    rest = ("sim.psi_rad=0",) if options.sim else ()
+    return (*rest, *options.sets, *(() if plan.ball else ("faults.ball_expected=false",)))
+
+
+def _longest(options: Options, score: Score) -> float | None:
+    """No run that arms by itself lasts longer, whatever happens."""
+    by_itself = options.sim or options.arm
+    return START_PATIENCE_S + score.seconds + END_PATIENCE_S if by_itself else None
+
+
+def _check(plan: Plan, config: Config, where: Where, figure: Path | None) -> None:
+    """InputError for what would go wrong only after the run."""
+    if plan.kind not in KINDS:
+        raise InputError("experiment", "", f"unknown kind {plan.kind!r}; known: {', '.join(KINDS)}")
+    if plan.speed_limit_rad_s >= config.faults.hoop_speed_rad_s:
+        reason = f"{plan.speed_limit_rad_s:g} rad/s must be below the fault's {config.faults.hoop_speed_rad_s:g}"
+        raise InputError("--max-speed", "", reason)
+    limit = min(plan.torque_limit_nm, config.limits.torque_nm)
+    if plan.amplitude_nm is not None and not 0.0 <= plan.amplitude_nm <= limit:
+        raise InputError("--amplitude", "", f"{plan.amplitude_nm:g} N m is outside 0 to the limit of {limit:g}")
+    if plan.around is not None and not plan.ball:
+        raise InputError("--around", "", "a holding law needs the ball: not together with --no-ball")
+    if where.folder is not None and where.file is not None:
+        raise InputError("--out", "", "either --record FOLDER or --out FILE")
+    if where.folder is not None and not where.folder.is_dir():
+        raise InputError(where.folder, "--record", "no such folder")
+    if where.file is not None:
+        _check_file(where.file, "--out", (".mcap",))
+        if where.file.exists():
+            raise InputError(where.file, "--out", "exists already; recordings are not overwritten")
+    if figure is not None:
+        _check_file(figure, "--figure", (".png", ".svg", ".pdf"))
+
+
+def _check_file(path: Path, option: str, endings: tuple[str, ...]) -> None:
+    if path.suffix not in endings:
+        raise InputError(path, option, f"must end in {', '.join(endings)}")
+    if not path.parent.is_dir():
+        raise InputError(path, option, "no such folder")
+
+
+@contextmanager
+def _folder(where: Where) -> Iterator[Path]:
+    """Where the recorder writes: the folder, or one beside the file until the run is over."""
+    if where.file is None:
+        yield where.folder or Path()
+        return
+    folder = Path(tempfile.mkdtemp(prefix=f".{where.file.name}.", dir=where.file.parent))
+    try:
+        yield folder
+    finally:
+        with contextlib.suppress(OSError):  # what a broken run recorded stays there
+            folder.rmdir()
+
+
+def _kept(folder: Path, summary: dict[str, Any], where: Where) -> Path:
+    """The recording where it was wanted."""
+    counts = summary["recording"]
+    path = folder / counts["file"] if counts and counts["file"] else None
+    if path is None or not path.is_file():
+        raise InputError(where.file or folder, "", "nothing could be recorded (see the log)")
+    if where.file is None:
+        return path
+    path.replace(where.file)
+    return where.file
+
+
+class Conductor:
+    """Watches a run from its first tick to its last and ends it when the experiment is over."""
+
+    trouble = False
+
+    def __init__(self, score: Score, *, armed: bool) -> None:
+        """`armed`: the run arms by itself, so that its patience counts from the start."""
+        self.score = score
+        self.outcome = ""  # why it ended
+        self.started_t = self.ended_t = float("nan")  # s, first tick of the signal and first one after it
+        self._patience_from = 0.0 if armed else inf
+        self._mode = Mode.DISARMED
+        self._loop: Loop | None = None
+        self._record: TickRecord | None = None
+        self._causes: tuple[str, ...] = ()
+
+    @contextmanager
+    def attend(self, loop: Loop) -> Iterator[None]:
+        """Listen to the terminal while the loop runs; Ctrl-C and the abort keys switch the drive off at once."""
+        self._loop = loop
+        with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
+            asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self.abort)
+        with pressed(lambda key: self.abort() if key in ABORT_KEYS or key == " " else None):
+            yield
+
+    def abort(self) -> None:
+        """Off at once, then an orderly end."""
+        self._end(ABORTED)
+        if self._loop is not None:
+            self._loop.request_stop()  # a second time: disarm
+
+    def put(self, record: TickRecord, inputs: Inputs) -> None:
+        """Look at one tick."""
+        self._record, before, self._mode = record, self._mode, Mode(record.mode)
+        if self._mode is Mode.RUNNING and not isfinite(self.started_t):
+            self.started_t = record.t
+        if before is Mode.RUNNING and self._mode is not Mode.RUNNING:
+            self.ended_t = record.t
+        if before not in ENERGISED and self._mode in ENERGISED:
+            self._patience_from = min(self._patience_from, record.t)
+        self._judge(record.t)
+
+    def note(self, t: float, note: Note) -> None:
+        """Remember why it ended."""
+        if note.name == "law_ended":
+            self.outcome = self.outcome or note.fields["reason"]
+        elif note.name == "mode":
+            self._causes = tuple(note.fields["because"]) or self._causes
+
+    def status(self) -> str:
+        """How far it is, and the way out."""
+        record = self._record
+        if record is None:
+            return "waiting for the first tick"
+        played = record.t - self.started_t if isfinite(self.started_t) else 0.0
+        return (
+            f"{played:5.1f} of {self.score.seconds:.1f} s {record.mode:8} psi {record.x_hat[2]:+.3f} rad"
+            f"  hoop {record.x_hat[1]:+6.2f} rad/s  u {record.u:+.3f} N m   q: stop"
+        )
+
+    def _judge(self, t: float) -> None:
+        started = isfinite(self.started_t)
+        if started and self._mode not in (Mode.RUNNING, Mode.STOPPING):
+            self._end(self.outcome or f"stopped: {', '.join(self._causes) or 'by the operator'}")
+        elif not started and t - self._patience_from > START_PATIENCE_S:
+            self._end("not started: no steady ball, or the drive did not answer")
+
+    def _end(self, outcome: str) -> None:
+        if not self.outcome:
+            self.outcome = outcome
+        if self._loop is not None:
+            loop, self._loop = self._loop, self._loop if outcome == ABORTED else None
+            loop.request_stop()
+
+
+def told(
+    plan: Plan, score: Score, conductor: Conductor, summary: dict[str, Any], path: Path, period_s: float
+) -> dict[str, Any]:
+    """What was recorded, judged from the recording."""
+    recording = read(path)
+    played = recording.extra["mode"] == Mode.RUNNING
+    outcome = conductor.outcome or "stopped: by the operator"
+    return {
+        "experiment": plan.kind,
+        "outcome": outcome,
+        "file": str(path),
+        "rows": len(recording),
+        "played_s": round(np.count_nonzero(played) * period_s, 9),
+        "ended_at_s": _number(conductor.ended_t),
+        "amplitude_nm": score.amplitude_nm,
+        **_extremes(recording, played, period_s, ball=plan.ball),
+        "foreseen": score.forecast._asdict(),
+        "faults": summary["faults"],
+        "notes": list(score.warnings),
+        "next": f"hoopd fit {path} --out model.yaml" if outcome == DONE else f"hoopd replay {path}",
+        "exit": 0 if outcome == DONE else 1,
+    }
+
+
+def _extremes(recording: Recording, played: Any, period_s: float, *, ball: bool) -> dict[str, Any]:
+    """Largest values while the signal was played, and what its torque covers."""
+    u = recording.u[played]
+    low, high = signals.coverage(u, period_s) if u.size > 2 else (float("nan"), float("nan"))
+    return {
+        "largest_torque_nm": _largest(u),
+        "largest_hoop_speed_rad_s": _largest(recording.dtheta[played]),
+        "largest_ball_angle_rad": _largest(recording.psi[played]) if ball else None,
+        "crest_factor": _number(signals.crest_factor(u)),
+        "coverage_hz": [_number(low), _number(high)],
+        "balance": signals.balance(u),
+    }
+
+
+def _largest(values: Any) -> float | None:
+    known = np.abs(values[np.isfinite(values)])
+    return float(known.max()) if known.size else None
+
+
+def _number(value: float) -> float | None:
+    return value if isfinite(value) else None
+
+
+def _draw(recording: Path, plan: Plan, path: Path) -> None:
+    from hoopd.plots.experiment import draw_experiment
+    from hoopd.plots.style import save
+
+    save(draw_experiment(read(recording), plan.kind), path)
