@@ -21,6 +21,7 @@ from msgspec import Meta
 from hoopd.core.health import Thresholds
 from hoopd.core.tick import TickSettings
 from hoopd.files import ANY_NUMBER, InputError, load_yaml, parse_yaml, read_text, to_struct
+from hoopd.shipped import defaults_folder
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -202,13 +203,6 @@ class Config(Strict, frozen=True):
     telemetry: Telemetry = Telemetry()
     log: Log = Log()
     sim: Sim = Sim()
-
-
-def defaults_folder() -> Path:
-    """Folder of the shipped configuration, in an installed package or in a checkout."""
-    package = Path(__file__).resolve().parents[1]
-    shipped = package / "_config"
-    return shipped if shipped.is_dir() else package.parent / "config"
 
 
 def load(path: Path | None, *, sim: bool, overrides: list[str]) -> Config:
