@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
+import yaml
 
 from hoopd.core.controllers import Controller, LinearGains, Lqg, LqgGains, LqgLinear, TransferFunctionController
 from hoopd.core.estimator import DelayedEkf, EkfSettings
@@ -96,6 +97,26 @@ def parse_model(text: str, path: object) -> ModelFile:
     _between(path, "device.encoder_counts", model.device.encoder_counts, 0, 2**26)
     _between(path, "sample_time_s", model.sample_time_s, 0.0, 1.0)
     return model
+
+
+def model_text(model: ModelFile) -> str:
+    """The text of a model file, every number to its last bit."""
+    data = msgspec.to_builtins(model)
+    lines = []
+    for key, value in data.items():
+        nested = isinstance(value, dict) and all(isinstance(one, dict) for one in value.values())
+        lines += (
+            [f"{key}:"] + [f"  {name}: {_flow(one)}" for name, one in value.items()]
+            if nested
+            else [f"{key}: {_flow(value)}"]
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _flow(value: Any) -> str:
+    """One line of YAML."""
+    text: str = yaml.safe_dump(value, sort_keys=False, default_flow_style=True, width=10**6)
+    return text.removesuffix("...\n").strip()
 
 
 def plant_of(model: ModelFile) -> Plant:

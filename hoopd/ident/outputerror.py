@@ -12,26 +12,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from hoopd.ident.experiments import STATES, Run
+from hoopd.ident.gaussnewton import Block, minimise
 from hoopd.ident.parameters import Prior, Scale, scale_of
 from hoopd.physics.plant import ExtraForce
 from hoopd.physics.simulate import Model
 
 Array = NDArray[np.float64]
 
-# Where a robust loss begins to count less: 1.345 sigma keeps 95 % of the efficiency under normal errors (Huber).
-ROBUST_SIGMA = 1.345
-# A state that a run's channels do not see is not estimated: its column would be zero.
+# The standard deviations are found when they change by less than this.
 SIGMA_CHANGE = 0.01
 SIGMA_ROUNDS = 8
-# A search that has not ended by then will not.
-MOST_EVALUATIONS = 200
 # Far above any speed of the device: a wild step of the search is turned back instead of overflowing.
 LARGEST_RESIDUAL = 1e6
 
@@ -51,14 +46,13 @@ class Solution:
     residuals: list[dict[str, Array]]  # by run and channel, in the channel's unit
     jacobian: list[dict[str, Array]]  # d residual / d (z, free starts of the run)
     cost: float
-    evaluations: int
+    steps: int  # of the search
     converged: bool
-    message: str = ""
     priors: Mapping[str, Prior] = field(default_factory=dict)
 
 
-class _Problem:
-    """Residuals and Jacobian of all runs, in units of sigma."""
+class Problem:
+    """Residuals and derivatives of all runs, in units of sigma."""
 
     def __init__(
         self,
@@ -66,99 +60,78 @@ class _Problem:
         values: Mapping[str, float],
         runs: Sequence[Run],
         scale: Scale,
-        priors: Mapping[str, Prior],
-        extra_forces: tuple[ExtraForce, ...],
+        extra_forces: tuple[ExtraForce, ...] = (),
     ) -> None:
-        self.runs, self.scale, self.priors = list(runs), scale, priors
+        self.runs, self.scale = list(runs), scale
         kinds = {run.moving for run in runs}
         self.models = {m: Model(structure, values, scale.names, extra_forces, moving=m) for m in kinds}
         self.free = [_free_starts(run) for run in runs]
-        offsets = np.cumsum([len(scale.names), *(len(free) for free in self.free)])
-        self.slots = [slice(int(a), int(b)) for a, b in pairwise(offsets)]
-        self.size = int(offsets[-1])
         self.sigma = {name: _first_sigma(name, runs) for name in _channels(runs)}
 
-    def first(self, z: Array) -> Array:
-        """Search vector from parameters' coordinates and the runs' own starts."""
-        return np.concatenate([z, *(run.start[free] for run, free in zip(self.runs, self.free, strict=True))])
+    def first_starts(self) -> list[Array]:
+        """The runs' own guesses of what is free in their starts."""
+        return [run.start[free] for run, free in zip(self.runs, self.free, strict=True)]
 
-    def starts(self, v: Array) -> list[Array]:
-        out = []
-        for run, free, slot in zip(self.runs, self.free, self.slots, strict=True):
-            start = run.start.copy()
-            start[free] = v[slot]
-            out.append(start)
-        return out
+    def whole_starts(self, starts: Sequence[Array]) -> list[Array]:
+        """(4,) states from their free components."""
+        whole = [run.start.copy() for run in self.runs]
+        for state, free, start in zip(whole, self.free, starts, strict=True):
+            state[free] = start
+        return whole
 
-    def parameters(self, v: Array) -> Array:
-        return self.scale.parameters(v[: len(self.scale.names)])
-
-    def residual_parts(self, v: Array) -> list[dict[str, Array]]:
-        p, parts = self.parameters(v), []
-        for run, start in zip(self.runs, self.starts(v), strict=True):
+    def errors(self, z: Array, starts: Sequence[Array]) -> list[dict[str, Array]]:
+        """Simulated less measured, by run and channel, in the channel's unit."""
+        p, parts = self.scale.parameters(z), []
+        for run, start in zip(self.runs, self.whole_starts(starts), strict=True):
             x = self.models[run.moving].run(p, start, run.t, run.u)
             parts.append({name: one.of(x) - one.values for name, one in run.series.items()})
         return parts
 
-    def jacobian_parts(self, v: Array) -> list[dict[str, Array]]:
-        """By run and channel: (k, m + free starts)."""
-        z = v[: len(self.scale.names)]
+    def derivatives(self, z: Array, starts: Sequence[Array]) -> tuple[list[dict[str, Array]], list[dict[str, Array]]]:
+        """Errors, and their derivatives (k, m + free starts) by z and the run's free start."""
         p, dp = self.scale.parameters(z), self.scale.derivative(z)
-        parts = []
-        for run, start, free in zip(self.runs, self.starts(v), self.free, strict=True):
+        errors, by = [], []
+        for run, start, free in zip(self.runs, self.whole_starts(starts), self.free, strict=True):
             found = self.models[run.moving].run_with_sensitivity(p, start, run.t, run.u)
-            by = np.concatenate([found.by_parameters * dp, found.by_start[:, :, free]], axis=2)
-            parts.append({name: one.of(by) for name, one in run.series.items()})
-        return parts
+            both = np.concatenate([found.by_parameters * dp, found.by_start[:, :, free]], axis=2)
+            errors.append({name: one.of(found.x) - one.values for name, one in run.series.items()})
+            by.append({name: one.of(both) for name, one in run.series.items()})
+        return errors, by
 
-    def residual(self, v: Array) -> Array:
-        parts = [e / self.sigma[name] for run in self.residual_parts(v) for name, e in run.items()]
-        z = v[: len(self.scale.names)]
-        stacked = np.concatenate([*parts, self._prior_residual(z)])
-        return np.asarray(np.clip(np.nan_to_num(stacked, nan=LARGEST_RESIDUAL), -LARGEST_RESIDUAL, LARGEST_RESIDUAL))
+    def residuals(self, z: Array, starts: Sequence[Array]) -> list[Array]:
+        """By run, in units of sigma; finite whatever the search tries."""
+        return [self._stacked(part) for part in self.errors(z, starts)]
 
-    def jacobian(self, v: Array) -> Array:
-        m, blocks = len(self.scale.names), []
-        for part, slot in zip(self.jacobian_parts(v), self.slots, strict=True):
-            for name, by in part.items():
-                block = np.zeros((len(by), self.size))
-                block[:, :m], block[:, slot] = by[:, :m], by[:, m:]
-                blocks.append(block / self.sigma[name])
-        prior = np.zeros((len(self.priors), self.size))
-        prior[:, :m] = self._prior_jacobian()
-        return np.nan_to_num(np.vstack([*blocks, prior]))
+    def blocks(self, z: Array, starts: Sequence[Array]) -> list[Block]:
+        """Residuals with their derivatives, in units of sigma."""
+        m, out = len(self.scale.names), []
+        for errors, by in zip(*self.derivatives(z, starts), strict=True):
+            stacked = np.nan_to_num(np.concatenate([by[name] / self.sigma[name] for name in by]))
+            out.append(Block(self._stacked(errors), stacked[:, :m], stacked[:, m:]))
+        return out
 
-    def update_sigma(self, v: Array, robust: bool) -> float:
-        """New standard deviations from the residuals; the largest relative change."""
+    def update_sigma(self, errors: list[dict[str, Array]], robust: bool) -> float:
+        """New standard deviations from the errors; the largest relative change."""
         change = 0.0
-        for name in self.sigma:
-            e = np.concatenate([part[name] for part in self.residual_parts(v) if name in part])
+        for name, old in self.sigma.items():
+            e = np.concatenate([part[name] for part in errors if name in part])
             # robust: 1.4826 median |e| is sigma under normal errors
-            new = float(1.4826 * np.median(np.abs(e)) if robust else np.sqrt(np.mean(e**2)))
-            new = max(new, 1e-12)
-            change = max(change, abs(new / self.sigma[name] - 1.0))
+            new = max(float(1.4826 * np.median(np.abs(e)) if robust else np.sqrt(np.mean(e**2))), 1e-12)
+            change = max(change, abs(new / old - 1.0))
             self.sigma[name] = new
         return change
 
-    def _prior_residual(self, z: Array) -> Array:
-        centre = self.scale.coordinates(
-            np.array(
-                [
-                    self.priors[n].value if n in self.priors else v
-                    for n, v in zip(self.scale.names, self.scale.nominal, strict=True)
-                ]
-            )
-        )
-        return np.asarray(self._prior_jacobian() @ (z - centre))
+    def _stacked(self, part: dict[str, Array]) -> Array:
+        e = np.concatenate([error / self.sigma[name] for name, error in part.items()])
+        return np.asarray(np.clip(np.nan_to_num(e, nan=LARGEST_RESIDUAL), -LARGEST_RESIDUAL, LARGEST_RESIDUAL))
 
-    def _prior_jacobian(self) -> Array:
-        rows = [name for name in self.scale.names if name in self.priors]
-        out = np.zeros((len(rows), len(self.scale.names)))
-        for row, name in enumerate(rows):
-            column = self.scale.names.index(name)
-            size = 1.0 if self.scale.positive[column] else abs(self.scale.nominal[column]) or 1.0
-            out[row, column] = size / self.priors[name].sigma
-        return out
+
+def prior_of(scale: Scale, priors: Mapping[str, Prior]) -> tuple[Array, Array]:
+    """Centre (m,) and 1 / sigma (m,) of the priors on the search's scale; 0 where there is none."""
+    values = [priors[n].value if n in priors else v for n, v in zip(scale.names, scale.nominal, strict=True)]
+    width = [priors[n].sigma if n in priors else np.inf for n in scale.names]
+    size = np.where(scale.positive, 1.0, scale.size)
+    return scale.coordinates(np.array(values)), size / np.array(width)
 
 
 def fit_output_error(
@@ -170,45 +143,34 @@ def fit_output_error(
     priors: Mapping[str, Prior] | None = None,
     loss: str = "linear",
     extra_forces: tuple[ExtraForce, ...] = (),
+    rounds: int = SIGMA_ROUNDS,
     progress: Progress = lambda text: None,
 ) -> Solution:
     """Parameters `names` (start: `values`) and the runs' initial states; loss: linear, huber, soft_l1 or cauchy."""
     priors = {name: prior for name, prior in (priors or {}).items() if name in names}
-    problem = _Problem(structure, values, runs, scale_of(structure, names, values), priors, extra_forces)
-    v = problem.first(np.zeros(len(names)))
-    evaluations = 0
-    for round_ in range(SIGMA_ROUNDS):
-        scale = 1.0 if loss == "linear" else ROBUST_SIGMA
-        found = least_squares(
-            problem.residual,
-            v,
-            problem.jacobian,
-            x_scale="jac",
-            loss=loss,
-            f_scale=scale,
-            max_nfev=MOST_EVALUATIONS,
-            ftol=1e-10,
-            xtol=1e-10,
-            gtol=1e-10,
-        )
-        v, evaluations = found.x, evaluations + int(found.nfev)
-        progress(f"round {round_ + 1}: cost {found.cost:.6g} after {evaluations} runs")
-        if problem.update_sigma(v, loss != "linear") < SIGMA_CHANGE:
+    problem = Problem(structure, values, runs, scale_of(structure, names, values), extra_forces)
+    prior = prior_of(problem.scale, priors)
+    z, starts, steps = np.zeros(len(names)), problem.first_starts(), 0
+    for number in range(1, rounds + 1):
+        found = minimise(z, starts, problem.residuals, problem.blocks, prior, loss)
+        z, starts, steps = found.p, found.starts, steps + found.steps
+        progress(f"round {number}: cost {found.cost:.6g} after {steps} steps")
+        if problem.update_sigma(problem.errors(z, starts), loss != "linear") < SIGMA_CHANGE:
             break
-    p = problem.parameters(v)
+    errors, jacobian = problem.derivatives(z, starts)
+    fitted = dict(zip(names, problem.scale.parameters(z).tolist(), strict=True))
     return Solution(
         names=tuple(names),
-        values={**values, **{name: float(value) for name, value in zip(names, p, strict=True)}},
+        values={**values, **fitted},
         scale=problem.scale,
-        z=v[: len(names)],
-        starts=problem.starts(v),
+        z=z,
+        starts=problem.whole_starts(starts),
         sigma=dict(problem.sigma),
-        residuals=problem.residual_parts(v),
-        jacobian=problem.jacobian_parts(v),
-        cost=float(found.cost),
-        evaluations=evaluations,
-        converged=bool(found.status > 0),
-        message=str(found.message),
+        residuals=errors,
+        jacobian=jacobian,
+        cost=found.cost,
+        steps=steps,
+        converged=found.converged,
         priors=priors,
     )
 

@@ -52,19 +52,20 @@ class Scale:
         """p = p0 exp(z) for positive ones, p = p0 + |p0| z else."""
         # the bound keeps a wild step of the search finite: e^30 is 1e13
         grown = self.nominal * np.exp(np.clip(z, -30.0, 30.0))
-        return np.where(self.positive, grown, self.nominal + self._size * z)
+        return np.where(self.positive, grown, self.nominal + self.size * z)
 
     def derivative(self, z: Array) -> Array:
         """dp/dz (m,)."""
-        return np.where(self.positive, self.parameters(z), self._size)
+        return np.where(self.positive, self.parameters(z), self.size)
 
     def coordinates(self, p: Array) -> Array:
         """z of parameters."""
         ratio = np.log(np.where(self.positive, p / self.nominal, 1.0))
-        return np.where(self.positive, ratio, (p - self.nominal) / self._size)
+        return np.where(self.positive, ratio, (p - self.nominal) / self.size)
 
     @property
-    def _size(self) -> Array:
+    def size(self) -> Array:
+        """Unit (m,) of the coordinates of parameters that may be negative."""
         return np.where(self.nominal == 0.0, 1.0, np.abs(self.nominal))
 
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import fftconvolve
 
-from hoopd.ident.outputerror import ROBUST_SIGMA, Solution
+from hoopd.ident.gaussnewton import loss_weight
+from hoopd.ident.outputerror import Solution, prior_of
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ def uncertainty(solution: Solution, loss: str = "linear") -> Uncertainty:
         for name, j in profiled.items():
             a += j.T @ j
             b += j.T @ correlate(j, lags[name])
-    prior = prior_information(solution)
+    prior = np.diag(prior_of(solution.scale, solution.priors)[1] ** 2)
     freedom = _freedom(solution)
     inverse = np.linalg.pinv(a + prior, hermitian=True)
     return Uncertainty(inverse @ (b * freedom + prior) @ inverse, a, {name: len(r) - 1 for name, r in lags.items()})
@@ -63,19 +64,13 @@ def _profiled(errors: dict[str, Array], jacobians: dict[str, Array], solution: S
     """Derivatives by the parameters, less what the run's own start can imitate; in units of sigma."""
     m, rows = len(solution.names), []
     for name, j in jacobians.items():
-        rows.append(j / solution.sigma[name] * _weights(errors[name] / solution.sigma[name], loss)[:, None])
+        weight = np.sqrt(loss_weight(errors[name] / solution.sigma[name], loss))
+        rows.append(j / solution.sigma[name] * weight[:, None])
     stacked = np.vstack(rows)
     by_p, by_start = stacked[:, :m], stacked[:, m:]
     rest = by_p - by_start @ np.linalg.lstsq(by_start, by_p, rcond=None)[0]
     cuts = np.cumsum([len(j) for j in rows])[:-1]
     return dict(zip(jacobians, np.split(rest, cuts), strict=True))
-
-
-def _weights(e: Array, loss: str) -> Array:
-    """Square roots of what a robust loss lets a residual count."""
-    if loss == "linear":
-        return np.ones_like(e)
-    return np.asarray(np.sqrt(np.minimum(1.0, ROBUST_SIGMA / np.maximum(np.abs(e), 1e-12))))
 
 
 def _freedom(solution: Solution) -> float:
@@ -85,16 +80,6 @@ def _freedom(solution: Solution) -> float:
         next(iter(j.values())).shape[1] - len(solution.names) for j in solution.jacobian
     )
     return float(count) / max(count - estimated, 1)
-
-
-def prior_information(solution: Solution) -> Array:
-    """(m, m) diagonal: 1 / sigma^2 of the priors on the search's scale."""
-    info = np.zeros(len(solution.names))
-    for index, name in enumerate(solution.names):
-        if name in solution.priors:
-            size = 1.0 if solution.scale.positive[index] else abs(solution.scale.nominal[index]) or 1.0
-            info[index] = (size / solution.priors[name].sigma) ** 2
-    return np.diag(info)
 
 
 def _all(solution: Solution, name: str) -> list[Array]:

@@ -1,0 +1,191 @@
+"""One fit from recordings to a model: structure, what is free, which channels, by which method.
+
+Rules of this file: it chooses and composes; the mathematics is in the modules beside it; no files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import tau
+
+import numpy as np
+
+from hoopd.files import InputError
+from hoopd.ident.experiments import Run, prepare
+from hoopd.ident.outputerror import Solution, fit_output_error
+from hoopd.ident.parameters import Prior, default_priors, determined_names
+from hoopd.ident.uncertainty import Uncertainty, intervals, uncertainty
+from hoopd.modelfiles import ModelFile, Parameter
+from hoopd.physics.plant import PARAMETER_UNITS
+from hoopd.recording.recording import Recording
+
+# Where the simulated hoop stays this near to the encoder's reading, the reading itself is fitted: its error is white
+# then, and the intervals are right. Where it drifts away, only its rate can be compared.
+FOLLOWS_COUNTS = 3.0
+# A first fit in short runs, whose starts are known from the data, brings the long run's search near its end.
+FIRST_WINDOW_S = 2.0
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a fit is asked to do."""
+
+    structure: str = "entries"
+    free: tuple[str, ...] = ()  # empty: all on which the recordings bear
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    channels: tuple[str, ...] = ()  # empty: psi and theta, or its rate where the model cannot follow theta
+    window_s: float | None = None  # None: one free run over each recording
+    loss: str = "linear"
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model: values, how well they are known, and what they were fitted to."""
+
+    structure: str
+    solution: Solution
+    uncertainty: Uncertainty
+    runs: tuple[Run, ...]
+    channels: tuple[str, ...]
+    nominal: dict[str, float]  # what it started from
+    settings: Settings
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every parameter of the structure."""
+        return self.solution.values
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """95 % intervals of the fitted ones."""
+        return intervals(self.solution, self.uncertainty)
+
+    @property
+    def movings(self) -> tuple[str, ...]:
+        """Kinds of recordings among the runs: both, hoop, ball."""
+        return tuple(dict.fromkeys(run.moving for run in self.runs))
+
+
+def nominal_values(model: ModelFile, structure: str) -> dict[str, float]:
+    """Values to start from: the model's own, or those of its structure's device."""
+    if model.structure == structure or {model.structure, structure} <= {"rolling", "published"}:
+        return model.values()
+    raise InputError(model.name, "structure", f"is {model.structure}: nothing to start a fit of {structure} from")
+
+
+def fit(
+    recordings: Sequence[Recording],
+    nominal: Mapping[str, float],
+    settings: Settings | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Fit:
+    """Parameters from recordings; InputError when they do not fit together or hold nothing."""
+    settings = settings or Settings()
+    values = {**nominal, **settings.fixed}
+    channels = settings.channels or ("theta_rate", "psi")
+    runs = prepare(recordings, channels, settings.window_s)
+    names = free_names(settings, runs)
+    priors = {**default_priors(settings.structure, names, values), **settings.priors}
+    values = _near(recordings, values, names, priors, settings, progress)
+    solution = _solve(values, nominal, names, runs, priors, settings, progress)
+    if not settings.channels and any("theta_rate" in run.series for run in runs):
+        closer = prepare(recordings, ("theta", "psi"), settings.window_s)
+        if _follows(solution, closer, settings):
+            again = _solve(solution.values, nominal, names, closer, priors, settings, progress)
+            if again.sigma["theta"] < FOLLOWS_COUNTS * tau / 4096:
+                solution, runs, channels = again, closer, ("theta", "psi")
+    known = uncertainty(solution, settings.loss)
+    return Fit(settings.structure, solution, known, tuple(runs), tuple(channels), dict(nominal), settings)
+
+
+def free_names(settings: Settings, runs: Sequence[Run]) -> tuple[str, ...]:
+    """Parameters that are fitted, in the structure's order; InputError when none or a wrong one is wanted."""
+    kinds = tuple(dict.fromkeys(run.moving for run in runs))
+    if settings.structure == "entries" and len(kinds) > 1:
+        names = {kind: next(run.recording for run in runs if run.moving == kind) for kind in kinds}
+        raise InputError(
+            names[kinds[1]],
+            "structure",
+            f"entries of hoop and ball together ({names[kinds[0]]}: {kinds[0]}) are not those of one alone "
+            f"({kinds[1]}): fit them apart, or use rolling",
+        )
+    known = PARAMETER_UNITS[settings.structure]
+    for name in (*settings.free, *settings.fixed, *settings.priors):
+        if name not in known:
+            raise InputError(name, "", f"not a parameter of the {settings.structure} model; known: {', '.join(known)}")
+    determined = determined_names(settings.structure, kinds)
+    wanted = settings.free or determined
+    free = tuple(name for name in wanted if name in determined and name not in settings.fixed)
+    if not free:
+        raise InputError("--free", "", f"nothing is left to fit; these recordings bear on {', '.join(determined)}")
+    return free
+
+
+def model_file(fitted: Fit, base: ModelFile, name: str) -> ModelFile:
+    """The fit as a model file: fitted values with their intervals, the others as they were."""
+    units, found = PARAMETER_UNITS[fitted.structure], fitted.intervals
+    device_names = base.device.values()
+    parameters = {}
+    for key, unit in units.items():
+        value = fitted.values[key]
+        if key in found:
+            parameters[key] = Parameter(value=value, unit=unit, ci95=found[key], nominal=fitted.nominal[key])
+        elif key not in device_names or value != device_names[key]:
+            parameters[key] = Parameter(value=value, unit=unit, nominal=fitted.nominal[key])
+    return replace_model(base, name, fitted.structure, parameters)
+
+
+def replace_model(base: ModelFile, name: str, structure: str, parameters: dict[str, Parameter]) -> ModelFile:
+    """The base's device and sample time with other parameters."""
+    return ModelFile(
+        schema="hoopd.model/1",
+        name=name,
+        structure=structure,  # type: ignore[arg-type]
+        device=base.device,
+        parameters=parameters,
+        sample_time_s=base.sample_time_s,
+    )
+
+
+def _near(
+    recordings: Sequence[Recording],
+    values: dict[str, float],
+    names: Sequence[str],
+    priors: Mapping[str, Prior],
+    settings: Settings,
+    progress: Callable[[str], None],
+) -> dict[str, float]:
+    """Values of a quick fit in short runs, from which a long one does not go astray."""
+    if settings.window_s is not None and settings.window_s <= FIRST_WINDOW_S:
+        return values
+    channels = tuple("theta_rate" if name == "theta" else name for name in settings.channels) or ("theta_rate", "psi")
+    runs = prepare(recordings, channels, FIRST_WINDOW_S)
+    progress(f"first in {len(runs)} runs of {FIRST_WINDOW_S:g} s")
+    found = fit_output_error(
+        settings.structure, values, names, runs, priors=priors, loss="soft_l1", rounds=1, progress=progress
+    )
+    return found.values
+
+
+def _solve(
+    values: Mapping[str, float],
+    nominal: Mapping[str, float],
+    names: Sequence[str],
+    runs: Sequence[Run],
+    priors: Mapping[str, Prior],
+    settings: Settings,
+    progress: Callable[[str], None],
+) -> Solution:
+    found = fit_output_error(
+        settings.structure, values, names, runs, priors=priors, loss=settings.loss, progress=progress
+    )
+    return replace(found, priors=priors)
+
+
+def _follows(solution: Solution, runs: Sequence[Run], settings: Settings) -> bool:
+    """Whether the model's hoop stays near the encoder's reading, once each run starts at its best angle."""
+    trial = fit_output_error(settings.structure, solution.values, (), runs, loss=settings.loss, rounds=1)
+    errors = np.concatenate([e["theta"] for e in trial.residuals if "theta" in e])
+    return bool(np.std(errors) < 30.0 * tau / 4096)

@@ -1,0 +1,97 @@
+"""A recording as a simulation sees it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from hoopd.recording.recording import Recording, from_columns
+from hoopd.recording.timeline import switch_times, timelines
+
+NAN = float("nan")
+
+
+def plain(n: int = 6) -> Recording:
+    t = 0.02 * np.arange(n)
+    return from_columns({"t": t, "u": np.arange(n) * 0.1, "theta": t * 2, "dtheta": t * 0 + 2, "psi": t * 3})
+
+
+def ticked(n: int = 8) -> Recording:
+    """Rows as the daemon writes them: the answer is the previous request's, the picture is 42 ms old."""
+    t = 1.0 + 0.02 * np.arange(n)
+    y_t, psi_t = t - 0.02 + 0.0007, t - 0.042
+    y_t[0] = psi_t[3] = NAN
+    theta, psi = 10 * y_t, 5 * psi_t
+    return from_columns(
+        {
+            "t": t,
+            "u": 0.1 * np.arange(n),
+            "theta": theta,
+            "dtheta": theta * 0 + 10,
+            "psi": psi,
+            "y_t": y_t,
+            "psi_t": psi_t,
+        }
+    )
+
+
+def test_a_plain_recording_has_its_rows_as_nodes() -> None:
+    (line,) = timelines(plain())
+    assert np.array_equal(line.t, plain().t)
+    assert np.array_equal(line.u, plain().u[:-1])
+    assert np.array_equal(line.channels["psi"].nodes, np.arange(6))
+
+
+def test_a_torque_acts_from_when_the_board_took_it() -> None:
+    recording = ticked()
+    # the answer in row k + 1 was sampled as request k arrived, 0.7 ms after the tick
+    assert switch_times(recording) == pytest.approx(recording.t + 0.0007)
+
+
+def test_every_measurement_sits_on_the_node_of_its_instant() -> None:
+    recording = ticked()
+    (line,) = timelines(recording)
+    assert (np.diff(line.t) > 0).all()
+    for name, slope in (("theta", 10.0), ("psi", 5.0)):
+        channel = line.channels[name]
+        assert np.isfinite(channel.values).all()
+        assert channel.values == pytest.approx(slope * line.t[channel.nodes])
+    # what was sampled before the first torque acted belongs to no run
+    assert line.t[0] == pytest.approx(recording.t[0] + 0.0007)
+    assert len(line.channels["psi"].values) == 4  # rows 4 to 7: row 3 brought none
+    between = line.t[:-1] + np.diff(line.t) / 2
+    expected = 0.1 * np.floor((between - 0.0007 - 1.0) / 0.02 + 1e-9)
+    assert line.u == pytest.approx(expected)
+
+
+def test_a_missing_torque_ends_a_run() -> None:
+    recording = plain(10)
+    u = recording.u.copy()
+    u[4] = NAN
+    lines = timelines(from_columns({"t": recording.t, "u": u, "psi": recording.psi}))
+    assert [len(line.t) for line in lines] == [4, 5]
+    assert lines[1].t[0] == pytest.approx(0.1)
+    with pytest.raises(ValueError, match="no two rows"):
+        timelines(from_columns({"t": recording.t, "u": u * NAN}))
+
+
+def test_windows_cover_the_run_and_share_their_edges() -> None:
+    (line,) = timelines(plain(501))
+    parts = line.windows(2.0)
+    assert len(parts) == 5
+    assert parts[0].t[0] == line.t[0]
+    assert parts[-1].t[-1] == line.t[-1]
+    for left, right in pairwise(parts):
+        assert left.t[-1] == right.t[0]
+    for part in parts:
+        channel = part.channels["psi"]
+        assert channel.values == pytest.approx(3 * part.t[channel.nodes])
+
+
+def test_nothing_of_the_recording_is_changed() -> None:
+    recording = ticked()
+    before = {name: getattr(recording, name).tobytes() for name in ("t", "u", "theta", "psi", "y_t", "psi_t")}
+    timelines(recording)
+    assert before == {name: getattr(recording, name).tobytes() for name in before}
