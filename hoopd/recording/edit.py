@@ -62,7 +62,7 @@ def resampled(recording: Recording, step_s: float) -> Recording:
 
     u: mean over the new step of the torque as it was held, missing when any part of it is. Outputs: read at the new t
     from their own sample times, straight between samples, missing in gaps of more than three samples; when the step
-    grows, low-passed first (zero phase, within 2 % up to 0.8 of the new Nyquist frequency). Angles are unwrapped
+    grows, low-passed first (zero phase, within 0.1 % up to 0.8 of the new Nyquist frequency). Angles are unwrapped
     before. `extra` is dropped. New y_t and psi_t are t.
     """
     t = _grid(recording, step_s)
