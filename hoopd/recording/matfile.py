@@ -16,6 +16,7 @@ import scipy.io
 
 from hoopd.files import InputError
 from hoopd.recording.bytesof import file_bytes
+from hoopd.recording.matcheck import check, version
 from hoopd.recording.recording import Recording
 from hoopd.recording.tables import INPUT_AND_STATES, by_row, column_names, named, recording_of, vector
 
@@ -43,9 +44,12 @@ def encode(recording: Recording, fields: dict[str, Any]) -> bytes:
 def _fields(data: bytes, path: Path) -> dict[str, Any]:
     """Fields of the struct; InputError when there is none."""
     try:
+        if version(data) == 73:
+            return _fields_of_hdf5(path)
+        check(data)
         content = scipy.io.loadmat(BytesIO(data), variable_names=[STRUCT], appendmat=False)
-    except NotImplementedError:
-        return _fields_of_hdf5(path)
+    except InputError:
+        raise
     except Exception as error:  # a damaged file: whatever of fifteen types the reader stumbles into
         raise InputError(path, "", f"not a MATLAB file, or a damaged one ({_line(error)})") from None
     struct = content.get(STRUCT)

@@ -147,8 +147,8 @@ def _jumps(column: Column, floor: float) -> NDArray[np.int64]:
 
 
 def _fast(x: Column, step_s: float) -> Column | None:
-    """What a column holds above ABOVE_BALL_HZ (a third of it: 1e-4 is left); None when its steps cannot hold that."""
-    if 2.5 * ABOVE_BALL_HZ * step_s > 1:
+    """What a column holds above ABOVE_BALL_HZ (a third of it: 1e-4 is left); None when its steps do not suit that."""
+    if not 1e-3 < ABOVE_BALL_HZ * step_s < 0.4:
         return None
     passed: Column = sosfiltfilt(butter(4, ABOVE_BALL_HZ, "highpass", fs=1 / step_s, output="sos"), x)
     return passed

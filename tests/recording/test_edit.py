@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hoopd.recording import Recording
 from hoopd.recording.edit import between, joined, resampled, shifted, unwrapped, without
 from hoopd.recording.recording import UNITS, from_columns
+from hoopd.recording.suspicions import suspicions
 
 TURN = 2 * math.pi
 
@@ -140,8 +141,13 @@ def test_impossible_steps_are_refused() -> None:
     for step_s in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(ValueError, match="the step must be a positive time"):
             resampled(made(), step_s)
-    with pytest.raises(ValueError, match="rows, more than"):
-        resampled(made(), 1e-9)
+    for step_s in (1e-9, 1e-300):
+        with pytest.raises(ValueError, match="rows, more than"):
+            resampled(made(), step_s)
+    with pytest.raises(ValueError, match="below the resolution"):
+        resampled(from_columns({"t": [1e9, 1e9 + 1e-4]}), 1e-8)
+    with pytest.raises(ValueError, match="more than 1000 samples long"):
+        resampled(made(), 30.0)
     with pytest.raises(ValueError, match="one row"):
         resampled(made(1), 0.1)
 
@@ -177,3 +183,27 @@ def test_without_and_shifted() -> None:
             without(made(), name)
     moved = shifted(made(), 0.0)
     assert moved.t[0] == 0.0 and moved.t - moved.psi_t == pytest.approx(0.05)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(st.floats(1e-7, 1e3), min_size=1, max_size=40),
+    st.floats(1e-3, 1e3),
+    st.integers(0, 2**32 - 1),
+    st.booleans(),
+)
+def test_any_recording_is_edited_or_refused(steps: list[float], step_s: float, seed: int, uneven: bool) -> None:
+    rng = np.random.default_rng(seed)
+    size = len(steps)
+    t = np.cumsum(steps) if uneven else 0.02 * np.arange(size)
+    columns = {name: np.where(rng.random(size) < 0.3, np.nan, rng.normal(size=size)) for name in UNITS if name != "t"}
+    recording = from_columns({"t": t, **columns})
+    both = joined([recording, recording])
+    assert (np.diff(both.t) > 0).all()
+    assert isinstance(suspicions(both), list) and isinstance(suspicions(recording), list)
+    try:
+        result = resampled(both, step_s)
+    except ValueError:
+        return
+    assert (np.diff(result.t) > 0).all()
+    assert not np.isinf(result.theta).any()

@@ -109,6 +109,19 @@ def test_mcap_says_that_it_was_converted(tmp_path: Path) -> None:
     assert len(load(tmp_path / "whole.mcap")) > 10
 
 
+def test_mcap_whose_rows_do_not_fit(tmp_path: Path) -> None:
+    recording = made(2)
+    save(recording, tmp_path / "a.mcap")
+    first, second = mcap.read_run(tmp_path / "a.mcap").ticks
+    with (tmp_path / "b.mcap").open("wb") as file:
+        writer = mcap.Writer(file, mcap.Header(), sync=False)
+        writer.add_tick(first._replace(x_hat=(1.0,)))  # type: ignore[arg-type]
+        writer.add_tick(second)
+        writer.finish()
+    with pytest.raises(InputError, match=r"b\.mcap: tick: "):
+        load(tmp_path / "b.mcap")
+
+
 def write_h5(path: Path, **groups: dict[str, object]) -> Path:
     """HDF5 file with groups of arrays."""
     with h5py.File(path, "w") as file:
