@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import random
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from hoopd.files import InputError
-from hoopd.recording import Recording, load, load_all, mcap, save
+from hoopd.recording import Recording, load, load_all, mat5, mcap, save
 from hoopd.recording.recording import UNITS, from_columns
 from tests.shared import shared_path
 
@@ -205,12 +206,12 @@ TIME, DATA = 0.02 * np.arange(7), np.arange(28.0).reshape(7, 4)
     ("content", "says"),
     [
         ({"other": 1.0}, "meas_pos: no such struct in the file; it holds other"),
-        ({"meas_pos": 1.0}, "meas_pos: expected one struct"),
+        ({"meas_pos": 1.0}, r"meas_pos: expected one struct, found numbers \(1 x 1\)"),
         ({"meas_pos": {"Time": TIME}}, r"meas_pos.Data: no such field; there are Time"),
         ({"meas_pos": {"Time": TIME, "Data": DATA[:, :3]}}, r"meas_pos.Data: has 3 columns, expected 4"),
         ({"meas_pos": {"Time": TIME[:5], "Data": DATA}}, r"meas_pos.Data: is 7 x 4, neither side has the 5 rows"),
-        ({"meas_pos": {"Time": TIME, "Data": "text"}}, r"meas_pos.Data: expected real numbers"),
-        ({"meas_pos": {"Time": TIME, "Data": DATA * 1j}}, r"meas_pos.Data: expected real numbers"),
+        ({"meas_pos": {"Time": TIME, "Data": "text"}}, r"meas_pos.Data: expected real numbers, found text"),
+        ({"meas_pos": {"Time": TIME, "Data": DATA * 1j}}, r"meas_pos.Data: expected real numbers, found complex"),
         ({"meas_pos": {"Time": TIME * 0, "Data": DATA}}, "row 2, column t: time must grow from row to row, found 0.0"),
         ({"meas_pos": {"Time": -TIME, "Data": DATA}}, "row 2, column t: time must grow from row to row"),
         ({"meas_pos": {"Time": TIME + 1.7e12, "Data": DATA}}, "row 1, column t: time is not in seconds"),
@@ -221,6 +222,45 @@ def test_mat_refused(tmp_path: Path, content: dict[str, object], says: str) -> N
     scipy.io.savemat(tmp_path / "a.mat", content)
     with pytest.raises(InputError, match=says):
         load(tmp_path / "a.mat")
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    shape=st.tuples(st.integers(0, 5), st.integers(0, 5)),
+    kind=st.sampled_from(["f8", "f4", "i1", "u2", "i4", "u8"]),
+    packed=st.booleans(),
+    name=st.text("abcXYZ_", min_size=1, max_size=20).filter(lambda text: not text.startswith("_")),
+)
+def test_mat_is_read_as_scipy_reads_it(shape: tuple[int, int], kind: str, packed: bool, name: str) -> None:
+    table = np.arange(shape[0] * shape[1]).reshape(shape).astype(kind) * 3
+    content = {"x": "text", "meas_pos": {name: table, "words": ["c", 1.0], "other": np.arange(300)}, "cell": np.eye(2)}
+    scipy.io.savemat(buffer := io.BytesIO(), content, do_compression=packed)
+    arrays = {array.name: array for array in mat5.variables(buffer.getvalue())}
+    assert list(arrays) == ["x", "meas_pos", "cell"]
+    ours, theirs = mat5.fields(arrays["meas_pos"]), scipy.io.loadmat(buffer)["meas_pos"][0, 0]
+    assert list(ours) == list(theirs.dtype.names)
+    for field in (name, "other"):
+        assert np.array_equal(mat5.values(ours[field]), theirs[field])
+
+
+def test_real_mat_files_are_read_as_scipy_reads_them() -> None:
+    for name in REAL:
+        path = shared_path(f"recordings/{name}.mat")
+        theirs, ours = scipy.io.loadmat(path)["meas_pos"][0, 0], load(path)
+        assert np.array_equal(ours.t, theirs["Time"].ravel())
+        assert np.array_equal(np.column_stack([ours.u, ours.theta, ours.dtheta, ours.psi]), theirs["Data"])
+
+
+def test_damage_in_an_unpacked_mat_file(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "a.mat", {"c": np.array(["x", 1.0], object), "meas_pos": {"Time": TIME, "Data": DATA}})
+    good = (tmp_path / "a.mat").read_bytes()
+    for place in range(124, 500):  # headers and tags: a wrong type there ends the interpreter in scipy
+        for value in (0, 14, 15, 0xE5, 0xFF):
+            (tmp_path / "b.mat").write_bytes(good[:place] + bytes([value]) + good[place + 1 :])
+            try:
+                load(tmp_path / "b.mat")
+            except InputError as error:
+                assert "\n" not in str(error)
 
 
 def test_mat_of_version_7_3(tmp_path: Path) -> None:
