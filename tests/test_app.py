@@ -18,7 +18,7 @@ from hoopd.files import InputError
 from hoopd.shell.config import load
 from hoopd.shell.signals import unwinding
 
-HEAVY = ("scipy", "matplotlib", "control", "hoopd.design", "hoopd.sim")
+HEAVY = ("scipy", "matplotlib", "control", "h5py", "hoopd.design", "hoopd.sim")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

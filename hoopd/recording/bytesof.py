@@ -21,6 +21,8 @@ def require_file(path: Path, max_bytes: int = MAX_FILE_BYTES) -> None:
         if not path.is_file():  # a device has no end
             raise InputError(path, "", "not a file" if path.exists() else "no such file")
         size = path.stat().st_size
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         raise InputError(path, "", os_reason(error)) from None
     if not size:

@@ -62,7 +62,7 @@ def resampled(recording: Recording, step_s: float) -> Recording:
 
     u: mean over the new step of the torque as it was held, missing when any part of it is. Outputs: read at the new t
     from their own sample times, straight between samples, missing in gaps of more than three samples; when the step
-    grows, low-passed first (zero phase, within 2 % up to 0.8 of the new Nyquist frequency). Angles are unwrapped
+    grows, low-passed first (zero phase, within 0.1 % up to 0.8 of the new Nyquist frequency). Angles are unwrapped
     before. `extra` is dropped. New y_t and psi_t are t.
     """
     t = _grid(recording, step_s)
@@ -146,10 +146,12 @@ def _grid(recording: Recording, step_s: float) -> Column:
         raise ValueError(f"the step must be a positive time, not {step_s}")
     if len(t) < 2:
         raise ValueError("a recording of one row cannot be resampled")
-    count = math.floor((t[-1] - t[0]) / step_s * (1 + 1e-12) + 1e-9) + 1
-    if count > MAX_ROWS:
-        raise ValueError(f"a step of {step_s} s gives {count} rows, more than {MAX_ROWS}")
-    grid: Column = t[0] + step_s * np.arange(count)
+    steps = float(t[-1] - t[0]) / step_s * (1 + 1e-12) + 1e-9  # the last row counts, however the times were rounded
+    if steps >= MAX_ROWS:
+        raise ValueError(f"a step of {step_s} s gives {steps:.3g} rows, more than {MAX_ROWS}")
+    grid: Column = t[0] + step_s * np.arange(math.floor(steps) + 1)
+    if not (np.diff(grid) > 0).all():
+        raise ValueError(f"a step of {step_s} s is below the resolution of the time")
     return grid
 
 

@@ -1,6 +1,6 @@
 """Recordings in MATLAB files: struct `meas_pos` with Time (n) and Data (n x 4: u, theta, dtheta, psi).
 
-Rules of this file: MATLAB's bytes are scipy's; a file of version 7.3 is HDF5 and goes through h5py. What `Data` has no
+Rules of this file: scipy writes, `mat5` reads; a file of version 7.3 is HDF5 and goes through h5py. What `Data` has no
 column for stands in further fields (`Current`, `y_t`, `psi_t`), written only where there is something to say. No date
 goes in: the same recording gives the same bytes.
 """
@@ -15,6 +15,7 @@ import numpy as np
 import scipy.io
 
 from hoopd.files import InputError
+from hoopd.recording import mat5
 from hoopd.recording.bytesof import file_bytes
 from hoopd.recording.recording import Recording
 from hoopd.recording.tables import INPUT_AND_STATES, by_row, column_names, named, recording_of, vector
@@ -43,26 +44,30 @@ def encode(recording: Recording, fields: dict[str, Any]) -> bytes:
 def _fields(data: bytes, path: Path) -> dict[str, Any]:
     """Fields of the struct; InputError when there is none."""
     try:
-        content = scipy.io.loadmat(BytesIO(data), variable_names=[STRUCT], appendmat=False)
-    except NotImplementedError:
-        return _fields_of_hdf5(path)
-    except Exception as error:  # a damaged file: whatever of fifteen types the reader stumbles into
-        raise InputError(path, "", f"not a MATLAB file, or a damaged one ({_line(error)})") from None
-    struct = content.get(STRUCT)
-    if struct is None:
-        raise InputError(path, STRUCT, f"no such struct in the file{_held(data)}")
-    if not isinstance(struct, np.ndarray) or not struct.dtype.names or struct.size != 1:
-        raise InputError(path, STRUCT, "expected one struct with Time and Data")
-    item = struct.ravel()[0]
-    return {name: item[name] for name in struct.dtype.names}
+        if mat5.version(data) == 73:
+            return _fields_of_hdf5(path)
+        arrays = {array.name: array for array in mat5.variables(data)}
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(path, "", f"not a MATLAB file, or a damaged one ({error})") from None
+    if STRUCT not in arrays:
+        held = ", ".join(list(arrays)[:8]) or "nothing"
+        raise InputError(path, STRUCT, f"no such struct in the file; it holds {held}")
+    return _fields_of_struct(arrays[STRUCT], path)
 
 
-def _held(data: bytes) -> str:
+def _fields_of_struct(array: mat5.Array, path: Path) -> dict[str, Any]:
+    key = STRUCT
     try:
-        names = [name for name, _, _ in scipy.io.whosmat(BytesIO(data), appendmat=False)]
-    except Exception:  # only a hint
-        return ""
-    return f"; it holds {', '.join(map(str, names[:8]))}" if names else "; it holds nothing"
+        fields = mat5.fields(array)
+        wanted, result = {"Time", "Data", *FIELDS.values()}, {}
+        for name, field in fields.items():
+            key = f"{STRUCT}.{name}"
+            result[name] = mat5.values(field) if name in wanted else None
+    except ValueError as error:
+        raise InputError(path, key, str(error)) from None
+    return result
 
 
 def _fields_of_hdf5(path: Path) -> dict[str, Any]:
@@ -87,8 +92,3 @@ def _recording(fields: dict[str, Any], names: tuple[str, ...], path: Path) -> Re
         if field in fields and name not in names
     }
     return recording_of({"t": t, **others, **named(data, names, path, f"{STRUCT}.Data")}, path)
-
-
-def _line(error: Exception) -> str:
-    text = str(error).strip().splitlines()
-    return f"{type(error).__name__}: {text[0]}" if text else type(error).__name__

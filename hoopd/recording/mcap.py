@@ -164,10 +164,14 @@ def read(path: Path) -> Recording:
     run = read_run(path, ("tick",))
     if not run.ticks:
         raise InputError(path, "tick", "the recording holds no ticks" + (f" ({run.lost})" if run.lost else ""))
-    columns = {
-        name: np.array(values) for name, values in zip(TickRecord._fields, zip(*run.ticks, strict=True), strict=True)
-    }
-    return from_columns(columns, source=path.name, config=run.header.config, lost=run.lost)
+    try:
+        columns = {
+            name: np.array(values)
+            for name, values in zip(TickRecord._fields, zip(*run.ticks, strict=True), strict=True)
+        }
+        return from_columns(columns, source=path.name, config=run.header.config, lost=run.lost)
+    except (ValueError, OverflowError) as error:  # rows that no daemon wrote
+        raise InputError(path, "tick", str(error)) from None
 
 
 def recover(path: Path, out: Path) -> str:

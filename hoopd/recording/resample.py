@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.signal import oaconvolve
 
 from hoopd.recording.recording import Column
 
 GAP_SAMPLES = 3.0  # a gap longer than this many usual steps stays a gap
 FLAT = 0.8  # of the new Nyquist frequency that a low-pass leaves alone
 LOBES = 20  # half-length of the low-pass in new steps: -6 dB at 0.9, below -60 dB from the Nyquist frequency on
+MAX_PARTS = 1000  # samples in one new step: a second of 1 kHz
 _BETA = 6.0  # Kaiser window, -63 dB
 
 
@@ -63,7 +65,9 @@ def sampled(times: Column, values: Column, grid: Column, step_s: float) -> Colum
 
 def _segment(times: Column, values: Column, grid: Column, step_s: float, usual: float) -> Column:
     """Values of one stretch without long gaps, at the grid."""
-    parts = math.ceil(step_s / usual - 1e-6)
+    parts = math.ceil(min(step_s / usual, 2 * MAX_PARTS) - 1e-6)
+    if parts > MAX_PARTS:
+        raise ValueError(f"a step of {step_s} s is more than {MAX_PARTS} samples long")
     if parts < 2 or len(times) < 2:
         return np.interp(grid, times, values)
     count = (len(grid) - 1) * parts + 1
@@ -80,4 +84,5 @@ def _low_passed(x: Column, parts: int) -> Column:
     kernel /= kernel.sum()
     if len(x) < 2:
         return x
-    return np.convolve(np.pad(x, half, mode="reflect", reflect_type="odd"), kernel, "valid")
+    passed: Column = oaconvolve(np.pad(x, half, mode="reflect", reflect_type="odd"), kernel, "valid")
+    return passed

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
 
 from hoopd.recording.recording import Column, Recording
 
@@ -87,9 +88,8 @@ def _ball_is_current(recording: Recording) -> Iterator[str]:
     u, psi = _filled(recording.t, recording.u), _filled(recording.t, recording.psi)
     if u is None or psi is None:
         return
-    width = max(3, round(1 / (ABOVE_BALL_HZ * recording.sample_time_s)) | 1)
-    fast_u, fast_psi = _fast(u, width), _fast(psi, width)
-    if not len(fast_u) or fast_u.std() < SHARE_ABOVE * u.std() or _constant(fast_psi):
+    fast_u, fast_psi = _fast(u, recording.sample_time_s), _fast(psi, recording.sample_time_s)
+    if fast_u is None or fast_psi is None or fast_u.std() <= SHARE_ABOVE * u.std() or _constant(psi):
         return
     if (fast := _correlation(fast_u, fast_psi)) > FOLLOWS:
         yield (
@@ -142,14 +142,16 @@ def _jumps(column: Column, floor: float) -> NDArray[np.int64]:
     sigma = 1.4826 * float(np.median(away))  # of a normal distribution with this median
     far = away > max(floor, OUTLIER_SIGMAS * sigma)
     peak = far & (away >= np.maximum(np.r_[0, away[:-1]], np.r_[away[1:], 0]))  # one slip spoils three differences
-    return rows[1:-1][peak]
+    places: NDArray[np.int64] = rows[1:-1][peak]
+    return places
 
 
-def _fast(x: Column, width: int) -> Column:
-    """What is left of a column without its moving average."""
-    if len(x) < 2 * width:
-        return x[:0]
-    return x[width // 2 : len(x) - width // 2] - np.convolve(x, np.ones(width) / width, "valid")
+def _fast(x: Column, step_s: float) -> Column | None:
+    """What a column holds above ABOVE_BALL_HZ (a third of it: 1e-4 is left); None when its steps do not suit that."""
+    if not 1e-3 < ABOVE_BALL_HZ * step_s < 0.4:
+        return None
+    passed: Column = sosfiltfilt(butter(4, ABOVE_BALL_HZ, "highpass", fs=1 / step_s, output="sos"), x)
+    return passed
 
 
 def _filled(t: Column, column: Column) -> Column | None:
