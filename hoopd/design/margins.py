@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import control
@@ -86,7 +87,8 @@ def frequency_grid(system: control.StateSpace, delay_s: float = 0.0, points: int
     nyquist = math.pi / system.dt if system.isdtime(strict=True) else math.inf
     parts = [np.geomspace(min(low, nyquist * 1e-6), min(high, nyquist), points)]
     for feature in features[np.abs(features.imag) > 0.0]:
-        width = max(abs(feature.real), 1e-7 * abs(feature.imag)) * np.geomspace(1e-2, 1e2, 25)
+        # even steps of phase: a resonance is drawn as the circle that it is
+        width = max(abs(feature.real), 1e-7 * abs(feature.imag)) * np.tan(np.linspace(0.01, 1.56, points // 24))
         parts += [abs(feature.imag) - width, abs(feature.imag) + width]
     if delay_s > 0.0:
         parts.append(np.linspace(low, min(high, TURNS * 2 * math.pi / delay_s), 20 * TURNS))
@@ -99,7 +101,8 @@ def _features(system: control.StateSpace) -> Array:
     all_of_them = np.concatenate([system.poles(), zeros(system)]).astype(complex)
     if not system.isdtime(strict=True):
         return all_of_them
-    return np.log(all_of_them[np.abs(all_of_them) > 1e-9]) / system.dt
+    logarithms: Array = np.log(all_of_them[np.abs(all_of_them) > 1e-9]) / system.dt
+    return logarithms
 
 
 # ---------------------------------------------------------------------------------------------- margins
@@ -196,11 +199,9 @@ def _wrapped(angle: float) -> float:
 def _roots(function: Function, grid: Array, values: Array) -> list[float]:
     """Roots between points of different sign, to rounding (brentq); `values` are those on the grid, 0 = not decided."""
     decided = np.flatnonzero(np.isfinite(values) & (values != 0.0))
-    before = decided[:-1][np.diff(np.sign(values[decided])) != 0]
-    after = decided[1:][np.diff(np.sign(values[decided])) != 0]
-    return [
-        float(brentq(function, grid[i], grid[j], xtol=1e-300, rtol=1e-14)) for i, j in zip(before, after, strict=True)
-    ]
+    changes = np.flatnonzero(np.diff(np.sign(values[decided])))
+    pairs = zip(grid[decided[changes]], grid[decided[changes + 1]], strict=True)
+    return [float(brentq(function, low, high, xtol=1e-300, rtol=1e-14)) for low, high in pairs]
 
 
 def _with_turning_points(system: control.StateSpace, grid: Array) -> Array:
@@ -208,8 +209,12 @@ def _with_turning_points(system: control.StateSpace, grid: Array) -> Array:
     size = np.log(np.maximum(np.abs(response(system, grid)), 1e-300))
     slope = np.sign(np.diff(size))
     turns = np.flatnonzero(slope[:-1] * slope[1:] < 0) + 1
-    found = [_turn(lambda w: -slope[i - 1] * _size(system, w), grid[i - 1], grid[i + 1]) for i in turns]
+    found = [_turn(partial(_signed_size, system, -slope[i - 1]), grid[i - 1], grid[i + 1]) for i in turns]
     return np.unique(np.concatenate([grid, found]))
+
+
+def _signed_size(system: control.StateSpace, sign: float, w: float) -> float:
+    return sign * _size(system, w)
 
 
 def _turn(function: Function, low: float, high: float) -> float:
