@@ -89,8 +89,8 @@ def linearize(
     delay: Annotated[int, typer.Option("--delay", help="Samples of delay in the sampled plant.")] = 0,
     figure: FigureOption = None,
     plot: Annotated[
-        str, typer.Option("--plot", help="What --figure shows: overview, bode, nyquist, poles or step.")
-    ] = "overview",
+        str | None, typer.Option("--plot", help="What --figure shows: overview, bode, nyquist, poles or step.")
+    ] = None,
     json_path: JsonOption = None,
 ) -> None:
     """Linear model around an operating point (the bottom at rest), and what it says."""

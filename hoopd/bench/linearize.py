@@ -57,13 +57,12 @@ def run(
     sample_time_s: float | None = None,
     delay_samples: int = 0,
     figure: Path | None = None,
-    plot: str = "overview",
+    plot: str | None = None,
 ) -> dict[str, Any]:
     """Everything `hoopd linearize` finds, as plain data; InputError on a file or a value that cannot be used."""
     request = Request(outputs, psi_rad, dtheta_rad_s, top, sample_time_s, delay_samples)
     _check(request)
-    if figure is not None:
-        _check_figure(figure, plot)
+    _check_figure(figure, plot)
     file = load_model(model)
     point, system = linearized(file, request)
     result = report(file, point, system, request)
@@ -71,7 +70,9 @@ def run(
         from hoopd.plots import linear, style
 
         first = channel(system, request.outputs[0])
-        style.save(linear.DRAWINGS[plot](first, title=f"{file.name}: {request.outputs[0]} / torque"), figure)
+        style.save(
+            linear.DRAWINGS[plot or "overview"](first, title=f"{file.name}: {request.outputs[0]} / torque"), figure
+        )
     return result
 
 
@@ -138,11 +139,15 @@ def _check(request: Request) -> None:
         raise InputError("--delay", "", "counts samples: give --sample-time too")
 
 
-def _check_figure(figure: Path, plot: str) -> None:
+def _check_figure(figure: Path | None, plot: str | None) -> None:
+    if figure is None:
+        if plot is not None:
+            raise InputError("--plot", "", "chooses what --figure shows: give --figure too")
+        return
     from hoopd.plots import linear, style
 
     style.check_path(figure)
-    if plot not in linear.DRAWINGS:
+    if plot is not None and plot not in linear.DRAWINGS:
         raise InputError("--plot", "", f"must be one of {', '.join(linear.DRAWINGS)}, not {plot!r}")
 
 

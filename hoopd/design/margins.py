@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import control
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import matrix_balance
 from scipy.optimize import brentq, minimize_scalar
 
 from hoopd.design.analysis import minimal, zeros
@@ -78,6 +79,17 @@ def response(system: control.StateSpace, w_rad_s: Any, delay_s: float = 0.0) -> 
     return np.asarray(system(point, squeeze=True, warn_infinite=False)) * np.exp(-s * delay_s)
 
 
+def prepared(system: control.StateSpace) -> control.StateSpace:
+    """The system without what cancels by name, its states scaled by powers of two (no rounding) until A is balanced:
+    python-control's companion forms of a Pade delay span 26 decades, and their response comes out as nan."""
+    less = minimal(system).system
+    if less.nstates < 2:
+        return less
+    _, (scale, _) = matrix_balance(less.A, permute=False, separate=True)
+    a, b, c = less.A * scale / scale[:, None], less.B / scale[:, None], less.C * scale
+    return control.ss(a, b, c, less.D, less.dt)
+
+
 def frequency_grid(system: control.StateSpace, delay_s: float = 0.0, points: int = 600) -> Array:
     """Frequencies (rad/s) that miss no resonance: dense about every pole and zero, as wide as it is damped."""
     features = _features(system)
@@ -114,9 +126,11 @@ def margins(loop: control.StateSpace, delay_s: float = 0.0) -> Margins:
     python-control's `margin` reads the 0/0 of an unseen integrator (the hoop angle) at w = 0 as a gain margin of
     0.126 there, and knows neither delay margin nor delays; here the integrator is dropped first.
     """
-    system = minimal(loop).system
+    system = prepared(loop)
     grid = _with_turning_points(system, frequency_grid(system, delay_s))
     values = response(system, grid, delay_s)
+    if not np.isfinite(values).all():
+        raise ValueError("the loop's response cannot be computed: its state space is too badly scaled")
     gains = [_crossing(system, w, delay_s) for w in _roots(lambda w: _size(system, w), grid, np.log(np.abs(values)))]
     real = _real_crossings(system, delay_s, grid, values)
     stable = _stays_stable(system, gains, delay_s)
@@ -126,8 +140,11 @@ def margins(loop: control.StateSpace, delay_s: float = 0.0) -> Margins:
     factors = [(1.0 / abs(c.value), c.w_rad_s) for c in real if c.value != 0]
     up, up_at = min((f for f in factors if f[0] > 1.0), default=(math.inf, math.nan))
     down, down_at = max((f for f in factors if f[0] < 1.0), default=(0.0, math.nan))
-    ms, ms_at = _peak(grid, lambda w: 1.0 / abs(1.0 + response(system, w, delay_s)))
-    mt, mt_at = _peak(grid, lambda w: abs(1.0 - 1.0 / (1.0 + response(system, w, delay_s))))
+    whole = np.concatenate([[0.0], grid]) if is_finite_at_dc(system) else grid
+    ms, ms_at = _peak(whole, lambda w: 1.0 / abs(1.0 + response(system, w, delay_s)))
+    if not system.isdtime(strict=True) and delay_s == 0.0:  # S(inf) = 1/(1 + D) may be the largest
+        ms, ms_at = max((ms, ms_at), (1.0 / max(abs(1.0 + float(system.D[0, 0])), 1e-300), math.inf))
+    mt, mt_at = _peak(whole, lambda w: abs(1.0 - 1.0 / (1.0 + response(system, w, delay_s))))
     at = (phase_at, delay_at, up_at, down_at, ms_at)
     return Margins(phase, delay, up, down, ms, *at, mt, mt_at, stable, tuple(gains), tuple(real))
 
@@ -135,7 +152,7 @@ def margins(loop: control.StateSpace, delay_s: float = 0.0) -> Margins:
 def closed_loop_poles(loop: control.StateSpace) -> Array:
     """Poles of 1 + L = 0, the dropped states' own left out: the hoop angle's at 0 (z = 1) says nothing about a loop
     that does not see it. ValueError when L(inf) = -1."""
-    system = minimal(loop).system
+    system = prepared(loop)
     through = 1.0 + float(system.D[0, 0])
     if through == 0.0:
         raise ValueError("the loop is not well-posed: L is -1 at once")
@@ -238,7 +255,7 @@ def _peak(grid: Array, function: Callable[[Any], Any]) -> tuple[float, float]:
 
 def bandwidth(system: control.StateSpace) -> Bandwidth:
     """Both bandwidths of one input to one output (python-control has the second, at 3.000 dB instead of 1/sqrt 2)."""
-    less = minimal(system).system
+    less = prepared(system)
     grid = _with_turning_points(less, frequency_grid(less))
     size = np.log(np.abs(response(less, grid)))
     falls = _falls(less, grid, size, -math.log(2.0) / 2)

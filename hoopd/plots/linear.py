@@ -219,7 +219,8 @@ def _curve_on(axes: Axes, value: Array) -> None:
 
 def _mark_nearest(axes: Axes, system: control.StateSpace, found: Margins, delay_s: float) -> None:
     """The nearest approach to -1 and the point on the unit circle that gives the phase margin."""
-    nearest = complex(response(minimal(system).system, found.peak_sensitivity_rad_s, delay_s))
+    w = found.peak_sensitivity_rad_s
+    nearest = complex(response(minimal(system).system, w, delay_s)) if math.isfinite(w) else 0j
     text = f"1/Ms = {1.0 / found.peak_sensitivity:.3g} at {found.peak_sensitivity_rad_s:.4g} rad/s"
     axes.plot([-1.0, nearest.real], [0.0, nearest.imag], color=VERMILION, linewidth=1.5, label=text)
     for crossing in found.gain_crossovers:
@@ -256,7 +257,16 @@ def poles_on(axes: Axes, system: control.StateSpace) -> None:
     if less.unseen:
         centre = 1.0 if discrete else 0.0
         text = f"cancelled: {', '.join(less.unseen)}"
-        axes.plot([centre] * 2, [0.0] * 2, marker="$⊗$", color=GREY, markersize=11, linestyle="none", label=text)
+        axes.plot(
+            [centre] * 2,
+            [0.0] * 2,
+            marker="s",
+            fillstyle="none",
+            color=GREY,
+            markersize=13,
+            linestyle="none",
+            label=text,
+        )
     if not discrete:
         _name_roots(axes, poles, BLUE)
         _name_roots(axes, roots, VERMILION)
@@ -269,7 +279,11 @@ def poles_on(axes: Axes, system: control.StateSpace) -> None:
 def _name_roots(axes: Axes, roots: Array, colour: str) -> None:
     """Values beside the upper half's, zeros' below and poles' above the axis."""
     for root in roots[roots.imag >= 0.0]:
-        place = {"xytext": (0, 10 if colour == BLUE else -18), "textcoords": "offset points", "ha": "center"}
+        place: dict[str, Any] = {
+            "xytext": (0, 10 if colour == BLUE else -18),
+            "textcoords": "offset points",
+            "ha": "center",
+        }
         axes.annotate(_value(root), (root.real, root.imag), fontsize=NOTE_PT, color=colour, **place)
 
 
