@@ -11,8 +11,9 @@ from typing import Any
 
 from hoopd.files import InputError
 
-# What a person compares; the JSON has every digit.
+# What a person compares; the JSON has every digit. A matrix of six columns fits a terminal of 80 with four.
 DIGITS = 7
+MATRIX_DIGITS = 4
 
 
 def print_result(result: dict[str, Any]) -> None:
@@ -25,27 +26,37 @@ def print_result(result: dict[str, Any]) -> None:
     for key, value in result.items():
         if key == "notes":
             continue
-        if isinstance(value, dict) and value and "re" not in value:
+        if _is_record(value):
             table.add_section()
-            table.add_row(Text(key, style="bold"), "")
-            for name, item in value.items():
-                table.add_row(f"  {name}", Text(shown(item)))
+        for name, text in rows(key, value):
+            table.add_row(Text(name, style="" if text else "bold"), Text(text))
+        if _is_record(value):
             table.add_section()
-        else:
-            table.add_row(key, Text(shown(value)))
     console.print(table)
     for note in result.get("notes", []):
         console.print(Text(f"- {note}"))
 
 
-def shown(value: Any) -> str:
+def rows(key: str, value: Any, depth: int = 0) -> list[tuple[str, str]]:
+    """Lines of a table for a value: a record becomes its name and its entries, indented."""
+    name = "  " * depth + str(key)
+    if not _is_record(value):
+        return [(name, shown(value))]
+    return [(name, ""), *(row for inner, item in value.items() for row in rows(inner, item, depth + 1))]
+
+
+def _is_record(value: Any) -> bool:
+    return isinstance(value, dict) and bool(value) and value.keys() != {"re", "im"}
+
+
+def shown(value: Any, digits: int = DIGITS) -> str:
     """A value as a person reads it: few digits, a complex number as one, a matrix in columns."""
     if value is None:
         return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.{DIGITS}g}"
+        return f"{value:.{digits}g}"
     if isinstance(value, dict):
         return _complex(value) if value.keys() == {"re", "im"} else _nested(value)
     if isinstance(value, list | tuple):
@@ -60,12 +71,12 @@ def _complex(value: dict[str, float]) -> str:
 
 
 def _nested(value: dict[str, Any]) -> str:
-    return "\n".join(f"{key}: {shown(item)}" for key, item in value.items())
+    return "\n".join(f"{key}: {shown(item)}" for key, item in value.items()) or "-"
 
 
 def _listed(values: list[Any]) -> str:
     if values and all(isinstance(row, list) for row in values):
-        return _matrix([[shown(item) for item in row] for row in values])
+        return _matrix([[shown(item, MATRIX_DIGITS) for item in row] for row in values])
     separator = "\n" if any(isinstance(item, dict) for item in values) else ", "
     return separator.join(map(shown, values)) or "-"
 

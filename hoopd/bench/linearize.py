@@ -59,7 +59,7 @@ def run(
     figure: Path | None = None,
     plot: str | None = None,
 ) -> dict[str, Any]:
-    """Everything `hoopd linearize` finds, as plain data; InputError on a file or a value that cannot be used."""
+    """What `hoopd linearize` finds, as plain data; InputError on a file or a value that cannot be used."""
     request = Request(outputs, psi_rad, dtheta_rad_s, top, sample_time_s, delay_samples)
     _check(request)
     _check_figure(figure, plot)

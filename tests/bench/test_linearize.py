@@ -98,13 +98,17 @@ def test_operating_point_with_a_turning_hoop() -> None:
 
 
 @pytest.mark.parametrize("plot", list(linear.DRAWINGS))
-def test_every_figure_is_drawn_and_repeats(tmp_path: Path, plot: str) -> None:
-    for extra in ({}, {"sample_time_s": 0.02, "delay_samples": 2}, {"outputs": ("theta",)}, {"top": True}):
-        first, second = tmp_path / "a.png", tmp_path / "b.png"
-        for path in (first, second):
-            run(THESIS, figure=path, plot=plot, **extra)
-        assert first.read_bytes() == second.read_bytes()
-        assert len(first.read_bytes()) > 10_000
+def test_every_figure_is_drawn(tmp_path: Path, plot: str) -> None:
+    run(THESIS, figure=tmp_path / "a.png", plot=plot)
+    assert len((tmp_path / "a.png").read_bytes()) > 10_000
+
+
+@pytest.mark.parametrize("extra", [{"sample_time_s": 0.02, "delay_samples": 2}, {"outputs": ("theta",)}, {"top": True}])
+def test_a_figure_repeats_its_bytes(tmp_path: Path, extra: dict[str, Any]) -> None:
+    first, second = tmp_path / "a.png", tmp_path / "b.png"
+    for path in (first, second):
+        run(THESIS, figure=path, **extra)
+    assert first.read_bytes() == second.read_bytes()
 
 
 @pytest.mark.parametrize(
