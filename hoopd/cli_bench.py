@@ -75,11 +75,39 @@ def simulate(
 
 def linearize(
     model: ModelOption,
+    output: Annotated[
+        list[str], typer.Option("--output", help="Measured: psi, theta, dtheta or dpsi; repeatable.", metavar="NAME")
+    ] = ["psi"],  # noqa: B006
+    psi: Annotated[float | None, typer.Option("--psi", help="Ball held at this angle (rad), hoop turning.")] = None,
+    hoop_speed: Annotated[
+        float | None, typer.Option("--hoop-speed", help="Hoop turning at this speed (rad/s), ball held up its side.")
+    ] = None,
+    top: Annotated[bool, typer.Option("--top", help="Ball at rest at the top.")] = False,
+    sample_time: Annotated[
+        float | None, typer.Option("--sample-time", help="Hold the torque over this time (s): the sampled plant.")
+    ] = None,
+    delay: Annotated[int, typer.Option("--delay", help="Samples of delay in the sampled plant.")] = 0,
     figure: FigureOption = None,
+    plot: Annotated[
+        str | None, typer.Option("--plot", help="What --figure shows: overview, bode, nyquist, poles or step.")
+    ] = None,
     json_path: JsonOption = None,
 ) -> None:
-    """Linear model around an operating point, and what it says."""
-    raise NotImplementedError
+    """Linear model around an operating point (the bottom at rest), and what it says."""
+    from hoopd.bench.linearize import run
+
+    result = run(
+        model,
+        outputs=output,
+        psi_rad=psi,
+        dtheta_rad_s=hoop_speed,
+        top=top,
+        sample_time_s=sample_time,
+        delay_samples=delay,
+        figure=figure,
+        plot=plot,
+    )
+    _finish(result, json_path)
 
 
 def design(

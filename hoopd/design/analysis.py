@@ -140,9 +140,9 @@ def minimal(system: control.StateSpace) -> Minimal:
 
 
 def _reached(a: Array, start: Array) -> NDArray[np.bool_]:
-    """States connected with a start: j is reached from i when a[j, i] is not zero."""
-    couples = np.abs(a) > ROUNDING * np.abs(a).max(initial=0.0)
-    found = start > 0.0
+    """States connected with a start: j is reached from i when a[j, i] is not zero (exact derivatives, held and
+    delayed ones too, have exact zeros; any threshold would depend on the units of the states)."""
+    found: NDArray[np.bool_] = start != 0.0
     for _ in range(len(a)):
-        found = found | couples[:, found].any(axis=1)
+        found = found | (a[:, found] != 0.0).any(axis=1)
     return found

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import control
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import matrix_balance
 from scipy.optimize import brentq, minimize_scalar
 
 from hoopd.design.analysis import minimal, zeros
@@ -74,7 +76,27 @@ def response(system: control.StateSpace, w_rad_s: Any, delay_s: float = 0.0) -> 
     w = np.asarray(w_rad_s, float)
     s = 1j * w
     point = np.exp(s * system.dt) if system.isdtime(strict=True) else s
-    return np.asarray(system(point, squeeze=True, warn_infinite=False)) * np.exp(-s * delay_s)
+    return _evaluated(system, point) * np.exp(-s * delay_s)
+
+
+def _evaluated(system: control.StateSpace, point: Array) -> Any:
+    """C (sI - A)^-1 B + D at all points in one call, 20 times faster than python-control's loop over points."""
+    try:
+        x = np.linalg.solve(point[..., None, None] * np.eye(system.nstates) - system.A, system.B)
+    except np.linalg.LinAlgError:  # a pole is among the points: python-control gives inf there
+        return np.asarray(system(point, squeeze=True, warn_infinite=False))
+    return (system.C @ x)[..., 0, 0] + system.D[0, 0]
+
+
+def prepared(system: control.StateSpace) -> control.StateSpace:
+    """The system without what cancels by name, its states scaled by powers of two (no rounding) until A is balanced:
+    python-control's companion forms of a Pade delay span 26 decades, and their response comes out as nan."""
+    less = minimal(system).system
+    if less.nstates < 2:
+        return less
+    _, (scale, _) = matrix_balance(less.A, permute=False, separate=True)
+    a, b, c = less.A * scale / scale[:, None], less.B / scale[:, None], less.C * scale
+    return control.ss(a, b, c, less.D, less.dt)
 
 
 def frequency_grid(system: control.StateSpace, delay_s: float = 0.0, points: int = 600) -> Array:
@@ -86,7 +108,8 @@ def frequency_grid(system: control.StateSpace, delay_s: float = 0.0, points: int
     nyquist = math.pi / system.dt if system.isdtime(strict=True) else math.inf
     parts = [np.geomspace(min(low, nyquist * 1e-6), min(high, nyquist), points)]
     for feature in features[np.abs(features.imag) > 0.0]:
-        width = max(abs(feature.real), 1e-7 * abs(feature.imag)) * np.geomspace(1e-2, 1e2, 25)
+        # even steps of phase: a resonance is drawn as the circle that it is
+        width = max(abs(feature.real), 1e-7 * abs(feature.imag)) * np.tan(np.linspace(0.01, 1.56, points // 24))
         parts += [abs(feature.imag) - width, abs(feature.imag) + width]
     if delay_s > 0.0:
         parts.append(np.linspace(low, min(high, TURNS * 2 * math.pi / delay_s), 20 * TURNS))
@@ -99,7 +122,8 @@ def _features(system: control.StateSpace) -> Array:
     all_of_them = np.concatenate([system.poles(), zeros(system)]).astype(complex)
     if not system.isdtime(strict=True):
         return all_of_them
-    return np.log(all_of_them[np.abs(all_of_them) > 1e-9]) / system.dt
+    logarithms: Array = np.log(all_of_them[np.abs(all_of_them) > 1e-9]) / system.dt
+    return logarithms
 
 
 # ---------------------------------------------------------------------------------------------- margins
@@ -111,9 +135,11 @@ def margins(loop: control.StateSpace, delay_s: float = 0.0) -> Margins:
     python-control's `margin` reads the 0/0 of an unseen integrator (the hoop angle) at w = 0 as a gain margin of
     0.126 there, and knows neither delay margin nor delays; here the integrator is dropped first.
     """
-    system = minimal(loop).system
+    system = prepared(loop)
     grid = _with_turning_points(system, frequency_grid(system, delay_s))
     values = response(system, grid, delay_s)
+    if not np.isfinite(values).all():
+        raise ValueError("the loop's response cannot be computed: its state space is too badly scaled")
     gains = [_crossing(system, w, delay_s) for w in _roots(lambda w: _size(system, w), grid, np.log(np.abs(values)))]
     real = _real_crossings(system, delay_s, grid, values)
     stable = _stays_stable(system, gains, delay_s)
@@ -123,8 +149,11 @@ def margins(loop: control.StateSpace, delay_s: float = 0.0) -> Margins:
     factors = [(1.0 / abs(c.value), c.w_rad_s) for c in real if c.value != 0]
     up, up_at = min((f for f in factors if f[0] > 1.0), default=(math.inf, math.nan))
     down, down_at = max((f for f in factors if f[0] < 1.0), default=(0.0, math.nan))
-    ms, ms_at = _peak(grid, lambda w: 1.0 / abs(1.0 + response(system, w, delay_s)))
-    mt, mt_at = _peak(grid, lambda w: abs(1.0 - 1.0 / (1.0 + response(system, w, delay_s))))
+    whole = np.concatenate([[0.0], grid]) if is_finite_at_dc(system) else grid
+    ms, ms_at = _peak(whole, lambda w: 1.0 / abs(1.0 + response(system, w, delay_s)))
+    if not system.isdtime(strict=True) and delay_s == 0.0:  # S(inf) = 1/(1 + D) may be the largest
+        ms, ms_at = max((ms, ms_at), (1.0 / max(abs(1.0 + float(system.D[0, 0])), 1e-300), math.inf))
+    mt, mt_at = _peak(whole, lambda w: abs(1.0 - 1.0 / (1.0 + response(system, w, delay_s))))
     at = (phase_at, delay_at, up_at, down_at, ms_at)
     return Margins(phase, delay, up, down, ms, *at, mt, mt_at, stable, tuple(gains), tuple(real))
 
@@ -132,7 +161,7 @@ def margins(loop: control.StateSpace, delay_s: float = 0.0) -> Margins:
 def closed_loop_poles(loop: control.StateSpace) -> Array:
     """Poles of 1 + L = 0, the dropped states' own left out: the hoop angle's at 0 (z = 1) says nothing about a loop
     that does not see it. ValueError when L(inf) = -1."""
-    system = minimal(loop).system
+    system = prepared(loop)
     through = 1.0 + float(system.D[0, 0])
     if through == 0.0:
         raise ValueError("the loop is not well-posed: L is -1 at once")
@@ -196,11 +225,9 @@ def _wrapped(angle: float) -> float:
 def _roots(function: Function, grid: Array, values: Array) -> list[float]:
     """Roots between points of different sign, to rounding (brentq); `values` are those on the grid, 0 = not decided."""
     decided = np.flatnonzero(np.isfinite(values) & (values != 0.0))
-    before = decided[:-1][np.diff(np.sign(values[decided])) != 0]
-    after = decided[1:][np.diff(np.sign(values[decided])) != 0]
-    return [
-        float(brentq(function, grid[i], grid[j], xtol=1e-300, rtol=1e-14)) for i, j in zip(before, after, strict=True)
-    ]
+    changes = np.flatnonzero(np.diff(np.sign(values[decided])))
+    pairs = zip(grid[decided[changes]], grid[decided[changes + 1]], strict=True)
+    return [float(brentq(function, low, high, xtol=1e-300, rtol=1e-14)) for low, high in pairs]
 
 
 def _with_turning_points(system: control.StateSpace, grid: Array) -> Array:
@@ -208,8 +235,12 @@ def _with_turning_points(system: control.StateSpace, grid: Array) -> Array:
     size = np.log(np.maximum(np.abs(response(system, grid)), 1e-300))
     slope = np.sign(np.diff(size))
     turns = np.flatnonzero(slope[:-1] * slope[1:] < 0) + 1
-    found = [_turn(lambda w: -slope[i - 1] * _size(system, w), grid[i - 1], grid[i + 1]) for i in turns]
+    found = [_turn(partial(_signed_size, system, -slope[i - 1]), grid[i - 1], grid[i + 1]) for i in turns]
     return np.unique(np.concatenate([grid, found]))
+
+
+def _signed_size(system: control.StateSpace, sign: float, w: float) -> float:
+    return sign * _size(system, w)
 
 
 def _turn(function: Function, low: float, high: float) -> float:
@@ -233,7 +264,7 @@ def _peak(grid: Array, function: Callable[[Any], Any]) -> tuple[float, float]:
 
 def bandwidth(system: control.StateSpace) -> Bandwidth:
     """Both bandwidths of one input to one output (python-control has the second, at 3.000 dB instead of 1/sqrt 2)."""
-    less = minimal(system).system
+    less = prepared(system)
     grid = _with_turning_points(less, frequency_grid(less))
     size = np.log(np.abs(response(less, grid)))
     falls = _falls(less, grid, size, -math.log(2.0) / 2)

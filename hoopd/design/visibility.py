@@ -91,16 +91,16 @@ def in_words(system: control.StateSpace) -> list[str]:
     """Sentences about what is not steered, not seen, or hardly."""
     outputs = ", ".join(system.output_labels)
     steered, seen, filtered = controllability(system), observability(system), detectability(system)
-    notes = [f"{_named(name)} is not moved by the torque" for name in steered.lost]
-    notes += [f"{_named(name)} is not seen from {outputs}: no output depends on it" for name in seen.lost]
+    notes = [f"{named(name)} is not moved by the torque" for name in steered.lost]
+    notes += [f"{named(name)} is not seen from {outputs}: no output depends on it" for name in seen.lost]
     notes += [
-        f"{_named(name)} is hardly seen from {outputs}: singular value {_weakest(seen):.2g} beside "
+        f"{named(name)} is hardly seen from {outputs}: singular value {_weakest(seen):.2g} beside "
         f"{seen.singular_values[0]:.3g}"
         for name in seen.weak
         if not name.startswith(f"{INPUT}_")
     ]
     if not filtered.detectable:
-        what = ", ".join(map(_named, filtered.states))
+        what = ", ".join(map(named, filtered.states))
         notes.append(
             f"not detectable: {what} does not die out and is not seen, so no filter on all states exists "
             "(lqe, dlqe stop); leave it out, or measure it too"
@@ -112,5 +112,6 @@ def _weakest(rank: Rank) -> float:
     return rank.singular_values[rank.rank - 1]
 
 
-def _named(state: str) -> str:
+def named(state: str) -> str:
+    """A state in words, with its name."""
     return f"{WORDS[state]} ({state})" if state in WORDS else state

@@ -36,7 +36,7 @@ GREY = "#666666"  # marks, limits and whatever is not data
 
 DPI = 150
 LINE_WIDTH_PT = 1.4
-TITLE_PT, LABEL_PT, TICK_PT, NOTE_PT = 11, 10, 9, 8.5
+HEAD_PT, TITLE_PT, LABEL_PT, TICK_PT, NOTE_PT = 12, 10.5, 10, 9, 8.5
 
 # What matplotlib would write about day and version, by extension; None leaves an entry out.
 _METADATA: dict[str, dict[str, Any]] = {
@@ -50,17 +50,33 @@ _FILE_SETTINGS: Any = {"svg.hashsalt": "hoopd", "svg.fonttype": "none", "pdf.fon
 
 
 def figure(
-    width_in: float = 7.0, height_in: float = 4.5, *, rows: int = 1, columns: int = 1, title: str = "", **grid: Any
+    width_in: float = 7.0,
+    height_in: float = 4.5,
+    *,
+    rows: int = 1,
+    columns: int = 1,
+    mosaic: Sequence[Sequence[str]] | None = None,
+    title: str = "",
+    **grid: Any,
 ) -> Figure:
-    """A figure with `rows` x `columns` styled axes (`.axes`, row by row); `grid` goes to `Figure.subplots`."""
+    """A figure with `rows` x `columns` styled axes (`.axes`, row by row), or a `mosaic` of named ones (`named`);
+    `grid` goes to `Figure.subplots` or `Figure.subplot_mosaic`."""
     made = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained", facecolor="white")
     FigureCanvasAgg(made)
-    made.subplots(rows, columns, **grid)
+    if mosaic is None:
+        made.subplots(rows, columns, **grid)
+    else:
+        made.subplot_mosaic([list(row) for row in mosaic], **grid)
     for axes in made.axes:
         styled(axes)
     if title:
-        made.suptitle(title, fontsize=TITLE_PT, fontweight="bold")
+        made.suptitle(title, fontsize=HEAD_PT, fontweight="bold")
     return made
+
+
+def named(figure: Figure) -> dict[str, Axes]:
+    """Axes of a mosaic by their names."""
+    return {str(axes.get_label()): axes for axes in figure.axes}
 
 
 def styled(axes: Axes) -> Axes:
@@ -73,8 +89,14 @@ def styled(axes: Axes) -> Axes:
     axes.spines[["left", "bottom"]].set_color(GREY)
     for label in (axes.xaxis.label, axes.yaxis.label):
         label.set_fontsize(LABEL_PT)
-    axes.title.set_fontsize(TITLE_PT)
     return axes
+
+
+def labelled(axes: Axes, x: str, y: str, title: str = "") -> None:
+    """Axis labels and a title (`set_title` alone would take matplotlib's own size)."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.set_title(title, fontsize=TITLE_PT)
 
 
 def legend(axes: Axes, **options: Any) -> None:
