@@ -179,7 +179,9 @@ def experiment(
     sim: Annotated[bool, typer.Option("--sim", help="On the simulated rig.")] = False,
     config: ConfigOption = None,
     sets: SetOption = [],  # noqa: B006
-    duration: Annotated[float, typer.Option("--duration", help="Seconds of signal.", min=0.5, max=1200.0)] = 20.0,
+    duration: Annotated[
+        float | None, typer.Option("--duration", help="Seconds of signal; 20, for decay 34.", min=0.5, max=1200.0)
+    ] = None,
     amplitude: Annotated[
         float | None, typer.Option("--amplitude", help="Torque in N m; without it what the model lets through.")
     ] = None,
@@ -217,10 +219,11 @@ def experiment(
     """Play a test signal within limits of torque, hoop speed and ball angle, and record it."""
     from hoopd.app import Options
     from hoopd.experiment import Where, run
-    from hoopd.experimentplan import Plan
+    from hoopd.experimentplan import DURATION_S, DURATIONS_S, Plan
 
+    seconds = DURATIONS_S.get(kind, DURATION_S) if duration is None else duration
     plan = Plan(
-        kind, duration, amplitude, seed, clock, low, high, hold, kick, rest, max_torque, max_speed, max_angle,
+        kind, seconds, amplitude, seed, clock, low, high, hold, kick, rest, max_torque, max_speed, max_angle,
         centring_nm_per_rad_s=centring, around=around, ball=not no_ball,
     )  # fmt: skip
     options = Options(sim, config, tuple(sets), None, None, seed, _speed(speed), _direct(camera), arm)

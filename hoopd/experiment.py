@@ -37,7 +37,7 @@ from hoopd.shell.keys import pressed
 from hoopd.shell.loop import Loop
 
 KINDS = ("prbs", "chirp", "multisine", "steps", "decay")
-ABORT_KEYS = "q Q\x1b"
+ABORT_KEYS = "qQ \x1b"
 # From the start, or from the operator's arm, until the ball is seen and the drive is on; measured: 1.3 s on the rig.
 START_PATIENCE_S = 20.0
 # After the signal: braking (a second), and a margin; the end of a lock-step run that never began.
@@ -113,18 +113,20 @@ def _check(plan: Plan, config: Config, where: Where, figure: Path | None) -> Non
     if where.folder is not None and not where.folder.is_dir():
         raise InputError(where.folder, "--record", "no such folder")
     if where.file is not None:
-        _check_file(where.file, "--out", (".mcap",))
-        if where.file.exists():
-            raise InputError(where.file, "--out", "exists already; recordings are not overwritten")
+        _check_file(where.file)
     if figure is not None:
-        _check_file(figure, "--figure", (".png", ".svg", ".pdf"))
+        from hoopd.plots.style import check_path
+
+        check_path(figure)
 
 
-def _check_file(path: Path, option: str, endings: tuple[str, ...]) -> None:
-    if path.suffix not in endings:
-        raise InputError(path, option, f"must end in {', '.join(endings)}")
+def _check_file(path: Path) -> None:
+    if path.suffix != ".mcap":
+        raise InputError(path, "--out", "must end in .mcap")
     if not path.parent.is_dir():
-        raise InputError(path, option, "no such folder")
+        raise InputError(path, "--out", "no such folder")
+    if path.exists():
+        raise InputError(path, "--out", "exists already; recordings are not overwritten")
 
 
 @contextmanager
@@ -144,8 +146,8 @@ def _folder(where: Where) -> Iterator[Path]:
 def _kept(folder: Path, summary: dict[str, Any], where: Where) -> Path:
     """The recording where it was wanted."""
     counts = summary["recording"]
-    path = folder / counts["file"] if counts and counts["file"] else None
-    if path is None or not path.is_file():
+    path = folder / str(counts["file"])
+    if not path.is_file():
         raise InputError(where.file or folder, "", "nothing could be recorded (see the log)")
     if where.file is None:
         return path
@@ -166,6 +168,7 @@ class Conductor:
         self._patience_from = 0.0 if armed else inf
         self._mode = Mode.DISARMED
         self._loop: Loop | None = None
+        self._asked = False  # the loop was told to end
         self._record: TickRecord | None = None
         self._causes: tuple[str, ...] = ()
 
@@ -175,17 +178,18 @@ class Conductor:
         self._loop = loop
         with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
             asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self.abort)
-        with pressed(lambda key: self.abort() if key in ABORT_KEYS or key == " " else None):
+        with pressed(lambda key: self.abort() if key in ABORT_KEYS else None):
             yield
 
     def abort(self) -> None:
         """Off at once, then an orderly end."""
         self._end(ABORTED)
         if self._loop is not None:
-            self._loop.request_stop()  # a second time: disarm
+            self._loop.request_stop()  # asked again it disarms at once
 
     def put(self, record: TickRecord, inputs: Inputs) -> None:
-        """Look at one tick."""
+        """Look at one tick; what the last one led to is judged first, now that its notes are known."""
+        self._judge(record.t)
         self._record, before, self._mode = record, self._mode, Mode(record.mode)
         if self._mode is Mode.RUNNING and not isfinite(self.started_t):
             self.started_t = record.t
@@ -193,7 +197,6 @@ class Conductor:
             self.ended_t = record.t
         if before not in ENERGISED and self._mode in ENERGISED:
             self._patience_from = min(self._patience_from, record.t)
-        self._judge(record.t)
 
     def note(self, t: float, note: Note) -> None:
         """Remember why it ended."""
@@ -221,11 +224,10 @@ class Conductor:
             self._end("not started: no steady ball, or the drive did not answer")
 
     def _end(self, outcome: str) -> None:
-        if not self.outcome:
-            self.outcome = outcome
-        if self._loop is not None:
-            loop, self._loop = self._loop, self._loop if outcome == ABORTED else None
-            loop.request_stop()
+        self.outcome = self.outcome or outcome
+        if self._loop is not None and not self._asked:
+            self._asked = True
+            self._loop.request_stop()
 
 
 def told(
@@ -240,7 +242,7 @@ def told(
         "outcome": outcome,
         "file": str(path),
         "rows": len(recording),
-        "played_s": round(np.count_nonzero(played) * period_s, 9),
+        "played_s": round(int(np.count_nonzero(played)) * period_s, 9),
         "ended_at_s": _number(conductor.ended_t),
         "amplitude_nm": score.amplitude_nm,
         **_extremes(recording, played, period_s, ball=plan.ball),
@@ -276,7 +278,9 @@ def _number(value: float) -> float | None:
 
 
 def _draw(recording: Path, plan: Plan, path: Path) -> None:
-    from hoopd.plots.experiment import draw_experiment
+    from hoopd.plots.experiment import Limits, draw_experiment
     from hoopd.plots.style import save
 
-    save(draw_experiment(read(recording), plan.kind), path)
+    angle = plan.angle_limit_rad if plan.ball else None
+    limits = Limits(plan.torque_limit_nm, plan.speed_limit_rad_s, angle)
+    save(draw_experiment(read(recording), plan.kind, limits), path)

@@ -29,6 +29,9 @@ AMPLITUDES_NM = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02, 0.01)
 VARIANTS: Mapping[str, int] = MappingProxyType({"prbs": 16, "multisine": 8, "steps": 16})
 # Of the limits, what a signal may use on the model: the device is not the model.
 COMFORT = 0.8
+# Long enough for a thousand rows, or for four kicks with their rests.
+DURATIONS_S: Mapping[str, float] = MappingProxyType({"decay": 34.0})
+DURATION_S = 20.0
 TABLE_DIGITS = 7  # 0.1 uN m
 
 

@@ -18,6 +18,7 @@ import msgspec
 
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import Layout, layout_from_table
+from hoopd.core.records import CameraSample
 from hoopd.eye import Analyser
 from hoopd.files import InputError, parse_yaml, read_text
 from hoopd.shell.camera import Backend, CameraThread, analysis, make_backend
@@ -51,13 +52,24 @@ def read_layout(config: Config, config_path: Path | None) -> Layout:
         raise InputError(path, "", str(error)) from None
 
 
+class NoEye:
+    """The camera of a hoop without a ball: none is opened."""
+
+    stalled = False
+
+    def take(self) -> CameraSample | None:
+        """No picture, ever."""
+        return None
+
+
 @contextmanager
 def device(config: Config, layout: Layout, say: Say) -> Iterator[World]:
     """The laboratory device: a serial port and a camera."""
     with ExitStack() as stack:
         timer = stack.enter_context(TickTimer(config.loop.period_s))
         drive = stack.enter_context(serial_drive(config, layout, timer, say))
-        eye = stack.enter_context(camera_eye(config, timer, say))
+        needed = config.faults.ball_expected
+        eye: Eye = stack.enter_context(camera_eye(config, timer, say)) if needed else NoEye()
         yield World(timer, drive, eye)
 
 
@@ -71,9 +83,10 @@ def realtime_rig(
         start = timer.start_ns / 1e9
         rigged, rig = stack.enter_context(rig_devices(config, layout, plant, seed, start))
         drive = stack.enter_context(serial_drive(rigged, layout, timer, say))
+        eye: Eye = NoEye()
         if direct:
-            eye: Eye = stack.enter_context(direct_eye(config, rig, seed, timer, start))
-        else:
+            eye = stack.enter_context(direct_eye(config, rig, seed, timer, start))
+        elif config.faults.ball_expected:
             eye = stack.enter_context(camera_eye(rigged, timer, say))
         yield World(timer, drive, eye)
 

@@ -59,12 +59,12 @@ class Excitation:
 
     def update(self, measurement: Measurement) -> tuple[float, Log]:
         """The next torque; zero once it has ended."""
-        held_nm = self._held_nm(measurement)
         self.ended = self.ended or self._breach(measurement)
         if not self.ended and self._k >= len(self.torques_nm):
             self.ended = DONE
         if self.ended:
             return 0.0, {}
+        held_nm = 0.0 if self.around is None else self.around.update(measurement)[0]
         excited_nm = self.torques_nm[self._k]
         self._k += 1
         limit = self.limits.torque_nm
@@ -81,9 +81,6 @@ class Excitation:
     def tune(self, key: str, value: float) -> bool:
         """Nothing: the table is what the recording says it is."""
         return False
-
-    def _held_nm(self, measurement: Measurement) -> float:
-        return 0.0 if self.around is None else self.around.update(measurement)[0]
 
     def _centring(self, measurement: Measurement) -> float:
         return self.centring_nm_per_rad_s * float(measurement.x[1]) if self.centring_nm_per_rad_s else 0.0
