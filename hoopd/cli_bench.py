@@ -61,16 +61,48 @@ def fit(
 
 def simulate(
     model: ModelOption,
-    recording: Annotated[str, typer.Option("--input", help="Recording whose torque is applied.", metavar="REC")],
+    recording: Annotated[
+        str,
+        typer.Option(
+            "--input", help="Recording whose torque is applied: FILE[:EXPERIMENT][@START:END].", metavar="REC"
+        ),
+    ],
     figure: FigureOption = None,
     columns: ColumnsOption = None,
+    x0: Annotated[
+        str | None,
+        typer.Option(
+            "--x0", help="Start (rad, rad/s) instead of an estimated one, the rest 0.", metavar="psi=0.4,dtheta=0"
+        ),
+    ] = None,
+    step: Annotated[float, typer.Option("--step", help="Longest integration step in seconds.")] = 0.01,
+    moving: Annotated[
+        str, typer.Option("--moving", help="What moves: both, hoop, ball, or auto: as the recording shows.")
+    ] = "auto",
+    without_effects: Annotated[
+        bool, typer.Option("--without-effects", help="Leave the model's effects out instead of refusing them.")
+    ] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Write the simulated run (.csv or .mcap).", metavar="FILE")
+        Path | None,
+        typer.Option("--out", help="Write the simulated run (.csv, .mcap, .mat or .h5).", metavar="FILE"),
     ] = None,
     json_path: JsonOption = None,
 ) -> None:
     """Run a model freely with the torque of a recording and compare."""
-    raise NotImplementedError
+    from hoopd.bench.simulate import run
+
+    result = run(
+        model,
+        recording,
+        columns=columns,
+        x0=x0,
+        step_s=step,
+        moving=moving,
+        without_effects=without_effects,
+        out=out,
+        figure=figure,
+    )
+    _finish(result, json_path)
 
 
 def linearize(

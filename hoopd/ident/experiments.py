@@ -88,16 +88,23 @@ def prepare(
     runs = []
     for recording in recordings:
         moving = moving_of(recording, encoder_counts)
-        wanted = [name for name in channels if name != "psi"] if moving == "hoop" else list(channels)
-        wanted = ["psi"] if moving == "ball" else wanted
-        found = [run for part in _pieces(recording, window_s) if (run := _run(recording, part, moving, wanted))]
+        wanted = channels_of(moving, channels)
+        found = [run for part in pieces(recording, window_s) if (run := run_of(recording, part, moving, wanted))]
         if not found:
             raise InputError(recording.source, ", ".join(wanted), f"no stretch of {SHORTEST_ROWS} samples to fit")
         runs += found
     return runs
 
 
-def _pieces(recording: Recording, window_s: float | None) -> list[Timeline]:
+def channels_of(moving: str, channels: Sequence[str]) -> list[str]:
+    """Those of the channels that say something about what moves."""
+    if moving == "ball":
+        return ["psi"]
+    return [name for name in channels if name != "psi" or moving == "both"]
+
+
+def pieces(recording: Recording, window_s: float | None = None) -> list[Timeline]:
+    """Stretches with a torque, whole or in windows; InputError when there is none."""
     try:
         whole = timelines(recording)
     except ValueError as error:
@@ -105,7 +112,8 @@ def _pieces(recording: Recording, window_s: float | None) -> list[Timeline]:
     return whole if window_s is None else [piece for part in whole for piece in part.windows(window_s)]
 
 
-def _run(recording: Recording, part: Timeline, moving: str, wanted: list[str]) -> Run | None:
+def run_of(recording: Recording, part: Timeline, moving: str, wanted: Sequence[str]) -> Run | None:
+    """A piece made ready; None when it has too few measurements for a start of its own."""
     series, aside = {}, {}
     for name in wanted:
         channel = part.channels["theta" if name == "theta_rate" else name]
