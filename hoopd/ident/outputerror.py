@@ -72,7 +72,7 @@ class _Problem:
         self.runs, self.scale, self.priors = list(runs), scale, priors
         kinds = {run.moving for run in runs}
         self.models = {m: Model(structure, values, scale.names, extra_forces, moving=m) for m in kinds}
-        self.free = [_free_starts(run) for run in runs]
+        self.free = [free_starts(run) for run in runs]
         offsets = np.cumsum([len(scale.names), *(len(free) for free in self.free)])
         self.slots = [slice(int(a), int(b)) for a, b in pairwise(offsets)]
         self.size = int(offsets[-1])
@@ -223,7 +223,7 @@ def _first_sigma(name: str, runs: Sequence[Run]) -> float:
     return max(float(np.std(values)) / 5.0, 1e-9)
 
 
-def _free_starts(run: Run) -> list[int]:
+def free_starts(run: Run) -> list[int]:
     """Components of the initial state that the run's channels see."""
     hoop = [0, 1] if "theta" in run.series else [1]
     return {"both": [*hoop, 2, 3], "hoop": hoop, "ball": [2, 3]}[run.moving]
