@@ -65,7 +65,7 @@ class Problem:
         self.runs, self.scale = list(runs), scale
         kinds = {run.moving for run in runs}
         self.models = {m: Model(structure, values, scale.names, extra_forces, moving=m) for m in kinds}
-        self.free = [_free_starts(run) for run in runs]
+        self.free = [free_starts(run) for run in runs]
         self.sigma = {name: _first_sigma(name, runs) for name in _channels(runs)}
 
     def first_starts(self) -> list[Array]:
@@ -185,7 +185,7 @@ def _first_sigma(name: str, runs: Sequence[Run]) -> float:
     return max(float(np.std(values)) / 5.0, 1e-9)
 
 
-def _free_starts(run: Run) -> list[int]:
+def free_starts(run: Run) -> list[int]:
     """Components of the initial state that the run's channels see."""
     hoop = [0, 1] if "theta" in run.series else [1]
     return {"both": [*hoop, 2, 3], "hoop": hoop, "ball": [2, 3]}[run.moving]
