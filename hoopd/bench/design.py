@@ -23,6 +23,7 @@ from hoopd.files import InputError, os_reason
 from hoopd.modelfiles import ControllerFile, ModelFile, load_model, parse_controller, plant_of
 from hoopd.physics.plant import Plant
 from hoopd.plots import style
+from hoopd.shipped import defaults_folder, or_shipped
 
 KINDS = (*LAWS, "arx")
 HEAD = "Made by `hoopd design {law}` from {model}."
@@ -44,6 +45,7 @@ def run(
 ) -> dict[str, Any]:
     """Design, judge, write and draw; the result as plain data. InputError: unusable input or an unstable loop."""
     check_targets(out, figure)
+    model_path = or_shipped(model_path)
     model = load_model(model_path)
     plant = plant_of(model)
     designed = _designed(law, plant, spec, recording)
@@ -178,19 +180,24 @@ def check_targets(out: Path | None, figure: Path | None) -> None:
 
 
 def _text(law: str, designed: Law, spec: Spec, model: ModelFile, model_path: Path, out: Path | None) -> str:
-    place = model_path.name
-    if out is not None:
-        place = Path(os.path.relpath(model_path.resolve(), out.resolve().parent)).as_posix()
     data = controller_data(
         out.stem if out is not None else law,
         designed.kind,
         designed.gains,
-        model=place,
+        model=_way_to(model_path, out),
         notes=f"designed as {law} for pictures {1e3 * spec.delay_s:g} ms old",
         sample_time_s=spec.sample_time_s,
         torque_nm=min(0.7, model.device.torque_limit_nm),
     )
     return controller_text(data, HEAD.format(law=law, model=model_path.name))
+
+
+def _way_to(model_path: Path, out: Path | None) -> str:
+    """The model as the controller file names it: a shipped one by its name, another from the file's own folder."""
+    model = model_path.resolve()
+    if model.is_relative_to(defaults_folder()):
+        return model.relative_to(defaults_folder()).as_posix()
+    return model.name if out is None else Path(os.path.relpath(model, out.resolve().parent)).as_posix()
 
 
 def _write(out: Path | None, text: str) -> None:

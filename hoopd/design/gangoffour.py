@@ -1,7 +1,7 @@
 """The gang of four: what a loop does to its reference, to torque disturbances and to the noise of its angle.
 
-Rules of this file: frequency responses and plain numbers; the responses are formed point by point, so that nothing
-has to cancel (python-control's `gangof4_response` multiplies systems and keeps hidden poles).
+Rules of this file: frequency responses and plain numbers, formed point by point, so that nothing has to cancel.
+python-control's `gangof4_response` (0.10) is not used: it evaluates a sampled loop at z = jw instead of e^(jwh).
 """
 
 from __future__ import annotations

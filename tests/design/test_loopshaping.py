@@ -95,8 +95,6 @@ def test_slope_of_a_response_is_exact() -> None:
         assert response_and_slope(P, w, 0.05).slope == pytest.approx((ahead - behind) / 2e-6 / 1j, rel=1e-6)
         rational = response_and_slope(transfer_function(P), w)
         assert response_and_slope(P, w).slope == pytest.approx(rational.slope, rel=1e-9)
-            response_and_slope(transfer_function(P), w).slope, rel=1e-9
-        )
 
 
 def test_loop_shaping_refuses_what_it_cannot_do() -> None:
