@@ -6,6 +6,7 @@ port, no camera, no clock.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -19,6 +20,9 @@ from hoopd.core.tick import Tick
 from hoopd.files import InputError, read_text
 from hoopd.modelfiles import ControllerFile, controller_of, estimator_of, parse_controller, parse_model, plant_of
 from hoopd.shell.config import Config, dump, find
+
+# The line of a controller file that names its model, when the way there leads through folders of this machine.
+_MODEL_FOLDERS = re.compile(r"(?m)^(model: +[\"']?)(?:/|~|\.\.).*/(?=[^/\n]+$)")
 
 
 class Texts(NamedTuple):
@@ -35,10 +39,21 @@ def read_texts(config: Config, config_path: Path | None) -> Texts:
     law = config.control.law
     return Texts(
         dump(without_places(config)),
-        read_text(find(config.device.model, config_path)),
-        read_text(find(config.control.file, config_path)),
+        read_text(model_path(config, config_path)),
+        _without_folder(read_text(find(config.control.file, config_path))),
         read_text(find(law, config_path)) if law else "",
     )
+
+
+def model_path(config: Config, config_path: Path | None) -> Path:
+    """The filter's model: the one that the configuration names, or else the one that the controller was designed on,
+    which is looked up beside the controller's file first."""
+    if config.device.model:
+        return find(config.device.model, config_path)
+    path = find(config.control.file, config_path)
+    name = parse_controller(read_text(path), config.control.file).model
+    beside = path.parent / name
+    return beside if beside.is_file() else find(name, config_path)
 
 
 def without_places(config: Config) -> Config:
@@ -54,6 +69,11 @@ def without_places(config: Config) -> Config:
     )
 
 
+def _without_folder(controller: str) -> str:
+    """A controller file's text whose model is named without the folders on the way to it."""
+    return _MODEL_FOLDERS.sub(r"\1", controller)
+
+
 def _name(text: str) -> str:
     path = Path(text)
     return path.name if path.is_absolute() else text
@@ -61,8 +81,8 @@ def _name(text: str) -> str:
 
 def build_tick(config: Config, texts: Texts) -> Tick:
     """A tick in its first state; InputError names the file that does not fit."""
-    model = parse_model(texts.model, config.device.model)
     file = parse_controller(texts.controller, config.control.file)
+    model = parse_model(texts.model, config.device.model or file.model)
     _same_period(config, file.sample_time_s)
     law = load_law(texts.law, config.control.law) if config.control.law else controller_of(file)
     # The narrowest of the configuration's, the device's and the controller's limit holds.
@@ -85,7 +105,7 @@ def _needs_no_ball(config: Config, file: ControllerFile, law: Controller) -> Non
 def mismatch(config: Config, texts: Texts) -> str:
     """Why the controller may not fit the model that the filter uses; empty when it was designed on it."""
     designed_on = parse_controller(texts.controller, config.control.file).model
-    if Path(designed_on).name == Path(config.device.model).name:
+    if not config.device.model or Path(designed_on).name == Path(config.device.model).name:
         return ""
     return f"{config.control.file} was designed on {designed_on}, the filter uses {config.device.model}"
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import msgspec
 
 from hoopd import check
+from hoopd.build import model_path
 from hoopd.check import Check, CheckResult, Verdict
 from hoopd.core.layout import Layout
 from hoopd.core.records import CameraSample
@@ -94,10 +95,9 @@ def device_checks(config: Config, config_path: Path | None, layout: Layout, watc
 
 
 def _files(config: Config, config_path: Path | None) -> CheckResult:
-    named = {"model": config.device.model, "controller": config.control.file}
+    paths = {"model": model_path(config, config_path), "controller": find(config.control.file, config_path)}
     formats = {}
-    for kind, name in named.items():
-        path = find(name, config_path)
+    for kind, path in paths.items():
         formats[kind] = str(parse_yaml(read_text(path), path).get("schema", ""))
     return check.configuration_files(formats, FORMATS)
 

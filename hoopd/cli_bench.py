@@ -143,16 +143,60 @@ def linearize(
 
 
 def design(
-    kind: Annotated[str, typer.Argument(help="The law to design.", metavar="LAW")],
+    law: Annotated[
+        str, typer.Argument(help="lqg, lqr, placement, pid, pi, lead, lag or arx (docs/design.md).", metavar="LAW")
+    ],
     model: ModelOption,
     out: Annotated[
         Path | None, typer.Option("--out", help="Write the controller file here.", metavar="CONTROLLER")
     ] = None,
+    recording: Annotated[
+        str | None, typer.Option("--recording", help="arx: the run that the model is fitted to.", metavar="REC")
+    ] = None,
+    omega: Annotated[
+        float | None, typer.Option("--omega", "--bandwidth", help="rad/s: where the loop is shaped, the link acts.")
+    ] = None,
+    mt: Annotated[float | None, typer.Option("--mt", help="pid: largest |T|.")] = None,
+    phase: Annotated[
+        float | None, typer.Option("--phase", help="Degrees; pid: angle of the touching point; pi: phase margin.")
+    ] = None,
+    zeta: Annotated[float | None, typer.Option("--zeta", help="pi: damping, poles placed instead.")] = None,
+    filter_ratio: Annotated[float, typer.Option("--filter", help="pid: derivative filtered with Td/N.")] = 15.0,
+    lead: Annotated[
+        tuple[float, float] | None, typer.Option("--lead", help="pid: lead link in series, rad/s and N.")
+    ] = None,
+    ratio: Annotated[float, typer.Option("--ratio", help="lead: N; lag: M.")] = 5.0,
+    gain: Annotated[float, typer.Option("--gain", help="lead, lag: N m/rad.")] = 1.0,
+    poles: Annotated[str, typer.Option("--poles", help="placement: rad/s, of hoop speed and ball.")] = "-6+6j,-6-6j,-1",
+    weights: Annotated[
+        list[str],
+        typer.Option("--weights", help="lqg, arx: deviation that costs one, psi=0.2; dtheta, psi, dpsi, torque."),
+    ] = [],  # noqa: B006
+    delay: Annotated[float, typer.Option("--delay", help="Age of a picture at its tick in s.")] = 0.05,
+    sample_time: Annotated[float, typer.Option("--sample-time", help="Tick in s.")] = 0.02,
+    disturbance: Annotated[float, typer.Option("--disturbance", help="rad, in the closed loop on trial.")] = 0.4,
     figure: FigureOption = None,
     json_path: JsonOption = None,
 ) -> None:
     """Design a control law for a model and write the file that the daemon loads."""
-    raise NotImplementedError
+    from hoopd.bench.design import poles_from, run, spec_from, weights_from
+
+    spec = spec_from(
+        omega_rad_s=omega,
+        mt=mt,
+        phase_deg=phase,
+        zeta=zeta,
+        filter_ratio=filter_ratio,
+        lead=lead,
+        ratio=ratio,
+        gain=gain,
+        poles=poles_from(poles),
+        weights=weights_from(weights),
+        delay_s=delay,
+        sample_time_s=sample_time,
+    )
+    result = run(law, model, spec, recording=recording, out=out, figure=figure, disturbance_rad=disturbance)
+    _finish(result, json_path)
 
 
 def _finish(result: dict[str, Any], json_path: Path | None) -> None:

@@ -13,3 +13,9 @@ def defaults_folder() -> Path:
     package = Path(__file__).resolve().parent
     shipped = package / "_config"
     return shipped if shipped.is_dir() else package.parent / "config"
+
+
+def or_shipped(path: Path) -> Path:
+    """The path as it stands, or the shipped file of that name where there is none (models/hoop.yaml)."""
+    shipped = defaults_folder() / path
+    return shipped if not path.exists() and shipped.is_file() else path

@@ -15,7 +15,7 @@ import pytest
 from hoopd import cli
 from hoopd.build import build_tick, mismatch, read_texts
 from hoopd.files import InputError
-from hoopd.shell.config import load
+from hoopd.shell.config import defaults_folder, load
 from hoopd.shell.signals import unwinding
 
 HEAVY = ("scipy", "matplotlib", "control", "h5py", "hoopd.design", "hoopd.sim")
@@ -59,6 +59,25 @@ def test_a_controller_designed_on_another_model_is_named() -> None:
     texts = read_texts(config, None)
     assert "designed on models/hoop.yaml, the filter uses models/thesis.yaml" in mismatch(config, texts)
     assert mismatch(load(None, sim=False, overrides=[]), texts) == ""
+
+
+def test_the_filter_uses_the_model_that_the_controller_was_designed_on(tmp_path: Path) -> None:
+    """A file beside the controller first, then the places of every file; the configuration's word goes over it."""
+    mine, shipped = tmp_path / "mine.yaml", defaults_folder()
+    fitted = (shipped / "models" / "thesis.yaml").read_text().replace("name: thesis", "name: fitted")
+    law = (shipped / "controllers" / "lqg.yaml").read_text()
+    mine.write_text(law.replace("model: models/hoop.yaml", "model: fits/fitted.yaml"))
+    config = load(None, sim=False, overrides=[f"control.file={mine}"])
+    with pytest.raises(InputError, match=r"fits/fitted\.yaml: no such file"):
+        read_texts(config, None)
+    (tmp_path / "fits").mkdir()
+    (tmp_path / "fits" / "fitted.yaml").write_text(fitted)
+    texts = read_texts(config, None)
+    assert texts.model == fitted and mismatch(config, texts) == ""
+    assert build_tick(config, texts).estimator is not None
+    told = load(None, sim=False, overrides=[f"control.file={mine}", "device.model=models/hoop.yaml"])
+    assert "name: hoop" in read_texts(told, None).model
+    assert "designed on fits/fitted.yaml" in mismatch(told, read_texts(told, None))
 
 
 @pytest.mark.parametrize("option", [["--sim"], ["--config", "x"], ["--json", "x"], ["--seed", "1"]])

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from hoopd.core.estimator import EkfSettings
 from hoopd.design.arx import ArxModel, arx_lqg, fit_arx
+from hoopd.design.controllerfile import controller_data, controller_text, plain
 from hoopd.design.lqg import Weights, lqg_gains
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.physics.plant import Plant
@@ -33,7 +32,7 @@ PID_A = [1.0, -1.4475426500133597, 0.4475426500133597]
 LEAD_B = [2.4342806945451483, -1.1514210418177229]
 LEAD_A = [1.0, 0.28285965272742575]
 
-HEAD = "# Made by hoopd.design.defaults from {model}: change the design there, or make a file of your own.\n"
+HEAD = "Made by hoopd.design.defaults from {model}: change the design there, or make a file of your own."
 
 
 def experiment(plant: Plant, ticks: int = 3000, amplitude_nm: float = 0.06, seed: int = 5) -> tuple[Any, Any]:
@@ -60,8 +59,8 @@ def fitted(plant: Plant) -> ArxModel:
 def make_defaults(config: Path) -> dict[str, dict[str, Any]]:
     """Controller files by name; `config` is the folder that holds models/hoop.yaml."""
     plant = plant_of(load_model(config / "models" / "hoop.yaml"))
-    arx = {name: _plain(value) for name, value in arx_lqg(fitted(plant), Weights(), TICK_S)._asdict().items()}
-    lqg = {name: _plain(value) for name, value in asdict(lqg_gains(plant, Weights(), TICK_S)).items()}
+    arx = plain(arx_lqg(fitted(plant), Weights(), TICK_S)._asdict())
+    lqg = plain(asdict(lqg_gains(plant, Weights(), TICK_S)))
     return {
         "lqg": _file("lqg", "lqg", lqg, "state feedback on the filter's estimate; hoop speed regulated"),
         "arx": _file("arx", "lqg_linear", arx, "LQG on an ARX model identified from a simulated run"),
@@ -73,33 +72,12 @@ def make_defaults(config: Path) -> dict[str, dict[str, Any]]:
 def write_defaults(config: Path, folder: Path) -> None:
     """Write every default controller as YAML."""
     for name, file in make_defaults(config).items():
-        text = HEAD.format(model=file["model"]) + yaml.safe_dump(
-            file, sort_keys=False, default_flow_style=None, width=118
-        )
+        text = controller_text(file, HEAD.format(model=file["model"]))
         (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
 
 
 def _file(name: str, kind: str, gains: dict[str, Any], notes: str) -> dict[str, Any]:
-    settings = asdict(EkfSettings())
-    kept = ("q", "r_theta", "r_dtheta", "r_psi", "gate_nis", "reacquire_after", "horizon_s")
-    return {
-        "schema": "hoopd.controller/1",
-        "name": name,
-        "kind": kind,
-        "notes": notes,
-        "model": "models/hoop.yaml",
-        "sample_time_s": TICK_S,
-        "limits": {"torque_nm": 0.7, "slew_nm_per_tick": 1.4},
-        "estimator": {key: _plain(settings[key]) for key in kept},
-        "gains": gains,
-    }
-
-
-def _plain(value: Any) -> Any:
-    """Numbers with eight digits, arrays as lists."""
-    if isinstance(value, np.ndarray | tuple | list):
-        return [_plain(item) for item in np.asarray(value).tolist()]
-    return value if isinstance(value, int) else float(f"{value:.8g}")
+    return controller_data(name, kind, gains, model="models/hoop.yaml", notes=notes, sample_time_s=TICK_S)
 
 
 if __name__ == "__main__":

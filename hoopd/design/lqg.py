@@ -1,4 +1,4 @@
-"""From a model to the numbers of the default law: linear-quadratic gains, how a reference is held, loop margins.
+"""From a model to the numbers of the default law: linear-quadratic gains, how a reference is held, its loop.
 
 Rules of this file: offline only; what comes out are plain numbers for a controller file.
 
@@ -9,7 +9,7 @@ would wind the hoop back to where it stood. The regulated state is (dtheta, psi,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import control
 import numpy as np
@@ -18,8 +18,7 @@ from scipy.linalg import solve_discrete_are
 
 from hoopd.core.controllers import LqgGains
 from hoopd.core.estimator import EkfSettings
-from hoopd.design.margins import Margins
-from hoopd.design.margins import margins as margins_of
+from hoopd.design.margins import closed_loop_poles
 from hoopd.physics.plant import Plant, zero_order_hold
 
 Array = NDArray[Any]
@@ -87,69 +86,63 @@ def hold(plant: Plant) -> dict[str, float]:
 
 def lqg_gains(plant: Plant, weights: Weights, h: float, hoop_speed_limit: float = 30.0) -> LqgGains:
     """Everything that `Lqg` needs."""
-    k_dtheta, k_psi, k_dpsi = (float(value) for value in feedback(plant, weights, h))
+    return state_feedback(plant, feedback(plant, weights, h), hoop_speed_limit)
+
+
+def state_feedback(plant: Plant, k: Array, hoop_speed_limit: float = 30.0) -> LqgGains:
+    """Everything that `Lqg` needs, for any K (3,) on (dtheta, psi, dpsi)."""
+    k_dtheta, k_psi, k_dpsi = (float(value) for value in k)
     return LqgGains(k_dtheta, k_psi, k_dpsi, **hold(plant), hoop_speed_limit=hoop_speed_limit)
 
 
-# ---------------------------------------------------------------------------------------------- analysis
+# ---------------------------------------------------------------------------------------------- the loop
 
 
-class Loop(NamedTuple):
-    """Plant and law as linear systems of one tick each; the law has u = -(output of its system)."""
-
-    plant: tuple[Array, Array, Array]
-    law: tuple[Array, Array, Array, Array]
-
-
-def delayed(model: tuple[Array, Array], delay_ticks: int) -> tuple[Array, Array, Array]:
-    """Plant with its outputs as they arrive: dtheta one tick old, psi `delay_ticks` old.
+def seen_plant(plant: Plant, h: float, delay_ticks: int) -> control.StateSpace:
+    """Torque to (dtheta, psi) as a tick sees them: dtheta one tick old, psi `delay_ticks` old.
 
     State: (dtheta, psi, dpsi)_k, dtheta_k-1, psi_k-1 ... psi_k-d.
     """
-    a, b = model
+    a, b = reduced_model(plant, h)
     n = 3 + 1 + delay_ticks
     big, inp, out = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((2, n))
     big[:3, :3], inp[:3] = a, b
     big[3, 0] = 1.0
-    big[4, 1] = 1.0
-    for index in range(5, n):
-        big[index, index - 1] = 1.0
-    out[0, 3], out[1, n - 1] = 1.0, 1.0
-    return big, inp, out
+    for index in range(4, n):
+        big[index, 1 if index == 4 else index - 1] = 1.0
+    out[0, 3], out[1, n - 1 if delay_ticks else 1] = 1.0, 1.0
+    return control.ss(big, inp, out, 0, h)
 
 
-def lqg_loop(true: Plant, model: Plant, k: Array, settings: EkfSettings, *, h: float, delay_ticks: int) -> Loop:
-    """The loop of `Lqg` at rest.
+def observer_law(model: control.StateSpace, m: Array, k: Array) -> control.StateSpace:
+    """Outputs of `model` to -u, for x += M (y - C x) in the tick of y and u = -K x.
+
+    z_k+1 = (I - M C)(A - B K) z_k + M y_k = x_k,   -u_k = K x_k
+    """
+    after = (np.eye(model.nstates) - m @ model.C) @ (model.A - model.B @ k)
+    return control.ss(after, m, k @ after, k @ m, model.dt)
+
+
+def lqg_law(model: Plant, k: Array, settings: EkfSettings, *, h: float, delay_ticks: int) -> control.StateSpace:
+    """`Lqg` and its filter at rest, from (dtheta, psi) as seen to -u.
 
     A filter that fuses late samples at their own time is the one on the state with the delays in it: the same
     estimate, one Riccati equation.
     """
-    a, b, c = delayed(reduced_model(model, h), delay_ticks)
-    q = np.zeros_like(a)
+    seen = seen_plant(model, h, delay_ticks)
+    q = np.zeros_like(seen.A)
     q[:3, :3] = np.diag(settings.q[1:]) * h
-    m = kalman_gain(a, c, q, np.diag([settings.r_dtheta, settings.r_psi]))
-    k_all = np.zeros((1, len(a)))
-    k_all[0, :3] = k
-    # x = (I - MC)(A x + B u) + M y, u = -K x: state z = x before the tick
-    keep = np.eye(len(a)) - m @ c
-    law_a = keep @ (a - b @ k_all)
-    law = (law_a, m, k_all @ law_a, k_all @ m)
-    return Loop(delayed(reduced_model(true, h), delay_ticks), law)
+    m = kalman_gain(seen.A, seen.C, q, np.diag([settings.r_dtheta, settings.r_psi]))
+    return observer_law(seen, m, np.concatenate([k, np.zeros(seen.nstates - 3)])[None, :])
 
 
-def closed_loop_radius(loop: Loop) -> float:
-    """Largest |eigenvalue| of the closed loop: below 1 is stable."""
-    (a, b, c), (f, g, p, d) = loop
-    top = np.hstack([a - b @ d @ c, -b @ p])
-    bottom = np.hstack([g @ c, f])
-    return float(np.abs(np.linalg.eigvals(np.vstack([top, bottom]))).max())
+def lqg_loop(
+    true: Plant, model: Plant, k: Array, settings: EkfSettings, *, h: float, delay_ticks: int
+) -> control.StateSpace:
+    """L(z) of `Lqg` broken at the torque, negative feedback: gains k and filter on `model`, the device is `true`."""
+    return lqg_law(model, k, settings, h=h, delay_ticks=delay_ticks) * seen_plant(true, h, delay_ticks)
 
 
-def loop_system(loop: Loop, h: float) -> control.StateSpace:
-    """L at the torque: the plant, then the law."""
-    return control.ss(*loop.law, h) * control.ss(*loop.plant, 0, h)
-
-
-def margins(loop: Loop, h: float) -> Margins:
-    """Margins of the loop broken at the torque."""
-    return margins_of(loop_system(loop, h))
+def closed_loop_radius(loop: control.StateSpace) -> float:
+    """Largest |pole| of the loop closed: below 1 is stable."""
+    return float(np.abs(closed_loop_poles(loop)).max())

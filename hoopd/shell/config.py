@@ -51,7 +51,7 @@ class Device(Strict, frozen=True):
     """Which plant this is."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\Z")] = "hoop"
-    model: str = "models/hoop.yaml"
+    model: str = ""  # of the filter; empty: the model that the controller was designed on
 
 
 class Serial(Strict, frozen=True):

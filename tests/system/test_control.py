@@ -1,6 +1,6 @@
 """The laws in the full rig, in lock-step: bytes, board, camera two frames late, noise; judged by the true state.
 
-The plant alone is in tests/sim/test_loopsim.py; here the whole daemon runs, from `--sim --speed max`.
+The plant alone is in tests/design/test_closedloop.py; here the whole daemon runs, from `--sim --speed max`.
 """
 
 from __future__ import annotations

@@ -17,11 +17,12 @@ import numpy as np
 from hoopd.core.controllers import Lqg
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
+from hoopd.design.closedloop import Scenario, simulate
 from hoopd.design.defaults import TICK_S
-from hoopd.design.lqg import Weights, feedback, lqg_gains, lqg_loop, margins
+from hoopd.design.lqg import Weights, feedback, lqg_gains, lqg_loop
+from hoopd.design.margins import margins
 from hoopd.modelfiles import controller_of, estimator_of, limiter_of, load_controller, load_model, plant_of
 from hoopd.physics.plant import Plant
-from hoopd.sim.loopsim import Scenario, simulate
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 PLANTS = {name: plant_of(load_model(CONFIG / "models" / f"{name}.yaml")) for name in ("hoop", "thesis")}
@@ -73,8 +74,7 @@ def report(weights: Weights, model: Plant, delay_ticks: int) -> str:
     cells = []
     for name, true in PLANTS.items():
         m = margins(
-            lqg_loop(true, model, feedback(model, weights, TICK_S), EkfSettings(), h=TICK_S, delay_ticks=delay_ticks),
-            TICK_S,
+            lqg_loop(true, model, feedback(model, weights, TICK_S), EkfSettings(), h=TICK_S, delay_ticks=delay_ticks)
         )
         cells.append(
             f"{name}: phase {math.degrees(m.phase_rad):4.0f} deg, delay {1e3 * m.delay_s:4.0f} ms, "

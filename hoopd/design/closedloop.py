@@ -1,4 +1,4 @@
-"""The control loop on the plant alone, without bytes and pictures: for design searches and tests of the laws.
+"""The closed loop on the nonlinear plant, without bytes and pictures: for design and for tests of the laws.
 
 Rules of this file: pure and seeded; the time-line is the daemon's: at t_k the tick sees the newest answer of the
 board (sampled WIRE_S after t_k-1) and the newest picture delivered, its torque acts from t_k + WIRE_S.
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import pi, tau
+from typing import Protocol
 
 import numpy as np
 
@@ -16,9 +17,35 @@ from hoopd.core.controllers import Controller, Measurement
 from hoopd.core.estimator import DelayedEkf
 from hoopd.core.limits import Limiter
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Vector
-from hoopd.physics.plant import Plant
+from hoopd.physics.plant import Plant, zero_order_hold
 
 WIRE_S = 8 * 10 / 115200  # a request's time on the wire
+MOST_STEPS = 1000  # step lengths that `LinearPlant` keeps: rounding makes new ones out of the same time-line
+
+
+class Moving(Protocol):
+    """What moves under a held torque: a `Plant`, or its linear model."""
+
+    def advance(self, x: Vector, u: float, h: float) -> Vector:
+        """State (4,) after `h` seconds with the torque `u` held."""
+        ...
+
+
+class LinearPlant:
+    """The linear model of a plant at rest, as a plant: what the closed loop would do if it were linear."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._model = plant.linearize()
+        self._over: dict[float, tuple[Vector, Vector]] = {}
+
+    def advance(self, x: Vector, u: float, h: float) -> Vector:
+        """State (4,) after `h` seconds with the torque `u` held, exact."""
+        if h not in self._over:
+            if len(self._over) > MOST_STEPS:
+                self._over.clear()
+            self._over[h] = zero_order_hold(*self._model, h)
+        a, b = self._over[h]
+        return a @ x + b[:, 0] * u
 
 
 @dataclass(frozen=True)
@@ -41,6 +68,13 @@ class Scenario:
     psi_missing: Callable[[float], bool] = field(default=lambda _t: False)  # by capture time
     hoop_missing: Callable[[float], bool] = field(default=lambda _t: False)
     seed: int = 1
+
+
+def picture_timing(delay_s: float, period_s: float) -> dict[str, float]:
+    """`delay_frames` and `phase_s` of a `Scenario` in which a tick's newest picture is `delay_s` old."""
+    frames = int(delay_s / period_s + 1e-9)
+    rest = delay_s - frames * period_s
+    return {"delay_frames": frames, "phase_s": period_s - rest if rest > 1e-9 else 0.0}
 
 
 @dataclass(frozen=True)
@@ -74,7 +108,7 @@ class Run:
 class _World:
     """The true plant and its two sensors."""
 
-    def __init__(self, plant: Plant, scenario: Scenario) -> None:
+    def __init__(self, plant: Moving, scenario: Scenario) -> None:
         self.s, self.plant = scenario, plant
         self.rng = np.random.default_rng(scenario.seed)
         self.x = np.array([0.0, 0.0, scenario.psi0_rad, 0.0])
@@ -126,7 +160,7 @@ class _World:
 
 
 def simulate(
-    plant: Plant, controller: Controller, estimator: DelayedEkf, limiter: Limiter, scenario: Scenario | None = None
+    plant: Moving, controller: Controller, estimator: DelayedEkf, limiter: Limiter, scenario: Scenario | None = None
 ) -> Run:
     """Run one scenario; the ball is held until `start_s`, where the rows' time begins."""
     s = scenario or Scenario()

@@ -1,0 +1,295 @@
+"""From a plant and a specification to a law: its gains, and the loop that it closes.
+
+Rules of this file: every law is designed for what the daemon does, a tick of `sample_time_s` and pictures `delay_s` old
+at their tick; a specification that cannot be met is a ValueError in words. Nothing is read or written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from math import ceil, inf
+from typing import Any, NamedTuple
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.core.estimator import EkfSettings
+from hoopd.design import margins
+from hoopd.design.analysis import linear_model, minimal, transfer_function
+from hoopd.design.arx import arx_lqg, fit_arx
+from hoopd.design.controllerfile import plain
+from hoopd.design.delay import held
+from hoopd.design.discrete import c2d
+from hoopd.design.links import lag_link, lead_link_at
+from hoopd.design.loopshaping import loopshaping_pi, loopshaping_pid, peak_complementary
+from hoopd.design.lqg import Weights, feedback, lqg_law, observer_law, reduced_model, seen_plant, state_feedback
+from hoopd.design.pid import Parallel, pid, to_standard
+from hoopd.design.placement import place, place_pi
+from hoopd.physics.plant import Plant
+from hoopd.recording.recording import Recording
+
+Array = NDArray[Any]
+
+# Age of the newest picture at its tick on the device: two frames, and half a tick of waiting.
+PICTURE_AGE_S = 0.05
+# A transfer function keeps all its digits: its integrator is the difference of large numbers.
+TRANSFER_DIGITS = 15
+MET_WITHIN = 1e-6  # of the specified largest |T|
+# With pictures 50 ms old the thesis's 10 rad/s and 1.25 end unstable; of 500 specifications this one leaves about the
+# largest margins on both shipped models (23 degrees, 37 ms) with the ball's swing damped.
+LATE_OMEGA_RAD_S, LATE_MT = 10.5, 1.8
+# A PI takes phase away, and the ball's resonance (a gain of 70, damping 0.02) leaves none: only far below it is a PI
+# stable, nearly an integrator whose peak at the resonance stays below 1.
+PI_OMEGA_RAD_S = 0.05
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What is asked for; a law reads the ones it needs, None is the law's own default."""
+
+    omega_rad_s: float | None = None  # frequency at which the loop is shaped, or of the poles to place
+    mt: float | None = None  # largest |T|
+    phase_deg: float | None = None  # pid: angle of the touching point; pi: phase margin
+    zeta: float | None = None  # pi: damping of the poles to place
+    filter_ratio: float = 15.0  # derivative filter Td/N, as the thesis's
+    lead: tuple[float, float] | None = None  # a lead link in series: rad/s, N
+    ratio: float = 5.0  # N of a lead link, M of a lag link
+    gain: float = 1.0  # of a lead or lag link alone, N m/rad
+    poles: tuple[complex, ...] = (-6 + 6j, -6 - 6j, -1)  # rad/s, of (dtheta, psi, dpsi)
+    weights: Weights = field(default_factory=Weights)
+    delay_s: float = PICTURE_AGE_S
+    sample_time_s: float = 0.02
+    method: str = "tustin"
+
+    @property
+    def delay_ticks(self) -> int:
+        """Ticks of delay that the filter's linear model has: the delay, rounded up."""
+        return ceil(self.delay_s / self.sample_time_s - 1e-9)
+
+    @property
+    def loop_delay_s(self) -> float:
+        """What a continuous design has to bear: the pictures' age, and half a tick of the held torque."""
+        return self.delay_s + self.sample_time_s / 2.0 if self.delay_s > 0.0 else 0.0
+
+
+class Law(NamedTuple):
+    """A designed law: what goes into its file, and its loop as linear systems of one tick."""
+
+    kind: str  # of the controller file
+    gains: dict[str, Any]
+    controller: control.StateSpace  # measured psi to -torque
+    plant: control.StateSpace  # torque to psi as measured
+    loop: control.StateSpace  # L(z), broken at the torque
+    numbers: dict[str, Any]  # what the design found on its way, and what it promised
+    notes: tuple[str, ...] = ()
+
+
+def ball_angle(plant: Plant) -> control.StateSpace:
+    """Torque to psi at rest, without the hoop angle, which psi does not see."""
+    return minimal(linear_model(plant)).system
+
+
+# ---------------------------------------------------------------------------------------------- laws that see psi
+
+
+def design_pid(plant: Plant, spec: Spec) -> Law:
+    """PID tangent to |T| = mt at omega, derivative filtered; shaped against the delay (none: the thesis's way)."""
+    late = spec.delay_s > 0.0
+    omega = spec.omega_rad_s or (LATE_OMEGA_RAD_S if late else 10.0)
+    mt, angle = spec.mt or (LATE_MT if late else 1.25), 50.0 if spec.phase_deg is None else spec.phase_deg
+    model = ball_angle(plant)
+    gains = loopshaping_pid(model, omega, mt, angle, spec.loop_delay_s)
+    if min(gains) < 0.0:
+        raise ValueError(
+            f"the touching PID has a negative gain {_named(gains)}: change omega, the largest |T| or angle"
+        )
+    found = peak_complementary(model, pid(gains), spec.loop_delay_s)
+    notes = [] if abs(found.value / mt - 1.0) < MET_WITHIN else [_exceeded(found.value, found.w, mt)]
+    standard = to_standard(gains)
+    filter_s = standard.td / spec.filter_ratio
+    numbers = {
+        **_named(gains),
+        "standard": standard._asdict(),
+        "filter_s": filter_s,
+        "specification": {"omega_rad_s": omega, "mt": mt, "phase_deg": angle, "delay_s": spec.loop_delay_s},
+        "peak_complementary": {"value": found.value, "rad_s": found.w},
+    }
+    link = lead_link_at(*spec.lead) if spec.lead else 1.0
+    return _on_psi(plant, "pid", pid(gains, filter_s) * link, spec, numbers, notes)
+
+
+def design_pi(plant: Plant, spec: Spec) -> Law:
+    """PI by the wanted phase margin at omega, or by placement when a damping is given."""
+    omega = spec.omega_rad_s or PI_OMEGA_RAD_S
+    if spec.zeta is not None:
+        gains = place_pi(without_hoop(plant), omega, spec.zeta)
+        numbers: dict[str, Any] = {**_named(gains), "specification": {"omega_rad_s": omega, "zeta": spec.zeta}}
+    else:
+        margin = 90.0 if spec.phase_deg is None else spec.phase_deg
+        gains = loopshaping_pi(ball_angle(plant), omega, margin, 1.0, spec.loop_delay_s)
+        numbers = {**_named(gains), "specification": {"omega_rad_s": omega, "phase_deg": margin}}
+    notes = [f"{name} is negative" for name, value in _named(gains).items() if value < 0.0]
+    return _on_psi(plant, "transfer_function", pid(gains), spec, numbers, notes)
+
+
+def without_hoop(plant: Plant) -> control.TransferFunction:
+    """b0/(s^2 + a1 s + a0) of the ball alone: the hoop's pole and the zero that nearly covers it are left out."""
+    whole = transfer_function(ball_angle(plant))
+    poles, zeros = whole.poles(), whole.zeros()
+    slow = int(np.argmin([np.abs(pole - zeros).min() for pole in poles]))
+    return control.tf([whole.num[0][0][0]], np.real(np.poly(np.delete(poles, slow))))
+
+
+def design_lead(plant: Plant, spec: Spec) -> Law:
+    """Lead link with its phase at omega (80 rad/s, N = 5: the thesis's)."""
+    omega = spec.omega_rad_s or 80.0
+    link = lead_link_at(omega, spec.ratio, spec.gain)
+    numbers = {"specification": {"omega_rad_s": omega, "ratio": spec.ratio, "gain": spec.gain}}
+    return _on_psi(plant, "lead", link, spec, numbers)
+
+
+def design_lag(plant: Plant, spec: Spec) -> Law:
+    """Lag link: gain times `ratio` below omega/ratio."""
+    omega = spec.omega_rad_s or 1.0
+    link = lag_link(omega, spec.ratio, spec.gain)
+    numbers = {"specification": {"omega_rad_s": omega, "ratio": spec.ratio, "gain": spec.gain}}
+    return _on_psi(plant, "transfer_function", link, spec, numbers)
+
+
+def _on_psi(
+    plant: Plant,
+    kind: str,
+    c: control.TransferFunction,
+    spec: Spec,
+    numbers: dict[str, Any],
+    notes: list[str] | None = None,
+) -> Law:
+    """A law on measured psi alone, sampled, its coefficients as the daemon takes them."""
+    sampled = c2d(c, spec.sample_time_s, spec.method)
+    gains = plain({"b": sampled.num[0][0], "a": sampled.den[0][0]}, TRANSFER_DIGITS)
+    late = held(ball_angle(plant), spec.sample_time_s, spec.delay_s)
+    law = control.ss(control.tf(gains["b"], gains["a"], spec.sample_time_s))
+    return Law(kind, gains, law, late, late * law, numbers, tuple(notes or ()))
+
+
+def _named(gains: Parallel) -> dict[str, float]:
+    return {name: float(value) for name, value in gains._asdict().items()}
+
+
+def _exceeded(value: float, w: float, mt: float) -> str:
+    return f"|T| touches {mt:g} where it should, but reaches {value:.3g} at {w:.3g} rad/s"
+
+
+# ---------------------------------------------------------------------------------------------- laws with a model
+
+
+def design_lqg(plant: Plant, spec: Spec) -> Law:
+    """Linear-quadratic state feedback on the filter's estimate."""
+    k = feedback(plant, spec.weights, spec.sample_time_s)
+    return _on_estimate(plant, k, spec, {"weights": asdict(spec.weights)})
+
+
+def design_placement(plant: Plant, spec: Spec) -> Law:
+    """State feedback with the poles (rad/s) placed, on the filter's estimate: z = e^(p h)."""
+    a, b = reduced_model(plant, spec.sample_time_s)
+    wanted = np.asarray(spec.poles, complex)
+    k = place(a, b, tuple(np.exp(wanted * spec.sample_time_s)))[0]
+    return _on_estimate(plant, k, spec, {"specification": {"poles_rad_s": [_pair(pole) for pole in wanted]}})
+
+
+def _on_estimate(plant: Plant, k: Array, spec: Spec, numbers: dict[str, Any]) -> Law:
+    h, ticks = spec.sample_time_s, spec.delay_ticks
+    law = lqg_law(plant, k, EkfSettings(), h=h, delay_ticks=ticks)
+    return _on_both("lqg", plain(asdict(state_feedback(plant, k))), law, seen_plant(plant, h, ticks), numbers)
+
+
+def design_arx(plant: Plant, spec: Spec, recording: Recording, orders: tuple[int, int] = (4, 6)) -> Law:
+    """LQG on an ARX model of what arrives in each tick; the plant judges it."""
+    u, y = arriving(recording, spec)
+    model = fit_arx(u, y, *orders)
+    gains = arx_lqg(model, spec.weights, spec.sample_time_s)
+    own = control.ss(gains.a, gains.b[:, None], gains.c, 0, spec.sample_time_s)
+    law = observer_law(own, gains.filter_gain, gains.feedback[None, :])
+    numbers = {
+        "weights": asdict(spec.weights),
+        "orders": {"outputs": orders[0], "torque": orders[1]},
+        "innovation_std": {"dtheta_rad_s": model.covariance[0, 0] ** 0.5, "psi_rad": model.covariance[1, 1] ** 0.5},
+    }
+    plant_seen = seen_plant(plant, spec.sample_time_s, spec.delay_ticks)
+    return _on_both("lqg_linear", plain(gains._asdict()), law, plant_seen, numbers)
+
+
+def arriving(recording: Recording, spec: Spec) -> tuple[Array, Array]:
+    """u (n,), y (n, 2) = (dtheta, psi) by the tick in which they come; a file without times of its own is made late.
+
+    A daemon's recording has each value in the row of its arrival. In a .mat, .csv or HDF5 file all of a row was taken
+    at once, so the law's tick sees dtheta one row and psi `delay_ticks` rows later.
+    """
+    if abs(recording.sample_time_s / spec.sample_time_s - 1.0) > 0.01:
+        reason = f"rows are {recording.sample_time_s:g} s apart, the tick has {spec.sample_time_s:g} s"
+        raise ValueError(f"{reason}: resample the recording (hoopd convert --step)")
+    y = np.stack([recording.dtheta, recording.psi], axis=1)
+    if np.array_equal(recording.psi_t, recording.t):
+        y = np.stack([_later(y[:, 0], 1), _later(y[:, 1], spec.delay_ticks)], axis=1)
+    return recording.u, y
+
+
+def _later(values: Array, rows: int) -> Array:
+    return np.concatenate([np.full(rows, np.nan), values[: len(values) - rows]])
+
+
+def _on_both(
+    kind: str, gains: dict[str, Any], law: control.StateSpace, seen: control.StateSpace, numbers: dict[str, Any]
+) -> Law:
+    """A law on (dtheta, psi): the loop is broken at the torque, the gang of four looks at psi."""
+    from_psi = control.ss(law.A, law.B[:, 1:], law.C, law.D[:, 1:], law.dt)
+    to_psi = control.ss(seen.A, seen.B, seen.C[1:], seen.D[1:], seen.dt)
+    return Law(kind, gains, from_psi, to_psi, law * seen, numbers)
+
+
+# ---------------------------------------------------------------------------------------------- the loop closed
+
+
+class Pole(NamedTuple):
+    """A pole of the closed loop."""
+
+    z: complex
+    natural_rad_s: float  # |ln z|/h
+    damping: float
+
+
+def closed_loop_poles(loop: control.StateSpace) -> list[Pole]:
+    """Poles of the loop closed, the least damped radius first."""
+    found = sorted(margins.closed_loop_poles(loop), key=lambda z: (-round(abs(z), 12), z.real, z.imag))
+    return [_pole(complex(z), loop.dt) for z in found]
+
+
+def unstable(poles: list[Pole]) -> Pole | None:
+    """The pole that is furthest outside the unit circle; None when all are inside."""
+    return poles[0] if abs(poles[0].z) >= 1.0 - 1e-9 else None
+
+
+def _pole(z: complex, h: float) -> Pole:
+    if abs(z) < 1e-6:  # a torque or a picture on its way
+        return Pole(z, inf, 1.0)
+    s = np.log(z) / h
+    return Pole(z, float(abs(s)), float(-s.real / abs(s)) if abs(s) > 0.0 else 0.0)
+
+
+def _pair(value: complex) -> dict[str, float]:
+    return {"re": float(value.real), "im": float(value.imag)}
+
+
+Design = Callable[[Plant, Spec], Law]
+# Laws by the names of the command line; "arx" needs a recording and stands beside them.
+LAWS: Mapping[str, Design] = {
+    "lqg": design_lqg,
+    "lqr": design_lqg,
+    "placement": design_placement,
+    "pid": design_pid,
+    "pi": design_pi,
+    "lead": design_lead,
+    "lag": design_lag,
+}

@@ -1,0 +1,89 @@
+"""A controller file on trial: the closed loop on the nonlinear plant, and what it shows.
+
+Rules of this file: seeded; the law, its filter and its limits are made from the file's content as the daemon makes
+them, so that what is judged here is what runs there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf, isfinite, radians
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hoopd.core.estimator import DelayedEkf
+from hoopd.design.closedloop import LinearPlant, Moving, Run, Scenario, picture_timing, simulate
+from hoopd.modelfiles import ControllerFile, controller_of, limiter_of, settings_of
+from hoopd.physics.plant import Plant
+
+# When the loop is at rest: the ball within 3 degrees, the hoop slower than a turn in six seconds.
+BALL_RAD, HOOP_RAD_S = 0.05, 1.0
+ZERO_ANGLE_ERROR_RAD = radians(1.0)
+OPEN_GATE = 1e12  # the filter's gate would refuse one impossible sample, and nothing would be seen of the law
+LAST_S = 1.0  # what counts as the end of a run
+
+
+class Trial(NamedTuple):
+    """Runs of one law."""
+
+    disturbed: Run  # one picture's angle is wrong by the disturbance (the thesis's test), the filter believes it
+    disturbed_linear: Run  # the same on the linear model
+    released: Run  # the ball let go at the same angle
+    released_linear: Run
+    wrong_zero: Run  # the camera's zero is one degree off
+
+
+def trial(file: ControllerFile, plant: Plant, disturbance_rad: float, delay_s: float, duration_s: float = 6.0) -> Trial:
+    """The runs of a controller file on the plant, with pictures `delay_s` old, noise, quantisation and limits."""
+    base = Scenario(duration_s=duration_s, period_s=file.sample_time_s, **picture_timing(delay_s, file.sample_time_s))  # type: ignore[arg-type]
+    disturbed = replace(base, disturbance_rad=disturbance_rad, disturbance_at_s=0.0)
+    released = replace(base, psi0_rad=disturbance_rad)
+    wrong = replace(base, duration_s=3 * duration_s, angle_offset_rad=ZERO_ANGLE_ERROR_RAD)
+    linear = LinearPlant(plant)
+    return Trial(
+        run(file, plant, plant, disturbed, believe=True),
+        run(file, plant, linear, disturbed, believe=True),
+        run(file, plant, plant, released),
+        run(file, plant, linear, released),
+        run(file, plant, plant, wrong),
+    )
+
+
+def run(file: ControllerFile, model: Plant, true: Moving, scenario: Scenario, *, believe: bool = False) -> Run:
+    """One run of a controller file whose filter knows `model`; `believe`: the filter refuses no picture."""
+    settings = settings_of(file)
+    settings = replace(settings, gate_nis=OPEN_GATE) if believe else settings
+    return simulate(
+        true, controller_of(file), DelayedEkf(model.step_and_jacobian, settings), limiter_of(file), scenario
+    )
+
+
+def figures_of(made: Run, limit_nm: float) -> dict[str, Any]:
+    """What a run shows, in SI units; None: not within the run."""
+    end = made.t > made.t[-1] - LAST_S
+    return {
+        "largest_psi_rad": float(np.abs(made.psi).max()),
+        "psi_settled_s": _within(made.settled_s(made.psi, BALL_RAD)),
+        "hoop_settled_s": _within(made.settled_s(made.dtheta, HOOP_RAD_S)),
+        "largest_torque_nm": float(np.abs(made.u).max()),
+        "torque_at_limit": float((np.abs(made.u) >= limit_nm * (1 - 1e-9)).mean()),
+        "end_torque_std_nm": float(made.u[end].std()),
+        "end_hoop_speed_rad_s": float(made.dtheta[end].mean()),
+        "end_psi_rad": float(made.psi[end].mean()),
+    }
+
+
+def at_rest(made: Run) -> bool:
+    """The ball is at rest before the run ends."""
+    return isfinite(made.settled_s(made.psi, BALL_RAD))
+
+
+def nonlinear_share(made: Run, linear: Run) -> float:
+    """Largest difference of psi between the nonlinear and the linear run, as a share of the largest psi."""
+    largest = float(np.abs(made.psi).max())
+    return float(np.abs(made.psi - linear.psi).max()) / largest if largest > 0.0 else 0.0
+
+
+def _within(time_s: float) -> float | None:
+    return None if time_s == inf else time_s

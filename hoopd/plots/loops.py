@@ -1,0 +1,105 @@
+"""Figures of closed loops: the gang of four, and runs in time, nonlinear against linear.
+
+Rules of this file: data in, `Figure` out; nothing is computed but absolute values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hoopd.design.closedloop import Run
+from hoopd.design.gangoffour import GangOfFour
+from hoopd.design.trial import Trial
+from hoopd.plots import style
+
+# Of each panel: attribute, title, unit on the axis.
+PANELS = (
+    ("sensitivity", "Sensitivity S", "|S| [1]"),
+    ("load", "Load disturbance to ball angle, PS", "|PS| [rad/(N m)]"),
+    ("noise", "Noise to torque, CS", "|CS| [N m/rad]"),
+    ("complementary", "Complementary sensitivity T", "|T| [1]"),
+)
+UNIT_LINES = ("sensitivity", "complementary")  # panels in which 1 means something
+FLOOR = 1e-4  # of a panel's largest value: what lies below says nothing
+WIDTH_IN = 9.0
+
+
+def draw_gang_of_four(gangs: Mapping[str, GangOfFour], title: str = "Gang of four") -> Figure:
+    """The four responses of one loop or of several by name."""
+    figure = style.figure(WIDTH_IN, 6.0, rows=2, columns=2, title=title, sharex=True)
+    _gang(figure.axes, gangs)
+    return figure
+
+
+def draw_responses(runs: Mapping[str, tuple[Run, Run]], title: str = "Closed loop") -> Figure:
+    """Ball angle, hoop speed and torque of runs by name, each nonlinear (solid) and linear (dashed)."""
+    figure = style.figure(WIDTH_IN, 7.0, rows=3, columns=1, title=title, sharex=True)
+    for index, (name, pair) in enumerate(runs.items()):
+        _pair(figure.axes, name, pair, style.COLOURS[index])
+    _name_axes(figure.axes)
+    style.legend(figure.axes[0], ncols=2)
+    return figure
+
+
+def draw_design(gang: GangOfFour, runs: Trial, title: str = "") -> Figure:
+    """One law: the gang of four above, released and disturbed runs below."""
+    figure = style.figure(WIDTH_IN + 1.0, 10.0, rows=5, columns=2, title=title)
+    _gang(figure.axes[:4], {"": gang})
+    columns = {
+        "Ball let go": (runs.released, runs.released_linear),
+        "One picture wrong": (runs.disturbed, runs.disturbed_linear),
+    }
+    for column, (name, pair) in enumerate(columns.items()):
+        axes = figure.axes[4 + column :: 2]
+        _pair(axes, "", pair, style.BLUE)
+        _name_axes(axes)
+        for one in axes[1:]:
+            one.sharex(axes[0])
+        for one in axes[:-1]:
+            one.tick_params(labelbottom=False)
+        axes[0].set_title(name, fontsize=style.TITLE_PT)
+    style.legend(figure.axes[4], ncols=2)
+    return figure
+
+
+def _gang(axes: list[Axes], gangs: Mapping[str, GangOfFour]) -> None:
+    for one, (key, title, label) in zip(axes, PANELS, strict=True):
+        sizes = []
+        for index, (name, gang) in enumerate(gangs.items()):
+            size = np.abs(getattr(gang, key))
+            one.loglog(gang.w, size, label=name or None, color=style.COLOURS[index])
+            sizes.append(float(size.max()))
+        if key in UNIT_LINES:
+            one.axhline(1.0, color=style.GREY, linewidth=0.8, linestyle=":")
+        low, high = one.get_ylim()
+        one.set_ylim(max(low, FLOOR * max(sizes)), max(high, 2.0 * max(sizes)))
+        one.set_title(_titled(title, sizes), fontsize=style.TITLE_PT)
+        one.set_ylabel(label)
+        one.set_xlabel("Frequency [rad/s]")
+        style.legend(one)
+
+
+def _titled(title: str, sizes: list[float]) -> str:
+    """With one loop, its largest value."""
+    return f"{title} (largest {sizes[0]:.3g})" if len(sizes) == 1 else title
+
+
+def _pair(axes: Any, name: str, pair: tuple[Run, Run], colour: str) -> None:
+    solid, dashed = (f"{name} {kind}".strip() for kind in ("nonlinear", "linear"))
+    for run, label, look in zip(pair, (solid, dashed), ("-", "--"), strict=True):
+        options: dict[str, Any] = {"color": colour if look == "-" else style.VERMILION, "linestyle": look}
+        axes[0].plot(run.t, run.psi, label=label, **options)
+        axes[1].plot(run.t, run.dtheta, **options)
+        axes[2].step(run.t, run.u, where="post", **options)
+
+
+def _name_axes(axes: Any) -> None:
+    for one, label in zip(axes, ("Ball angle [rad]", "Hoop speed [rad/s]", "Torque [N m]"), strict=True):
+        one.set_ylabel(label)
+        one.margins(x=0.0)
+    axes[-1].set_xlabel("Time [s]")
