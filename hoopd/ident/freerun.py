@@ -156,14 +156,18 @@ def simulated(subject: Subject, recording: Recording, runs: Sequence[FreeRun], m
     starts = {round(run.part.t[0] / SAME_S): run.start for run in runs}
     parts = [part for part in timelines(whole) if round(part.t[0] / SAME_S) in starts]
     again = run_from(subject, parts, [starts[round(part.t[0] / SAME_S)] for part in parts], moving)
-    columns = {name: _at(again, STATES.index(name), getattr(whole, TIMES[name])) for name in ("theta", "dtheta", "psi")}
+    columns: dict[str, Any] = {
+        name: _at(again, STATES.index(name), getattr(whole, TIMES[name])) for name in ("theta", "dtheta", "psi")
+    }
     nothing = np.full(len(recording), np.nan)
     return replace(whole, **columns, current=nothing, source=f"simulated from {recording.source}", extra={}, lost="")
 
 
 def _with_every_sample(recording: Recording) -> Recording:
     """The same rows with nothing missing among angles and their times, so that each row has its node."""
-    times = {name: np.where(np.isfinite(t := getattr(recording, name)), t, recording.t) for name in ("y_t", "psi_t")}
+    times: dict[str, Any] = {
+        name: np.where(np.isfinite(t := getattr(recording, name)), t, recording.t) for name in ("y_t", "psi_t")
+    }
     nothing = np.zeros(len(recording))
     return replace(recording, theta=nothing, dtheta=nothing, psi=nothing, **times)
 

@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from hoopd.ident.experiments import Run
+from hoopd.ident.gaussnewton import ROBUST_SIGMA
 from hoopd.ident.innovations import CHANNELS, Derivatives, Innovations, InnovationsFilter, samples_of
 from hoopd.ident.noise import NoiseModel, NoiseScale, noise_scale
-from hoopd.ident.outputerror import ROBUST_SIGMA, Progress, Solution, free_starts
+from hoopd.ident.outputerror import Progress, Solution, free_starts
 from hoopd.ident.parameters import Prior, Scale, scale_of
 from hoopd.physics.plant import ExtraForce
 
@@ -332,9 +333,8 @@ def _solution(
         residuals=residuals,
         jacobian=jacobian,
         cost=value,
-        evaluations=evaluations,
+        steps=evaluations,
         converged=converged,
-        message=message,
         priors=priors,
         q={name[2:]: level for name, level in levels.items() if name.startswith("q_")},
         r={name: levels[f"r_{name}"] for name in channels},

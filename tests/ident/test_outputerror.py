@@ -88,15 +88,15 @@ def test_entries_of_a_hoop_alone_are_not_mixed_with_those_of_both() -> None:
         fit([simulated(1), simulated(2, moving="hoop")], THESIS.values())
 
 
-def test_windows_have_starts_of_their_own_and_bear_a_push_that_one_run_does_not() -> None:
+def test_windows_have_starts_of_their_own() -> None:
     recordings = [simulated(seed, seconds=20.0, disturbed=0.004) for seed in (5, 6)]
-    whole = fit(recordings, THESIS.values(), Settings(window_s=None))
+    whole = fit(recordings, THESIS.values())
     cut = fit(recordings, THESIS.values(), Settings(window_s=1.0))
+    assert len(whole.runs) == 2
     assert len(cut.runs) == 38
-    assert whole.channels == ("theta_rate", "psi")  # no longer followed to the encoder's count
-    true = true_entries()
-    error = {name: (abs(whole.values[name] - v), abs(cut.values[name] - v)) for name, v in true.items()}
-    assert error["L1"][1] < error["L1"][0]
+    assert whole.channels == ("theta_rate", "psi")  # pushed about, the hoop is not followed to the encoder's count
+    for channel in whole.channels:  # a start every second takes the push out of most of the residual
+        assert cut.solution.sigma[channel] < 0.5 * whole.solution.sigma[channel]
 
 
 def test_a_robust_loss_bears_outliers() -> None:
