@@ -5,6 +5,8 @@ Rules of this file: declare options, call `hoopd.bench`, print; heavy imports ar
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -46,17 +48,62 @@ def convert(
 
 
 def fit(
-    recordings: Annotated[list[str], typer.Argument(help="Recordings to fit.", metavar="REC...")],
+    recordings: Annotated[
+        list[str], typer.Argument(help="Recordings to fit: FILE[:EXPERIMENT][@START:END].", metavar="REC...")
+    ],
     holdout: Annotated[
         list[str],
         typer.Option("--holdout", help="Recording that judges the model, never fitted; repeatable.", metavar="REC"),
     ] = [],  # noqa: B006
     structure: Annotated[str, typer.Option("--structure", help="entries, rolling or published.")] = "entries",
+    method: Annotated[
+        str, typer.Option("--method", help="output: free runs; prediction: the innovations of a Kalman filter.")
+    ] = "output",
+    model: Annotated[
+        Path | None, typer.Option("--model", help="What it starts from; the shipped one by default.", metavar="MODEL")
+    ] = None,
+    fix: Annotated[
+        list[str], typer.Option("--fix", help="Not fitted: NAME or NAME=VALUE; repeatable.", metavar="NAME[=VALUE]")
+    ] = [],  # noqa: B006
+    prior: Annotated[
+        list[str],
+        typer.Option("--prior", help="Known beforehand, SIGMA relative; repeatable.", metavar="NAME=VALUE:SIGMA"),
+    ] = [],  # noqa: B006
+    free: Annotated[str, typer.Option("--free", help="Only these are fitted.", metavar="NAMES")] = "",
+    channels: Annotated[
+        str, typer.Option("--channels", help="theta, theta_rate, dtheta, psi; chosen by itself else.", metavar="NAMES")
+    ] = "",
+    window: Annotated[
+        float | None, typer.Option("--window", help="Runs of so many seconds, each with its own start.")
+    ] = None,
+    loss: Annotated[str, typer.Option("--loss", help="linear, huber, soft_l1 or cauchy.")] = "linear",
+    columns: ColumnsOption = None,
+    kinematics: Annotated[
+        bool, typer.Option("--kinematics", help="Which kinematics the recordings support (several fits).")
+    ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Write the model here.", metavar="MODEL")] = None,
+    figure: FigureOption = None,
     json_path: JsonOption = None,
 ) -> None:
     """Fit the plant's parameters to recordings."""
-    raise NotImplementedError
+    from hoopd.bench.fit import Wish, for_terminal, run
+
+    wish = Wish(
+        structure=structure,
+        model=model,
+        columns=columns,
+        free=free,
+        fix=fix,
+        priors=prior,
+        channels=channels,
+        window_s=window,
+        loss=loss,
+        method=method,
+        kinematics=kinematics,
+    )
+    with _progress() as progress:
+        result = run(recordings, holdout, wish, out=out, figure=figure, progress=progress)
+    _finish(result, json_path, for_terminal(result))
 
 
 def simulate(
@@ -199,9 +246,19 @@ def design(
     _finish(result, json_path)
 
 
-def _finish(result: dict[str, Any], json_path: Path | None) -> None:
-    """Print a result, and write it where it is wanted."""
+@contextmanager
+def _progress() -> Iterator[Callable[[str], None]]:
+    """What a long command is doing, on one line of standard error that goes with it; nothing where no one looks."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    with console.status("") as status:
+        yield status.update
+
+
+def _finish(result: dict[str, Any], json_path: Path | None, shown: dict[str, Any] | None = None) -> None:
+    """Print a result (or what a person shall see of it), and write it where it is wanted."""
     from hoopd.output import print_result, write_json
 
     write_json(json_path, result)
-    print_result(result)
+    print_result(shown or result)

@@ -26,15 +26,50 @@ def print_result(result: dict[str, Any]) -> None:
     for key, value in result.items():
         if key == "notes":
             continue
+        if lines := table_rows(value):
+            if table.row_count:
+                console.print(table)
+            console.print(_columns(key, lines))
+            table = Table(show_header=False)
+            continue
         if _is_record(value):
             table.add_section()
         for name, text in rows(key, value):
             table.add_row(Text(name, style="" if text else "bold"), Text(text))
         if _is_record(value):
             table.add_section()
-    console.print(table)
+    if table.row_count:
+        console.print(table)
     for note in result.get("notes", []):
         console.print(Text(f"- {note}"))
+
+
+def table_rows(value: Any, label: str = "") -> list[tuple[str, dict[str, Any]]]:
+    """Records that have the same keys, with their names joined; empty when the value is no such thing."""
+    if not _is_record(value) or not all(_is_record(one) for one in value.values()):
+        return []
+    if all(not _is_record(item) for one in value.values() for item in one.values()):
+        return [(f"{label}{name}", one) for name, one in value.items()] if _alike(list(value.values())) else []
+    lines = [line for name, one in value.items() for line in table_rows(one, f"{label}{name} ") or [("", {})]]
+    return lines if _alike([one for _, one in lines]) else []
+
+
+def _alike(records: list[dict[str, Any]]) -> bool:
+    return len({tuple(one) for one in records}) == 1 and len(records[0]) > 1
+
+
+def _columns(title: str, lines: list[tuple[str, dict[str, Any]]]) -> Any:
+    """One row a record, one column a key."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left")
+    table.add_column("")
+    for key in lines[0][1]:
+        table.add_column(key)
+    for name, one in lines:
+        table.add_row(Text(name), *(Text(shown(item, MATRIX_DIGITS + 1)) for item in one.values()))
+    return table
 
 
 def rows(key: str, value: Any, depth: int = 0) -> list[tuple[str, str]]:
@@ -60,7 +95,7 @@ def shown(value: Any, digits: int = DIGITS) -> str:
     if isinstance(value, dict):
         return _complex(value) if value.keys() == {"re", "im"} else _nested(value)
     if isinstance(value, list | tuple):
-        return _listed(list(value))
+        return _listed(list(value), digits)
     return str(value)
 
 
@@ -74,11 +109,11 @@ def _nested(value: dict[str, Any]) -> str:
     return "\n".join(f"{key}: {shown(item)}" for key, item in value.items()) or "-"
 
 
-def _listed(values: list[Any]) -> str:
+def _listed(values: list[Any], digits: int) -> str:
     if values and all(isinstance(row, list) for row in values):
         return _matrix([[shown(item, MATRIX_DIGITS) for item in row] for row in values])
     separator = "\n" if any(isinstance(item, dict) for item in values) else ", "
-    return separator.join(map(shown, values)) or "-"
+    return separator.join(shown(item, digits) for item in values) or "-"
 
 
 def _matrix(cells: list[list[str]]) -> str:

@@ -166,9 +166,9 @@ def fits(found: Score) -> dict[str, Any]:
     """Fit per channel as plain data."""
     return {
         name: {
-            "nrmse_percent": _number(one.nrmse_percent),
-            "nrmse_all_percent": _number(one.nrmse_all_percent),
-            "rmse": _number(one.rmse),
+            "nrmse_percent": number(one.nrmse_percent),
+            "nrmse_all_percent": number(one.nrmse_all_percent),
+            "rmse": number(one.rmse),
             "unit": one.unit,
             "samples": one.samples,
             "set_aside": one.set_aside,
@@ -177,7 +177,8 @@ def fits(found: Score) -> dict[str, Any]:
     }
 
 
-def _number(value: float) -> float | None:
+def number(value: float) -> float | None:
+    """JSON has no NaN."""
     return value if math.isfinite(value) else None
 
 

@@ -25,6 +25,7 @@ from hoopd.recording.recording import Recording
 FOLLOWS_COUNTS = 3.0
 # A first fit in short runs, whose starts are known from the data, brings the long run's search near its end.
 FIRST_WINDOW_S = 2.0
+METHODS = ("output", "prediction")
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Settings:
     channels: tuple[str, ...] = ()  # empty: psi and theta, or its rate where the model cannot follow theta
     window_s: float | None = None  # None: one free run over each recording
     loss: str = "linear"
+    method: str = "output"  # or prediction
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,268 @@
+"""`hoopd fit`: recordings to a model file, with intervals, what is not determined, and the fit on data never fitted.
+
+Rules of this file: files in, a result record, a model file and a figure out; the mathematics is in `hoopd.ident`.
+JSON knows no NaN: a fit that does not exist is null. Nothing is written before all is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hoopd.bench.inputs import read_model, read_recording, read_values
+from hoopd.bench.simulate import number
+from hoopd.files import InputError
+from hoopd.ident.experiments import CHANNELS, UNITS
+from hoopd.ident.fit import METHODS, Fit, Settings, fit, model_file, nominal_values
+from hoopd.ident.freerun import Subject
+from hoopd.ident.gaussnewton import LOSSES
+from hoopd.ident.parameters import Prior
+from hoopd.ident.score import WINDOW_S, score
+from hoopd.modelfiles import ModelFile, model_text
+from hoopd.physics.plant import PARAMETER_UNITS, STRUCTURES
+from hoopd.recording.bytesof import replace_file
+from hoopd.recording.recording import Recording
+from hoopd.recording.suspicions import suspicions
+from hoopd.shipped import defaults_folder
+
+# Where a fit starts from when no model is named.
+START = {"entries": "models/thesis.yaml", "rolling": "models/hoop.yaml", "published": "models/hoop.yaml"}
+# Correlations worth a line.
+STRONG = 0.95
+
+Progress = Callable[[str], None]
+
+
+class Wish(NamedTuple):
+    """What the command line asks for, as text."""
+
+    structure: str = "entries"
+    model: Path | None = None
+    columns: str | None = None
+    free: str = ""
+    fix: Sequence[str] = ()
+    priors: Sequence[str] = ()
+    channels: str = ""
+    window_s: float | None = None
+    loss: str = "linear"
+    method: str = "output"
+    physical: bool = True
+    kinematics: bool = False
+
+
+def run(
+    recordings: Sequence[str],
+    holdout: Sequence[str] = (),
+    wish: Wish | None = None,
+    *,
+    out: Path | None = None,
+    figure: Path | None = None,
+    progress: Progress = lambda text: None,
+) -> dict[str, Any]:
+    """Fit, judge, write; the result as a record. InputError when anything cannot be used or written."""
+    wish = wish or Wish()
+    _check_targets(out, figure)
+    base, settings = _settings(wish)
+    nominal = nominal_values(base, wish.structure)
+    train = [read_recording(text, wish.columns) for text in recordings]
+    held = [read_recording(text, wish.columns) for text in holdout]
+    found = fit(train, nominal, settings, progress)
+    progress("scoring")
+    judged = _judged(found, dict(zip(recordings, train, strict=True)), dict(zip(holdout, held, strict=True)))
+    result = {
+        "structure": found.structure,
+        "method": settings.method,
+        "channels": list(found.channels),
+        "starts": len(found.runs),
+        "converged": found.solution.converged,
+        "parameters": _parameters(found),
+        "fit": judged,
+        "residuals": _residuals(found),
+        "correlation": _correlation(found),
+        "notes": _notes(found, [*train, *held]),
+    }
+    _add_physics(result, found, train, wish, progress)
+    _write(found, base, train, out, figure)
+    return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
+
+
+# ---------------------------------------------------------------------------------------------- wishes
+
+
+def _check_targets(out: Path | None, figure: Path | None) -> None:
+    """Said before the work, not after it."""
+    if out is not None and not out.parent.is_dir():
+        raise InputError(out, "--out", "no such folder")
+    if figure is not None:
+        from hoopd.plots.style import check_path
+
+        check_path(figure)
+
+
+def _settings(wish: Wish) -> tuple[ModelFile, Settings]:
+    _one_of("--structure", wish.structure, STRUCTURES)
+    _one_of("--loss", wish.loss, LOSSES)
+    _one_of("--method", wish.method, METHODS)
+    base = read_model(wish.model or defaults_folder() / START[wish.structure])
+    names = tuple(PARAMETER_UNITS[wish.structure])
+    if wish.window_s is not None and not 0.2 <= wish.window_s <= 1e4:
+        raise InputError("--window", "", f"must be 0.2 to 10000 s, not {wish.window_s:g}")
+    return base, Settings(
+        structure=wish.structure,
+        free=_names("--free", wish.free, names),
+        fixed=_fixed(wish.fix, names, nominal_values(base, wish.structure)),
+        priors=_priors(wish.priors, names),
+        channels=_names("--channels", wish.channels, CHANNELS),
+        window_s=wish.window_s,
+        loss=wish.loss,
+        method=wish.method,
+    )
+
+
+def _one_of(option: str, value: str, known: Sequence[str]) -> None:
+    if value not in known:
+        raise InputError(option, "", f"unknown {value!r}; known: {', '.join(known)}")
+
+
+def _names(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
+    names = tuple(part.strip() for part in text.split(",") if part.strip())
+    for name in names:
+        _one_of(option, name, known)
+    return names
+
+
+def _fixed(texts: Sequence[str], names: tuple[str, ...], nominal: Mapping[str, float]) -> dict[str, float]:
+    """ "mb=0.06", or "mb" alone: at its nominal value."""
+    fixed: dict[str, float] = {}
+    for part in (part for text in texts for part in text.split(",") if part.strip()):
+        name = part.strip()
+        if "=" in part:
+            fixed |= read_values("--fix", part, names)
+        else:
+            _one_of("--fix", name, names)
+            fixed[name] = nominal[name]
+    return fixed
+
+
+def _priors(texts: Sequence[str], names: tuple[str, ...]) -> dict[str, Prior]:
+    """ "mb=0.06:0.1": the value, and the relative standard deviation of a positive parameter (else the absolute)."""
+    priors = {}
+    for text in texts:
+        head, colon, sigma = text.rpartition(":")
+        if not colon:
+            raise InputError("--prior", text, "expected NAME=VALUE:SIGMA, e.g. mb=0.06:0.1")
+        ((name, value),) = read_values("--prior", head, names).items()
+        width = read_values("--prior", f"sigma={sigma}", ("sigma",))["sigma"]
+        if width <= 0.0:
+            raise InputError("--prior", name, "sigma must be positive")
+        priors[name] = Prior(value, width)
+    return priors
+
+
+# ---------------------------------------------------------------------------------------------- results
+
+
+def _parameters(found: Fit) -> dict[str, Any]:
+    intervals, units = found.intervals, PARAMETER_UNITS[found.structure]
+    return {
+        name: {
+            "value": found.values[name],
+            "unit": units[name],
+            "ci95": list(intervals[name]) if name in intervals else None,
+            "nominal": found.nominal[name],
+        }
+        for name in units
+        if name in intervals or name in found.settings.fixed
+    }
+
+
+def _judged(found: Fit, train: Mapping[str, Recording], held: Mapping[str, Recording]) -> dict[str, Any]:
+    """Percent of fit by recording and channel: what it started from, and what was found; of one free run over the
+    whole recording and of windows."""
+    subjects = {"nominal": found.nominal, "fitted": found.values}
+    judged: dict[str, Any] = {}
+    for part, recordings in (("train", train), ("holdout", held)):
+        if recordings:
+            judged[part] = {name: _scores(found.structure, subjects, one) for name, one in recordings.items()}
+    return judged
+
+
+def _scores(structure: str, subjects: Mapping[str, Mapping[str, float]], recording: Recording) -> dict[str, Any]:
+    columns: dict[str, dict[str, Any]] = {}
+    for label, values in subjects.items():
+        for suffix, window_s in (("", None), (f"_{WINDOW_S:g}s", WINDOW_S)):
+            for channel, one in score(Subject(structure, values), recording, window_s=window_s).channels.items():
+                row = columns.setdefault(channel, {})
+                row[label + suffix] = number(one.nrmse_percent)
+                row |= {"samples": one.samples, "set_aside": one.set_aside}
+    return columns
+
+
+def _residuals(found: Fit) -> dict[str, Any]:
+    return {
+        name: {
+            "sigma": found.solution.sigma[name],
+            "unit": UNITS[name],
+            "samples": int(sum(len(e[name]) for e in found.solution.residuals if name in e)),
+            "memory_samples": memory,
+        }
+        for name, memory in found.uncertainty.memory.items()
+    }
+
+
+def _correlation(found: Fit) -> dict[str, Any]:
+    return {"names": list(found.solution.names), "matrix": np.round(found.uncertainty.correlation, 6).tolist()}
+
+
+def _notes(found: Fit, recordings: Sequence[Recording]) -> list[str]:
+    notes = [f"{one.source}: {text}" for one in recordings for text in suspicions(one)]
+    aside: dict[tuple[str, str], int] = {}
+    for run_ in found.runs:
+        for name, count in run_.set_aside.items():
+            aside[run_.recording, name] = aside.get((run_.recording, name), 0) + count
+    notes += [
+        f"{rec}: {n} samples of {name} repeat the last one and do not count" for (rec, name), n in aside.items() if n
+    ]
+    if "theta_rate" in found.channels and not found.settings.channels:
+        notes.append("the model does not follow the hoop's angle to the encoder's counts: its rate was fitted instead")
+    if any(found.uncertainty.memory.values()):
+        notes.append("residuals are coloured: the intervals count their correlation (the model misses something)")
+    if not found.solution.converged:
+        notes.append("the search ended before it had converged")
+    return notes
+
+
+def _add_physics(
+    result: dict[str, Any], found: Fit, train: Sequence[Recording], wish: Wish, progress: Progress
+) -> None:
+    """What the parameters mean beyond themselves."""
+
+
+def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
+    """The result as a person reads it: names of files without their folders, no matrices."""
+    shown = {key: value for key, value in result.items() if key != "correlation"}
+    fits = {f"{part} {Path(name).name}": rows for part, files in result["fit"].items() for name, rows in files.items()}
+    shown["fit"] = {name: {channel: _percent(row) for channel, row in rows.items()} for name, rows in fits.items()}
+    return shown
+
+
+def _percent(row: dict[str, Any]) -> dict[str, Any]:
+    return {
+        name.replace("_", ", "): "-" if row[name] is None else f"{row[name]:.1f} %"
+        for name in ("nominal", "fitted", f"nominal_{WINDOW_S:g}s", f"fitted_{WINDOW_S:g}s")
+        if name in row
+    }
+
+
+def _write(found: Fit, base: ModelFile, train: Sequence[Recording], out: Path | None, figure: Path | None) -> None:
+    if out is not None:
+        replace_file(out, model_text(model_file(found, base, out.stem)).encode())
+    if figure is not None:
+        from hoopd.plots.simulation import draw_simulation
+        from hoopd.plots.style import save
+
+        whole = score(Subject(found.structure, found.values), train[0])
+        save(draw_simulation(whole, train[0], out.stem if out else found.structure), figure)
