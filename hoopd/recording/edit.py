@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hoopd.recording.recording import UNITS, Column, Recording, from_columns
 from hoopd.recording.resample import held_mean, sampled
 from hoopd.recording.tables import MAX_ROWS
+from hoopd.recording.timeline import switch_times
 
 THETA_TURNS = 1024.0  # the board wraps theta at +-512 turns
 PERIODS_RAD = {"theta": THETA_TURNS * 2 * math.pi, "psi": 2 * math.pi}
@@ -60,10 +61,10 @@ def joined(recordings: Sequence[Recording]) -> Recording:
 def resampled(recording: Recording, step_s: float) -> Recording:
     """The recording at t[0], t[0] + step_s, ... up to its last row; ValueError for an impossible step.
 
-    u: mean over the new step of the torque as it was held, missing when any part of it is. Outputs: read at the new t
-    from their own sample times, straight between samples, missing in gaps of more than three samples; when the step
-    grows, low-passed first (zero phase, within 0.1 % up to 0.8 of the new Nyquist frequency). Angles are unwrapped
-    before. `extra` is dropped. New y_t and psi_t are t.
+    u: mean over the new step of the torque as it acted (`timeline.switch_times`), missing when a part of it is.
+    Outputs: read at the new t from their own sample times, straight between samples, missing in gaps of more than
+    three samples; when the step grows, low-passed first (zero phase, within 0.1 % up to 0.8 of the new Nyquist
+    frequency). Angles are unwrapped before. `extra` is dropped. New y_t and psi_t are t.
     """
     t = _grid(recording, step_s)
     whole = unwrapped(recording)
@@ -71,7 +72,7 @@ def resampled(recording: Recording, step_s: float) -> Recording:
         name: sampled(getattr(whole, times), getattr(whole, name), t, step_s)
         for name, times in (("theta", "y_t"), ("dtheta", "y_t"), ("current", "y_t"), ("psi", "psi_t"))
     }
-    u = held_mean(recording.t, recording.u, t, step_s)
+    u = held_mean(np.maximum.accumulate(switch_times(recording)), recording.u, t, step_s)
     return dataclasses.replace(recording, t=t, u=u, y_t=t, psi_t=t, extra={}, **outputs)
 
 

@@ -1,9 +1,9 @@
 """What stands in a MATLAB file of version 5, as far as a recording needs it: structs of real numeric arrays.
 
-Rules of this file: every type, length and dimension is checked before it is used; ValueError says what is wrong.
-Writing is scipy's. Reading is not: its loadmat (1.18 and before) takes the type of an element as an index without a
-look, so one flipped bit in a file ends the interpreter (SIGSEGV), which no `except` catches. A test compares both on
-sound files.
+Rules of this file: every type, length and dimension is checked before it is used; ValueError says what is wrong. scipy
+writes these files but does not read them here: its loadmat (seen with 1.17.1) takes the type of an element as an index
+without a look, so one flipped bit in a file ends the interpreter (SIGSEGV), which no `except` catches. A test compares
+both on sound files.
 Format: MathWorks, "MAT-File Level 5 File Format".
 """
 

@@ -26,7 +26,11 @@ GAIN_TOLERANCE = 0.1  # dtheta against the slope of theta; scale of a sensor's c
 SLOPE_CORRELATION = 0.9
 # Second differences of ten times noise occur in every recording with steps of torque; twenty times does not.
 OUTLIER_SIGMAS = 20.0
-OUTLIER_FLOORS = {"theta": 10 * COUNT_RAD, "dtheta": 5.0, "psi": 0.1}  # smaller jumps harm no fit
+# Ten counts, and a twentieth of a radian: smaller jumps harm no fit.
+OUTLIER_FLOORS = {"theta": 10 * COUNT_RAD, "dtheta": 0.0, "psi": 0.05}
+# What the device can do by itself: the whole torque gives the bare hoop 460 rad/s^2, and a ball about half of that.
+# In a step h it moves an angle by a h^2 / 2 off the middle of its neighbours, a speed by a h / 2.
+LARGEST = {"theta": (500.0, 2), "dtheta": (500.0, 1), "psi": (250.0, 2)}
 REPEAT_COUNTS = 3  # a hoop that moves this many counts in a step cannot give the same row again
 GAP_STEPS = 1.5
 MIN_ROWS = 20  # below that there is nothing to compare
@@ -126,7 +130,9 @@ def _repeated(recording: Recording) -> Iterator[str]:
 
 def _outliers(recording: Recording) -> Iterator[str]:
     for name, floor in OUTLIER_FLOORS.items():
-        places = _jumps(getattr(recording, name), floor)
+        acceleration, power = LARGEST[name]
+        able = acceleration * recording.sample_time_s**power / 2 if len(recording) > 1 else 0.0
+        places = _jumps(getattr(recording, name), floor + able)
         if len(places):
             where = ", ".join(f"{recording.t[k]:.6g}" for k in places[:3]) + (", ..." if len(places) > 3 else "")
             yield f"{name} has {len(places)} outlier{_s(places)} (at {where} s): a slip of the sensor, or a hand"

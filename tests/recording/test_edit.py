@@ -130,6 +130,13 @@ def test_samples_are_read_at_their_own_times() -> None:
     assert there[result.t < t[-1] - 0.06].all() and not there[result.t > t[-1] - 0.045].any()
 
 
+def test_a_torque_acts_from_where_the_board_took_it_over() -> None:
+    t = 0.02 * np.arange(50)
+    u = np.where(np.arange(50) % 2 == 0, 1.0, -1.0)
+    late = resampled(from_columns({"t": t, "u": u, "y_t": t - 0.015}), 0.005)  # the next answer comes 5 ms after a tick
+    assert late.u[4:20].tolist() == [1, -1, -1, -1, -1, 1, 1, 1, 1, -1, -1, -1, -1, 1, 1, 1]
+
+
 def test_long_gaps_stay_gaps() -> None:
     t, rows = 0.02 * np.arange(100), np.arange(100)
     psi = np.where(((rows > 20) & (rows < 23)) | ((rows > 50) & (rows < 60)), np.nan, t)
