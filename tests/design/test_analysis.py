@@ -22,16 +22,10 @@ from hoopd.design.analysis import (
     transfer_function,
     zeros,
 )
-from hoopd.design.margins import (
-    bandwidth,
-    closed_loop_poles,
-    is_stable,
-    margins,
-    response,
-    sampling_advice,
-    step_info,
-)
+from hoopd.design.margins import closed_loop_poles, is_stable, margins
 from hoopd.design.operating import NoEquilibriumError, operating_point
+from hoopd.design.response import response
+from hoopd.design.speed import bandwidth, sampling_advice, step_info
 from hoopd.design.visibility import controllability, detectability, in_words, observability
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.physics.plant import Plant
