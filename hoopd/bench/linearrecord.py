@@ -29,7 +29,7 @@ def report(
 ) -> dict[str, Any]:
     """The result record."""
     first, *others = [channel(system, name) for name in system.output_labels]
-    notes = [*point.notes, *visibility.in_words(system)]
+    notes = [*_left_out(file), *point.notes, *visibility.in_words(system)]
     result = {
         "model": file.name,
         "structure": file.structure,
@@ -48,6 +48,11 @@ def report(
     return {**result, "notes": list(dict.fromkeys(notes))}
 
 
+def _left_out(file: ModelFile) -> list[str]:
+    names = ", ".join(effect.name for effect in file.effects)
+    return [f"not part of the linear model: the effects {names}"] if names else []
+
+
 def _channel(system: control.StateSpace, notes: list[str]) -> dict[str, Any]:
     """Torque to one output, as its own loop under unit feedback; what is unbounded is said in `notes`."""
     less, loop, wide = minimal(system), margins(system), bandwidth(system)
@@ -57,7 +62,9 @@ def _channel(system: control.StateSpace, notes: list[str]) -> dict[str, Any]:
     notes += _unbounded(name, loop, wide, system)
     step = step_info(system)
     if step is None:
-        notes.append(f"{name}: no step figures, it does not settle (a pole is not left of the edge of stability)")
+        notes.append(f"{name}: no step figures, it does not settle (a pole on or beyond the edge of stability)")
+    elif step["SteadyStateValue"] == 0.0:
+        notes.append(f"{name}: the step response ends at 0: nothing to measure rise, settling and overshoot by")
     return {
         "output": name,
         "zeros": found,
@@ -149,15 +156,16 @@ def _sampling(bandwidth_rad_s: float, notes: list[str]) -> dict[str, float] | No
     return {"slowest_hz": advice.slowest_hz, "fastest_hz": advice.fastest_hz}
 
 
-def _step(info: dict[str, float]) -> dict[str, float]:
-    return {
-        "rise_time_s": info["RiseTime"],
-        "settling_time_s": info["SettlingTime"],
-        "overshoot_percent": info["Overshoot"],
-        "peak": info["Peak"],
-        "peak_time_s": info["PeakTime"],
-        "final_value": info["SteadyStateValue"],
+def _step(info: dict[str, float]) -> dict[str, float | None]:
+    names = {
+        "rise_time_s": "RiseTime",
+        "settling_time_s": "SettlingTime",
+        "overshoot_percent": "Overshoot",
+        "peak": "Peak",
+        "peak_time_s": "PeakTime",
+        "final_value": "SteadyStateValue",
     }
+    return {name: _bounded(info[theirs]) for name, theirs in names.items()}
 
 
 def _fraction(system: control.StateSpace) -> dict[str, Any]:

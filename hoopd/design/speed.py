@@ -26,6 +26,11 @@ from hoopd.design.response import (
 
 Array = NDArray[Any]
 
+# A sampled step response is followed this far: an hour at 50 Hz.
+MOST_SAMPLES = 180_000
+# Beside its largest value a response that ends this near to 0 ends there, but for rounding.
+ENDS_AT_ZERO = 1e-9
+
 
 class Bandwidth(NamedTuple):
     """Both definitions in use; inf: never falls below, nan: there is no such level."""
@@ -71,7 +76,8 @@ def sampling_advice(bandwidth_rad_s: float) -> SamplingAdvice:
 
 
 def step_info(system: control.StateSpace, points: int = 20_000) -> dict[str, float] | None:
-    """Rise (10-90 %), settling (2 %) time in s, overshoot %, peak, final value; None when it does not settle.
+    """Rise (10-90 %), settling (2 %) time in s, overshoot %, peak, final value; None when it does not settle
+    (of a sampled system: not within `MOST_SAMPLES`). What is relative to a final value is nan where that is 0 (speeds).
 
     python-control reads these from points of the time axis, which it guesses too short and coarse for a slow mode
     beside a resonance; here it reaches 10 times the slowest mode in `points` steps, which is the resolution.
@@ -83,7 +89,13 @@ def step_info(system: control.StateSpace, points: int = 20_000) -> dict[str, flo
         return None
     rate = -np.log(np.maximum(np.abs(poles), 1e-9)) / less.dt if discrete else -poles.real
     end = 10.0 / float(rate.min())
+    if discrete and end > MOST_SAMPLES * less.dt:
+        return None
     time = np.arange(0.0, end, less.dt) if discrete else np.linspace(0.0, end, points)
     _, y = control.step_response(less, time)
-    found = control.step_info(np.asarray(y), T=time, yfinal=float(less.dcgain()))
-    return {str(name): float(value) for name, value in found.items()}
+    y, final = np.asarray(y), float(less.dcgain())
+    if abs(final) <= ENDS_AT_ZERO * np.abs(y).max(initial=0.0):
+        final = 0.0
+    found = control.step_info(y, T=time, yfinal=final)
+    relative = ("RiseTime", "SettlingTime", "Overshoot", "Undershoot") if final == 0.0 else ()
+    return {str(name): math.nan if name in relative else float(value) for name, value in found.items()}

@@ -83,7 +83,7 @@ def _mark_phase_margin(gain: Axes, phase: Axes, found: Margins, angle: Callable[
 
 
 def _mark_gain_margin(gain: Axes, phase: Axes, found: Margins, angle: Callable[[float], float]) -> None:
-    words = ("gain margin", "gain may fall to") if found.stable else ("factor to |L| = 1",) * 2
+    words = ("gain margin", "gain may fall to") if found.stable else ("reaches -1 by a factor",) * 2
     ends = ((found.gain_up, found.gain_up_rad_s), (found.gain_down, found.gain_down_rad_s))
     for (factor, at), word in zip(ends, words, strict=True):
         if math.isfinite(at) and at > 0.0:

@@ -158,6 +158,8 @@ def step_on(axes: Axes, system: control.StateSpace) -> None:
 def _mark_step(axes: Axes, info: dict[str, float]) -> None:
     final = info["SteadyStateValue"]
     axes.axhline(final, color=GREY, linewidth=0.9, linestyle="--", label=f"final value {final:.4g}")
+    if final == 0.0:  # nothing is relative to it
+        return
     axes.axhspan(0.98 * final, 1.02 * final, color=GREY, alpha=0.2, linewidth=0.0)
     text = f"peak {info['Peak']:.4g} at {info['PeakTime']:.3g} s, overshoot {info['Overshoot']:.3g} %"
     axes.plot(info["PeakTime"], info["Peak"], "o", color=VERMILION, markersize=5, label=text)
@@ -168,10 +170,12 @@ def _mark_step(axes: Axes, info: dict[str, float]) -> None:
 def _time_axis(system: control.StateSpace, info: dict[str, float] | None) -> Array:
     """To a fifth beyond settling, or five time constants of the fastest growth, 5 s at most."""
     discrete = system.isdtime(strict=True)
-    if info is not None:
-        end = 1.2 * max(info["SettlingTime"], info["PeakTime"])
-    else:
-        poles = system.poles()
-        rate = np.log(np.maximum(np.abs(poles), 1e-9)) / system.dt if discrete else poles.real
+    poles = system.poles()
+    rate = np.log(np.maximum(np.abs(poles), 1e-9)) / system.dt if discrete else poles.real
+    if info is None:
         end = 5.0 / max(float(rate.max(initial=0.0)), 1.0)
+    elif np.isnan(info["SettlingTime"]):
+        end = -5.0 / float(rate.max())
+    else:
+        end = 1.2 * max(info["SettlingTime"], info["PeakTime"])
     return np.arange(0.0, end + system.dt, system.dt) if discrete else np.linspace(0.0, end, 3000)

@@ -97,6 +97,18 @@ def test_operating_point_with_a_turning_hoop() -> None:
     assert "rolling friction" in result["notes"][0]
 
 
+def test_effects_that_are_left_out_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(THESIS.read_text().replace("effects: []", "effects: [{name: friction.coulomb}]"))
+    assert run(path)["notes"][0] == "not part of the linear model: the effects friction.coulomb"
+
+
+def test_the_page_s_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (MODELS.parents[1] / "docs" / "linear.md").read_text()
+    exec(page.split("```python\n")[1].split("```")[0], {"path": THESIS})
+    assert "phase_rad=" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("plot", list(linear.DRAWINGS))
 def test_every_figure_is_drawn(tmp_path: Path, plot: str) -> None:
     run(THESIS, figure=tmp_path / "a.png", plot=plot)

@@ -314,6 +314,17 @@ def test_step_of_the_plant_against_its_own_simulation() -> None:
     assert step_info(channel(linear_model(THESIS, outputs=("theta",)), "theta")) is None  # integrates
 
 
+def test_step_of_a_speed_ends_at_zero_and_has_nothing_relative_to_it() -> None:
+    found = step_info(linear_model(THESIS, outputs=("dpsi",)))
+    assert found is not None and found["SteadyStateValue"] == 0.0
+    assert math.isnan(found["SettlingTime"]) and math.isnan(found["Overshoot"]) and found["Peak"] > 20.0
+
+
+def test_step_of_a_very_slow_sampled_system_is_not_followed_for_ever() -> None:
+    slow = control.ss([[1.0 - 1e-9]], [[1.0]], [[1.0]], 0, 0.02)
+    assert step_info(slow) is None
+
+
 # ---------------------------------------------------------------------------------------------- operating points
 
 
