@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import control
+import numpy as np
 
 from hoopd.bench.linearrecord import report
 from hoopd.design.analysis import STATES, channel, linear_model, sampled
@@ -21,6 +22,8 @@ from hoopd.modelfiles import ModelFile, load_model, plant_of
 
 # Beyond this a chain of delays is no delay of a controller but a mistake in the command.
 MOST_DELAY_SAMPLES = 100
+# Growth within a sample beyond which double precision says nothing about what happens between two of them.
+MOST_GROWTH = 1e12
 
 
 class Request(NamedTuple):
@@ -74,6 +77,8 @@ def linearized(file: ModelFile, request: Request) -> tuple[OperatingPoint, contr
     system = linear_model(plant, point.x, point.u, request.outputs)
     if request.sample_time_s is not None:
         system = sampled(system, request.sample_time_s, request.delay_samples)
+        if not np.abs(system.A).max() < MOST_GROWTH:
+            raise InputError("--sample-time", "", "the plant runs away within one sample: shorten it")
     return point, system
 
 

@@ -25,6 +25,8 @@ Function = Callable[[float], float]
 DECADES = 1e3
 # A pole or zero this small beside the largest stands at the origin, but for rounding.
 AT_ORIGIN = 1e-7
+# Stands for 0 where a logarithm is taken.
+TINY = 1e-300
 # Turns of a delay's phase that the grid follows; a loop is long small by then.
 TURNS = 100
 
@@ -92,8 +94,9 @@ def is_finite_at_dc(system: control.StateSpace) -> bool:
 
 
 def log_size(system: control.StateSpace, w: float) -> float:
-    """ln |P|."""
-    return math.log(abs(response(system, w)))
+    """ln |P|; at an undamped pole, where it cannot be computed, that of something very large."""
+    size = abs(response(system, w))
+    return math.log(max(size, TINY)) if math.isfinite(size) else -math.log(TINY)
 
 
 def roots_of(function: Function, grid: Array, values: Array) -> list[float]:
@@ -101,12 +104,22 @@ def roots_of(function: Function, grid: Array, values: Array) -> list[float]:
     decided = np.flatnonzero(np.isfinite(values) & (values != 0.0))
     changes = np.flatnonzero(np.diff(np.sign(values[decided])))
     pairs = zip(grid[decided[changes]], grid[decided[changes + 1]], strict=True)
-    return [float(brentq(function, low, high, xtol=1e-300, rtol=1e-14)) for low, high in pairs]
+    return [float(brentq(_finite(function), low, high, xtol=TINY, rtol=1e-14)) for low, high in pairs]
+
+
+def _finite(function: Function) -> Function:
+    """The function with a large value at an undamped pole."""
+
+    def value(w: float) -> float:
+        found = float(function(w))
+        return found if math.isfinite(found) else 1.0 / TINY
+
+    return value
 
 
 def with_turning_points(system: control.StateSpace, grid: Array) -> Array:
     """The grid and the exact tops and bottoms of |L|: a top that just reaches 1 is not missed."""
-    size = np.log(np.maximum(np.abs(response(system, grid)), 1e-300))
+    size = np.log(np.maximum(np.abs(response(system, grid)), TINY))
     slope = np.sign(np.diff(size))
     turns = np.flatnonzero(slope[:-1] * slope[1:] < 0) + 1
     found = [_turn(partial(_signed_log_size, system, -slope[i - 1]), grid[i - 1], grid[i + 1]) for i in turns]

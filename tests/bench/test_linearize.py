@@ -133,6 +133,7 @@ def test_a_figure_repeats_its_bytes(tmp_path: Path, extra: dict[str, Any]) -> No
         (["--model", THESIS, "--psi", "nan"], "--psi: must be a finite number"),
         (["--model", THESIS, "--psi", "0.1", "--top"], "--psi: cannot be given together with --top"),
         (["--model", THESIS, "--sample-time", "-1"], "--sample-time: must be between 1e-05 and 10 s"),
+        (["--model", MODELS / "hoop.yaml", "--top", "--sample-time", "10"], "--sample-time: the plant runs away"),
         (["--model", THESIS, "--delay", "2"], "--delay: counts samples: give --sample-time too"),
         (["--model", THESIS, "--sample-time", "0.02", "--delay", "-1"], "--delay: must be 0 to 100 samples"),
         (["--model", THESIS, "--plot", "bode"], "--plot: chooses what --figure shows: give --figure too"),

@@ -213,6 +213,12 @@ def test_a_resonance_that_just_reaches_one_is_not_missed() -> None:
     assert top.stable
 
 
+@pytest.mark.parametrize("output", ["theta", "dtheta", "dpsi"])
+def test_an_undamped_pole_stops_no_root_finder(output: str) -> None:
+    free = linear_model(HOOP.with_parameters(bb=0.0, bh=0.0), outputs=(output,))
+    assert margins(free).gain_crossovers and bandwidth(free).absolute_rad_s > 0.0
+
+
 def test_a_plant_without_friction_has_no_phase_to_spare() -> None:
     free = linear_model(HOOP.with_parameters(bb=0.0, bh=0.0))
     found = margins(free)
