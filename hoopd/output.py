@@ -119,7 +119,7 @@ def _listed(values: list[Any], digits: int) -> str:
 def _matrix(cells: list[list[str]]) -> str:
     """Rows under one another, columns to the right, each as wide as it needs."""
     widths = [max(map(len, column)) for column in zip(*cells, strict=False)]
-    return "\n".join("  ".join(f"{cell:>{w}}" for cell, w in zip(row, widths, strict=False)) for row in cells)
+    return "\n".join(" ".join(f"{cell:>{w}}" for cell, w in zip(row, widths, strict=False)) for row in cells)
 
 
 def write_json(path: Path | None, result: dict[str, Any]) -> None:

@@ -23,7 +23,7 @@ from hoopd.output import print_result, rows, shown
         ({}, "-"),
         ([{"re": 0.0, "im": 1.0}, {"re": 1.0, "im": 0.0}], "0 + 1j\n1"),
         ([{"a": 1}, {"a": 2}], "a: 1\na: 2"),
-        ([[1.0, -20.123456], [0.0, 3.0]], "1  -20.12\n0       3"),
+        ([[1.0, -20.123456], [0.0, 3.0]], "1 -20.12\n0      3"),
     ],
 )
 def test_values_as_a_person_reads_them(value: object, text: str) -> None:

@@ -1,7 +1,7 @@
 """`hoopd linearize`: a model file to its linear model around an operating point, and what that says.
 
-Rules of this file: files in, a result record and a figure out; the mathematics is in `hoopd.design`. JSON knows no
-infinity: a margin or bandwidth without a bound is null, and a note says so.
+Rules of this file: files in, a result record and a figure out; the mathematics is in `hoopd.design`, the record
+in `linearrecord`; whatever cannot be used is refused before the work.
 """
 
 from __future__ import annotations
@@ -14,26 +14,16 @@ from typing import Any, NamedTuple
 import control
 import numpy as np
 
-from hoopd.design import visibility
-from hoopd.design.analysis import (
-    STATES,
-    channel,
-    linear_model,
-    minimal,
-    numerator_and_denominator,
-    sampled,
-    transfer_function,
-    zeros,
-)
-from hoopd.design.margins import Bandwidth, Margins, bandwidth, margins, sampling_advice, step_info
+from hoopd.bench.linearrecord import report
+from hoopd.design.analysis import STATES, channel, linear_model, sampled
 from hoopd.design.operating import NoEquilibriumError, OperatingPoint, operating_point
 from hoopd.files import InputError
 from hoopd.modelfiles import ModelFile, load_model, plant_of
 
-# A pole and a zero this near to each other (beside the larger) leave next to nothing of the mode in the output.
-NEAR = 0.05
 # Beyond this a chain of delays is no delay of a controller but a mistake in the command.
 MOST_DELAY_SAMPLES = 100
+# Growth within a sample beyond which double precision says nothing about what happens between two of them.
+MOST_GROWTH = 1e12
 
 
 class Request(NamedTuple):
@@ -65,14 +55,12 @@ def run(
     _check_figure(figure, plot)
     file = load_model(model)
     point, system = linearized(file, request)
-    result = report(file, point, system, request)
+    result = report(file, point, system, (sample_time_s, delay_samples))
     if figure is not None:
         from hoopd.plots import linear, style
 
-        first = channel(system, request.outputs[0])
-        style.save(
-            linear.DRAWINGS[plot or "overview"](first, title=f"{file.name}: {request.outputs[0]} / torque"), figure
-        )
+        draw, first = linear.DRAWINGS[plot or "overview"], channel(system, outputs[0])
+        style.save(draw(first, title=f"{file.name}: {outputs[0]} / torque"), figure)
     return result
 
 
@@ -89,29 +77,9 @@ def linearized(file: ModelFile, request: Request) -> tuple[OperatingPoint, contr
     system = linear_model(plant, point.x, point.u, request.outputs)
     if request.sample_time_s is not None:
         system = sampled(system, request.sample_time_s, request.delay_samples)
+        if not np.abs(system.A).max() < MOST_GROWTH:
+            raise InputError("--sample-time", "", "the plant runs away within one sample: shorten it")
     return point, system
-
-
-def report(file: ModelFile, point: OperatingPoint, system: control.StateSpace, request: Request) -> dict[str, Any]:
-    """The result record."""
-    first, *others = [channel(system, name) for name in request.outputs]
-    notes = [*point.notes, *visibility.in_words(system)]
-    result = {
-        "model": file.name,
-        "structure": file.structure,
-        "operating_point": {**dict(zip(STATES, map(float, point.x), strict=True)), "torque": float(point.u)},
-        "sample_time_s": request.sample_time_s,
-        "delay_samples": request.delay_samples,
-        "state_space": _matrices(system),
-        "poles": _complex(system.poles()),
-        **_channel(first, notes),
-        "controllability": _rank(visibility.controllability(system)),
-        "observability": {"measured": list(request.outputs), **_rank(visibility.observability(system))},
-        "detectability": _detectability(visibility.detectability(system)),
-    }
-    if others:
-        result["further_outputs"] = {one.output_labels[0]: _channel(one, notes) for one in others}
-    return {**result, "notes": list(dict.fromkeys(notes))}
 
 
 # ---------------------------------------------------------------------------------------------- checks
@@ -149,158 +117,3 @@ def _check_figure(figure: Path | None, plot: str | None) -> None:
     style.check_path(figure)
     if plot is not None and plot not in linear.DRAWINGS:
         raise InputError("--plot", "", f"must be one of {', '.join(linear.DRAWINGS)}, not {plot!r}")
-
-
-# ---------------------------------------------------------------------------------------------- the record
-
-
-def _channel(system: control.StateSpace, notes: list[str]) -> dict[str, Any]:
-    """Torque to one output, as its own loop under unit feedback; what is unbounded is said in `notes`."""
-    less, loop, wide = minimal(system), margins(system), bandwidth(system)
-    name = system.output_labels[0]
-    found = _zeros(system)
-    notes += _cancelled(less.unseen, name) + _nearly(less.system, name)
-    notes += _unbounded(name, loop, wide, system)
-    step = step_info(system)
-    if step is None:
-        notes.append(f"{name}: no step figures, it does not settle (a pole is not left of the edge of stability)")
-    return {
-        "output": name,
-        "zeros": found,
-        "transfer_function": _fraction(system),
-        "minimal": {
-            "states": list(less.system.state_labels),
-            "unseen": list(less.unseen),
-            "unmoved": list(less.unmoved),
-            "poles": _complex(less.system.poles()),
-            "zeros": _zeros(less.system),
-            **_fraction(less.system),
-        },
-        "margins": _margins(loop, system),
-        "bandwidth": {field: _bounded(value) for field, value in wide._asdict().items()},
-        "sampling": _sampling(wide.absolute_rad_s, notes),
-        "step": None if step is None else _step(step),
-    }
-
-
-def _margins(m: Margins, system: control.StateSpace) -> dict[str, Any]:
-    """The usual names; null: no such crossing."""
-    factor = _bounded(m.gain_up)
-    record = {
-        "closed_loop_stable": m.stable,
-        "gain_margin": factor,
-        "gain_margin_db": None if factor is None else 20.0 * math.log10(factor),
-        "gain_margin_rad_s": _bounded(m.gain_up_rad_s),
-        "gain_reduction_margin": _bounded(m.gain_down) or None,
-        "gain_reduction_margin_rad_s": _bounded(m.gain_down_rad_s),
-        "phase_margin_deg": _bounded(math.degrees(m.phase_rad)),
-        "phase_margin_rad_s": _bounded(m.phase_rad_s),
-        "delay_margin_s": _bounded(m.delay_s),
-        "delay_margin_rad_s": _bounded(m.delay_rad_s),
-        "peak_sensitivity": _bounded(m.peak_sensitivity),
-        "peak_sensitivity_rad_s": _bounded(m.peak_sensitivity_rad_s),
-        "peak_complementary": _bounded(m.peak_complementary),
-        "peak_complementary_rad_s": _bounded(m.peak_complementary_rad_s),
-    }
-    if system.isdtime(strict=True):
-        record["delay_margin_samples"] = _bounded(m.delay_s / system.dt)
-    return record
-
-
-def _unbounded(name: str, m: Margins, wide: Bandwidth, system: control.StateSpace) -> list[str]:
-    """Why a number is null."""
-    notes = []
-    if not m.stable:
-        notes.append(
-            f"{name}: under unit feedback the loop is unstable: no delay margin, and the others are distances only"
-        )
-    if math.isinf(m.gain_up):
-        notes.append(f"{name}: no gain margin (infinite): the phase does not reach -180 deg where |L| is below 1")
-    if math.isinf(m.phase_rad):
-        notes.append(f"{name}: no phase margin: |L| is nowhere 1")
-    if math.isinf(wide.dc_gain):
-        notes.append(f"{name}: no bandwidth below DC: it integrates, its DC gain is infinite")
-    if math.isinf(wide.absolute_rad_s):
-        notes.append(f"{name}: no absolute bandwidth: the response does not fall below 1/sqrt 2")
-    return notes
-
-
-def _cancelled(unseen: Sequence[str], output: str) -> list[str]:
-    return [
-        f"{visibility.named(state)} cancels: its pole is not seen from {output}; margins, bandwidth and step are those "
-        "of the model without it (kept, its 0/0 at w = 0 would read as a gain margin)"
-        for state in unseen
-    ]
-
-
-def _nearly(system: control.StateSpace, output: str) -> list[str]:
-    """Poles next to a zero."""
-    near = [(p, z) for p in system.poles() for z in zeros(system) if 0 < abs(p - z) < NEAR * max(abs(p), abs(z))]
-    continuous = not system.isdtime(strict=True)  # near z = 1 everything slow is near everything else
-    return [
-        f"pole {p.real:.6g} and zero {z.real:.6g} nearly cancel in {output}: there is little of this mode in it"
-        for p, z in near
-        if continuous and p.imag == 0.0
-    ]
-
-
-def _sampling(bandwidth_rad_s: float, notes: list[str]) -> dict[str, float] | None:
-    if not math.isfinite(bandwidth_rad_s) or bandwidth_rad_s == 0.0:
-        return None
-    advice = sampling_advice(bandwidth_rad_s)
-    notes.append(
-        f"sample at 10 to 30 times the bandwidth: {advice.slowest_hz:.3g} to {advice.fastest_hz:.3g} Hz for "
-        f"{bandwidth_rad_s:.4g} rad/s; a closed loop that is faster needs more"
-    )
-    return {"slowest_hz": advice.slowest_hz, "fastest_hz": advice.fastest_hz}
-
-
-def _step(info: dict[str, float]) -> dict[str, float]:
-    return {
-        "rise_time_s": info["RiseTime"],
-        "settling_time_s": info["SettlingTime"],
-        "overshoot_percent": info["Overshoot"],
-        "peak": info["Peak"],
-        "peak_time_s": info["PeakTime"],
-        "final_value": info["SteadyStateValue"],
-    }
-
-
-def _fraction(system: control.StateSpace) -> dict[str, Any]:
-    """Coefficients, highest power first."""
-    _, denominator = numerator_and_denominator(system)
-    numerator = transfer_function(system).num[0][0]
-    variable = "z" if system.isdtime(strict=True) else "s"
-    return {
-        "variable": variable,
-        "numerator": list(map(float, numerator)),
-        "denominator": list(map(float, denominator)),
-    }
-
-
-def _rank(rank: visibility.Rank) -> dict[str, Any]:
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in rank._asdict().items()}
-
-
-def _detectability(found: visibility.Detectability) -> dict[str, Any]:
-    return {"detectable": found.detectable, "hidden": _complex(found.hidden), "states": list(found.states)}
-
-
-def _matrices(system: control.StateSpace) -> dict[str, Any]:
-    names = {"states": system.state_labels, "inputs": system.input_labels, "outputs": system.output_labels}
-    matrices = {"A": system.A, "B": system.B, "C": system.C, "D": system.D}
-    return {**{k: list(v) for k, v in names.items()}, **{k: np.asarray(v).tolist() for k, v in matrices.items()}}
-
-
-def _zeros(system: control.StateSpace) -> list[dict[str, float]]:
-    return _complex(zeros(system))
-
-
-def _complex(values: Any) -> list[dict[str, float]]:
-    """As {re, im}, slowest first."""
-    ordered = sorted(map(complex, values), key=lambda v: (round(abs(v), 9), -v.imag))
-    return [{"re": value.real + 0.0, "im": value.imag + 0.0} for value in ordered]
-
-
-def _bounded(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

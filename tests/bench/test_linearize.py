@@ -97,6 +97,18 @@ def test_operating_point_with_a_turning_hoop() -> None:
     assert "rolling friction" in result["notes"][0]
 
 
+def test_effects_that_are_left_out_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(THESIS.read_text().replace("effects: []", "effects: [{name: friction.coulomb}]"))
+    assert run(path)["notes"][0] == "not part of the linear model: the effects friction.coulomb"
+
+
+def test_the_page_s_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (MODELS.parents[1] / "docs" / "linear.md").read_text()
+    exec(page.split("```python\n")[1].split("```")[0], {"path": THESIS})
+    assert "phase_rad=" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("plot", list(linear.DRAWINGS))
 def test_every_figure_is_drawn(tmp_path: Path, plot: str) -> None:
     run(THESIS, figure=tmp_path / "a.png", plot=plot)
@@ -121,6 +133,7 @@ def test_a_figure_repeats_its_bytes(tmp_path: Path, extra: dict[str, Any]) -> No
         (["--model", THESIS, "--psi", "nan"], "--psi: must be a finite number"),
         (["--model", THESIS, "--psi", "0.1", "--top"], "--psi: cannot be given together with --top"),
         (["--model", THESIS, "--sample-time", "-1"], "--sample-time: must be between 1e-05 and 10 s"),
+        (["--model", MODELS / "hoop.yaml", "--top", "--sample-time", "10"], "--sample-time: the plant runs away"),
         (["--model", THESIS, "--delay", "2"], "--delay: counts samples: give --sample-time too"),
         (["--model", THESIS, "--sample-time", "0.02", "--delay", "-1"], "--delay: must be 0 to 100 samples"),
         (["--model", THESIS, "--plot", "bode"], "--plot: chooses what --figure shows: give --figure too"),

@@ -22,16 +22,10 @@ from hoopd.design.analysis import (
     transfer_function,
     zeros,
 )
-from hoopd.design.margins import (
-    bandwidth,
-    closed_loop_poles,
-    is_stable,
-    margins,
-    response,
-    sampling_advice,
-    step_info,
-)
+from hoopd.design.margins import closed_loop_poles, is_stable, margins
 from hoopd.design.operating import NoEquilibriumError, operating_point
+from hoopd.design.response import response
+from hoopd.design.speed import bandwidth, sampling_advice, step_info
 from hoopd.design.visibility import controllability, detectability, in_words, observability
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.physics.plant import Plant
@@ -219,6 +213,12 @@ def test_a_resonance_that_just_reaches_one_is_not_missed() -> None:
     assert top.stable
 
 
+@pytest.mark.parametrize("output", ["theta", "dtheta", "dpsi"])
+def test_an_undamped_pole_stops_no_root_finder(output: str) -> None:
+    free = linear_model(HOOP.with_parameters(bb=0.0, bh=0.0), outputs=(output,))
+    assert margins(free).gain_crossovers and bandwidth(free).absolute_rad_s > 0.0
+
+
 def test_a_plant_without_friction_has_no_phase_to_spare() -> None:
     free = linear_model(HOOP.with_parameters(bb=0.0, bh=0.0))
     found = margins(free)
@@ -318,6 +318,17 @@ def test_step_of_the_plant_against_its_own_simulation() -> None:
     assert found["Peak"] == pytest.approx(peak[0], rel=1e-4)
     assert found["PeakTime"] == pytest.approx(peak[1], abs=2e-3)
     assert step_info(channel(linear_model(THESIS, outputs=("theta",)), "theta")) is None  # integrates
+
+
+def test_step_of_a_speed_ends_at_zero_and_has_nothing_relative_to_it() -> None:
+    found = step_info(linear_model(THESIS, outputs=("dpsi",)))
+    assert found is not None and found["SteadyStateValue"] == 0.0
+    assert math.isnan(found["SettlingTime"]) and math.isnan(found["Overshoot"]) and found["Peak"] > 20.0
+
+
+def test_step_of_a_very_slow_sampled_system_is_not_followed_for_ever() -> None:
+    slow = control.ss([[1.0 - 1e-9]], [[1.0]], [[1.0]], 0, 0.02)
+    assert step_info(slow) is None
 
 
 # ---------------------------------------------------------------------------------------------- operating points
