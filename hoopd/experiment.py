@@ -243,12 +243,13 @@ def told(
         "file": str(path),
         "rows": len(recording),
         "played_s": round(int(np.count_nonzero(played)) * period_s, 9),
-        "ended_at_s": _number(conductor.ended_t),
+        "ended_at_s": _short(conductor.ended_t),
         "amplitude_nm": score.amplitude_nm,
         **_extremes(recording, played, period_s, ball=plan.ball),
-        "foreseen": score.forecast._asdict(),
+        "foreseen_hoop_speed_rad_s": _short(score.forecast.hoop_speed_rad_s),
+        "foreseen_ball_angle_rad": _short(score.forecast.ball_angle_rad) if plan.ball else None,
         "faults": summary["faults"],
-        "notes": list(score.warnings),
+        "notes": [*score.warnings, *_losses(summary["recording"])],
         "next": f"hoopd fit {path} --out model.yaml" if outcome == DONE else f"hoopd replay {path}",
         "exit": 0 if outcome == DONE else 1,
     }
@@ -262,19 +263,26 @@ def _extremes(recording: Recording, played: Any, period_s: float, *, ball: bool)
         "largest_torque_nm": _largest(u),
         "largest_hoop_speed_rad_s": _largest(recording.dtheta[played]),
         "largest_ball_angle_rad": _largest(recording.psi[played]) if ball else None,
-        "crest_factor": _number(signals.crest_factor(u)),
-        "coverage_hz": [_number(low), _number(high)],
-        "balance": signals.balance(u),
+        "crest_factor": _short(signals.crest_factor(u)),
+        "coverage_hz": [_short(low), _short(high)],  # the middle 90 % of the torque's power
+        "balance": _short(signals.balance(u)),
     }
 
 
 def _largest(values: Any) -> float | None:
     known = np.abs(values[np.isfinite(values)])
-    return float(known.max()) if known.size else None
+    return _short(float(known.max())) if known.size else None
 
 
-def _number(value: float) -> float | None:
-    return value if isfinite(value) else None
+def _short(value: float) -> float | None:
+    """Six digits of a number: what a person reads, and more than was measured."""
+    return float(f"{value:.6g}") if isfinite(value) else None
+
+
+def _losses(counts: dict[str, Any]) -> Iterator[str]:
+    """What the recorder could not do."""
+    if counts["dropped"] or counts["failures"]:
+        yield f"the recorder lost {counts['dropped']} rows and was refused by the disk {counts['failures']} times"
 
 
 def _draw(recording: Path, plan: Plan, path: Path) -> None:
