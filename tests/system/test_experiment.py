@@ -25,7 +25,8 @@ from system.test_bad_input import call, one_line
 
 from hoopd import cli, experiment
 from hoopd.app import Options
-from hoopd.experiment import ABORTED, Conductor, Where
+from hoopd.conductor import ABORTED, Conductor
+from hoopd.experiment import Where
 from hoopd.experimentplan import AMPLITUDES_NM, DURATION_S, DURATIONS_S, Plan
 from hoopd.files import parse_yaml
 from hoopd.recording.mcap import Run, read_run
@@ -186,8 +187,15 @@ def test_faults_end_it(name: str, tmp_path: Path) -> None:
 
 def test_no_ball_where_one_is_expected_never_starts(tmp_path: Path) -> None:
     found = perform(tmp_path, Plan("prbs", 2.0), "sim.faults=[{kind: ball_gone, at_s: 0.0}]")
-    assert found.result["outcome"].startswith("not started") and found.result["exit"] == 1
+    assert found.result["outcome"] == "not started: ball_missing, ball_lost" and found.result["exit"] == 1
     assert found.torque.max_abs() == 0.0 and found.result["played_s"] == 0.0
+
+
+def test_a_fault_before_the_signal_ends_it_soon(tmp_path: Path) -> None:
+    faults = "sim.faults=[{kind: ball_gone, at_s: 0.0}, {kind: board_silent, at_s: 3.0, for_s: 1.0}]"
+    found = perform(tmp_path, Plan("prbs", 2.0), faults)
+    assert found.result["outcome"].startswith("not started: link_lost") and found.run.ticks[-1].t < 3.5
+    assert found.torque.max_abs() == 0.0
 
 
 # ------------------------------------------------------------------------------------------------ defaults

@@ -1,6 +1,6 @@
 """Default experiments on the default rig over many seeds: how far ball and hoop move, and that nothing stops them.
 
-Usage: python tools/bench/experiments.py [--seeds 20] [--json FILE]
+Usage: python tools/bench/experiments.py [--seeds 20] [--only NAME] [--json FILE]
 Every row is so many runs of `hoopd experiment` in lock-step (bytes, board, camera two frames late, noise), without an
 amplitude, so that it is chosen from the model. Exit code 1 when one does not end as planned or a fault is raised.
 """
@@ -70,11 +70,13 @@ def main() -> int:
     """Print the table; 1 when something was stopped."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--only", help="one row by its name")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     table = {}
     print(f"{'experiment':18} {'done':>7} {'faults':>6}  {'N m':12} {'hoop rad/s':12} {'ball rad':12} crest")
-    for name, plan in plans().items():
+    chosen = {name: plan for name, plan in plans().items() if options.only in (None, name)}
+    for name, plan in chosen.items():
         row = table[name] = judged(results(plan, options.seeds))
         ranges = [
             f"{row['amplitude_nm'][0]:.2f}-{row['amplitude_nm'][1]:.2f}",
