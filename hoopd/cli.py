@@ -189,9 +189,11 @@ def experiment(
     clock: Annotated[int, typer.Option("--clock", min=1, max=1000, help="prbs: ticks that a value is held.")] = 1,
     low: Annotated[float, typer.Option("--low", help="chirp, multisine: lowest frequency in Hz.")] = 0.3,
     high: Annotated[float, typer.Option("--high", help="chirp, multisine: highest frequency in Hz.")] = 5.0,
-    hold: Annotated[float, typer.Option("--hold", min=0.02, help="steps: seconds of each.")] = 0.4,
-    kick: Annotated[float, typer.Option("--kick", min=0.02, help="decay: seconds of torque.")] = 0.2,
-    rest: Annotated[float, typer.Option("--rest", min=0.02, help="decay: seconds without, after each kick.")] = 8.0,
+    hold: Annotated[float, typer.Option("--hold", min=0.02, max=600.0, help="steps: seconds of each.")] = 0.4,
+    kick: Annotated[float, typer.Option("--kick", min=0.02, max=600.0, help="decay: seconds of torque.")] = 0.2,
+    rest: Annotated[
+        float, typer.Option("--rest", min=0.02, max=600.0, help="decay: seconds without, after each kick.")
+    ] = 8.0,
     max_torque: Annotated[float, typer.Option("--max-torque", min=0.001, max=0.7, help="Limit in N m.")] = 0.3,
     max_speed: Annotated[
         float, typer.Option("--max-speed", min=0.1, help="Hoop speed in rad/s that ends the experiment.")
@@ -199,6 +201,10 @@ def experiment(
     max_angle: Annotated[
         float, typer.Option("--max-angle", min=0.01, max=3.2, help="Ball angle in rad that ends the experiment.")
     ] = 1.25,
+    soft_start: Annotated[
+        float, typer.Option("--soft-start", min=0.0, max=60.0, help="Seconds in which the amplitude rises.")
+    ] = 1.0,
+    soft_end: Annotated[float, typer.Option("--soft-end", min=0.0, max=60.0, help="Seconds in which it falls.")] = 0.5,
     centring: Annotated[
         float, typer.Option("--centring", min=0.0, max=0.05, help="Feedback that slows the hoop, N m per rad/s.")
     ] = 0.0,
@@ -224,7 +230,7 @@ def experiment(
     seconds = DURATIONS_S.get(kind, DURATION_S) if duration is None else duration
     plan = Plan(
         kind, seconds, amplitude, seed, clock, low, high, hold, kick, rest, max_torque, max_speed, max_angle,
-        centring_nm_per_rad_s=centring, around=around, ball=not no_ball,
+        soft_start, soft_end, centring, around, not no_ball,
     )  # fmt: skip
     options = Options(sim, config, tuple(sets), None, None, seed, _speed(speed), _direct(camera), arm)
     _check_json(json_path)

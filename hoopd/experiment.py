@@ -6,9 +6,7 @@ limits, faults and modes, and every way out is the daemon's: brake, disarm, zero
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
-import signal
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,10 +19,9 @@ import numpy as np
 
 from hoopd.app import Options, check_options, perform
 from hoopd.build import Texts, read_texts, without_places
+from hoopd.conductor import START_PATIENCE_S, Conductor
 from hoopd.core.controllers import DONE
-from hoopd.core.modes import ENERGISED, Mode
-from hoopd.core.records import Inputs, TickRecord
-from hoopd.core.tick import Note
+from hoopd.core.modes import Mode
 from hoopd.experimentplan import Plan, Score, write_score
 from hoopd.files import InputError
 from hoopd.ident import signals
@@ -33,16 +30,10 @@ from hoopd.recording.mcap import read
 from hoopd.recording.recording import Recording
 from hoopd.shell import config as configuration
 from hoopd.shell.config import Config
-from hoopd.shell.keys import pressed
-from hoopd.shell.loop import Loop
 
 KINDS = ("prbs", "chirp", "multisine", "steps", "decay")
-ABORT_KEYS = "qQ \x1b"
-# From the start, or from the operator's arm, until the ball is seen and the drive is on; measured: 1.3 s on the rig.
-START_PATIENCE_S = 20.0
 # After the signal: braking (a second), and a margin; the end of a lock-step run that never began.
 END_PATIENCE_S = 5.0
-ABORTED = "aborted by the operator"
 
 
 class Where(NamedTuple):
@@ -52,7 +43,7 @@ class Where(NamedTuple):
     file: Path | None = None
 
 
-def run(plan: Plan, options: Options, where: Where = Where(), figure: Path | None = None) -> dict[str, Any]:  # noqa: B008
+def run(plan: Plan, options: Options, where: Where, figure: Path | None = None) -> dict[str, Any]:
     """Play, record, and say what was recorded; `exit` is 0 when the signal was played to its end."""
     options = options._replace(sets=_sets(plan, options))
     config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
@@ -60,7 +51,7 @@ def run(plan: Plan, options: Options, where: Where = Where(), figure: Path | Non
     _check(plan, config, where, figure)
     config, texts, score = prepared(plan, config, options.config)
     options = options._replace(duration_s=_longest(options, score))
-    conductor = Conductor(score, armed=options.sim or options.arm)
+    conductor = Conductor(score.seconds, armed=options.sim or options.arm)
     with _folder(where) as folder:
         summary = perform(options._replace(record=folder), config, texts, conductor)
         path = _kept(folder, summary, where)
@@ -155,81 +146,6 @@ def _kept(folder: Path, summary: dict[str, Any], where: Where) -> Path:
     return where.file
 
 
-class Conductor:
-    """Watches a run from its first tick to its last and ends it when the experiment is over."""
-
-    trouble = False
-
-    def __init__(self, score: Score, *, armed: bool) -> None:
-        """`armed`: the run arms by itself, so that its patience counts from the start."""
-        self.score = score
-        self.outcome = ""  # why it ended
-        self.started_t = self.ended_t = float("nan")  # s, first tick of the signal and first one after it
-        self._patience_from = 0.0 if armed else inf
-        self._mode = Mode.DISARMED
-        self._loop: Loop | None = None
-        self._asked = False  # the loop was told to end
-        self._record: TickRecord | None = None
-        self._causes: tuple[str, ...] = ()
-
-    @contextmanager
-    def attend(self, loop: Loop) -> Iterator[None]:
-        """Listen to the terminal while the loop runs; Ctrl-C and the abort keys switch the drive off at once."""
-        self._loop = loop
-        with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
-            asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self.abort)
-        with pressed(lambda key: self.abort() if key in ABORT_KEYS else None):
-            yield
-
-    def abort(self) -> None:
-        """Off at once, then an orderly end."""
-        self._end(ABORTED)
-        if self._loop is not None:
-            self._loop.request_stop()  # asked again it disarms at once
-
-    def put(self, record: TickRecord, inputs: Inputs) -> None:
-        """Look at one tick; what the last one led to is judged first, now that its notes are known."""
-        self._judge(record.t)
-        self._record, before, self._mode = record, self._mode, Mode(record.mode)
-        if self._mode is Mode.RUNNING and not isfinite(self.started_t):
-            self.started_t = record.t
-        if before is Mode.RUNNING and self._mode is not Mode.RUNNING:
-            self.ended_t = record.t
-        if before not in ENERGISED and self._mode in ENERGISED:
-            self._patience_from = min(self._patience_from, record.t)
-
-    def note(self, t: float, note: Note) -> None:
-        """Remember why it ended."""
-        if note.name == "law_ended":
-            self.outcome = self.outcome or note.fields["reason"]
-        elif note.name == "mode":
-            self._causes = tuple(note.fields["because"]) or self._causes
-
-    def status(self) -> str:
-        """How far it is, and the way out."""
-        record = self._record
-        if record is None:
-            return "waiting for the first tick"
-        played = record.t - self.started_t if isfinite(self.started_t) else 0.0
-        return (
-            f"{played:5.1f} of {self.score.seconds:.1f} s {record.mode:8} psi {record.x_hat[2]:+.3f} rad"
-            f"  hoop {record.x_hat[1]:+6.2f} rad/s  u {record.u:+.3f} N m   q: stop"
-        )
-
-    def _judge(self, t: float) -> None:
-        started = isfinite(self.started_t)
-        if started and self._mode not in (Mode.RUNNING, Mode.STOPPING):
-            self._end(self.outcome or f"stopped: {', '.join(self._causes) or 'by the operator'}")
-        elif not started and t - self._patience_from > START_PATIENCE_S:
-            self._end("not started: no steady ball, or the drive did not answer")
-
-    def _end(self, outcome: str) -> None:
-        self.outcome = self.outcome or outcome
-        if self._loop is not None and not self._asked:
-            self._asked = True
-            self._loop.request_stop()
-
-
 def told(
     plan: Plan, score: Score, conductor: Conductor, summary: dict[str, Any], path: Path, period_s: float
 ) -> dict[str, Any]:
@@ -243,12 +159,13 @@ def told(
         "file": str(path),
         "rows": len(recording),
         "played_s": round(int(np.count_nonzero(played)) * period_s, 9),
-        "ended_at_s": _number(conductor.ended_t),
+        "ended_at_s": _short(conductor.ended_t),
         "amplitude_nm": score.amplitude_nm,
         **_extremes(recording, played, period_s, ball=plan.ball),
-        "foreseen": score.forecast._asdict(),
+        "foreseen_hoop_speed_rad_s": _short(score.forecast.hoop_speed_rad_s),
+        "foreseen_ball_angle_rad": _short(score.forecast.ball_angle_rad) if plan.ball else None,
         "faults": summary["faults"],
-        "notes": list(score.warnings),
+        "notes": [*score.warnings, *_losses(summary["recording"])],
         "next": f"hoopd fit {path} --out model.yaml" if outcome == DONE else f"hoopd replay {path}",
         "exit": 0 if outcome == DONE else 1,
     }
@@ -262,19 +179,26 @@ def _extremes(recording: Recording, played: Any, period_s: float, *, ball: bool)
         "largest_torque_nm": _largest(u),
         "largest_hoop_speed_rad_s": _largest(recording.dtheta[played]),
         "largest_ball_angle_rad": _largest(recording.psi[played]) if ball else None,
-        "crest_factor": _number(signals.crest_factor(u)),
-        "coverage_hz": [_number(low), _number(high)],
-        "balance": signals.balance(u),
+        "crest_factor": _short(signals.crest_factor(u)),
+        "coverage_hz": [_short(low), _short(high)],  # the middle 90 % of the torque's power
+        "balance": _short(signals.balance(u)),
     }
 
 
 def _largest(values: Any) -> float | None:
     known = np.abs(values[np.isfinite(values)])
-    return float(known.max()) if known.size else None
+    return _short(float(known.max())) if known.size else None
 
 
-def _number(value: float) -> float | None:
-    return value if isfinite(value) else None
+def _short(value: float) -> float | None:
+    """Six digits of a number: what a person reads, and more than was measured."""
+    return float(f"{value:.6g}") if isfinite(value) else None
+
+
+def _losses(counts: dict[str, Any]) -> Iterator[str]:
+    """What the recorder could not do."""
+    if counts["dropped"] or counts["failures"]:
+        yield f"the recorder lost {counts['dropped']} rows and was refused by the disk {counts['failures']} times"
 
 
 def _draw(recording: Path, plan: Plan, path: Path) -> None:

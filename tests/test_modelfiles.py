@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from hoopd.core.excitation import Excitation
 from hoopd.files import InputError
 from hoopd.modelfiles import (
     controller_of,
@@ -91,6 +92,46 @@ ARX_MISTAKES = [
 @pytest.mark.parametrize(("keys", "value", "message"), ARX_MISTAKES, ids=lambda item: str(item)[:30])
 def test_matrices_that_do_not_fit_are_refused(keys: tuple[str, ...], value: object, message: str) -> None:
     check(parse_controller, (CONFIG / "controllers" / "arx.yaml").read_text(), keys, value, message)
+
+
+EXCITATION = """
+schema: hoopd.controller/1
+name: table
+kind: excitation
+estimator: {q: [1.0e-8, 4.0, 1.0e-6, 0.1], r_theta: 1.9609142e-7, r_dtheta: 0.0025, r_psi: 1.6e-5}
+gains:
+  table_nm: [0.05, -0.05, 0]
+  torque_nm: 0.3
+  hoop_speed_rad_s: 45
+  ball_angle_rad: 1.25
+"""
+EXCITATION_MISTAKES = [
+    (("gains", "table_nm"), [], "gains: Expected `array` of length >= 1"),
+    (("gains", "table_nm"), [0.1, "much"], "gains: Expected `float`"),
+    (("gains", "table_nm"), [0.1, float("nan")], "gains: the table needs finite torques"),
+    (("gains", "table_nm"), [0.31], "gains: the table asks for more than the limit of 0.3 N m"),
+    (("gains", "torque_nm"), 0.8, "gains: Expected `float` <= 0.7"),
+    (("gains", "hoop_speed_rad_s"), float("nan"), "must be a finite number"),
+    (("gains", "ball_angle_rad"), float("nan"), "must be a finite number"),
+    (("gains", "centring_nm_per_rad_s"), float("nan"), "must be a finite number"),
+    (("gains", "table"), [0.1], "gains: Object contains unknown field `table`"),
+    (("gains", "around"), {"kind": "excitation", "gains": {}}, "gains: Invalid enum value 'excitation'"),
+    (("gains", "around"), {"kind": "lqg", "gains": {"k_psi": 1.0}}, "gains: missing ['k_dpsi', 'k_dtheta']"),
+]
+
+
+def test_an_excitation_with_and_without_a_holding_law() -> None:
+    law = controller_of(parse_controller(EXCITATION, "x.yaml"))
+    assert isinstance(law, Excitation) and law.around is None and law.torques_nm == [0.05, -0.05, 0.0]
+    data = yaml.safe_load(EXCITATION)
+    data["gains"]["around"] = {"kind": "pid", "gains": {"b": [1.0], "a": [1.0]}}
+    held = controller_of(parse_controller(yaml.safe_dump(data), "x.yaml"))
+    assert isinstance(held, Excitation) and held.around is not None
+
+
+@pytest.mark.parametrize(("keys", "value", "message"), EXCITATION_MISTAKES, ids=lambda item: str(item)[:30])
+def test_mistakes_in_an_excitation_are_one_line(keys: tuple[str, ...], value: object, message: str) -> None:
+    check(parse_controller, EXCITATION, keys, value, message)
 
 
 def check(parse: object, text: str, keys: tuple[str, ...], value: object, message: str) -> None:

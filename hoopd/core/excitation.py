@@ -50,6 +50,8 @@ class Excitation:
             raise ValueError("the table needs finite torques")
         if max(map(abs, table_nm)) > limits.torque_nm:
             raise ValueError(f"the table asks for more than the limit of {limits.torque_nm:g} N m")
+        if not 0.0 <= centring_nm_per_rad_s < inf:
+            raise ValueError("centring must be a finite gain not below zero")
         n = len(table_nm)
         self.torques_nm = [
             value * soft_factor(k, n, soft_start_ticks, soft_end_ticks) for k, value in enumerate(table_nm)

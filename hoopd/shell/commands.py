@@ -117,6 +117,8 @@ def _command(name: str, content: _Payload, ranges: Ranges) -> Command:
     if name == "reference":
         return Command(name, _inside(name, content.value, ranges.reference))
     table: Mapping[str, Range] = getattr(ranges, name)
+    if name == "experiment" and not table:
+        raise RefusedError("experiment: this daemon holds the ball and starts none; end it and run `hoopd experiment`")
     if content.key not in table:
         raise RefusedError(f"{name}: unknown key {content.key[:40]!r}; known: {', '.join(table) or 'none'}")
     return Command(name, _inside(f"{name} {content.key}", content.value, table[content.key]), content.key)

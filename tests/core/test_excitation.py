@@ -94,6 +94,12 @@ def test_tables_that_are_none(table: list[float], limits: ExcitationLimits) -> N
         Excitation(table, limits)
 
 
+@pytest.mark.parametrize("gain", [nan, inf, -0.01])
+def test_centring_that_is_none(gain: float) -> None:
+    with pytest.raises(ValueError, match="centring"):
+        Excitation([0.1], LIMITS, centring_nm_per_rad_s=gain)
+
+
 @pytest.mark.parametrize("bad", [(0.0, 1.0, 1.0), (inf, 1.0, 1.0), (0.1, nan, 1.0), (0.1, inf, 1.0), (0.1, 1.0, 0.0)])
 def test_limits_that_limit_nothing(bad: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match="limits"):

@@ -24,6 +24,11 @@ def test_off_takes_only_disarm_and_stop() -> None:
     assert (gate.accepted, gate.refused) == (2, len(NAMES) - 2)
 
 
+def test_a_daemon_without_experiments_says_where_they_are() -> None:
+    with pytest.raises(RefusedError, match=r"starts none; end it and run `hoopd experiment`"):
+        Gate(Ranges(), enabled=True).offer("experiment", b'{"key": "prbs", "value": 1}')
+
+
 def test_order_and_safe_ones_last() -> None:
     gate = Gate(RANGES, enabled=True)
     gate.offer("disarm")

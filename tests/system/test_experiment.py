@@ -6,6 +6,7 @@ The judge is the board's own log of torque; the device's terminal is tried once 
 from __future__ import annotations
 
 import contextlib
+import inspect
 import io
 import json
 import os
@@ -22,9 +23,10 @@ import numpy as np
 import pytest
 from system.test_bad_input import call, one_line
 
-from hoopd import experiment
+from hoopd import cli, experiment
 from hoopd.app import Options
-from hoopd.experiment import ABORTED, Conductor, Where
+from hoopd.conductor import ABORTED, Conductor
+from hoopd.experiment import Where
 from hoopd.experimentplan import AMPLITUDES_NM, DURATION_S, DURATIONS_S, Plan
 from hoopd.files import parse_yaml
 from hoopd.recording.mcap import Run, read_run
@@ -185,8 +187,15 @@ def test_faults_end_it(name: str, tmp_path: Path) -> None:
 
 def test_no_ball_where_one_is_expected_never_starts(tmp_path: Path) -> None:
     found = perform(tmp_path, Plan("prbs", 2.0), "sim.faults=[{kind: ball_gone, at_s: 0.0}]")
-    assert found.result["outcome"].startswith("not started") and found.result["exit"] == 1
+    assert found.result["outcome"] == "not started: ball_missing, ball_lost" and found.result["exit"] == 1
     assert found.torque.max_abs() == 0.0 and found.result["played_s"] == 0.0
+
+
+def test_a_fault_before_the_signal_ends_it_soon(tmp_path: Path) -> None:
+    faults = "sim.faults=[{kind: ball_gone, at_s: 0.0}, {kind: board_silent, at_s: 3.0, for_s: 1.0}]"
+    found = perform(tmp_path, Plan("prbs", 2.0), faults)
+    assert found.result["outcome"].startswith("not started: link_lost") and found.run.ticks[-1].t < 3.5
+    assert found.torque.max_abs() == 0.0
 
 
 # ------------------------------------------------------------------------------------------------ defaults
@@ -202,7 +211,19 @@ def test_defaults_move_the_ball_and_stay_inside(kind: str, tmp_path: Path) -> No
         assert result["outcome"] == "done" and result["faults"] == {}
         assert 0.5 < result["largest_ball_angle_rad"] < 1.15 and result["largest_hoop_speed_rad_s"] < 40.0
         assert result["amplitude_nm"] in AMPLITUDES_NM
-        assert result["largest_ball_angle_rad"] == pytest.approx(result["foreseen"]["ball_angle_rad"], abs=0.1)
+        assert result["largest_ball_angle_rad"] == pytest.approx(result["foreseen_ball_angle_rad"], abs=0.1)
+
+
+def test_the_command_line_has_the_same_defaults() -> None:
+    given = {name: option.default for name, option in inspect.signature(cli.experiment).parameters.items()}
+    names = {"amplitude": "amplitude_nm", "seed": "seed", "clock": "clock_ticks", "low": "low_hz", "high": "high_hz"}
+    names |= {"hold": "hold_s", "kick": "kick_s", "rest": "rest_s", "around": "around"}
+    names |= {"max_torque": "torque_limit_nm", "max_speed": "speed_limit_rad_s", "max_angle": "angle_limit_rad"}
+    names |= {"soft_start": "soft_start_s", "soft_end": "soft_end_s", "centring": "centring_nm_per_rad_s"}
+    assert {names[name]: given[name] for name in names} == {
+        name: value for name, value in Plan._field_defaults.items() if name not in ("duration_s", "ball")
+    }
+    assert Plan._field_defaults["duration_s"] == DURATION_S
 
 
 def test_an_amplitude_too_large_for_the_model_is_told(tmp_path: Path) -> None:
@@ -213,6 +234,23 @@ def test_an_amplitude_too_large_for_the_model_is_told(tmp_path: Path) -> None:
 def test_a_figure_of_what_was_recorded(tmp_path: Path) -> None:
     perform(tmp_path, Plan("prbs", 2.0), figure=tmp_path / "run.png")
     assert (tmp_path / "run.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_kick_by_hand_without_any_torque(tmp_path: Path) -> None:
+    found = perform(tmp_path, Plan("decay", 6.0, 0.0, rest_s=2.0), "sim.psi_rad=0.6", "sim.held=false")
+    assert found.result["outcome"] == "done" and found.result["largest_torque_nm"] == 0.0
+    assert found.result["crest_factor"] is None and found.result["coverage_hz"] == [None, None]
+    assert found.torque.max_abs(stop=found.result["ended_at_s"]) == 0.0
+
+
+def test_the_page_shows_a_file_that_the_daemon_plays(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "experiment.md").read_text()
+    (tmp_path / "my.yaml").write_text(page.split("```yaml\n", 1)[1].split("```", 1)[0])
+    sets = ("--set", f"control.file={tmp_path / 'my.yaml'}", "--set", "sim.psi_rad=0")
+    code, _, errors = call((*LOCKSTEP[:-1], "3", "--record", str(tmp_path), *sets))
+    assert code == 0, errors
+    played = [row.u for row in read_run(tmp_path / "run-0001.mcap").ticks if row.mode == "RUNNING"]
+    assert played == [0.05, 0.05, -0.05, -0.05]
 
 
 # ------------------------------------------------------------------------------------------------ the command line
@@ -240,6 +278,9 @@ BAD: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "lock-step of the device": (("prbs", "--speed", "max"), "--speed max: only with --sim"),
     "arm without a terminal": (("prbs", "--arm"), "--arm: only on a terminal"),
+    "endless rest": (("decay", *LOCKSTEP, "--rest", "inf"), "--rest"),
+    "no number of seconds": (("prbs", *LOCKSTEP, "--duration", "nan"), "--duration"),
+    "ramp that is none": (("prbs", *LOCKSTEP, "--soft-start", "-1"), "--soft-start"),
     "no port": (("prbs", "--set", "camera.command=['true']", "--set", "serial.port=/dev/none"), "/dev/none"),
 }
 

@@ -101,3 +101,8 @@ def test_a_gap_is_explained_only_by_a_witness_that_stood_still_then(realtime: Mo
     assert realtime.stood_still(gap, [[1000.05, 1000.06], [1000.08, 1000.099]])
     assert not realtime.stood_still(gap, [[1000.05, 1000.06]])  # too short to have missed two
     assert not realtime.stood_still(gap, [[1000.00, 1000.04], [1000.10, 1000.30]])  # at another time
+
+
+def test_experiments_prints_its_rows() -> None:
+    out = run_bench("experiments.py", "--seeds", "1", "--only", "steps")
+    assert "ball rad" in out and "1/1" in out
