@@ -27,7 +27,7 @@ from hoopd.recording.suspicions import suspicions
 MOVING = ("auto", "both", "hoop", "ball")
 # Below, a run of seconds takes minutes and nothing changes; above, a step is longer than any tick.
 STEP_RANGE_S = (1e-4, 0.1)
-# Every step between two rows is written out in the compiled function: a gap of seconds in fine steps fills memory.
+# All steps between two rows are written out in one function: a gap of seconds at a fine step would fill the memory.
 MOST_STEPS_BETWEEN_ROWS = 1000
 # Faster than any hoop of this device: what gets there has left the model's range.
 RUNAWAY_RAD_S = 1e4
@@ -178,7 +178,6 @@ def fits(found: Score) -> dict[str, Any]:
 
 
 def number(value: float) -> float | None:
-    """JSON has no NaN."""
     return value if math.isfinite(value) else None
 
 

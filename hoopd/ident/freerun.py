@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,20 +156,22 @@ def simulated(subject: Subject, recording: Recording, runs: Sequence[FreeRun], m
     starts = {round(run.part.t[0] / SAME_S): run.start for run in runs}
     parts = [part for part in timelines(whole) if round(part.t[0] / SAME_S) in starts]
     again = run_from(subject, parts, [starts[round(part.t[0] / SAME_S)] for part in parts], moving)
-    columns: dict[str, Any] = {
-        name: _at(again, STATES.index(name), getattr(whole, TIMES[name])) for name in ("theta", "dtheta", "psi")
-    }
-    nothing = np.full(len(recording), np.nan)
-    return replace(whole, **columns, current=nothing, source=f"simulated from {recording.source}", extra={}, lost="")
+    theta, dtheta, psi = (_at(again, STATES.index(n), getattr(whole, TIMES[n])) for n in ("theta", "dtheta", "psi"))
+    source = f"simulated from {recording.source}"
+    return replace(
+        whole, theta=theta, dtheta=dtheta, psi=psi, current=_missing(whole), source=source, extra={}, lost=""
+    )
 
 
 def _with_every_sample(recording: Recording) -> Recording:
     """The same rows with nothing missing among angles and their times, so that each row has its node."""
-    times: dict[str, Any] = {
-        name: np.where(np.isfinite(t := getattr(recording, name)), t, recording.t) for name in ("y_t", "psi_t")
-    }
+    y_t, psi_t = (np.where(np.isfinite(t), t, recording.t) for t in (recording.y_t, recording.psi_t))
     nothing = np.zeros(len(recording))
-    return replace(recording, theta=nothing, dtheta=nothing, psi=nothing, **times)
+    return replace(recording, theta=nothing, dtheta=nothing, psi=nothing, y_t=y_t, psi_t=psi_t)
+
+
+def _missing(recording: Recording) -> Array:
+    return np.full(len(recording), np.nan)
 
 
 def _at(runs: Sequence[FreeRun], state: int, when: Array) -> Array:

@@ -1,0 +1,93 @@
+"""Time of one free run of 1,000 samples, side by side with adaptive solvers; ends with 1 when the bound is missed.
+
+python tools/bench/simulate.py [--runs N] [--json FILE]
+
+Each way takes its turn in every round, so that a busy machine slows all of them; the first call, which writes the
+equations out, stands apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from hoopd.ident.solvers import Case, across_jumps, sample_to_sample, two_level_torque
+from hoopd.modelfiles import load_model, plant_of
+from hoopd.physics.simulate import Model
+
+MODEL = Path(__file__).resolve().parents[2] / "config" / "models" / "thesis.yaml"
+TICK_S, SAMPLES = 0.02, 1000
+# A fit runs some hundred of these; a person who drags a parameter sees the curve move.
+BOUND_MS = 5.0
+# The slow ones need no more turns than show their order of magnitude.
+SLOW_RUNS = 3
+
+
+def seconds(call: Callable[[], object]) -> float:
+    """Time of one call."""
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def ways() -> tuple[dict[str, Callable[[], np.ndarray]], Callable[[], np.ndarray]]:
+    """Each way to run 1,000 samples, ours first, and the converged run."""
+    file = load_model(MODEL)
+    plant, x0 = plant_of(file), np.zeros(4)
+    t, u = TICK_S * np.arange(SAMPLES + 1), two_level_torque(SAMPLES)
+    model, fine = (Model(file.structure, file.values(), step_s=h) for h in (0.01, 0.0025))
+    calls = {
+        "hoopd, steps of 10 ms": lambda: model.run((), x0, t, u),
+        "hoopd, steps of 2.5 ms": lambda: fine.run((), x0, t, u),
+        "scipy RK45 at every sample, rtol 1e-6": lambda: (
+            sample_to_sample(plant, x0, t, u, "RK45", rtol=1e-6, atol=1e-9).x
+        ),
+        "scipy Radau at every sample, rtol 1e-6": lambda: (
+            sample_to_sample(plant, x0, t, u, "Radau", rtol=1e-6, atol=1e-9).x
+        ),
+        "scipy RK45 across the jumps, rtol 1e-6": lambda: across_jumps(plant, x0, t, u, Case("RK45", 1e-6, 1e-9)).x,
+        "scipy Radau across the jumps, rtol 1e-6": lambda: across_jumps(plant, x0, t, u, Case("Radau", 1e-6, 1e-9)).x,
+    }
+    return calls, lambda: sample_to_sample(plant, x0, t, u, "DOP853").x
+
+
+def main() -> int:
+    """Measure, print, judge."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    calls, truth = ways()
+    converged, rows = truth(), []
+    first = {name: seconds(call) for name, call in calls.items()}
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for turn in range(options.runs):
+        for name, call in calls.items():
+            if turn < SLOW_RUNS or name.startswith("hoopd"):
+                times[name].append(seconds(call))
+    ours = 1e3 * float(np.median(next(iter(times.values()))))
+    print(
+        f"{'1,000 samples':<42} {'median ms':>9} {'p95 ms':>8} {'first ms':>9} {'against ours':>12} {'theta error':>12}"
+    )
+    for name, call in calls.items():
+        median, p95 = (1e3 * float(np.percentile(times[name], q)) for q in (50, 95))
+        error = float(np.abs(call() - converged).max(axis=0)[0])
+        rows.append(
+            {"how": name, "median_ms": median, "p95_ms": p95, "runs": len(times[name]), "theta_error_rad": error}
+        )
+        print(f"{name:<42} {median:9.2f} {p95:8.2f} {1e3 * first[name]:9.1f} {median / ours:11.1f}x {error:12.1e}")
+    good = ours < BOUND_MS
+    print(f"{'ok' if good else 'MISSED'}: {ours:.2f} ms for 1,000 samples, the bound is {BOUND_MS:g} ms")
+    if options.json is not None:
+        options.json.write_text(json.dumps({"bound_ms": BOUND_MS, "met": good, "rows": rows}, indent=2) + "\n")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
