@@ -27,14 +27,23 @@ COUNT_RAD = tau / 4096
 
 
 def recording_of(
-    structure: str, parameters: Mapping[str, float], seed: int, seconds: float = 20.0, torque_nm: float = 0.03
+    structure: str,
+    parameters: Mapping[str, float],
+    seed: int,
+    seconds: float = 20.0,
+    torque_nm: float = 0.03,
+    unknown_nm: float = 0.0,
 ) -> Recording:
-    """A two-level torque held for 0.1 to 0.3 s, 50 Hz, from 0.1 rad at rest: the ball stays below the axis."""
+    """A two-level torque held for 0.1 to 0.3 s, 50 Hz, from 0.1 rad at rest: the ball stays below the axis.
+
+    `unknown_nm`: standard deviation of a torque that the recording does not know, correlated over 0.3 s.
+    """
     random = np.random.default_rng(seed)
     n = int(seconds * 50) + 1
     t = np.arange(n) * 0.02
     levels = np.repeat(random.choice([-1.0, 1.0], n), random.integers(5, 16, n))[:n] * torque_nm
-    x = Model(structure, parameters).run([], [0.0, 0.0, 0.1, 0.0], t, levels[:-1])
+    unknown = unknown_nm * _coloured(random, n, 0.3 / 0.02)
+    x = Model(structure, parameters).run([], [0.0, 0.0, 0.1, 0.0], t, (levels + unknown)[:-1])
     theta = np.round(x[:, 0] / COUNT_RAD) * COUNT_RAD
     psi = x[:, 2] + random.normal(0.0, PSI_SIGMA_RAD, n)
     return from_columns({"t": t, "u": levels, "theta": theta, "dtheta": x[:, 1], "psi": psi}, source=f"seed {seed}")
@@ -43,3 +52,12 @@ def recording_of(
 def runs_of(structure: str, parameters: Mapping[str, float], seed: int, **options: float) -> list[Run]:
     """The same, ready for a fit."""
     return prepare([recording_of(structure, parameters, seed, **options)])
+
+
+def _coloured(random: np.random.Generator, n: int, samples: float) -> np.ndarray:
+    """First-order noise of variance 1 with this correlation time."""
+    keep, out = float(np.exp(-1.0 / samples)), np.zeros(n)
+    white = random.normal(0.0, np.sqrt(1.0 - keep**2), n)
+    for k in range(1, n):
+        out[k] = keep * out[k - 1] + white[k]
+    return out

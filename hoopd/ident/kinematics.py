@@ -39,6 +39,8 @@ Progress = Callable[[str], None]
 DECISIVE = 10.0
 # A known geometry is contradicted when its chi2 would come once in a thousand.
 CONTRADICTED = 1e-3
+# The fitted entries break the two constraints when their chi2 would come once in a hundred.
+MISSING = 1e-2
 # Relative standard deviations of what a laboratory weighs and measures. Three published values of Ro-Rb differ by 3 %;
 # the inertia is that of a solid ball of measured mass and diameter.
 MEASURED = {"mb": 0.01, "Ro": 0.02, "Rb": 0.02, "Ib": 0.02}
@@ -88,11 +90,11 @@ class Predicted(NamedTuple):
 
 
 class DirectFit(NamedTuple):
-    """One output-error fit: twice the negative log-likelihood over c (less a constant), and BIC of effective samples."""
+    """One output-error fit, judged with residuals counted as the effective samples that they are."""
 
     structure: str
     geometry: str  # free, known, or - for entries
-    deviance: float  # over c, plus the prior's part
+    deviance: float  # -2 log likelihood less a constant, over c, plus the prior's part
     bic: float
     converged: bool
     parameters: dict[str, float]
@@ -314,6 +316,7 @@ def _words(v: KinematicsVerdict, known: Sequence[Known]) -> list[str]:
     else:
         words.append("Geometry and kinematics cannot be separated on these recordings.")
         words.append(_why_not(v, said))
+    words += _missing_words(v)
     words += _ratio_words(v, known)
     words += [_predicted_words(name, one) for name, one in v.predicted.items()]
     if not v.supported:
@@ -329,6 +332,16 @@ def _why_not(v: KinematicsVerdict, said: str) -> str:
             f"They contradict {said} under both kinematics (chi2 {min(v.chi2.values()):.1f}, free {v.chi2_free:.1f})."
         )
     return f"Given {said} the evidence is {_for(v.evidence)}, below {DECISIVE:g}."
+
+
+def _missing_words(v: KinematicsVerdict) -> list[str]:
+    # eight entries carry six combinations
+    if chi2_law.sf(v.chi2_free, 2) > MISSING:
+        return []
+    return [
+        f"Whatever the geometry, no parameters give the fitted entries (chi2 {v.chi2_free:.1f} for two constraints): "
+        "a force is missing from the model, and the comparison stands on weak ground."
+    ]
 
 
 def _for(evidence: float) -> str:
@@ -359,4 +372,7 @@ def _separating_words(expected: Mapping[str, float]) -> str:
         name, value = max(expected.items(), key=lambda item: item[1])
         return f"No single measurement would decide with these recordings; the best is {name} (evidence {value:.1f})."
     first = [f"{name} ({value:.0f})" for name, value in enough.items()]
-    return f"Measuring would separate them (expected evidence): {'; '.join(first)}."
+    return (
+        f"Measuring would separate them (expected evidence): {'; '.join(first)}. Ro/Rb must be among it: without, "
+        "nothing else separates them, however exactly it is measured."
+    )

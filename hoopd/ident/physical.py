@@ -11,6 +11,7 @@ Rules of this file: numbers in, numbers out. Eight entries carry six combination
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -20,7 +21,15 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from hoopd.ident.determined import Direction, direction_words, simplified
-from hoopd.physics.entries import ENTRIES, combinations_from, combinations_of, constraint_misfit, entries_of, spin_ratio
+from hoopd.physics.entries import (
+    ENTRIES,
+    combinations_from,
+    combinations_of,
+    constraint_misfit,
+    entries_jacobian,
+    entries_of,
+    spin_ratio,
+)
 from hoopd.physics.plant import PARAMETER_UNITS
 
 Array = NDArray[np.float64]
@@ -111,7 +120,7 @@ def physical_from_entries(
     combos = combinations_of(kinematics, p)
     words = [*_misfit_words(kinematics, entries, misfit, covariance), *_direction_words(directions, combos, kinematics)]
     agreeing = sum(one[0] <= cost * (1 + SAME_COST) + 1e-9 for one in found)
-    spread = np.linalg.pinv(slope.T @ slope, rcond=NOTHING**2, hermitian=True)
+    spread = np.asarray(np.linalg.pinv(slope.T @ slope, rcond=NOTHING**2, hermitian=True), float)
     return PhysicalFit(kinematics, p, free, given, misfit, 2 * cost, combos, directions, agreeing, spread, words)
 
 
@@ -152,16 +161,18 @@ def constraint_words(entries: Mapping[str, float], sd: Mapping[str, float] | Non
     return words
 
 
+def quantity_slope(kinematics: str, name: str, p: Mapping[str, float], free: Sequence[str]) -> Array:
+    """(m,) derivatives of a quantity's logarithm by the logarithms of parameters: central differences of 1e-5."""
+    slope = []
+    for one in free:
+        up, down = (quantity(kinematics, name, {**p, one: p[one] * np.exp(sign * 1e-5)}) for sign in (1, -1))
+        slope.append(math.log(up / down) / 2e-5)
+    return np.array(slope)
+
+
 def quantity_sd(fit: PhysicalFit, name: str) -> float:
     """Relative standard deviation of a quantity at the fit's parameters."""
-    slope = []
-    for free in fit.free:
-        up, down = (
-            quantity(fit.kinematics, name, {**fit.parameters, free: fit.parameters[free] * np.exp(sign * 1e-5)})
-            for sign in (1, -1)
-        )
-        slope.append(np.log(up / down) / 2e-5)
-    g = np.array(slope)
+    g = quantity_slope(fit.kinematics, name, fit.parameters, fit.free)
     return float(np.sqrt(max(g @ fit.covariance @ g, 0.0)))
 
 
@@ -194,27 +205,33 @@ class _Problem:
     def residual(self, z: Array) -> Array:
         p = self.parameters(z)
         e = np.array(list(entries_of(self.kinematics, p).values()))
-        extra = [np.log(quantity(self.kinematics, k.name, p) / k.value) / k.relative_sd for k in self.known]
+        extra = [math.log(quantity(self.kinematics, k.name, p) / k.value) / k.relative_sd for k in self.known]
         return np.asarray(np.concatenate([self.whiten @ (e - self.entries), extra, PULL * z]))
 
-    def jacobian(self, z: Array) -> Array:
-        """Derivatives by the logarithms of the parameters themselves, (k, m)."""
-        p, columns = self.parameters(z), []
-        for name in self.free:
-            up, down = ({**p, name: p[name] * np.exp(sign * 1e-5)} for sign in (1, -1))
-            columns.append((self._of(up) - self._of(down)) / 2e-5)
-        return np.column_stack(columns) if columns else np.zeros((len(self.whiten) + len(self.known), 0))
+    def slope(self, z: Array) -> Array:
+        """Derivatives of the residual by z, (k, m)."""
+        p, chain = self.parameters(z), np.eye(len(self.free))
+        if "Ro" in self.free:
+            # Ro = Rb + (Ro-Rb): d log Ro = (1 - Rb/Ro) d log(Ro-Rb) + Rb/Ro d log Rb
+            row = self.free.index("Ro")
+            chain[row, row] = 1.0 - p["Rb"] / p["Ro"]
+            if "Rb" in self.free:
+                chain[row, self.free.index("Rb")] = p["Rb"] / p["Ro"]
+        return np.asarray(np.vstack([self.jacobian(z) @ chain, PULL * np.eye(len(self.free))]))
 
-    def _of(self, p: Mapping[str, float]) -> Array:
-        e = np.array(list(entries_of(self.kinematics, p).values()))
-        extra = [np.log(quantity(self.kinematics, k.name, p) / k.value) / k.relative_sd for k in self.known]
-        return np.asarray(np.concatenate([self.whiten @ e, extra]))
+    def jacobian(self, z: Array) -> Array:
+        """Derivatives of entries and known quantities by the logarithms of the parameters, weighted, (k, m)."""
+        p = self.parameters(z)
+        columns = [list(p).index(name) for name in self.free]
+        by_log = entries_jacobian(self.kinematics, p)[:, columns] * np.array([p[name] for name in self.free])
+        extra = [quantity_slope(self.kinematics, k.name, p, self.free) / k.relative_sd for k in self.known]
+        return np.asarray(np.vstack([self.whiten @ by_log, *extra]))
 
     def solve(self, z: Array) -> tuple[float, Array]:
         """Cost and place of one search."""
         if len(z) == 0:
             return float(np.sum(self.residual(z) ** 2) / 2), z
-        found = least_squares(self.residual, z, "3-point", x_scale="jac", max_nfev=300, ftol=1e-12, xtol=1e-12)
+        found = least_squares(self.residual, z, self.slope, x_scale="jac", max_nfev=300, ftol=1e-12, xtol=1e-12)
         return float(found.cost), found.x
 
 
