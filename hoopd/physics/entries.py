@@ -44,6 +44,32 @@ COMBINATIONS: Mapping[str, str] = MappingProxyType(
     }
 )
 
+# What the combinations are made of, for messages (checked against the equations by a test).
+FORMULAS: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "rolling": MappingProxyType(
+            {
+                "M11": "Ih + Ib (Ro/Rb)^2",
+                "M12": "-Ib (Ro/Rb) (Ro/Rb - 1)",
+                "M22": "mb (Ro - Rb)^2 + Ib (Ro/Rb - 1)^2",
+                "bh": "bh",
+                "bb (Ro/Rb)^2": "bb (Ro/Rb)^2",
+                "mb g (Ro-Rb)": "mb g (Ro - Rb)",
+            }
+        ),
+        "published": MappingProxyType(
+            {
+                "M11": "Ih + Ib (Ro/Rb + 1)^2",
+                "M12": "-Ib (Ro/Rb) (Ro/Rb + 1)",
+                "M22": "mb (Ro - Rb)^2 + Ib (Ro/Rb)^2",
+                "bh": "bh",
+                "bb (Ro/Rb)^2": "bb (Ro/Rb)^2",
+                "mb g (Ro-Rb)": "mb g (Ro - Rb)",
+            }
+        ),
+    }
+)
+
 
 def entries_of(structure: str, parameters: Mapping[str, float]) -> dict[str, float]:
     """J11 ... L2 of a model (1/s, 1/s^2, 1/(kg m^2)); of `entries` they are its own."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from hoopd.physics.entries import (
     ENTRIES,
+    FORMULAS,
     combinations_from,
     combinations_jacobian,
     combinations_of,
@@ -140,3 +143,11 @@ def test_a_resting_hoops_ball_turns_once_less_than_the_papers_say():
     assert spin_ratio("published", DEVICE) == pytest.approx(-0.0957 / 0.0104)
     with pytest.raises(ValueError, match="no equivalent"):
         equivalent("rolling", {**DEVICE, "Rb": 0.06})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_formulas_in_words_are_the_equations(kind):
+    found = combinations_of(kind, DEVICE)
+    for name, text in FORMULAS[kind].items():
+        python = re.sub(r"(?<=[\w)]) (?=[\w(])", "*", text).replace("^", "**")
+        assert eval(python, dict(DEVICE)) == pytest.approx(found[name])
