@@ -90,7 +90,7 @@ def test_arx_is_designed_from_a_recording(tmp_path: Path) -> None:
     out = tmp_path / "arx.yaml"
     result = run("arx", HOOP, Spec(), recording=str(simulated(tmp_path)), out=out)
     assert result["kind"] == "lqg_linear" and result["margins"]["phase_deg"] > 45
-    assert result["design"]["innovation_std"]["psi_rad"] == pytest.approx(0.002, rel=0.5)
+    assert result["design"]["innovation_std"]["psi_rad"] == pytest.approx(0.005, rel=0.2)
     made = run_rig(tmp_path / "run", f"control.file={out}", duration_s=8.0)
     assert made.settled_s(made.psi, 0.05) < 1.5
 
@@ -120,7 +120,7 @@ def test_pid_of_the_thesis_specification_and_what_delay_does_to_it(tmp_path: Pat
     disturbed = result["closed_loop"]["disturbed"]
     assert disturbed["psi_settled_s"] < 1.5
     assert abs(result["closed_loop"]["wrong_zero"]["end_hoop_speed_rad_s"]) == pytest.approx(7.4, abs=0.1)
-    with pytest.raises(InputError, match=r"unstable with pictures 60 ms old: pole z = 0\.\d+ \+- 0\.\d+j"):
+    with pytest.raises(InputError, match=r"unstable with pictures 60 ms old: pole z = 1\.\d+ \+- 0\.\d+j"):
         run("pid", THESIS, Spec(omega_rad_s=10, mt=1.25, phase_deg=50, delay_s=0.06), out=tmp_path / "no.yaml")
     assert not (tmp_path / "no.yaml").exists()
 
