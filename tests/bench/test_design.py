@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from hoopd import cli
-from hoopd.bench.design import poles_from, run, spec_from, weights_from
+from hoopd.bench.design import run
+from hoopd.bench.design_options import poles_from, spec_from, weights_from
 from hoopd.build import build_tick, mismatch, read_texts
+from hoopd.design.arxlaw import arriving
 from hoopd.design.closedloop import LinearPlant, Scenario, picture_timing
-from hoopd.design.laws import Spec, arriving
+from hoopd.design.laws import Spec
 from hoopd.design.lqg import Weights
 from hoopd.files import InputError
 from hoopd.modelfiles import controller_of, load_controller, load_model, plant_of
