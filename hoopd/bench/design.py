@@ -11,6 +11,7 @@ from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
 
+from hoopd.bench.inputs import read_recording
 from hoopd.design.arxlaw import design_arx
 from hoopd.design.closedloop import Run
 from hoopd.design.controllerfile import controller_data, controller_text
@@ -58,10 +59,11 @@ def run(
         drawn = draw_design(_gang(designed), runs, disturbance_rad, title=_title(law, found, spec))
         style.save(drawn, figure)
     _write(out, text)
-    return _result(law, file, designed, spec, poles, found, runs) | {
+    return {
         "model": model_path.name,
         "controller": "" if out is None else out.name,
-        "warnings": [*designed.notes, *_poor(found, spec), *_restless(runs)],
+        **_result(law, file, designed, spec, poles, found, runs),
+        "warnings": [*designed.notes, *_poor(found, spec), *_restless(runs), *_left_out(model)],
     }
 
 
@@ -76,9 +78,7 @@ def _designed(law: str, plant: Plant, spec: Spec, recording: str | None) -> Law:
     try:
         if recording is None:
             return LAWS[law](plant, spec)
-        from hoopd.recording import load
-
-        return design_arx(plant, spec, load(recording))
+        return design_arx(plant, spec, read_recording(recording))
     except InputError:
         raise
     except (ValueError, ArithmeticError) as error:
@@ -108,6 +108,11 @@ def _poor(found: Margins, spec: Spec) -> list[str]:
 def _restless(runs: Trial) -> list[str]:
     names = ("disturbed", "released")
     return [f"ball not at rest at the end of the nonlinear run {n!r}" for n in names if not at_rest(getattr(runs, n))]
+
+
+def _left_out(model: ModelFile) -> list[str]:
+    names = ", ".join(entry.name for entry in model.effects)
+    return [f"designed without the model's effects: {names}"] if names else []
 
 
 # ---------------------------------------------------------------------------------------------- files
@@ -210,13 +215,15 @@ def _margins(found: Margins) -> dict[str, Any]:
 
 
 def _poles(poles: list[Pole]) -> dict[str, Any]:
-    """The poles that shape the response; of those at 0, torques and pictures on their way, only the number."""
+    """The poles z that shape the response, with natural frequency and damping; those at 0, torques and pictures on
+    their way, are counted."""
     slow = [pole for pole in poles if abs(pole.z) >= DELAY_POLE]
-    rows = [
-        {"re": pole.z.real, "im": pole.z.imag, "natural_rad_s": pole.natural_rad_s, "damping": pole.damping}
-        for pole in slow
-    ]
-    return {"closed_loop_poles": _finite(rows), "delay_poles": len(poles) - len(slow)}
+    return {
+        "closed_loop_poles": [{"re": pole.z.real, "im": pole.z.imag} for pole in slow],
+        "natural_rad_s": [pole.natural_rad_s for pole in slow],
+        "damping": [pole.damping for pole in slow],
+        "delay_poles": len(poles) - len(slow),
+    }
 
 
 def _finite(values: Any) -> Any:

@@ -109,6 +109,12 @@ def test_a_file_without_arrival_times_is_made_late() -> None:
         arriving(from_columns({"t": 2 * t, "u": t}), Spec())
 
 
+def test_effects_of_a_model_are_named_as_left_out(tmp_path: Path) -> None:
+    model = tmp_path / "m.yaml"
+    model.write_text(HOOP.read_text().replace("effects: []", "effects: [{name: friction.coulomb}]"))
+    assert run("lqg", model, Spec())["warnings"] == ["designed without the model's effects: friction.coulomb"]
+
+
 # ------------------------------------------------------------------------------------------ the thesis's figures
 
 
@@ -143,7 +149,7 @@ def test_state_feedback_bears_the_delay_that_a_pid_does_not() -> None:
     assert any("phase margin" in text for text in pid["warnings"])
     assert pid["margins"]["delay_ms"] < 40
     placed = run("placement", THESIS, Spec(poles=(-4, -6 + 6j, -6 - 6j)))
-    found = {round(pole["natural_rad_s"], 6) for pole in placed["closed_loop_poles"]}
+    found = {round(value, 6) for value in placed["natural_rad_s"]}
     assert {4.0, round(abs(-6 + 6j), 6)} <= found
 
 
