@@ -15,8 +15,10 @@ from hoopd.bench.design_options import poles_from, spec_from, weights_from
 from hoopd.build import build_tick, mismatch, read_texts
 from hoopd.design.arxlaw import arriving
 from hoopd.design.closedloop import LinearPlant, Scenario, picture_timing
-from hoopd.design.laws import Spec
+from hoopd.design.gangoffour import noise_gain
+from hoopd.design.laws import LAWS, Spec
 from hoopd.design.lqg import Weights
+from hoopd.design.margins import margins
 from hoopd.files import InputError
 from hoopd.modelfiles import controller_of, load_controller, load_model, plant_of
 from hoopd.recording.recording import from_columns
@@ -221,3 +223,25 @@ def test_linear_plant_is_the_plant_for_small_angles() -> None:
     np.testing.assert_allclose(LinearPlant(plant).advance(x, 1e-3, 0.013), plant.advance(x, 1e-3, 0.013), rtol=1e-6)
     far = np.array([0.0, 0.0, 1.0, 0.0])
     assert np.abs(LinearPlant(plant).advance(far, 0.0, 0.02) - plant.advance(far, 0.0, 0.02)).max() > 1e-3
+
+
+def test_the_page_tells_what_the_command_finds() -> None:
+    """Margins, largest |S| and noise of the table in docs/design.md."""
+    text = (CONFIG.parent / "docs" / "design.md").read_text()
+    rows, name = [], ""
+    for line in text.split("## The same device")[1].split("## ")[0].splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")] if line.startswith("|") else []
+        if len(cells) > 5 and cells[1].endswith(" ms") and "unstable" not in line:
+            name = cells[0].strip("`") or name
+            rows.append(
+                (name, *(float(cell.split()[0]) for cell in (cells[1], cells[2], cells[3], cells[-4], cells[-3])))
+            )
+    assert len(rows) == 6
+    plant = plant_of(load_model(THESIS))
+    for law, delay_ms, phase_deg, more_ms, ms, noise in rows:
+        made = LAWS[law](plant, Spec(delay_s=delay_ms / 1e3))
+        found = margins(made.loop)
+        assert np.degrees(abs(found.phase_rad)) == pytest.approx(phase_deg, abs=0.06), law
+        assert 1e3 * found.delay_s == pytest.approx(more_ms, abs=0.6), law
+        assert found.peak_sensitivity == pytest.approx(ms, abs=0.006), law
+        assert noise_gain(made.plant, made.controller, made.loop) == pytest.approx(noise, abs=0.006), law
