@@ -214,7 +214,7 @@ def design(
     ] = None,
     ratio: Annotated[float, typer.Option("--ratio", help="lead: N; lag: M.")] = 5.0,
     gain: Annotated[float, typer.Option("--gain", help="lead, lag: N m/rad.")] = 1.0,
-    poles: Annotated[str, typer.Option("--poles", help="placement: rad/s, of hoop speed and ball.")] = "-6+6j,-6-6j,-1",
+    poles: Annotated[str, typer.Option("--poles", help="placement: rad/s, of hoop speed and ball.")] = "-5+7j,-5-7j,-4",
     weights: Annotated[
         list[str],
         typer.Option("--weights", help="lqg, arx: deviation that costs one, psi=0.2; dtheta, psi, dpsi, torque."),
@@ -226,7 +226,8 @@ def design(
     json_path: JsonOption = None,
 ) -> None:
     """Design a control law for a model and write the file that the daemon loads."""
-    from hoopd.bench.design import poles_from, run, spec_from, weights_from
+    from hoopd.bench.design import run
+    from hoopd.bench.design_options import poles_from, spec_from, weights_from
 
     spec = spec_from(
         omega_rad_s=omega,

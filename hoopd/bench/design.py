@@ -7,22 +7,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import replace
-from math import degrees, inf, isfinite
+from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
 
+from hoopd.bench.inputs import read_recording
+from hoopd.design.arxlaw import design_arx
 from hoopd.design.closedloop import Run
 from hoopd.design.controllerfile import controller_data, controller_text
-from hoopd.design.gangoffour import gang_of_four, noise_gain, nyquist_gain, peaks
-from hoopd.design.laws import LAWS, Law, Pole, Spec, closed_loop_poles, design_arx, unstable
-from hoopd.design.lqg import Weights
+from hoopd.design.gangoffour import GangOfFour, gang_of_four, noise_gain, nyquist_gain, peaks
+from hoopd.design.laws import LAWS, Law, Spec
 from hoopd.design.margins import Margins, margins
-from hoopd.design.trial import Trial, at_rest, figures_of, trial
+from hoopd.design.poles import Pole, closed_loop_poles, unstable
+from hoopd.design.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
 from hoopd.files import InputError, os_reason
 from hoopd.modelfiles import ControllerFile, ModelFile, load_model, parse_controller, plant_of
 from hoopd.physics.plant import Plant
 from hoopd.plots import style
+from hoopd.plots.loops import draw_design
 from hoopd.shipped import defaults_folder, or_shipped
 
 KINDS = (*LAWS, "arx")
@@ -30,7 +32,6 @@ HEAD = "Made by `hoopd design {law}` from {model}."
 # Below these a loop is fragile (Astrom and Murray, Feedback Systems, 10.3: 30 to 60 degrees, Ms 1.2 to 2).
 LEAST_PHASE_DEG, LARGEST_MS, LEAST_GAIN_UP = 30.0, 2.0, 2.0
 DELAY_POLE = 0.01  # |z|: below it a pole's response is over within a tick; a fourfold one is found at 1e-4, not at 0
-WEIGHT_NAMES = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s", "torque": "torque_nm"}
 
 
 def run(
@@ -55,72 +56,15 @@ def run(
     file = parse_controller(text, out or law)
     found, runs = margins(designed.loop), trial(file, plant, disturbance_rad, spec.delay_s)
     if figure is not None:
-        _draw(law, designed, runs, figure)
+        drawn = draw_design(_gang(designed), runs, disturbance_rad, title=_title(law, found, spec))
+        style.save(drawn, figure)
     _write(out, text)
-    return _result(law, file, designed, spec, poles, found, runs) | {
+    return {
         "model": model_path.name,
         "controller": "" if out is None else out.name,
-        "warnings": [*designed.notes, *_poor(found, spec), *_restless(runs)],
+        **_result(law, file, designed, spec, poles, found, runs),
+        "warnings": [*designed.notes, *_poor(found, spec), *_restless(runs), *_left_out(model)],
     }
-
-
-# Option of each number of the specification, and between which values it makes sense.
-RANGES = {
-    "omega_rad_s": ("--omega", 0.0, 1e3),
-    "mt": ("--mt", 1.0, 100.0),
-    "phase_deg": ("--phase", -180.0, 180.0),
-    "zeta": ("--zeta", 0.0, 10.0),
-    "filter_ratio": ("--filter", 0.0, 1e3),
-    "ratio": ("--ratio", 0.0, 1e3),
-    "sample_time_s": ("--sample-time", 0.0, 0.1),
-}
-LONGEST_DELAY_S = 0.2  # the filter's memory is 0.25 s
-
-
-def spec_from(**values: Any) -> Spec:
-    """A specification; InputError names the option whose number makes no sense."""
-    for name, (option, low, high) in RANGES.items():
-        value = values.get(name)
-        if value is not None and not low < value <= high:
-            raise InputError(option, "", f"must be above {low:g} and at most {high:g}, not {value:g}")
-    if not 0.0 <= values.get("delay_s", 0.0) <= LONGEST_DELAY_S:
-        raise InputError("--delay", "", f"must be from 0 to {LONGEST_DELAY_S:g} s, not {values['delay_s']:g}")
-    if not isfinite(values.get("gain", 1.0)):
-        raise InputError("--gain", "", "must be a finite number")
-    if values.get("lead") is not None and not all(0.0 < value <= 1e3 for value in values["lead"]):
-        raise InputError("--lead", "", "takes rad/s and N, both above 0 and at most 1000")
-    return Spec(**values)
-
-
-def weights_from(texts: list[str]) -> Weights:
-    """Weights of "psi=0.2" and the like; InputError for a name or a number that is none."""
-    changes: dict[str, float] = {}
-    for text in (part for item in texts for part in item.split(",")):
-        name, equals, value = text.strip().partition("=")
-        number = _number(value)
-        if not equals or name not in WEIGHT_NAMES or not 0.0 < number < inf:
-            names = ", ".join(f"{one}=..." for one in WEIGHT_NAMES)
-            raise InputError("--weights", "", f"expected {names} with numbers above 0, not {text!r}")
-        changes[WEIGHT_NAMES[name]] = number
-    return replace(Weights(), **changes)
-
-
-def poles_from(text: str) -> tuple[complex, ...]:
-    """Poles of "-6+6j,-6-6j,-1" in rad/s; InputError unless all are stable numbers."""
-    try:
-        poles = tuple(complex(part.strip().replace("i", "j")) for part in text.split(","))
-    except ValueError:
-        raise InputError("--poles", "", f"expected complex numbers such as -6+6j,-6-6j,-1, not {text!r}") from None
-    if not all(pole.real < 0.0 and isfinite(abs(pole)) for pole in poles):
-        raise InputError("--poles", "", "a stable loop has poles with negative real parts (rad/s, continuous time)")
-    return poles
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
 
 
 # ---------------------------------------------------------------------------------------------- design
@@ -134,9 +78,7 @@ def _designed(law: str, plant: Plant, spec: Spec, recording: str | None) -> Law:
     try:
         if recording is None:
             return LAWS[law](plant, spec)
-        from hoopd.recording import load
-
-        return design_arx(plant, spec, load(recording))
+        return design_arx(plant, spec, read_recording(recording))
     except InputError:
         raise
     except (ValueError, ArithmeticError) as error:
@@ -166,6 +108,11 @@ def _poor(found: Margins, spec: Spec) -> list[str]:
 def _restless(runs: Trial) -> list[str]:
     names = ("disturbed", "released")
     return [f"ball not at rest at the end of the nonlinear run {n!r}" for n in names if not at_rest(getattr(runs, n))]
+
+
+def _left_out(model: ModelFile) -> list[str]:
+    names = ", ".join(entry.name for entry in model.effects)
+    return [f"designed without the model's effects: {names}"] if names else []
 
 
 # ---------------------------------------------------------------------------------------------- files
@@ -212,11 +159,13 @@ def _write(out: Path | None, text: str) -> None:
         raise InputError(out, "--out", os_reason(error, "cannot be written")) from None
 
 
-def _draw(law: str, designed: Law, runs: Trial, path: Path) -> None:
-    from hoopd.plots.loops import draw_design
+def _gang(designed: Law) -> GangOfFour:
+    return gang_of_four(designed.plant, designed.controller, designed.loop)
 
-    gang = gang_of_four(designed.plant, designed.controller, designed.loop)
-    style.save(draw_design(gang, runs, title=f"Closed loop: {law}"), path)
+
+def _title(law: str, found: Margins, spec: Spec) -> str:
+    margin = f"phase margin {degrees(abs(found.phase_rad)):.0f} degrees, bears {1e3 * found.delay_s:.0f} ms more"
+    return f"{law}, pictures {1e3 * spec.delay_s:g} ms old: {margin}"
 
 
 # ---------------------------------------------------------------------------------------------- result
@@ -236,15 +185,19 @@ def _result(
         **_poles(poles),
         "margins": _finite(_margins(found)),
         "gang_of_four": _finite(
-            peaks(gang_of_four(p, c, loop)) | {"nyquist_gain": nyquist_gain(c), "noise_gain": noise_gain(p, c, loop)}
+            peaks(_gang(designed)) | {"nyquist_gain": nyquist_gain(c), "noise_gain": noise_gain(p, c, loop)}
         ),
-        "closed_loop": {name: _figures(getattr(runs, name), limit) for name in ("disturbed", "released", "wrong_zero")},
+        "closed_loop": {
+            "disturbed": _figures(runs.disturbed, limit, runs.disturbed_linear),
+            "released": _figures(runs.released, limit, runs.released_linear),
+            "wrong_zero": _figures(runs.wrong_zero, limit),
+        },
     }
 
 
-def _figures(made: Run, limit_nm: float) -> dict[str, Any]:
+def _figures(made: Run, limit_nm: float, linear: Run | None = None) -> dict[str, Any]:
     values: dict[str, Any] = _finite(figures_of(made, limit_nm))
-    return values
+    return values if linear is None else values | {"nonlinear_difference_rad": nonlinear_difference(made, linear)}
 
 
 def _margins(found: Margins) -> dict[str, Any]:
@@ -262,13 +215,15 @@ def _margins(found: Margins) -> dict[str, Any]:
 
 
 def _poles(poles: list[Pole]) -> dict[str, Any]:
-    """The poles that shape the response; of those at 0, torques and pictures on their way, only the number."""
+    """The poles z that shape the response, with natural frequency and damping; those at 0, torques and pictures on
+    their way, are counted."""
     slow = [pole for pole in poles if abs(pole.z) >= DELAY_POLE]
-    rows = [
-        {"re": pole.z.real, "im": pole.z.imag, "natural_rad_s": pole.natural_rad_s, "damping": pole.damping}
-        for pole in slow
-    ]
-    return {"closed_loop_poles": _finite(rows), "delay_poles": len(poles) - len(slow)}
+    return {
+        "closed_loop_poles": [{"re": pole.z.real, "im": pole.z.imag} for pole in slow],
+        "natural_rad_s": [pole.natural_rad_s for pole in slow],
+        "damping": [pole.damping for pole in slow],
+        "delay_poles": len(poles) - len(slow),
+    }
 
 
 def _finite(values: Any) -> Any:

@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.core.controllers import LinearGains
-from hoopd.design.lqg import Weights, lqr
+from hoopd.design.lqg import Weights, kalman_gain, lqr
 
 Array = NDArray[Any]
 
 OUTPUTS = 2
+# What acts on the hoop beside the torque that was sent, per tick.
+DISTURBANCE_NM = 0.05
+SMALLEST_NOISE = 1e-12  # keeps the Riccati equation solvable for the states that are only past values
 
 
 class ArxModel(NamedTuple):
@@ -61,15 +64,21 @@ def state_space(model: ArxModel) -> tuple[Array, Array, Array]:
 
 
 def arx_lqg(model: ArxModel, weights: Weights, h: float) -> LinearGains:
-    """Feedback on an ARX model. Its noise enters with the output, so the filter takes an output that came as it is
-    (M = [I; 0]) and predicts the one that did not."""
+    """Feedback on an ARX model, and a filter that takes its residual for noise of the outputs and of their sensors.
+
+    By the letter of an ARX model its noise enters with the output alone, M = [I; 0]: the filter believes every sample,
+    and of five experiments like the shipped one two end with 17 degrees of phase margin. On a device the residual is
+    the sensors' noise as well, and a torque disturbs the hoop: then all five have 54 degrees and 64 ms or more.
+    """
     a, b, c = state_space(model)
     n = len(b)
     rate = np.zeros(n)
     rate[1], rate[OUTPUTS + 1] = 1.0 / h, -1.0 / h  # dpsi by difference
     rows = np.vstack([c[0] / weights.dtheta_rad_s, c[1] / weights.psi_rad, rate / weights.dpsi_rad_s])
     feedback = lqr(a, b[:, None], rows.T @ rows, np.array([[weights.torque_nm**-2]]))[0]
-    filter_gain = np.vstack([np.eye(OUTPUTS), np.zeros((n - OUTPUTS, OUTPUTS))])
+    noise = DISTURBANCE_NM**2 * np.outer(b, b) + SMALLEST_NOISE * np.eye(n)
+    noise[:OUTPUTS, :OUTPUTS] += model.covariance
+    filter_gain = kalman_gain(a, c, noise, model.covariance)
     return LinearGains(a, b, c, filter_gain, feedback, _feedforward(a, b, c, feedback, h))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from math import ceil, inf
+from math import ceil
 from typing import Any, NamedTuple
 
 import control
@@ -16,19 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.core.estimator import EkfSettings
-from hoopd.design import margins
 from hoopd.design.analysis import linear_model, minimal, transfer_function
-from hoopd.design.arx import arx_lqg, fit_arx
 from hoopd.design.controllerfile import plain
 from hoopd.design.delay import held
 from hoopd.design.discrete import c2d
 from hoopd.design.links import lag_link, lead_link_at
 from hoopd.design.loopshaping import loopshaping_pi, loopshaping_pid, peak_complementary
-from hoopd.design.lqg import Weights, feedback, lqg_law, observer_law, reduced_model, seen_plant, state_feedback
+from hoopd.design.lqg import Weights, feedback, lqg_law, reduced_model, seen_plant, state_feedback
 from hoopd.design.pid import Parallel, pid, to_standard
 from hoopd.design.placement import place, place_pi
 from hoopd.physics.plant import Plant
-from hoopd.recording.recording import Recording
 
 Array = NDArray[Any]
 
@@ -57,7 +54,7 @@ class Spec:
     lead: tuple[float, float] | None = None  # a lead link in series: rad/s, N
     ratio: float = 5.0  # N of a lead link, M of a lag link
     gain: float = 1.0  # of a lead or lag link alone, N m/rad
-    poles: tuple[complex, ...] = (-6 + 6j, -6 - 6j, -1)  # rad/s, of (dtheta, psi, dpsi)
+    poles: tuple[complex, ...] = (-5 + 7j, -5 - 7j, -4)  # rad/s, of hoop speed and ball together
     weights: Weights = field(default_factory=Weights)
     delay_s: float = PICTURE_AGE_S
     sample_time_s: float = 0.02
@@ -182,6 +179,10 @@ def _exceeded(value: float, w: float, mt: float) -> str:
     return f"|T| touches {mt:g} where it should, but reaches {value:.3g} at {w:.3g} rad/s"
 
 
+def _pair(value: complex) -> dict[str, float]:
+    return {"re": float(value.real), "im": float(value.imag)}
+
+
 # ---------------------------------------------------------------------------------------------- laws with a model
 
 
@@ -202,45 +203,10 @@ def design_placement(plant: Plant, spec: Spec) -> Law:
 def _on_estimate(plant: Plant, k: Array, spec: Spec, numbers: dict[str, Any]) -> Law:
     h, ticks = spec.sample_time_s, spec.delay_ticks
     law = lqg_law(plant, k, EkfSettings(), h=h, delay_ticks=ticks)
-    return _on_both("lqg", plain(asdict(state_feedback(plant, k))), law, seen_plant(plant, h, ticks), numbers)
+    return on_both("lqg", plain(asdict(state_feedback(plant, k))), law, seen_plant(plant, h, ticks), numbers)
 
 
-def design_arx(plant: Plant, spec: Spec, recording: Recording, orders: tuple[int, int] = (4, 6)) -> Law:
-    """LQG on an ARX model of what arrives in each tick; the plant judges it."""
-    u, y = arriving(recording, spec)
-    model = fit_arx(u, y, *orders)
-    gains = arx_lqg(model, spec.weights, spec.sample_time_s)
-    own = control.ss(gains.a, gains.b[:, None], gains.c, 0, spec.sample_time_s)
-    law = observer_law(own, gains.filter_gain, gains.feedback[None, :])
-    numbers = {
-        "weights": asdict(spec.weights),
-        "orders": {"outputs": orders[0], "torque": orders[1]},
-        "innovation_std": {"dtheta_rad_s": model.covariance[0, 0] ** 0.5, "psi_rad": model.covariance[1, 1] ** 0.5},
-    }
-    plant_seen = seen_plant(plant, spec.sample_time_s, spec.delay_ticks)
-    return _on_both("lqg_linear", plain(gains._asdict()), law, plant_seen, numbers)
-
-
-def arriving(recording: Recording, spec: Spec) -> tuple[Array, Array]:
-    """u (n,), y (n, 2) = (dtheta, psi) by the tick in which they come; a file without times of its own is made late.
-
-    A daemon's recording has each value in the row of its arrival. In a .mat, .csv or HDF5 file all of a row was taken
-    at once, so the law's tick sees dtheta one row and psi `delay_ticks` rows later.
-    """
-    if abs(recording.sample_time_s / spec.sample_time_s - 1.0) > 0.01:
-        reason = f"rows are {recording.sample_time_s:g} s apart, the tick has {spec.sample_time_s:g} s"
-        raise ValueError(f"{reason}: resample the recording (hoopd convert --step)")
-    y = np.stack([recording.dtheta, recording.psi], axis=1)
-    if np.array_equal(recording.psi_t, recording.t):
-        y = np.stack([_later(y[:, 0], 1), _later(y[:, 1], spec.delay_ticks)], axis=1)
-    return recording.u, y
-
-
-def _later(values: Array, rows: int) -> Array:
-    return np.concatenate([np.full(rows, np.nan), values[: len(values) - rows]])
-
-
-def _on_both(
+def on_both(
     kind: str, gains: dict[str, Any], law: control.StateSpace, seen: control.StateSpace, numbers: dict[str, Any]
 ) -> Law:
     """A law on (dtheta, psi): the loop is broken at the torque, the gang of four looks at psi."""
@@ -249,41 +215,8 @@ def _on_both(
     return Law(kind, gains, from_psi, to_psi, law * seen, numbers)
 
 
-# ---------------------------------------------------------------------------------------------- the loop closed
-
-
-class Pole(NamedTuple):
-    """A pole of the closed loop."""
-
-    z: complex
-    natural_rad_s: float  # |ln z|/h
-    damping: float
-
-
-def closed_loop_poles(loop: control.StateSpace) -> list[Pole]:
-    """Poles of the loop closed, the least damped radius first."""
-    found = sorted(margins.closed_loop_poles(loop), key=lambda z: (-round(abs(z), 12), z.real, z.imag))
-    return [_pole(complex(z), loop.dt) for z in found]
-
-
-def unstable(poles: list[Pole]) -> Pole | None:
-    """The pole that is furthest outside the unit circle; None when all are inside."""
-    return poles[0] if abs(poles[0].z) >= 1.0 - 1e-9 else None
-
-
-def _pole(z: complex, h: float) -> Pole:
-    if abs(z) < 1e-6:  # a torque or a picture on its way
-        return Pole(z, inf, 1.0)
-    s = np.log(z) / h
-    return Pole(z, float(abs(s)), float(-s.real / abs(s)) if abs(s) > 0.0 else 0.0)
-
-
-def _pair(value: complex) -> dict[str, float]:
-    return {"re": float(value.real), "im": float(value.imag)}
-
-
 Design = Callable[[Plant, Spec], Law]
-# Laws by the names of the command line; "arx" needs a recording and stands beside them.
+# Laws by the names of the command line; "arx" needs a recording, see `arxlaw`.
 LAWS: Mapping[str, Design] = {
     "lqg": design_lqg,
     "lqr": design_lqg,

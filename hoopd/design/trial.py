@@ -79,10 +79,9 @@ def at_rest(made: Run) -> bool:
     return isfinite(made.settled_s(made.psi, BALL_RAD))
 
 
-def nonlinear_share(made: Run, linear: Run) -> float:
-    """Largest difference of psi between the nonlinear and the linear run, as a share of the largest psi."""
-    largest = float(np.abs(made.psi).max())
-    return float(np.abs(made.psi - linear.psi).max()) / largest if largest > 0.0 else 0.0
+def nonlinear_difference(made: Run, linear: Run) -> float:
+    """Largest difference of psi between the nonlinear and the linear run, in rad."""
+    return float(np.abs(made.psi - linear.psi).max())
 
 
 def _within(time_s: float) -> float | None:

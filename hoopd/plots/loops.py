@@ -46,24 +46,24 @@ def draw_responses(runs: Mapping[str, tuple[Run, Run]], title: str = "Closed loo
     return figure
 
 
-def draw_design(gang: GangOfFour, runs: Trial, title: str = "") -> Figure:
+def draw_design(gang: GangOfFour, runs: Trial, disturbance_rad: float, title: str = "") -> Figure:
     """One law: the gang of four above, released and disturbed runs below."""
     figure = style.figure(WIDTH_IN + 1.0, 10.0, rows=5, columns=2, title=title)
     _gang(figure.axes[:4], {"": gang})
     columns = {
-        "Ball let go": (runs.released, runs.released_linear),
-        "One picture wrong": (runs.disturbed, runs.disturbed_linear),
+        f"Ball let go at {disturbance_rad:g} rad": (runs.released, runs.released_linear),
+        f"One picture {disturbance_rad:g} rad wrong": (runs.disturbed, runs.disturbed_linear),
     }
     for column, (name, pair) in enumerate(columns.items()):
         axes = figure.axes[4 + column :: 2]
         _pair(axes, "", pair, style.BLUE)
         _name_axes(axes)
-        for one in axes[1:]:
-            one.sharex(axes[0])
         for one in axes[:-1]:
             one.tick_params(labelbottom=False)
         axes[0].set_title(name, fontsize=style.TITLE_PT)
     style.legend(figure.axes[4], ncols=2)
+    for one in figure.axes[:2]:
+        one.set_xlabel("")
     return figure
 
 
@@ -92,7 +92,8 @@ def _titled(title: str, sizes: list[float]) -> str:
 def _pair(axes: Any, name: str, pair: tuple[Run, Run], colour: str) -> None:
     solid, dashed = (f"{name} {kind}".strip() for kind in ("nonlinear", "linear"))
     for run, label, look in zip(pair, (solid, dashed), ("-", "--"), strict=True):
-        options: dict[str, Any] = {"color": colour if look == "-" else style.VERMILION, "linestyle": look}
+        own = colour if name or look == "-" else style.VERMILION
+        options: dict[str, Any] = {"color": own, "linestyle": look}
         axes[0].plot(run.t, run.psi, label=label, **options)
         axes[1].plot(run.t, run.dtheta, **options)
         axes[2].step(run.t, run.u, where="post", **options)

@@ -32,7 +32,9 @@ from hoopd.design.lqg import (
     lqg_gains,
     lqg_loop,
     lqr,
+    observer_law,
     reduced_model,
+    seen_plant,
 )
 from hoopd.design.margins import margins
 from hoopd.modelfiles import load_model, plant_of
@@ -125,6 +127,15 @@ def test_arx_law_is_stable_on_its_own_model() -> None:
     gains = arx_lqg(fitted(HOOP), Weights(), TICK_S)
     loop = gains.a - np.outer(gains.b, gains.feedback)
     assert np.abs(np.linalg.eigvals(loop)).max() < 0.99
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_arx_law_has_margins_whatever_the_experiment(seed: int) -> None:
+    gains = arx_lqg(fit_arx(*experiment(HOOP, seed=seed)), Weights(), TICK_S)
+    model = control.ss(gains.a, gains.b[:, None], gains.c, 0, TICK_S)
+    law = observer_law(model, gains.filter_gain, gains.feedback[None, :])
+    found = margins(law * seen_plant(HOOP, TICK_S, 3))
+    assert found.stable and np.rad2deg(found.phase_rad) > 50 and found.delay_s > 0.06
 
 
 def test_experiment_is_the_time_line_of_the_daemon() -> None:
