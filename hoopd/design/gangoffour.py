@@ -12,7 +12,8 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.design.margins import frequency_grid, response
+from hoopd.design.margins import frequency_grid
+from hoopd.design.response import response
 
 Array = NDArray[Any]
 Lti: TypeAlias = control.TransferFunction | control.StateSpace

@@ -19,7 +19,8 @@ from hoopd.ident.experiments import Run
 from hoopd.ident.innovations import CHANNELS
 from hoopd.ident.likelihood import Likelihood
 from hoopd.ident.noise import NoiseModel
-from hoopd.ident.outputerror import ROBUST_SIGMA, Progress, Solution
+from hoopd.ident.gaussnewton import ROBUST_SIGMA
+from hoopd.ident.outputerror import Progress, Solution
 from hoopd.ident.parameters import Prior, scale_of
 from hoopd.ident.scoring import Search
 from hoopd.physics.plant import ExtraForce
@@ -82,7 +83,7 @@ def fit_prediction_error(
     search = Search(problem, progress)
     v, found = search.minimum(problem.first(starts))
     v, gains = _without_idle_noise(problem, v)
-    return _solution(problem, v, gains, values, priors, search.evaluations, bool(found.success), str(found.message))
+    return _solution(problem, v, gains, values, priors, search.evaluations, bool(found.success))
 
 
 def _without_idle_noise(problem: Likelihood, v: Array) -> tuple[Array, dict[str, float]]:
@@ -105,7 +106,6 @@ def _solution(
     priors: Mapping[str, Prior],
     evaluations: int,
     converged: bool,
-    message: str,
 ) -> PredictionSolution:
     numbers = dict(zip((*problem.scale.names, *problem.noise.names), problem.numbers(v), strict=True))
     levels = {**problem.levels, **{name: float(numbers[name]) for name in problem.noise.names}}
@@ -129,9 +129,8 @@ def _solution(
         residuals=residuals,
         jacobian=jacobian,
         cost=value,
-        evaluations=evaluations,
+        steps=evaluations,
         converged=converged,
-        message=message,
         priors=priors,
         q={name[2:]: level for name, level in levels.items() if name.startswith("q_")},
         r={name: levels[f"r_{name}"] for name in channels},

@@ -54,7 +54,7 @@ def uncertainty(solution: Solution, loss: str = "linear") -> Uncertainty:
         for name, j in profiled.items():
             a += j.T @ j
             b += j.T @ correlate(j, lags[name])
-    prior = np.diag(prior_of(solution.scale, solution.priors)[1] ** 2)
+    prior = prior_information(solution)
     freedom = _freedom(solution)
     inverse = np.linalg.pinv(a + prior, hermitian=True)
     return Uncertainty(inverse @ (b * freedom + prior) @ inverse, a, {name: len(r) - 1 for name, r in lags.items()})
@@ -80,6 +80,11 @@ def _freedom(solution: Solution) -> float:
         next(iter(j.values())).shape[1] - len(solution.names) for j in solution.jacobian
     )
     return float(count) / max(count - estimated, 1)
+
+
+def prior_information(solution: Solution) -> Array:
+    """(m, m) diagonal: 1 / sigma^2 of the priors on the search's scale."""
+    return np.diag(prior_of(solution.scale, solution.priors)[1] ** 2)
 
 
 def _all(solution: Solution, name: str) -> list[Array]:
