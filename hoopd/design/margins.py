@@ -40,7 +40,7 @@ class Crossing(NamedTuple):
 class Margins(NamedTuple):
     """Distances from instability; inf (gain_down: 0) where nothing is crossed, nan where there is no margin."""
 
-    phase_rad: float  # nearest of all gain crossovers to -180 degrees, with its sign
+    phase_rad: float  # nearest gain crossover to -180 degrees; below 0 only of an unstable loop
     delay_s: float  # more delay that the loop bears
     gain_up: float  # factor on the gain
     gain_down: float
@@ -76,6 +76,7 @@ def margins(loop: control.StateSpace, delay_s: float = 0.0) -> Margins:
     stable = _stays_stable(system, gains, delay_s)
     away = [(_wrapped(float(np.angle(c.value)) + math.pi), c.w_rad_s) for c in gains]
     phase, phase_at = min(away, key=lambda one: abs(one[0]), default=(math.inf, math.nan))
+    phase = abs(phase) if stable else phase  # lost or gained, either would end a stable loop
     delay, delay_at = _delay_margin(gains) if stable else (math.nan, math.nan)
     factors = [(1.0 / abs(c.value), c.w_rad_s) for c in real if c.value != 0]
     up, up_at = min((f for f in factors if f[0] > 1.0), default=(math.inf, math.nan))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import control
 import numpy as np
@@ -20,6 +20,7 @@ from hoopd.design.analysis import minimal, zeros
 
 Array = NDArray[Any]
 Function = Callable[[float], float]
+Lti: TypeAlias = control.StateSpace | control.TransferFunction
 
 # The grid reaches this far beyond the slowest and the fastest pole or zero.
 DECADES = 1e3
@@ -31,7 +32,7 @@ TINY = 1e-300
 TURNS = 100
 
 
-def response(system: control.StateSpace, w_rad_s: Any, delay_s: float = 0.0) -> Any:
+def response(system: Lti, w_rad_s: Any, delay_s: float = 0.0) -> Any:
     """P(jw) e^(-jw delay), or P(e^jwh) e^(-jw delay) of a sampled system; shape of `w_rad_s`."""
     w = np.asarray(w_rad_s, float)
     s = 1j * w
@@ -39,8 +40,10 @@ def response(system: control.StateSpace, w_rad_s: Any, delay_s: float = 0.0) -> 
     return _evaluated(system, point) * np.exp(-s * delay_s)
 
 
-def _evaluated(system: control.StateSpace, point: Array) -> Any:
-    """C (sI - A)^-1 B + D at all points in one call, 20 times faster than python-control's loop over points."""
+def _evaluated(system: Lti, point: Array) -> Any:
+    """C (sI - A)^-1 B + D at all points in one call, some 7 times faster than python-control's loop over points."""
+    if not isinstance(system, control.StateSpace):
+        return np.asarray(system(point, squeeze=True, warn_infinite=False))
     try:
         x = np.linalg.solve(point[..., None, None] * np.eye(system.nstates) - system.A, system.B)
     except np.linalg.LinAlgError:  # a pole is among the points: python-control gives inf there

@@ -98,4 +98,5 @@ def step_info(system: control.StateSpace, points: int = 20_000) -> dict[str, flo
         final = 0.0
     found = control.step_info(y, T=time, yfinal=final)
     relative = ("RiseTime", "SettlingTime", "Overshoot", "Undershoot") if final == 0.0 else ()
-    return {str(name): math.nan if name in relative else float(value) for name, value in found.items()}
+    figures = {str(name): math.nan if name in relative else float(value) for name, value in found.items()}
+    return {**figures, "SteadyStateValue": final}  # python-control takes a yfinal of 0 for none

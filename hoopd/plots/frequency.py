@@ -78,7 +78,8 @@ def _mark_phase_margin(gain: Axes, phase: Axes, found: Margins, angle: Callable[
     at, degrees = found.phase_rad_s, math.degrees(found.phase_rad)
     gain.plot(at, 0.0, "o", color=VERMILION, markersize=5)
     text = f"phase margin {degrees:.3g}° at {at:.4g} rad/s"
-    phase.plot([at, at], [angle(at), angle(at) - degrees], color=VERMILION, linewidth=2.5)
+    turn = 360.0 * round((angle(at) + 180.0) / 360.0) - 180.0  # the nearest of -180, 180, -540, ...
+    phase.plot([at, at], [angle(at), turn], color=VERMILION, linewidth=2.5)
     phase.plot(at, angle(at), "o", color=VERMILION, markersize=5, label=text)
 
 
@@ -169,7 +170,8 @@ def _mark_nearest(axes: Axes, system: control.StateSpace, found: Margins, delay_
     """The nearest approach to -1 and the point on the unit circle that gives the phase margin."""
     w = found.peak_sensitivity_rad_s
     nearest = complex(response(minimal(system).system, w, delay_s)) if math.isfinite(w) else 0j
-    text = f"1/Ms = {1.0 / found.peak_sensitivity:.3g} at {found.peak_sensitivity_rad_s:.4g} rad/s"
+    where = f"at {w:.4g} rad/s" if math.isfinite(w) else "at high frequency"
+    text = f"1/Ms = {1.0 / found.peak_sensitivity:.3g} {where}"
     axes.plot([-1.0, nearest.real], [0.0, nearest.imag], color=VERMILION, linewidth=1.5, label=text)
     for crossing in found.gain_crossovers:
         if crossing.w_rad_s == found.phase_rad_s:

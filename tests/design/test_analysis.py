@@ -237,6 +237,7 @@ def test_minimal_names_what_the_output_does_not_see() -> None:
     np.testing.assert_allclose(by_size(zeros(less.system)), [-0.4727679267190814], atol=1e-12)
     w = np.geomspace(0.01, 100, 20)
     np.testing.assert_allclose(response(less.system, w), response(P, w), rtol=1e-10)
+    np.testing.assert_allclose(response(transfer_function(P), w), response(P, w), rtol=1e-9)
 
 
 def test_nothing_is_dropped_when_the_hoop_angle_is_measured_and_more_when_nothing_couples() -> None:
