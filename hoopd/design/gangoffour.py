@@ -12,8 +12,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.design.margins import frequency_grid
-from hoopd.design.response import response
+from hoopd.design.response import frequency_grid, response
 
 Array = NDArray[Any]
 Lti: TypeAlias = control.TransferFunction | control.StateSpace
