@@ -31,7 +31,8 @@ class ArxModel(NamedTuple):
 
 
 def fit_arx(u: Array, y: Array, na: int = 4, nb: int = 6) -> ArxModel:
-    """Least squares over the rows whose past is complete (NaN: missing); u (n,) N m, y (n, 2); ValueError: too few."""
+    """Least squares over the rows whose past is complete (NaN: missing); u (n,) N m, y (n, 2); ValueError: too few,
+    or they do not tell the unknowns apart."""
     lag = max(na, nb)
     past_y = [y[lag - i : len(y) - i] for i in range(1, na + 1)]
     past_u = [u[lag - j : len(u) - j, None] for j in range(1, nb + 1)]
@@ -40,7 +41,9 @@ def fit_arx(u: Array, y: Array, na: int = 4, nb: int = 6) -> ArxModel:
     unknowns = OUTPUTS * na + nb
     if whole.sum() < 5 * unknowns:
         raise ValueError(f"{int(whole.sum())} complete rows are too few for {unknowns} unknowns an output")
-    solution, *_ = np.linalg.lstsq(regressors[whole], target[whole], rcond=None)
+    solution, _, rank, _ = np.linalg.lstsq(regressors[whole], target[whole], rcond=None)
+    if rank < unknowns:
+        raise ValueError(f"the run tells {rank} of {unknowns} unknowns: the torque or an output hardly moves in it")
     residual = target[whole] - regressors[whole] @ solution
     a = solution[: OUTPUTS * na].reshape(na, OUTPUTS, OUTPUTS).transpose(0, 2, 1)
     return ArxModel(a, solution[OUTPUTS * na :], np.cov(residual.T))

@@ -6,7 +6,7 @@ python-control's `gangof4_response` (0.10) is not used: it evaluates a sampled l
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import control
 import numpy as np
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from hoopd.design.response import frequency_grid, response
 
 Array = NDArray[Any]
-Lti: TypeAlias = control.TransferFunction | control.StateSpace
 
 NOISE_POINTS = 4096
 SLOWEST_RAD_S = 0.05  # a tenth of the hoop's own mode
@@ -31,7 +30,12 @@ class GangOfFour(NamedTuple):
     noise: Array  # C S: torque per noise of the ball angle, N m/rad
 
 
-def gang_of_four(plant: Lti, controller: Lti, loop: Lti | None = None, w: Array | None = None) -> GangOfFour:
+def gang_of_four(
+    plant: control.StateSpace,
+    controller: control.StateSpace,
+    loop: control.StateSpace | None = None,
+    w: Array | None = None,
+) -> GangOfFour:
     """Of plant P and controller C in negative feedback; a loop with more measurements than this one names its L."""
     grid = frequencies(plant, controller) if w is None else w
     p, c = response(plant, grid), response(controller, grid)
@@ -40,9 +44,9 @@ def gang_of_four(plant: Lti, controller: Lti, loop: Lti | None = None, w: Array 
     return GangOfFour(grid, s, value * s, p * s, c * s)
 
 
-def frequencies(plant: Lti, controller: Lti) -> Array:
+def frequencies(plant: control.StateSpace, controller: control.StateSpace) -> Array:
     """Frequencies in rad/s, from SLOWEST_RAD_S up, that miss no resonance of either."""
-    grid = np.union1d(frequency_grid(control.ss(plant)), frequency_grid(control.ss(controller)))
+    grid = np.union1d(frequency_grid(plant), frequency_grid(controller))
     end = np.pi / plant.dt * (1.0 - 1e-9) if plant.isdtime(strict=True) else np.inf
     return grid[(grid >= SLOWEST_RAD_S) & (grid <= end)]
 
@@ -52,12 +56,14 @@ def peaks(gang: GangOfFour) -> dict[str, float]:
     return {name: float(np.abs(values).max()) for name, values in gang._asdict().items() if name != "w"}
 
 
-def nyquist_gain(controller: Lti) -> float:
+def nyquist_gain(controller: control.StateSpace) -> float:
     """|C| at the Nyquist frequency of a sampled controller, N m/rad: what the fastest noise is multiplied with."""
     return float(abs(response(controller, np.pi / controller.dt)))
 
 
-def noise_gain(plant: Lti, controller: Lti, loop: Lti | None = None) -> float:
+def noise_gain(
+    plant: control.StateSpace, controller: control.StateSpace, loop: control.StateSpace | None = None
+) -> float:
     """Standard deviation of the torque per standard deviation of white noise on the ball angle, N m/rad.
 
     sqrt(mean |C S|^2) over the frequencies up to Nyquist.

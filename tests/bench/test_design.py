@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shared import shared_path
 
 from hoopd import cli
 from hoopd.bench.design import run
@@ -97,6 +98,22 @@ def test_arx_is_designed_from_a_recording(tmp_path: Path) -> None:
     assert result["design"]["innovation_std"]["psi_rad"] == pytest.approx(0.005, rel=0.2)
     made = run_rig(tmp_path / "run", f"control.file={out}", duration_s=8.0)
     assert made.settled_s(made.psi, 0.05) < 1.5
+
+
+@pytest.mark.parametrize("name", ["meas_hoopAndBall2_01", "meas_hoop01_prbs"])
+def test_arx_of_a_real_recording_holds_the_ball_in_the_rig(tmp_path: Path, name: str) -> None:
+    """Judged on the thesis's model, run on a rig of the thesis's device; the recorded device is another one."""
+    recording = str(shared_path(f"recordings/{name}.mat"))
+    out = tmp_path / "arx.yaml"
+    result = run("arx", THESIS, Spec(), recording=recording, out=out)
+    assert result["margins"]["phase_deg"] > 50 and result["margins"]["delay_ms"] > 60
+    made = run_rig(tmp_path / "run", f"control.file={out}", "sim.model=models/thesis.yaml", duration_s=8.0)
+    assert made.settled_s(made.psi, 0.05) < 2.0
+
+
+def test_a_recording_that_tells_nothing_is_refused() -> None:
+    with pytest.raises(InputError, match="hardly moves"):
+        run("arx", THESIS, Spec(), recording=str(shared_path("recordings/meas_ballOnly01.mat")))
 
 
 def test_a_file_without_arrival_times_is_made_late() -> None:

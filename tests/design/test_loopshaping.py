@@ -257,7 +257,7 @@ def test_margins_of_the_continuous_loops(link: object, phase: float, crossover: 
 
 
 def test_gain_at_the_nyquist_frequency() -> None:
-    c, lead = c2d(filtered(PRINTED), H), c2d(lead_link_at(80, 5), H)
+    c, lead = (control.ss(c2d(one, H)) for one in (filtered(PRINTED), lead_link_at(80, 5)))
     end = np.pi / H
     assert abs(frequency_response(c, end)) == pytest.approx(2.63, abs=0.005)
     assert abs(frequency_response(lead, end)) == pytest.approx(5.0, abs=0.005)

@@ -12,7 +12,7 @@ from hoopd.design.trial import Trial
 from hoopd.plots.loops import draw_design, draw_gang_of_four, draw_responses
 from hoopd.plots.style import rendered
 
-PLANT, CONTROLLER = control.tf([1.0], [1.0, 1.0]).sample(0.02), control.tf([2.0], [1.0], 0.02)
+PLANT, CONTROLLER = control.ss([[0.9]], [[0.1]], [[1.0]], 0, 0.02), control.ss([[0.2]], [[1.0]], [[1.0]], 0.5, 0.02)
 
 
 def made(scale: float) -> Run:

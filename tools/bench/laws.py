@@ -1,6 +1,6 @@
 """The laws in the full rig: settling, hoop speed, limit cycle, limits; and the figures of the documentation.
 
-Usage: python tools/bench/control.py [--figures FOLDER] [--json FILE]
+Usage: python tools/bench/laws.py [--figures FOLDER] [--json FILE]
 Every row is a run of the whole daemon in lock-step (bytes, board, camera two frames late, default noise), judged by
 the plant's true state and the board's own log of its torque. Times count from the release, the disturbance
 or the new reference; `off` is psi minus reference.
