@@ -138,6 +138,8 @@ def simulate(
     """Run a model freely with the torque of a recording and compare."""
     from hoopd.bench.simulate import run
 
+    _check_folder(json_path)
+
     result = run(
         model,
         recording,
@@ -255,6 +257,14 @@ def _progress() -> Iterator[Callable[[str], None]]:
     console = Console(stderr=True)
     with console.status("") as status:
         yield status.update
+
+
+def _check_folder(json_path: Path | None) -> None:
+    """Said before the work, and before another file is written."""
+    if json_path is not None and not json_path.parent.is_dir():
+        from hoopd.files import InputError
+
+        raise InputError(json_path, "--json", "no such folder")
 
 
 def _finish(result: dict[str, Any], json_path: Path | None, shown: dict[str, Any] | None = None) -> None:

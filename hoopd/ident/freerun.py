@@ -74,7 +74,18 @@ def free_runs(
     if not ready:
         raise InputError(recording.source, ", ".join(channels), "too few samples to estimate a start: give one")
     starts = estimated_starts(subject, [run for _, run in ready], search=window_s is None)
-    return run_from(subject, [part for part, _ in ready], starts, moving)
+    runs = run_from(subject, [part for part, _ in ready], starts, moving)
+    # a force may depend on theta: then a turned run would be another run
+    return runs if subject.extra_forces else [_through_first_theta(run) for run in runs]
+
+
+def _through_first_theta(run: FreeRun) -> FreeRun:
+    """The run turned to meet the first theta: its rate says nothing of where the hoop stood."""
+    nodes, values = run.part.channels["theta"]
+    if len(nodes) == 0:
+        return run
+    turn = np.array([values[0] - run.states[nodes[0], 0], 0.0, 0.0, 0.0])
+    return FreeRun(run.part, run.start + turn, run.states + turn)
 
 
 def given_start(part: Timeline, start: Mapping[str, float]) -> Array:
@@ -98,8 +109,9 @@ def run_from(subject: Subject, parts: Sequence[Timeline], starts: Sequence[Array
 def estimated_starts(subject: Subject, runs: Sequence[Run], *, search: bool = True) -> list[Array]:
     """Initial states (4,) that make the free runs fit best in least squares; `search`: from several first guesses."""
     guesses = [list(runs)]
-    if search:
-        guesses.append([replace(run, start=_best_guess(subject, run)) for run in runs])
+    nearest = [_best_guess(subject, run) if search else run.start for run in runs]
+    if any(found is not run.start for found, run in zip(nearest, runs, strict=True)):
+        guesses.append([replace(run, start=found) for found, run in zip(nearest, runs, strict=True)])
     return min((_fitted(subject, guess) for guess in guesses), key=_badness).starts
 
 

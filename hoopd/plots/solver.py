@@ -74,11 +74,11 @@ def _errors(axes: Axes, found: Study) -> None:
     steps = sorted(found.by_step, reverse=True)
     efforts = [round(4 * span / h) for h in steps]
     worst = [float(np.abs(found.by_step[h] - found.truth).max(axis=0)[0]) for h in steps]
-    axes.loglog(efforts, worst, "s-", color=BLACK, label="Runge-Kutta 4, sample to sample")
+    axes.loglog(efforts, worst, "s-", color=BLACK, label="RK4, sample to sample")
     slope = worst[0] * (np.array(efforts) / efforts[0]) ** -4.0
     axes.loglog(efforts, 3.0 * slope, "--", color=SKY, linewidth=1.0, label="order 4")
     axes.axhline(2 * math.pi / 4096, color=GREY, linewidth=0.8, linestyle=":")
-    axes.annotate("one encoder count", (0.99, 2 * math.pi / 4096), xycoords=("axes fraction", "data"), ha="right",
+    axes.annotate("one encoder count", (0.01, 2 * math.pi / 4096), xycoords=("axes fraction", "data"), ha="left",
                   va="bottom", fontsize=8.5, color=GREY)  # fmt: skip
     axes.set_title("largest error of the hoop angle against effort", fontsize=10)
     axes.set_xlabel("evaluations of the equations")

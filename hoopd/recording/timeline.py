@@ -82,8 +82,8 @@ def switch_times(recording: Recording) -> Array:
     tells; without one, the usual time after the tick."""
     t, y_t = recording.t, recording.y_t
     after = np.append(y_t[1:], np.nan)
-    # a row's torque acts after its tick and before the next one
-    good = (after >= t) & (after < np.append(t[1:], np.inf))
+    # a row's torque acts after its tick and before the next one, by more than the rounding of a text file
+    good = (after >= t) & (after < np.append(t[1:], np.inf) - SAME_S)
     if np.array_equal(t, y_t) or not good.any():
         return t
     return np.asarray(np.where(good, after, t + np.median((after - t)[good])))

@@ -1,0 +1,196 @@
+"""`hoopd simulate`: the record, the files it writes, and one line for whatever cannot be used."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from shared import shared_path
+
+from hoopd import cli
+from hoopd.bench.inputs import Span, read_recording, split_slice
+from hoopd.ident.solvers import two_level_torque
+from hoopd.modelfiles import load_model, plant_of
+from hoopd.recording import load, load_all, save
+from hoopd.recording.recording import Recording, from_columns
+
+MODELS = Path(__file__).resolve().parents[2] / "config" / "models"
+DEVICE = MODELS / "hoop.yaml"
+EFFECT = "effects: [{name: friction.coulomb, parameters: {}}]"
+
+
+def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    """Exit code of `hoopd simulate ARGUMENTS`."""
+    monkeypatch.setattr(sys, "argv", ["hoopd", "simulate", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    return int(ended.value.code or 0)
+
+
+def recorded(rows: int = 300) -> Recording:
+    """The device as the model has it, from psi 0.4."""
+    plant, x, u = plant_of(load_model(DEVICE)), np.array([0.0, 0.0, 0.4, 0.0]), two_level_torque(rows, 2)
+    states = []
+    for k in range(rows):
+        states.append(x)
+        x = plant.advance(x, u[k], 0.02)
+    theta, dtheta, psi, _ = np.array(states).T
+    return from_columns({"t": 0.02 * np.arange(rows), "u": u, "theta": theta, "dtheta": dtheta, "psi": psi}, "made.csv")
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Path:
+    path = tmp_path / "made.csv"
+    save(recorded(), path)
+    return path
+
+
+def result_of(monkeypatch: pytest.MonkeyPatch, folder: Path, *arguments: object) -> dict[str, Any]:
+    """JSON of a run that ends well."""
+    path = folder / "result.json"
+    assert command(monkeypatch, *arguments, "--json", path) == 0
+    found: dict[str, Any] = json.loads(path.read_text())
+    return found
+
+
+def test_the_record_and_every_file(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, figure = tmp_path / "out.csv", tmp_path / "run.png"
+    found = result_of(monkeypatch, tmp_path, "--model", DEVICE, "--input", made, "--out", out, "--figure", figure)
+    np.testing.assert_allclose(load(out).psi, recorded().psi, atol=1e-4)
+    assert figure.stat().st_size > 10_000
+    assert found["start_from"] == "estimated" and found["moving"] == "both" and found["rows"] == 300
+    assert found["start"]["psi"] == pytest.approx(0.4, abs=1e-5)
+    for part in ("free_run", "windows_2s"):
+        assert {name: round(one["nrmse_percent"]) for name, one in found[part].items()} == {
+            "theta_rate": 100,
+            "dtheta": 100,
+            "psi": 100,
+        }
+    assert "free_run" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("extension", [".mcap", ".mat", ".h5"])
+def test_every_format_is_written(extension: str, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / f"out{extension}"
+    assert command(monkeypatch, "--model", DEVICE, "--input", f"{made}@0:1", "--x0", "psi=0.4", "--out", out) == 0
+    np.testing.assert_allclose(load(out).psi, recorded().psi[:51], atol=1e-4)
+
+
+def test_same_input_same_bytes(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = []
+    for name in ("a", "b"):
+        out, figure = tmp_path / f"{name}.csv", tmp_path / f"{name}.svg"
+        assert command(monkeypatch, "--model", DEVICE, "--input", made, "--out", out, "--figure", figure) == 0
+        kept.append((out.read_bytes(), figure.read_bytes()))
+    assert kept[0] == kept[1]
+
+
+def test_a_given_start_and_a_slice(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = result_of(monkeypatch, tmp_path, "--model", DEVICE, "--input", f"{made}@1:3", "--x0", "psi=0.1, dtheta=-2")
+    assert found["start_from"] == "given" and found["rows"] == 101
+    assert found["start"]["psi"] == 0.1 and found["start"]["dtheta"] == -2.0 and found["start"]["dpsi"] == 0.0
+    assert found["free_run"]["psi"]["nrmse_percent"] < 50.0
+
+
+def test_torque_alone_runs_both_from_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "torque.csv"
+    path.write_text("t,u\n" + "".join(f"{0.02 * k:.2f},{0.1 * (k < 25)}\n" for k in range(50)))
+    figure, out = tmp_path / "torque.pdf", tmp_path / "out.csv"
+    found = result_of(monkeypatch, tmp_path, "--model", DEVICE, "--input", path, "--figure", figure, "--out", out)
+    assert found["start_from"] == "rest" and found["moving"] == "both" and found["free_run"] == {}
+    assert any("nothing to compare" in note for note in found["notes"])
+    dtheta = load(out).dtheta
+    assert 20.0 < dtheta[25] < 0.1 * 0.5 / 1.5e-3, "torque by time over the hoop's inertia, less what the ball takes"
+    assert abs(dtheta[49]) < dtheta[25]
+
+
+def test_a_model_with_effects_is_refused_or_said(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = tmp_path / "model.yaml"
+    model.write_text(DEVICE.read_text().replace("effects: []", EFFECT))
+    assert EFFECT in model.read_text()
+    assert command(monkeypatch, "--model", model, "--input", made) == 2
+    found = result_of(monkeypatch, tmp_path, "--model", model, "--input", made, "--without-effects")
+    assert any("friction.coulomb" in note for note in found["notes"])
+
+
+def test_what_is_doubtful_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "slow.csv"
+    whole = recorded()
+    save(replace(whole, dtheta=0.5 * whole.dtheta), path)
+    found = result_of(monkeypatch, tmp_path, "--model", DEVICE, "--input", path)
+    assert any("dtheta" in note for note in found["notes"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("--input", "nope.mat"), "nope.mat"),
+        (("--input", "MADE@5"), "START:END"),
+        (("--input", "MADE@3:1"), "ends before it begins"),
+        (("--input", "MADE@nan:1"), "finite"),
+        (("--input", "MADE@a:"), "expected a number"),
+        (("--input", "MADE@90:99"), "no row between"),
+        (("--input", "MADE@1:1.04"), "too few samples"),
+        (("--input", "MADE", "--x0", "phi=1"), "unknown; known: theta, dtheta, psi, dpsi"),
+        (("--input", "MADE", "--x0", "psi"), "NAME=VALUE"),
+        (("--input", "MADE", "--x0", "psi=1,psi=2"), "stands twice"),
+        (("--input", "MADE", "--x0", "psi=inf"), "finite"),
+        (("--input", "MADE", "--x0", "psi=1", "--moving", "hoop"), "only the hoop moves"),
+        (("--input", "MADE", "--x0", "dpsi=1e9"), "leaves every bound"),
+        (("--input", "MADE", "--moving", "all"), "known: auto, both, hoop, ball"),
+        (("--input", "MADE", "--step", "0"), "--step"),
+        (("--input", "MADE", "--step", "nan"), "--step"),
+        (("--input", "MADE", "--out", "FOLDER/run.txt"), "unknown extension"),
+        (("--input", "MADE", "--out", "FOLDER/no/run.csv"), "no such folder"),
+        (("--input", "MADE", "--figure", "FOLDER/run.gif"), "unknown extension"),
+        (("--input", "MADE", "--json", "FOLDER/no/x.json"), "no such folder"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: tuple[str, ...],
+    line: str,
+    made: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    before = sorted(tmp_path.iterdir())
+    words = [word.replace("MADE", str(made)).replace("FOLDER", str(tmp_path)) for word in arguments]
+    assert command(monkeypatch, "--model", DEVICE, *words) == 2
+    said = capsys.readouterr()
+    assert said.err.count("\n") == 1 and line in said.err, said.err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_slices_of_paths(tmp_path: Path) -> None:
+    assert split_slice("a.mat") == ("a.mat", None)
+    assert split_slice("a@b/c.mat") == ("a@b/c.mat", None)
+    assert split_slice("a.mat@2:14") == ("a.mat", Span(2.0, 14.0))
+    assert split_slice("a.h5:Exp2@:1.5") == ("a.h5:Exp2", Span(None, 1.5))
+    save(recorded(), tmp_path / "odd@1:2.csv")
+    assert len(read_recording(str(tmp_path / "odd@1:2.csv"))) == 300, "a file of that very name goes first"
+
+
+def test_an_experiment_of_an_hdf5_file(tmp_path: Path) -> None:
+    path = tmp_path / "both.h5"
+    save(recorded(), path)
+    assert len(load_all(path)) == 1
+    assert len(read_recording(f"{path}:Exp1@1:2")) == 51
+
+
+def test_a_real_recording_is_cut_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = shared_path("recordings/meas_hoop01_prbs.mat")
+    figure = tmp_path / "real.png"
+    found = result_of(
+        monkeypatch, tmp_path, "--model", MODELS / "thesis.yaml", "--input", f"{path}@21:", "--figure", figure
+    )
+    assert found["free_run"]["psi"]["set_aside"] == 90
+    assert found["free_run"]["theta_rate"]["nrmse_percent"] > 74.0
+    assert found["free_run"]["psi"]["nrmse_percent"] > 74.0
