@@ -124,9 +124,22 @@ def known_from(device: Mapping[str, float], relative_sd: Mapping[str, float] = M
 
 
 def fit_entries(runs: Sequence[Run], device: Mapping[str, float]) -> Solution:
-    """The eight entries, from those of the device under rolling; runs in which both hoop and ball move."""
-    values = {name: device[name] for name in ("mb", "Ro", "Rb", "g")} | entries_of("rolling", device)
-    return fit_output_error("entries", values, ENTRIES, runs)
+    """The eight entries from runs in which hoop and ball move, the better of two searches.
+
+    They start from the device's entries under each kinematics: from the wrong one a long free run may end elsewhere.
+    """
+    geometry = {name: device[name] for name in ("mb", "Ro", "Rb", "g")}
+    found = [
+        fit_output_error("entries", geometry | entries_of(kind, device), ENTRIES, runs, priors={})
+        for kind in KINEMATICS
+    ]
+    return min(found, key=_likelihood)
+
+
+def _likelihood(solution: Solution) -> float:
+    """-2 log L = sum_c n_c log sigma_c^2, less a constant."""
+    count = {name: sum(len(run[name]) for run in solution.residuals if name in run) for name in solution.sigma}
+    return sum(n * 2 * float(np.log(solution.sigma[name])) for name, n in count.items())
 
 
 def compare_kinematics(
@@ -273,13 +286,12 @@ def _direct_fits(
 
 
 def _scored(solution: Solution, structure: str, geometry: str, growth: float) -> DirectFit:
-    """-2 log L = sum_c n_c log sigma_c^2 over c, plus the prior; penalty k log(n/c)."""
-    count = {name: sum(len(run[name]) for run in solution.residuals if name in run) for name in solution.sigma}
-    deviance = sum(n * 2 * float(np.log(solution.sigma[name])) for name, n in count.items()) / growth
-    deviance += _prior_part(solution)
+    """-2 log L over c, plus the prior; penalty k log(n/c)."""
+    samples = sum(len(one) for run in solution.residuals for one in run.values())
+    deviance = _likelihood(solution) / growth + _prior_part(solution)
     # six combinations whatever the geometry
     size = 8 if structure == "entries" else 6
-    bic = deviance + size * float(np.log(sum(count.values()) / growth))
+    bic = deviance + size * float(np.log(samples / growth))
     return DirectFit(structure, geometry, deviance, bic, solution.converged, dict(solution.values))
 
 
@@ -297,9 +309,10 @@ def _with_fits(verdict: KinematicsVerdict, fits: list[DirectFit], known: Sequenc
     if ("rolling", "known") in by:
         direct = by["published", "known"].deviance - by["rolling", "known"].deviance
         words.append(f"Fitted to the recordings directly with that geometry: evidence {_for(direct)}.")
-        if supported and (direct > 0) != (verdict.evidence > 0):
+        # where entries and runs disagree about which is nearer, neither kinematics fits
+        if (direct > 0) != (verdict.evidence > 0) and min(abs(direct), abs(verdict.evidence)) > 1.0:
             supported = None
-            words.append("The direct fits point the other way: no verdict.")
+            words.append("That points the other way than the entries: geometry or model is wrong, so no verdict.")
     loose = by["published", "free"].deviance - by["rolling", "free"].deviance
     words.append(f"With geometry free (wide priors): {_for(loose)}.")
     return KinematicsVerdict(**{**vars(verdict), "fits": fits, "words": words, "supported": supported})

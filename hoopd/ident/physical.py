@@ -48,6 +48,8 @@ PULL = 1e-3
 SAME_COST = 1e-4
 # Singular values below this part of the largest: no combination of the entries (exact derivatives, 8 by 8).
 NOTHING = 1e-8
+# Standard errors beyond which fitted entries break a constraint.
+BROKEN = 3.0
 # A misfit worth a word.
 LARGE_RELATIVE = 0.02
 
@@ -147,18 +149,45 @@ def reproduces(kinematics: str, parameters: Mapping[str, float], entries: Mappin
     ]
 
 
-def constraint_words(entries: Mapping[str, float], sd: Mapping[str, float] | None = None) -> list[str]:
-    """Whether any parameters can give the entries, under either kinematics; `sd` of the two misfits when known."""
-    large = {n: m for n, m in constraint_misfit(entries).items() if abs(m) > _allowed(n, entries, sd)}
+def constraint_sd(entries: Mapping[str, float], covariance: Array) -> dict[str, float]:
+    """Standard deviations of the two misfits for a covariance (8, 8) of `ENTRIES`, first order."""
+    columns = []
+    for name in ENTRIES:
+        # all misfits are smooth on the scale of an entry
+        step = 1e-5 * max(abs(entries[name]), 1e-6)
+        up, down = (constraint_misfit({**entries, name: entries[name] + sign * step}) for sign in (1, -1))
+        columns.append([(up[one] - down[one]) / (2 * step) for one in up])
+    slope = np.array(columns).T
+    variance = np.diag(slope @ covariance @ slope.T)
+    return {name: math.sqrt(max(float(v), 0.0)) for name, v in zip(constraint_misfit(entries), variance, strict=True)}
+
+
+def constraint_words(entries: Mapping[str, float], covariance: Array | None = None) -> list[str]:
+    """Whether any parameters can give the entries, under either kinematics."""
+    misfit = constraint_misfit(entries)
+    if covariance is not None:
+        return _uncertain_constraints(entries, misfit, constraint_sd(entries, covariance))
+    large = {n: m for n, m in misfit.items() if abs(m) > LARGE_RELATIVE * _weight(n, entries)}
     words = []
     if large:
         pairs = " and ".join(f"{n} would be {entries[n] - m:.3f} instead of {entries[n]:.3f}" for n, m in large.items())
         words.append(f"No parameters under either kinematics give these entries: from the other six, {pairs}.")
-    negative = [f"{name} = {value:.3g}" for name, value in combinations_from(entries).items() if value < 0]
-    negative = [text for text in negative if not text.startswith("M12")]
+    positive = {n: v for n, v in combinations_from(entries).items() if n != "M12"}
+    negative = [f"{name} = {value:.3g}" for name, value in positive.items() if value < 0]
     if negative:
         words.append(f"They demand a negative {', '.join(negative)}.")
     return words
+
+
+def _uncertain_constraints(
+    entries: Mapping[str, float], misfit: Mapping[str, float], sd: Mapping[str, float]
+) -> list[str]:
+    pairs = " and ".join(
+        f"{n} {entries[n]:.3f} (the other six demand {entries[n] - m:.3f} +-{sd[n]:.2g})" for n, m in misfit.items()
+    )
+    if all(abs(m) <= BROKEN * sd[n] for n, m in misfit.items()):
+        return [f"Within their errors the entries keep the two constraints of any parameters: {pairs}."]
+    return [f"No parameters under either kinematics give these entries: {pairs}; a force is missing from the model."]
 
 
 def quantity_slope(kinematics: str, name: str, p: Mapping[str, float], free: Sequence[str]) -> Array:
@@ -173,7 +202,7 @@ def quantity_slope(kinematics: str, name: str, p: Mapping[str, float], free: Seq
 def quantity_sd(fit: PhysicalFit, name: str) -> float:
     """Relative standard deviation of a quantity at the fit's parameters."""
     g = quantity_slope(fit.kinematics, name, fit.parameters, fit.free)
-    return float(np.sqrt(max(g @ fit.covariance @ g, 0.0)))
+    return math.sqrt(max(float(g @ fit.covariance @ g), 0.0))
 
 
 # ---------------------------------------------------------------------------------------------- search
@@ -295,7 +324,3 @@ def _direction_words(directions: Sequence[Direction], combos: Mapping[str, float
         values = ", ".join(f"{name} = {value:.4g}" for name, value in combos.items())
         words.append(f"Only six combinations are determined: {values} (SI units).")
     return words
-
-
-def _allowed(name: str, entries: Mapping[str, float], sd: Mapping[str, float] | None) -> float:
-    return LARGE_RELATIVE * _weight(name, entries) if sd is None else 2.0 * sd[name]
