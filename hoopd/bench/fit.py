@@ -15,13 +15,19 @@ import numpy as np
 from hoopd.bench.inputs import read_model, read_recording, read_values
 from hoopd.bench.simulate import number
 from hoopd.files import InputError
-from hoopd.ident.experiments import CHANNELS, UNITS
+from hoopd.ident.determined import determined
+from hoopd.ident.experiments import CHANNELS, UNITS, prepare
 from hoopd.ident.fit import METHODS, Fit, Settings, fit, model_file, nominal_values
 from hoopd.ident.freerun import Subject
 from hoopd.ident.gaussnewton import LOSSES
-from hoopd.ident.parameters import Prior
+from hoopd.ident.kinematics import compare_kinematics, entries_covariance
+from hoopd.ident.noise import NOISE_UNITS
+from hoopd.ident.parameters import PRIOR, Prior
+from hoopd.ident.physical import Known, constraint_words, physical_from_entries
+from hoopd.ident.prediction import PredictionSolution
 from hoopd.ident.score import WINDOW_S, score
 from hoopd.modelfiles import ModelFile, model_text
+from hoopd.physics.entries import ENTRIES
 from hoopd.physics.plant import PARAMETER_UNITS, STRUCTURES
 from hoopd.recording.bytesof import replace_file
 from hoopd.recording.recording import Recording
@@ -30,8 +36,9 @@ from hoopd.shipped import defaults_folder
 
 # Where a fit starts from when no model is named.
 START = {"entries": "models/thesis.yaml", "rolling": "models/hoop.yaml", "published": "models/hoop.yaml"}
-# Correlations worth a line.
-STRONG = 0.95
+# What a laboratory can weigh and measure. It is believed widely, never taken for given: a recording may have been made
+# with another ball.
+GEOMETRY = ("mb", "Ro", "Rb")
 
 Progress = Callable[[str], None]
 
@@ -49,7 +56,6 @@ class Wish(NamedTuple):
     window_s: float | None = None
     loss: str = "linear"
     method: str = "output"
-    physical: bool = True
     kinematics: bool = False
 
 
@@ -84,7 +90,7 @@ def run(
         "correlation": _correlation(found),
         "notes": _notes(found, [*train, *held]),
     }
-    _add_physics(result, found, train, wish, progress)
+    result |= {**_noise(found), **_physics(found, train, wish, progress)}
     _write(found, base, train, out, figure)
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
 
@@ -235,18 +241,94 @@ def _notes(found: Fit, recordings: Sequence[Recording]) -> list[str]:
     return notes
 
 
-def _add_physics(
-    result: dict[str, Any], found: Fit, train: Sequence[Recording], wish: Wish, progress: Progress
-) -> None:
-    """What the parameters mean beyond themselves."""
+def _noise(found: Fit) -> dict[str, Any]:
+    """Noise levels of a prediction-error fit, as the daemon's filter takes them."""
+    if found.prediction is None or not isinstance(found.solution, PredictionSolution):
+        return {}
+    intervals = found.prediction.noise
+    levels = {
+        name: {
+            "value": level,
+            "unit": NOISE_UNITS[name],
+            "ci95": [number(one) for one in intervals[name]] if name in intervals else None,
+        }
+        for name, level in found.solution.levels.items()
+    }
+    white = {
+        name: {"mean_square": one.mean_square, "lag1": one.lag1, "p_value": one.p_value}
+        for name, one in found.prediction.whiteness.items()
+    }
+    return {"noise": levels, "innovations": white, "log_likelihood": found.solution.log_likelihood}
+
+
+def _physics(found: Fit, train: Sequence[Recording], wish: Wish, progress: Progress) -> dict[str, Any]:
+    """What the parameters mean beyond themselves: what is not determined, what they are made of, which kinematics."""
+    judged = determined(found.solution, found.uncertainty, found.structure)
+    result: dict[str, Any] = {"undetermined": judged.words}
+    device = nominal_values(read_model(defaults_folder() / START["rolling"]), "rolling")
+    device |= {name: found.values[name] for name in GEOMETRY}
+    if found.structure == "entries" and found.movings == ("both",):
+        progress("physical parameters of the entries")
+        result["physical"] = _second_step(found, device)
+    if wish.kinematics:
+        progress("kinematics")
+        runs = [one for one in prepare(train, ("theta_rate", "psi")) if one.moving == "both"]
+        if not runs:
+            raise InputError("--kinematics", "", "needs a recording in which both hoop and ball move")
+        verdict = compare_kinematics(runs, device, progress=progress)
+        result["kinematics"] = {"supported": verdict.supported, "evidence": number(verdict.evidence)}
+        result["kinematics"]["words"] = verdict.words
+    return result
+
+
+def _second_step(found: Fit, device: Mapping[str, float]) -> dict[str, Any]:
+    """Entries to positive physical parameters under both kinematics, with the misfit that remains."""
+    entries = {name: found.values[name] for name in found.solution.names}
+    if len(entries) != len(ENTRIES):
+        return {}
+    covariance = entries_covariance(found.solution, found.uncertainty)
+    known = [Known(name, device[name], PRIOR[name]) for name in GEOMETRY]
+    made: dict[str, Any] = {"words": constraint_words(entries)}
+    for kinematics in ("rolling", "published"):
+        one = physical_from_entries(kinematics, entries, device, covariance=covariance, fixed=("g",), known=known)
+        made[kinematics] = {
+            "parameters": one.parameters,
+            "misfit_percent": {name: 100.0 * miss.relative for name, miss in one.misfit.items()},
+        }
+        made["words"] += [f"{kinematics}: {text}" for text in one.words]
+    return made
 
 
 def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
-    """The result as a person reads it: names of files without their folders, no matrices."""
-    shown = {key: value for key, value in result.items() if key != "correlation"}
-    fits = {f"{part} {Path(name).name}": rows for part, files in result["fit"].items() for name, rows in files.items()}
-    shown["fit"] = {name: {channel: _percent(row) for channel, row in rows.items()} for name, rows in fits.items()}
+    """The result as a person reads it: names of files without their folders, no matrices, sentences at the end."""
+    hidden = ("correlation", "fit", "undetermined", "physical", "kinematics")
+    shown = {key: value for key, value in result.items() if key not in hidden}
+    for part, files in result["fit"].items():
+        for name, rows in files.items():
+            table = {channel: _percent(row) for channel, row in rows.items()}
+            shown[f"fit of {Path(name).name} ({part})"] = table
+    words = [*result["undetermined"]]
+    if result.get("physical"):
+        shown |= _made_of(result["physical"])
+        words += result["physical"]["words"]
+    words += result.get("kinematics", {}).get("words", [])
+    shown["notes"] = [*result["notes"], *words]
     return shown
+
+
+def _made_of(physical: dict[str, Any]) -> dict[str, Any]:
+    """Parameters of the entries under both kinematics, and what the entries miss."""
+    kinds = [kind for kind in ("rolling", "published") if kind in physical]
+    units = PARAMETER_UNITS["rolling"]
+    values = {
+        name: {**{kind: physical[kind]["parameters"][name] for kind in kinds}, "unit": unit}
+        for name, unit in units.items()
+    }
+    misfit = {
+        name: {kind: f"{physical[kind]['misfit_percent'][name]:+.1f} %" for kind in kinds}
+        for name in physical[kinds[0]]["misfit_percent"]
+    }
+    return {"positive parameters nearest to the entries": values, "what their entries miss": misfit}
 
 
 def _percent(row: dict[str, Any]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ Rules of this file: it chooses and composes; the mathematics is in the modules b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import tau
 
@@ -13,9 +13,11 @@ import numpy as np
 
 from hoopd.files import InputError
 from hoopd.ident.experiments import Run, prepare
-from hoopd.ident.outputerror import Solution, fit_output_error
+from hoopd.ident.outputerror import Progress, Solution, fit_output_error
 from hoopd.ident.parameters import Prior, default_priors, determined_names
+from hoopd.ident.prediction import fit_prediction_error
 from hoopd.ident.uncertainty import Uncertainty, intervals, uncertainty
+from hoopd.ident.whiteness import PredictionUncertainty, prediction_uncertainty
 from hoopd.modelfiles import ModelFile, Parameter
 from hoopd.physics.plant import PARAMETER_UNITS
 from hoopd.recording.recording import Recording
@@ -53,6 +55,7 @@ class Fit:
     channels: tuple[str, ...]
     nominal: dict[str, float]  # what it started from
     settings: Settings
+    prediction: PredictionUncertainty | None = None  # noise levels and whiteness of a prediction-error fit
 
     @property
     def values(self) -> dict[str, float]:
@@ -81,10 +84,12 @@ def fit(
     recordings: Sequence[Recording],
     nominal: Mapping[str, float],
     settings: Settings | None = None,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Progress = lambda text: None,
 ) -> Fit:
     """Parameters from recordings; InputError when they do not fit together or hold nothing."""
     settings = settings or Settings()
+    if settings.method == "prediction":
+        return _fit_prediction(recordings, nominal, settings, progress)
     values = {**nominal, **settings.fixed}
     channels = settings.channels or ("theta_rate", "psi")
     runs = prepare(recordings, channels, settings.window_s)
@@ -100,6 +105,26 @@ def fit(
                 solution, runs, channels = again, closer, ("theta", "psi")
     known = uncertainty(solution, settings.loss)
     return Fit(settings.structure, solution, known, tuple(runs), tuple(channels), dict(nominal), settings)
+
+
+def _fit_prediction(
+    recordings: Sequence[Recording], nominal: Mapping[str, float], settings: Settings, progress: Progress
+) -> Fit:
+    """The likelihood of a filter's innovations, begun where free runs end."""
+    first = fit(recordings, nominal, replace(settings, method="output", channels=(), loss="linear"), progress)
+    channels = settings.channels or ("theta", "psi")
+    runs = prepare(recordings, channels, settings.window_s)
+    solution = fit_prediction_error(
+        settings.structure,
+        first.values,
+        first.solution.names,
+        runs,
+        priors=first.solution.priors,
+        loss=settings.loss,
+        progress=progress,
+    )
+    judged = prediction_uncertainty(solution)
+    return Fit(settings.structure, solution, judged.parameters, tuple(runs), channels, dict(nominal), settings, judged)
 
 
 def free_names(settings: Settings, runs: Sequence[Run]) -> tuple[str, ...]:
@@ -157,7 +182,7 @@ def _near(
     names: Sequence[str],
     priors: Mapping[str, Prior],
     settings: Settings,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> dict[str, float]:
     """Values of a quick fit in short runs, from which a long one does not go astray."""
     if settings.window_s is not None and settings.window_s <= FIRST_WINDOW_S:
@@ -178,7 +203,7 @@ def _solve(
     runs: Sequence[Run],
     priors: Mapping[str, Prior],
     settings: Settings,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> Solution:
     found = fit_output_error(
         settings.structure, values, names, runs, priors=priors, loss=settings.loss, progress=progress
