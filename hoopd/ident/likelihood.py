@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from math import erf, inf, sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hoopd.ident.experiments import Run
 from hoopd.ident.innovations import CHANNELS, Derivatives, Innovations, InnovationsFilter, samples_of
 from hoopd.ident.noise import NoiseModel, NoiseScale, noise_scale
-from hoopd.ident.outputerror import free_starts
+from hoopd.ident.outputerror import free_starts, prior_of
 from hoopd.ident.parameters import Prior, Scale
 from hoopd.physics.plant import ExtraForce
 
@@ -29,6 +29,34 @@ Array = NDArray[np.float64]
 
 # What a search is told where the filter overflows: far above any likelihood.
 LOST = 1e100
+# Student's distribution for data with outliers: 4 degrees of freedom bound what one sample can do and lose 5 % on
+# normal errors. The scale makes S the variance of the good samples: E[e rho'(e)] = 1 under normal e.
+STUDENT_FREEDOM = 4.0
+STUDENT_SCALE = 1.448085819271894
+# The daemon's gate, 5 sigma.
+GATE = 5.0
+
+
+class Loss(NamedTuple):
+    """Of a normalised innovation; `freedom` inf: normal."""
+
+    freedom: float = inf
+    gate: float = inf
+
+    def value(self, e: Array) -> Array:
+        """rho(e) = e^2/2, or (f+1)/2 log(1 + k e^2/f)."""
+        if self.freedom == inf:
+            return e**2 / 2
+        return np.asarray((self.freedom + 1) / 2 * np.log1p(STUDENT_SCALE * e**2 / self.freedom))
+
+    def weight(self, e: Array) -> Array:
+        """rho'(e)/e"""
+        if self.freedom == inf:
+            return np.ones_like(e)
+        return np.asarray((self.freedom + 1) * STUDENT_SCALE / (self.freedom + STUDENT_SCALE * e**2))
+
+
+LOSSES = {"linear": Loss(), "student": Loss(STUDENT_FREEDOM, GATE)}
 
 
 class Evaluation(NamedTuple):
@@ -52,17 +80,18 @@ class Likelihood:
         priors: Mapping[str, Prior],
         noise: NoiseModel,
         extra_forces: tuple[ExtraForce, ...],
-        huber: float,
+        loss: str = "linear",
     ) -> None:
-        self.runs, self.scale, self.huber = list(runs), scale, huber
+        self.runs, self.scale, self.loss = list(runs), scale, LOSSES[loss]
         free = noise.free(runs)
         self.levels = noise.values(free)
         self.noise: NoiseScale = noise_scale(free, self.levels, noise.floors())
-        self._kappa = 1.0 if huber == inf else erf(huber / sqrt(2.0))
         everything, moved = {**values, **self.levels}, (*scale.names, *free)
         kinds = {run.moving: channels_of(runs, run.moving) for run in runs}
         self.filters = {
-            moving: InnovationsFilter(structure, everything, moved, channels, extra_forces, moving=moving, huber=huber)
+            moving: InnovationsFilter(
+                structure, everything, moved, channels, extra_forces, moving=moving, gate=self.loss.gate
+            )
             for moving, channels in kinds.items()
         }
         self.samples = [samples_of(run, kinds[run.moving]) for run in runs]
@@ -72,7 +101,8 @@ class Likelihood:
         offsets = np.cumsum([self.m + self.k, *(len(one) for one in self.free_starts)])
         self.slots = [slice(int(a), int(b)) for a, b in pairwise(offsets)]
         self.size = int(offsets[-1])
-        self.prior_weight, self.prior_centre = _prior(scale, priors)
+        self.prior_centre, root = prior_of(scale, priors)
+        self.prior_weight = root**2
 
     def first(self, starts: Sequence[Array] | None = None) -> Array:
         """Search vector of the nominal values, first noise levels and given or guessed starts."""
@@ -109,14 +139,14 @@ class Likelihood:
         return out
 
     def value(self, v: Array) -> float:
-        """Negative log-likelihood (Huber's loss where asked for) plus prior, without the constant log(2 pi) / 2."""
+        """Negative log-likelihood (or Student's where asked for) plus prior, without the constant log(2 pi) / 2."""
         total = self.prior_value(v)
         for found, samples in zip(self.innovations(v), self.samples, strict=True):
             seen = samples.seen.T > 0.0
             e, s = found.e[seen], found.s[seen]
             if not (np.isfinite(e).all() and np.isfinite(s).all() and (s > 0.0).all()):
                 return LOST
-            total += float(np.sum(self._loss(e / np.sqrt(s)) + np.log(s) / 2))
+            total += float(np.sum(self.loss.value(e / np.sqrt(s)) + np.log(s) / 2))
         return min(total, LOST)
 
     def evaluate(self, v: Array) -> Evaluation:
@@ -142,20 +172,15 @@ class Likelihood:
         """Of one run: its share of the criterion, the score by node (n, w) and the rows R of its information R'R."""
         root = np.sqrt(found.s)
         normal = found.e / root
-        loss = float(np.sum((self._loss(normal) + np.log(found.s) / 2)[seen]))
+        loss = float(np.sum((self.loss.value(normal) + np.log(found.s) / 2)[seen]))
         # d(e/sqrt S) = de/sqrt S - e dS/(2 S^1.5),   d(log S)/2 = dS/(2 S)
         by_s = found.ds / found.s[..., None] / 2
         by_e = found.de / root[..., None]
-        pull = np.clip(normal, -self.huber, self.huber) / self._kappa
-        each = pull[..., None] * (by_e - normal[..., None] * by_s) + by_s
+        weight = self.loss.weight(normal)[..., None]
+        each = weight * normal[..., None] * (by_e - normal[..., None] * by_s) + by_s
         # expected information: de de'/S + dS dS'/(2 S^2)   (Harvey 1989, 3.4.69)
-        rows = np.concatenate([by_e[seen], sqrt(2.0) * by_s[seen]])
+        rows = np.concatenate([(np.sqrt(weight) * by_e)[seen], sqrt(2.0) * by_s[seen]])
         return loss, np.where(seen[..., None], each, 0.0).sum(axis=1), rows
-
-    def _loss(self, e: Array) -> Array:
-        inside = np.minimum(np.abs(e), self.huber)
-        # kappa makes S the variance of the good samples: E[psi(e) e] = P(|e| < c) under normal errors
-        return np.asarray((inside * np.abs(e) - inside**2 / 2) / self._kappa)
 
     def prior_value(self, v: Array) -> float:
         """The prior's share of the criterion."""
@@ -168,13 +193,3 @@ def channels_of(runs: Sequence[Run], moving: str) -> tuple[str, ...]:
     if unknown := found - set(CHANNELS):
         raise ValueError(f"the filter takes {', '.join(CHANNELS)}, not {', '.join(sorted(unknown))}")
     return tuple(name for name in CHANNELS if name in found)
-
-
-def _prior(scale: Scale, priors: Mapping[str, Prior]) -> tuple[Array, Array]:
-    """1 / sigma^2 and centre (m,) on the search's scale."""
-    weight, centre = np.zeros(len(scale.names)), scale.nominal.copy()
-    for index, name in enumerate(scale.names):
-        if name in priors:
-            size = 1.0 if scale.positive[index] else abs(scale.nominal[index]) or 1.0
-            weight[index], centre[index] = (size / priors[name].sigma) ** 2, priors[name].value
-    return weight, scale.coordinates(centre)

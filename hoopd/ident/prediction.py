@@ -10,16 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf, log, pi
+from math import log, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.ident.experiments import Run
 from hoopd.ident.innovations import CHANNELS
-from hoopd.ident.likelihood import Likelihood
+from hoopd.ident.likelihood import LOSSES, Likelihood
 from hoopd.ident.noise import NoiseModel
-from hoopd.ident.gaussnewton import ROBUST_SIGMA
 from hoopd.ident.outputerror import Progress, Solution
 from hoopd.ident.parameters import Prior, scale_of
 from hoopd.ident.scoring import Search
@@ -42,7 +41,7 @@ class PredictionSolution(Solution):
     r: dict[str, float]  # by channel, variance of a sample
     noise_names: tuple[str, ...]  # the estimated ones
     noise_gains: dict[str, float]  # of these: log-likelihood lost without it; below 2 it may as well not be there
-    log_likelihood: float
+    log_likelihood: float  # with its constants; of the robust loss no likelihood but comparable with itself
     samples: int
     normalised: list[dict[str, Array]]  # innovations / sqrt(S) by run and channel: white with variance 1
     vector: Array = field(repr=False)  # (v,) search coordinates of everything
@@ -73,17 +72,20 @@ def fit_prediction_error(
     progress: Progress = lambda text: None,
 ) -> PredictionSolution:
     """Parameters `names` (start: `values`), noise levels and the runs' initial states (start: `starts` or the runs'
-    own); runs prepared with the channels theta, dtheta, psi; loss: linear or huber."""
-    if loss not in ("linear", "huber"):
-        raise ValueError(f"loss {loss!r}: the prediction-error fit knows linear and huber")
+    own); runs prepared with the channels theta, dtheta, psi; loss: linear or student (bears outliers)."""
+    if loss not in LOSSES:
+        raise ValueError(f"loss {loss!r}: the prediction-error fit knows {', '.join(LOSSES)}")
     priors = {name: prior for name, prior in (priors or {}).items() if name in names}
-    huber = inf if loss == "linear" else ROBUST_SIGMA
-    scale = scale_of(structure, names, values)
-    problem = Likelihood(structure, values, runs, scale, priors, noise or NoiseModel(), extra_forces, huber)
-    search = Search(problem, progress)
-    v, found = search.minimum(problem.first(starts))
+    scale, noise = scale_of(structure, names, values), noise or NoiseModel()
+    v, evaluations = np.zeros(0), 0
+    # from far away every sample would look like an outlier: the robust search begins where the plain one ends
+    for stage in dict.fromkeys(("linear", loss)):
+        problem = Likelihood(structure, values, runs, scale, priors, noise, extra_forces, stage)
+        search = Search(problem, progress)
+        v, found = search.minimum(v if len(v) else problem.first(starts))
+        evaluations += search.evaluations
     v, gains = _without_idle_noise(problem, v)
-    return _solution(problem, v, gains, values, priors, search.evaluations, bool(found.success))
+    return _solution(problem, v, gains, values, priors, evaluations, bool(found.success))
 
 
 def _without_idle_noise(problem: Likelihood, v: Array) -> tuple[Array, dict[str, float]]:
