@@ -288,7 +288,7 @@ def _second_step(found: Fit, device: Mapping[str, float]) -> dict[str, Any]:
         return {}
     covariance = entries_covariance(found.solution, found.uncertainty)
     known = [Known(name, device[name], PRIOR[name]) for name in GEOMETRY]
-    made: dict[str, Any] = {"words": constraint_words(entries)}
+    made: dict[str, Any] = {"words": constraint_words(entries, covariance)}
     for kinematics in ("rolling", "published"):
         one = physical_from_entries(kinematics, entries, device, covariance=covariance, fixed=("g",), known=known)
         made[kinematics] = {
@@ -307,6 +307,7 @@ def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
         for name, rows in files.items():
             table = {channel: _percent(row) for channel, row in rows.items()}
             shown[f"fit of {Path(name).name} ({part})"] = table
+    shown |= {key: shown.pop(key) for key in ("out", "figure") if key in shown}  # last
     words = [*result["undetermined"]]
     if result.get("physical"):
         shown |= _made_of(result["physical"])

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hoopd.ident.experiments import Run
 from hoopd.ident.innovations import CHANNELS, Derivatives, Innovations, InnovationsFilter, samples_of
 from hoopd.ident.noise import NoiseModel, NoiseScale, noise_scale
-from hoopd.ident.outputerror import free_starts
+from hoopd.ident.outputerror import free_starts, prior_of
 from hoopd.ident.parameters import Prior, Scale
 from hoopd.physics.plant import ExtraForce
 
@@ -101,7 +101,8 @@ class Likelihood:
         offsets = np.cumsum([self.m + self.k, *(len(one) for one in self.free_starts)])
         self.slots = [slice(int(a), int(b)) for a, b in pairwise(offsets)]
         self.size = int(offsets[-1])
-        self.prior_weight, self.prior_centre = _prior(scale, priors)
+        self.prior_centre, root = prior_of(scale, priors)
+        self.prior_weight = root**2
 
     def first(self, starts: Sequence[Array] | None = None) -> Array:
         """Search vector of the nominal values, first noise levels and given or guessed starts."""
@@ -192,13 +193,3 @@ def channels_of(runs: Sequence[Run], moving: str) -> tuple[str, ...]:
     if unknown := found - set(CHANNELS):
         raise ValueError(f"the filter takes {', '.join(CHANNELS)}, not {', '.join(sorted(unknown))}")
     return tuple(name for name in CHANNELS if name in found)
-
-
-def _prior(scale: Scale, priors: Mapping[str, Prior]) -> tuple[Array, Array]:
-    """1 / sigma^2 and centre (m,) on the search's scale."""
-    weight, centre = np.zeros(len(scale.names)), scale.nominal.copy()
-    for index, name in enumerate(scale.names):
-        if name in priors:
-            size = 1.0 if scale.positive[index] else abs(scale.nominal[index]) or 1.0
-            weight[index], centre[index] = (size / priors[name].sigma) ** 2, priors[name].value
-    return weight, scale.coordinates(centre)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.records import CameraSample, DriverSample
+from hoopd.ident.delay import delay_profile
 from hoopd.ident.experiments import Run, Series, prepare
 from hoopd.ident.innovations import InnovationsFilter, samples_of
 from hoopd.ident.likelihood import LOSSES, Likelihood
@@ -22,6 +23,7 @@ from hoopd.ident.uncertainty import intervals, uncertainty
 from hoopd.ident.whiteness import prediction_uncertainty
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.recording.formats import load
+from hoopd.recording.recording import from_columns
 from tests.shared import shared_path
 
 Array = NDArray[np.float64]
@@ -192,9 +194,9 @@ def test_missing_pictures_and_runs_without_a_ball() -> None:
 
 
 def test_outliers_pull_the_robust_fit_less() -> None:
-    run = disturbed(6.0, 4.0, 0.5, outliers=0.03)
-    plain = fit_prediction_error("entries", OFF, NAMES, [run])
-    robust = fit_prediction_error("entries", OFF, NAMES, [run], loss="student")
+    run = disturbed(5.0, 4.0, 0.5, outliers=0.03)
+    plain = fit_prediction_error("entries", VALUES, NAMES, [run])
+    robust = fit_prediction_error("entries", VALUES, NAMES, [run], loss="student")
     assert plain.r["psi"] > 50 * R["psi"]
     assert robust.r["psi"] < 3 * R["psi"]
     assert abs(robust.values["K2"] / VALUES["K2"] - 1) < 0.05
@@ -247,3 +249,16 @@ def test_a_real_recording_is_predicted_better_than_with_the_given_model(name: st
     assert found.values["K2"] == pytest.approx(VALUES["K2"], rel=0.25)
     known = prediction_uncertainty(found)
     assert all(0.9 < one.mean_square < 1.1 for one in known.whiteness.values())
+
+
+# ---------------------------------------------------------------------------------------------- delay
+
+
+def test_the_age_of_the_pictures_shows_in_the_likelihood() -> None:
+    run = disturbed(8.0, 4.0, 0.1)
+    psi = np.concatenate([np.full(2, np.nan), run.series["psi"].values[:-2]])
+    columns = {"t": run.t, "u": np.append(run.u, 0.0), "theta": run.series["theta"].values, "psi": psi}
+    found = delay_profile("entries", VALUES, NAMES, [from_columns(columns)])
+    assert found.best_s == pytest.approx(0.04, abs=0.004)
+    assert 0.0 < found.sd_s < 0.004
+    assert found.log_likelihoods[2] > found.log_likelihoods[0] + 50.0
