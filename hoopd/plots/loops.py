@@ -81,7 +81,7 @@ def _gang(axes: list[Axes], gangs: Mapping[str, GangOfFour]) -> None:
         one.set_title(_titled(title, sizes), fontsize=style.TITLE_PT)
         one.set_ylabel(label)
         one.set_xlabel("Frequency [rad/s]")
-        style.legend(one)
+    style.legend(axes[0])
 
 
 def _titled(title: str, sizes: list[float]) -> str:
