@@ -106,3 +106,9 @@ def test_a_gap_is_explained_only_by_a_witness_that_stood_still_then(realtime: Mo
 def test_experiments_prints_its_rows() -> None:
     out = run_bench("experiments.py", "--seeds", "1", "--only", "steps")
     assert "ball rad" in out and "1/1" in out
+
+
+def test_simulate_prints_every_way_and_the_bound() -> None:
+    out = run_bench("simulate.py", "--runs", "5", "--slow", "1")
+    assert out.count("scipy") == 4 and out.count("hoopd, steps") == 2
+    assert "the bound is 5 ms" in out

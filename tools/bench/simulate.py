@@ -1,6 +1,6 @@
 """Time of one free run of 1,000 samples, side by side with adaptive solvers; ends with 1 when the bound is missed.
 
-python tools/bench/simulate.py [--runs N] [--json FILE]
+python tools/bench/simulate.py [--runs N] [--slow N] [--json FILE]
 
 Each way takes its turn in every round, so that a busy machine slows all of them; the first call, which writes the
 equations out, stands apart.
@@ -25,15 +25,13 @@ MODEL = Path(__file__).resolve().parents[2] / "config" / "models" / "thesis.yaml
 TICK_S, SAMPLES = 0.02, 1000
 # A fit runs some hundred of these; a person who drags a parameter sees the curve move.
 BOUND_MS = 5.0
-# The slow ones need no more turns than show their order of magnitude.
-SLOW_RUNS = 3
 
 
-def seconds(call: Callable[[], object]) -> float:
-    """Time of one call."""
+def timed(call: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
+    """Seconds of one call, and what it gave."""
     start = time.perf_counter()
-    call()
-    return time.perf_counter() - start
+    result = call()
+    return time.perf_counter() - start, result
 
 
 def ways() -> tuple[dict[str, Callable[[], np.ndarray]], Callable[[], np.ndarray]]:
@@ -61,27 +59,28 @@ def main() -> int:
     """Measure, print, judge."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--slow", type=int, default=3, help="turns of the adaptive solvers: enough for their size")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     calls, truth = ways()
     converged, rows = truth(), []
-    first = {name: seconds(call) for name, call in calls.items()}
+    first = {name: timed(call) for name, call in calls.items()}
     times: dict[str, list[float]] = {name: [] for name in calls}
     for turn in range(options.runs):
         for name, call in calls.items():
-            if turn < SLOW_RUNS or name.startswith("hoopd"):
-                times[name].append(seconds(call))
+            if turn < options.slow or name.startswith("hoopd"):
+                times[name].append(timed(call)[0])
     ours = 1e3 * float(np.median(next(iter(times.values()))))
     print(
         f"{'1,000 samples':<42} {'median ms':>9} {'p95 ms':>8} {'first ms':>9} {'against ours':>12} {'theta error':>12}"
     )
-    for name, call in calls.items():
+    for name, (first_s, states) in first.items():
         median, p95 = (1e3 * float(np.percentile(times[name], q)) for q in (50, 95))
-        error = float(np.abs(call() - converged).max(axis=0)[0])
+        error = float(np.abs(states - converged).max(axis=0)[0])
         rows.append(
             {"how": name, "median_ms": median, "p95_ms": p95, "runs": len(times[name]), "theta_error_rad": error}
         )
-        print(f"{name:<42} {median:9.2f} {p95:8.2f} {1e3 * first[name]:9.1f} {median / ours:11.1f}x {error:12.1e}")
+        print(f"{name:<42} {median:9.2f} {p95:8.2f} {1e3 * first_s:9.1f} {median / ours:11.1f}x {error:12.1e}")
     good = ours < BOUND_MS
     print(f"{'ok' if good else 'MISSED'}: {ours:.2f} ms for 1,000 samples, the bound is {BOUND_MS:g} ms")
     if options.json is not None:
