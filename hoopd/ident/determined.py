@@ -94,7 +94,7 @@ def determined(
     held = {name: solution.values[name] for name in fixed if name not in names and name in solution.values}
     words = [
         *direction_words(directions, combos, structure),
-        *_pair_words(pairs),
+        *([] if directions else _pair_words(pairs)),  # a direction says why its parameters go together
         *_assumed_words(assumed),
         *_fixed_words(held, structure),
     ]
