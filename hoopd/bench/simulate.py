@@ -182,7 +182,7 @@ def number(value: float) -> float | None:
 
 
 def _notes(file: ModelFile, recording: Recording, whole: Score) -> list[str]:
-    notes = suspicions(recording)
+    notes = [*suspicions(recording), *_disarmed(recording)]
     for name, one in whole.channels.items():
         if one.set_aside:
             notes.append(f"{name}: {one.set_aside} samples that repeat the last value do not count")
@@ -191,3 +191,13 @@ def _notes(file: ModelFile, recording: Recording, whole: Score) -> list[str]:
     if not whole.traces:
         notes.append("the recording has a torque and no measurement: nothing to compare with")
     return notes
+
+
+def _disarmed(recording: Recording) -> list[str]:
+    """A hand, or the rig, may hold the ball until the drive is armed."""
+    modes = [str(mode) for mode in recording.extra.get("mode", ())]
+    if "DISARMED" not in modes or set(modes) == {"DISARMED"}:
+        return []
+    first = next(k for k, mode in enumerate(modes) if mode != "DISARMED")
+    armed = f"; it is armed from {recording.t[first]:.4g} s on: cut with @{recording.t[first]:.4g}:" if first else ""
+    return [f"{modes.count('DISARMED')} rows were taken disarmed: something may have held ball or hoop{armed}"]

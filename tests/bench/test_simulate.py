@@ -13,6 +13,7 @@ import pytest
 from shared import shared_path
 
 from hoopd import cli
+from hoopd.bench import simulate
 from hoopd.bench.inputs import Span, read_recording, split_slice
 from hoopd.ident.solvers import two_level_torque
 from hoopd.modelfiles import load_model, plant_of
@@ -126,6 +127,15 @@ def test_what_is_doubtful_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     save(replace(whole, dtheta=0.5 * whole.dtheta), path)
     found = result_of(monkeypatch, tmp_path, "--model", DEVICE, "--input", path)
     assert any("dtheta" in note for note in found["notes"])
+
+
+def test_disarmed_rows_are_said() -> None:
+    """The rig holds the ball until it is armed: those rows are no free run."""
+    modes = ["DISARMED"] * 60 + ["RUN"] * 240
+    assert simulate._disarmed(replace(recorded(), extra={"mode": np.array(modes)})) == [
+        "60 rows were taken disarmed: something may have held ball or hoop; it is armed from 1.2 s on: cut with @1.2:"
+    ]
+    assert simulate._disarmed(recorded()) == []
 
 
 @pytest.mark.parametrize(
