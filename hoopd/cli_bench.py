@@ -44,6 +44,7 @@ def convert(
     """Convert a recording between formats; cut and resample on the way."""
     from hoopd.bench.convert import run
 
+    _check_folder(json_path)
     _finish(run(source, target, columns=columns, experiment=experiment, start=start, end=end, step=step), json_path)
 
 
@@ -88,6 +89,7 @@ def fit(
     """Fit the plant's parameters to recordings."""
     from hoopd.bench.fit import Wish, for_terminal, run
 
+    _check_folder(json_path)
     wish = Wish(
         structure=structure,
         model=model,
@@ -139,7 +141,6 @@ def simulate(
     from hoopd.bench.simulate import run
 
     _check_folder(json_path)
-
     result = run(
         model,
         recording,
@@ -177,6 +178,7 @@ def linearize(
     """Linear model around an operating point (the bottom at rest), and what it says."""
     from hoopd.bench.linearize import run
 
+    _check_folder(json_path)
     result = run(
         model,
         outputs=output,
@@ -231,6 +233,7 @@ def design(
     from hoopd.bench.design import run
     from hoopd.bench.design_options import poles_from, spec_from, weights_from
 
+    _check_folder(json_path)
     spec = spec_from(
         omega_rad_s=omega,
         mt=mt,

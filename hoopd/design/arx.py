@@ -70,8 +70,8 @@ def arx_lqg(model: ArxModel, weights: Weights, h: float) -> LinearGains:
     """Feedback on an ARX model, and a filter that takes its residual for noise of the outputs and of their sensors.
 
     By the letter of an ARX model its noise enters with the output alone, M = [I; 0]: the filter believes every sample,
-    and of five experiments like the shipped one two end with 17 degrees of phase margin. On a device the residual is
-    the sensors' noise as well, and a torque disturbs the hoop: then all five have 54 degrees and 64 ms or more.
+    and of three experiments like the shipped one two end with 17 degrees of phase margin. On a device the residual is
+    the sensors' noise as well, and a torque disturbs the hoop: then all three have 54 degrees and 64 ms or more.
     """
     a, b, c = state_space(model)
     n = len(b)

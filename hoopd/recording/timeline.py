@@ -1,7 +1,7 @@
 """A recording as a simulation sees it: nodes of time, the torque between them, the node of every measurement.
 
-Rules of this file: a measurement belongs to the instant at which it was taken, not to the row that brought it; rows
-without a torque end a run. No model here.
+Rules of this file: a measurement belongs to the instant at which it was taken, not to the row that brought it; a row
+without a torque, rows that are missing, and a drive that is switched off end a run. No model here.
 """
 
 from __future__ import annotations
@@ -19,6 +19,10 @@ Index = NDArray[np.int64]
 
 # Nodes nearer than this are one: a tick's clock is read to a microsecond.
 SAME_S = 1e-6
+# Over so many steps without a row nobody knows the torque.
+GAP_STEPS = 5.5
+# The daemon's modes in which its drive turns the hoop; in the others a hand may hold hoop or ball.
+DRIVEN = ("RUNNING", "STOPPING")
 TIMES = {"theta": "y_t", "dtheta": "y_t", "current": "y_t", "psi": "psi_t"}
 
 
@@ -53,12 +57,25 @@ class Timeline(NamedTuple):
 
 def timelines(recording: Recording) -> list[Timeline]:
     """One timeline for each stretch of rows with a torque; ValueError when there is none of two rows."""
-    whole = np.isfinite(recording.u) & np.isfinite(recording.t)
+    whole = np.isfinite(recording.u) & np.isfinite(recording.t) & driven(recording)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(int)))
-    stretches = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= 2]
+    cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS * recording.sample_time_s) + 1
+    stretches = [
+        (int(c), int(d))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+        for c, d in pairwise([a, *cuts[(cuts > a) & (cuts < b)], b])
+        if d - c >= 2
+    ]
     if not stretches:
         raise ValueError("no two rows in a row with time and torque")
     return [_timeline(recording, slice(a, b)) for a, b in stretches]
+
+
+def driven(recording: Recording) -> NDArray[np.bool_]:
+    """Rows in which the drive turned the hoop; all, where the recording has no modes or was never driven."""
+    modes = recording.extra.get("mode")
+    rows = np.ones(len(recording), dtype=bool) if modes is None else np.isin(modes, DRIVEN)
+    return rows if rows.any() else np.ones(len(recording), dtype=bool)
 
 
 def _timeline(recording: Recording, rows: slice) -> Timeline:

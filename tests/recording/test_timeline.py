@@ -77,6 +77,23 @@ def test_a_missing_torque_ends_a_run() -> None:
         timelines(from_columns({"t": recording.t, "u": u * NAN}))
 
 
+def test_missing_rows_end_a_run() -> None:
+    recording = plain(40)
+    keep = np.r_[0:15, 16:20, 30:40]  # one row lost is borne, ten are not
+    cut = from_columns({name: getattr(recording, name)[keep] for name in ("t", "u", "theta", "psi")})
+    assert [len(line.t) for line in timelines(cut)] == [19, 10]
+
+
+def test_only_a_driven_hoop_counts() -> None:
+    recording = plain(10)
+    modes = np.array(["DISARMED"] * 2 + ["READY"] + ["RUNNING"] * 4 + ["STOPPING"] + ["DISARMED"] * 2)
+    columns = {"t": recording.t, "u": recording.u, "psi": recording.psi}
+    (line,) = timelines(from_columns({**columns, "mode": modes}))
+    assert line.t == pytest.approx(recording.t[3:8])
+    (never,) = timelines(from_columns({**columns, "mode": np.array(["DISARMED"] * 10)}))
+    assert len(never.t) == 10
+
+
 def test_windows_cover_the_run_and_share_their_edges() -> None:
     (line,) = timelines(plain(501))
     parts = line.windows(2.0)
