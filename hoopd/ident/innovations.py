@@ -4,8 +4,8 @@
     x += P_i e / S,  P -= P_i P_i' / S   for every sample of the node, one after the other
 
 in the daemon's convention: q is a variance per second on each state, r a variance of each sensor. One step of it is
-one CasADi expression; the derivatives are carried along with it (forward), so that a run also gives its information
-matrix: 1.4 times the time of the reverse gradient alone, and a tenth of its iterations.
+one CasADi expression and the derivatives are carried along with it: forward, so that a run gives the information matrix
+and the score of every node too (1000 nodes, 16 unknowns: 80 ms; the reverse gradient alone takes 0.7 of that).
 
 Rules of this file: numbers in, numbers out; no search and no belief here. One object belongs to one thread.
 """

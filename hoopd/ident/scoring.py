@@ -1,7 +1,7 @@
-"""The search for the maximum of a likelihood: scipy's trust region and BFGS, told exact gradients and curvatures.
+"""The search for the maximum of a likelihood: scipy's trust region and BFGS, told exact gradients and the information.
 
 The expected information leads to the neighbourhood in a few steps; then, where the innovations are not quite white,
-it only takes a quarter off the distance with each, and the search goes on from the exact second derivatives.
+it only takes a quarter off the distance with each, and BFGS goes on from it: 5 runs instead of 20.
 
 Rules of this file: it knows values and derivatives, no model. Everything is in units of one standard deviation, so that
 half the square of a gradient's norm is about the likelihood still to be gained.
@@ -23,13 +23,10 @@ Array = NDArray[np.float64]
 NEAR_GRADIENT = 0.5
 SMALL_GRADIENT = 1e-3
 MOST_STEPS = 60
-# Step of the differences of the exact gradient, in standard deviations: far above rounding (1e-9), and the likelihood
-# is no parabola to better than a thousandth anyway.
-HESSIAN_STEP = 1e-3
 
 
 class Search:
-    """Search in units of standard deviations: noise alone, everything by scoring, everything by Newton's method."""
+    """Search in units of standard deviations: noise alone, everything by scoring, everything by BFGS."""
 
     def __init__(self, problem: Likelihood, progress: Progress) -> None:
         self.problem, self.progress, self.evaluations = problem, progress, 0
@@ -41,7 +38,7 @@ class Search:
         # wrong parameters first show as large noise, under which all of them can then be told
         v, _ = self._scoring(v, noise, 10 * NEAR_GRADIENT)
         v, _ = self._scoring(v, np.arange(self.problem.size), NEAR_GRADIENT)
-        return self._newton(v)
+        return self._quasi_newton(v)
 
     def at(self, v: Array) -> Evaluation:
         """The last point's evaluation is remembered."""
@@ -71,11 +68,11 @@ class Search:
         self.progress(f"scoring: -log likelihood {found.fun:.6g} after {self.evaluations} runs")
         return point(found.x), found
 
-    def _newton(self, v: Array) -> tuple[Array, Any]:
-        """Quasi-Newton steps that begin with the exact second derivatives."""
-        unit = units(self.at(v).information)
-        start = positive_inverse(hessian(self.problem, v, unit))
-        self.evaluations += len(v) + 1
+    def _quasi_newton(self, v: Array) -> tuple[Array, Any]:
+        """BFGS that begins with the information as second derivatives."""
+        information = self.at(v).information
+        unit = units(information)
+        start = positive_inverse(unit[:, None] * information * unit)
         found = minimize(
             lambda y: self.at(v + unit * y).value,
             np.zeros(len(v)),
@@ -83,19 +80,8 @@ class Search:
             method="BFGS",
             options={"gtol": SMALL_GRADIENT, "maxiter": MOST_STEPS, "hess_inv0": start},
         )
-        self.progress(f"newton: -log likelihood {found.fun:.6g} after {self.evaluations} runs")
+        self.progress(f"BFGS: -log likelihood {found.fun:.6g} after {self.evaluations} runs")
         return v + unit * found.x, found
-
-
-def hessian(problem: Likelihood, v: Array, unit: Array) -> Array:
-    """Second derivatives (v, v) per `unit` by differences of the exact gradient."""
-    here, rows = problem.evaluate(v).gradient, []
-    for index in range(len(v)):
-        step = np.zeros(len(v))
-        step[index] = HESSIAN_STEP * unit[index]
-        after = problem.evaluate(v + step).gradient
-        rows.append(unit * (after - here) / HESSIAN_STEP)
-    return np.asarray(rows + np.transpose(rows)) / 2
 
 
 def positive_inverse(matrix: Array) -> Array:

@@ -12,13 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from hoopd.ident.likelihood import Evaluation
+from hoopd.ident.likelihood import Evaluation, Likelihood
 from hoopd.ident.prediction import PredictionSolution
-from hoopd.ident.scoring import hessian, units
+from hoopd.ident.scoring import units
 from hoopd.ident.uncertainty import Z95, Uncertainty
 
 Array = NDArray[np.float64]
 
+# Step of the differences of the exact gradient, in standard deviations: far above rounding (1e-9), and the likelihood
+# is no parabola to better than a thousandth anyway.
+HESSIAN_STEP = 1e-3
 LAGS = 20
 # Innovations less white than this make the sandwich the covariance that is given.
 WHITE_P = 0.01
@@ -75,6 +78,17 @@ def whiteness(runs: Sequence[Array]) -> Whiteness:
     square, r = r[0] / n, r / r[0]
     q = n * (n + 2) * float(np.sum(r[1:] ** 2 / (n - np.arange(1, LAGS + 1))))
     return Whiteness(n, float(square), float(r[1]), q, float(chi2.sf(q, LAGS)))
+
+
+def hessian(problem: Likelihood, v: Array, unit: Array) -> Array:
+    """Second derivatives (v, v) per `unit` by differences of the exact gradient."""
+    here, rows = problem.evaluate(v).gradient, []
+    for index in range(len(v)):
+        step = np.zeros(len(v))
+        step[index] = HESSIAN_STEP * unit[index]
+        after = problem.evaluate(v + step).gradient
+        rows.append(unit * (after - here) / HESSIAN_STEP)
+    return np.asarray(rows + np.transpose(rows)) / 2
 
 
 def _inverse(curvature: Array, information: Array, kept: NDArray[np.int64], unit: Array) -> Array:
