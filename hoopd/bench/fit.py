@@ -15,6 +15,7 @@ import numpy as np
 from hoopd.bench.inputs import read_model, read_recording, read_values
 from hoopd.bench.simulate import number
 from hoopd.files import InputError
+from hoopd.ident.constraints import constraint_words
 from hoopd.ident.determined import determined
 from hoopd.ident.experiments import CHANNELS, UNITS, prepare
 from hoopd.ident.fit import METHODS, Fit, Settings, fit, model_file, nominal_values
@@ -23,7 +24,7 @@ from hoopd.ident.gaussnewton import LOSSES
 from hoopd.ident.kinematics import compare_kinematics, entries_covariance
 from hoopd.ident.noise import NOISE_UNITS
 from hoopd.ident.parameters import PRIOR, Prior
-from hoopd.ident.physical import Known, constraint_words, physical_from_entries
+from hoopd.ident.physical import Known, physical_from_entries
 from hoopd.ident.prediction import PredictionSolution
 from hoopd.ident.score import WINDOW_S, score
 from hoopd.modelfiles import ModelFile, model_text

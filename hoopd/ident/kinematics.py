@@ -28,6 +28,16 @@ from hoopd.ident.experiments import Run
 from hoopd.ident.outputerror import Solution, fit_output_error
 from hoopd.ident.parameters import PHYSICAL, PRIOR, Prior
 from hoopd.ident.physical import Known, physical_from_entries, quantity, quantity_sd
+from hoopd.ident.separating import (
+    DECISIVE,
+    STARTS,
+    Predicted,
+    minimum_chi2,
+    predicted_figures,
+    predicted_words,
+    separating,
+    separating_words,
+)
 from hoopd.ident.uncertainty import Uncertainty, prior_information, uncertainty
 from hoopd.physics.entries import ENTRIES, entries_of
 from hoopd.physics.plant import KINEMATICS
@@ -35,8 +45,6 @@ from hoopd.physics.plant import KINEMATICS
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-# Twice the log-likelihood ratio that decides: 150 to 1.
-DECISIVE = 10.0
 # A known geometry is contradicted when its chi2 would come once in a thousand.
 CONTRADICTED = 1e-3
 # The fitted entries break the two constraints when their chi2 would come once in a hundred.
@@ -44,49 +52,6 @@ MISSING = 1e-2
 # Relative standard deviations of what a laboratory weighs and measures. Three published values of Ro-Rb differ by 3 %;
 # the inertia is that of a solid ball of measured mass and diameter.
 MEASURED = {"mb": 0.01, "Ro": 0.02, "Rb": 0.02, "Ib": 0.02}
-# The free search starts at the measured geometry, so few starts are needed.
-STARTS = 3
-# The evidence that a measurement must promise to be worth a word.
-PROMISING = DECISIVE
-
-
-class Candidate(NamedTuple):
-    """A measurement that could be made: words and the quantities with their relative standard deviations."""
-
-    words: str
-    quantities: Mapping[str, float]
-
-
-CANDIDATES = (
-    Candidate("Ro-Rb by a ruler or the picture's circle", {"Ro-Rb": 0.006}),
-    Candidate("the ball's mass and diameter (mb, Ib)", {"mb": 0.005, "Ib": 0.01}),
-    Candidate("the ball's mass and diameter and Ro-Rb", {"mb": 0.005, "Ib": 0.01, "Ro-Rb": 0.006}),
-    Candidate("Ih from a hoop-only experiment", {"Ih": 0.005}),
-    Candidate("the ball's spin for each turn of psi with the hoop held", {"spin": 0.01}),
-    Candidate("Ro/Rb", {"Ro/Rb": 0.02}),
-    Candidate("Ro/Rb and Ro-Rb", {"Ro/Rb": 0.02, "Ro-Rb": 0.006}),
-    Candidate("Ro/Rb and Ih from a hoop-only experiment", {"Ro/Rb": 0.02, "Ih": 0.005}),
-    Candidate("Ro/Rb and the ball's mass", {"Ro/Rb": 0.02, "mb": 0.005}),
-    Candidate("Ro/Rb and the ball's mass and diameter (mb, Ib)", {"Ro/Rb": 0.02, "mb": 0.005, "Ib": 0.01}),
-    Candidate(
-        "Ro/Rb, Ro-Rb and the ball's mass and diameter", {"Ro/Rb": 0.02, "Ro-Rb": 0.006, "mb": 0.005, "Ib": 0.01}
-    ),
-    Candidate("Ro/Rb and the ball's spin", {"Ro/Rb": 0.02, "spin": 0.01}),
-)
-
-
-class Predicted(NamedTuple):
-    """A figure under both kinematics with the same parameters, and how well the recordings know it."""
-
-    rolling: float
-    published: float
-    measured: float
-    standard_error: float
-
-    @property
-    def difference_in_errors(self) -> float:
-        """|rolling - published| in standard errors."""
-        return abs(self.rolling - self.published) / self.standard_error
 
 
 class DirectFit(NamedTuple):
@@ -176,8 +141,8 @@ def judge(
     e = {name: solution.values[name] for name in ENTRIES}
     c = entries_covariance(solution, found)
     wide = tuple(Known(name, device[name], sd) for name, sd in PRIOR.items())
-    free = _chi2("rolling", e, c, device, ())
-    chi2 = {kind: _chi2(kind, e, c, device, known) for kind in KINEMATICS}
+    free = minimum_chi2("rolling", e, c, device, ())
+    chi2 = {kind: minimum_chi2(kind, e, c, device, known) for kind in KINEMATICS}
     evidence = chi2["published"] - chi2["rolling"]
     contradicted = bool(chi2_law.sf(max(min(chi2.values()) - free, 0.0), max(len(known), 1)) < CONTRADICTED)
     best = min(chi2, key=lambda kind: chi2[kind])
@@ -192,7 +157,7 @@ def judge(
         evidence=evidence,
         contradicted=contradicted,
         ratio=_ratios(e, c, device, known),
-        predicted=_predicted(e, c, truth),
+        predicted=predicted_figures(e, c, truth),
         separating=separating(c, truth),
         fits=[],
         growth=growth,
@@ -209,23 +174,7 @@ def entries_covariance(solution: Solution, found: Uncertainty) -> Array:
     return np.asarray((found.covariance * np.outer(slope, slope))[np.ix_(order, order)])
 
 
-def separating(
-    covariance: Array, truth: Mapping[str, float], candidates: Sequence[Candidate] = CANDIDATES
-) -> dict[str, float]:
-    """Expected evidence for rolling if `truth` rolls and a candidate is measured, with entries known this well."""
-    e = entries_of("rolling", truth)
-    out = {}
-    for one in candidates:
-        known = [Known(name, quantity("rolling", name, truth), sd) for name, sd in one.quantities.items()]
-        out[one.words] = _chi2("published", e, covariance, truth, known)
-    return out
-
-
 # ---------------------------------------------------------------------------------------------- parts
-
-
-def _chi2(kind: str, e: Mapping[str, float], c: Array, start: Mapping[str, float], known: Sequence[Known]) -> float:
-    return physical_from_entries(kind, e, start, covariance=c, known=known, starts=STARTS).chi2
 
 
 def _ratios(
@@ -244,20 +193,6 @@ def _ratios(
         ratio = quantity(kind, "Ro/Rb", fit.parameters)
         out[kind] = (ratio, ratio * quantity_sd(fit, "Ro/Rb"))
     return out
-
-
-def _predicted(e: Mapping[str, float], c: Array, p: Mapping[str, float]) -> dict[str, Predicted]:
-    """L2/L1 and K2 of the same parameters under both kinematics, against the fitted ones."""
-    by = {kind: entries_of(kind, p) for kind in KINEMATICS}
-    l1, l2, k2 = (ENTRIES.index(name) for name in ("L1", "L2", "K2"))
-    ratio = e["L2"] / e["L1"]
-    # var(L2/L1) = r^2 (var L2/L2^2 + var L1/L1^2 - 2 cov/(L1 L2))
-    relative = c[l2, l2] / e["L2"] ** 2 + c[l1, l1] / e["L1"] ** 2 - 2 * c[l1, l2] / (e["L1"] * e["L2"])
-    r, q = by["rolling"], by["published"]
-    return {
-        "L2/L1": Predicted(r["L2"] / r["L1"], q["L2"] / q["L1"], ratio, abs(ratio) * float(np.sqrt(relative))),
-        "K2": Predicted(r["K2"], q["K2"], e["K2"], float(np.sqrt(c[k2, k2]))),
-    }
 
 
 def _direct_fits(
@@ -331,9 +266,9 @@ def _words(v: KinematicsVerdict, known: Sequence[Known]) -> list[str]:
         words.append(_why_not(v, said))
     words += _missing_words(v)
     words += _ratio_words(v, known)
-    words += [_predicted_words(name, one) for name, one in v.predicted.items()]
+    words += [predicted_words(name, one) for name, one in v.predicted.items()]
     if not v.supported:
-        words.append(_separating_words(v.separating))
+        words.append(separating_words(v.separating))
     return words
 
 
@@ -369,23 +304,3 @@ def _ratio_words(v: KinematicsVerdict, known: Sequence[Known]) -> list[str]:
     demanded = " and ".join(f"{value:.2f} +-{sd:.2f} under {kind}" for kind, (value, sd) in v.ratio.items())
     end = f"; measured {by['Ro'] / by['Rb']:.2f}" if {"Ro", "Rb"} <= set(by) else ""
     return [f"Without the ball's radius they demand Ro/Rb = {demanded}{end}."]
-
-
-def _predicted_words(name: str, one: Predicted) -> str:
-    return (
-        f"{name} with the same parameters: rolling {one.rolling:.4g}, published {one.published:.4g}, "
-        f"fitted {one.measured:.4g} +-{one.standard_error:.2g}; the kinematics differ by "
-        f"{one.difference_in_errors:.1f} standard errors."
-    )
-
-
-def _separating_words(expected: Mapping[str, float]) -> str:
-    enough = {name: value for name, value in expected.items() if value > PROMISING}
-    if not enough:
-        name, value = max(expected.items(), key=lambda item: item[1])
-        return f"No single measurement would decide with these recordings; the best is {name} (evidence {value:.1f})."
-    first = [f"{name} ({value:.0f})" for name, value in enough.items()]
-    return (
-        f"Measuring would separate them (expected evidence): {'; '.join(first)}. Ro/Rb must be among it: without, "
-        "nothing else separates them, however exactly it is measured."
-    )

@@ -23,9 +23,7 @@ from scipy.optimize import least_squares
 from hoopd.ident.determined import Direction, direction_words, simplified
 from hoopd.physics.entries import (
     ENTRIES,
-    combinations_from,
     combinations_of,
-    constraint_misfit,
     entries_jacobian,
     entries_of,
     spin_ratio,
@@ -48,8 +46,6 @@ PULL = 1e-3
 SAME_COST = 1e-4
 # Singular values below this part of the largest: no combination of the entries (exact derivatives, 8 by 8).
 NOTHING = 1e-8
-# Standard errors beyond which fitted entries break a constraint.
-BROKEN = 3.0
 # A misfit worth a word.
 LARGE_RELATIVE = 0.02
 
@@ -129,65 +125,11 @@ def physical_from_entries(
 def whitening(entries: Mapping[str, float], covariance: Array | None) -> Array:
     """W (k, 8) so that |W (e(p) - e)|^2 is the misfit; directions without variance are left out."""
     if covariance is None:
-        return np.diag([1.0 / _weight(name, entries) for name in ENTRIES])
+        return np.diag([1.0 / entry_weight(name, entries) for name in ENTRIES])
     sd = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(sd, sd))
     good = values > 1e-12 * values[-1]
     return np.asarray((vectors[:, good] / np.sqrt(values[good])).T / sd)
-
-
-def reproduces(kinematics: str, parameters: Mapping[str, float], entries: Mapping[str, float]) -> list[str]:
-    """Sentences on whether published parameters give published entries."""
-    found = entries_of(kinematics, parameters)
-    wrong = [n for n in ENTRIES if abs(found[n] - entries[n]) > LARGE_RELATIVE * _weight(n, entries)]
-    if not wrong:
-        return [f"The parameters give the entries through the {kinematics} kinematics."]
-    pairs = ", ".join(f"{name} {found[name]:.3g} instead of {entries[name]:.3g}" for name in wrong)
-    return [
-        f"The parameters do not reproduce the entries through the {kinematics} kinematics: {pairs}.",
-        *constraint_words(entries),
-    ]
-
-
-def constraint_sd(entries: Mapping[str, float], covariance: Array) -> dict[str, float]:
-    """Standard deviations of the two misfits for a covariance (8, 8) of `ENTRIES`, first order."""
-    columns = []
-    for name in ENTRIES:
-        # all misfits are smooth on the scale of an entry
-        step = 1e-5 * max(abs(entries[name]), 1e-6)
-        up, down = (constraint_misfit({**entries, name: entries[name] + sign * step}) for sign in (1, -1))
-        columns.append([(up[one] - down[one]) / (2 * step) for one in up])
-    slope = np.array(columns).T
-    variance = np.diag(slope @ covariance @ slope.T)
-    return {name: math.sqrt(max(float(v), 0.0)) for name, v in zip(constraint_misfit(entries), variance, strict=True)}
-
-
-def constraint_words(entries: Mapping[str, float], covariance: Array | None = None) -> list[str]:
-    """Whether any parameters can give the entries, under either kinematics."""
-    misfit = constraint_misfit(entries)
-    if covariance is not None:
-        return _uncertain_constraints(entries, misfit, constraint_sd(entries, covariance))
-    large = {n: m for n, m in misfit.items() if abs(m) > LARGE_RELATIVE * _weight(n, entries)}
-    words = []
-    if large:
-        pairs = " and ".join(f"{n} would be {entries[n] - m:.3f} instead of {entries[n]:.3f}" for n, m in large.items())
-        words.append(f"No parameters under either kinematics give these entries: from the other six, {pairs}.")
-    positive = {n: v for n, v in combinations_from(entries).items() if n != "M12"}
-    negative = [f"{name} = {value:.3g}" for name, value in positive.items() if value < 0]
-    if negative:
-        words.append(f"They demand a negative {', '.join(negative)}.")
-    return words
-
-
-def _uncertain_constraints(
-    entries: Mapping[str, float], misfit: Mapping[str, float], sd: Mapping[str, float]
-) -> list[str]:
-    pairs = " and ".join(
-        f"{n} {entries[n]:.3f} (the other six demand {entries[n] - m:.3f} +-{sd[n]:.2g})" for n, m in misfit.items()
-    )
-    if all(abs(m) <= BROKEN * sd[n] for n, m in misfit.items()):
-        return [f"Within their errors the entries keep the two constraints of any parameters: {pairs}."]
-    return [f"No parameters under either kinematics give these entries: {pairs}; a force is missing from the model."]
 
 
 def quantity_slope(kinematics: str, name: str, p: Mapping[str, float], free: Sequence[str]) -> Array:
@@ -269,7 +211,8 @@ def _starts(size: int, count: int, seed: int) -> list[Array]:
     return [np.zeros(size), *(random.uniform(-START_SPREAD, START_SPREAD, size) for _ in range(count - 1))]
 
 
-def _weight(name: str, entries: Mapping[str, float]) -> float:
+def entry_weight(name: str, entries: Mapping[str, float]) -> float:
+    """What a misfit is relative to where no covariance is known."""
     kind = next(kind for kind in KINDS_OF_ENTRY if name in kind)
     return max(abs(entries[name]), SMALLEST_PART * max(abs(entries[other]) for other in kind))
 
@@ -311,7 +254,7 @@ def _misfit_words(
             f"{n} by {m.standard_errors:+.1f} standard errors ({m.absolute:+.3g})" for n, m in large.items()
         )
     else:
-        large = {n: m for n, m in misfit.items() if abs(m.absolute) > LARGE_RELATIVE * _weight(n, entries)}
+        large = {n: m for n, m in misfit.items() if abs(m.absolute) > LARGE_RELATIVE * entry_weight(n, entries)}
         text = ", ".join(f"{n} by {m.absolute:+.3g} ({100 * m.relative:+.0f} %)" for n, m in large.items())
     if not large:
         return [f"Positive parameters give the entries through the {kinematics} kinematics."]

@@ -9,14 +9,13 @@ from shared import shared_path
 
 from hoopd.ident.experiments import prepare
 from hoopd.ident.kinematics import (
-    DECISIVE,
     MEASURED,
     compare_kinematics,
     entries_covariance,
     fit_entries,
     known_from,
-    separating,
 )
+from hoopd.ident.separating import DECISIVE, separating
 from hoopd.ident.uncertainty import uncertainty
 from hoopd.physics.entries import entries_of, equivalent
 from hoopd.recording import load
@@ -61,6 +60,12 @@ def test_no_false_verdict_with_coloured_residuals_and_a_geometry_measured_with_e
         said.append(found.supported)
     assert set(said) <= {kind, None}
     assert kind in said
+
+
+def test_a_start_under_the_wrong_kinematics_does_not_end_elsewhere():
+    # this free run has a second minimum for entries that start from those of the other kinematics
+    found = fit_entries(runs_of("published", DEVICE, 16), DEVICE)
+    assert found.sigma["psi"] < 0.004
 
 
 def test_nothing_known_nothing_said():

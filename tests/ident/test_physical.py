@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 from freeruns import DEVICE
 
-from hoopd.ident.physical import (
-    Known,
-    constraint_sd,
-    constraint_words,
-    physical_from_entries,
-    quantity,
-    quantity_sd,
-    reproduces,
-)
+from hoopd.ident.constraints import constraint_sd, constraint_words, reproduces
+from hoopd.ident.physical import Known, physical_from_entries, quantity, quantity_sd
 from hoopd.ident.thesis import ENTRIES_PRINTED as THESIS
 from hoopd.ident.thesis import second_step, table_words
 from hoopd.physics.entries import ENTRIES, combinations_of, constraint_misfit, entries_of
