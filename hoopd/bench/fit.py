@@ -25,8 +25,10 @@ from hoopd.ident.kinematics import compare_kinematics, entries_covariance
 from hoopd.ident.noise import NOISE_UNITS
 from hoopd.ident.parameters import PRIOR, Prior
 from hoopd.ident.physical import Known, physical_from_entries
+from hoopd.ident.plain import plain
 from hoopd.ident.prediction import PredictionSolution
 from hoopd.ident.score import WINDOW_S, score
+from hoopd.ident.thesis import table_words
 from hoopd.modelfiles import ModelFile, model_text
 from hoopd.physics.entries import ENTRIES
 from hoopd.physics.plant import PARAMETER_UNITS, STRUCTURES
@@ -42,6 +44,11 @@ START = {"entries": "models/thesis.yaml", "rolling": "models/hoop.yaml", "publis
 GEOMETRY = ("mb", "Ro", "Rb")
 
 Progress = Callable[[str], None]
+
+COLOURED = {
+    "output": "residuals are coloured: the intervals count their correlation (the model misses something)",
+    "prediction": "innovations are not white: the intervals count it; for free runs prefer --method output",
+}
 
 
 class Wish(NamedTuple):
@@ -91,7 +98,7 @@ def run(
         "correlation": _correlation(found),
         "notes": _notes(found, [*train, *held]),
     }
-    result |= {**_noise(found), **_physics(found, train, wish, progress)}
+    result |= {**_noise(found), **_physics(found, base, train, wish, progress)}
     _write(found, base, train, out, figure)
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
 
@@ -236,7 +243,7 @@ def _notes(found: Fit, recordings: Sequence[Recording]) -> list[str]:
     if "theta_rate" in found.channels and not found.settings.channels:
         notes.append("the model does not follow the hoop's angle to the encoder's counts: its rate was fitted instead")
     if any(found.uncertainty.memory.values()):
-        notes.append("residuals are coloured: the intervals count their correlation (the model misses something)")
+        notes.append(COLOURED[found.settings.method])
     if not found.solution.converged:
         notes.append("the search ended before it had converged")
     return notes
@@ -262,34 +269,35 @@ def _noise(found: Fit) -> dict[str, Any]:
     return {"noise": levels, "innovations": white, "log_likelihood": found.solution.log_likelihood}
 
 
-def _physics(found: Fit, train: Sequence[Recording], wish: Wish, progress: Progress) -> dict[str, Any]:
+def _physics(found: Fit, base: ModelFile, train: Sequence[Recording], wish: Wish, progress: Progress) -> dict[str, Any]:
     """What the parameters mean beyond themselves: what is not determined, what they are made of, which kinematics."""
     judged = determined(found.solution, found.uncertainty, found.structure)
-    result: dict[str, Any] = {"undetermined": judged.words}
+    result: dict[str, Any] = {"undetermined": plain(judged)}
     device = nominal_values(read_model(defaults_folder() / START["rolling"]), "rolling")
     device |= {name: found.values[name] for name in GEOMETRY}
     if found.structure == "entries" and found.movings == ("both",):
         progress("physical parameters of the entries")
-        result["physical"] = _second_step(found, device)
+        result["physical"] = _second_step(found, base, device)
     if wish.kinematics:
         progress("kinematics")
         runs = [one for one in prepare(train, ("theta_rate", "psi")) if one.moving == "both"]
         if not runs:
             raise InputError("--kinematics", "", "needs a recording in which both hoop and ball move")
-        verdict = compare_kinematics(runs, device, progress=progress)
-        result["kinematics"] = {"supported": verdict.supported, "evidence": number(verdict.evidence)}
-        result["kinematics"]["words"] = verdict.words
+        # without a model file nobody has said that the device was measured
+        known = None if wish.model is not None else ()
+        result["kinematics"] = plain(compare_kinematics(runs, device, known=known, progress=progress))
     return result
 
 
-def _second_step(found: Fit, device: Mapping[str, float]) -> dict[str, Any]:
+def _second_step(found: Fit, base: ModelFile, device: Mapping[str, float]) -> dict[str, Any]:
     """Entries to positive physical parameters under both kinematics, with the misfit that remains."""
     entries = {name: found.values[name] for name in found.solution.names}
     if len(entries) != len(ENTRIES):
         return {}
     covariance = entries_covariance(found.solution, found.uncertainty)
     known = [Known(name, device[name], PRIOR[name]) for name in GEOMETRY]
-    made: dict[str, Any] = {"words": constraint_words(entries, covariance)}
+    printed = table_words() if base.name == "thesis" else []
+    made: dict[str, Any] = {"words": [*constraint_words(entries, covariance), *printed]}
     for kinematics in ("rolling", "published"):
         one = physical_from_entries(kinematics, entries, device, covariance=covariance, fixed=("g",), known=known)
         made[kinematics] = {
@@ -309,7 +317,7 @@ def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
             table = {channel: _percent(row) for channel, row in rows.items()}
             shown[f"fit of {Path(name).name} ({part})"] = table
     shown |= {key: shown.pop(key) for key in ("out", "figure") if key in shown}  # last
-    words = [*result["undetermined"]]
+    words = [*result["undetermined"]["words"]]
     if result.get("physical"):
         shown |= _made_of(result["physical"])
         words += result["physical"]["words"]

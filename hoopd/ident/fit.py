@@ -111,6 +111,8 @@ def _fit_prediction(
     recordings: Sequence[Recording], nominal: Mapping[str, float], settings: Settings, progress: Progress
 ) -> Fit:
     """The likelihood of a filter's innovations, begun where free runs end."""
+    if "theta_rate" in settings.channels:
+        raise InputError("--channels", "theta_rate", "the filter takes measurements, not their differences: use theta")
     first = fit(recordings, nominal, replace(settings, method="output", channels=(), loss="linear"), progress)
     channels = settings.channels or ("theta", "psi")
     runs = prepare(recordings, channels, settings.window_s)
@@ -120,7 +122,7 @@ def _fit_prediction(
         first.solution.names,
         runs,
         priors=first.solution.priors,
-        loss=settings.loss,
+        loss="linear" if settings.loss == "linear" else "student",  # any robust one
         progress=progress,
     )
     judged = prediction_uncertainty(solution)

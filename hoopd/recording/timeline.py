@@ -49,8 +49,8 @@ class Timeline(NamedTuple):
         return Timeline(self.t[first : last + 1], self.u[first:last], cut)
 
     def windows(self, length_s: float) -> list[Timeline]:
-        """Cut into pieces of about this length; a shorter rest joins the last piece."""
-        count = max(1, int((self.t[-1] - self.t[0]) / length_s + 1e-6))
+        """Cut into equal pieces of about this length."""
+        count = max(1, round((self.t[-1] - self.t[0]) / length_s))
         edges = np.searchsorted(self.t, np.linspace(self.t[0], self.t[-1], count + 1) - SAME_S)
         return [self.between(int(a), int(b)) for a, b in pairwise(edges)]
 

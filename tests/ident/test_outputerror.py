@@ -93,7 +93,7 @@ def test_windows_have_starts_of_their_own() -> None:
     whole = fit(recordings, THESIS.values())
     cut = fit(recordings, THESIS.values(), Settings(window_s=1.0))
     assert len(whole.runs) == 2
-    assert len(cut.runs) == 38
+    assert len(cut.runs) == 40
     assert whole.channels == ("theta_rate", "psi")  # pushed about, the hoop is not followed to the encoder's count
     for channel in whole.channels:  # a start every second takes the push out of most of the residual
         assert cut.solution.sigma[channel] < 0.5 * whole.solution.sigma[channel]

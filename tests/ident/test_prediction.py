@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.records import CameraSample, DriverSample
-from hoopd.ident.delay import delay_profile
 from hoopd.ident.experiments import Run, Series, prepare
 from hoopd.ident.innovations import InnovationsFilter, samples_of
 from hoopd.ident.likelihood import LOSSES, Likelihood
@@ -23,7 +22,6 @@ from hoopd.ident.uncertainty import intervals, uncertainty
 from hoopd.ident.whiteness import prediction_uncertainty
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.recording.formats import load
-from hoopd.recording.recording import from_columns
 from tests.shared import shared_path
 
 Array = NDArray[np.float64]
@@ -252,13 +250,3 @@ def test_a_real_recording_is_predicted_better_than_with_the_given_model(name: st
 
 
 # ---------------------------------------------------------------------------------------------- delay
-
-
-def test_the_age_of_the_pictures_shows_in_the_likelihood() -> None:
-    run = disturbed(8.0, 4.0, 0.1)
-    psi = np.concatenate([np.full(2, np.nan), run.series["psi"].values[:-2]])
-    columns = {"t": run.t, "u": np.append(run.u, 0.0), "theta": run.series["theta"].values, "psi": psi}
-    found = delay_profile("entries", VALUES, NAMES, [from_columns(columns)])
-    assert found.best_s == pytest.approx(0.04, abs=0.004)
-    assert 0.0 < found.sd_s < 0.004
-    assert found.log_likelihoods[2] > found.log_likelihoods[0] + 50.0

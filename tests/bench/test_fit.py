@@ -1,0 +1,157 @@
+"""`hoopd fit`: from recordings on disk to a model that other commands take; unusable wishes are one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shared import shared_path
+from typer.testing import CliRunner
+
+from hoopd.bench.fit import Wish, for_terminal, run
+from hoopd.cli import app
+from hoopd.files import InputError
+from hoopd.modelfiles import load_model
+from hoopd.physics.simulate import Model
+from hoopd.recording import save
+from hoopd.recording.recording import from_columns
+from hoopd.shipped import defaults_folder
+
+HOOP = load_model(defaults_folder() / "models/hoop.yaml")
+
+
+def recording(folder: Path, name: str = "run.csv", seed: int = 1, seconds: float = 6.0, ball: bool = True) -> str:
+    """A simulated run on disk."""
+    rng = np.random.default_rng(seed)
+    t = np.round(np.arange(0.0, seconds, 0.02), 6)
+    u = 0.1 * rng.choice([-1.0, 1.0], len(t))
+    x = Model("rolling", HOOP.values(), moving="both" if ball else "hoop").run([], [0, 0, 0, 0], t, u[:-1])
+    psi = x[:, 2] + 0.002 * rng.normal(size=len(t)) if ball else np.full(len(t), np.nan)
+    columns = {"t": t, "u": u, "theta": np.floor(x[:, 0] * 4096 / (2 * np.pi)) * 2 * np.pi / 4096, "psi": psi}
+    path = folder / name
+    save(from_columns({**columns, "dtheta": x[:, 1]}, source=name), path)
+    return str(path)
+
+
+def test_a_recording_becomes_a_model_file_that_repeats_a_run_it_never_saw(tmp_path: Path) -> None:
+    out, figure = tmp_path / "mine.yaml", tmp_path / "fit.png"
+    held = recording(tmp_path, "held.csv", seed=2)
+    result = run([recording(tmp_path)], [held], out=out, figure=figure)
+    assert figure.stat().st_size > 10_000
+    model = load_model(out)
+    assert model.structure == "entries"
+    for name, row in result["parameters"].items():
+        assert model.parameters[name].value == row["value"]
+        assert row["ci95"][0] < row["value"] < row["ci95"][1]
+    assert model.parameters["K2"].value == pytest.approx(-78.546, rel=0.002)
+    scores = result["fit"]["holdout"][held]["psi"]
+    assert scores["fitted"] > 99.0
+    assert scores["nominal"] < scores["fitted"]
+    assert scores["fitted_2s"] > 99.0
+    json.dumps(result, allow_nan=False)
+    assert "- fit" not in str(for_terminal(result))
+
+
+def test_the_same_recording_gives_the_same_file(tmp_path: Path) -> None:
+    one, other = tmp_path / "a" / "m.yaml", tmp_path / "b" / "m.yaml"
+    for path in (one, other):
+        path.parent.mkdir()
+        run([recording(tmp_path)], out=path)
+    assert one.read_bytes() == other.read_bytes()
+
+
+def test_several_recordings_make_one_physical_fit(tmp_path: Path) -> None:
+    wish = Wish(structure="rolling", fix=("mb", "Ro=0.0957,Rb=0.0104"), priors=("Ih=0.0014:0.5",))
+    files = [recording(tmp_path, "one.csv", 1), recording(tmp_path, "hoop.csv", 2, ball=False)]
+    result = run(files, wish=wish, out=tmp_path / "m.yaml")
+    assert result["parameters"]["Ih"]["value"] == pytest.approx(0.001518, rel=0.01)
+    assert result["parameters"]["mb"] == {"value": 0.0608, "unit": "kg", "ci95": None, "nominal": 0.0608}
+    assert result["starts"] == 2
+
+
+def test_the_command_prints_tables_and_writes_json(tmp_path: Path) -> None:
+    out = tmp_path / "fit.json"
+    done = CliRunner().invoke(app, ["fit", recording(tmp_path), "--window", "3", "--json", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "parameters" in done.output
+    assert "theta_rate" in done.output
+    written = json.loads(out.read_bytes())
+    assert written["starts"] == 2
+    assert written["undetermined"]["words"] == [] or isinstance(written["undetermined"]["words"][0], str)
+    assert np.array(written["correlation"]["matrix"]).shape == (8, 8)
+
+
+def test_prediction_error_gives_noise_levels(tmp_path: Path) -> None:
+    result = run([recording(tmp_path)], wish=Wish(method="prediction"))
+    assert result["parameters"]["K2"]["value"] == pytest.approx(-78.546, rel=0.005)
+    assert result["noise"]["r_psi"]["value"] == pytest.approx(0.002**2, rel=0.3)
+    assert set(result["innovations"]) == {"theta", "psi"}
+
+
+BAD_WISHES = [
+    (Wish(structure="rotating"), "--structure: unknown 'rotating'"),
+    (Wish(loss="square"), "--loss: unknown"),
+    (Wish(method="guess"), "--method: unknown"),
+    (Wish(free="K3"), "--free: unknown 'K3'"),
+    (Wish(fix=("K2=heavy",)), "--fix: K2: expected a number"),
+    (Wish(fix=("Ib",)), "--fix: unknown 'Ib'"),
+    (Wish(priors=("K2=-70",)), "expected NAME=VALUE:SIGMA"),
+    (Wish(priors=("K2=-70:0",)), "sigma must be positive"),
+    (Wish(channels="current"), "--channels: unknown 'current'"),
+    (Wish(window_s=0.01), "--window: must be 0.2"),
+    (Wish(fix=("J11", "J12", "K1", "L1", "J21", "J22", "K2", "L2")), "nothing is left to fit"),
+    (Wish(method="prediction", channels="theta_rate"), "use theta"),
+    (Wish(structure="rolling", model=defaults_folder() / "models/thesis.yaml"), "nothing to start a fit of rolling"),
+]
+
+
+@pytest.mark.parametrize(("wish", "words"), BAD_WISHES, ids=[words for _, words in BAD_WISHES])
+def test_a_wish_that_cannot_be_met_is_one_line(tmp_path: Path, wish: Wish, words: str) -> None:
+    out = tmp_path / "m.yaml"
+    with pytest.raises(InputError) as caught:
+        run([recording(tmp_path)], wish=wish, out=out)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere.mcap"], "nowhere.mcap"),
+        (["{rec}", "--holdout", "nowhere.csv"], "nowhere.csv"),
+        (["{rec}@5:2"], "ends before it begins"),
+        (["{rec}", "--out", "no/such/folder/m.yaml"], "no such folder"),
+        (["{rec}", "--figure", "fit.bmp"], "fit.bmp"),
+        (["{rec}", "--json", "no/such/folder/m.json"], "no such folder"),
+    ],
+)
+def test_unusable_arguments_are_one_line_and_exit_code_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    import sys
+
+    from hoopd.cli import main
+
+    rec = recording(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["hoopd", "fit", *(one.format(rec=rec) for one in arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    error = capfd.readouterr().err
+    assert ended.value.code == 2
+    assert words in error
+    assert error.count("\n") == 1
+
+
+def test_the_second_step_says_what_the_thesis_s_table_is(tmp_path: Path) -> None:
+    result = run([str(shared_path("recordings/meas_hoopAndBall2_01.mat")) + "@:19.8"], wish=Wish(kinematics=True))
+    words = " ".join(result["physical"]["words"])
+    assert "Table 3.1" in words
+    assert "do not reproduce" in words
+    assert "cannot be separated" in " ".join(result["kinematics"]["words"])
+    assert result["kinematics"]["supported"] is None
+    assert set(result["physical"]["rolling"]["misfit_percent"]) == set(result["parameters"])
+    assert any("dtheta" in note for note in result["notes"])  # the speed column of that device reads a fifth too low
