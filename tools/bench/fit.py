@@ -243,7 +243,9 @@ def main() -> int:
     print(f"{'way':<48} {'median s':>9} {'ratio':>7} {'runs':>5} {'simulations':>11} {'cost':>10}")
     for row in rows:
         ratio = row.median_s / rows[0].median_s
-        print(f"{row.how:<48} {row.median_s:9.3f} {ratio:7.1f} {row.runs:5} {row.simulations:11} {row.cost:10.3f}  {row.note}")
+        print(
+            f"{row.how:<48} {row.median_s:9.3f} {ratio:7.1f} {row.runs:5} {row.simulations:11} {row.cost:10.3f}  {row.note}"
+        )
     failures = missed(rows)
     for failure in failures:
         print(f"MISSED: {failure}")
