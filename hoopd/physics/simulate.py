@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -21,6 +22,10 @@ Array = NDArray[np.float64]
 # Classical Runge-Kutta at 10 ms misses the converged psi by 2.4e-8 rad over a 20 ms step at full speed (test of
 # step-halving), 1e4 times below the encoder's step.
 STEP_S = 0.010
+# Steps in one call: few enough to be written out in a millisecond, many enough that the call costs nothing.
+CHUNK = 50
+# Functions kept for the next model of the same kind: a fit makes several in a row.
+KEPT = 32
 
 
 class Trajectory(NamedTuple):
@@ -51,8 +56,9 @@ class Model:
         if unknown or missing:
             raise ValueError(f"unknown parameters {unknown}, missing {missing}")
         self.structure, self.values, self.free, self.step_s = structure, dict(values), tuple(free), step_s
-        self._extra_forces, self.moving = extra_forces, moving
-        self._cache: dict[tuple[str, int, int], ca.Function] = {}
+        fixed = tuple((name, float(value)) for name, value in values.items() if name not in free)
+        self._key = (structure, fixed, self.free, extra_forces, moving)
+        self._runners: dict[str, _Runner] = {}
 
     @property
     def start_values(self) -> Array:
@@ -62,54 +68,82 @@ class Model:
     def run(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Array:
         """States (n, 4) at the nodes t (n,) s from x0 (4,) with torque u (n-1,) N m held between them."""
         t, u, h = _axis(t, u)
-        after = self._over("run", np.asarray(x0, float), u, h, p)
-        return np.vstack([np.asarray(x0, float), after.T])
+        return self._over("run", np.asarray(x0, float), u, h, p)
 
     def run_with_sensitivity(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Trajectory:
         """The same with exact derivatives: S' = df/dx S + df/dp, taken through the integration steps themselves."""
         t, u, h = _axis(t, u)
         m = len(self.free)
         z0 = np.concatenate([np.asarray(x0, float), np.zeros(4 * m), np.eye(4).ravel()])
-        after = self._over("sensitivity", z0, u, h, p)
-        z = np.vstack([z0, after.T])
+        z = self._over("sensitivity", z0, u, h, p)
         s = z[:, 4:].reshape(len(z), m + 4, 4).transpose(0, 2, 1)
         return Trajectory(z[:, :4], s[:, :, :m], s[:, :, m:])
 
     def _over(self, kind: str, start: Array, u: Array, h: Array, p: ArrayLike) -> Array:
-        """What follows `start` after every step, as columns."""
-        count = h.shape[1]
-        # one column of parameters a step: a single one would make CasADi map the whole run over u instead
-        columns = np.repeat(np.asarray(p, float).reshape(len(self.free), 1), count, axis=1)
-        return np.asarray(self._function(kind, count, h)(start, u, h, columns).full())
-
-    def _function(self, kind: str, count: int, h: Array) -> ca.Function:
+        """`start` and what follows it at every node, as rows."""
         steps = max(1, math.ceil(float(h.max()) / self.step_s - 1e-9))
-        key = (kind, count, steps)
-        if key not in self._cache:
-            step = self._step_function(steps) if kind == "run" else self._sensitivity_function(steps)
-            self._cache[key] = step.mapaccum(kind, count)
-        return self._cache[key]
+        after = self._runner(kind)(start, np.repeat(u, steps), np.repeat(h / steps, steps), np.asarray(p, float))
+        return np.concatenate([start[None], after[steps - 1 :: steps]])
 
-    def _step(self, steps: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-        x, u, h, p = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("h"), ca.SX.sym("p", len(self.free))
-        named = {name: ca.SX(value) for name, value in self.values.items()}
-        named |= {name: p[index] for index, name in enumerate(self.free)}
-        f = ca.Function("f", [x, u, p], [rate(self.structure, x, u, named, self._extra_forces, self.moving)])
-        return x, u, h, p, runge_kutta(lambda z: f(z, u, p), x, h, steps)
+    def _runner(self, kind: str) -> _Runner:
+        if kind not in self._runners:
+            self._runners[kind] = _Runner(_chunk(kind, *self._key), len(self.free))
+        return self._runners[kind]
 
-    def _step_function(self, steps: int) -> ca.Function:
-        x, u, h, p, after = self._step(steps)
-        return ca.Function("step", [x, u, h, p], [after], {"cse": True})
 
-    def _sensitivity_function(self, steps: int) -> ca.Function:
-        x, u, h, p, after = self._step(steps)
-        m = len(self.free)
-        s = ca.SX.sym("s", 4, m + 4)
-        # S_k+1 = dF/dx S_k + [dF/dp, 0]
-        by_p = ca.horzcat(ca.densify(ca.jacobian(after, p)), ca.SX.zeros(4, 4))
-        s_after = ca.densify(ca.mtimes(ca.jacobian(after, x), s) + by_p)
-        z, z_after = ca.vertcat(x, ca.vec(s)), ca.vertcat(after, ca.vec(s_after))
-        return ca.Function("sensitivity", [z, u, h, p], [z_after], {"cse": True})
+class _Runner:
+    """Repeats a step over any number of torques, a chunk at a time, on memory of its own."""
+
+    def __init__(self, chunk: ca.Function, free: int) -> None:
+        self._buffer, self._trigger = chunk.buffer()
+        self._start, self._p = np.zeros(chunk.size1_in(0)), np.zeros((CHUNK, free))
+        for index, array in ((0, self._start), (3, self._p)):
+            self._buffer.set_arg(index, memoryview(array))
+
+    def __call__(self, start: Array, u: Array, h: Array, p: Array) -> Array:
+        """States (n, k) after each of the steps h (n,) s with torques u (n,); start (k,), p (m,)."""
+        # the last chunk is filled up with steps of no length
+        rest = np.zeros(-len(u) % CHUNK)
+        u, h = np.concatenate([u, rest]), np.concatenate([h, rest])
+        out = np.empty((len(u), len(start)))
+        self._start[:], self._p[:] = start, p
+        for first in range(0, len(u), CHUNK):
+            part = slice(first, first + CHUNK)
+            for index, array in ((1, u), (2, h)):
+                self._buffer.set_arg(index, memoryview(array[part]))
+            self._buffer.set_res(0, memoryview(out[part]))
+            self._trigger()
+            self._start[:] = out[part][-1]
+        return out[: len(out) - len(rest)]
+
+
+@lru_cache(maxsize=KEPT)
+def _chunk(
+    kind: str,
+    structure: str,
+    fixed: tuple[tuple[str, float], ...],
+    free: tuple[str, ...],
+    extra_forces: tuple[ExtraForce, ...],
+    moving: str,
+) -> ca.Function:
+    """CHUNK steps: columns of states after them, from start, torques, lengths and (repeated) free parameters."""
+    x, u, h, p = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("h"), ca.SX.sym("p", len(free))
+    named = {name: ca.SX(value) for name, value in fixed} | {name: p[index] for index, name in enumerate(free)}
+    f = ca.Function("f", [x, u, p], [rate(structure, x, u, named, extra_forces, moving)])
+    after = runge_kutta(lambda z: f(z, u, p), x, h, 1)
+    z, z_after = (x, after) if kind == "run" else _with_sensitivity(x, p, after)
+    step = ca.Function(kind, [z, u, h, p], [z_after], {"cse": True})
+    return step.mapaccum(kind, CHUNK)
+
+
+def _with_sensitivity(x: ca.SX, p: ca.SX, after: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """State and its derivatives S by parameters and start in one column, before and after a step."""
+    m = p.size1()
+    s = ca.SX.sym("s", 4, m + 4)
+    # S_k+1 = dF/dx S_k + [dF/dp, 0]
+    by_p = ca.horzcat(ca.densify(ca.jacobian(after, p)), ca.SX.zeros(4, 4))
+    s_after = ca.densify(ca.mtimes(ca.jacobian(after, x), s) + by_p)
+    return ca.vertcat(x, ca.vec(s)), ca.vertcat(after, ca.vec(s_after))
 
 
 def _axis(t: ArrayLike, u: ArrayLike) -> tuple[Array, Array, Array]:
@@ -120,4 +154,4 @@ def _axis(t: ArrayLike, u: ArrayLike) -> tuple[Array, Array, Array]:
     h = np.diff(t)
     if not (h > 0.0).all():
         raise ValueError("the nodes must increase")
-    return t, u[None, :], h[None, :]
+    return t, u, h

@@ -1,0 +1,259 @@
+"""A fit our way and the way of the thesis, side by side in one run; ends with 1 when a bound is missed.
+
+python tools/bench/fit.py [--runs 9] [--solver LSODA] [--limit 300] [--json FILE]
+
+Both estimate the eight entries and the initial state from one recording (../shared or $HOOPD_SHARED; a simulated one
+of the same shape where that is absent), from the same start, the entries as printed. The way of the thesis: an adaptive
+stiff solver over the whole run with its default tolerances and the torque looked up by time, L-BFGS with finite
+differences. It is told more than it could know: the weights of the two channels, and scaled variables. Costs are those
+of the same free run, integrated from sample to sample: half the sum of squared errors in units of sigma.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+import time
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices of 12: threads only wait for each other
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import minimize
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+from hoopd.ident.experiments import STATES, Run, prepare  # noqa: E402
+from hoopd.ident.fit import Fit, fit  # noqa: E402
+from hoopd.ident.gaussnewton import Array  # noqa: E402
+from hoopd.ident.outputerror import Problem, Solution, fit_output_error  # noqa: E402
+from hoopd.ident.parameters import scale_of  # noqa: E402
+from hoopd.ident.solvers import ATOL, RTOL, two_level_torque  # noqa: E402
+from hoopd.modelfiles import load_model  # noqa: E402
+from hoopd.physics.simulate import Model  # noqa: E402
+from hoopd.recording import load  # noqa: E402
+from hoopd.recording.recording import Recording, from_columns  # noqa: E402
+
+MODELS = ROOT / "config" / "models"
+NAME = "recordings/meas_hoopAndBall2_01.mat"
+NAMES = ("J11", "J12", "K1", "L1", "J21", "J22", "K2", "L2")
+SAMPLES, TICK_S, COUNT_RAD = 1001, 0.02, math.tau / 4096
+LEAST_RATIO, MOST_S = 100.0, 1.0
+# Of a variable in units of its nominal size. The square root of the rounding would be taken from an exact simulation;
+# the solver's error is 1e-3, and smaller steps than this see nothing else.
+STEPS = {"2-point": 1e-4}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One way's result."""
+
+    how: str
+    median_s: float
+    runs: int
+    simulations: int
+    cost: float
+    note: str = ""
+
+
+class TimeIsUpError(Exception):
+    """The bound of a slow way is reached."""
+
+
+def recording() -> tuple[Recording, str]:
+    """The real recording, or one of the same shape from the shipped model with noise and a drifting push."""
+    path = Path(os.environ.get("HOOPD_SHARED", ROOT.parent / "shared")) / NAME
+    if path.exists():
+        return load(path), path.name
+    rng, values = np.random.default_rng(0), load_model(MODELS / "hoop.yaml").values()
+    t, u = TICK_S * np.arange(SAMPLES), two_level_torque(SAMPLES)
+    push = 0.004 * np.cumsum(rng.normal(size=SAMPLES)) * math.sqrt(TICK_S)
+    x = Model("rolling", values).run((), np.zeros(4), t, (u + push)[:-1])
+    theta, psi = COUNT_RAD * np.floor(x[:, 0] / COUNT_RAD), x[:, 2] + 0.002 * rng.normal(size=SAMPLES)
+    columns = {"t": t, "u": u, "theta": theta, "dtheta": x[:, 1], "psi": psi}
+    return from_columns(columns, source="simulated"), f"simulated (no {path}; set HOOPD_SHARED)"
+
+
+class Judge:
+    """The one cost of all ways: fixed weights, integrated from sample to sample."""
+
+    def __init__(self, run: Run, values: dict[str, float], sigma: dict[str, float]) -> None:
+        self.run, self.sigma = run, sigma
+        self.problem = Problem("entries", values, [run], scale_of("entries", NAMES, values))
+        self.problem.sigma = dict(sigma)
+
+    def cost(self, values: dict[str, float], start: Array) -> float:
+        """Half the sum of squared errors in units of sigma; start (4,)."""
+        z = self.problem.scale.coordinates(np.array([values[name] for name in NAMES]))
+        (e,) = self.problem.residuals(z, [start[self.problem.free[0]]])
+        return float(e @ e) / 2
+
+    def of(self, found: Solution) -> float:
+        """Cost of a fit of ours."""
+        return self.cost(found.values, found.starts[0])
+
+
+class ThesisWay:
+    """The cost as an adaptive solver sees it, told the torque by time; counts runs, keeps the best, stops in time."""
+
+    def __init__(self, judge: Judge, nominal: Array, solver: str, limit_s: float) -> None:
+        self.judge, self.run, self.nominal, self.solver = judge, judge.run, nominal, solver
+        self.simulations, self.end = 0, time.perf_counter() + limit_s
+        self.best, self.best_cost = np.zeros(len(nominal) + 3), math.inf
+        self.times, self.torques = self.run.t.tolist(), self.run.u.tolist()
+
+    def parameters(self, z: Array) -> tuple[Array, Array]:
+        """Entries (8,) and initial state (4,) of scaled variables z (11,)."""
+        return self.nominal * (1.0 + z[:8]), self.run.start + np.concatenate([[0.0], z[8:]])
+
+    def cost(self, z: Array) -> float:
+        """Half the sum of squared errors in units of sigma, by one adaptive run."""
+        if time.perf_counter() > self.end:
+            raise TimeIsUpError
+        self.simulations += 1
+        x = self.states(*self.parameters(z))
+        parts = [(one.of(x) - one.values) / self.judge.sigma[name] for name, one in self.run.series.items()]
+        cost = sum(float(e @ e) for e in parts) / 2
+        if cost < self.best_cost:
+            self.best, self.best_cost = z.copy(), cost
+        return cost
+
+    def states(self, p: Array, x0: Array) -> Array:
+        """(n, 4) by one call of the solver."""
+        t = self.run.t
+        # as fast as Python allows: a compiled call for every derivative costs more than the arithmetic
+        rate = _rate(p.tolist(), self.times, self.torques)
+        found = solve_ivp(rate, (t[0], t[-1]), x0, self.solver, t_eval=t, rtol=RTOL, atol=ATOL)
+        return np.asarray(found.y.T)
+
+
+def _rate(p: list[float], times: list[float], torques: list[float]) -> Callable[[float, Array], list[float]]:
+    """Equations 3.16 to 3.19 of the thesis with the entries p."""
+    j11, j12, k1, l1, j21, j22, k2, l2 = p
+    last = len(torques) - 1
+
+    def rate(now: float, x: Array) -> list[float]:
+        _, dtheta, psi, dpsi = x.tolist()
+        u, s = torques[min(max(bisect_right(times, now) - 1, 0), last)], math.sin(psi)
+        return [dtheta, j11 * dtheta + j12 * dpsi + k1 * s + l1 * u, dpsi, j21 * dtheta + j22 * dpsi + k2 * s + l2 * u]
+
+    return rate
+
+
+def thesis_way(judge: Judge, values: dict[str, float], solver: str, limit_s: float) -> Row:
+    """One fit, stopped at the limit."""
+    way = ThesisWay(judge, np.array([values[name] for name in NAMES]), solver, limit_s)
+    options = {"eps": STEPS["2-point"], "maxiter": 10000, "maxfun": 10**7}
+    begin = time.perf_counter()
+    try:
+        note = f"ended by itself: {minimize(way.cost, way.best, method='L-BFGS-B', options=options).message}"
+    except TimeIsUpError:
+        note = f"stopped after {limit_s:g} s"
+    seconds = time.perf_counter() - begin
+    p, x0 = way.parameters(way.best)
+    cost = judge.cost(dict(zip(NAMES, p.tolist(), strict=True)), x0)
+    return Row(f"{solver} across the jumps, L-BFGS, differences", seconds, 1, way.simulations, cost, note)
+
+
+class Counted:
+    """Counts the free runs of all models while it is entered, and those with derivatives among them."""
+
+    def __enter__(self) -> Counted:
+        self.runs, self._over = 0, Model._over
+
+        def over(model: Model, *arguments: Any) -> Array:
+            self.runs += 1
+            return self._over(model, *arguments)
+
+        Model._over = over  # type: ignore[method-assign]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        Model._over = self._over  # type: ignore[method-assign]
+
+
+def timed(call: Callable[[], object], runs: int) -> list[float]:
+    """Seconds of each call."""
+    out = []
+    for _ in range(runs):
+        begin = time.perf_counter()
+        call()
+        out.append(time.perf_counter() - begin)
+    return out
+
+
+def measure(rec: Recording, runs: int, solvers: list[str], limit_s: float) -> tuple[list[Row], Fit]:
+    """All ways, ours before and after each slow one, so that a busy machine slows both."""
+    values = load_model(MODELS / "thesis.yaml").values()
+    prepared = prepare([rec], ("theta_rate", "psi"))
+    first = fit([rec], values)
+    judge = Judge(prepared[0], values, {n: first.solution.sigma[n] for n in first.solution.sigma if n in STATES})
+    ours: dict[str, Callable[[], Solution]] = {
+        "hoopd, fit with its defaults and intervals": lambda: fit([rec], values).solution,
+        "hoopd, one output-error fit": lambda: fit_output_error("entries", values, NAMES, prepared),
+    }
+    times: dict[str, list[float]] = {name: [] for name in ours}
+    slow = []
+    for solver in [*solvers, ""]:
+        for name, call in ours.items():
+            times[name] += timed(call, runs)
+        slow += [thesis_way(judge, values, solver, limit_s)] if solver else []
+    rows = []
+    for name, call in ours.items():
+        with Counted() as counted:
+            found = call()
+        median, count = float(np.median(times[name])), len(times[name])
+        rows.append(Row(name, median, count, counted.runs, judge.of(found), f"{found.steps} steps"))
+    return rows + slow, first
+
+
+def missed(rows: list[Row]) -> list[str]:
+    """Bounds that were not kept, in words."""
+    ours, slow = rows[0], rows[2:]
+    out = [] if ours.median_s < MOST_S else [f"{ours.median_s:.2f} s, the bound is {MOST_S:g} s"]
+    for row in slow:
+        ratio = row.median_s / ours.median_s
+        if ratio < LEAST_RATIO:
+            out.append(f"{ratio:.0f} times as fast as {row.how}, the bound is {LEAST_RATIO:g}")
+        if ours.cost > row.cost * (1 + 1e-6):
+            out.append(f"cost {ours.cost:.6g} is above {row.cost:.6g} of {row.how}")
+    return out
+
+
+def main() -> int:
+    """Measure, print, judge."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=9, help="fits of ours before and after each slow way")
+    parser.add_argument("--solver", action="append", choices=("Radau", "BDF", "LSODA"))
+    parser.add_argument("--limit", type=float, default=300.0, help="seconds given to each slow way")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rec, name = recording()
+    rows, found = measure(rec, options.runs, options.solver or ["Radau"], options.limit)
+    print(f"{name}: {len(rec)} samples, {len(NAMES)} entries and initial state, {found.runs[0].samples} measurements")
+    print(f"{'way':<48} {'median s':>9} {'ratio':>7} {'runs':>5} {'simulations':>11} {'cost':>10}")
+    for row in rows:
+        ratio = row.median_s / rows[0].median_s
+        print(
+            f"{row.how:<48} {row.median_s:9.3f} {ratio:7.1f} {row.runs:5} {row.simulations:11} {row.cost:10.3f}  {row.note}"
+        )
+    failures = missed(rows)
+    for failure in failures:
+        print(f"MISSED: {failure}")
+    if options.json is not None:
+        result = {"recording": name, "rows": [vars(row) for row in rows], "missed": failures}
+        options.json.write_text(json.dumps(result, indent=2) + "\n")
+    return int(bool(failures))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
