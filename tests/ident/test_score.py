@@ -58,7 +58,7 @@ def test_the_true_model_fits_and_its_start_is_found(window_s: float | None) -> N
     assert set(found.channels) == {"theta_rate", "dtheta", "psi"}
     assert min(found.nrmse_percent.values()) > 99.999
     np.testing.assert_allclose(found.runs[0].start, START, atol=1e-4)
-    assert len(found.runs) == (1 if window_s is None else 3)
+    assert len(found.runs) == (1 if window_s is None else 4)
     assert {one.samples for one in found.channels.values()} == {400}, "a sample on a seam counts once"
 
 
