@@ -27,6 +27,8 @@ from hoopd.recording.recording import Recording
 FOLLOWS_COUNTS = 3.0
 # A first fit in short runs, whose starts are known from the data, brings the long run's search near its end.
 FIRST_WINDOW_S = 2.0
+# Fits that only bring the next one near its end stop at a step that gains less than this share of the cost.
+NEAR_GAIN = 1e-5
 METHODS = ("output", "prediction")
 
 
@@ -193,7 +195,15 @@ def _near(
     runs = prepare(recordings, channels, FIRST_WINDOW_S)
     progress(f"first in {len(runs)} runs of {FIRST_WINDOW_S:g} s")
     found = fit_output_error(
-        settings.structure, values, names, runs, priors=priors, loss="soft_l1", rounds=1, progress=progress
+        settings.structure,
+        values,
+        names,
+        runs,
+        priors=priors,
+        loss="soft_l1",
+        rounds=1,
+        smallest_gain=NEAR_GAIN,
+        progress=progress,
     )
     return found.values
 
@@ -215,6 +225,8 @@ def _solve(
 
 def _follows(solution: Solution, runs: Sequence[Run], settings: Settings) -> bool:
     """Whether the model's hoop stays near the encoder's reading, once each run starts at its best angle."""
-    trial = fit_output_error(settings.structure, solution.values, (), runs, loss=settings.loss, rounds=1)
+    trial = fit_output_error(
+        settings.structure, solution.values, (), runs, loss=settings.loss, rounds=1, smallest_gain=NEAR_GAIN
+    )
     errors = np.concatenate([e["theta"] for e in trial.residuals if "theta" in e])
     return bool(np.std(errors) < 30.0 * tau / 4096)

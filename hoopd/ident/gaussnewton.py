@@ -86,8 +86,12 @@ def minimise(
     blocks: Blocks,
     prior: tuple[Array, Array] | None = None,
     loss: str = "linear",
+    smallest_gain: float = SMALLEST_GAIN,
 ) -> Found:
-    """Parameters (m,) and starts of least cost; prior: centre (m,) and weights (m,) = 1 / sigma, 0 for none."""
+    """Parameters (m,) and starts of least cost; prior: centre (m,) and weights (m,) = 1 / sigma, 0 for none.
+
+    The search ends with the step that gains less than `smallest_gain` of the cost.
+    """
     centre, weight = prior if prior is not None else (np.zeros_like(p), np.zeros_like(p))
     s = [start.copy() for start in starts]
 
@@ -108,7 +112,7 @@ def minimise(
             if damping > MOST_DAMPING:
                 return Found(p, s, cost, step, True)
         gain, p, s, cost, damping = cost - new, new_p, new_s, new, max(damping / 5.0, 1e-12)
-        if gain <= SMALLEST_GAIN * cost:
+        if gain <= smallest_gain * cost:
             return Found(p, s, cost, step, True)
     return Found(p, s, cost, MOST_STEPS, False)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.ident.experiments import STATES, Run
-from hoopd.ident.gaussnewton import Block, minimise
+from hoopd.ident.gaussnewton import SMALLEST_GAIN, Block, minimise
 from hoopd.ident.parameters import Prior, Scale, scale_of
 from hoopd.physics.plant import ExtraForce
 from hoopd.physics.simulate import Model
@@ -26,7 +26,10 @@ Array = NDArray[np.float64]
 
 # The standard deviations are found when they change by less than this.
 SIGMA_CHANGE = 0.01
-SIGMA_ROUNDS = 8
+SIGMA_ROUNDS = 12
+# Until they change by less than this, a search to the last digit would be for another problem's solution.
+SIGMA_NEAR = 0.1
+ROUGH_GAIN = 1e-2
 # Far above any speed of the device: a wild step of the search is turned back instead of overflowing.
 LARGEST_RESIDUAL = 1e6
 
@@ -144,18 +147,26 @@ def fit_output_error(
     loss: str = "linear",
     extra_forces: tuple[ExtraForce, ...] = (),
     rounds: int = SIGMA_ROUNDS,
+    smallest_gain: float = SMALLEST_GAIN,
     progress: Progress = lambda text: None,
 ) -> Solution:
-    """Parameters `names` (start: `values`) and the runs' initial states; loss: linear, huber, soft_l1 or cauchy."""
+    """Parameters `names` (start: `values`) and the runs' initial states; loss: linear, huber, soft_l1 or cauchy.
+
+    The search ends where a step gains less than `smallest_gain` of the cost.
+    """
     priors = {name: prior for name, prior in (priors or {}).items() if name in names}
     problem = Problem(structure, values, runs, scale_of(structure, names, values), extra_forces)
     prior = prior_of(problem.scale, priors)
-    z, starts, steps = np.zeros(len(names)), problem.first_starts(), 0
+    z, starts, steps, change = np.zeros(len(names)), problem.first_starts(), 0, np.inf
     for number in range(1, rounds + 1):
-        found = minimise(z, starts, problem.residuals, problem.blocks, prior, loss)
+        fine = change < SIGMA_NEAR or number == rounds
+        # a robust loss needs the end of each search: what is far off depends on sigma
+        least = max(smallest_gain, ROUGH_GAIN if loss == "linear" and not fine else 0.0)
+        found = minimise(z, starts, problem.residuals, problem.blocks, prior, loss, least)
         z, starts, steps = found.p, found.starts, steps + found.steps
         progress(f"round {number}: cost {found.cost:.6g} after {steps} steps")
-        if problem.update_sigma(problem.errors(z, starts), loss != "linear") < SIGMA_CHANGE:
+        change = problem.update_sigma(problem.errors(z, starts), loss != "linear")
+        if fine and change < SIGMA_CHANGE:
             break
     errors, jacobian = problem.derivatives(z, starts)
     fitted = dict(zip(names, problem.scale.parameters(z).tolist(), strict=True))

@@ -6,7 +6,6 @@ stepped over; a step is at most STEP_S long whatever the distance of the nodes. 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -81,9 +80,9 @@ class Model:
 
     def _over(self, kind: str, start: Array, u: Array, h: Array, p: ArrayLike) -> Array:
         """`start` and what follows it at every node, as rows."""
-        steps = max(1, math.ceil(float(h.max()) / self.step_s - 1e-9))
+        steps = np.maximum(1, np.ceil(h / self.step_s - 1e-9)).astype(int)
         after = self._runner(kind)(start, np.repeat(u, steps), np.repeat(h / steps, steps), np.asarray(p, float))
-        return np.concatenate([start[None], after[steps - 1 :: steps]])
+        return np.concatenate([start[None], after[np.cumsum(steps) - 1]])
 
     def _runner(self, kind: str) -> _Runner:
         if kind not in self._runners:

@@ -1,12 +1,13 @@
 """A fit our way and the way of the thesis, side by side in one run; ends with 1 when a bound is missed.
 
-python tools/bench/fit.py [--runs 9] [--solver LSODA] [--limit 300] [--json FILE]
+python tools/bench/fit.py [--runs 9] [--only 2] [--limit 120] [--json FILE]
 
 Both estimate the eight entries and the initial state from one recording (../shared or $HOOPD_SHARED; a simulated one
-of the same shape where that is absent), from the same start, the entries as printed. The way of the thesis: an adaptive
-stiff solver over the whole run with its default tolerances and the torque looked up by time, L-BFGS with finite
-differences. It is told more than it could know: the weights of the two channels, and scaled variables. Costs are those
-of the same free run, integrated from sample to sample: half the sum of squared errors in units of sigma.
+of the same shape where that is absent), from the same start, the entries as printed. The way of the thesis: an
+adaptive solver over the whole run, the torque looked up by time, and L-BFGS with finite differences; it is told the
+weights of the two channels, which ours has to find. After --limit seconds it is stopped and the cost it had reached
+counts. Costs are those of one and the same free run, integrated from sample to sample: half the sum of squared errors
+in units of sigma.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ import os
 import sys
 import time
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices of 12: threads only wait for each other
 
@@ -48,9 +49,23 @@ NAME = "recordings/meas_hoopAndBall2_01.mat"
 NAMES = ("J11", "J12", "K1", "L1", "J21", "J22", "K2", "L2")
 SAMPLES, TICK_S, COUNT_RAD = 1001, 0.02, math.tau / 4096
 LEAST_RATIO, MOST_S = 100.0, 1.0
-# Of a variable in units of its nominal size. The square root of the rounding would be taken from an exact simulation;
-# the solver's error is 1e-3, and smaller steps than this see nothing else.
-STEPS = {"2-point": 1e-4}
+# Costs that differ by less are the same: the weights settle to 1 %, and the search to 1e-9.
+SAME = 1.0 + 1e-4
+
+
+class Solver(NamedTuple):
+    """How the slow way integrates and differentiates."""
+
+    method: str
+    rtol: float
+    difference: float  # of a variable in units of its nominal size: above what the solver's error hides
+
+    def __str__(self) -> str:
+        return f"{self.method} rtol {self.rtol:g} across the jumps, L-BFGS"
+
+
+# First as the thesis called it, with default tolerances; then so tight that differences see the cost's slope.
+SOLVERS = (Solver("Radau", RTOL, 1e-4), Solver("LSODA", RTOL, 1e-4), Solver("LSODA", 1e-8, 1e-6))
 
 
 @dataclass(frozen=True)
@@ -63,6 +78,7 @@ class Row:
     simulations: int
     cost: float
     note: str = ""
+    stopped: bool = False  # by the limit
 
 
 class TimeIsUpError(Exception):
@@ -105,7 +121,7 @@ class Judge:
 class ThesisWay:
     """The cost as an adaptive solver sees it, told the torque by time; counts runs, keeps the best, stops in time."""
 
-    def __init__(self, judge: Judge, nominal: Array, solver: str, limit_s: float) -> None:
+    def __init__(self, judge: Judge, nominal: Array, solver: Solver, limit_s: float) -> None:
         self.judge, self.run, self.nominal, self.solver = judge, judge.run, nominal, solver
         self.simulations, self.end = 0, time.perf_counter() + limit_s
         self.best, self.best_cost = np.zeros(len(nominal) + 3), math.inf
@@ -129,10 +145,10 @@ class ThesisWay:
 
     def states(self, p: Array, x0: Array) -> Array:
         """(n, 4) by one call of the solver."""
-        t = self.run.t
+        t, (method, rtol, _) = self.run.t, self.solver
         # as fast as Python allows: a compiled call for every derivative costs more than the arithmetic
         rate = _rate(p.tolist(), self.times, self.torques)
-        found = solve_ivp(rate, (t[0], t[-1]), x0, self.solver, t_eval=t, rtol=RTOL, atol=ATOL)
+        found = solve_ivp(rate, (t[0], t[-1]), x0, method, t_eval=t, rtol=rtol, atol=rtol * ATOL / RTOL)
         return np.asarray(found.y.T)
 
 
@@ -149,10 +165,10 @@ def _rate(p: list[float], times: list[float], torques: list[float]) -> Callable[
     return rate
 
 
-def thesis_way(judge: Judge, values: dict[str, float], solver: str, limit_s: float) -> Row:
+def thesis_way(judge: Judge, values: dict[str, float], solver: Solver, limit_s: float) -> Row:
     """One fit, stopped at the limit."""
     way = ThesisWay(judge, np.array([values[name] for name in NAMES]), solver, limit_s)
-    options = {"eps": STEPS["2-point"], "maxiter": 10000, "maxfun": 10**7}
+    options = {"eps": solver.difference, "maxiter": 10000, "maxfun": 10**7}
     begin = time.perf_counter()
     try:
         note = f"ended by itself: {minimize(way.cost, way.best, method='L-BFGS-B', options=options).message}"
@@ -161,7 +177,7 @@ def thesis_way(judge: Judge, values: dict[str, float], solver: str, limit_s: flo
     seconds = time.perf_counter() - begin
     p, x0 = way.parameters(way.best)
     cost = judge.cost(dict(zip(NAMES, p.tolist(), strict=True)), x0)
-    return Row(f"{solver} across the jumps, L-BFGS, differences", seconds, 1, way.simulations, cost, note)
+    return Row(str(solver), seconds, 1, way.simulations, cost, note, note.startswith("stopped"))
 
 
 class Counted:
@@ -191,7 +207,7 @@ def timed(call: Callable[[], object], runs: int) -> list[float]:
     return out
 
 
-def measure(rec: Recording, runs: int, solvers: list[str], limit_s: float) -> tuple[list[Row], Fit]:
+def measure(rec: Recording, runs: int, solvers: Sequence[Solver], limit_s: float) -> tuple[list[Row], Fit]:
     """All ways, ours before and after each slow one, so that a busy machine slows both."""
     values = load_model(MODELS / "thesis.yaml").values()
     prepared = prepare([rec], ("theta_rate", "psi"))
@@ -203,7 +219,7 @@ def measure(rec: Recording, runs: int, solvers: list[str], limit_s: float) -> tu
     }
     times: dict[str, list[float]] = {name: [] for name in ours}
     slow = []
-    for solver in [*solvers, ""]:
+    for solver in [*solvers, None]:
         for name, call in ours.items():
             times[name] += timed(call, runs)
         slow += [thesis_way(judge, values, solver, limit_s)] if solver else []
@@ -217,14 +233,14 @@ def measure(rec: Recording, runs: int, solvers: list[str], limit_s: float) -> tu
 
 
 def missed(rows: list[Row]) -> list[str]:
-    """Bounds that were not kept, in words."""
+    """Bounds that were not kept, in words; a way that gave up above our cost says nothing about speed."""
     ours, slow = rows[0], rows[2:]
     out = [] if ours.median_s < MOST_S else [f"{ours.median_s:.2f} s, the bound is {MOST_S:g} s"]
     for row in slow:
-        ratio = row.median_s / ours.median_s
-        if ratio < LEAST_RATIO:
+        ratio, gave_up = row.median_s / ours.median_s, not row.stopped and row.cost > ours.cost * SAME
+        if ratio < LEAST_RATIO and not gave_up:
             out.append(f"{ratio:.0f} times as fast as {row.how}, the bound is {LEAST_RATIO:g}")
-        if ours.cost > row.cost * (1 + 1e-6):
+        if ours.cost > row.cost * SAME:
             out.append(f"cost {ours.cost:.6g} is above {row.cost:.6g} of {row.how}")
     return out
 
@@ -233,19 +249,19 @@ def main() -> int:
     """Measure, print, judge."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=9, help="fits of ours before and after each slow way")
-    parser.add_argument("--solver", action="append", choices=("Radau", "BDF", "LSODA"))
-    parser.add_argument("--limit", type=float, default=300.0, help="seconds given to each slow way")
+    parser.add_argument("--only", type=int, choices=range(len(SOLVERS)), help="one of the slow ways, by its number")
+    parser.add_argument("--limit", type=float, default=120.0, help="seconds given to each slow way")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
+    solvers = SOLVERS if options.only is None else SOLVERS[options.only :][:1]
     rec, name = recording()
-    rows, found = measure(rec, options.runs, options.solver or ["Radau"], options.limit)
+    rows, found = measure(rec, options.runs, solvers, options.limit)
     print(f"{name}: {len(rec)} samples, {len(NAMES)} entries and initial state, {found.runs[0].samples} measurements")
     print(f"{'way':<48} {'median s':>9} {'ratio':>7} {'runs':>5} {'simulations':>11} {'cost':>10}")
     for row in rows:
         ratio = row.median_s / rows[0].median_s
-        print(
-            f"{row.how:<48} {row.median_s:9.3f} {ratio:7.1f} {row.runs:5} {row.simulations:11} {row.cost:10.3f}  {row.note}"
-        )
+        figures = f"{row.median_s:9.3f} {ratio:7.1f} {row.runs:5} {row.simulations:11} {row.cost:10.3f}"
+        print(f"{row.how:<48} {figures}  {row.note}")
     failures = missed(rows)
     for failure in failures:
         print(f"MISSED: {failure}")
