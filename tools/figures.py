@@ -30,6 +30,8 @@ from thesis.results import Drawn, Entry, page  # noqa: E402
 from hoopd.files import InputError  # noqa: E402
 from hoopd.plots import style  # noqa: E402
 
+PAPER_COLUMNS = 140  # of the table where nobody's terminal limits it
+
 
 class Wanted(NamedTuple):
     """One figure: the thesis's numbers for it, and what draws it."""
@@ -96,7 +98,7 @@ def main() -> int:
     if options.list:
         print("\n".join(FIGURES))
         return 0
-    console, errors = Console(), Console(stderr=True)
+    console, errors = Console(width=None if sys.stdout.isatty() else PAPER_COLUMNS), Console(stderr=True)
     missing = Bench(Path()).missing
     notes = [how_to_get(shared_folder(), missing)] if missing else []
     for note in notes:

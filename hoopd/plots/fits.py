@@ -26,21 +26,32 @@ BEYOND = 0.35  # of the measured range: a run that leaves it by more would squee
 Runs = Mapping[str, Sequence[Score]]
 
 
-def draw_fits(recordings: Sequence[Recording], runs: Runs, title: str = "") -> Figure:
-    """Stretches of one experiment, and for each model by name its scores on them, in the same order."""
+def draw_fits(
+    recordings: Sequence[Recording], runs: Runs, title: str = "", *, detail_s: tuple[float, float] | None = None
+) -> Figure:
+    """Stretches of one experiment, and for each model by name its scores on them, in the same order.
+
+    detail_s: a part of the time for which the last signal is drawn once more, larger.
+    """
     rows = _rows(next(iter(runs.values())))
     with_torque = any(np.ptp(one.u[np.isfinite(one.u)]) > 0.0 for one in recordings)
-    heights = [*([TORQUE_IN] if with_torque else []), *([SIGNAL_IN] * len(rows))]
-    figure = style.figure(
-        7.0, sum(heights) + 0.9 + 0.2 * len(rows), rows=len(heights), sharex=True, height_ratios=heights, title=title
-    )
+    details = [rows[-1]] if detail_s is not None else []
+    heights = [*([TORQUE_IN] if with_torque else []), *([SIGNAL_IN] * len([*rows, *details]))]
+    tall_in = sum(heights) + 0.9 + 0.2 * len(heights)
+    figure = style.figure(7.0, tall_in, rows=len(heights), height_ratios=heights, title=title)
     axes = list(figure.axes)
     if with_torque:
         _torque(axes[0], recordings)
-    for one, name in zip(axes[-len(rows) :], rows, strict=True):
+    for one, name in zip(axes[int(with_torque) :], (*rows, *details), strict=True):
         _signal(one, name, recordings, runs)
+    whole = axes[: len(axes) - len(details)]
+    for one in whole:
+        one.set_xlim(recordings[0].t[0], recordings[-1].t[-1])
+        one.tick_params(labelbottom=one is whole[-1])
+    if detail_s is not None:
+        axes[-1].set_xlim(*detail_s)
+        axes[-1].get_legend().remove()
     axes[-1].set_xlabel("time (s)")
-    axes[-1].set_xlim(recordings[0].t[0], recordings[-1].t[-1])
     figure.align_ylabels(axes)
     return figure
 

@@ -41,9 +41,8 @@ def draw_linearity(released: Sequence[Compared], played: Sequence[Compared], tit
         _compare(one, compared)
     for (name, *_), compared in zip(rows, played, strict=True):
         _compare(axes[name], compared)
-    axes[tops[0]].set_ylabel("ball angle (rad)")
-    style.legend(axes[rows[-1][0]] if rows else axes[tops[0]], loc="lower left", bbox_to_anchor=(0.25, 0.98), ncols=3,
-                 borderaxespad=0.1, markerscale=3.0)  # fmt: skip
+    below = axes[rows[0][0]] if rows else axes[tops[0]]
+    style.legend(below, loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=3, borderaxespad=0.1, markerscale=3.0)
     figure.align_ylabels()
     return figure
 

@@ -32,12 +32,14 @@ class PrintedMargin(NamedTuple):
 def draw_bode_beside(system: control.StateSpace, printed: PrintedMargin, title: str = "") -> Figure:
     """Bode of a plant with unit feedback; inset: phase above -180 degrees near the crossover."""
     figure = draw_bode(system, title)
-    _enlarged(figure.axes[1], system, printed)
+    phase = figure.axes[1]
+    _enlarged(phase, system, printed)
+    style.legend(phase, loc="center right")
     return figure
 
 
 def _enlarged(axes: Axes, system: control.StateSpace, printed: PrintedMargin) -> None:
-    inset = style.styled(axes.inset_axes((0.10, 0.20, 0.34, 0.48)))
+    inset = style.styled(axes.inset_axes((0.10, 0.22, 0.40, 0.52)))
     found = margins(system)
     reach = REACH * abs(printed.w_rad_s - found.phase_rad_s)
     w = np.linspace(found.phase_rad_s - reach, found.phase_rad_s + reach, 50)
@@ -47,8 +49,8 @@ def _enlarged(axes: Axes, system: control.StateSpace, printed: PrintedMargin) ->
     inset.plot(found.phase_rad_s, exact, "o", color=style.VERMILION, markersize=5, label=f"|P| = 1: {exact:.4f}°")
     inset.plot(printed.w_rad_s, printed.degrees, "s", color=style.PURPLE, markersize=5,
                label=f"printed: {printed.degrees:.4f}°")  # fmt: skip
-    inset.set_title("phase + 180° near the crossover", fontsize=style.NOTE_PT)
+    inset.set_title("phase + 180° (deg) near the crossover (rad/s)", fontsize=style.NOTE_PT)
     inset.tick_params(labelsize=style.NOTE_PT - 1.5)
     inset.ticklabel_format(useOffset=False)
     inset.locator_params(axis="x", nbins=4)
-    style.legend(inset, loc="upper right", fontsize=style.NOTE_PT - 1.0)
+    style.legend(inset, loc="lower left", fontsize=style.NOTE_PT - 1.0)

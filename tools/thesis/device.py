@@ -24,6 +24,7 @@ RUNS = {
     "LQG, zero angle 1° wrong": (*THESIS, WRONG_ZERO),
 }
 COLOURS = (style.VERMILION, style.BLUE, style.GREEN)
+WIDTHS_PT = (2.0, 0.9, 1.1)  # the two PIDs see the same
 END_S = 3.0
 
 
@@ -52,6 +53,7 @@ def chapter_seven(bench: Bench) -> Drawn:
         {name: seen(run) for name, run in runs.items()},
         "The device experiment in the rig",
         colours=COLOURS,
+        widths_pt=WIDTHS_PT,
         psi_label="ball angle as\nthe camera sees it (rad)",
     )
     return Drawn(drawn, caption, tuple(rows))

@@ -20,20 +20,26 @@ from tests.system.rivals import SCENARIOS, SEEDS, Judged, judged, race
 from thesis.records import Bench
 from thesis.results import Drawn, Row
 
-NAMES = {"thesis": "designed on the thesis's entries", "fitted": "designed on the fitted model"}
+NAMES = {
+    "thesis": "designed on the thesis's entries",
+    "fitted": "designed on the fitted model",
+    "truth": "designed on the rig's own model",
+}
+DRAWN = ("thesis", "fitted")  # the third cannot be told from the second
 COLOURS = (style.VERMILION, style.BLUE)
 
 
 def controllers(folder: Path) -> dict[str, Path]:
-    """Both controller files, the fitted one from a recording of the rig."""
+    """The controller files, the fitted one from a recording of the rig."""
     recording, model = folder / "rec.mcap", folder / "mine.yaml"
     options = Options(sim=True, sets=("log.level=error",), speed="max", direct=True)
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
         experiment.run(Plan("prbs"), options, experiment.Where(file=recording))
     fit.run([str(recording)], wish=fit.Wish(structure="rolling"), out=model)
     files = {name: folder / f"{name}.yaml" for name in NAMES}
-    design.run("lqg", Path("models/thesis.yaml"), Spec(), out=files["thesis"])
-    design.run("lqg", model, Spec(), out=files["fitted"])
+    models = {"thesis": Path("models/thesis.yaml"), "fitted": model, "truth": Path("models/hoop.yaml")}
+    for name, file in files.items():
+        design.run("lqg", models[name], Spec(), out=file)
     return files
 
 
@@ -49,7 +55,7 @@ def fitted_loop(bench: Bench) -> Drawn:
             bench.say(f"rig: {scenario}, {NAMES[name]}")
             runs = race(folder / scenario, file, asked)
             rows += _rows(f"{scenario}, {NAMES[name]}", [judged(run) for run in runs])
-            if scenario == "references":
+            if scenario == "references" and name in DRAWN:
                 shown[NAMES[name]] = DeviceRun(runs[0].t, runs[0].psi, runs[0].dtheta, runs[0].u, runs[0].reference)
     caption = (
         "The rig's ball told to be at 0.1, -0.1, 0.05 and 0 rad, by LQG designed on the thesis's entries and by LQG "

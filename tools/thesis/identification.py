@@ -20,18 +20,31 @@ SOLVERS = [
     *(Case("RK45", r, 1e-3 * r) for r in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)),
     *(Case("Rosenbrock23", r, 1e-3 * r) for r in (1e-3, 1e-4, 1e-5, 1e-6)),
 ]
+DETAILED, DETAIL_S = ("second",), 10.0
 STEPS_S = (0.02, 0.01, 0.005, 0.0025, 0.00125)
 
 
 def fits(bench: Bench, key: str) -> Drawn:
     """One experiment: measured, thesis's entries, entries re-estimated."""
     scores = bench.scores(key)
-    title = f"{SOURCES[key].words} ({bench.origin(key)})"
+    title = f"{_capital(SOURCES[key].words)} ({bench.origin(key)})"
+    recordings = bench.parts(key)
+    begin, end = float(recordings[0].t[0]), float(recordings[-1].t[-1])
+    middle = (begin + end) / 2.0
+    detail = (middle - DETAIL_S / 2, middle + DETAIL_S / 2) if key in DETAILED and end - begin > 3 * DETAIL_S else None
     caption = (
-        f"{SOURCES[key].words.capitalize()}: torque, measured signals and one free run of each model over each stretch."
+        f"{_capital(SOURCES[key].words)}: torque, measured signals and one free run of each model over each stretch."
     )
     rows = (*_fit_rows(scores), *_entry_rows(bench, key))
-    return Drawn(draw_fits(bench.parts(key), scores, title), caption + _set_aside(scores), rows)
+    return Drawn(
+        draw_fits(recordings, scores, title, detail_s=detail),
+        f"{caption}{_set_aside(scores)} {bench.note(key)}".strip(),
+        rows,
+    )
+
+
+def _capital(words: str) -> str:
+    return words[0].upper() + words[1:]
 
 
 def _set_aside(scores: dict[str, list[Score]]) -> str:
@@ -58,7 +71,7 @@ def _entry_rows(bench: Bench, key: str) -> list[Row]:
 
 def solver_question(bench: Bench) -> Drawn:
     """Adaptive solvers across the jumps of the recorded torque, and integration from sample to sample."""
-    recording = bench.parts("first")[0]
+    recording = bench.whole("first")
     t, u = recording.t, recording.u[:-1]
     x0 = np.nan_to_num([recording.theta[0], recording.dtheta[0], recording.psi[0], 0.0])
     bench.say("integrating with two solvers at several tolerances")

@@ -30,6 +30,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PUBLIC = "the public GitHub repository aa4cc/flying-ball-in-hoop, folder m/identification/exp01"
 # The drive stopped while the torque was still written down.
 STOPPED_S = 0.2
+# Nothing moves and no torque acts before; the camera repeats its angle there, which says nothing of a start.
+REST_S = 1.0
 # What the repository found for the hoop alone; the entries of hoop and ball together are not those of one alone.
 HOOP_ALONE = {"J11": -0.28, "L1": 658.8}
 PRINTED = "thesis's entries"
@@ -45,19 +47,34 @@ class Source(NamedTuple):
     columns: str | None = None
     spans: tuple[tuple[float | None, float | None], ...] = ((None, None),)
     cut_s: float = 0.0
+    note: str = ""  # on the real one
     printed: str = PRINTED
     values: Mapping[str, float] = ENTRIES_PRINTED
 
 
 SOURCES: Mapping[str, Source] = {
-    "first": Source("hoop and ball, 20 s", "meas_hoopAndBall2_01.mat", Plan("prbs", 20.0, seed=1), cut_s=STOPPED_S),
-    "second": Source("hoop and ball, 50 s", "meas_hoop01_prbs.mat", Plan("prbs", 50.0, seed=2), cut_s=STOPPED_S),
+    "first": Source(
+        "hoop and ball, 20 s",
+        "meas_hoopAndBall2_01.mat",
+        Plan("prbs", 20.0, seed=1),
+        spans=((REST_S, None),),
+        cut_s=STOPPED_S,
+        note="In the first second, left out, nothing moves; in the last 0.2 s the drive had stopped.",
+    ),
+    "second": Source(
+        "hoop and ball, 50 s",
+        "meas_hoop01_prbs.mat",
+        Plan("prbs", 50.0, seed=2),
+        cut_s=STOPPED_S,
+        note="In the last 0.2 s, left out, the drive had stopped.",
+    ),
     "ball": Source(
         "ball alone, two free decays",
         "meas_ballOnly01.mat",
         Plan("decay", 34.0, 0.0, angle_limit_rad=1.5),
         ("sim.psi_rad=0.8", "sim.held=false"),
         spans=((2.0, 14.0), (17.0, 29.0)),
+        note="The hoop was held; a hand moved the ball between the two.",
     ),
     "sine": Source(
         "hoop alone, sine of 0.5 Hz",
@@ -117,6 +134,15 @@ class Bench:
             path = shared_folder() / source.file
             self._parts[key] = _real(path, source) if path.is_file() else (self._rig(key, source),)
         return self._parts[key]
+
+    def whole(self, key: str) -> Recording:
+        """An experiment with its beginning and end."""
+        path = shared_folder() / SOURCES[key].file
+        return load(path, SOURCES[key].columns) if path.is_file() else self.parts(key)[0]
+
+    def note(self, key: str) -> str:
+        """What a reader should know about a real recording."""
+        return "" if SOURCES[key].file in self.missing else SOURCES[key].note
 
     def fitted(self, key: str) -> Fit:
         """Entries estimated from an experiment."""
