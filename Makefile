@@ -4,6 +4,7 @@ VENV ?= .venv
 RUN := $(VENV)/bin/python
 PIP := $(RUN) -m pip install --quiet --disable-pip-version-check --no-input
 DURATION ?= 20
+OUT ?= build/figures
 
 # Installing on a Raspberry Pi: sudo make install [LAMP_GPIO=23|none] [PICAMERA2=1]; into a folder: DESTDIR=/tmp/root
 DESTDIR ?=
@@ -11,7 +12,7 @@ LAMP_GPIO ?= 18
 INSTALL_FLAGS := --root "$(DESTDIR)/" $(if $(DRY_RUN),--dry-run)
 
 .DEFAULT_GOAL := help
-.PHONY: help sim test lint install uninstall lock wheels clean
+.PHONY: help sim test lint figures install uninstall lock wheels clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
@@ -27,6 +28,9 @@ lint: $(VENV)/.development ## style, types and import contracts
 	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy
 	$(VENV)/bin/lint-imports
+
+figures: $(VENV)/.runtime ## draw the thesis's figures again (OUT=build/figures, ONLY=name; HOOPD_SHARED=folder of recordings/)
+	$(RUN) tools/figures.py --out $(OUT) $(addprefix --only ,$(ONLY))
 
 install: ## install on this Raspberry Pi (as root)
 	$(PYTHON) tools/install.py install $(INSTALL_FLAGS) --lamp-gpio $(LAMP_GPIO) $(if $(PICAMERA2),--picamera2)

@@ -63,8 +63,8 @@ def bode_on(gain: Axes, phase: Axes, system: control.StateSpace, delay_s: float 
     _mark_gain_margin(gain, phase, found, lambda at: float(np.interp(at, w, angle)))
     _mark_bandwidths(gain, system)
     _levels(phase, angle)
-    labelled(gain, "", f"gain [dB, {unit(system)}/(N m)]", "Bode")
-    labelled(phase, "frequency [rad/s]", "phase [deg]")
+    labelled(gain, "", f"gain (dB, {unit(system)} per N m)", "Bode")
+    labelled(phase, "frequency (rad/s)", "phase (deg)")
     gain.tick_params(labelbottom=False)
     if not found.stable:
         gain.set_title("Bode (unit feedback: unstable)", fontsize=TITLE_PT)

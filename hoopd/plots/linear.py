@@ -114,7 +114,7 @@ def poles_on(axes: Axes, system: control.StateSpace) -> None:
         _name_roots(axes, poles, BLUE)
         _name_roots(axes, roots, VERMILION)
     axes.margins(0.25)
-    part = "of z" if discrete else "[1/s]"
+    part = "of z" if discrete else "(1/s)"
     labelled(axes, f"real part {part}", f"imaginary part {part}", "poles and zeros")
     legend(axes)
 
@@ -150,9 +150,10 @@ def step_on(axes: Axes, system: control.StateSpace) -> None:
     if info is not None:
         _mark_step(axes, info)
     output = system.output_labels[0]
-    labelled(axes, "time [s]", f"{WORDS.get(output, output)} [{unit(system)}]", "step of 1 N m (linear model)")
+    labelled(axes, "time (s)", f"{WORDS.get(output, output)} ({unit(system)})", "step of 1 N m (linear model)")
     axes.set_xlim(0.0, float(np.asarray(time)[-1]))
-    legend(axes, loc="upper right")
+    final = 0.0 if info is None else info["SteadyStateValue"]
+    legend(axes, loc="lower right" if final > 0.0 else "upper right")  # a swing about the final value ends there
 
 
 def _mark_step(axes: Axes, info: dict[str, float]) -> None:

@@ -19,10 +19,10 @@ from hoopd.plots import style
 
 # Of each panel: attribute, title, unit on the axis.
 PANELS = (
-    ("sensitivity", "Sensitivity S", "|S| [1]"),
-    ("load", "Load disturbance to ball angle, PS", "|PS| [rad/(N m)]"),
-    ("noise", "Noise to torque, CS", "|CS| [N m/rad]"),
-    ("complementary", "Complementary sensitivity T", "|T| [1]"),
+    ("sensitivity", "Sensitivity S", "|S| (1)"),
+    ("load", "Load disturbance to ball angle, PS", "|PS| (rad per N m)"),
+    ("noise", "Noise to torque, CS", "|CS| (N m per rad)"),
+    ("complementary", "Complementary sensitivity T", "|T| (1)"),
 )
 UNIT_LINES = ("sensitivity", "complementary")  # panels in which 1 means something
 FLOOR = 1e-4  # of a panel's largest value: what lies below says nothing
@@ -80,8 +80,8 @@ def _gang(axes: list[Axes], gangs: Mapping[str, GangOfFour]) -> None:
         one.set_ylim(max(low, FLOOR * max(sizes)), max(high, 2.0 * max(sizes)))
         one.set_title(_titled(title, sizes), fontsize=style.TITLE_PT)
         one.set_ylabel(label)
-        one.set_xlabel("Frequency [rad/s]")
-    style.legend(axes[0])
+        one.set_xlabel("frequency (rad/s)")
+    style.legend(axes[1], loc="lower left")  # |PS| is small where the others are not
 
 
 def _titled(title: str, sizes: list[float]) -> str:
@@ -100,7 +100,7 @@ def _pair(axes: Any, name: str, pair: tuple[Run, Run], colour: str) -> None:
 
 
 def _name_axes(axes: Any) -> None:
-    for one, label in zip(axes, ("Ball angle [rad]", "Hoop speed [rad/s]", "Torque [N m]"), strict=True):
+    for one, label in zip(axes, ("ball angle (rad)", "hoop speed (rad/s)", "torque (N m)"), strict=True):
         one.set_ylabel(label)
         one.margins(x=0.0)
-    axes[-1].set_xlabel("Time [s]")
+    axes[-1].set_xlabel("time (s)")

@@ -29,7 +29,7 @@ def test_gang_of_several_loops_has_their_names_and_units() -> None:
     figure = draw_gang_of_four({"PID": gang, "lead": gang})
     assert len(figure.axes) == 4
     for axes in figure.axes:
-        assert "[" in axes.get_ylabel() and axes.get_xlabel() == "Frequency [rad/s]"
+        assert "(" in axes.get_ylabel() and axes.get_xlabel() == "frequency (rad/s)"
         assert {line.get_label() for line in axes.get_lines()} >= {"PID", "lead"}
 
 
@@ -39,7 +39,7 @@ def test_responses_are_nonlinear_against_linear() -> None:
     assert labels == {"PID nonlinear", "PID linear", "lead nonlinear", "lead linear"}
     colours = {line.get_label(): line.get_color() for line in figure.axes[0].get_lines()}
     assert colours["PID nonlinear"] == colours["PID linear"] != colours["lead nonlinear"]
-    assert [axes.get_ylabel() for axes in figure.axes] == ["Ball angle [rad]", "Hoop speed [rad/s]", "Torque [N m]"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["ball angle (rad)", "hoop speed (rad/s)", "torque (N m)"]
 
 
 @pytest.mark.parametrize("extension", [".png", ".svg"])

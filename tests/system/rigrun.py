@@ -30,6 +30,7 @@ class RigRun:
     t: Column  # s, zero at the board's first torque
     dtheta: Column  # rad/s, true
     psi: Column  # rad, true
+    dpsi: Column  # rad/s, true
     u: Column  # N m, applied from this tick on
     psi_seen: Column  # rad, as the camera saw it, NaN without a new picture
     reference: Column  # rad
@@ -77,6 +78,7 @@ def run_rig(
         state.t[part] - state.t[first],
         state.dtheta[part],
         state.psi[part],
+        state.dpsi[part],
         u[part],
         recording.psi[part],
         recording.extra["reference"][part],

@@ -1,0 +1,64 @@
+"""`make figures` where the real recordings are missing: it says how to get them and draws from the rig instead."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def figures(out: Path, *arguments: str, shared: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the tool; without `shared` where it looks by itself."""
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"} | ({"HOOPD_SHARED": str(shared)} if shared else {})
+    command = [sys.executable, str(ROOT / "tools" / "figures.py"), "--out", str(out), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=110, check=False, env=environment)
+
+
+def is_picture(path: Path) -> bool:
+    """A file that begins as PNG files do, and is not empty paper."""
+    data = path.read_bytes()
+    return data.startswith(b"\x89PNG") and len(data) > 10_000
+
+
+def test_without_recordings_it_says_how_to_get_them_and_draws_from_the_rig(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    names = ["fit_first", "fit_ball", "fit_chirp", "bode", "gang_of_four", "impulse"]
+    only = [part for name in names for part in ("--only", name)]
+    done = figures(tmp_path / "out", *only, shared=tmp_path / "empty")
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stderr.split())
+    for words in ("aa4cc/flying-ball-in-hoop", "m/identification/exp01", "meas_hoop01_prbs.mat", "HOOPD_SHARED", "rig"):
+        assert words in said
+    assert all(is_picture(tmp_path / "out" / f"{name}.png") for name in names)
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert all(f'src="{name}.png"' in page for name in names)
+    assert "rig recordings" in page or "recordings of the rig" in page
+    # the thesis's number and ours side by side
+    for number in ("1.5704866", "1.5700046", "0.1966659, 2.815461, 0.04734557"):
+        assert number in done.stdout
+
+
+def test_same_bytes_again(tmp_path: Path) -> None:
+    for name in "ab":
+        assert figures(tmp_path / name, "--only", "poles").returncode == 0
+    first, second = ((tmp_path / name / "poles.png").read_bytes() for name in "ab")
+    assert first == second
+
+
+@pytest.mark.parametrize("arguments", [["--only", "nothing"], ["--out", "/proc/nowhere"]])
+def test_what_cannot_be_done_is_refused(arguments: list[str], tmp_path: Path) -> None:
+    done = figures(tmp_path, "--only", "poles", *arguments)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr and done.stderr.strip()
+
+
+def test_list_names_every_figure(tmp_path: Path) -> None:
+    names = figures(tmp_path, "--list").stdout.split()
+    fits = {"fit_first", "fit_second", "fit_ball", "fit_sine", "fit_chirp", "solver"}
+    linear = {"poles", "step", "bode", "nyquist", "linearity"}
+    assert {*names} == fits | linear | {"gang_of_four", "impulse", "device", "fitted_loop"}

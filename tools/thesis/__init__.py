@@ -1,0 +1,1 @@
+"""What `tools/figures.py` computes before it draws: one module for each part of the thesis."""
