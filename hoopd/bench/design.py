@@ -25,7 +25,7 @@ from hoopd.modelfiles import ControllerFile, ModelFile, load_model, parse_contro
 from hoopd.physics.plant import Plant
 from hoopd.plots import style
 from hoopd.plots.loops import draw_design
-from hoopd.shipped import defaults_folder, or_shipped
+from hoopd.shipped import or_shipped, way_to
 
 KINDS = (*LAWS, "arx")
 HEAD = "Made by `hoopd design {law}` from {model}."
@@ -131,20 +131,12 @@ def _text(law: str, designed: Law, spec: Spec, model: ModelFile, model_path: Pat
         out.stem if out is not None else law,
         designed.kind,
         designed.gains,
-        model=_way_to(model_path, out),
+        model=way_to(model_path, out),
         notes=f"designed as {law} for pictures {1e3 * spec.delay_s:g} ms old",
         sample_time_s=spec.sample_time_s,
         torque_nm=min(0.7, model.device.torque_limit_nm),
     )
     return controller_text(data, HEAD.format(law=law, model=model_path.name))
-
-
-def _way_to(model_path: Path, out: Path | None) -> str:
-    """The model as the controller file names it: a shipped one by its name, another from the file's own folder."""
-    model = model_path.resolve()
-    if model.is_relative_to(defaults_folder()):
-        return model.relative_to(defaults_folder()).as_posix()
-    return model.name if out is None else Path(os.path.relpath(model, out.resolve().parent)).as_posix()
 
 
 def _write(out: Path | None, text: str) -> None:

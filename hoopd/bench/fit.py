@@ -35,10 +35,8 @@ from hoopd.physics.plant import PARAMETER_UNITS, STRUCTURES
 from hoopd.recording.bytesof import replace_file
 from hoopd.recording.recording import Recording
 from hoopd.recording.suspicions import suspicions
-from hoopd.shipped import defaults_folder
+from hoopd.shipped import START_MODELS, defaults_folder
 
-# Where a fit starts from when no model is named.
-START = {"entries": "models/thesis.yaml", "rolling": "models/hoop.yaml", "published": "models/hoop.yaml"}
 # What a laboratory can weigh and measure. It is believed widely, never taken for given: a recording may have been made
 # with another ball.
 GEOMETRY = ("mb", "Ro", "Rb")
@@ -120,7 +118,7 @@ def _settings(wish: Wish) -> tuple[ModelFile, Settings]:
     _one_of("--structure", wish.structure, STRUCTURES)
     _one_of("--loss", wish.loss, LOSSES)
     _one_of("--method", wish.method, METHODS)
-    base = read_model(wish.model or defaults_folder() / START[wish.structure])
+    base = read_model(wish.model or defaults_folder() / START_MODELS[wish.structure])
     names = tuple(PARAMETER_UNITS[wish.structure])
     if wish.window_s is not None and not 0.2 <= wish.window_s <= 1e4:
         raise InputError("--window", "", f"must be 0.2 to 10000 s, not {wish.window_s:g}")
@@ -273,7 +271,7 @@ def _physics(found: Fit, base: ModelFile, train: Sequence[Recording], wish: Wish
     """What the parameters mean beyond themselves: what is not determined, what they are made of, which kinematics."""
     judged = determined(found.solution, found.uncertainty, found.structure)
     result: dict[str, Any] = {"undetermined": plain(judged)}
-    device = nominal_values(read_model(defaults_folder() / START["rolling"]), "rolling")
+    device = nominal_values(read_model(defaults_folder() / START_MODELS["rolling"]), "rolling")
     device |= {name: found.values[name] for name in GEOMETRY}
     if found.structure == "entries" and found.movings == ("both",):
         progress("physical parameters of the entries")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from math import ceil
+from math import ceil, isfinite
 from typing import Any, NamedTuple
 
 import control
@@ -42,6 +42,27 @@ LATE_OMEGA_RAD_S, LATE_MT = 10.5, 1.8
 PI_OMEGA_RAD_S = 0.05
 
 
+# Between which values a number of a specification makes sense: above the first, at most the second.
+RANGES: Mapping[str, tuple[float, float]] = {
+    "omega_rad_s": (0.0, 1e3),
+    "mt": (1.0, 100.0),
+    "phase_deg": (-180.0, 180.0),
+    "zeta": (0.0, 10.0),
+    "filter_ratio": (0.0, 1e3),
+    "ratio": (0.0, 1e3),
+    "sample_time_s": (0.0, 0.1),
+}
+LONGEST_DELAY_S = 0.2  # the filter's memory is 0.25 s
+
+
+class SpecError(ValueError):
+    """A number of a specification makes no sense; `name` says which."""
+
+    def __init__(self, name: str, reason: str) -> None:
+        self.name, self.reason = name, reason
+        super().__init__(f"{name}: {reason}")
+
+
 @dataclass(frozen=True)
 class Spec:
     """What is asked for; a law reads the ones it needs, None is the law's own default."""
@@ -59,6 +80,21 @@ class Spec:
     delay_s: float = PICTURE_AGE_S
     sample_time_s: float = 0.02
     method: str = "tustin"
+
+    def __post_init__(self) -> None:
+        """SpecError for a number that makes no sense."""
+        for name, (low, high) in RANGES.items():
+            value = getattr(self, name)
+            if value is not None and not low < value <= high:
+                raise SpecError(name, f"must be above {low:g} and at most {high:g}, not {value:g}")
+        if not 0.0 <= self.delay_s <= LONGEST_DELAY_S:
+            raise SpecError("delay_s", f"must be from 0 to {LONGEST_DELAY_S:g} s, not {self.delay_s:g}")
+        if not isfinite(self.gain):
+            raise SpecError("gain", "must be a finite number")
+        if self.lead is not None and not all(0.0 < value <= 1e3 for value in self.lead):
+            raise SpecError("lead", "takes rad/s and N, both above 0 and at most 1000")
+        if not all(pole.real < 0.0 and isfinite(abs(pole)) for pole in self.poles):
+            raise SpecError("poles", "a stable loop has poles with negative real parts (rad/s, continuous time)")
 
     @property
     def delay_ticks(self) -> int:

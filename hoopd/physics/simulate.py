@@ -97,7 +97,7 @@ class _Runner:
         self._buffer, self._trigger = chunk.buffer()
         self._start, self._p = np.zeros(chunk.size1_in(0)), np.zeros((CHUNK, free))
         for index, array in ((0, self._start), (3, self._p)):
-            self._buffer.set_arg(index, memoryview(array))
+            self._buffer.set_arg(index, memoryview(array))  # type: ignore[call-arg, arg-type, unused-ignore]
 
     def __call__(self, start: Array, u: Array, h: Array, p: Array) -> Array:
         """States (n, k) after each of the steps h (n,) s with torques u (n,); start (k,), p (m,)."""
@@ -109,8 +109,8 @@ class _Runner:
         for first in range(0, len(u), CHUNK):
             part = slice(first, first + CHUNK)
             for index, array in ((1, u), (2, h)):
-                self._buffer.set_arg(index, memoryview(array[part]))
-            self._buffer.set_res(0, memoryview(out[part]))
+                self._buffer.set_arg(index, memoryview(array[part]))  # type: ignore[call-arg, arg-type, unused-ignore]
+            self._buffer.set_res(0, memoryview(out[part]))  # type: ignore[call-arg, arg-type, unused-ignore]
             self._trigger()
             self._start[:] = out[part][-1]
         return out[: len(out) - len(rest)]

@@ -46,6 +46,18 @@ def draw_responses(runs: Mapping[str, tuple[Run, Run]], title: str = "Closed loo
     return figure
 
 
+def draw_runs(runs: Mapping[str, Run], title: str = "") -> Figure:
+    """Ball angle, hoop speed and torque of runs by name."""
+    figure = style.figure(WIDTH_IN, 7.0, rows=3, columns=1, title=title, sharex=True)
+    for name, run in runs.items():
+        figure.axes[0].plot(run.t, run.psi, label=name)
+        figure.axes[1].plot(run.t, run.dtheta)
+        figure.axes[2].step(run.t, run.u, where="post", linewidth=0.9)
+    _name_axes(figure.axes)
+    style.legend(figure.axes[0], loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=max(1, len(runs)))
+    return figure
+
+
 def draw_design(gang: GangOfFour, runs: Trial, disturbance_rad: float, title: str = "") -> Figure:
     """One law: the gang of four above, released and disturbed runs below."""
     figure = style.figure(WIDTH_IN + 1.0, 10.0, rows=5, columns=2, title=title)

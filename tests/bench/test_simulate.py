@@ -14,11 +14,11 @@ from shared import shared_path
 
 from hoopd import cli
 from hoopd.bench import simulate
-from hoopd.bench.inputs import Span, read_recording, split_slice
 from hoopd.ident.solvers import two_level_torque
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.recording import load, load_all, save
 from hoopd.recording.recording import Recording, from_columns
+from hoopd.recording.slices import Span, read_recording, split_slice
 
 MODELS = Path(__file__).resolve().parents[2] / "config" / "models"
 DEVICE = MODELS / "hoop.yaml"

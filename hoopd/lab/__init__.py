@@ -1,0 +1,47 @@
+"""The engineer's interface: model, record, simulate, fit, linearise, design, close the loop.
+
+    import hoopd.lab as lab
+    recording = lab.experiment("prbs", duration=20, seed=1)
+    fitted = lab.fit(recording)
+    law = lab.design("lqg", fitted.model)
+    run = lab.feedback(fitted.model, law, disturbance=0.4)
+
+Rules of this package: no mathematics, every function is a few lines over the rooms; what it returns can be looked at
+(`.plot()`, a `Picture`) and saved; wrong arguments are a ValueError in one line. Arguments are named as the options
+of the command line and in its units: SI, angles in rad, but phases of a design in degrees. Torque, ball and hoop turn
+the same way; the ball's angle psi is 0 at the bottom. A lesson with it: `docs/lesson.py`.
+"""
+
+from hoopd.lab.controllers import Controller, Design, controller, design
+from hoopd.lab.fitting import Fitted, fit
+from hoopd.lab.linear import Linear, linearize
+from hoopd.lab.loops import ClosedLoop, feedback
+from hoopd.lab.models import Model, model
+from hoopd.lab.pictures import Picture, plot
+from hoopd.lab.recordings import daemon, experiment, load
+from hoopd.lab.simulation import Simulation, simulate
+from hoopd.recording import Recording, save
+
+__all__ = [
+    "ClosedLoop",
+    "Controller",
+    "Design",
+    "Fitted",
+    "Linear",
+    "Model",
+    "Picture",
+    "Recording",
+    "Simulation",
+    "controller",
+    "daemon",
+    "design",
+    "experiment",
+    "feedback",
+    "fit",
+    "linearize",
+    "load",
+    "model",
+    "plot",
+    "save",
+    "simulate",
+]

@@ -1,0 +1,180 @@
+"""Controllers: designed, shipped, from files.
+
+Rules of this file: thin over `hoopd.design`; an unstable design can be looked at and is never written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from hoopd.design.arxlaw import design_arx
+from hoopd.design.controllerfile import controller_data, controller_text
+from hoopd.design.gangoffour import gang_of_four
+from hoopd.design.laws import LAWS, Law, Spec
+from hoopd.design.lqg import Weights
+from hoopd.design.margins import Margins, margins
+from hoopd.design.poles import Pole, closed_loop_poles, unstable
+from hoopd.lab.models import Model, model, shipped
+from hoopd.lab.pictures import Picture
+from hoopd.modelfiles import ControllerFile, load_controller, parse_controller
+from hoopd.plots.loops import draw_gang_of_four
+from hoopd.recording.bytesof import replace_file
+from hoopd.recording.recording import Recording
+from hoopd.shipped import defaults_folder, way_to
+
+# Arguments of `design` and what the specification calls them.
+SPEC = {"omega": "omega_rad_s", "phase": "phase_deg", "delay": "delay_s", "sample_time": "sample_time_s"}
+SPEC |= {name: name for name in ("mt", "zeta", "filter_ratio", "lead", "ratio", "gain", "poles", "weights", "method")}
+WEIGHTS = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s", "torque": "torque_nm"}
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A law as the daemon loads it, and the model that its filter knows."""
+
+    controller_file: ControllerFile
+    model: Model
+    path: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        return self.controller_file.name
+
+    def save(self, path: Path | str) -> Controller:
+        """Write `hoopd.controller/1`; ValueError when its model is in no file, for the daemon reads that one too."""
+        target = Path(path)
+        if self.model.path is None:
+            raise ValueError("the controller file names its model's: save the model first, and design with that one")
+        way = way_to(self.model.path, target)
+        file = msgspec.structs.replace(self.controller_file, name=target.stem, model=way)
+        text = controller_text(msgspec.to_builtins(file), f"Made by hoopd.lab from {self.model.path.name}.")
+        parse_controller(text, target)
+        replace_file(target, text.encode())
+        return Controller(file, self.model, target)
+
+
+@dataclass(frozen=True)
+class Design(Controller):
+    """A designed law with its linear loop."""
+
+    law: Law | None = None
+
+    @property
+    def linear(self) -> Law:
+        """Controller, plant and loop as python-control systems, and the numbers found on the way."""
+        assert self.law is not None
+        return self.law
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """What the design found and promised: gains, specification, largest |T|."""
+        return self.linear.numbers
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the design could not keep."""
+        return self.linear.notes
+
+    @cached_property
+    def margins(self) -> Margins:
+        """Phase in rad, delay in s, factors of gain, largest |S| and |T|."""
+        return margins(self.linear.loop)
+
+    @cached_property
+    def poles(self) -> list[Pole]:
+        """Of the closed loop, the slowest first."""
+        return closed_loop_poles(self.linear.loop)
+
+    @property
+    def stable(self) -> bool:
+        """The closed loop, delay and sampling included."""
+        return unstable(self.poles) is None
+
+    def save(self, path: Path | str) -> Controller:
+        """Write the file that the daemon loads; ValueError for an unstable loop."""
+        if worst := unstable(self.poles):
+            raise ValueError(f"the closed loop is unstable, |z| = {abs(worst.z):.4g}: not written")
+        return super().save(path)
+
+    def plot(self) -> Picture:
+        """The gang of four."""
+        gang = gang_of_four(self.linear.plant, self.linear.controller, self.linear.loop)
+        return Picture(draw_gang_of_four({"": gang}, f"Gang of four: {self.name}"))
+
+
+def design(law: str, model: Model, *, recording: Recording | None = None, **specification: Any) -> Design:
+    """A law for a model: lqg, lqr, placement, pid, pi, lead, lag, or arx with a recording.
+
+    specification: omega (rad/s), mt (largest |T|), phase (degrees), zeta, filter_ratio, lead (rad/s, N), ratio, gain,
+    poles (rad/s), weights ({"psi": 0.2}: deviations that cost one), delay (age of a picture at its tick, 0.05 s),
+    sample_time (0.02 s). ValueError for a law, a name or a number that there is not.
+
+    >>> from hoopd.lab.models import model
+    >>> pid = design("pid", model("thesis"), delay=0.0)
+    >>> round(pid.numbers["kp"], 4), round(pid.numbers["peak_complementary"]["value"], 2), pid.stable
+    (0.1967, 1.25, True)
+    """
+    if law not in (*LAWS, "arx"):
+        raise ValueError(f"unknown law {law!r}; known: {', '.join((*LAWS, 'arx'))}")
+    if (law == "arx") != (recording is not None):
+        raise ValueError("a recording goes with the law arx, and only with it")
+    spec = _spec(specification)
+    found = LAWS[law](model.plant, spec) if recording is None else design_arx(model.plant, spec, recording)
+    data = controller_data(
+        law,
+        found.kind,
+        found.gains,
+        model=model.name,
+        notes=f"designed as {law} for pictures {1e3 * spec.delay_s:g} ms old",
+        sample_time_s=spec.sample_time_s,
+        torque_nm=min(0.7, model.file.device.torque_limit_nm),
+    )
+    return Design(parse_controller(controller_text(data, law), law), model, None, found)
+
+
+def controller(name: Path | str) -> Controller:
+    """A controller by its shipped name ("lqg", "pid", "lead", "arx") or its file's path, with its model.
+
+    >>> controller("pid").controller_file.kind
+    'pid'
+    """
+    path = shipped("controllers", name)
+    file = load_controller(path)
+    beside = path.parent / file.model
+    return Controller(file, model(beside if beside.exists() else defaults_folder() / file.model), path)
+
+
+def as_controller(law: Controller | Path | str) -> Controller:
+    """A controller as it is, or by name or path."""
+    return law if isinstance(law, Controller) else controller(law)
+
+
+def _spec(given: Mapping[str, Any]) -> Spec:
+    unknown = [name for name in given if name not in SPEC]
+    if unknown:
+        raise ValueError(f"unknown {', '.join(unknown)}; known: {', '.join(SPEC)}")
+    values: dict[str, Any] = {SPEC[name]: _frozen(value) for name, value in given.items()}
+    if "weights" in values:
+        values["weights"] = _weights(values["weights"])
+    return Spec(**values)
+
+
+def _frozen(value: Any) -> Any:
+    """A list as the tuple that a specification holds."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _weights(given: Weights | Mapping[str, float]) -> Weights:
+    if isinstance(given, Weights):
+        return given
+    unknown = [name for name in given if name not in WEIGHTS]
+    if unknown or not all(value > 0.0 for value in given.values()):
+        raise ValueError(f"weights are numbers above 0 of {', '.join(WEIGHTS)}, not {dict(given)}")
+    return replace(Weights(), **{WEIGHTS[name]: float(value) for name, value in given.items()})

@@ -1,0 +1,116 @@
+"""Fits: from recordings to a model with intervals.
+
+Rules of this file: thin over `hoopd.ident`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from hoopd.ident.determined import determined
+from hoopd.ident.fit import METHODS, Fit, Settings, model_file, nominal_values
+from hoopd.ident.fit import fit as fit_parameters
+from hoopd.ident.gaussnewton import LOSSES
+from hoopd.ident.parameters import Prior
+from hoopd.lab.models import Model
+from hoopd.lab.models import model as shipped_model
+from hoopd.lab.pictures import Picture
+from hoopd.lab.simulation import simulate
+from hoopd.physics.plant import STRUCTURES
+from hoopd.plots.parameters import draw_intervals
+from hoopd.recording.recording import Recording
+from hoopd.shipped import START_MODELS, defaults_folder
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit; `.model` is what every other function takes."""
+
+    fit: Fit  # values, intervals, correlations, residuals
+    base: Model
+    recordings: tuple[Recording, ...]
+
+    @cached_property
+    def model(self) -> Model:
+        """The fitted model."""
+        return Model(model_file(self.fit, self.base.file, "fitted"))
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """95 % intervals of what was fitted."""
+        return self.fit.intervals
+
+    @cached_property
+    def words(self) -> list[str]:
+        """What the recordings do not determine, in words."""
+        return determined(self.fit.solution, self.fit.uncertainty, self.fit.structure).words
+
+    def table(self) -> str:
+        """Parameters, 95 % intervals and units as text."""
+        return self.model.table()
+
+    def plot(self) -> Picture:
+        """The first recording and the fitted model's free run over it."""
+        return simulate(self.model, self.recordings[0]).plot()
+
+    def plot_intervals(self, truth: Model | None = None) -> Picture:
+        """95 % intervals, each relative to its value; `truth`: the numbers that made the recording, where known."""
+        true = None if truth is None else truth.parameters
+        return Picture(draw_intervals(self.fit.values, self.intervals, true))
+
+
+def fit(
+    recordings: Recording | Sequence[Recording],
+    structure: str = "entries",
+    *,
+    model: Model | str | None = None,
+    fix: Mapping[str, float] | Sequence[str] = (),
+    free: Sequence[str] = (),
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    channels: Sequence[str] = (),
+    window: float | None = None,
+    loss: str = "linear",
+    method: str = "output",
+) -> Fitted:
+    """Parameters of a structure (entries, rolling or published) from one recording or several.
+
+    model: what it starts from (shipped by default). fix: not fitted, by name at the start's value or by {"mb": 0.06}.
+    prior: {name: (value, relative standard deviation)}. window: runs of so many s. InputError: nothing to fit.
+
+    >>> from hoopd.lab.recordings import experiment
+    >>> fitted = fit(experiment("prbs", duration=6, seed=1))
+    >>> low, high = fitted.intervals["K2"]
+    >>> low < fitted.model.parameters["K2"] < high
+    True
+    """
+    together = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
+    if not together or not all(isinstance(one, Recording) for one in together):
+        raise ValueError("fit takes a recording or several: fit([lab.load('a.mcap'), lab.load('b.mcap')])")
+    for value, known in ((structure, STRUCTURES), (loss, LOSSES), (method, METHODS)):
+        if value not in known:
+            raise ValueError(f"unknown {value!r}; known: {', '.join(known)}")
+    base = model if isinstance(model, Model) else shipped_model(model or defaults_folder() / START_MODELS[structure])
+    nominal = nominal_values(base.file, structure)
+    settings = Settings(
+        structure=structure,
+        free=tuple(free),
+        fixed=_fixed(fix, nominal),
+        priors={name: Prior(*one) for name, one in (prior or {}).items()},
+        channels=tuple(channels),
+        window_s=window,
+        loss=loss,
+        method=method,
+    )
+    return Fitted(fit_parameters(together, nominal, settings), base, together)
+
+
+def _fixed(fix: Mapping[str, float] | Sequence[str], nominal: Mapping[str, float]) -> dict[str, float]:
+    if isinstance(fix, Mapping):
+        return {name: float(value) for name, value in fix.items()}
+    names = (fix,) if isinstance(fix, str) else tuple(fix)
+    unknown = [name for name in names if name not in nominal]
+    if unknown:
+        raise ValueError(f"fix: unknown {', '.join(unknown)}; known: {', '.join(nominal)}")
+    return {name: nominal[name] for name in names}

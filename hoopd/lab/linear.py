@@ -1,0 +1,116 @@
+"""Linear models and what they say.
+
+Rules of this file: thin over `hoopd.design`; systems are python-control's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import control
+from numpy.typing import NDArray
+
+from hoopd.design import analysis, margins, visibility
+from hoopd.design.operating import OperatingPoint, operating_point
+from hoopd.design.speed import Bandwidth, bandwidth, step_info
+from hoopd.lab.models import Model
+from hoopd.lab.pictures import Picture
+from hoopd.plots.linear import DRAWINGS
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A linear model around an operating point; `.system` is python-control's, for all that it can do."""
+
+    system: control.StateSpace
+    point: OperatingPoint
+    name: str
+
+    @property
+    def transfer_function(self) -> control.TransferFunction:
+        """Torque to the first output, in full."""
+        return analysis.transfer_function(self._first)
+
+    @property
+    def poles(self) -> NDArray[Any]:
+        """In rad/s; z of a sampled system."""
+        poles: NDArray[Any] = self.system.poles()
+        return poles
+
+    @property
+    def zeros(self) -> NDArray[Any]:
+        """Of torque to the first output."""
+        return analysis.zeros(self._first)
+
+    @property
+    def controllability(self) -> visibility.Rank:
+        """What the torque steers."""
+        return visibility.controllability(self.system)
+
+    @property
+    def observability(self) -> visibility.Rank:
+        """What the outputs tell."""
+        return visibility.observability(self.system)
+
+    @property
+    def bandwidth(self) -> Bandwidth:
+        """In rad/s, in both definitions."""
+        return bandwidth(self._first)
+
+    @property
+    def step_info(self) -> dict[str, float] | None:
+        """Of 1 N m; None when it does not settle."""
+        return step_info(self._first)
+
+    def margins(self, controller: Any = 1.0, delay: float = 0.0) -> margins.Margins:
+        """Of the loop system times controller under negative feedback, `delay` s late; phases in rad, delays in s."""
+        return margins.margins(control.ss(self._first * controller), delay)
+
+    def plot(self, kind: str = "overview") -> Picture:
+        """overview, bode, nyquist, poles or step."""
+        if kind not in DRAWINGS:
+            raise ValueError(f"unknown {kind!r}; known: {', '.join(DRAWINGS)}")
+        output = self.system.output_labels[0]
+        return Picture(DRAWINGS[kind](self._first, title=f"{self.name}: {output} / torque"))
+
+    @property
+    def _first(self) -> control.StateSpace:
+        return analysis.channel(self.system, self.system.output_labels[0])
+
+
+def linearize(
+    model: Model,
+    outputs: Sequence[str] | str = ("psi",),
+    *,
+    psi: float | None = None,
+    hoop_speed: float | None = None,
+    top: bool = False,
+    sample_time: float | None = None,
+    delay: int = 0,
+) -> Linear:
+    """The linear model at rest at the bottom, at the `top`, or with the ball held at `psi` rad or the hoop turning at
+    `hoop_speed` rad/s; sampled with the torque held over `sample_time` s and `delay` samples late.
+
+    outputs: of theta, dtheta, psi, dpsi. NoEquilibriumError (a ValueError) where the plant cannot stay.
+
+    >>> from hoopd.lab.models import model
+    >>> [round(float(abs(pole)), 2) for pole in linearize(model("thesis")).poles if pole.imag > 0]
+    [8.58]
+    """
+    if top and (psi is not None or hoop_speed is not None):
+        raise ValueError("top fixes the ball's angle: give nothing beside it")
+    if delay and sample_time is None:
+        raise ValueError("delay counts samples: give sample_time too")
+    if sample_time is not None and not (sample_time > 0.0 and math.isfinite(sample_time)):
+        raise ValueError(f"sample_time must be a positive time in s, not {sample_time}")
+    limit = model.file.device.torque_limit_nm
+    angle = math.pi if top else psi
+    point = operating_point(model.plant, psi_rad=angle, dtheta_rad_s=hoop_speed, torque_limit_nm=limit)
+    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    system = analysis.linear_model(model.plant, point.x, point.u, names)
+    if sample_time is not None:
+        system = analysis.sampled(system, sample_time, delay)
+    return Linear(system, point, model.name)

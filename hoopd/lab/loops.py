@@ -1,0 +1,117 @@
+"""The closed loop against the nonlinear plant.
+
+Rules of this file: thin over `hoopd.design.trial`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.design.closedloop import LinearPlant, Run, Scenario, picture_timing
+from hoopd.design.laws import PICTURE_AGE_S
+from hoopd.design.trial import figures_of
+from hoopd.design.trial import run as closed
+from hoopd.lab.controllers import Controller, as_controller
+from hoopd.lab.models import Model
+from hoopd.lab.pictures import Picture
+from hoopd.plots.loops import draw_runs
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """A closed-loop run, one row a tick."""
+
+    run: Run
+    name: str
+    torque_limit: float  # N m
+
+    @property
+    def t(self) -> Array:
+        """(n,) s from the release."""
+        return self.run.t
+
+    @property
+    def states(self) -> Array:
+        """True states (n, 4): theta (rad), dtheta (rad/s), psi (rad), dpsi (rad/s)."""
+        return self.run.x
+
+    @property
+    def psi(self) -> Array:
+        """True ball angle (n,) in rad."""
+        return self.run.psi
+
+    @property
+    def dtheta(self) -> Array:
+        """True hoop speed (n,) in rad/s."""
+        return self.run.dtheta
+
+    @property
+    def u(self) -> Array:
+        """Torque (n,) in N m."""
+        return self.run.u
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Largest angle and torque, settling times, how the run ends; None: it did not settle."""
+        return figures_of(self.run, self.torque_limit)
+
+    def plot(self) -> Picture:
+        """Ball angle, hoop speed and torque."""
+        return Picture(draw_runs({self.name: self.run}))
+
+
+def feedback(
+    model: Model,
+    law: Controller | str,
+    *,
+    psi0: float = 0.0,
+    disturbance: float = 0.0,
+    delay: float = PICTURE_AGE_S,
+    zero_angle: float = 0.0,
+    reference: float | Callable[[float], float] = 0.0,
+    duration: float = 6.0,
+    noise: bool = True,
+    linear: bool = False,
+    seed: int = 1,
+) -> ClosedLoop:
+    """A law against the nonlinear plant of `model` (or its linear model), in the daemon's time-line and limits.
+
+    psi0: where the ball is let go (rad). disturbance: rad on the first picture's angle, believed. delay: age of a
+    picture at its tick (s). zero_angle: what the camera adds to every angle (rad). reference: rad, or a function of t.
+    noise: of the sensors. The law's filter knows the model that the law was designed on, not `model`.
+
+    >>> from hoopd.lab.models import model
+    >>> caught = feedback(model("thesis"), "lqg", psi0=0.4, noise=False)
+    >>> bool(abs(caught.psi[-1]) < 0.01)
+    True
+    """
+    own = as_controller(law)
+    file = own.controller_file
+    if not 0.0 <= delay <= 0.2:
+        raise ValueError(f"delay must be from 0 to 0.2 s, not {delay:g}")
+    if not 0.0 < duration <= 600.0:
+        raise ValueError(f"duration must be above 0 and at most 600 s, not {duration:g}")
+    silence: dict[str, Any] = {} if noise else {"psi_noise_rad": 0.0, "dtheta_noise_rad_s": 0.0, "encoder_counts": 0}
+    wanted = reference if callable(reference) else lambda _t: reference
+    scenario = Scenario(
+        duration_s=duration,
+        psi0_rad=psi0,
+        period_s=file.sample_time_s,
+        angle_offset_rad=zero_angle,
+        disturbance_rad=disturbance,
+        disturbance_at_s=0.0,
+        reference=wanted,
+        seed=seed,
+        **picture_timing(delay, file.sample_time_s),  # type: ignore[arg-type]
+        **silence,
+    )
+    true = LinearPlant(model.plant) if linear else model.plant
+    made = closed(file, own.model.plant, true, scenario, believe=disturbance != 0.0)
+    return ClosedLoop(made, own.name, file.limits.torque_nm)

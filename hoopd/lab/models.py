@@ -1,0 +1,110 @@
+"""Models: shipped ones by name, files by path, changed ones.
+
+Rules of this file: thin over `hoopd.modelfiles`; a model is never changed in place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import msgspec
+
+from hoopd.files import InputError
+from hoopd.modelfiles import ModelFile, Parameter, load_model, model_text, parse_model, plant_of
+from hoopd.physics.plant import PARAMETER_UNITS, ParameterError, Plant
+from hoopd.recording.bytesof import replace_file
+from hoopd.shipped import defaults_folder
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model file's content; `path`: where it is, None for one that was not saved."""
+
+    file: ModelFile
+    path: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """What files and figures call it."""
+        return self.file.name
+
+    @property
+    def structure(self) -> str:
+        """entries, rolling or published."""
+        return self.file.structure
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Every parameter of the structure in SI units, device constants included."""
+        return self.file.values()
+
+    @cached_property
+    def plant(self) -> Plant:
+        """The nonlinear plant: `plant.derivative(x, u)`, `plant.advance(x, u, h)`, x = (theta, dtheta, psi, dpsi)."""
+        return plant_of(self.file)
+
+    def with_parameters(self, **changes: float) -> Model:
+        """The same with other numbers, whose intervals go; ParameterError (a ValueError) for an unknown or impossible
+        one.
+
+        >>> model("hoop").with_parameters(bh=1e-3).parameters["bh"]
+        0.001
+        """
+        units = PARAMETER_UNITS[self.structure]
+        for name in changes:
+            if name not in units:
+                raise ParameterError(name, f"not a parameter of the {self.structure} model; known: {', '.join(units)}")
+        entries = {
+            name: Parameter(value=float(value), unit=units[name], nominal=self.parameters[name])
+            for name, value in changes.items()
+        }
+        file = msgspec.structs.replace(self.file, parameters={**self.file.parameters, **entries})
+        return Model(parse_model(model_text(file), self.name))
+
+    def save(self, path: Path | str) -> Model:
+        """Write `hoopd.model/1`, named after its file, as every command and the daemon take it; the saved model."""
+        target = Path(path)
+        file = msgspec.structs.replace(self.file, name=target.stem)
+        replace_file(target, model_text(file).encode())
+        return Model(file, target)
+
+    def table(self) -> str:
+        """Parameters, their 95 % intervals and units as text."""
+        lines = [f"{self.name} ({self.structure})"]
+        for name, entry in self.file.parameters.items():
+            ci = "" if entry.ci95 is None else f"[{entry.ci95[0]:.5g}, {entry.ci95[1]:.5g}]"
+            lines.append(f"{name:>4} {entry.value:12.6g} {ci:<26} {entry.unit}")
+        return "\n".join(lines)
+
+
+def model(name: Path | str) -> Model:
+    """A model by its shipped name ("hoop", "thesis") or its file's path; InputError when it cannot be used.
+
+    >>> thesis = model("thesis")
+    >>> thesis.structure, round(thesis.parameters["L2"], 2)
+    ('entries', 210.12)
+    """
+    path = _found(name)
+    file = load_model(path)
+    if file.effects:
+        names = ", ".join(entry.name for entry in file.effects)
+        raise InputError(path, "effects", f"the plant does not play {names} yet")
+    return Model(file, path)
+
+
+def _found(name: Path | str) -> Path:
+    """The path itself, or the shipped file of that name."""
+    return shipped("models", name)
+
+
+def shipped(folder: str, name: Path | str) -> Path:
+    """A path as it stands, or the shipped file of a bare name; InputError tells which names there are."""
+    path = Path(name)
+    if path.suffix or path.exists() or len(path.parts) > 1:
+        return path
+    known = {one.stem: one for one in sorted((defaults_folder() / folder).glob("*.yaml"))}
+    if str(name) not in known:
+        raise InputError(name, "", f"no such file, and shipped are only {', '.join(known)}")
+    return known[str(name)]

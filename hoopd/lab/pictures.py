@@ -1,0 +1,51 @@
+"""Figures of the lab: shown by a notebook, saved by name.
+
+Rules of this file: what is drawn comes from `hoopd.plots`; nothing is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from hoopd.plots import style
+from hoopd.plots.curves import draw_curves
+from hoopd.plots.experiment import Limits, draw_experiment
+from hoopd.plots.loops import draw_runs
+from hoopd.recording.recording import Recording
+
+NO_LIMITS = Limits(float("inf"), float("inf"), float("inf"))
+
+
+class Picture:
+    """A figure that a notebook shows by itself; `.figure` is matplotlib's."""
+
+    def __init__(self, figure: Figure) -> None:
+        self.figure = figure
+
+    def save(self, path: Path | str) -> Path:
+        """Write a .png, .svg or .pdf; InputError when it cannot be written."""
+        style.save(self.figure, Path(path))
+        return Path(path)
+
+    def _repr_png_(self) -> bytes:
+        """What a notebook draws."""
+        return style.rendered(self.figure, ".png")
+
+
+def plot(what: Any, title: str = "", x: str = "Time [s]", y: str = "") -> Picture:
+    """A recording, closed-loop runs by name, or curves by name, each (x, y), with their axes' labels.
+
+    >>> plot({"line": ([0.0, 1.0], [2.0, 3.0])}, x="Time [s]", y="Ball angle [rad]").figure.axes[0].get_ylabel()
+    'Ball angle [rad]'
+    """
+    if isinstance(what, Recording):
+        return Picture(draw_experiment(what, title or what.source, NO_LIMITS))
+    if not isinstance(what, Mapping) or not what:
+        raise ValueError("plot takes a recording, or runs or curves by name: {'pid': run, 'lqg': other}")
+    if all(hasattr(one, "run") for one in what.values()):
+        return Picture(draw_runs({name: one.run for name, one in what.items()}, title))
+    return Picture(draw_curves(what, x, y, title))

@@ -1,0 +1,107 @@
+"""Recordings: from files, and from the daemon itself on the simulated rig.
+
+Rules of this file: the daemon runs as a program of its own, in lock-step as fast as it goes: it needs signals and an
+event loop for itself, and a notebook has these already. The device is for the command line alone.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hoopd.lab.controllers import Controller, as_controller
+from hoopd.lab.models import Model, model
+from hoopd.recording import Recording
+from hoopd.recording.slices import read_recording
+
+# Lock-step runs some ten times faster than real time; what takes so long never ends.
+PATIENCE_S = 600.0
+RIG = ("--sim", "--speed", "max", "--camera", "direct", "--set", "log.level=error")
+
+
+def load(path: Path | str, columns: str | None = None) -> Recording:
+    """A .mcap, .mat, .h5 ("file.h5:Exp2") or .csv recording, cut by "@2:14" in seconds behind the name.
+
+    columns: what a file's columns hold, where they are not what its format says ("u,theta,dtheta,current").
+    InputError tells file, row and column of what cannot be used.
+
+    >>> recording = load("run.mcap@2:14")  # doctest: +SKIP
+    >>> recording.t[0], recording.u.max()  # doctest: +SKIP
+    """
+    return read_recording(str(path), columns)
+
+
+def experiment(
+    kind: str, *, rig: Model | str = "hoop", file: Path | str | None = None, seed: int = 0, **options: Any
+) -> Recording:
+    """Play a test signal on the simulated rig and record it: kind prbs, chirp, multisine, steps or decay.
+
+    rig: the model that the rig's plant follows, which nobody else is told. file: keep the recording there (.mcap).
+    options: those of `hoopd experiment` with _ for -: duration (s), amplitude (N m), low and high (Hz), no_ball ...
+    ValueError in the words of the command when it refuses, or when the signal could not be played to its end.
+
+    >>> recording = experiment("prbs", duration=4, seed=1)
+    >>> round(recording.sample_time_s, 3), len(recording) > 200
+    (0.02, True)
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{kind}.mcap" if file is None else Path(file)
+        _daemon("experiment", kind, *RIG, *_flags(options), "--seed", str(seed), *_rig(rig, folder), "--out", str(path))
+        return load(path)
+
+
+def daemon(law: Controller | str, *, rig: Model | str = "hoop", duration: float = 8.0, **sets: Any) -> Recording:
+    """The daemon with a law on the simulated rig, pictures late and all: what `hoopd --sim` records.
+
+    law: a design, or a controller by name or path. duration: s. sets: entries of the configuration with __ for the
+    dot, sim__psi_rad=0.4 (where the ball is let go), sim__angle_offset_rad=0.02 (zero-angle error) ...
+
+    >>> recording = daemon("lqg", duration=3.0, sim__psi_rad=0.2)
+    >>> bool(abs(recording.psi[-1]) < 0.02)
+    True
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        own = as_controller(law)
+        known = own.model.save(Path(folder) / "design.yaml")
+        path = Controller(own.controller_file, known).save(Path(folder) / "law.yaml").path
+        sets = {"control.file": path, "device.model": known.path, **{k.replace("__", "."): v for k, v in sets.items()}}
+        changes = [part for name, value in sets.items() for part in ("--set", f"{name}={value}")]
+        _daemon(*RIG, *_rig(rig, folder), *changes, "--duration", str(duration), "--record", folder)
+        return load(next(Path(folder).glob("*.mcap")))
+
+
+def _rig(rig: Model | str, folder: str) -> tuple[str, str]:
+    """The rig's own plant."""
+    own = rig if isinstance(rig, Model) else model(rig)
+    return "--set", f"sim.model={own.save(Path(folder) / 'rig.yaml').path}"
+
+
+def _flags(options: dict[str, Any]) -> list[str]:
+    """Options of the command line: True switches one on."""
+    flags: list[str] = []
+    for name, value in options.items():
+        if value is None or value is False:
+            continue
+        flags += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
+    return flags
+
+
+def _daemon(*arguments: str) -> None:
+    """Run `hoopd` with this interpreter and package; ValueError with its own words."""
+    root = str(Path(__file__).resolve().parents[2])
+    paths = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        [sys.executable, "-m", "hoopd", *arguments],
+        env={**os.environ, "PYTHONPATH": paths},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    if done.returncode:
+        raise ValueError(done.stderr.strip() or done.stdout.strip() or f"hoopd ended with {done.returncode}")

@@ -1,0 +1,117 @@
+"""Free runs of a model.
+
+Rules of this file: thin over `hoopd.ident.freerun` and `hoopd.ident.score`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hoopd.ident.experiments import moving_of
+from hoopd.ident.freerun import STATES, Subject, simulated
+from hoopd.ident.score import Score, score
+from hoopd.lab.models import Model
+from hoopd.lab.pictures import Picture
+from hoopd.plots.simulation import draw_simulation
+from hoopd.recording.recording import Recording, from_columns
+
+Start = Mapping[str, float] | ArrayLike
+Torque = Callable[[float], float] | ArrayLike
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A model's free run."""
+
+    model: Model
+    input: Recording
+    score: Score
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Times (n,) in s."""
+        return np.concatenate([run.part.t for run in self.score.runs])
+
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """States (n, 4): theta (rad), dtheta (rad/s), psi (rad), dpsi (rad/s)."""
+        return np.vstack([run.states for run in self.score.runs])
+
+    @property
+    def fit(self) -> dict[str, float]:
+        """Percent of fit per channel, 100 is perfect; empty where nothing was measured."""
+        return self.score.nrmse_percent
+
+    @property
+    def recording(self) -> Recording:
+        """The run as a recording: what the sensors would have shown."""
+        return simulated(_subject(self.model), self.input, self.score.runs, self.score.moving)
+
+    def plot(self) -> Picture:
+        """Torque, hoop speed and ball angle, measured and simulated."""
+        return Picture(draw_simulation(self.score, self.input, self.model.name))
+
+
+def simulate(
+    model: Model,
+    torque: Recording | tuple[ArrayLike, Torque],
+    x0: Start | None = None,
+    *,
+    window: float | None = None,
+    moving: str | None = None,
+) -> Simulation:
+    """Free run of the nonlinear model with the torque of a recording, or of (t, u): times (n,) in s and torques in N m
+    held from each to the next (n, or n - 1, or one number, or a function of t).
+
+    x0: start as {"psi": 0.4} or (theta, dtheta, psi, dpsi); without it estimated from the recording, or rest. window:
+    start anew every so many seconds. moving: both, hoop or ball, where the recording shall not say it.
+
+    >>> from hoopd.lab.models import model
+    >>> decay = simulate(model("hoop"), ([0, 0.1, 0.2], 0.0), x0={"psi": 1.0})
+    >>> decay.states.shape, round(float(decay.states[-1, 2]), 3)
+    ((3, 4), -0.075)
+    """
+    recording = torque if isinstance(torque, Recording) else _only_torque(*_pair(torque))
+    measured = bool(np.isfinite(recording.theta).any() or np.isfinite(recording.psi).any())
+    start = ({} if not measured else None) if x0 is None else _named(x0)
+    found = moving or (moving_of(recording, model.file.device.encoder_counts) if measured else "both")
+    return Simulation(model, recording, score(_subject(model), recording, window_s=window, start=start, moving=found))
+
+
+def _subject(model: Model) -> Subject:
+    return Subject(model.structure, model.parameters)
+
+
+def _pair(torque: Any) -> tuple[ArrayLike, Torque]:
+    if not isinstance(torque, tuple | list) or len(torque) != 2:
+        raise ValueError("simulate takes a recording or a pair (t, u)")
+    return torque[0], torque[1]
+
+
+def _only_torque(t: ArrayLike, u: Torque) -> Recording:
+    times = np.asarray(t, float)
+    if times.ndim != 1 or len(times) < 2 or not (np.diff(times) > 0.0).all():
+        raise ValueError("the times must be one row of at least two that increase")
+    held = np.asarray([u(float(one)) for one in times] if callable(u) else u, float)
+    if held.ndim == 1 and len(held) == len(times) - 1:
+        held = np.append(held, held[-1])
+    if held.shape not in ((), times.shape) or not np.isfinite(held).all():
+        raise ValueError(f"expected one finite torque for each of {len(times)} times, not {held.shape}")
+    return from_columns({"t": times, "u": np.broadcast_to(held, times.shape)}, source="torque")
+
+
+def _named(x0: Start) -> dict[str, float]:
+    if isinstance(x0, Mapping):
+        unknown = [str(name) for name in x0 if name not in STATES]
+        if unknown:
+            raise ValueError(f"x0: unknown {', '.join(unknown)}; known: {', '.join(STATES)}")
+        return {str(name): float(value) for name, value in x0.items()}
+    values = np.asarray(x0, float)
+    if values.shape != (4,):
+        raise ValueError(f"x0 must be (theta, dtheta, psi, dpsi), not of shape {values.shape}")
+    return dict(zip(STATES, values.tolist(), strict=True))
