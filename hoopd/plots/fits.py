@@ -50,7 +50,8 @@ def draw_fits(
         one.tick_params(labelbottom=one is whole[-1])
     if detail_s is not None:
         axes[-1].set_xlim(*detail_s)
-        axes[-1].get_legend().remove()
+        if (shown := axes[-1].get_legend()) is not None:
+            shown.remove()
     axes[-1].set_xlabel("time (s)")
     figure.align_ylabels(axes)
     return figure
