@@ -236,9 +236,19 @@ def test_a_reference_is_held_as_number_and_as_function(thesis):
 
 
 def test_the_daemon_runs_a_law_on_the_rig(thesis):
-    recording = lab.daemon(lab.design("lqg", thesis), duration=4.0, sim__psi_rad=0.3)
+    recording = lab.daemon(lab.design("lqg", thesis), duration=4.0, psi0=0.3)
     assert np.nanmax(np.abs(recording.psi)) > 0.25
     assert np.nanmax(np.abs(recording.psi[-25:])) < 0.05
+    with pytest.raises(ValueError, match=r"sim\.wind"):
+        lab.daemon("lqg", sim__wind=3)
+
+
+def test_the_daemon_is_asked_for_a_reference_and_has_a_wrong_zero():
+    held = lab.daemon("lqg", duration=9.0, reference=0.03, sim__psi_noise_rad=0.0)
+    assert np.nanmean(between(held, 8.0, 9.0).psi) == pytest.approx(0.03, abs=0.005)
+    pid = lab.design("pid", lab.model("hoop"))  # the shipped one is the thesis's: unstable with late pictures
+    wrong = lab.daemon(pid, duration=9.0, zero_angle=0.02)
+    assert np.nanmean(between(wrong, 8.0, 9.0).dtheta) < -2.0  # the hoop runs away from under the ball
 
 
 # ---------------------------------------------------------------------------------------------- pictures

@@ -87,6 +87,10 @@ class Design(Controller):
         """Phase in rad, delay in s, factors of gain, largest |S| and |T|."""
         return margins(self.linear.loop)
 
+    def margins_later(self, delay: float) -> Margins:
+        """The same law in a loop that is `delay` s later than what it was designed for."""
+        return margins(self.linear.loop, delay)
+
     @cached_property
     def poles(self) -> list[Pole]:
         """Of the closed loop, the slowest first."""

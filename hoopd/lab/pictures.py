@@ -12,7 +12,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from hoopd.plots import style
-from hoopd.plots.curves import draw_curves
+from hoopd.plots.curves import draw_curves, draw_recordings
 from hoopd.plots.experiment import Limits, draw_experiment
 from hoopd.plots.loops import draw_runs
 from hoopd.recording.recording import Recording
@@ -37,7 +37,7 @@ class Picture:
 
 
 def plot(what: Any, title: str = "", x: str = "Time [s]", y: str = "") -> Picture:
-    """A recording, closed-loop runs by name, or curves by name, each (x, y), with their axes' labels.
+    """A recording; or recordings, closed-loop runs or curves by name, curves as (x, y) with their axes' labels.
 
     >>> plot({"line": ([0.0, 1.0], [2.0, 3.0])}, x="Time [s]", y="Ball angle [rad]").figure.axes[0].get_ylabel()
     'Ball angle [rad]'
@@ -45,7 +45,9 @@ def plot(what: Any, title: str = "", x: str = "Time [s]", y: str = "") -> Pictur
     if isinstance(what, Recording):
         return Picture(draw_experiment(what, title or what.source, NO_LIMITS))
     if not isinstance(what, Mapping) or not what:
-        raise ValueError("plot takes a recording, or runs or curves by name: {'pid': run, 'lqg': other}")
+        raise ValueError("plot takes a recording, or several, runs or curves by name: {'pid': run, 'lqg': other}")
+    if all(isinstance(one, Recording) for one in what.values()):
+        return Picture(draw_recordings(what, title))
     if all(hasattr(one, "run") for one in what.values()):
         return Picture(draw_runs({name: one.run for name, one in what.items()}, title))
     return Picture(draw_curves(what, x, y, title))

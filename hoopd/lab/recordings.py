@@ -20,6 +20,7 @@ from hoopd.recording.slices import read_recording
 
 # Lock-step runs some ten times faster than real time; what takes so long never ends.
 PATIENCE_S = 600.0
+ASKED_S = 3.0
 RIG = ("--sim", "--speed", "max", "--camera", "direct", "--set", "log.level=error")
 
 
@@ -54,13 +55,23 @@ def experiment(
         return load(path)
 
 
-def daemon(law: Controller | str, *, rig: Model | str = "hoop", duration: float = 8.0, **sets: Any) -> Recording:
+def daemon(
+    law: Controller | str,
+    *,
+    rig: Model | str = "hoop",
+    duration: float = 8.0,
+    psi0: float = 0.0,
+    zero_angle: float = 0.0,
+    reference: float = 0.0,
+    **sets: Any,
+) -> Recording:
     """The daemon with a law on the simulated rig, pictures late and all: what `hoopd --sim` records.
 
-    law: a design, or a controller by name or path. duration: s. sets: entries of the configuration with __ for the
-    dot, sim__psi_rad=0.4 (where the ball is let go), sim__angle_offset_rad=0.02 (zero-angle error) ...
+    law: a design, or a controller by name or path. duration: s. psi0: where the ball is let go (rad), about 1 s after
+    the start. zero_angle: what the camera adds (rad). reference: rad, asked for at 3 s. sets: entries of the
+    configuration with __ for the dot, sim__delay_frames=3.
 
-    >>> recording = daemon("lqg", duration=3.0, sim__psi_rad=0.2)
+    >>> recording = daemon("lqg", duration=3.0, psi0=0.2)
     >>> bool(abs(recording.psi[-1]) < 0.02)
     True
     """
@@ -68,10 +79,17 @@ def daemon(law: Controller | str, *, rig: Model | str = "hoop", duration: float 
         own = as_controller(law)
         known = own.model.save(Path(folder) / "design.yaml")
         path = Controller(own.controller_file, known).save(Path(folder) / "law.yaml").path
-        sets = {"control.file": path, "device.model": known.path, **{k.replace("__", "."): v for k, v in sets.items()}}
-        changes = [part for name, value in sets.items() for part in ("--set", f"{name}={value}")]
+        values: dict[str, Any] = {"control.file": path, "device.model": known.path, "sim.psi_rad": psi0}
+        values |= {"sim.angle_offset_rad": zero_angle, "sim.commands": _asked(reference)}
+        values |= {name.replace("__", "."): value for name, value in sets.items()}
+        changes = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
         _daemon(*RIG, *_rig(rig, folder), *changes, "--duration", str(duration), "--record", folder)
         return load(next(Path(folder).glob("*.mcap")))
+
+
+def _asked(reference: float) -> str:
+    """The rig's operator asks for it."""
+    return f"[{{at_s: {ASKED_S}, name: reference, value: {float(reference)!r}}}]" if reference else "[]"
 
 
 def _rig(rig: Model | str, folder: str) -> tuple[str, str]:

@@ -1,0 +1,70 @@
+"""The lesson runs as a plain script, without a screen, and draws every figure that its questions name."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from shared import ROOT
+
+import hoopd.lab as lab
+
+LESSON = ROOT / "docs" / "lesson.py"
+
+
+@pytest.fixture(scope="module")
+def lesson(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lesson")
+    made = subprocess.run(
+        [sys.executable, str(LESSON), str(folder / "figures")],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=110,
+        check=False,
+    )
+    assert made.returncode == 0, made.stderr
+    return folder, made.stdout
+
+
+def test_every_figure_of_a_question_is_there(lesson):
+    folder, _ = lesson
+    named = set(re.findall(r"\b[1-8]_[a-z_]+", LESSON.read_text()))
+    drawn = {one.stem for one in (folder / "figures").glob("*.png")}
+    assert named == drawn
+    assert {name[0] for name in drawn} == set("12345678")
+
+
+def test_nothing_is_written_elsewhere(lesson):
+    folder, _ = lesson
+    assert [one.name for one in folder.iterdir()] == ["figures"]
+
+
+def test_every_step_ends_with_a_question():
+    steps = LESSON.read_text().split("\n# ## ")[1:]
+    assert len(steps) == 8
+    for step in steps:
+        cells = [cell for cell in step.split("# %%") if cell.strip(" []markdown\n")]
+        assert "**Question.**" in cells[-1]
+        assert "Figure" in cells[-1]
+
+
+def test_the_numbers_say_what_the_text_says(lesson):
+    _, said = lesson
+    psi = re.search(r"psi: thesis +([\d.]+), fitted +([\d.]+)", said)
+    assert float(psi[1]) < 60.0 < 99.0 < float(psi[2])
+    assert "not determined one by one" in said
+    assert "lost: theta; weak: dtheta" in said
+    away, stays = (abs(float(re.search(rf"{law}: the hoop ends at (\S+) rad/s", said)[1])) for law in ("PID", "LQG"))
+    assert away == pytest.approx(7.4, abs=0.3)
+    assert stays < 0.6
+
+
+def test_the_files_are_those_that_the_daemon_takes(lesson):
+    folder, _ = lesson
+    law = lab.controller(folder / "figures" / "lqg.yaml")
+    assert law.model.parameters == lab.model(folder / "figures" / "model.yaml").parameters
