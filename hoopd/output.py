@@ -64,9 +64,9 @@ def _columns(title: str, lines: list[tuple[str, dict[str, Any]]]) -> Any:
     from rich.text import Text
 
     table = Table(title=title, title_justify="left")
-    table.add_column("")
+    table.add_column("", no_wrap=True)
     for key in lines[0][1]:
-        table.add_column(key)
+        table.add_column(key.replace("_", " "))
     for name, one in lines:
         table.add_row(Text(name), *(Text(shown(item, MATRIX_DIGITS + 1)) for item in one.values()))
     return table

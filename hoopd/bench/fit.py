@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hoopd.bench.inputs import read_model, read_recording, read_values
-from hoopd.bench.simulate import number
+from hoopd.bench.simulate import number, off_words
 from hoopd.files import InputError
 from hoopd.ident.constraints import constraint_words
 from hoopd.ident.determined import determined
@@ -231,6 +231,7 @@ def _correlation(found: Fit) -> dict[str, Any]:
 
 def _notes(found: Fit, recordings: Sequence[Recording]) -> list[str]:
     notes = [f"{one.source}: {text}" for one in recordings for text in suspicions(one)]
+    notes += [text for one in recordings for text in off_words(one)]
     aside: dict[tuple[str, str], int] = {}
     for run_ in found.runs:
         for name, count in run_.set_aside.items():

@@ -10,6 +10,7 @@ from pathlib import Path
 from hoopd.files import InputError
 from hoopd.modelfiles import ModelFile, load_model
 from hoopd.recording.slices import finite, read_recording
+from hoopd.shipped import or_shipped
 
 __all__ = ["read_model", "read_recording", "read_values"]
 
@@ -31,7 +32,7 @@ def read_values(option: str, text: str, names: tuple[str, ...]) -> dict[str, flo
 
 def read_model(path: Path, *, without_effects: bool = False) -> ModelFile:
     """A model that the plant can play in full: one with effects is refused unless it shall go without them."""
-    model = load_model(path)
+    model = load_model(or_shipped(path))
     if model.effects and not without_effects:
         names = ", ".join(entry.name for entry in model.effects)
         raise InputError(path, "effects", f"the plant does not play {names} yet; --without-effects leaves them out")

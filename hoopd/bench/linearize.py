@@ -19,6 +19,7 @@ from hoopd.design.analysis import STATES, channel, linear_model, sampled
 from hoopd.design.operating import NoEquilibriumError, OperatingPoint, operating_point
 from hoopd.files import InputError
 from hoopd.modelfiles import ModelFile, load_model, plant_of
+from hoopd.shipped import or_shipped
 
 # Beyond this a chain of delays is no delay of a controller but a mistake in the command.
 MOST_DELAY_SAMPLES = 100
@@ -53,7 +54,7 @@ def run(
     request = Request(outputs, psi_rad, dtheta_rad_s, top, sample_time_s, delay_samples)
     _check(request)
     _check_figure(figure, plot)
-    file = load_model(model)
+    file = load_model(or_shipped(model))
     point, system = linearized(file, request)
     result = report(file, point, system, (sample_time_s, delay_samples))
     if figure is not None:

@@ -23,6 +23,7 @@ from hoopd.physics.simulate import STEP_S
 from hoopd.recording import Recording, save
 from hoopd.recording.formats import extension_of
 from hoopd.recording.suspicions import suspicions
+from hoopd.recording.timeline import driven
 
 MOVING = ("auto", "both", "hoop", "ball")
 # Below, a run of seconds takes minutes and nothing changes; above, a step is longer than any tick.
@@ -178,11 +179,12 @@ def fits(found: Score) -> dict[str, Any]:
 
 
 def number(value: float) -> float | None:
+    """JSON has no NaN."""
     return value if math.isfinite(value) else None
 
 
 def _notes(file: ModelFile, recording: Recording, whole: Score) -> list[str]:
-    notes = [*suspicions(recording), *_disarmed(recording)]
+    notes = [*suspicions(recording), *off_words(recording)]
     for name, one in whole.channels.items():
         if one.set_aside:
             notes.append(f"{name}: {one.set_aside} samples that repeat the last value do not count")
@@ -193,11 +195,7 @@ def _notes(file: ModelFile, recording: Recording, whole: Score) -> list[str]:
     return notes
 
 
-def _disarmed(recording: Recording) -> list[str]:
-    """A hand, or the rig, may hold the ball until the drive is armed."""
-    modes = [str(mode) for mode in recording.extra.get("mode", ())]
-    if "DISARMED" not in modes or set(modes) == {"DISARMED"}:
-        return []
-    first = next(k for k, mode in enumerate(modes) if mode != "DISARMED")
-    armed = f"; it is armed from {recording.t[first]:.4g} s on: cut with @{recording.t[first]:.4g}:" if first else ""
-    return [f"{modes.count('DISARMED')} rows were taken disarmed: something may have held ball or hoop{armed}"]
+def off_words(recording: Recording) -> list[str]:
+    """Rows in which something may have held hoop or ball, because the drive was off."""
+    off = int((~driven(recording)).sum())
+    return [f"{recording.source}: {off} rows were taken with the drive off and do not count"] if off else []

@@ -129,13 +129,12 @@ def test_what_is_doubtful_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert any("dtheta" in note for note in found["notes"])
 
 
-def test_disarmed_rows_are_said() -> None:
+def test_rows_with_the_drive_off_are_said() -> None:
     """The rig holds the ball until it is armed: those rows are no free run."""
-    modes = ["DISARMED"] * 60 + ["RUN"] * 240
-    assert simulate._disarmed(replace(recorded(), extra={"mode": np.array(modes)})) == [
-        "60 rows were taken disarmed: something may have held ball or hoop; it is armed from 1.2 s on: cut with @1.2:"
-    ]
-    assert simulate._disarmed(recorded()) == []
+    modes = ["DISARMED"] * 60 + ["RUNNING"] * 240
+    off = replace(recorded(), source="run.mcap", extra={"mode": np.array(modes)})
+    assert simulate.off_words(off) == ["run.mcap: 60 rows were taken with the drive off and do not count"]
+    assert simulate.off_words(recorded()) == []
 
 
 @pytest.mark.parametrize(
