@@ -34,7 +34,7 @@ def draw_bode_beside(system: control.StateSpace, printed: PrintedMargin, title: 
     figure = draw_bode(system, title)
     phase = figure.axes[1]
     _enlarged(phase, system, printed)
-    style.legend(phase, loc="center right")
+    style.legend(phase, loc="upper left", bbox_to_anchor=(0.08, 0.94))
     return figure
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from shared import shared_path
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -41,6 +43,21 @@ def test_without_recordings_it_says_how_to_get_them_and_draws_from_the_rig(tmp_p
     # the thesis's number and ours side by side
     for number in ("1.5704866", "1.5700046", "0.1966659, 2.815461, 0.04734557"):
         assert number in done.stdout
+
+
+def test_the_real_recordings_are_drawn_with_the_fit_that_they_allow(tmp_path: Path) -> None:
+    """Percent of one free run: as printed, re-estimated; at least what a plain least-squares fit reaches."""
+    shared = shared_path("recordings").parent
+    only = [part for name in ("fit_first", "fit_ball", "fit_sine") for part in ("--only", name)]
+    done = figures(tmp_path, *only, shared=shared)
+    assert done.returncode == 0 and done.stderr == ""
+    fits = [
+        [float(value) for value in re.findall(r"([-\d.]+) %", line)]
+        for line in done.stdout.splitlines()
+        if "re-estimated" in line
+    ]
+    least = [[79.4], [78.6], [91.3, 93.1], [95.3]]
+    assert all(f >= low for found, lows in zip(fits, least, strict=True) for f, low in zip(found, lows, strict=True))
 
 
 def test_same_bytes_again(tmp_path: Path) -> None:

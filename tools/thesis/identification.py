@@ -12,7 +12,7 @@ from hoopd.ident.solvers import Case, study
 from hoopd.ident.thesis import ENTRIES_PRINTED
 from hoopd.plots.fits import draw_fits
 from hoopd.plots.solver import draw_solver_question
-from thesis.records import SOURCES, Bench, thesis_plant
+from thesis.records import Bench, thesis_plant
 from thesis.results import Drawn, Row
 
 WORDS = {"theta_rate": "hoop speed", "psi": "ball angle"}
@@ -27,24 +27,18 @@ STEPS_S = (0.02, 0.01, 0.005, 0.0025, 0.00125)
 def fits(bench: Bench, key: str) -> Drawn:
     """One experiment: measured, thesis's entries, entries re-estimated."""
     scores = bench.scores(key)
-    title = f"{_capital(SOURCES[key].words)} ({bench.origin(key)})"
+    title = f"{bench.words(key)} ({bench.origin(key)})"
     recordings = bench.parts(key)
     begin, end = float(recordings[0].t[0]), float(recordings[-1].t[-1])
     middle = (begin + end) / 2.0
     detail = (middle - DETAIL_S / 2, middle + DETAIL_S / 2) if key in DETAILED and end - begin > 3 * DETAIL_S else None
-    caption = (
-        f"{_capital(SOURCES[key].words)}: torque, measured signals and one free run of each model over each stretch."
-    )
+    caption = f"{bench.words(key)}: torque, measured signals and one free run of each model over each stretch."
     rows = (*_fit_rows(scores), *_entry_rows(bench, key))
     return Drawn(
         draw_fits(recordings, scores, title, detail_s=detail),
         f"{caption}{_set_aside(scores)} {bench.note(key)}".strip(),
         rows,
     )
-
-
-def _capital(words: str) -> str:
-    return words[0].upper() + words[1:]
 
 
 def _set_aside(scores: dict[str, list[Score]]) -> str:

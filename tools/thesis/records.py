@@ -41,9 +41,9 @@ class Source(NamedTuple):
     """A real recording, and the experiment on the rig that stands for it."""
 
     words: str
+    rig_words: str
     file: str
     plan: Plan
-    sets: tuple[str, ...] = ()
     columns: str | None = None
     spans: tuple[tuple[float | None, float | None], ...] = ((None, None),)
     cut_s: float = 0.0
@@ -55,6 +55,7 @@ class Source(NamedTuple):
 SOURCES: Mapping[str, Source] = {
     "first": Source(
         "hoop and ball, 20 s",
+        "hoop and ball, 20 s",
         "meas_hoopAndBall2_01.mat",
         Plan("prbs", 20.0, seed=1),
         spans=((REST_S, None),),
@@ -63,6 +64,7 @@ SOURCES: Mapping[str, Source] = {
     ),
     "second": Source(
         "hoop and ball, 50 s",
+        "hoop and ball, 50 s",
         "meas_hoop01_prbs.mat",
         Plan("prbs", 50.0, seed=2),
         cut_s=STOPPED_S,
@@ -70,20 +72,22 @@ SOURCES: Mapping[str, Source] = {
     ),
     "ball": Source(
         "ball alone, two free decays",
+        "kicks and free decays",
         "meas_ballOnly01.mat",
-        Plan("decay", 34.0, 0.0, angle_limit_rad=1.5),
-        ("sim.psi_rad=0.8", "sim.held=false"),
+        Plan("decay", 34.0),
         spans=((2.0, 14.0), (17.0, 29.0)),
         note="The hoop was held; a hand moved the ball between the two.",
     ),
     "sine": Source(
         "hoop alone, sine of 0.5 Hz",
+        "hoop alone, multisine",
         "meas_hoop01_f05_a01.mat",
         Plan("multisine", 20.0, ball=False),
         printed="repository's entries",
         values={**ENTRIES_PRINTED, **HOOP_ALONE},
     ),
     "chirp": Source(
+        "hoop alone, chirp",
         "hoop alone, chirp",
         "meas_hoop02_chirp.mat",
         Plan("chirp", 20.0, ball=False),
@@ -102,7 +106,7 @@ def shared_folder() -> Path:
 def how_to_get(folder: Path, missing: list[str]) -> str:
     """What to do about recordings that are not here."""
     return (
-        f"not in {folder}: {', '.join(missing)}. The real recordings are public: {PUBLIC}. Put them into a folder "
+        f"not in {folder}: {', '.join(missing)}. The real recordings are in {PUBLIC}. Put them into a folder "
         "SHARED/recordings, set HOOPD_SHARED=SHARED and run this again. Until then recordings of the rig take their "
         "place, and the fits say nothing about the device."
     )
@@ -121,6 +125,12 @@ class Bench:
     def missing(self) -> list[str]:
         """Files that the rig has to stand for."""
         return [source.file for source in SOURCES.values() if not (shared_folder() / source.file).is_file()]
+
+    def words(self, key: str) -> str:
+        """What an experiment is."""
+        source = SOURCES[key]
+        words = source.rig_words if source.file in self.missing else source.words
+        return words[0].upper() + words[1:]
 
     def origin(self, key: str) -> str:
         """What a title says about where the data are from."""
@@ -160,11 +170,9 @@ class Bench:
         }
 
     def _rig(self, key: str, source: Source) -> Recording:
-        self.say(f"recording on the rig: {source.words}")
+        self.say(f"recording on the rig: {source.rig_words}")
         path = self.scratch / f"{key}.mcap"
-        options = Options(
-            sim=True, sets=("log.level=error", *source.sets), seed=source.plan.seed, speed="max", direct=True
-        )
+        options = Options(sim=True, sets=("log.level=error",), seed=source.plan.seed, speed="max", direct=True)
         with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
             experiment.run(source.plan, options, experiment.Where(file=path))
         found = load(path)
