@@ -94,7 +94,8 @@ show("3_fitted_on_the_rig", after.plot())
 # one? Fit them all, then only what cannot be weighed and measured with a ruler.
 
 # %%
-everything = lab.fit(recording, "rolling")
+guess = lab.model("hoop").with_parameters(Rb=0.013, Ib=6e-6)  # a bad ruler
+everything = lab.fit(recording, "rolling", model=guess)
 print(*everything.words[:2], sep="\n")
 show("3_everything_free", everything.plot_intervals(truth=rig))
 

@@ -254,6 +254,27 @@ def test_the_daemon_is_asked_for_a_reference_and_has_a_wrong_zero():
 # ---------------------------------------------------------------------------------------------- pictures
 
 
+def test_a_name_is_a_model_everywhere(thesis):
+    np.testing.assert_array_equal(lab.linearize("thesis").system.A, lab.linearize(thesis).system.A)
+    assert lab.design("lqg", "thesis").controller_file == lab.design("lqg", thesis).controller_file
+    assert lab.feedback("thesis", "lqg", duration=0.2).t[-1] == pytest.approx(0.18)
+
+
+def test_whatever_is_printed_is_one_line(recording, thesis):
+    law = lab.design("pid", thesis)
+    things = [recording, thesis, law, lab.fit(recording), lab.simulate(thesis, recording)]
+    things += [lab.feedback(thesis, law, duration=0.2), lab.simulate(thesis, ([0, 1], 0.0))]
+    for thing in things:
+        assert len(repr(thing)) < 200
+        assert "\n" not in repr(thing)
+    assert repr(recording).endswith("s, u, theta, dtheta, current, psi)")
+
+
+def test_one_name_is_a_name_and_not_its_letters(recording):
+    assert set(lab.fit(recording, "rolling", free="bh").intervals) == {"bh"}
+    assert lab.fit(recording, fix="K2", channels="psi").model.parameters["K2"] == lab.model("thesis").parameters["K2"]
+
+
 def test_everything_can_be_looked_at(recording, thesis, tmp_path):
     fitted = lab.fit(recording)
     law = lab.design("pid", thesis)
@@ -266,7 +287,8 @@ def test_everything_can_be_looked_at(recording, thesis, tmp_path):
         fitted.plot_intervals(thesis),
         lab.linearize(thesis).plot("bode"),
         law.plot(),
-        run.plot(),
+        lab.plot(run),
+        lab.plot({"a": recording, "b": recording}),
     ]
     for index, picture in enumerate(pictures):
         assert picture.save(tmp_path / f"{index}.png").stat().st_size > 5000

@@ -136,7 +136,7 @@ def design_pid(plant: Plant, spec: Spec) -> Law:
     gains = loopshaping_pid(model, omega, mt, angle, spec.loop_delay_s)
     if min(gains) < 0.0:
         raise ValueError(
-            f"the touching PID has a negative gain {_named(gains)}: change omega, the largest |T| or angle"
+            f"the touching PID has a negative gain ({_listed(gains)}): change omega, the largest |T| or the angle"
         )
     found = peak_complementary(model, pid(gains), spec.loop_delay_s)
     notes = [] if abs(found.value / mt - 1.0) < MET_WITHIN else [_exceeded(found.value, found.w, mt)]
@@ -209,6 +209,10 @@ def _on_psi(
 
 def _named(gains: Parallel) -> dict[str, float]:
     return {name: float(value) for name, value in gains._asdict().items()}
+
+
+def _listed(gains: Parallel) -> str:
+    return ", ".join(f"{name} {value:.3g}" for name, value in _named(gains).items())
 
 
 def _exceeded(value: float, w: float, mt: float) -> str:

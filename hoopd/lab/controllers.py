@@ -20,7 +20,7 @@ from hoopd.design.laws import LAWS, Law, Spec
 from hoopd.design.lqg import Weights
 from hoopd.design.margins import Margins, margins
 from hoopd.design.poles import Pole, closed_loop_poles, unstable
-from hoopd.lab.models import Model, model, shipped
+from hoopd.lab.models import Model, as_model, model, shipped
 from hoopd.lab.pictures import Picture
 from hoopd.modelfiles import ControllerFile, load_controller, parse_controller
 from hoopd.plots.loops import draw_gang_of_four
@@ -34,13 +34,16 @@ SPEC |= {name: name for name in ("mt", "zeta", "filter_ratio", "lead", "ratio", 
 WEIGHTS = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s", "torque": "torque_nm"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Controller:
     """A law as the daemon loads it, and the model that its filter knows."""
 
     controller_file: ControllerFile
     model: Model
     path: Path | None = None
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name}, {self.controller_file.kind}, for the model {self.model.name})"
 
     @property
     def name(self) -> str:
@@ -60,7 +63,7 @@ class Controller:
         return Controller(file, self.model, target)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Design(Controller):
     """A designed law with its linear loop."""
 
@@ -113,15 +116,14 @@ class Design(Controller):
         return Picture(draw_gang_of_four({"": gang}, f"Gang of four: {self.name}"))
 
 
-def design(law: str, model: Model, *, recording: Recording | None = None, **specification: Any) -> Design:
+def design(law: str, model: Model | str, *, recording: Recording | None = None, **specification: Any) -> Design:
     """A law for a model: lqg, lqr, placement, pid, pi, lead, lag, or arx with a recording.
 
     specification: omega (rad/s), mt (largest |T|), phase (degrees), zeta, filter_ratio, lead (rad/s, N), ratio, gain,
     poles (rad/s), weights ({"psi": 0.2}: deviations that cost one), delay (age of a picture at its tick, 0.05 s),
     sample_time (0.02 s). ValueError for a law, a name or a number that there is not.
 
-    >>> from hoopd.lab.models import model
-    >>> pid = design("pid", model("thesis"), delay=0.0)
+    >>> pid = design("pid", "thesis", delay=0.0)
     >>> round(pid.numbers["kp"], 4), round(pid.numbers["peak_complementary"]["value"], 2), pid.stable
     (0.1967, 1.25, True)
     """
@@ -129,18 +131,18 @@ def design(law: str, model: Model, *, recording: Recording | None = None, **spec
         raise ValueError(f"unknown law {law!r}; known: {', '.join((*LAWS, 'arx'))}")
     if (law == "arx") != (recording is not None):
         raise ValueError("a recording goes with the law arx, and only with it")
-    spec = _spec(specification)
-    found = LAWS[law](model.plant, spec) if recording is None else design_arx(model.plant, spec, recording)
+    spec, own = _spec(specification), as_model(model)
+    found = LAWS[law](own.plant, spec) if recording is None else design_arx(own.plant, spec, recording)
     data = controller_data(
         law,
         found.kind,
         found.gains,
-        model=model.name,
+        model=own.name,
         notes=f"designed as {law} for pictures {1e3 * spec.delay_s:g} ms old",
         sample_time_s=spec.sample_time_s,
-        torque_nm=min(0.7, model.file.device.torque_limit_nm),
+        torque_nm=min(0.7, own.file.device.torque_limit_nm),
     )
-    return Design(parse_controller(controller_text(data, law), law), model, None, found)
+    return Design(parse_controller(controller_text(data, law), law), own, None, found)
 
 
 def controller(name: Path | str) -> Controller:

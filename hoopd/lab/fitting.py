@@ -14,8 +14,7 @@ from hoopd.ident.fit import METHODS, Fit, Settings, model_file, nominal_values
 from hoopd.ident.fit import fit as fit_parameters
 from hoopd.ident.gaussnewton import LOSSES
 from hoopd.ident.parameters import Prior
-from hoopd.lab.models import Model
-from hoopd.lab.models import model as shipped_model
+from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.lab.simulation import simulate
 from hoopd.physics.plant import STRUCTURES
@@ -24,13 +23,16 @@ from hoopd.recording.recording import Recording
 from hoopd.shipped import START_MODELS, defaults_folder
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fitted:
     """A fit; `.model` is what every other function takes."""
 
     fit: Fit  # values, intervals, correlations, residuals
     base: Model
     recordings: tuple[Recording, ...]
+
+    def __repr__(self) -> str:
+        return f"Fitted({self.model!r})"
 
     @cached_property
     def model(self) -> Model:
@@ -66,10 +68,10 @@ def fit(
     structure: str = "entries",
     *,
     model: Model | str | None = None,
-    fix: Mapping[str, float] | Sequence[str] = (),
-    free: Sequence[str] = (),
+    fix: Mapping[str, float] | Sequence[str] | str = (),
+    free: Sequence[str] | str = (),
     prior: Mapping[str, tuple[float, float]] | None = None,
-    channels: Sequence[str] = (),
+    channels: Sequence[str] | str = (),
     window: float | None = None,
     loss: str = "linear",
     method: str = "output",
@@ -91,14 +93,14 @@ def fit(
     for value, known in ((structure, STRUCTURES), (loss, LOSSES), (method, METHODS)):
         if value not in known:
             raise ValueError(f"unknown {value!r}; known: {', '.join(known)}")
-    base = model if isinstance(model, Model) else shipped_model(model or defaults_folder() / START_MODELS[structure])
+    base = as_model(model or defaults_folder() / START_MODELS[structure])
     nominal = nominal_values(base.file, structure)
     settings = Settings(
         structure=structure,
-        free=tuple(free),
+        free=_names(free),
         fixed=_fixed(fix, nominal),
         priors={name: Prior(*one) for name, one in (prior or {}).items()},
-        channels=tuple(channels),
+        channels=_names(channels),
         window_s=window,
         loss=loss,
         method=method,
@@ -106,10 +108,15 @@ def fit(
     return Fitted(fit_parameters(together, nominal, settings), base, together)
 
 
-def _fixed(fix: Mapping[str, float] | Sequence[str], nominal: Mapping[str, float]) -> dict[str, float]:
+def _names(given: Sequence[str] | str) -> tuple[str, ...]:
+    """One name or several; a text is one name, not its letters."""
+    return (given,) if isinstance(given, str) else tuple(given)
+
+
+def _fixed(fix: Mapping[str, float] | Sequence[str] | str, nominal: Mapping[str, float]) -> dict[str, float]:
     if isinstance(fix, Mapping):
         return {name: float(value) for name, value in fix.items()}
-    names = (fix,) if isinstance(fix, str) else tuple(fix)
+    names = _names(fix)
     unknown = [name for name in names if name not in nominal]
     if unknown:
         raise ValueError(f"fix: unknown {', '.join(unknown)}; known: {', '.join(nominal)}")

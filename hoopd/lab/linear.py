@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hoopd.design import analysis, margins, visibility
 from hoopd.design.operating import OperatingPoint, operating_point
 from hoopd.design.speed import Bandwidth, bandwidth, step_info
-from hoopd.lab.models import Model
+from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.plots.linear import DRAWINGS
 
@@ -82,7 +82,7 @@ class Linear:
 
 
 def linearize(
-    model: Model,
+    model: Model | str,
     outputs: Sequence[str] | str = ("psi",),
     *,
     psi: float | None = None,
@@ -96,8 +96,7 @@ def linearize(
 
     outputs: of theta, dtheta, psi, dpsi. NoEquilibriumError (a ValueError) where the plant cannot stay.
 
-    >>> from hoopd.lab.models import model
-    >>> [round(float(abs(pole)), 2) for pole in linearize(model("thesis")).poles if pole.imag > 0]
+    >>> [round(float(abs(pole)), 2) for pole in linearize("thesis").poles if pole.imag > 0]
     [8.58]
     """
     if top and (psi is not None or hoop_speed is not None):
@@ -106,11 +105,12 @@ def linearize(
         raise ValueError("delay counts samples: give sample_time too")
     if sample_time is not None and not (sample_time > 0.0 and math.isfinite(sample_time)):
         raise ValueError(f"sample_time must be a positive time in s, not {sample_time}")
-    limit = model.file.device.torque_limit_nm
+    own = as_model(model)
+    limit = own.file.device.torque_limit_nm
     angle = math.pi if top else psi
-    point = operating_point(model.plant, psi_rad=angle, dtheta_rad_s=hoop_speed, torque_limit_nm=limit)
+    point = operating_point(own.plant, psi_rad=angle, dtheta_rad_s=hoop_speed, torque_limit_nm=limit)
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
-    system = analysis.linear_model(model.plant, point.x, point.u, names)
+    system = analysis.linear_model(own.plant, point.x, point.u, names)
     if sample_time is not None:
         system = analysis.sampled(system, sample_time, delay)
-    return Linear(system, point, model.name)
+    return Linear(system, point, own.name)

@@ -17,20 +17,23 @@ from hoopd.design.laws import PICTURE_AGE_S
 from hoopd.design.trial import figures_of
 from hoopd.design.trial import run as closed
 from hoopd.lab.controllers import Controller, as_controller
-from hoopd.lab.models import Model
+from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.plots.loops import draw_runs
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ClosedLoop:
     """A closed-loop run, one row a tick."""
 
     run: Run
     name: str
     torque_limit: float  # N m
+
+    def __repr__(self) -> str:
+        return f"ClosedLoop({self.name}, {len(self.t)} ticks, ball within {np.abs(self.psi).max():.3g} rad)"
 
     @property
     def t(self) -> Array:
@@ -68,7 +71,7 @@ class ClosedLoop:
 
 
 def feedback(
-    model: Model,
+    model: Model | str,
     law: Controller | str,
     *,
     psi0: float = 0.0,
@@ -87,8 +90,7 @@ def feedback(
     picture at its tick (s). zero_angle: what the camera adds to every angle (rad). reference: rad, or a function of t.
     noise: of the sensors. The law's filter knows the model that the law was designed on, not `model`.
 
-    >>> from hoopd.lab.models import model
-    >>> caught = feedback(model("thesis"), "lqg", psi0=0.4, noise=False)
+    >>> caught = feedback("thesis", "lqg", psi0=0.4, noise=False)
     >>> bool(abs(caught.psi[-1]) < 0.01)
     True
     """
@@ -112,6 +114,7 @@ def feedback(
         **picture_timing(delay, file.sample_time_s),  # type: ignore[arg-type]
         **silence,
     )
-    true = LinearPlant(model.plant) if linear else model.plant
+    plant = as_model(model).plant
+    true = LinearPlant(plant) if linear else plant
     made = closed(file, own.model.plant, true, scenario, believe=disturbance != 0.0)
     return ClosedLoop(made, own.name, file.limits.torque_nm)

@@ -18,12 +18,16 @@ from hoopd.recording.bytesof import replace_file
 from hoopd.shipped import defaults_folder
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
     """A model file's content; `path`: where it is, None for one that was not saved."""
 
     file: ModelFile
     path: Path | None = None
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={entry.value:.5g}" for name, entry in self.file.parameters.items())
+        return f"Model({self.name}, {self.structure}: {values})"
 
     @property
     def name(self) -> str:
@@ -86,7 +90,7 @@ def model(name: Path | str) -> Model:
     >>> thesis.structure, round(thesis.parameters["L2"], 2)
     ('entries', 210.12)
     """
-    path = _found(name)
+    path = shipped("models", name)
     file = load_model(path)
     if file.effects:
         names = ", ".join(entry.name for entry in file.effects)
@@ -94,9 +98,9 @@ def model(name: Path | str) -> Model:
     return Model(file, path)
 
 
-def _found(name: Path | str) -> Path:
-    """The path itself, or the shipped file of that name."""
-    return shipped("models", name)
+def as_model(given: Model | Path | str) -> Model:
+    """A model as it is, or by name or path."""
+    return given if isinstance(given, Model) else model(given)
 
 
 def shipped(folder: str, name: Path | str) -> Path:

@@ -37,11 +37,15 @@ class Picture:
 
 
 def plot(what: Any, title: str = "", x: str = "Time [s]", y: str = "") -> Picture:
-    """A recording; or recordings, closed-loop runs or curves by name, curves as (x, y) with their axes' labels.
+    """A recording, or anything of the lab; or recordings, closed-loop runs or curves by name, curves as (x, y) with
+    their axes' labels.
 
     >>> plot({"line": ([0.0, 1.0], [2.0, 3.0])}, x="Time [s]", y="Ball angle [rad]").figure.axes[0].get_ylabel()
     'Ball angle [rad]'
     """
+    if hasattr(what, "plot"):
+        made: Picture = what.plot()
+        return made
     if isinstance(what, Recording):
         return Picture(draw_experiment(what, title or what.source, NO_LIMITS))
     if not isinstance(what, Mapping) or not what:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from hoopd.lab.controllers import Controller, as_controller
-from hoopd.lab.models import Model, model
+from hoopd.lab.models import Model, as_model
 from hoopd.recording import Recording
 from hoopd.recording.slices import read_recording
 
@@ -94,8 +94,7 @@ def _asked(reference: float) -> str:
 
 def _rig(rig: Model | str, folder: str) -> tuple[str, str]:
     """The rig's own plant."""
-    own = rig if isinstance(rig, Model) else model(rig)
-    return "--set", f"sim.model={own.save(Path(folder) / 'rig.yaml').path}"
+    return "--set", f"sim.model={as_model(rig).save(Path(folder) / 'rig.yaml').path}"
 
 
 def _flags(options: dict[str, Any]) -> list[str]:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hoopd.ident.experiments import moving_of
 from hoopd.ident.freerun import STATES, Subject, simulated
 from hoopd.ident.score import Score, score
-from hoopd.lab.models import Model
+from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.plots.simulation import draw_simulation
 from hoopd.recording.recording import Recording, from_columns
@@ -24,13 +24,17 @@ Start = Mapping[str, float] | ArrayLike
 Torque = Callable[[float], float] | ArrayLike
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Simulation:
     """A model's free run."""
 
     model: Model
     input: Recording
     score: Score
+
+    def __repr__(self) -> str:
+        fits = ", ".join(f"{name} {percent:.1f} %" for name, percent in self.fit.items())
+        return f"Simulation({self.model.name} over {self.input.source}{': ' if fits else ''}{fits})"
 
     @property
     def t(self) -> NDArray[np.float64]:
@@ -58,7 +62,7 @@ class Simulation:
 
 
 def simulate(
-    model: Model,
+    model: Model | str,
     torque: Recording | tuple[ArrayLike, Torque],
     x0: Start | None = None,
     *,
@@ -71,16 +75,16 @@ def simulate(
     x0: start as {"psi": 0.4} or (theta, dtheta, psi, dpsi); without it estimated from the recording, or rest. window:
     start anew every so many seconds. moving: both, hoop or ball, where the recording shall not say it.
 
-    >>> from hoopd.lab.models import model
-    >>> decay = simulate(model("hoop"), ([0, 0.1, 0.2], 0.0), x0={"psi": 1.0})
+    >>> decay = simulate("hoop", ([0, 0.1, 0.2], 0.0), x0={"psi": 1.0})
     >>> decay.states.shape, round(float(decay.states[-1, 2]), 3)
     ((3, 4), -0.075)
     """
+    own = as_model(model)
     recording = torque if isinstance(torque, Recording) else _only_torque(*_pair(torque))
     measured = bool(np.isfinite(recording.theta).any() or np.isfinite(recording.psi).any())
     start = ({} if not measured else None) if x0 is None else _named(x0)
-    found = moving or (moving_of(recording, model.file.device.encoder_counts) if measured else "both")
-    return Simulation(model, recording, score(_subject(model), recording, window_s=window, start=start, moving=found))
+    found = moving or (moving_of(recording, own.file.device.encoder_counts) if measured else "both")
+    return Simulation(own, recording, score(_subject(own), recording, window_s=window, start=start, moving=found))
 
 
 def _subject(model: Model) -> Subject:

@@ -31,7 +31,7 @@ UNITS: Mapping[str, str] = MappingProxyType(
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """One run: signals by row, where they came from, and the configuration text they were taken with."""
 
@@ -59,6 +59,14 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        """Its source, length and measured signals, not its numbers."""
+        signals = [
+            name for name in ("u", "theta", "dtheta", "current", "psi") if np.isfinite(getattr(self, name)).any()
+        ]
+        span_s = float(self.t[-1] - self.t[0]) if len(self) else 0.0
+        return f"Recording({self.source!r}, {len(self)} rows, {span_s:.6g} s, {', '.join(signals) or 'nothing'})"
 
     @property
     def sample_time_s(self) -> float:
