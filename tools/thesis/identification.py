@@ -12,7 +12,7 @@ from hoopd.ident.solvers import Case, study
 from hoopd.ident.thesis import ENTRIES_PRINTED
 from hoopd.plots.fits import draw_fits
 from hoopd.plots.solver import draw_solver_question
-from thesis.records import Bench, thesis_plant
+from thesis.records import HOOP_ALONE, SOURCES, Bench, thesis_plant
 from thesis.results import Drawn, Row
 
 WORDS = {"theta_rate": "hoop speed", "psi": "ball angle"}
@@ -33,6 +33,8 @@ def fits(bench: Bench, key: str) -> Drawn:
     middle = (begin + end) / 2.0
     detail = (middle - DETAIL_S / 2, middle + DETAIL_S / 2) if key in DETAILED and end - begin > 3 * DETAIL_S else None
     caption = f"{bench.words(key)}: torque, measured signals and one free run of each model over each stretch."
+    if HOOP_ALONE.items() <= SOURCES[key].values.items():
+        caption += " The repository's entries are those that it found for the hoop alone: J11 -0.28, L1 658.8."
     rows = (*_fit_rows(scores), *_entry_rows(bench, key))
     return Drawn(
         draw_fits(recordings, scores, title, detail_s=detail),
