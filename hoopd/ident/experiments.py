@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import tau
 
 import numpy as np
@@ -118,7 +119,7 @@ def run_of(recording: Recording, part: Timeline, moving: str, wanted: Sequence[s
     for name in wanted:
         channel = part.channels["theta" if name == "theta_rate" else name]
         if name == "psi":
-            fresh = not_stuck(channel.values)
+            fresh = fresh_angles(part)
             aside[name] = int((~fresh).sum())
             channel = Channel(channel.nodes[fresh], channel.values[fresh])
         if len(channel.values) >= 3:
@@ -133,6 +134,24 @@ def _rate(part: Timeline, theta: Channel) -> Series:
     after, before = theta.nodes[2:], theta.nodes[:-2]
     span = part.t[after] - part.t[before]
     return Series("theta_rate", after, (theta.values[2:] - theta.values[:-2]) / span, before, span)
+
+
+def fresh_angles(part: Timeline) -> NDArray[np.bool_]:
+    """Which angles of the ball count: a value that repeats is a camera that has lost it, unless the hoop is still,
+    too, where a ball at rest looks the same."""
+    good, channel, theta = not_stuck(part.channels["psi"].values), part.channels["psi"], part.channels["theta"]
+    edges = np.flatnonzero(np.diff(channel.values, prepend=np.nan, append=np.nan) != 0.0)
+    for first, last in pairwise(edges):
+        if good[first:last].all() or len(theta.values) == 0:
+            continue
+        a, b = np.searchsorted(theta.nodes, [channel.nodes[first], channel.nodes[last - 1] + 1])
+        if _still(theta.values[a:b]):
+            good[first:last] = True
+    return good
+
+
+def _still(theta: Array) -> bool:
+    return len(theta) == 0 or float(np.ptp(theta)) < HELD_COUNTS * tau / 4096
 
 
 def not_stuck(psi: Array) -> NDArray[np.bool_]:

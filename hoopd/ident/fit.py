@@ -146,7 +146,8 @@ def free_names(settings: Settings, runs: Sequence[Run]) -> tuple[str, ...]:
     for name in (*settings.free, *settings.fixed, *settings.priors):
         if name not in known:
             raise InputError(name, "", f"not a parameter of the {settings.structure} model; known: {', '.join(known)}")
-    determined = determined_names(settings.structure, kinds)
+    driven = any(np.any(run.u != 0.0) for run in runs)
+    determined = determined_names(settings.structure, kinds, driven=driven)
     wanted = settings.free or determined
     free = tuple(name for name in wanted if name in determined and name not in settings.fixed)
     if not free:

@@ -69,10 +69,12 @@ class Scale:
         return np.where(self.nominal == 0.0, 1.0, np.abs(self.nominal))
 
 
-def determined_names(structure: str, movings: Sequence[str]) -> tuple[str, ...]:
-    """Parameters on which runs of these kinds bear, in the structure's order."""
+def determined_names(structure: str, movings: Sequence[str], *, driven: bool = True) -> tuple[str, ...]:
+    """Parameters on which runs of these kinds bear, in the structure's order; `driven`: some run has a torque."""
     table = ENTRIES if structure == "entries" else PHYSICAL
     some = {name for moving in movings for name in table[moving]}
+    if not driven and structure == "entries":
+        some -= {"L1", "L2"}  # what a torque does is not seen where there is none
     return tuple(name for name in PARAMETER_UNITS[structure] if name in some)
 
 

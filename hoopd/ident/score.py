@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.experiments import UNITS, channels_of, moving_of, not_stuck
+from hoopd.ident.experiments import UNITS, channels_of, fresh_angles, moving_of
 from hoopd.ident.freerun import FreeRun, Subject, free_runs
 from hoopd.recording.recording import Recording
 
@@ -148,7 +148,7 @@ def _dtheta(run: FreeRun) -> Trace | None:
 
 def _psi(run: FreeRun) -> Trace | None:
     nodes, values = run.part.channels["psi"]
-    return Trace(run.part.t[nodes], values, run.states[nodes, 2], not_stuck(values)) if len(nodes) else None
+    return Trace(run.part.t[nodes], values, run.states[nodes, 2], fresh_angles(run.part)) if len(nodes) else None
 
 
 _TRACES: Mapping[str, Callable[[FreeRun], Trace | None]] = {"theta_rate": _theta_rate, "dtheta": _dtheta, "psi": _psi}

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from shared import shared_path
 
 from hoopd.files import InputError
-from hoopd.ident.experiments import moving_of, not_stuck, prepare
+from hoopd.ident.experiments import fresh_angles, moving_of, not_stuck, prepare
 from hoopd.ident.fit import Settings, fit, model_file
 from hoopd.ident.gaussnewton import Block, loss_value, minimise
 from hoopd.ident.outputerror import Problem, fit_output_error
@@ -22,6 +22,7 @@ from hoopd.physics.simulate import Model
 from hoopd.recording import load
 from hoopd.recording.edit import between
 from hoopd.recording.recording import Recording, from_columns
+from hoopd.recording.timeline import timelines
 from hoopd.shipped import defaults_folder
 
 HOOP = load_model(defaults_folder() / "models/hoop.yaml")
@@ -184,6 +185,25 @@ def test_a_stuck_camera_is_set_aside() -> None:
     psi = np.array([0.1, 0.2, 0.2, 0.3, 0.4, 0.4, 0.4, 0.4, 0.4, 0.4, 0.5])
     assert np.array_equal(not_stuck(psi), [1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 1])
     assert not_stuck(psi[:0]).size == 0
+
+
+def test_a_ball_at_rest_is_no_stuck_camera() -> None:
+    t = 0.02 * np.arange(100)
+    theta = np.where(t < 1.0, 0.5, 0.5 + (t - 1.0))
+    psi = np.where((t < 0.6) | (t >= 1.4), 0.1, 0.1 + 0.3 * np.sin(t))
+    (part,) = timelines(from_columns({"t": t, "u": t * 0, "theta": theta, "psi": psi}))
+    fresh = fresh_angles(part)
+    assert fresh[t < 1.4].all()  # at rest with the hoop at rest, then moving
+    assert fresh[t >= 1.4].sum() == 1  # the hoop turns and the ball shall stand still to the bit
+
+
+def test_a_swing_without_torque_says_nothing_about_the_torque() -> None:
+    x = Model("rolling", HOOP.values()).run([], [0, 0, 0.8, 0], t := np.arange(0.0, 8.0, 0.02), np.zeros(len(t) - 1))
+    psi = x[:, 2] + 0.002 * np.random.default_rng(1).normal(size=len(t))
+    swing = from_columns({"t": t, "u": t * 0, "theta": COUNT * np.floor(x[:, 0] / COUNT), "psi": psi}, source="swing")
+    fitted = fit([swing], THESIS.values())
+    assert set(fitted.intervals) == {"J11", "J12", "K1", "J21", "J22", "K2"}
+    check_recovered(fitted.values, fitted.intervals, true_entries())
 
 
 def test_the_model_file_loads_and_holds_the_intervals(tmp_path) -> None:
