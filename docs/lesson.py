@@ -49,7 +49,7 @@ swings = {
     "let go at 0.1 rad": (small.t, small.states[:, 2] / 0.1),
     "let go at 1.2 rad": (large.t, large.states[:, 2] / 1.2),
 }
-show("1_free_swing", lab.plot(swings, "Free swings", y="Ball angle over its start [1]"))
+show("1_free_swing", lab.plot(swings, "Free swings", y="ball angle over its start"))
 
 # %% [markdown]
 # **Question.** Compute the period from K2 alone. Which of the two curves keeps it, and why does the other one fall
@@ -138,7 +138,7 @@ ages = np.linspace(0.0, 0.08, 33)
 margin = [degrees(fresh.margins_later(age).phase_rad) for age in ages]
 lqg_margin = [degrees(lab.design("lqg", model, delay=age).margins.phase_rad) for age in ages]
 curves = {"PID designed for fresh pictures": (1e3 * ages, margin)}
-show("5_margin", lab.plot(curves, "What delay costs", x="Age of a picture [ms]", y="Phase margin [degrees]"))
+show("5_margin", lab.plot(curves, "What delay costs", x="age of a picture (ms)", y="phase margin (degrees)"))
 
 late = lab.design("pid", model)  # shaped against 50 ms
 runs = {
@@ -165,7 +165,7 @@ for name, law in (("PID for 50 ms", late), ("LQG", lqg)):
     print(f"{name:>13}: {degrees(found.phase_rad):.0f} degrees, bears {1e3 * found.delay_s:.0f} ms more, "
           f"largest |S| {found.peak_sensitivity:.2f}")  # fmt: skip
 curves["LQG designed for each age"] = (1e3 * ages, lqg_margin)
-show("6_margin", lab.plot(curves, "What delay costs", x="Age of a picture [ms]", y="Phase margin [degrees]"))
+show("6_margin", lab.plot(curves, "What delay costs", x="age of a picture (ms)", y="phase margin (degrees)"))
 runs = {
     "PID designed for 50 ms": lab.feedback(model, late, psi0=0.4),
     "LQG": lab.feedback(model, lqg, psi0=0.4),

@@ -26,6 +26,8 @@ from hoopd.modelfiles import load_controller, load_model
 from hoopd.recording.edit import between
 from hoopd.shipped import defaults_folder
 
+TABLE = {"mb": 0.0608, "Ro": 0.0957, "Rb": 0.0104}  # weighed and measured
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
@@ -90,6 +92,16 @@ def test_a_changed_model_is_another_one_and_comes_back_from_its_file(thesis, tmp
         (lambda: lab.experiment("noise"), "unknown kind"),
         (lambda: lab.experiment("prbs", amplitude=9), "outside 0 to the limit"),
         (lambda: lab.plot(3), "plot takes"),
+        (lambda: lab.experiment("prbs", duration=5, amplitude=0.3), "^experiment: ball angle .* beyond 1.25$"),
+        (lambda: lab.design("pid", "hoop", omega="10"), "omega must be a number, not '10'"),
+        (lambda: lab.feedback("hoop", 3), "a law is a design"),
+        (lambda: lab.feedback(3, "lqg"), "expected a model"),
+        (lambda: lab.feedback("hoop", "lqg", reference=float("nan")), "reference must be"),
+        (lambda: lab.feedback("hoop", "lqg", psi0=float("inf")), "psi0 must be"),
+        (
+            lambda: lab.simulate(lab.model("thesis").with_parameters(J22=50.0), (np.arange(9.0), 0.1), {"psi": 1}),
+            "bound",
+        ),
     ],
 )
 def test_a_wrong_argument_is_one_clear_line(call, words):
@@ -268,6 +280,14 @@ def test_whatever_is_printed_is_one_line(recording, thesis):
         assert len(repr(thing)) < 200
         assert "\n" not in repr(thing)
     assert repr(recording).endswith("s, u, theta, dtheta, current, psi)")
+
+
+def test_a_prior_is_a_value_and_its_width(recording):
+    with pytest.raises(ValueError, match="prior: mb needs"):
+        lab.fit(recording, "rolling", prior={"mb": 0.06})
+    fitted = lab.fit(recording, "rolling", prior={name: (value, 1e-6) for name, value in TABLE.items()})
+    for name, value in TABLE.items():
+        assert fitted.model.parameters[name] == pytest.approx(value, rel=1e-4)
 
 
 def test_one_name_is_a_name_and_not_its_letters(recording):

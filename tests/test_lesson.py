@@ -12,6 +12,7 @@ from shared import ROOT
 
 import hoopd.lab as lab
 
+pytestmark = pytest.mark.timeout(300)  # half a minute on a machine of its own
 LESSON = ROOT / "docs" / "lesson.py"
 
 
@@ -24,7 +25,7 @@ def lesson(tmp_path_factory):
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=110,
+        timeout=280,
         check=False,
     )
     assert made.returncode == 0, made.stderr

@@ -16,7 +16,7 @@ import numpy as np
 from hoopd.bench.inputs import read_model, read_recording, read_values
 from hoopd.files import InputError
 from hoopd.ident.experiments import moving_of
-from hoopd.ident.freerun import STATES, Subject, simulated
+from hoopd.ident.freerun import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.ident.score import WINDOW_S, Score, score
 from hoopd.modelfiles import ModelFile
 from hoopd.physics.simulate import STEP_S
@@ -30,8 +30,6 @@ MOVING = ("auto", "both", "hoop", "ball")
 STEP_RANGE_S = (1e-4, 0.1)
 # All steps between two rows are written out in one function: a gap of seconds at a fine step would fill the memory.
 MOST_STEPS_BETWEEN_ROWS = 1000
-# Faster than any hoop of this device: what gets there has left the model's range.
-RUNAWAY_RAD_S = 1e4
 
 
 def run(
@@ -123,8 +121,7 @@ def _check_start(moving: str, start: Mapping[str, float] | None) -> None:
 
 
 def _refuse_runaway(model: Path, whole: Score) -> None:
-    states = np.vstack([run.states for run in whole.runs])
-    if not np.isfinite(states).all() or float(np.abs(states[:, [1, 3]]).max()) > RUNAWAY_RAD_S:
+    if ran_away(whole.runs):
         raise InputError(model, "", f"the free run leaves every bound (above {RUNAWAY_RAD_S:g} rad/s)")
 
 

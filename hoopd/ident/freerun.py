@@ -28,6 +28,9 @@ START_CHANNELS = ("theta_rate", "psi")
 # A model that swings off the ball's frequency fits no start near the data's own: others are tried on a ring of swings.
 PHASES, AMPLITUDES = 8, (0.0, 0.5, 1.0, 2.0)
 
+# Faster than any hoop of this device: what gets there has left the model's range.
+RUNAWAY_RAD_S = 1e4
+
 
 @dataclass(frozen=True)
 class Subject:
@@ -101,6 +104,12 @@ def run_from(subject: Subject, parts: Sequence[Timeline], starts: Sequence[Array
     return [
         FreeRun(part, start, model.run((), start, part.t, part.u)) for part, start in zip(parts, starts, strict=True)
     ]
+
+
+def ran_away(runs: Sequence[FreeRun]) -> bool:
+    """Whether a state has left every bound."""
+    states = np.vstack([run.states for run in runs])
+    return not np.isfinite(states).all() or float(np.abs(states[:, [1, 3]]).max()) > RUNAWAY_RAD_S
 
 
 # ---------------------------------------------------------------------------------------------- starts

@@ -31,6 +31,7 @@ from hoopd.shipped import defaults_folder, way_to
 # Arguments of `design` and what the specification calls them.
 SPEC = {"omega": "omega_rad_s", "phase": "phase_deg", "delay": "delay_s", "sample_time": "sample_time_s"}
 SPEC |= {name: name for name in ("mt", "zeta", "filter_ratio", "lead", "ratio", "gain", "poles", "weights", "method")}
+LISTS = ("lead", "poles", "weights", "method")  # what is not one number
 WEIGHTS = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s", "torque": "torque_nm"}
 
 
@@ -159,6 +160,8 @@ def controller(name: Path | str) -> Controller:
 
 def as_controller(law: Controller | Path | str) -> Controller:
     """A controller as it is, or by name or path."""
+    if not isinstance(law, Controller | Path | str):
+        raise ValueError(f"a law is a design, or a controller by name or path, not {law!r}")
     return law if isinstance(law, Controller) else controller(law)
 
 
@@ -166,6 +169,9 @@ def _spec(given: Mapping[str, Any]) -> Spec:
     unknown = [name for name in given if name not in SPEC]
     if unknown:
         raise ValueError(f"unknown {', '.join(unknown)}; known: {', '.join(SPEC)}")
+    for name, value in given.items():
+        if name not in LISTS and not isinstance(value, int | float | None):
+            raise ValueError(f"{name} must be a number, not {value!r}")
     values: dict[str, Any] = {SPEC[name]: _frozen(value) for name, value in given.items()}
     if "weights" in values:
         values["weights"] = _weights(values["weights"])

@@ -99,7 +99,7 @@ def fit(
         structure=structure,
         free=_names(free),
         fixed=_fixed(fix, nominal),
-        priors={name: Prior(*one) for name, one in (prior or {}).items()},
+        priors={name: _prior(name, one) for name, one in (prior or {}).items()},
         channels=_names(channels),
         window_s=window,
         loss=loss,
@@ -111,6 +111,12 @@ def fit(
 def _names(given: Sequence[str] | str) -> tuple[str, ...]:
     """One name or several; a text is one name, not its letters."""
     return (given,) if isinstance(given, str) else tuple(given)
+
+
+def _prior(name: str, given: tuple[float, float]) -> Prior:
+    if not isinstance(given, tuple | list) or len(given) != 2 or not given[1] > 0.0:
+        raise ValueError(f"prior: {name} needs (value, relative standard deviation above 0), not {given!r}")
+    return Prior(*given)
 
 
 def _fixed(fix: Mapping[str, float] | Sequence[str] | str, nominal: Mapping[str, float]) -> dict[str, float]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -100,6 +101,11 @@ def feedback(
         raise ValueError(f"delay must be from 0 to 0.2 s, not {delay:g}")
     if not 0.0 < duration <= 600.0:
         raise ValueError(f"duration must be above 0 and at most 600 s, not {duration:g}")
+    for name, value in (("psi0", psi0), ("disturbance", disturbance), ("zero_angle", zero_angle)):
+        if not isfinite(value):
+            raise ValueError(f"{name} must be a finite angle in rad, not {value}")
+    if not callable(reference) and not isfinite(reference):
+        raise ValueError(f"reference must be a finite angle in rad or a function of t, not {reference}")
     silence: dict[str, Any] = {} if noise else {"psi_noise_rad": 0.0, "dtheta_noise_rad_s": 0.0, "encoder_counts": 0}
     wanted = reference if callable(reference) else lambda _t: reference
     scenario = Scenario(

@@ -100,6 +100,8 @@ def model(name: Path | str) -> Model:
 
 def as_model(given: Model | Path | str) -> Model:
     """A model as it is, or by name or path."""
+    if not isinstance(given, Model | Path | str):
+        raise ValueError(f"expected a model, its name or its path, not {given!r}")
     return given if isinstance(given, Model) else model(given)
 
 

@@ -36,12 +36,12 @@ class Picture:
         return style.rendered(self.figure, ".png")
 
 
-def plot(what: Any, title: str = "", x: str = "Time [s]", y: str = "") -> Picture:
+def plot(what: Any, title: str = "", x: str = "time (s)", y: str = "") -> Picture:
     """A recording, or anything of the lab; or recordings, closed-loop runs or curves by name, curves as (x, y) with
     their axes' labels.
 
-    >>> plot({"line": ([0.0, 1.0], [2.0, 3.0])}, x="Time [s]", y="Ball angle [rad]").figure.axes[0].get_ylabel()
-    'Ball angle [rad]'
+    >>> plot({"line": ([0.0, 1.0], [2.0, 3.0])}, y="ball angle (rad)").figure.axes[0].get_ylabel()
+    'ball angle (rad)'
     """
     if hasattr(what, "plot"):
         made: Picture = what.plot()

@@ -6,6 +6,7 @@ event loop for itself, and a notebook has these already. The device is for the c
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -51,7 +52,9 @@ def experiment(
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{kind}.mcap" if file is None else Path(file)
-        _daemon("experiment", kind, *RIG, *_flags(options), "--seed", str(seed), *_rig(rig, folder), "--out", str(path))
+        told = Path(folder) / "told.json"
+        flags = [*_flags(options), "--seed", str(seed), *_rig(rig, folder), "--out", str(path), "--json", str(told)]
+        _daemon("experiment", kind, *RIG, *flags, told=told)
         return load(path)
 
 
@@ -107,8 +110,8 @@ def _flags(options: dict[str, Any]) -> list[str]:
     return flags
 
 
-def _daemon(*arguments: str) -> None:
-    """Run `hoopd` with this interpreter and package; ValueError with its own words."""
+def _daemon(*arguments: str, told: Path | None = None) -> None:
+    """Run `hoopd` with this interpreter and package; ValueError with its own words, or the outcome in its result."""
     root = str(Path(__file__).resolve().parents[2])
     paths = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run(
@@ -121,4 +124,6 @@ def _daemon(*arguments: str) -> None:
         check=False,
     )
     if done.returncode:
+        if told is not None and told.exists():
+            raise ValueError(f"experiment: {json.loads(told.read_text())['outcome']}")
         raise ValueError(done.stderr.strip() or done.stdout.strip() or f"hoopd ended with {done.returncode}")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hoopd.ident.experiments import moving_of
-from hoopd.ident.freerun import STATES, Subject, simulated
+from hoopd.ident.freerun import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.ident.score import Score, score
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
@@ -83,8 +83,11 @@ def simulate(
     recording = torque if isinstance(torque, Recording) else _only_torque(*_pair(torque))
     measured = bool(np.isfinite(recording.theta).any() or np.isfinite(recording.psi).any())
     start = ({} if not measured else None) if x0 is None else _named(x0)
-    found = moving or (moving_of(recording, own.file.device.encoder_counts) if measured else "both")
-    return Simulation(own, recording, score(_subject(own), recording, window_s=window, start=start, moving=found))
+    what = moving or (moving_of(recording, own.file.device.encoder_counts) if measured else "both")
+    found = score(_subject(own), recording, window_s=window, start=start, moving=what)
+    if ran_away(found.runs):
+        raise ValueError(f"the free run of {own.name} leaves every bound (above {RUNAWAY_RAD_S:g} rad/s)")
+    return Simulation(own, recording, found)
 
 
 def _subject(model: Model) -> Subject:

@@ -17,14 +17,14 @@ from hoopd.recording.recording import Recording
 
 # Of each row of a figure of recordings: signal, its times, label.
 ROWS = (
-    ("psi", "psi_t", "Ball angle [rad]"),
-    ("dtheta", "y_t", "Hoop speed [rad/s]"),
-    ("u", "t", "Torque [N m]"),
+    ("psi", "psi_t", "ball angle (rad)"),
+    ("dtheta", "y_t", "hoop speed (rad/s)"),
+    ("u", "t", "torque (N m)"),
 )
 
 
 def draw_curves(curves: Mapping[str, tuple[Any, Any]], x: str, y: str, title: str = "") -> Figure:
-    """Lines through (x, y) by name; `x` and `y` label the axes, units in brackets."""
+    """Lines through (x, y) by name; `x` and `y` label the axes, units in parentheses."""
     figure = style.figure(8.0, 4.2, title=title)
     axes = figure.axes[0]
     for name, (across, up) in curves.items():
@@ -48,7 +48,7 @@ def draw_recordings(recordings: Mapping[str, Recording], title: str = "") -> Fig
         axes.margins(x=0.0)
     _wanted(figure.axes[0], next(iter(recordings.values())))
     figure.align_ylabels(figure.axes)
-    figure.axes[-1].set_xlabel("Time [s]")
+    figure.axes[-1].set_xlabel("time (s)")
     style.legend(figure.axes[0], loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(recordings) + 1)
     return figure
 

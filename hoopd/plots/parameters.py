@@ -37,6 +37,6 @@ def draw_intervals(
     axes.set_yticks(range(len(names)), [f"{name} = {values[name]:.4g}" for name in names])
     left, right = axes.get_xlim()
     axes.set_xlim(max(left, -WIDEST_PERCENT), min(right, WIDEST_PERCENT))
-    style.labelled(axes, "Deviation [%]", "")
+    style.labelled(axes, "deviation (%)", "")
     style.legend(axes)
     return figure
