@@ -105,7 +105,8 @@ show("3_ball_weighed", weighed.plot_intervals(truth=rig))
 
 # %% [markdown]
 # **Question.** Which parameters grow together without a trace in the data? Which single measurement on the
-# laboratory's table settles them all? (Figures 3_everything_free and 3_ball_weighed: mind the scales of the axes.)
+# laboratory's table settles them all? (Figures 3_everything_free and 3_ball_weighed: mind the scales of the axes. One
+# true value in twenty lies outside of its interval by right; try other seeds.)
 
 # %% [markdown]
 # ## 4. The linear model, and what it says
