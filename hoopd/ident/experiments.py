@@ -121,6 +121,10 @@ def run_of(recording: Recording, part: Timeline, moving: str, wanted: Sequence[s
             fresh = not_stuck(channel.values)
             aside[name] = int((~fresh).sum())
             channel = Channel(channel.nodes[fresh], channel.values[fresh])
+        if name == "theta":
+            counts = once_at_rest(channel.values)
+            aside[name] = int((~counts).sum())
+            channel = Channel(channel.nodes[counts], channel.values[counts])
         if len(channel.values) >= 3:
             series[name] = _rate(part, channel) if name == "theta_rate" else Series(name, *channel)
     if sum(len(one.values) for one in series.values()) < SHORTEST_ROWS:
@@ -135,15 +139,32 @@ def _rate(part: Timeline, theta: Channel) -> Series:
     return Series("theta_rate", after, (theta.values[2:] - theta.values[:-2]) / span, before, span)
 
 
+def once_at_rest(theta: Array) -> NDArray[np.bool_]:
+    """Of equal encoder readings in a row (STUCK or more) only the one in the middle.
+
+    The error of a moving encoder, evenly spread over a count, is new in every sample; at rest it is one and the same,
+    and fifty of it would pull fifty times. In the middle, because that of a hoop that creeps is the count's mean there.
+    """
+    edges, lengths = _equal(theta)
+    good = np.repeat(lengths < STUCK, lengths)
+    good[edges[:-1] + lengths // 2] |= lengths >= STUCK
+    return good
+
+
 def not_stuck(psi: Array) -> NDArray[np.bool_]:
     """False where a value repeats and repeats (STUCK or more equal ones): the first of them counts."""
-    if len(psi) == 0:
-        return np.zeros(0, dtype=bool)
-    edges = np.flatnonzero(np.concatenate([[True], np.diff(psi) != 0.0, [True]]))
-    lengths = np.diff(edges)
+    edges, lengths = _equal(psi)
     good = np.repeat(lengths < STUCK, lengths)
     good[edges[:-1]] = True
     return good
+
+
+def _equal(values: Array) -> tuple[Index, Index]:
+    """Edges (k+1,) and lengths (k,) of stretches of equal values."""
+    if len(values) == 0:
+        return np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
+    return edges, np.diff(edges)
 
 
 def _start(part: Timeline, moving: str) -> Array:

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from shared import shared_path
 
 from hoopd.files import InputError
-from hoopd.ident.experiments import moving_of, not_stuck, prepare
+from hoopd.ident.experiments import moving_of, not_stuck, once_at_rest, prepare
 from hoopd.ident.fit import Settings, fit, model_file
 from hoopd.ident.gaussnewton import Block, loss_value, minimise
 from hoopd.ident.outputerror import Problem, fit_output_error
@@ -184,6 +184,30 @@ def test_a_stuck_camera_is_set_aside() -> None:
     psi = np.array([0.1, 0.2, 0.2, 0.3, 0.4, 0.4, 0.4, 0.4, 0.4, 0.4, 0.5])
     assert np.array_equal(not_stuck(psi), [1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 1])
     assert not_stuck(psi[:0]).size == 0
+
+
+def test_an_encoder_at_rest_counts_once() -> None:
+    theta = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2])
+    assert np.array_equal(np.flatnonzero(once_at_rest(theta)), [3, 6, 7, 10])
+    assert once_at_rest(theta[:0]).size == 0
+
+
+def test_a_hoop_that_rests_at_first_does_not_bend_the_fit() -> None:
+    t = np.arange(0.0, 12.0, 0.02)
+    u = np.where(t < 2.0, 0.0, 0.1 * np.random.default_rng(11).choice([-1.0, 1.0], len(t)))
+    x = Model("rolling", HOOP.values()).run([], np.zeros(4), t, u[:-1])
+    psi = x[:, 2] + 0.002 * np.random.default_rng(12).normal(size=len(t))
+    theta = COUNT * np.floor(x[:, 0] / COUNT)  # 0 for two seconds: half a count below the middle all the time
+    recording = from_columns({"t": t, "u": u, "theta": theta, "psi": psi}, source="rest")
+    fitted = fit([recording], {**HOOP.values(), "Ih": 1e-3}, Settings("rolling", fixed=WEIGHED))
+    assert fitted.channels == ("theta", "psi")
+    assert fitted.runs[0].set_aside["theta"] > 80
+    low, high = fitted.intervals["Ih"]
+    assert low < HOOP.values()["Ih"] < high
+    # of the readings that count, those near the start err no further to one side than the others
+    early = fitted.runs[0].series["theta"].nodes < 150
+    error = fitted.solution.residuals[0]["theta"]
+    assert abs(error[early].mean() - error[~early].mean()) < 0.2 * COUNT
 
 
 def test_the_model_file_loads_and_holds_the_intervals(tmp_path) -> None:
