@@ -122,6 +122,10 @@ def run_of(recording: Recording, part: Timeline, moving: str, wanted: Sequence[s
             fresh = fresh_angles(part)
             aside[name] = int((~fresh).sum())
             channel = Channel(channel.nodes[fresh], channel.values[fresh])
+        if name == "theta":
+            counts = once_at_rest(channel.values)
+            aside[name] = int((~counts).sum())
+            channel = Channel(channel.nodes[counts], channel.values[counts])
         if len(channel.values) >= 3:
             series[name] = _rate(part, channel) if name == "theta_rate" else Series(name, *channel)
     if sum(len(one.values) for one in series.values()) < SHORTEST_ROWS:
@@ -137,8 +141,8 @@ def _rate(part: Timeline, theta: Channel) -> Series:
 
 
 def fresh_angles(part: Timeline) -> NDArray[np.bool_]:
-    """Which angles of the ball count: a value that repeats is a camera that has lost it, unless the hoop is still,
-    too, where a ball at rest looks the same."""
+    """Which angles of the ball count: a value that repeats is a camera that has lost it (the first counts), or, when
+    the hoop is still too, a ball at rest (the first and the last count)."""
     good, channel, theta = not_stuck(part.channels["psi"].values), part.channels["psi"], part.channels["theta"]
     edges = np.flatnonzero(np.diff(channel.values, prepend=np.nan, append=np.nan) != 0.0)
     for first, last in pairwise(edges):
@@ -146,7 +150,7 @@ def fresh_angles(part: Timeline) -> NDArray[np.bool_]:
             continue
         a, b = np.searchsorted(theta.nodes, [channel.nodes[first], channel.nodes[last - 1] + 1])
         if _still(theta.values[a:b]):
-            good[first:last] = True
+            good[last - 1] = True  # with the first: the same error all the time, but where it was and that it rested
     return good
 
 
@@ -154,15 +158,32 @@ def _still(theta: Array) -> bool:
     return len(theta) == 0 or float(np.ptp(theta)) < HELD_COUNTS * tau / 4096
 
 
+def once_at_rest(theta: Array) -> NDArray[np.bool_]:
+    """Of equal encoder readings in a row (STUCK or more) only the one in the middle.
+
+    The error of a moving encoder, evenly spread over a count, is new in every sample; at rest it is one and the same,
+    and fifty of it would pull fifty times. In the middle, because that of a hoop that creeps is the count's mean there.
+    """
+    edges, lengths = _equal(theta)
+    good = np.repeat(lengths < STUCK, lengths)
+    good[edges[:-1] + lengths // 2] |= lengths >= STUCK
+    return good
+
+
 def not_stuck(psi: Array) -> NDArray[np.bool_]:
     """False where a value repeats and repeats (STUCK or more equal ones): the first of them counts."""
-    if len(psi) == 0:
-        return np.zeros(0, dtype=bool)
-    edges = np.flatnonzero(np.concatenate([[True], np.diff(psi) != 0.0, [True]]))
-    lengths = np.diff(edges)
+    edges, lengths = _equal(psi)
     good = np.repeat(lengths < STUCK, lengths)
     good[edges[:-1]] = True
     return good
+
+
+def _equal(values: Array) -> tuple[Index, Index]:
+    """Edges (k+1,) and lengths (k,) of stretches of equal values."""
+    if len(values) == 0:
+        return np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
+    return edges, np.diff(edges)
 
 
 def _start(part: Timeline, moving: str) -> Array:

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from shared import shared_path
 
 from hoopd.files import InputError
-from hoopd.ident.experiments import fresh_angles, moving_of, not_stuck, prepare
+from hoopd.ident.experiments import fresh_angles, moving_of, not_stuck, once_at_rest, prepare
 from hoopd.ident.fit import Settings, fit, model_file
 from hoopd.ident.gaussnewton import Block, loss_value, minimise
 from hoopd.ident.outputerror import Problem, fit_output_error
@@ -193,7 +193,8 @@ def test_a_ball_at_rest_is_no_stuck_camera() -> None:
     psi = np.where((t < 0.6) | (t >= 1.4), 0.1, 0.1 + 0.3 * np.sin(t))
     (part,) = timelines(from_columns({"t": t, "u": t * 0, "theta": theta, "psi": psi}))
     fresh = fresh_angles(part)
-    assert fresh[t < 1.4].all()  # at rest with the hoop at rest, then moving
+    assert np.array_equal(np.flatnonzero(fresh[t < 0.62]), [0, 29, 30])  # at rest with the hoop at rest
+    assert fresh[(t > 0.59) & (t < 1.4)].all()
     assert fresh[t >= 1.4].sum() == 1  # the hoop turns and the ball shall stand still to the bit
 
 
@@ -204,6 +205,30 @@ def test_a_swing_without_torque_says_nothing_about_the_torque() -> None:
     fitted = fit([swing], THESIS.values())
     assert set(fitted.intervals) == {"J11", "J12", "K1", "J21", "J22", "K2"}
     check_recovered(fitted.values, fitted.intervals, true_entries())
+
+
+def test_an_encoder_at_rest_counts_once() -> None:
+    theta = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2])
+    assert np.array_equal(np.flatnonzero(once_at_rest(theta)), [3, 6, 7, 10])
+    assert once_at_rest(theta[:0]).size == 0
+
+
+def test_a_hoop_that_rests_at_first_does_not_bend_the_fit() -> None:
+    t = np.arange(0.0, 12.0, 0.02)
+    u = np.where(t < 2.0, 0.0, 0.1 * np.random.default_rng(11).choice([-1.0, 1.0], len(t)))
+    x = Model("rolling", HOOP.values()).run([], np.zeros(4), t, u[:-1])
+    psi = x[:, 2] + 0.002 * np.random.default_rng(12).normal(size=len(t))
+    theta = COUNT * np.floor(x[:, 0] / COUNT)  # 0 for two seconds: half a count below the middle all the time
+    recording = from_columns({"t": t, "u": u, "theta": theta, "psi": psi}, source="rest")
+    fitted = fit([recording], {**HOOP.values(), "Ih": 1e-3}, Settings("rolling", fixed=WEIGHED))
+    assert fitted.channels == ("theta", "psi")
+    assert fitted.runs[0].set_aside["theta"] > 80
+    low, high = fitted.intervals["Ih"]
+    assert low < HOOP.values()["Ih"] < high
+    # of the readings that count, those near the start err no further to one side than the others
+    early = fitted.runs[0].series["theta"].nodes < 150
+    error = fitted.solution.residuals[0]["theta"]
+    assert abs(error[early].mean() - error[~early].mean()) < 0.2 * COUNT
 
 
 def test_the_model_file_loads_and_holds_the_intervals(tmp_path) -> None:
