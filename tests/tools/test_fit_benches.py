@@ -1,0 +1,138 @@
+"""What a fit promises, measured by the benches: known parameters are found again, and it takes few simulations."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from hoopd.ident.experiments import prepare
+from hoopd.ident.fit import fit
+from hoopd.ident.outputerror import fit_output_error
+from hoopd.modelfiles import load_model
+
+ROOT = Path(__file__).resolve().parents[2]
+BENCH = ROOT / "tools" / "bench"
+START = load_model(ROOT / "config" / "models" / "thesis.yaml").values()
+
+
+@pytest.fixture
+def fits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
+    """The bench of a fit, without the real recordings: the same everywhere."""
+    monkeypatch.syspath_prepend(str(BENCH))
+    monkeypatch.setenv("HOOPD_SHARED", str(tmp_path))
+    import fit
+
+    return fit
+
+
+@pytest.fixture
+def recovery(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The bench of many seeds, for its judgement."""
+    monkeypatch.syspath_prepend(str(BENCH))
+    import recovery
+
+    return recovery
+
+
+@pytest.mark.timeout(900)  # 100 s on two free cores
+def test_known_parameters_are_found_again_and_the_intervals_cover(tmp_path: Path) -> None:
+    path = tmp_path / "recovery.json"
+    arguments = ("--seeds", "200", "--seconds", "8", "--alternate", "--json", str(path))
+    command = [sys.executable, str(BENCH / "recovery.py"), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = {(row["structure"], row["name"]): row for row in json.loads(path.read_text())["rows"]}
+    for structure, parameters in (("entries", 8), ("rolling", 4)):
+        row = rows.pop((structure, "all"))
+        assert row["fits"] == 100
+        assert 0.90 <= row["coverage"] <= 0.985
+        own = [rows.pop(key) for key in list(rows) if key[0] == structure]
+        assert len(own) == parameters
+        for one in own:
+            assert abs(one["bias"]) < 0.02
+            assert one["small"] >= 0.95
+            assert 0.7 < one["spread"] / one["claimed"] < 1.4  # it errs as much as it says
+
+
+@pytest.mark.timeout(300)
+def test_pictures_are_recovered_too(tmp_path: Path) -> None:
+    path = tmp_path / "pictures.json"
+    arguments = ("--seeds", "2", "--seconds", "6", "--pictures", "--json", str(path))
+    command = [sys.executable, str(BENCH / "recovery.py"), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode in (0, 1), done.stderr
+    rows = json.loads(path.read_text())["rows"]
+    # the couplings among the entries are small and six seconds tell little of them; what is physical stands
+    assert all(row["small"] == 1.0 for row in rows if row["structure"] == "rolling")
+    assert all(row["largest"] < 0.02 for row in rows if row["name"] in ("J11", "K1", "K2", "L1", "L2"))
+
+
+def test_wrong_intervals_and_early_ends_are_missed_bounds(recovery: ModuleType) -> None:
+    true = recovery.truth()["rolling"]
+
+    def result(outcome: str, error: float) -> object:
+        found = {
+            n: recovery.Found(v * (1 + error), v * (1 + error - 0.001), v * (1 + error + 0.001))
+            for n, v in true.items()
+        }
+        return recovery.Result(outcome, {"rolling": found})
+
+    def judged(found: list[object]) -> str:
+        return "; ".join(recovery.missed(list(recovery.rows(found)), found, pictures=False))
+
+    good = [result("done", 0.002 * (seed % 20 == 0)) for seed in range(100)]
+    assert judged(good) == ""
+    assert "Ih: 0.0% of errors are small" in judged([result("done", 0.03)] * 100)
+    assert "all: 0.0% covered" in judged([result("done", 0.01)] * 100)
+    assert "all: 100.0% covered" in judged([result("done", 0.0)] * 100)
+    assert "seed 1 ended: stopped" in judged([result("done", 0.0), result("stopped", 0.0)])
+
+
+def test_a_fit_takes_few_simulations(fits: ModuleType) -> None:
+    """The speed as behaviour: L-BFGS with differences takes eleven thousand runs to the same cost."""
+    recording, name = fits.recording()
+    assert name.startswith("simulated")
+    with fits.Counted() as whole:
+        found = fit([recording], START)
+    assert found.solution.converged
+    assert whole.samples < 60 * len(recording)  # windows and intervals included
+    with fits.Counted() as plain:
+        one = fit_output_error("entries", START, fits.NAMES, prepare([recording]))
+    assert one.converged
+    assert plain.runs < 60
+
+
+def test_a_model_of_the_same_kind_is_not_written_out_again() -> None:
+    from hoopd.physics.simulate import Model, _chunk
+
+    for value in (1.0, 2.0):  # free parameters are told at the call
+        Model("entries", {**START, "J12": value}, ("J12",)).run([value], [0.0] * 4, [0.0, 0.02], [0.1])
+    assert _chunk.cache_info().hits > 0
+
+
+def test_the_fit_bench_compares_both_ways(fits: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "fit.json"
+    command = [sys.executable, str(BENCH / "fit.py"), "--runs", "1", "--only", "1", "--limit", "1", "--json", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, timeout=90)
+    assert done.returncode in (0, 1), done.stderr
+    ours, plain, slow = json.loads(path.read_text())["rows"]
+    assert slow["stopped"]
+    assert slow["cost"] > ours["cost"]
+    assert plain["cost"] == pytest.approx(ours["cost"], rel=1e-3)
+
+
+def test_a_slow_or_worse_fit_is_a_missed_bound(fits: ModuleType) -> None:
+    def rows(ours_s: float, cost: float, slow_cost: float, *, stopped: bool = False) -> list[object]:
+        ours = fits.Row("ours", ours_s, ours_s, 1, 1, cost)
+        return [ours, ours, fits.Row("slow", 50.0, 50.0, 1, 1, slow_cost, "", stopped)]
+
+    assert fits.missed(rows(0.1, 10.0, 10.0)) == []
+    assert len(fits.missed(rows(1.1, 10.0, 10.0))) == 2  # above a second, and not 100 times as fast
+    assert "is above" in fits.missed(rows(0.1, 10.0, 9.0))[0]
+    assert fits.missed(rows(0.9, 10.0, 20.0)) == []  # it gave up far from the cost: no speed to compare with
+    assert len(fits.missed(rows(0.9, 10.0, 20.0, stopped=True))) == 1
