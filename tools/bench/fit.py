@@ -5,9 +5,9 @@ python tools/bench/fit.py [--runs 9] [--only 2] [--limit 60] [--json FILE]
 Both estimate the eight entries and the initial state from one recording (../shared or $HOOPD_SHARED; a simulated one
 of the same shape where that is absent), from the same start, the entries as printed. The way of the thesis: an
 adaptive solver over the whole run, the torque looked up by time, and L-BFGS with finite differences; it is told the
-weights of the two channels, which ours has to find. After --limit seconds of processor time it is stopped and the cost it had reached
-counts. Costs are those of one and the same free run, integrated from sample to sample: half the sum of squared errors
-in units of sigma.
+weights of the two channels, which ours has to find. After --limit seconds of processor time it is stopped and the
+cost it had reached counts. Costs are those of one and the same free run, integrated from sample to sample: half the
+sum of squared errors in units of sigma.
 
 Every way is one thread of arithmetic, so its processor time is its duration on a free core: the bounds are judged by
 that, and the clock's time, in which a busy machine is inside, stands beside it.
