@@ -68,7 +68,11 @@ def fit(
     ] = [],  # noqa: B006
     prior: Annotated[
         list[str],
-        typer.Option("--prior", help="Known beforehand, SIGMA relative; repeatable.", metavar="NAME=VALUE:SIGMA"),
+        typer.Option(
+            "--prior",
+            help="Known beforehand, SIGMA relative (of J, K, L2: absolute); repeatable.",
+            metavar="NAME=VALUE:SIGMA",
+        ),
     ] = [],  # noqa: B006
     free: Annotated[str, typer.Option("--free", help="Only these are fitted.", metavar="NAMES")] = "",
     channels: Annotated[

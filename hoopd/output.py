@@ -9,8 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hoopd.files import InputError
-
 # What a person compares; the JSON has every digit. A matrix of six columns fits a terminal of 80 with four.
 DIGITS = 7
 MATRIX_DIGITS = 4
@@ -123,12 +121,11 @@ def _matrix(cells: list[list[str]]) -> str:
 
 
 def write_json(path: Path | None, result: dict[str, Any]) -> None:
-    """The result as JSON, when a path is given."""
+    """The result as JSON, when a path is given: the whole file or none."""
     if path is None:
         return
     import msgspec
 
-    try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
-    except OSError as error:
-        raise InputError(path, "", (error.strerror or "cannot be written").lower()) from None
+    from hoopd.recording.bytesof import replace_file
+
+    replace_file(path, msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")

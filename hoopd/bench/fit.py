@@ -23,7 +23,7 @@ from hoopd.ident.freerun import Subject
 from hoopd.ident.gaussnewton import LOSSES
 from hoopd.ident.kinematics import compare_kinematics, entries_covariance
 from hoopd.ident.noise import NOISE_UNITS
-from hoopd.ident.parameters import PRIOR, Prior
+from hoopd.ident.parameters import PRIOR, Prior, scale_of
 from hoopd.ident.physical import Known, physical_from_entries
 from hoopd.ident.plain import plain
 from hoopd.ident.prediction import PredictionSolution
@@ -31,7 +31,7 @@ from hoopd.ident.score import WINDOW_S, score
 from hoopd.ident.thesis import table_words
 from hoopd.modelfiles import ModelFile, model_text
 from hoopd.physics.entries import ENTRIES
-from hoopd.physics.plant import PARAMETER_UNITS, STRUCTURES
+from hoopd.physics.plant import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
 from hoopd.recording.bytesof import replace_file
 from hoopd.recording.recording import Recording
 from hoopd.recording.suspicions import suspicions
@@ -44,7 +44,8 @@ GEOMETRY = ("mb", "Ro", "Rb")
 Progress = Callable[[str], None]
 
 COLOURED = {
-    "output": "residuals are coloured: the intervals count their correlation (the model misses something)",
+    "output": "residuals are coloured (the model misses something): the intervals count their correlation and may still be "
+    "half as wide as they should be; --method prediction gives the honest ones",
     "prediction": "innovations are not white: the intervals count it; for free runs prefer --method output",
 }
 
@@ -119,18 +120,20 @@ def _settings(wish: Wish) -> tuple[ModelFile, Settings]:
     _one_of("--loss", wish.loss, LOSSES)
     _one_of("--method", wish.method, METHODS)
     base = read_model(wish.model or defaults_folder() / START_MODELS[wish.structure])
+    nominal = nominal_values(base, wish.structure)
     names = tuple(PARAMETER_UNITS[wish.structure])
     if wish.window_s is not None and not 0.2 <= wish.window_s <= 1e4:
         raise InputError("--window", "", f"must be 0.2 to 10000 s, not {wish.window_s:g}")
     return base, Settings(
         structure=wish.structure,
         free=_names("--free", wish.free, names),
-        fixed=_fixed(wish.fix, names, nominal_values(base, wish.structure)),
-        priors=_priors(wish.priors, names),
+        fixed=_fixed(wish.fix, names, nominal, wish.structure),
+        priors=_priors(wish.priors, names, wish.structure),
         channels=_names("--channels", wish.channels, CHANNELS),
         window_s=wish.window_s,
         loss=wish.loss,
         method=wish.method,
+        encoder_counts=base.device.encoder_counts,
     )
 
 
@@ -146,7 +149,9 @@ def _names(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def _fixed(texts: Sequence[str], names: tuple[str, ...], nominal: Mapping[str, float]) -> dict[str, float]:
+def _fixed(
+    texts: Sequence[str], names: tuple[str, ...], nominal: Mapping[str, float], structure: str
+) -> dict[str, float]:
     """ "mb=0.06", or "mb" alone: at its nominal value."""
     fixed: dict[str, float] = {}
     for part in (part for text in texts for part in text.split(",") if part.strip()):
@@ -156,10 +161,18 @@ def _fixed(texts: Sequence[str], names: tuple[str, ...], nominal: Mapping[str, f
         else:
             _one_of("--fix", name, names)
             fixed[name] = nominal[name]
+    _possible("--fix", structure, {**nominal, **fixed})
     return fixed
 
 
-def _priors(texts: Sequence[str], names: tuple[str, ...]) -> dict[str, Prior]:
+def _possible(option: str, structure: str, values: Mapping[str, float]) -> None:
+    try:
+        check_parameters(structure, values)
+    except ParameterError as error:
+        raise InputError(option, error.name, error.reason) from None
+
+
+def _priors(texts: Sequence[str], names: tuple[str, ...], structure: str) -> dict[str, Prior]:
     """ "mb=0.06:0.1": the value, and the relative standard deviation of a positive parameter (else the absolute)."""
     priors = {}
     for text in texts:
@@ -170,6 +183,8 @@ def _priors(texts: Sequence[str], names: tuple[str, ...]) -> dict[str, Prior]:
         width = read_values("--prior", f"sigma={sigma}", ("sigma",))["sigma"]
         if width <= 0.0:
             raise InputError("--prior", name, "sigma must be positive")
+        if value <= 0.0 and scale_of(structure, (name,), {name: 1.0}).positive[0]:
+            raise InputError("--prior", name, f"must be positive, not {value:g}")
         priors[name] = Prior(value, width)
     return priors
 
@@ -198,15 +213,19 @@ def _judged(found: Fit, train: Mapping[str, Recording], held: Mapping[str, Recor
     judged: dict[str, Any] = {}
     for part, recordings in (("train", train), ("holdout", held)):
         if recordings:
-            judged[part] = {name: _scores(found.structure, subjects, one) for name, one in recordings.items()}
+            counts = found.settings.encoder_counts
+            judged[part] = {name: _scores(found.structure, subjects, one, counts) for name, one in recordings.items()}
     return judged
 
 
-def _scores(structure: str, subjects: Mapping[str, Mapping[str, float]], recording: Recording) -> dict[str, Any]:
+def _scores(
+    structure: str, subjects: Mapping[str, Mapping[str, float]], recording: Recording, encoder_counts: int
+) -> dict[str, Any]:
     columns: dict[str, dict[str, Any]] = {}
     for label, values in subjects.items():
         for suffix, window_s in (("", None), (f"_{WINDOW_S:g}s", WINDOW_S)):
-            for channel, one in score(Subject(structure, values), recording, window_s=window_s).channels.items():
+            found = score(Subject(structure, values), recording, window_s=window_s, encoder_counts=encoder_counts)
+            for channel, one in found.channels.items():
                 row = columns.setdefault(channel, {})
                 row[label + suffix] = number(one.nrmse_percent)
                 row |= {"samples": one.samples, "set_aside": one.set_aside}
@@ -272,20 +291,31 @@ def _physics(found: Fit, base: ModelFile, train: Sequence[Recording], wish: Wish
     """What the parameters mean beyond themselves: what is not determined, what they are made of, which kinematics."""
     judged = determined(found.solution, found.uncertainty, found.structure)
     result: dict[str, Any] = {"undetermined": plain(judged)}
-    device = nominal_values(read_model(defaults_folder() / START_MODELS["rolling"]), "rolling")
-    device |= {name: found.values[name] for name in GEOMETRY}
+    device = _device(base, found.settings.fixed)
     if found.structure == "entries" and found.movings == ("both",):
         progress("physical parameters of the entries")
         result["physical"] = _second_step(found, base, device)
     if wish.kinematics:
         progress("kinematics")
-        runs = [one for one in prepare(train, ("theta_rate", "psi")) if one.moving == "both"]
+        runs = [
+            one
+            for one in prepare(train, ("theta_rate", "psi"), None, found.settings.encoder_counts)
+            if one.moving == "both"
+        ]
         if not runs:
             raise InputError("--kinematics", "", "needs a recording in which both hoop and ball move")
         # without a model file nobody has said that the device was measured
         known = None if wish.model is not None else ()
         result["kinematics"] = plain(compare_kinematics(runs, device, known=known, progress=progress))
     return result
+
+
+def _device(base: ModelFile, fixed: Mapping[str, float]) -> dict[str, float]:
+    """What the device is believed to be before any data: the model it started from, where that is physical, else the
+    shipped one with its geometry; what the user fixed is as he said."""
+    shipped = nominal_values(read_model(defaults_folder() / START_MODELS["rolling"]), "rolling")
+    own = {**base.values(), **fixed}
+    return {name: own.get(name, value) for name, value in shipped.items()}
 
 
 def _second_step(found: Fit, base: ModelFile, device: Mapping[str, float]) -> dict[str, Any]:
@@ -355,5 +385,5 @@ def _write(found: Fit, base: ModelFile, train: Sequence[Recording], out: Path | 
         from hoopd.plots.simulation import draw_simulation
         from hoopd.plots.style import save
 
-        whole = score(Subject(found.structure, found.values), train[0])
+        whole = score(Subject(found.structure, found.values), train[0], encoder_counts=found.settings.encoder_counts)
         save(draw_simulation(whole, train[0], out.stem if out else found.structure), figure)

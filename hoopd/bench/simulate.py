@@ -28,8 +28,6 @@ from hoopd.recording.timeline import driven
 MOVING = ("auto", "both", "hoop", "ball")
 # Below, a run of seconds takes minutes and nothing changes; above, a step is longer than any tick.
 STEP_RANGE_S = (1e-4, 0.1)
-# All steps between two rows are written out in one function: a gap of seconds at a fine step would fill the memory.
-MOST_STEPS_BETWEEN_ROWS = 1000
 
 
 def run(
@@ -51,8 +49,8 @@ def run(
     """
     _check_targets(out, figure)
     file = read_model(model, without_effects=without_effects)
+    _check_step(step_s)
     found = read_recording(recording, columns)
-    _check_step(step_s, found)
     start = None if x0 is None else read_values("--x0", x0, STATES)
     subject = Subject(file.structure, file.values(), step_s=step_s)
     what = _moving(found, moving, file.device.encoder_counts)
@@ -81,17 +79,10 @@ def _check_targets(out: Path | None, figure: Path | None) -> None:
         check_path(figure)
 
 
-def _check_step(step_s: float, recording: Recording) -> None:
+def _check_step(step_s: float) -> None:
     low, high = STEP_RANGE_S
     if not low <= step_s <= high:
         raise InputError("--step", "", f"must be {low:g} to {high:g} s, not {step_s:g}")
-    longest = float(np.diff(recording.t).max(initial=0.0))
-    if longest / step_s > MOST_STEPS_BETWEEN_ROWS:
-        raise InputError(
-            recording.source,
-            "t",
-            f"two rows are {longest:.3g} s apart, too far for steps of {step_s:g} s: cut it with @",
-        )
 
 
 def _moving(recording: Recording, moving: str, encoder_counts: int) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from hoopd.files import InputError
 from hoopd.ident.experiments import Run, prepare
+from hoopd.ident.noise import NoiseModel
 from hoopd.ident.outputerror import Progress, Solution, fit_output_error
 from hoopd.ident.parameters import Prior, default_priors, determined_names
 from hoopd.ident.prediction import fit_prediction_error
@@ -25,6 +26,8 @@ from hoopd.recording.recording import Recording
 # Where the simulated hoop stays this near to the encoder's reading, the reading itself is fitted: its error is white
 # then, and the intervals are right. Where it drifts away, only its rate can be compared.
 FOLLOWS_COUNTS = 3.0
+# Before its parameters are fitted to the angle itself it may be ten times as far off, or the fit is not worth trying.
+NEARLY_COUNTS = 30.0
 # A first fit in short runs, whose starts are known from the data, brings the long run's search near its end.
 FIRST_WINDOW_S = 2.0
 # Fits that only bring the next one near its end stop at a step that gains less than this share of the cost.
@@ -44,6 +47,7 @@ class Settings:
     window_s: float | None = None  # None: one free run over each recording
     loss: str = "linear"
     method: str = "output"  # or prediction
+    encoder_counts: int = 4096  # of the hoop's turn
 
 
 @dataclass(frozen=True)
@@ -94,16 +98,16 @@ def fit(
         return _fit_prediction(recordings, nominal, settings, progress)
     values = {**nominal, **settings.fixed}
     channels = settings.channels or ("theta_rate", "psi")
-    runs = prepare(recordings, channels, settings.window_s)
+    runs = prepare(recordings, channels, settings.window_s, settings.encoder_counts)
     names = free_names(settings, runs)
     priors = {**default_priors(settings.structure, names, values), **settings.priors}
     values = _near(recordings, values, names, priors, settings, progress)
     solution = _solve(values, nominal, names, runs, priors, settings, progress)
     if not settings.channels and any("theta_rate" in run.series for run in runs):
-        closer = prepare(recordings, ("theta", "psi"), settings.window_s)
+        closer = prepare(recordings, ("theta", "psi"), settings.window_s, settings.encoder_counts)
         if _follows(solution, closer, settings):
             again = _solve(solution.values, nominal, names, closer, priors, settings, progress)
-            if again.sigma["theta"] < FOLLOWS_COUNTS * tau / 4096:
+            if again.sigma["theta"] < FOLLOWS_COUNTS * tau / settings.encoder_counts:
                 solution, runs, channels = again, closer, ("theta", "psi")
     known = uncertainty(solution, settings.loss)
     return Fit(settings.structure, solution, known, tuple(runs), tuple(channels), dict(nominal), settings)
@@ -117,13 +121,14 @@ def _fit_prediction(
         raise InputError("--channels", "theta_rate", "the filter takes measurements, not their differences: use theta")
     first = fit(recordings, nominal, replace(settings, method="output", channels=(), loss="linear"), progress)
     channels = settings.channels or ("theta", "psi")
-    runs = prepare(recordings, channels, settings.window_s)
+    runs = prepare(recordings, channels, settings.window_s, settings.encoder_counts)
     solution = fit_prediction_error(
         settings.structure,
         first.values,
         first.solution.names,
         runs,
         priors=first.solution.priors,
+        noise=NoiseModel(encoder_counts=settings.encoder_counts),
         loss="linear" if settings.loss == "linear" else "student",  # any robust one
         progress=progress,
     )
@@ -152,6 +157,10 @@ def free_names(settings: Settings, runs: Sequence[Run]) -> tuple[str, ...]:
     free = tuple(name for name in wanted if name in determined and name not in settings.fixed)
     if not free:
         raise InputError("--free", "", f"nothing is left to fit; these recordings bear on {', '.join(determined)}")
+    if idle := [name for name in settings.free if name not in determined]:
+        raise InputError("--free", idle[0], f"these recordings bear on {', '.join(determined)} only")
+    if idle := [name for name in settings.priors if name not in free]:
+        raise InputError("--prior", idle[0], f"is not fitted; {', '.join(free)} are")
     return free
 
 
@@ -193,7 +202,7 @@ def _near(
     if settings.window_s is not None and settings.window_s <= FIRST_WINDOW_S:
         return values
     channels = tuple("theta_rate" if name == "theta" else name for name in settings.channels) or ("theta_rate", "psi")
-    runs = prepare(recordings, channels, FIRST_WINDOW_S)
+    runs = prepare(recordings, channels, FIRST_WINDOW_S, settings.encoder_counts)
     progress(f"first in {len(runs)} runs of {FIRST_WINDOW_S:g} s")
     found = fit_output_error(
         settings.structure,
@@ -230,4 +239,4 @@ def _follows(solution: Solution, runs: Sequence[Run], settings: Settings) -> boo
         settings.structure, solution.values, (), runs, loss=settings.loss, rounds=1, smallest_gain=NEAR_GAIN
     )
     errors = np.concatenate([e["theta"] for e in trial.residuals if "theta" in e])
-    return bool(np.std(errors) < 30.0 * tau / 4096)
+    return bool(np.std(errors) < NEARLY_COUNTS * tau / settings.encoder_counts)

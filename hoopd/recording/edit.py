@@ -18,9 +18,10 @@ from hoopd.recording.recording import UNITS, Column, Recording, from_columns
 from hoopd.recording.resample import held_mean, sampled
 from hoopd.recording.tables import MAX_ROWS
 from hoopd.recording.timeline import switch_times
+from hoopd.recording.unwrap import unwrapped
 
-THETA_TURNS = 1024.0  # the board wraps theta at +-512 turns
-PERIODS_RAD = {"theta": THETA_TURNS * 2 * math.pi, "psi": 2 * math.pi}
+__all__ = ["between", "joined", "resampled", "shifted", "unwrapped", "without"]
+
 _TIMES = ("t", "y_t", "psi_t")
 _SIGNALS = tuple(name for name in UNITS if name not in _TIMES)
 JOINT_S = 1.0  # a psi that was seen 50 ms before its row must not come before the end of the recording before
@@ -74,16 +75,6 @@ def resampled(recording: Recording, step_s: float) -> Recording:
     }
     u = held_mean(np.maximum.accumulate(switch_times(recording)), recording.u, t, step_s)
     return dataclasses.replace(recording, t=t, u=u, y_t=t, psi_t=t, extra={}, **outputs)
-
-
-def unwrapped(recording: Recording) -> Recording:
-    """theta without the board's jumps of 1024 turns and psi without its jumps of one turn, through gaps of NaN too.
-
-    Between two samples the shorter way is taken. An angle that leaves its range has been unwrapped and stays as it is.
-    """
-    return _with(
-        recording, {name: _unwrapped(getattr(recording, name), period) for name, period in PERIODS_RAD.items()}
-    )
 
 
 def without(recording: Recording, *signals: str) -> Recording:
@@ -154,16 +145,6 @@ def _grid(recording: Recording, step_s: float) -> Column:
     if not (np.diff(grid) > 0).all():
         raise ValueError(f"a step of {step_s} s is below the resolution of the time")
     return grid
-
-
-def _unwrapped(column: Column, period: float) -> Column:
-    there = np.isfinite(column)
-    values = column[there]
-    if not len(values) or np.abs(values).max() > period / 2 * (1 + 1e-6):
-        return column
-    result = column.copy()
-    result[there] = np.unwrap(values, period=period)
-    return result
 
 
 def _text(time_s: float | None) -> str:

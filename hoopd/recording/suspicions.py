@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from hoopd.recording.recording import Column, Recording
+from hoopd.recording.unwrap import jumps, unwrapped
 
 COUNT_RAD = 2 * math.pi / 4096  # one count of the encoder
 TORQUE_LIMIT_NM = 0.7  # what the drive can give
@@ -49,7 +50,13 @@ def suspicions(recording: Recording) -> list[str]:
         _repeated,
         _outliers,
     )
-    return [sentence for check in checks for sentence in check(recording)]
+    whole = unwrapped(recording)
+    return [*_wrapped(recording), *(sentence for check in checks for sentence in check(whole))]
+
+
+def _wrapped(recording: Recording) -> Iterator[str]:
+    for name, count in jumps(recording).items():
+        yield f"{name} is wrapped (at {count} place{'s' if count > 1 else ''}): fits and simulations unwrap it"
 
 
 def _lost(recording: Recording) -> Iterator[str]:
@@ -132,20 +139,25 @@ def _outliers(recording: Recording) -> Iterator[str]:
     for name, floor in OUTLIER_FLOORS.items():
         acceleration, power = LARGEST[name]
         able = acceleration * recording.sample_time_s**power / 2 if len(recording) > 1 else 0.0
-        places = _jumps(getattr(recording, name), floor + able)
+        places = _jumps(recording.t, getattr(recording, name), floor + able)
         if len(places):
             where = ", ".join(f"{recording.t[k]:.6g}" for k in places[:3]) + (", ..." if len(places) > 3 else "")
             yield f"{name} has {len(places)} outlier{_s(places)} (at {where} s): a slip of the sensor, or a hand"
 
 
-def _jumps(column: Column, floor: float) -> NDArray[np.int64]:
-    """Rows that lie far from the middle of their neighbours, against how far rows lie usually."""
+def _jumps(t: Column, column: Column, floor: float) -> NDArray[np.int64]:
+    """Rows that lie far from the line between their neighbours, against how far rows lie usually.
+
+    Neighbours are rows next to each other: across missing ones a ball swings on, and nothing is a slip.
+    """
     rows = np.flatnonzero(np.isfinite(column))
-    x = column[rows]
-    if len(x) < MIN_ROWS:
+    if len(rows) < MIN_ROWS:
         return rows[:0]
-    away = np.abs(x[1:-1] - (x[:-2] + x[2:]) / 2)
-    sigma = 1.4826 * float(np.median(away))  # of a normal distribution with this median
+    x, when = column[rows], t[rows]
+    near = when[2:] - when[:-2] < 2.0 * GAP_STEPS * float(np.median(np.diff(t)))
+    share = (when[1:-1] - when[:-2]) / (when[2:] - when[:-2])
+    away = np.where(near, np.abs(x[1:-1] - x[:-2] - share * (x[2:] - x[:-2])), 0.0)
+    sigma = 1.4826 * float(np.median(away[near])) if near.any() else 0.0  # of a normal distribution with this median
     far = away > max(floor, OUTLIER_SIGMAS * sigma)
     peak = far & (away >= np.maximum(np.r_[0, away[:-1]], np.r_[away[1:], 0]))  # one slip spoils three differences
     places: NDArray[np.int64] = rows[1:-1][peak]

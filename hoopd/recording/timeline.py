@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.recording.recording import Recording
+from hoopd.recording.unwrap import unwrapped
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -56,7 +57,8 @@ class Timeline(NamedTuple):
 
 
 def timelines(recording: Recording) -> list[Timeline]:
-    """One timeline for each stretch of rows with a torque; ValueError when there is none of two rows."""
+    """One timeline for each stretch of two rows and more with a torque, angles unwrapped; ValueError when there is none."""
+    recording = unwrapped(recording)
     whole = np.isfinite(recording.u) & np.isfinite(recording.t) & driven(recording)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(int)))
     cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS * recording.sample_time_s) + 1
@@ -89,8 +91,9 @@ def _timeline(recording: Recording, rows: slice) -> Timeline:
     channels = {}
     for name, (when, values) in measured.items():
         inside = when >= t[0] - SAME_S
-        nodes = np.searchsorted(t, when[inside] - SAME_S)
-        channels[name] = Channel(nodes.astype(np.int64), values[inside])
+        # a node is the first of the instants that count as one with it, so it is the last that is not later
+        nodes = np.searchsorted(t, when[inside], side="right") - 1
+        channels[name] = Channel(np.maximum(nodes, 0).astype(np.int64), values[inside])
     return Timeline(t, held, channels)
 
 

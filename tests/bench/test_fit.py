@@ -10,7 +10,7 @@ import pytest
 from shared import shared_path
 from typer.testing import CliRunner
 
-from hoopd.bench.fit import Wish, for_terminal, run
+from hoopd.bench.fit import Wish, _device, for_terminal, run
 from hoopd.cli import app
 from hoopd.files import InputError
 from hoopd.modelfiles import load_model
@@ -100,6 +100,11 @@ BAD_WISHES = [
     (Wish(priors=("K2=-70",)), "expected NAME=VALUE:SIGMA"),
     (Wish(priors=("K2=-70:0",)), "sigma must be positive"),
     (Wish(channels="current"), "--channels: unknown 'current'"),
+    (Wish(free="J11,mb"), "--free: mb: these recordings bear on"),
+    (Wish(priors=("mb=0.06:0.1",)), "--prior: mb: is not fitted"),
+    (Wish(structure="rolling", fix=("mb=-1",)), "--fix: mb: must be positive"),
+    (Wish(structure="rolling", fix=("Rb=0.2",)), "--fix: Rb: the ball's rolling radius"),
+    (Wish(structure="rolling", priors=("Ih=-1:0.1",)), "--prior: Ih: must be positive"),
     (Wish(window_s=0.01), "--window: must be 0.2"),
     (Wish(fix=("J11", "J12", "K1", "L1", "J21", "J22", "K2", "L2")), "nothing is left to fit"),
     (Wish(method="prediction", channels="theta_rate"), "use theta"),
@@ -144,6 +149,21 @@ def test_unusable_arguments_are_one_line_and_exit_code_2(
     assert ended.value.code == 2
     assert words in error
     assert error.count("\n") == 1
+
+
+def test_the_device_is_what_it_started_from_never_what_was_fitted(tmp_path: Path) -> None:
+    """A geometry that the fit itself moved must not come back as measured, and a user's own inertia is kept."""
+    path = tmp_path / "mine.yaml"
+    text = (defaults_folder() / "models/hoop.yaml").read_text()
+    path.write_text(text.replace("3.679e-6", "4.1e-6"))
+    base = load_model(path)
+    assert base.values()["Ib"] == 4.1e-6
+    assert _device(base, {"mb": 0.05}) == {**base.values(), "mb": 0.05}
+    entries = load_model(defaults_folder() / "models/thesis.yaml")
+    assert _device(entries, {"K2": -70.0}) == {
+        **HOOP.values(),
+        **{n: entries.values()[n] for n in ("mb", "Ro", "Rb", "g")},
+    }
 
 
 def test_the_second_step_says_what_the_thesis_s_table_is(tmp_path: Path) -> None:

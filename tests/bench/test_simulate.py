@@ -16,6 +16,7 @@ from hoopd import cli
 from hoopd.bench import simulate
 from hoopd.ident.solvers import two_level_torque
 from hoopd.modelfiles import load_model, plant_of
+from hoopd.physics.simulate import Model
 from hoopd.recording import load, load_all, save
 from hoopd.recording.recording import Recording, from_columns
 from hoopd.recording.slices import Span, read_recording, split_slice
@@ -135,6 +136,34 @@ def test_rows_with_the_drive_off_are_said() -> None:
     off = replace(recorded(), source="run.mcap", extra={"mode": np.array(modes)})
     assert simulate.off_words(off) == ["run.mcap: 60 rows were taken with the drive off and do not count"]
     assert simulate.off_words(recorded()) == []
+
+
+def test_a_pause_of_the_recording_is_two_stretches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows that are missing for longer than the model is told a torque end a run, however long they are missing."""
+    whole, path = recorded(), tmp_path / "pause.csv"
+    later = {name: getattr(whole, name) + 15.0 * (np.arange(300) >= 150) for name in ("t", "y_t", "psi_t")}
+    save(replace(whole, **later), path)
+    found = result_of(monkeypatch, tmp_path, "--model", DEVICE, "--input", path)
+    assert found["stretches"] == 2
+    assert found["free_run"]["psi"]["nrmse_percent"] > 99.0
+
+
+def test_wrapped_angles_are_unwrapped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ball that goes round under a camera that says -pi to pi, on a hoop beyond the board's 512 turns."""
+    turns, x0 = 1024 * 2 * np.pi, [turn_edge := 512 * 2 * np.pi - 1.0, 0.0, 0.0, 45.0]
+    t, u = 0.02 * np.arange(101), 0.02 * two_level_torque(101, 3)
+    file = load_model(DEVICE)
+    x = Model(file.structure, file.values()).run((), x0, t, u[:-1])
+    assert x[:, 0].max() > turn_edge + 1.0 and x[:, 2].max() > 2 * np.pi
+    theta, psi = ((a + p / 2) % p - p / 2 for a, p in ((x[:, 0], turns), (x[:, 2], 2 * np.pi)))
+    path = tmp_path / "wrapped.csv"
+    save(from_columns({"t": t, "u": u, "theta": theta, "dtheta": x[:, 1], "psi": psi}), path)
+    found = result_of(monkeypatch, tmp_path, "--model", DEVICE, "--input", path)
+    assert all(one["nrmse_percent"] > 99.0 for one in found["free_run"].values())
+    assert [note.split(" (")[0] for note in found["notes"] if "wrapped" in note] == [
+        "theta is wrapped",
+        "psi is wrapped",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.recording import Recording, load
+from hoopd.recording.edit import joined
 from hoopd.recording.recording import from_columns
 from hoopd.recording.suspicions import COUNT_RAD, suspicions
 from tests.shared import ROOT, shared_path
@@ -96,6 +97,24 @@ def with_repeated_row() -> Recording:
 )
 def test_each_doubt(recording: object, says: str) -> None:
     assert any(sentence.startswith(says) for sentence in suspicions(recording()))  # type: ignore[operator]
+
+
+def test_missing_rows_and_joints_are_no_outliers() -> None:
+    """Over a gap the ball swings on, and between two recordings everything begins anew."""
+    columns = driven(torques()["prbs"])
+    psi = columns["psi"].copy()
+    psi[np.random.default_rng(5).random(len(psi)) < 0.3] = np.nan
+    assert suspicions(from_columns({**columns, "psi": psi})) == []
+    parts = [from_columns({name: column[k : k + 700] for name, column in columns.items()}) for k in (0, 650)]
+    assert not any("outlier" in text for text in suspicions(joined(parts)))
+
+
+def test_a_wrapped_angle_is_said_and_is_no_outlier() -> None:
+    columns = driven(torques()["prbs"])
+    wrapped = {"psi": np.angle(np.exp(1j * 12 * columns["t"]))}
+    doubts = suspicions(from_columns({**columns, **wrapped}))
+    assert [text for text in doubts if text.startswith("psi is wrapped (at 57 places)")]
+    assert not any("outlier" in text for text in doubts)
 
 
 def test_a_held_hoop() -> None:

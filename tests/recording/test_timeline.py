@@ -112,3 +112,27 @@ def test_nothing_of_the_recording_is_changed() -> None:
     before = {name: getattr(recording, name).tobytes() for name in ("t", "u", "theta", "psi", "y_t", "psi_t")}
     timelines(recording)
     assert before == {name: getattr(recording, name).tobytes() for name in before}
+
+
+def test_instants_a_microsecond_apart_are_one_node_whatever_they_round_to() -> None:
+    """A text file has microseconds: a picture taken one after the board's sample must not sit on the node behind it."""
+    t = np.round(1.0 + 0.02 * np.arange(200), 6)
+    for apart in (1e-6, 0.6e-6):
+        columns = {"t": t, "u": t * 0, "theta": t, "psi": t + apart, "y_t": t, "psi_t": np.round(t + apart, 9)}
+        (line,) = timelines(from_columns(columns))
+        channel = line.channels["psi"]
+        assert np.abs(line.t[channel.nodes] - channel.values).max() < 2e-6
+
+
+def test_angles_are_unwrapped() -> None:
+    t = 0.02 * np.arange(300)
+    psi, theta = 20.0 * t, 30.0 * t + 512 * 2 * np.pi - 40.0
+    turned = {
+        "psi": (psi + np.pi) % (2 * np.pi) - np.pi,
+        "theta": (theta + 1024 * np.pi) % (2048 * np.pi) - 1024 * np.pi,
+    }
+    recording = from_columns({"t": t, "u": t * 0, **turned})
+    (line,) = timelines(recording)
+    assert line.channels["psi"].values == pytest.approx(psi)
+    assert line.channels["theta"].values == pytest.approx(theta)
+    assert np.abs(recording.psi).max() <= np.pi, "the recording itself stays as it is"
