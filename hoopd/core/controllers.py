@@ -2,7 +2,8 @@
 
 Rules of this file: a law is a pure function of its measurements since `reset`; it neither limits its torque nor knows
 the limit: `Measurement.torque_previous` tells what was really sent, and a law with a memory starts from that
-(anti-windup), a model of the plant from all of it, a recursion on its own output from its own share. A user's own law is a class with the methods of `Controller`.
+(anti-windup): a model of the plant from all of it, a recursion on its own output from its own share. A user's own law
+is a class with the methods of `Controller`.
 """
 
 from __future__ import annotations
