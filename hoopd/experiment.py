@@ -10,6 +10,7 @@ import contextlib
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ from hoopd.core.modes import Mode
 from hoopd.experimentplan import Plan, Score, write_score
 from hoopd.files import InputError
 from hoopd.ident import signals
-from hoopd.modelfiles import load_controller, parse_controller
+from hoopd.modelfiles import ControllerFile, parse_controller
 from hoopd.recording.mcap import read
 from hoopd.recording.recording import Recording
 from hoopd.shell import config as configuration
@@ -34,6 +35,7 @@ from hoopd.shell.config import Config
 KINDS = ("prbs", "chirp", "multisine", "steps", "decay")
 # After the signal: braking (a second), and a margin; the end of a lock-step run that never began.
 END_PATIENCE_S = 5.0
+RUNS = "run-*.mcap"  # what the recorder writes
 
 
 class Where(NamedTuple):
@@ -52,23 +54,27 @@ def run(plan: Plan, options: Options, where: Where, figure: Path | None = None) 
     config, texts, score = prepared(plan, config, options.config)
     options = options._replace(duration_s=_longest(options, score))
     conductor = Conductor(score.seconds, armed=options.sim or options.arm)
-    with _folder(where) as folder:
+    with _parts(where) as (folder, parts):
         summary = perform(options._replace(record=folder), config, texts, conductor)
-        path = _kept(folder, summary, where)
+    if not parts:
+        raise InputError(where.file or folder, "", "nothing could be recorded (see the log)")
+    path = parts[0]
     result = told(plan, score, conductor, summary, path, config.loop.period_s)
+    result["notes"] += [f"the disk failed meanwhile, the rest is in {part}" for part in parts[1:]]
     if figure is not None:
-        _draw(path, plan, figure)
+        result["notes"] += _draw(path, plan, figure)
     return result
 
 
 def prepared(plan: Plan, config: Config, config_path: Path | None) -> tuple[Config, Texts, Score]:
     """Configuration and texts of a run with the experiment in the controller's place."""
     change = msgspec.structs.replace
-    config = change(config, control=change(config.control, law=""))
-    texts = read_texts(config, config_path)
-    base = parse_controller(texts.controller, config.control.file)
+    base_file = config.control.file if plan.around is None else str(plan.around)
+    config = change(config, control=change(config.control, law="", file=base_file))
+    texts = read_texts(config, config_path)  # with the model that the holding law was designed on
+    base = parse_controller(texts.controller, base_file)
     if plan.around is not None:
-        base = load_controller(configuration.find(str(plan.around), config_path))
+        _check_holding(plan.around, base, config.loop.period_s)
     score = write_score(plan, base, texts.model, config.loop.period_s)
     config = change(config, control=change(config.control, file=f"experiment {plan.kind}"))
     text = configuration.dump(without_places(config))
@@ -111,6 +117,15 @@ def _check(plan: Plan, config: Config, where: Where, figure: Path | None) -> Non
         check_path(figure)
 
 
+def _check_holding(path: Path, file: ControllerFile, period_s: float) -> None:
+    """InputError for a law that cannot hold the ball in this loop."""
+    if file.kind == "excitation":
+        raise InputError(path, "kind", "an excitation holds nothing: --around takes a law for the ball")
+    if abs(file.sample_time_s - period_s) > 1e-9:
+        reason = f"designed for {file.sample_time_s:g} s, the loop's period is {period_s:g} s"
+        raise InputError(path, "sample_time_s", reason)
+
+
 def _check_file(path: Path) -> None:
     if path.suffix != ".mcap":
         raise InputError(path, "--out", "must end in .mcap")
@@ -121,29 +136,28 @@ def _check_file(path: Path) -> None:
 
 
 @contextmanager
-def _folder(where: Where) -> Iterator[Path]:
-    """Where the recorder writes: the folder, or one beside the file until the run is over."""
-    if where.file is None:
-        yield where.folder or Path()
-        return
-    folder = Path(tempfile.mkdtemp(prefix=f".{where.file.name}.", dir=where.file.parent))
+def _parts(where: Where) -> Iterator[tuple[Path, list[Path]]]:
+    """Where the recorder writes (the folder, or one beside the file), and afterwards, whatever ended the run, what it
+    wrote in its place: one file, or more when the disk failed meanwhile."""
+    parts: list[Path] = []
+    folder = where.folder or Path()
+    if where.file is not None:
+        folder = Path(tempfile.mkdtemp(prefix=f".{where.file.name}.", dir=where.file.parent))
+    before = set(folder.glob(RUNS))
     try:
-        yield folder
+        yield folder, parts
     finally:
-        with contextlib.suppress(OSError):  # what a broken run recorded stays there
-            folder.rmdir()
+        written = sorted(set(folder.glob(RUNS)) - before)
+        parts += written if where.file is None else _moved(written, where.file)
+        if where.file is not None:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
 
 
-def _kept(folder: Path, summary: dict[str, Any], where: Where) -> Path:
-    """The recording where it was wanted."""
-    counts = summary["recording"]
-    path = folder / str(counts["file"])
-    if not path.is_file():
-        raise InputError(where.file or folder, "", "nothing could be recorded (see the log)")
-    if where.file is None:
-        return path
-    path.replace(where.file)
-    return where.file
+def _moved(written: list[Path], file: Path) -> list[Path]:
+    """The first part as the file, the others beside it under the next free numbers."""
+    names = (name for k in count(2) if not (name := file.with_stem(f"{file.stem}-{k}")).exists())
+    return [part.replace(file if k == 0 else next(names)) for k, part in enumerate(written)]
 
 
 def told(
@@ -201,10 +215,15 @@ def _losses(counts: dict[str, Any]) -> Iterator[str]:
         yield f"the recorder lost {counts['dropped']} rows and was refused by the disk {counts['failures']} times"
 
 
-def _draw(recording: Path, plan: Plan, path: Path) -> None:
+def _draw(recording: Path, plan: Plan, path: Path) -> list[str]:
+    """The figure, or why there is none: the experiment was played and recorded all the same."""
     from hoopd.plots.experiment import Limits, draw_experiment
     from hoopd.plots.style import save
 
     angle = plan.angle_limit_rad if plan.ball else None
     limits = Limits(plan.torque_limit_nm, plan.speed_limit_rad_s, angle)
-    save(draw_experiment(read(recording), plan.kind, limits), path)
+    try:
+        save(draw_experiment(read(recording), plan.kind, limits), path)
+    except InputError as error:
+        return [f"no figure: {error}"]
+    return []

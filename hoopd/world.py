@@ -199,5 +199,7 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
             delay_s=sim.delay_frames * frame_s,
             truth=truth,
         )
-        yield World(rig, rig, LockstepEye(rig, config.camera.stall_s))
-        rig.finish(2.0 * constants.timeout_s)
+        try:
+            yield World(rig, rig, LockstepEye(rig, config.camera.stall_s))
+        finally:  # the last frame is on its way whatever ended the loop
+            rig.finish(2.0 * constants.timeout_s)

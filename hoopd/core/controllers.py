@@ -2,7 +2,8 @@
 
 Rules of this file: a law is a pure function of its measurements since `reset`; it neither limits its torque nor knows
 the limit: `Measurement.torque_previous` tells what was really sent, and a law with a memory starts from that
-(anti-windup). A user's own law is a class with the methods of `Controller`.
+(anti-windup): a model of the plant from all of it, a recursion on its own output from its own share. A user's own law
+is a class with the methods of `Controller`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ class Measurement(NamedTuple):
     reference: float  # rad, wanted psi
     torque_previous: float  # N m, what was sent last tick, after all limits
     dt: float  # s, tick period
+    torque_added: float = 0.0  # N m, of the torque sent last tick what others than this law asked for (an experiment)
 
 
 class Controller(Protocol):
@@ -197,7 +199,8 @@ class TransferFunctionController:
 
         a_0 u_k = b_0 e_k + b_1 e_k-1 + ... - a_1 u_k-1 - a_2 u_k-2 - ...
 
-    The past torques are those really sent: with C's integrator in `a`, a saturated torque does not wind up.
+    The past torques are those really sent, less what others added (its integrator would add that up): with C's
+    integrator in `a`, a saturated torque does not wind up.
     A tick without a new angle keeps the last error.
     """
 
@@ -213,7 +216,8 @@ class TransferFunctionController:
 
     def update(self, measurement: Measurement) -> tuple[float, Log]:
         """See the class."""
-        self._torques = [measurement.torque_previous, *self._torques][: len(self._a) - 1]
+        own_nm = measurement.torque_previous - measurement.torque_added
+        self._torques = [own_nm, *self._torques][: len(self._a) - 1]
         if measurement.psi_fresh and isfinite(measurement.psi_measured):
             self._error = measurement.reference - measurement.psi_measured
         self._errors = [self._error, *self._errors[:-1]]

@@ -57,7 +57,7 @@ class Excitation:
             value * soft_factor(k, n, soft_start_ticks, soft_end_ticks) for k, value in enumerate(table_nm)
         ]
         self.limits, self.centring_nm_per_rad_s, self.around = limits, centring_nm_per_rad_s, around
-        self._k, self.ended = 0, ""
+        self._k, self._added_nm, self.ended = 0, 0.0, ""
 
     def update(self, measurement: Measurement) -> tuple[float, Log]:
         """The next torque; zero once it has ended."""
@@ -66,23 +66,30 @@ class Excitation:
             self.ended = DONE
         if self.ended:
             return 0.0, {}
-        held_nm = 0.0 if self.around is None else self.around.update(measurement)[0]
+        held_nm = self._held(measurement)
         excited_nm = self.torques_nm[self._k]
         self._k += 1
         limit = self.limits.torque_nm
-        torque = excited_nm + held_nm - self._centring(measurement)
+        self._added_nm = excited_nm - self._centring(measurement)
+        torque = held_nm + self._added_nm
         cut = min(limit, max(-limit, torque)) if isfinite(torque) else nan  # nan: the tick cuts a law that is lost
         return cut, {"excitation_nm": excited_nm, "holding_nm": held_nm}
 
     def reset(self) -> None:
         """The table begins anew."""
-        self._k, self.ended = 0, ""
+        self._k, self._added_nm, self.ended = 0, 0.0, ""
         if self.around is not None:
             self.around.reset()
 
     def tune(self, key: str, value: float) -> bool:
         """Nothing: the table is what the recording says it is."""
         return False
+
+    def _held(self, measurement: Measurement) -> float:
+        """The holding law's torque; it is told which part of the last torque was not its own."""
+        if self.around is None:
+            return 0.0
+        return self.around.update(measurement._replace(torque_added=self._added_nm))[0]
 
     def _centring(self, measurement: Measurement) -> float:
         return self.centring_nm_per_rad_s * float(measurement.x[1]) if self.centring_nm_per_rad_s else 0.0

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoopd.core.controllers import DONE, Lqg, LqgGains, Measurement
+from hoopd.core.controllers import DONE, Lqg, LqgGains, Measurement, TransferFunctionController
 from hoopd.core.excitation import Excitation, ExcitationLimits, soft_factor
 from hoopd.core.health import Thresholds
 from hoopd.core.hooponly import HoopOnly
@@ -81,6 +81,21 @@ def test_centring_and_holding_are_added_and_cut() -> None:
     around = Excitation([0.1, 0.1], LIMITS, around=Lqg(HOLD))
     assert around.update(measured(psi=0.2))[0] == pytest.approx(0.1 - 0.024)
     assert around.update(measured(psi=-1.2, dtheta=-44.0))[0] == 0.3
+
+
+def test_a_holding_integrator_does_not_add_up_the_signal() -> None:
+    """At rest a PI on the angle asks for nothing, so the sum is the table, and with centring the table less that."""
+    table = [0.1, 0.1, -0.2, 0.1, 0.1, 0.1]
+    law = Excitation(table, LIMITS, around=TransferFunctionController([1.0, -0.9], [1.0, -1.0]))
+    sent = [0.0]
+    for _ in table:
+        sent.append(law.update(measured()._replace(torque_previous=sent[-1]))[0])
+    assert sent[1:] == pytest.approx(table)
+    centred = Excitation(table, LIMITS, around=TransferFunctionController([1.0, -0.9], [1.0, -1.0]),
+                         centring_nm_per_rad_s=0.01)  # fmt: skip
+    first = centred.update(measured(1.0))[0]
+    second = centred.update(measured(1.0)._replace(torque_previous=first))[0]
+    assert [first, second] == pytest.approx([0.09, 0.09])
 
 
 @pytest.mark.parametrize(("table", "limits"), [

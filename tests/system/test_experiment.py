@@ -6,6 +6,7 @@ The judge is the board's own log of torque; the device's terminal is tried once 
 from __future__ import annotations
 
 import contextlib
+import errno
 import inspect
 import io
 import json
@@ -28,9 +29,10 @@ from hoopd.app import Options
 from hoopd.conductor import ABORTED, Conductor
 from hoopd.experiment import Where
 from hoopd.experimentplan import AMPLITUDES_NM, DURATION_S, DURATIONS_S, Plan
-from hoopd.files import parse_yaml
+from hoopd.files import InputError, parse_yaml
 from hoopd.recording.mcap import Run, read_run
 from hoopd.replay import replay
+from hoopd.shell import recorder
 from hoopd.sim import torque_log
 from hoopd.sim.torque_log import TorqueLog
 
@@ -198,6 +200,45 @@ def test_a_fault_before_the_signal_ends_it_soon(tmp_path: Path) -> None:
     assert found.torque.max_abs() == 0.0
 
 
+def test_a_watcher_that_fails_leaves_zero_torque(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: Conductor) -> None:
+        raise RuntimeError("no more")
+
+    at(monkeypatch, 3.0, fail)
+    with pytest.raises(RuntimeError, match="no more"):
+        perform(tmp_path, Plan("prbs", 10.0, 0.1))
+    assert torque_log.read(tmp_path / "torque.jsonl").zero_for_good_from(3.0) <= 0.03
+    assert replay(tmp_path / "run.mcap")["equal"] and not list(tmp_path.glob(".run.mcap.*"))
+
+
+@pytest.mark.parametrize("back", [True, False])
+def test_a_disk_that_fails_keeps_what_it_took(back: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    put = recorder.Recorder.put
+
+    def timed(self: recorder.Recorder, record: Any, inputs: Any) -> None:
+        now[0] = record.t
+        put(self, record, inputs)
+
+    class Disk(io.FileIO):
+        def write(self, data: Any) -> int:
+            if now[0] >= 3.0 and not (back and now[0] > 4.0):
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return super().write(data) or 0
+
+    def create(where: Path) -> tuple[Path, Disk]:
+        path = where / f"run-{len(list(where.glob('run-*'))) + 1:04d}.mcap"
+        return path, Disk(path, "xb")
+
+    monkeypatch.setattr(recorder.Recorder, "put", timed)
+    monkeypatch.setattr(recorder, "create", create)
+    found = perform(tmp_path, Plan("prbs", 4.0, 0.05))
+    assert found.result["outcome"] == "done" and found.torque.rows[-1].torque_nm == 0.0
+    assert 2.5 < found.run.ticks[-1].t <= 3.0 and any("was refused by the disk" in n for n in found.result["notes"])
+    assert (tmp_path / "run-2.mcap").exists() == back == any("run-2.mcap" in n for n in found.result["notes"])
+    assert replay(found.path)["equal"] and not list(tmp_path.glob(".run.mcap.*"))
+
+
 # ------------------------------------------------------------------------------------------------ defaults
 
 
@@ -234,6 +275,23 @@ def test_an_amplitude_too_large_for_the_model_is_told(tmp_path: Path) -> None:
 def test_a_figure_of_what_was_recorded(tmp_path: Path) -> None:
     perform(tmp_path, Plan("prbs", 2.0), figure=tmp_path / "run.png")
     assert (tmp_path / "run.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_figure_that_cannot_be_written_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any) -> None:
+        raise InputError(tmp_path / "run.png", "--figure", "no space left on device")
+
+    monkeypatch.setattr("hoopd.plots.style.save", full)
+    result = perform(tmp_path, Plan("prbs", 2.0), figure=tmp_path / "run.png").result
+    assert result["exit"] == 0 and any("no space left" in note for note in result["notes"])
+
+
+def test_a_holding_law_brings_its_model(tmp_path: Path) -> None:
+    """The filter believes the model that the holding law was designed on, and a recording repeats that."""
+    shipped = (ROOT / "config/controllers/lqg.yaml").read_text()
+    (tmp_path / "mine.yaml").write_text(shipped.replace("models/hoop.yaml", "models/thesis.yaml"))
+    found = perform(tmp_path, Plan("prbs", 2.0, 0.03, around=tmp_path / "mine.yaml"))
+    assert found.run.header.model == (ROOT / "config/models/thesis.yaml").read_text() and replay(found.path)["equal"]
 
 
 def test_a_kick_by_hand_without_any_torque(tmp_path: Path) -> None:
@@ -276,6 +334,14 @@ BAD: dict[str, tuple[tuple[str, ...], str]] = {
         ("prbs", *LOCKSTEP, "--no-ball", "--around", "controllers/lqg.yaml"),
         "--around: a holding law",
     ),
+    "holding with a test signal": (
+        ("prbs", *LOCKSTEP, "--around", "FOLDER/../signal.yaml"),
+        "kind: an excitation",
+    ),
+    "holding at another pace": (
+        ("prbs", *LOCKSTEP, "--around", "FOLDER/../slow.yaml"),
+        "designed for 0.01",
+    ),
     "lock-step of the device": (("prbs", "--speed", "max"), "--speed max: only with --sim"),
     "arm without a terminal": (("prbs", "--arm"), "--arm: only on a terminal"),
     "endless rest": (("decay", *LOCKSTEP, "--rest", "inf"), "--rest"),
@@ -285,9 +351,20 @@ BAD: dict[str, tuple[tuple[str, ...], str]] = {
 }
 
 
+def laws_beside(folder: Path) -> Path:
+    """A folder beside two controller files that hold nothing here."""
+    page = (ROOT / "docs" / "experiment.md").read_text()
+    (folder / "signal.yaml").write_text(page.split("```yaml\n", 1)[1].split("```", 1)[0])
+    lqg = (ROOT / "config/controllers/lqg.yaml").read_text()
+    (folder / "slow.yaml").write_text(lqg.replace("sample_time_s: 0.02", "sample_time_s: 0.01"))
+    (folder / "here").mkdir()
+    return folder / "here"
+
+
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments, expected = BAD[name]
+    tmp_path = laws_beside(tmp_path)
     monkeypatch.setattr("sys.stdin", io.StringIO())
     monkeypatch.chdir(tmp_path)
     for variable in ("INVOCATION_ID", "NOTIFY_SOCKET"):
