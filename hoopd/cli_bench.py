@@ -16,7 +16,14 @@ JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the resul
 FigureOption = Annotated[
     Path | None, typer.Option("--figure", help="Draw into this file (.png, .svg or .pdf).", metavar="FILE")
 ]
-ModelOption = Annotated[Path, typer.Option("--model", help="Model file (hoopd.model/1).", metavar="MODEL")]
+ModelOption = Annotated[
+    Path,
+    typer.Option(
+        "--model",
+        help="Model file of `hoopd fit`, or a shipped one: models/hoop.yaml, models/thesis.yaml.",
+        metavar="MODEL",
+    ),
+]
 ColumnsOption = Annotated[
     str | None,
     typer.Option("--columns", help="What a file's columns hold, e.g. u,theta,dtheta,current.", metavar="NAMES"),
@@ -56,27 +63,47 @@ def fit(
         list[str],
         typer.Option("--holdout", help="Recording that judges the model, never fitted; repeatable.", metavar="REC"),
     ] = [],  # noqa: B006
-    structure: Annotated[str, typer.Option("--structure", help="entries, rolling or published.")] = "entries",
+    structure: Annotated[
+        str,
+        typer.Option(
+            "--structure", help="entries: eight coefficients; rolling, published: masses, radii, inertias, frictions."
+        ),
+    ] = "entries",
     method: Annotated[
-        str, typer.Option("--method", help="output: free runs; prediction: the innovations of a Kalman filter.")
+        str,
+        typer.Option(
+            "--method", help="output: free runs; prediction: a Kalman filter's innovations, with noise levels."
+        ),
     ] = "output",
     model: Annotated[
-        Path | None, typer.Option("--model", help="What it starts from; the shipped one by default.", metavar="MODEL")
+        Path | None, typer.Option("--model", help="What it starts from; a shipped one by default.", metavar="MODEL")
     ] = None,
     fix: Annotated[
-        list[str], typer.Option("--fix", help="Not fitted: NAME or NAME=VALUE; repeatable.", metavar="NAME[=VALUE]")
+        list[str],
+        typer.Option(
+            "--fix",
+            help="Not fitted, e.g. mb=0.0608 (kg); NAME alone: at its start; repeatable.",
+            metavar="NAME[=VALUE]",
+        ),
     ] = [],  # noqa: B006
     prior: Annotated[
         list[str],
         typer.Option(
             "--prior",
-            help="Known beforehand, SIGMA relative (of J, K, L2: absolute); repeatable.",
+            help="Known beforehand, e.g. Rb=0.0104:0.02: SIGMA relative (of J, K, L2: absolute); repeatable.",
             metavar="NAME=VALUE:SIGMA",
         ),
     ] = [],  # noqa: B006
-    free: Annotated[str, typer.Option("--free", help="Only these are fitted.", metavar="NAMES")] = "",
+    free: Annotated[
+        str, typer.Option("--free", help="Only these are fitted, separated by commas.", metavar="NAMES")
+    ] = "",
     channels: Annotated[
-        str, typer.Option("--channels", help="theta, theta_rate, dtheta, psi; chosen by itself else.", metavar="NAMES")
+        str,
+        typer.Option(
+            "--channels",
+            help="What is compared: theta, theta_rate, dtheta, psi; chosen by itself else.",
+            metavar="NAMES",
+        ),
     ] = "",
     window: Annotated[
         float | None, typer.Option("--window", help="Runs of so many seconds, each with its own start.")
@@ -90,7 +117,7 @@ def fit(
     figure: FigureOption = None,
     json_path: JsonOption = None,
 ) -> None:
-    """Fit the plant's parameters to recordings."""
+    """Fit the plant's parameters to recordings, with 95 % intervals (docs/fit.md)."""
     from hoopd.bench.fit import Wish, for_terminal, run
 
     _check_folder(json_path)
@@ -141,7 +168,7 @@ def simulate(
     ] = None,
     json_path: JsonOption = None,
 ) -> None:
-    """Run a model freely with the torque of a recording and compare."""
+    """Run a model freely with the torque of a recording, and compare with what was measured."""
     from hoopd.bench.simulate import run
 
     _check_folder(json_path)
@@ -179,7 +206,7 @@ def linearize(
     ] = None,
     json_path: JsonOption = None,
 ) -> None:
-    """Linear model around an operating point (the bottom at rest), and what it says."""
+    """Linear model around an operating point (the bottom at rest), and what it says (docs/linear.md)."""
     from hoopd.bench.linearize import run
 
     _check_folder(json_path)
@@ -211,25 +238,34 @@ def design(
     omega: Annotated[
         float | None, typer.Option("--omega", "--bandwidth", help="rad/s: where the loop is shaped, the link acts.")
     ] = None,
-    mt: Annotated[float | None, typer.Option("--mt", help="pid: largest |T|.")] = None,
+    mt: Annotated[float | None, typer.Option("--mt", help="pid: largest |T| wanted, e.g. 1.25.")] = None,
     phase: Annotated[
         float | None, typer.Option("--phase", help="Degrees; pid: angle of the touching point; pi: phase margin.")
     ] = None,
     zeta: Annotated[float | None, typer.Option("--zeta", help="pi: damping, poles placed instead.")] = None,
-    filter_ratio: Annotated[float, typer.Option("--filter", help="pid: derivative filtered with Td/N.")] = 15.0,
+    filter_ratio: Annotated[float, typer.Option("--filter", help="pid: N of the derivative's filter Td/N.")] = 15.0,
     lead: Annotated[
         tuple[float, float] | None, typer.Option("--lead", help="pid: lead link in series, rad/s and N.")
     ] = None,
     ratio: Annotated[float, typer.Option("--ratio", help="lead: N; lag: M.")] = 5.0,
     gain: Annotated[float, typer.Option("--gain", help="lead, lag: N m/rad.")] = 1.0,
-    poles: Annotated[str, typer.Option("--poles", help="placement: rad/s, of hoop speed and ball.")] = "-5+7j,-5-7j,-4",
+    poles: Annotated[
+        str, typer.Option("--poles", help="placement: three poles in rad/s, for hoop speed and ball.")
+    ] = "-5+7j,-5-7j,-4",
     weights: Annotated[
         list[str],
-        typer.Option("--weights", help="lqg, arx: deviation that costs one, psi=0.2; dtheta, psi, dpsi, torque."),
+        typer.Option(
+            "--weights", help="lqg, arx: deviations that cost the same, e.g. psi=0.2,torque=0.05; also dtheta, dpsi."
+        ),
     ] = [],  # noqa: B006
-    delay: Annotated[float, typer.Option("--delay", help="Age of a picture at its tick in s.")] = 0.05,
+    delay: Annotated[
+        float,
+        typer.Option("--delay", help="Age of a picture in s when a tick uses it: the camera's delay and half a tick."),
+    ] = 0.05,
     sample_time: Annotated[float, typer.Option("--sample-time", help="Tick in s.")] = 0.02,
-    disturbance: Annotated[float, typer.Option("--disturbance", help="rad, in the closed loop on trial.")] = 0.4,
+    disturbance: Annotated[
+        float, typer.Option("--disturbance", help="Angle in rad of the trial's release and of its one wrong picture.")
+    ] = 0.4,
     figure: FigureOption = None,
     json_path: JsonOption = None,
 ) -> None:
