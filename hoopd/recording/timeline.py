@@ -57,7 +57,7 @@ class Timeline(NamedTuple):
 
 
 def timelines(recording: Recording) -> list[Timeline]:
-    """One timeline for each stretch of two rows and more with a torque, angles unwrapped; ValueError when there is none."""
+    """One timeline for each stretch of two rows or more with a torque, angles unwrapped; ValueError without any."""
     recording = unwrapped(recording)
     whole = np.isfinite(recording.u) & np.isfinite(recording.t) & driven(recording)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(int)))
