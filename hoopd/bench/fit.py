@@ -44,8 +44,8 @@ GEOMETRY = ("mb", "Ro", "Rb")
 Progress = Callable[[str], None]
 
 COLOURED = {
-    "output": "residuals are coloured (the model misses something): the intervals count their correlation and may still "
-    "be half as wide as they should be; --method prediction gives the honest ones",
+    "output": "residuals are coloured (the model misses something): the intervals count their correlation, "
+    "and may still be half as wide as they should be: compare --method prediction",
     "prediction": "innovations are not white: the intervals count it; for free runs prefer --method output",
 }
 

@@ -7,7 +7,7 @@ said; nothing of the input is changed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import tau
 
@@ -32,6 +32,8 @@ STILL_PSI_RAD = 0.005
 HELD_COUNTS = 2.5
 # A run shorter than this tells nothing beyond its own initial state.
 SHORTEST_ROWS = 10
+# Fewer samples of a channel than these say nothing of its spread, and have no central difference.
+FEWEST = 3
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,13 @@ class Series:
         span = self.span_s.reshape(-1, *([1] * (column.ndim - 1)))
         return np.asarray((column[self.nodes] - column[self.before]) / span)
 
+    def until(self, last: int) -> Series:
+        """What was measured up to this node."""
+        keep = self.nodes <= last
+        before = None if self.before is None else self.before[keep]
+        span_s = None if self.span_s is None else self.span_s[keep]
+        return Series(self.name, self.nodes[keep], self.values[keep], before, span_s)
+
 
 @dataclass(frozen=True)
 class Run:
@@ -69,6 +78,13 @@ class Run:
     def samples(self) -> int:
         """Measurements that count."""
         return sum(len(series.values) for series in self.series.values())
+
+    def beginning(self, length_s: float) -> Run:
+        """The first seconds of the run."""
+        last = int(np.searchsorted(self.t, self.t[0] + length_s, side="right")) - 1
+        cut = {name: one.until(last) for name, one in self.series.items()}
+        series = {name: one for name, one in cut.items() if len(one.values) >= FEWEST}
+        return replace(self, t=self.t[: last + 1], u=self.u[:last], series=series)
 
 
 def moving_of(recording: Recording, encoder_counts: int = 4096) -> str:
@@ -126,7 +142,7 @@ def run_of(recording: Recording, part: Timeline, moving: str, wanted: Sequence[s
             counts = once_at_rest(channel.values)
             aside[name] = int((~counts).sum())
             channel = Channel(channel.nodes[counts], channel.values[counts])
-        if len(channel.values) >= 3:
+        if len(channel.values) >= FEWEST:
             series[name] = _rate(part, channel) if name == "theta_rate" else Series(name, *channel)
     if sum(len(one.values) for one in series.values()) < SHORTEST_ROWS:
         return None

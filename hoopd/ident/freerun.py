@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 STATES = ("theta", "dtheta", "psi", "dpsi")
 # What estimates a start: the column dtheta is data to be judged and gets no vote.
 START_CHANNELS = ("theta_rate", "psi")
+# Over so many seconds alone a start is found that a whole run, in which a ball goes round, leads astray.
+BEGINNING_S = 2.0
 # A model that swings off the ball's frequency fits no start near the data's own: others are tried on a ring of swings.
 PHASES, AMPLITUDES = 8, (0.0, 0.5, 1.0, 2.0)
 
@@ -144,7 +146,9 @@ def _best_guess(subject: Subject, run: Run) -> Array:
         for a in AMPLITUDES[1:]
         for phase in np.arange(PHASES) * 2.0 * np.pi / PHASES
     ]
-    guesses = [run.start, *(np.array([*run.start[:2], psi, dpsi]) for psi, dpsi in swings)]
+    first = run.beginning(BEGINNING_S)
+    soon = _fitted(subject, [first]).starts if "psi" in first.series else []
+    guesses = [run.start, *soon, *(np.array([*run.start[:2], psi, dpsi]) for psi, dpsi in swings)]
     return min(guesses, key=lambda start: _misfit(model, run, start))
 
 

@@ -57,7 +57,7 @@ class Timeline(NamedTuple):
 
 
 def timelines(recording: Recording) -> list[Timeline]:
-    """A timeline for each stretch of two and more rows with a torque, angles unwrapped; ValueError without any."""
+    """One timeline for each stretch of two rows or more with a torque, angles unwrapped; ValueError without any."""
     recording = unwrapped(recording)
     whole = np.isfinite(recording.u) & np.isfinite(recording.t) & driven(recording)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(int)))

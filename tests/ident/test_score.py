@@ -44,6 +44,20 @@ def recorded(rows: int = 400, late_s: tuple[float, float] = (0.0, 0.0), moving: 
     return from_columns(columns, source="made.csv")
 
 
+def test_the_start_of_a_ball_that_goes_round_is_found() -> None:
+    """Over 20 s the straight line through five noisy samples leads the search to a start 2 rad/s off."""
+    t, u, rng = 0.02 * np.arange(1000), 0.5 * two_level_torque(1000, 1), np.random.default_rng(0)
+    x = TRUE.model("both").run((), [0.0, 0.0, 0.3, 45.0], t, u[:-1])
+    assert x[:, 2].max() > 10 * np.pi
+    psi = x[:, 2] + 0.003 * rng.normal(size=len(t))
+    columns = {"t": t, "u": u, "theta": x[:, 0], "dtheta": x[:, 1], "psi": psi}
+    found = score(TRUE, from_columns(columns, source="round.csv"))
+    assert min(found.nrmse_percent.values()) > 99.5
+    assert found.runs[0].start[3] == pytest.approx(45.0, abs=0.1)
+    unseen = np.where(t < 2.5, np.nan, psi)  # a beginning without a ball is no start
+    assert score(TRUE, from_columns({**columns, "psi": unseen}, source="late.csv")).runs
+
+
 def test_the_measure_is_the_textbook_s() -> None:
     y = np.array([1.0, 2.0, 4.0])
     assert nrmse_percent(y, y) == 100.0
