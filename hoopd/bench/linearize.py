@@ -15,7 +15,8 @@ import control
 import numpy as np
 
 from hoopd.bench.linearrecord import report
-from hoopd.design.analysis import STATES, channel, linear_model, sampled
+from hoopd.design.analysis import STATES, channel, linear_model
+from hoopd.design.delay import held
 from hoopd.design.operating import NoEquilibriumError, OperatingPoint, operating_point
 from hoopd.files import InputError
 from hoopd.modelfiles import ModelFile, load_model, plant_of
@@ -77,7 +78,7 @@ def linearized(file: ModelFile, request: Request) -> tuple[OperatingPoint, contr
         raise InputError("--hoop-speed" if request.dtheta_rad_s is not None else "--psi", "", str(error)) from None
     system = linear_model(plant, point.x, point.u, request.outputs)
     if request.sample_time_s is not None:
-        system = sampled(system, request.sample_time_s, request.delay_samples)
+        system = held(system, request.sample_time_s, request.delay_samples * request.sample_time_s)
         if not np.abs(system.A).max() < MOST_GROWTH:
             raise InputError("--sample-time", "", "the plant runs away within one sample: shorten it")
     return point, system

@@ -3,7 +3,8 @@
 Rules of this file: systems are python-control's `StateSpace` with named states, nothing is read, written or drawn.
 python-control does the mathematics where it is safe; where it is not (see each function), the reason stands there.
 
-State: theta, dtheta, psi, dpsi (rad, rad/s); input: torque (N m). Sampled with a delay, torques on their way follow.
+State: theta, dtheta, psi, dpsi (rad, rad/s); input: torque (N m). Sampled with a delay (`delay.held`), torques on
+their way follow.
 """
 
 from __future__ import annotations
@@ -37,21 +38,6 @@ def linear_model(
     a, b = plant.linearize(x0, u0)
     c = np.eye(4)[[STATES.index(name) for name in outputs]]
     return control.ss(a, b, c, 0, states=list(STATES), inputs=[INPUT], outputs=list(outputs), name="plant")
-
-
-def sampled(system: control.StateSpace, sample_time_s: float, delay_samples: int = 0) -> control.StateSpace:
-    """The system with its input held over `sample_time_s` and `delay_samples` late: z^-d as d more named states."""
-    discrete = control.sample_system(system, sample_time_s, "zoh")
-    if delay_samples == 0:
-        return discrete
-    a, b, c, n, d = discrete.A, discrete.B, discrete.C, discrete.nstates, delay_samples
-    # state (x_k, u_k-1, ..., u_k-d): the plant takes u_k-d, the others move up by one
-    late_a = np.block([[a, b @ np.eye(1, d, d - 1)], [np.zeros((d, n)), np.eye(d, k=-1)]])
-    late_b = np.vstack([np.zeros_like(b), np.eye(d, 1)])
-    names = [*discrete.state_labels, *(f"{INPUT}_{k}" for k in range(1, d + 1))]
-    late_c = np.hstack([c, discrete.D @ np.eye(1, d, d - 1)])
-    labels = {"states": names, "inputs": discrete.input_labels, "outputs": discrete.output_labels}
-    return control.ss(late_a, late_b, late_c, 0, sample_time_s, name=discrete.name, **labels)
 
 
 # ---------------------------------------------------------------------------------------------- transfer function

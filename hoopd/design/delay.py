@@ -25,15 +25,16 @@ def sample_delay(samples: int, h: float) -> control.TransferFunction:
 
 
 def held(plant: Lti, h: float, delay_s: float = 0.0) -> control.StateSpace:
-    """Plant under a zero-order hold whose input arrives `delay_s` late, exact for any delay.
+    """Plant of one input under a zero-order hold whose input arrives `delay_s` late, exact for any delay.
 
     With delay = d h + r, 0 <= r < h, the sample k -> k + 1 sees u_(k-d-1) for r seconds and u_(k-d) for h - r:
     x_(k+1) = F(h) x_k + F(h - r) G(r) u_(k-d-1) + G(h - r) u_(k-d)   (Astrom, Wittenmark, Computer-Controlled
-    Systems, 2.3). The late inputs are states of the result, the plant's own come first.
+    Systems, 2.3). The late inputs are states of the result, named after the input, the oldest first; the plant's own
+    come before them.
     """
     if delay_s < 0.0:
         raise ValueError("a delay is no prediction")
-    ss = control.ss(plant)
+    ss = plant if isinstance(plant, control.StateSpace) else control.ss(plant)
     whole = int(delay_s / h + 1e-9)
     rest = max(delay_s - whole * h, 0.0)
     f, g_rest = _held_over(ss, rest)
@@ -51,7 +52,9 @@ def held(plant: Lti, h: float, delay_s: float = 0.0) -> control.StateSpace:
     a[:, n:], b = inputs[:, :line], inputs[:, line:]
     if np.any(ss.D):
         raise ValueError("the plant must not answer at once")
-    return control.ss(a, b, np.hstack([ss.C, np.zeros((ss.noutputs, line))]), 0, h)
+    names = [*ss.state_labels, *(f"{ss.input_labels[0]}_{k}" for k in range(line, 0, -1))]
+    labels = {"states": names, "inputs": ss.input_labels, "outputs": ss.output_labels, "name": ss.name}
+    return control.ss(a, b, np.hstack([ss.C, np.zeros((ss.noutputs, line))]), 0, h, **labels)
 
 
 def _held_over(ss: control.StateSpace, h: float) -> tuple[Any, Any]:

@@ -14,6 +14,7 @@ import control
 from numpy.typing import NDArray
 
 from hoopd.design import analysis, margins, visibility
+from hoopd.design.delay import held
 from hoopd.design.operating import OperatingPoint, operating_point
 from hoopd.design.speed import Bandwidth, bandwidth, step_info
 from hoopd.lab.models import Model, as_model
@@ -112,5 +113,5 @@ def linearize(
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
     system = analysis.linear_model(own.plant, point.x, point.u, names)
     if sample_time is not None:
-        system = analysis.sampled(system, sample_time, delay)
+        system = held(system, sample_time, delay * sample_time)
     return Linear(system, point, own.name)

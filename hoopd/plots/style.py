@@ -135,10 +135,3 @@ def save(figure: Figure, path: Path) -> None:
     except OSError as error:
         part.unlink(missing_ok=True)
         raise InputError(path, "--figure", os_reason(error, "cannot be written")) from None
-
-
-def share_limits(axes: Sequence[Axes]) -> None:
-    """The same y range on several axes."""
-    low, high = min(one.get_ylim()[0] for one in axes), max(one.get_ylim()[1] for one in axes)
-    for one in axes:
-        one.set_ylim(low, high)

@@ -82,7 +82,7 @@ def test_several_outputs_see_everything_and_each_has_its_figures() -> None:
 
 def test_sampled_plant_has_its_delay_as_states_and_margins_in_samples() -> None:
     result = run(THESIS, sample_time_s=0.02, delay_samples=2)
-    assert result["state_space"]["states"][4:] == ["torque_1", "torque_2"]
+    assert result["state_space"]["states"][4:] == ["torque_2", "torque_1"]
     assert complex_of(result["poles"])[:2] == [0, 0]
     assert result["transfer_function"]["variable"] == "z"
     assert result["margins"]["closed_loop_stable"] is False

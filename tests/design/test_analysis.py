@@ -18,10 +18,10 @@ from hoopd.design.analysis import (
     linear_model,
     minimal,
     numerator_and_denominator,
-    sampled,
     transfer_function,
     zeros,
 )
+from hoopd.design.delay import held
 from hoopd.design.margins import closed_loop_poles, is_stable, margins
 from hoopd.design.operating import NoEquilibriumError, operating_point
 from hoopd.design.response import response
@@ -100,7 +100,7 @@ def test_controllable_and_not_observable_from_the_ball_angle() -> None:
 def test_margins_of_the_printed_pid_at_50_hz(
     delay: int, phase_deg: float, gain: float, peak: float, stable: bool
 ) -> None:
-    found = margins(sampled(P, 0.02, delay) * PID_50_HZ)
+    found = margins(held(P, 0.02, 0.02 * delay) * PID_50_HZ)
     assert found.stable is stable
     assert math.degrees(found.phase_rad) == pytest.approx(phase_deg, abs=0.05)
     if stable:
@@ -258,7 +258,7 @@ def test_only_the_hoop_angle_stops_a_filter() -> None:
 
 
 def test_the_hoop_angle_at_z_1_does_not_make_a_loop_unstable() -> None:
-    loop = sampled(P, 0.02, 1) * PID_50_HZ
+    loop = held(P, 0.02, 0.02) * PID_50_HZ
     closed = np.linalg.eigvals(loop.A - loop.B @ loop.C)  # D = 0
     assert np.abs(closed - 1.0).min() < 1e-9
     assert is_stable(closed_loop_poles(loop), sampled=True)
@@ -270,12 +270,12 @@ def test_the_hoop_angle_at_z_1_does_not_make_a_loop_unstable() -> None:
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_a_delay_of_samples_is_a_power_of_z(delay: int) -> None:
-    prompt, late = sampled(P, 0.02), sampled(P, 0.02, delay)
+    prompt, late = held(P, 0.02), held(P, 0.02, 0.02 * delay)
     w = np.geomspace(0.1, 150, 50)
     expected = response(prompt, w) * np.exp(-1j * w * 0.02 * delay)
     np.testing.assert_allclose(response(late, w), expected, rtol=1e-9)
     np.testing.assert_allclose(response(prompt, w, 0.02 * delay), expected, rtol=1e-9)
-    assert late.state_labels[4:] == [f"torque_{k + 1}" for k in range(delay)]
+    assert late.state_labels[4:] == [f"torque_{k}" for k in range(delay, 0, -1)]
     ad, bd = THESIS.discretize(0.02)
     np.testing.assert_allclose(prompt.A, ad, atol=1e-12)
     np.testing.assert_allclose(prompt.B, bd, atol=1e-12)
@@ -284,8 +284,8 @@ def test_a_delay_of_samples_is_a_power_of_z(delay: int) -> None:
 def test_a_delayed_run_is_the_run_later() -> None:
     rng = np.random.default_rng(3)
     u, time = rng.normal(size=100), 0.02 * np.arange(100)
-    _, prompt = control.forced_response(sampled(P, 0.02), time, u)
-    _, late = control.forced_response(sampled(P, 0.02, 2), time, u)
+    _, prompt = control.forced_response(held(P, 0.02), time, u)
+    _, late = control.forced_response(held(P, 0.02, 0.04), time, u)
     np.testing.assert_allclose(late[2:], prompt[:-2], atol=1e-9)
 
 
