@@ -12,7 +12,7 @@ from typing import Any
 # What a person compares; the JSON has every digit. A matrix of six columns fits a terminal of 80 with four.
 DIGITS = 7
 MATRIX_DIGITS = 4
-MOST_COLUMNS = 6
+LARGEST_MATRIX = 6
 
 
 def print_result(result: dict[str, Any]) -> None:
@@ -110,7 +110,7 @@ def _nested(value: dict[str, Any]) -> str:
 
 def _listed(values: list[Any], digits: int) -> str:
     if values and all(isinstance(row, list) for row in values):
-        if len(values[0]) > MOST_COLUMNS:
+        if max(len(values), len(values[0])) > LARGEST_MATRIX:
             return f"{len(values)} x {len(values[0])} matrix (--json has it)"
         return _matrix([[shown(item, MATRIX_DIGITS) for item in row] for row in values])
     separator = "\n" if any(isinstance(item, dict) for item in values) else ", "

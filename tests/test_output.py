@@ -39,3 +39,9 @@ def test_notes_follow_the_table_and_nothing_is_read_as_markup(capsys: pytest.Cap
     shown_text = capsys.readouterr().out
     assert "file[0]" in shown_text and "[bold]x" in shown_text
     assert shown_text.endswith("- one\n- two\n")
+
+
+def test_a_matrix_too_large_for_a_terminal_is_named() -> None:
+    assert shown([[0.0] * 13] * 2) == "2 x 13 matrix (--json has it)"
+    assert shown([[0.0] * 2] * 13) == "13 x 2 matrix (--json has it)"
+    assert shown([[1.0, 2.0]]) == "1 2"

@@ -294,7 +294,8 @@ def _physics(found: Fit, base: ModelFile, train: Sequence[Recording], wish: Wish
     device = _device(base, found.settings.fixed)
     if found.structure == "entries" and found.movings == ("both",):
         progress("physical parameters of the entries")
-        result["physical"] = _second_step(found, base, device)
+        asked = wish.model is not None or wish.kinematics
+        result["physical"] = _second_step(found, device, table_words() if asked and base.name == "thesis" else [])
     if wish.kinematics:
         progress("kinematics")
         runs = [
@@ -318,14 +319,13 @@ def _device(base: ModelFile, fixed: Mapping[str, float]) -> dict[str, float]:
     return {name: own.get(name, value) for name, value in shipped.items()}
 
 
-def _second_step(found: Fit, base: ModelFile, device: Mapping[str, float]) -> dict[str, Any]:
+def _second_step(found: Fit, device: Mapping[str, float], printed: list[str]) -> dict[str, Any]:
     """Entries to positive physical parameters under both kinematics, with the misfit that remains."""
     entries = {name: found.values[name] for name in found.solution.names}
     if len(entries) != len(ENTRIES):
         return {}
     covariance = entries_covariance(found.solution, found.uncertainty)
     known = [Known(name, device[name], PRIOR[name]) for name in GEOMETRY]
-    printed = table_words() if base.name == "thesis" else []
     made: dict[str, Any] = {"words": [*constraint_words(entries, covariance), *printed]}
     for kinematics in ("rolling", "published"):
         one = physical_from_entries(kinematics, entries, device, covariance=covariance, fixed=("g",), known=known)
@@ -341,6 +341,7 @@ def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
     """The result as a person reads it: names of files without their folders, no matrices, sentences at the end."""
     hidden = ("correlation", "fit", "undetermined", "physical", "kinematics")
     shown = {key: value for key, value in result.items() if key not in hidden}
+    shown["parameters"] = {name: _with_half_width(one) for name, one in result["parameters"].items()}
     for part, files in result["fit"].items():
         for name, rows in files.items():
             table = {channel: _percent(row) for channel, row in rows.items()}
@@ -353,6 +354,16 @@ def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
     words += result.get("kinematics", {}).get("words", [])
     shown["notes"] = [*result["notes"], *words]
     return shown
+
+
+def _with_half_width(parameter: dict[str, Any]) -> dict[str, Any]:
+    """The row of a parameter with half of its interval in percent: digits alone do not show a narrow one."""
+    value, ends = parameter["value"], parameter["ci95"]
+    half = "-"
+    if ends is not None and value:
+        percent = 50.0 * (ends[1] - ends[0]) / abs(value)
+        half = f"{percent:.2g} %" if percent < 10.0 else f"{percent:.0f} %"
+    return {"value": value, "unit": parameter["unit"], "+-": half, "ci95": ends, "nominal": parameter["nominal"]}
 
 
 def _made_of(physical: dict[str, Any]) -> dict[str, Any]:
