@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn
@@ -272,6 +273,8 @@ def _own_streams() -> None:
 def main() -> None:
     """Entry point: one clear line and exit code 2 for unusable input."""
     _own_streams()
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # what a library warns of comes as our one line, or in the result's notes
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -280,6 +283,8 @@ def main() -> None:
         _refuse(f"{error.format_message()} (see hoopd --help)")
     except InputError as error:
         _refuse(str(error))
+    except MemoryError:
+        _refuse("the memory is not enough for this input")
     except typer.Abort:
         sys.exit(128 + signal.SIGINT)
     except OSError as error:

@@ -5,7 +5,7 @@ Rules of this file: declare options, call `hoopd.bench`, print; heavy imports ar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -51,7 +51,7 @@ def convert(
     """Convert a recording between formats; cut and resample on the way."""
     from hoopd.bench.convert import run
 
-    _check_folder(json_path)
+    _check_files([source], target=target, json=json_path)
     _finish(run(source, target, columns=columns, experiment=experiment, start=start, end=end, step=step), json_path)
 
 
@@ -120,7 +120,7 @@ def fit(
     """Fit the plant's parameters to recordings, with 95 % intervals (docs/fit.md)."""
     from hoopd.bench.fit import Wish, for_terminal, run
 
-    _check_folder(json_path)
+    _check_files([*recordings, *holdout, model], out=out, figure=figure, json=json_path)
     wish = Wish(
         structure=structure,
         model=model,
@@ -171,7 +171,7 @@ def simulate(
     """Run a model freely with the torque of a recording, and compare with what was measured."""
     from hoopd.bench.simulate import run
 
-    _check_folder(json_path)
+    _check_files([recording, model], out=out, figure=figure, json=json_path)
     result = run(
         model,
         recording,
@@ -209,7 +209,7 @@ def linearize(
     """Linear model around an operating point (the bottom at rest), and what it says (docs/linear.md)."""
     from hoopd.bench.linearize import run
 
-    _check_folder(json_path)
+    _check_files([model], figure=figure, json=json_path)
     result = run(
         model,
         outputs=output,
@@ -273,7 +273,7 @@ def design(
     from hoopd.bench.design import run
     from hoopd.bench.design_options import poles_from, spec_from, weights_from
 
-    _check_folder(json_path)
+    _check_files([recording, model], out=out, figure=figure, json=json_path)
     spec = spec_from(
         omega_rad_s=omega,
         mt=mt,
@@ -302,12 +302,11 @@ def _progress() -> Iterator[Callable[[str], None]]:
         yield status.update
 
 
-def _check_folder(json_path: Path | None) -> None:
+def _check_files(inputs: Sequence[Path | str | None], **outputs: Path | None) -> None:
     """Said before the work, and before another file is written."""
-    if json_path is not None and not json_path.parent.is_dir():
-        from hoopd.files import InputError
+    from hoopd.bench.targets import check_targets
 
-        raise InputError(json_path, "--json", "no such folder")
+    check_targets([one for one in inputs if one is not None], {f"--{name}": path for name, path in outputs.items()})
 
 
 def _finish(result: dict[str, Any], json_path: Path | None, shown: dict[str, Any] | None = None) -> None:

@@ -20,6 +20,11 @@ from hoopd.excitationfile import excitation_entry, excitation_of
 from hoopd.files import InputError, parse_yaml, read_text, to_struct
 from hoopd.physics.plant import PARAMETER_UNITS, ParameterError, Plant, check_parameters
 
+# No number of such a device is outside of these: a typing error, and products of such numbers leave the computer's.
+SMALLEST, LARGEST = 1e-15, 1e12
+# Of the hoop's radius, what the ball's centre at least moves on: the swing's frequency has it in the denominator.
+LEAST_TRACK = 1e-3
+
 
 class _Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
     """Base of all records: unknown keys are refused."""
@@ -86,13 +91,18 @@ def parse_model(text: str, path: object) -> ModelFile:
     units = PARAMETER_UNITS[model.structure]
     for name, entry in model.parameters.items():
         _check_parameter(path, f"parameters.{name}", entry, units.get(name))
+    values = model.values()
     try:
-        check_parameters(model.structure, model.values())
+        check_parameters(model.structure, values)
     except ParameterError as error:
         known = {"mb": "device.ball_mass_kg", "Ro": "device.hoop_radius_m", "Rb": "device.ball_radius_m"}
         known["g"] = "device.gravity_m_s2"
         inside = error.name in model.parameters or error.name not in known
         raise InputError(path, f"parameters.{error.name}" if inside else known[error.name], error.reason) from None
+    for name, size in (("ball_mass_kg", 1e3), ("hoop_radius_m", 1e2), ("ball_radius_m", 1e2), ("gravity_m_s2", 1e3)):
+        _between(path, f"device.{name}", getattr(model.device, name), SMALLEST, size)
+    if not values["Ro"] - values["Rb"] > LEAST_TRACK * values["Ro"]:
+        raise InputError(path, "device.ball_radius_m", f"Rb = {values['Rb']:g} m fills the hoop of {values['Ro']:g} m")
     _between(path, "device.torque_limit_nm", model.device.torque_limit_nm, 0.0, 100.0)
     _between(path, "device.encoder_counts", model.device.encoder_counts, 0, 2**26)
     _between(path, "sample_time_s", model.sample_time_s, 0.0, 1.0)
@@ -127,6 +137,8 @@ def plant_of(model: ModelFile) -> Plant:
 def _check_parameter(path: object, key: str, entry: Parameter, unit: str | None) -> None:
     if unit is not None and entry.unit != unit:
         raise InputError(path, f"{key}.unit", f"wrong unit {entry.unit!r}: this parameter is in {unit}")
+    if entry.value and not SMALLEST <= abs(entry.value) <= LARGEST:
+        raise InputError(path, f"{key}.value", f"must be 0 or of size {SMALLEST:g} to {LARGEST:g}, not {entry.value:g}")
     if entry.ci95 is not None and not entry.ci95[0] <= entry.value <= entry.ci95[1]:
         raise InputError(path, f"{key}.ci95", f"the interval {list(entry.ci95)} does not hold the value {entry.value}")
 

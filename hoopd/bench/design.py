@@ -5,11 +5,12 @@ Rules of this file: from files to a file and a result, no mathematics; an unstab
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from math import degrees, isfinite
+from math import degrees, isfinite, pi
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from hoopd.bench.inputs import read_recording
 from hoopd.design.arxlaw import design_arx
@@ -20,11 +21,12 @@ from hoopd.design.laws import LAWS, Law, Spec
 from hoopd.design.margins import Margins, margins
 from hoopd.design.poles import Pole, closed_loop_poles, unstable
 from hoopd.design.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
-from hoopd.files import InputError, os_reason
+from hoopd.files import InputError
 from hoopd.modelfiles import ControllerFile, ModelFile, load_model, parse_controller, plant_of
 from hoopd.physics.plant import Plant
 from hoopd.plots import style
 from hoopd.plots.loops import draw_design
+from hoopd.recording.bytesof import check_target, replace_file
 from hoopd.shipped import or_shipped, way_to
 
 KINDS = (*LAWS, "arx")
@@ -46,15 +48,17 @@ def run(
 ) -> dict[str, Any]:
     """Design, judge, write and draw; the result as plain data. InputError: unusable input or an unstable loop."""
     check_targets(out, figure)
+    _check_disturbance(disturbance_rad)
     model_path = or_shipped(model_path)
     model = load_model(model_path)
     plant = plant_of(model)
     designed = _designed(law, plant, spec, recording)
-    poles = closed_loop_poles(designed.loop)
+    poles = _poles_of(law, designed)
     _refuse_unstable(law, poles, spec)
     text = _text(law, designed, spec, model, model_path, out)
     file = parse_controller(text, out or law)
     found, runs = margins(designed.loop), trial(file, plant, disturbance_rad, spec.delay_s)
+    _refuse_runaway(law, runs)
     if figure is not None:
         drawn = draw_design(_gang(designed), runs, disturbance_rad, title=_title(law, found, spec))
         style.save(drawn, figure)
@@ -83,6 +87,26 @@ def _designed(law: str, plant: Plant, spec: Spec, recording: str | None) -> Law:
         raise
     except (ValueError, ArithmeticError) as error:
         raise InputError(f"design {law}", "", str(error)) from None
+
+
+def _check_disturbance(disturbance_rad: float) -> None:
+    """The ball is let go somewhere in the hoop."""
+    if not 0.0 < abs(disturbance_rad) <= pi:
+        raise InputError("--disturbance", "", f"must be at most {pi:.3g} rad and not 0, not {disturbance_rad:g}")
+
+
+def _poles_of(law: str, designed: Law) -> list[Pole]:
+    try:
+        return closed_loop_poles(designed.loop)
+    except (ValueError, ArithmeticError) as error:
+        raise InputError(f"design {law}", "", f"the closed loop has no finite poles ({error})") from None
+
+
+def _refuse_runaway(law: str, runs: Trial) -> None:
+    """A law is not written for the daemon when the nonlinear plant runs away with it."""
+    for name in ("disturbed", "released"):
+        if not np.isfinite(getattr(runs, name).x).all():
+            raise InputError(f"design {law}", "", f"the nonlinear run {name!r} leaves every bound; nothing written")
 
 
 def _refuse_unstable(law: str, poles: list[Pole], spec: Spec) -> None:
@@ -122,8 +146,8 @@ def check_targets(out: Path | None, figure: Path | None) -> None:
     """InputError, before any work, when the results could not be written."""
     if figure is not None:
         style.check_path(figure)
-    if out is not None and (out.is_dir() or not out.parent.is_dir()):
-        raise InputError(out, "--out", "is a directory" if out.is_dir() else "no such folder")
+    if out is not None:
+        check_target(out, "--out")
 
 
 def _text(law: str, designed: Law, spec: Spec, model: ModelFile, model_path: Path, out: Path | None) -> str:
@@ -140,15 +164,8 @@ def _text(law: str, designed: Law, spec: Spec, model: ModelFile, model_path: Pat
 
 
 def _write(out: Path | None, text: str) -> None:
-    if out is None:
-        return
-    part = out.with_name(f".{out.name}.part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, out)  # noqa: PTH105
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(out, "--out", os_reason(error, "cannot be written")) from None
+    if out is not None:
+        replace_file(out, text.encode())
 
 
 def _gang(designed: Law) -> GangOfFour:

@@ -29,10 +29,10 @@ from hoopd.ident.plain import plain
 from hoopd.ident.prediction import PredictionSolution
 from hoopd.ident.score import WINDOW_S, score
 from hoopd.ident.thesis import table_words
-from hoopd.modelfiles import ModelFile, model_text
+from hoopd.modelfiles import ModelFile, model_text, parse_model
 from hoopd.physics.entries import ENTRIES
 from hoopd.physics.plant import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
-from hoopd.recording.bytesof import replace_file
+from hoopd.recording.bytesof import check_target, replace_file
 from hoopd.recording.recording import Recording
 from hoopd.recording.suspicions import suspicions
 from hoopd.shipped import START_MODELS, defaults_folder
@@ -42,6 +42,8 @@ from hoopd.shipped import START_MODELS, defaults_folder
 GEOMETRY = ("mb", "Ro", "Rb")
 
 Progress = Callable[[str], None]
+
+DIVERGED = "no finite result from this start; look at --model, --fix, --prior, or take --window 1"
 
 COLOURED = {
     "output": "residuals are coloured (the model misses something): the intervals count their correlation, "
@@ -82,7 +84,7 @@ def run(
     nominal = nominal_values(base, wish.structure)
     train = [read_recording(text, wish.columns) for text in recordings]
     held = [read_recording(text, wish.columns) for text in holdout]
-    found = fit(train, nominal, settings, progress)
+    found = _fitted(train, nominal, settings, progress)
     progress("scoring")
     judged = _judged(found, dict(zip(recordings, train, strict=True)), dict(zip(holdout, held, strict=True)))
     result = {
@@ -102,13 +104,26 @@ def run(
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
 
 
+def _fitted(train: Sequence[Recording], nominal: Mapping[str, float], settings: Settings, progress: Progress) -> Fit:
+    """The fit; InputError when the numbers leave the computer's range on the way."""
+    try:
+        found = fit(train, nominal, settings, progress)
+    except InputError:
+        raise
+    except (np.linalg.LinAlgError, ArithmeticError, ParameterError) as error:
+        raise InputError("fit", "", f"{DIVERGED} ({error})") from None
+    if not np.isfinite([*found.values.values()]).all():
+        raise InputError("fit", "", DIVERGED)
+    return found
+
+
 # ---------------------------------------------------------------------------------------------- wishes
 
 
 def _check_targets(out: Path | None, figure: Path | None) -> None:
     """Said before the work, not after it."""
-    if out is not None and not out.parent.is_dir():
-        raise InputError(out, "--out", "no such folder")
+    if out is not None:
+        check_target(out, "--out")
     if figure is not None:
         from hoopd.plots.style import check_path
 
@@ -325,6 +340,8 @@ def _second_step(found: Fit, device: Mapping[str, float], printed: list[str]) ->
     if len(entries) != len(ENTRIES):
         return {}
     covariance = entries_covariance(found.solution, found.uncertainty)
+    if not np.isfinite(covariance).all():  # an entry that nothing determines: `undetermined` says which
+        return {}
     known = [Known(name, device[name], PRIOR[name]) for name in GEOMETRY]
     made: dict[str, Any] = {"words": [*constraint_words(entries, covariance), *printed]}
     for kinematics in ("rolling", "published"):
@@ -391,7 +408,9 @@ def _percent(row: dict[str, Any]) -> dict[str, Any]:
 
 def _write(found: Fit, base: ModelFile, train: Sequence[Recording], out: Path | None, figure: Path | None) -> None:
     if out is not None:
-        replace_file(out, model_text(model_file(found, base, out.stem)).encode())
+        text = model_text(model_file(found, base, out.stem))
+        parse_model(text, out)  # never a model that no command could load
+        replace_file(out, text.encode())
     if figure is not None:
         from hoopd.plots.simulation import draw_simulation
         from hoopd.plots.style import save

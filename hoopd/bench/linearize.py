@@ -24,6 +24,8 @@ from hoopd.shipped import or_shipped
 
 # Beyond this a chain of delays is no delay of a controller but a mistake in the command.
 MOST_DELAY_SAMPLES = 100
+# Sixteen turns: a larger angle is given in degrees, or damaged.
+MOST_TURNS_RAD = 100.0
 # Growth within a sample beyond which double precision says nothing about what happens between two of them.
 MOST_GROWTH = 1e12
 
@@ -56,8 +58,11 @@ def run(
     _check(request)
     _check_figure(figure, plot)
     file = load_model(or_shipped(model))
-    point, system = linearized(file, request)
-    result = report(file, point, system, (sample_time_s, delay_samples))
+    try:
+        point, system = linearized(file, request)
+        result = report(file, point, system, (sample_time_s, delay_samples))
+    except (np.linalg.LinAlgError, ArithmeticError) as error:
+        raise InputError(model, "parameters", f"the linear model leaves the computer's range ({error})") from None
     if figure is not None:
         from hoopd.plots import linear, style
 
@@ -101,6 +106,8 @@ def _check(request: Request) -> None:
     for name, value in {**given, "--sample-time": request.sample_time_s}.items():
         if value is not None and not math.isfinite(value):
             raise InputError(name, "", f"must be a finite number, not {value}")
+    if request.psi_rad is not None and not abs(request.psi_rad) <= MOST_TURNS_RAD:
+        raise InputError("--psi", "", f"must be at most {MOST_TURNS_RAD:g} rad, not {request.psi_rad:g}")
     if request.sample_time_s is not None and not 1e-5 <= request.sample_time_s <= 10.0:
         raise InputError("--sample-time", "", f"must be between 1e-05 and 10 s, not {request.sample_time_s:g}")
     if not 0 <= request.delay_samples <= MOST_DELAY_SAMPLES:

@@ -21,6 +21,7 @@ from hoopd.ident.score import WINDOW_S, Score, score
 from hoopd.modelfiles import ModelFile
 from hoopd.physics.simulate import STEP_S
 from hoopd.recording import Recording, save
+from hoopd.recording.bytesof import check_target
 from hoopd.recording.formats import extension_of
 from hoopd.recording.suspicions import suspicions
 from hoopd.recording.timeline import driven
@@ -71,8 +72,7 @@ def _check_targets(out: Path | None, figure: Path | None) -> None:
     """Said before the work, not after it."""
     if out is not None:
         extension_of(out)
-        if not out.parent.is_dir():
-            raise InputError(out, "--out", "no such folder")
+        check_target(out, "--out")
     if figure is not None:
         from hoopd.plots.style import check_path
 
@@ -106,6 +106,9 @@ def _rest(recording: Recording) -> Mapping[str, float] | None:
 def _check_start(moving: str, start: Mapping[str, float] | None) -> None:
     """A state that does not move cannot be started."""
     still = {"hoop": ("psi", "dpsi"), "ball": ("dtheta",), "both": ()}[moving]
+    for name, value in (start or {}).items():
+        if abs(value) > RUNAWAY_RAD_S:
+            raise InputError("--x0", name, f"must be at most {RUNAWAY_RAD_S:g}, not {value:g}")
     for name in still:
         if (start or {}).get(name, 0.0) != 0.0:
             raise InputError("--x0", name, f"only the {moving} moves in this recording; --moving both simulates both")

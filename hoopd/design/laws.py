@@ -44,14 +44,16 @@ PI_OMEGA_RAD_S = 0.05
 
 # Between which values a number of a specification makes sense: above the first, at most the second.
 RANGES: Mapping[str, tuple[float, float]] = {
-    "omega_rad_s": (0.0, 1e3),
+    "omega_rad_s": (1e-6, 1e3),
     "mt": (1.0, 100.0),
     "phase_deg": (-180.0, 180.0),
     "zeta": (0.0, 10.0),
     "filter_ratio": (0.0, 1e3),
-    "ratio": (0.0, 1e3),
-    "sample_time_s": (0.0, 0.1),
+    "ratio": (1e-3, 1e3),
+    "sample_time_s": (1e-4, 0.1),
 }
+# N m/rad: a loop weaker than the first does nothing, one stronger than the second is at its torque limit in a breath.
+SMALLEST_GAIN, LARGEST_GAIN = 1e-6, 1e6
 LONGEST_DELAY_S = 0.2  # the filter's memory is 0.25 s
 
 
@@ -89,8 +91,8 @@ class Spec:
                 raise SpecError(name, f"must be above {low:g} and at most {high:g}, not {value:g}")
         if not 0.0 <= self.delay_s <= LONGEST_DELAY_S:
             raise SpecError("delay_s", f"must be from 0 to {LONGEST_DELAY_S:g} s, not {self.delay_s:g}")
-        if not isfinite(self.gain):
-            raise SpecError("gain", "must be a finite number")
+        if not SMALLEST_GAIN <= abs(self.gain) <= LARGEST_GAIN:
+            raise SpecError("gain", f"must be {SMALLEST_GAIN:g} to {LARGEST_GAIN:g}, of either sign, not {self.gain:g}")
         if self.lead is not None and not all(0.0 < value <= 1e3 for value in self.lead):
             raise SpecError("lead", "takes rad/s and N, both above 0 and at most 1000")
         if not all(pole.real < 0.0 and isfinite(abs(pole)) for pole in self.poles):

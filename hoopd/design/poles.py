@@ -30,7 +30,7 @@ def closed_loop_poles(loop: control.StateSpace) -> list[Pole]:
 
 def unstable(poles: list[Pole]) -> Pole | None:
     """The pole that is furthest outside the unit circle; None when all are inside."""
-    return poles[0] if abs(poles[0].z) >= 1.0 - 1e-9 else None
+    return poles[0] if poles and abs(poles[0].z) >= 1.0 - 1e-9 else None
 
 
 def _pole(z: complex, h: float) -> Pole:

@@ -100,6 +100,8 @@ def minimise(
         return total / 2 + float(np.sum((weight * (p - centre)) ** 2)) / 2
 
     cost, damping = cost_of(p, s), 1e-3
+    if not np.isfinite(cost):  # else no step would ever be better, and the search would end as converged
+        raise ArithmeticError("the model runs away before the search begins")
     for step in range(1, MOST_STEPS + 1):
         equations = _Equations(blocks(p, s), weight**2, weight**2 * (p - centre), loss)
         while True:

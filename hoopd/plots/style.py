@@ -8,7 +8,6 @@ cannot be written is one `InputError`.
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from hoopd.files import InputError, os_reason
+from hoopd.files import InputError
+from hoopd.recording.bytesof import check_target, replace_file
 
 # Okabe and Ito's palette, told apart by colour-blind people; its yellow is left out, it cannot be read on white.
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE, BLACK = (
@@ -110,10 +110,7 @@ def check_path(path: Path) -> None:
     """InputError when no figure can go there: said before the work, not after it."""
     if path.suffix.lower() not in _METADATA:
         raise InputError(path, "--figure", f"unknown extension {path.suffix!r}; known: {', '.join(EXTENSIONS)}")
-    if path.is_dir():
-        raise InputError(path, "--figure", "is a directory")
-    if not path.parent.is_dir():
-        raise InputError(path, "--figure", "no such folder")
+    check_target(path, "--figure")
 
 
 def rendered(figure: Figure, extension: str) -> bytes:
@@ -128,10 +125,4 @@ def save(figure: Figure, path: Path) -> None:
     """Write the figure, whole or not at all; InputError on an unknown extension or a path that cannot be written."""
     check_path(path)
     data = rendered(figure, path.suffix.lower())
-    part = path.with_name(f".{path.name}.part")
-    try:
-        part.write_bytes(data)
-        os.replace(part, path)  # noqa: PTH105
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(path, "--figure", os_reason(error, "cannot be written")) from None
+    replace_file(path, data)

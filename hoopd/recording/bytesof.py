@@ -40,11 +40,29 @@ def file_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
         raise InputError(path, "", os_reason(error)) from None
 
 
+def check_target(path: Path, option: str) -> None:
+    """InputError when no file can go there: said before the work, not after it."""
+    try:
+        if path.is_dir():
+            raise InputError(path, option, "is a directory")
+        if not path.parent.is_dir():
+            raise InputError(path, option, "no such folder")
+        path.exists()
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:
+        raise InputError(path, option, os_reason(error, "cannot be written")) from None
+
+
 def replace_file(path: Path, data: bytes) -> None:
-    """Put data where path is, at once: written beside it, then renamed over it."""
+    """Put data where path is, at once: written beside it, then renamed over it; a device or a pipe is written to."""
     try:
         if path.is_dir():
             raise InputError(path, "", "is a directory")
+        if is_special(path):  # a rename would put a file in its place: /dev/null, or a link to a pipe
+            _write_through(path, data)
+            return
+        path = path.resolve()  # a link stays a link
         mode = path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask()
         handle, name = tempfile.mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
     except (OSError, ValueError) as error:
@@ -62,6 +80,19 @@ def replace_file(path: Path, data: bytes) -> None:
         if isinstance(error, OSError):
             raise _unwritable(path, error) from None
         raise
+
+
+def is_special(path: Path) -> bool:
+    """Something that bytes are sent to, no file: a device, a pipe, or what stands for an open descriptor."""
+    return (path.exists() and not path.is_file()) or path.absolute().is_relative_to("/dev")
+
+
+def _write_through(path: Path, data: bytes) -> None:
+    """Send the bytes; a pipe that nobody reads is an error, not a wait."""
+    handle = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+    os.set_blocking(handle, True)
+    with os.fdopen(handle, "wb") as file:
+        file.write(data)
 
 
 def _unwritable(path: Path, error: Exception) -> InputError:

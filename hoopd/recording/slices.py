@@ -9,11 +9,16 @@ import math
 import re
 from typing import NamedTuple
 
+import numpy as np
+
 from hoopd.files import InputError
 from hoopd.recording.edit import between
 from hoopd.recording.formats import load, split_path
 from hoopd.recording.recording import Recording
 
+SENSED = ("u", "theta", "dtheta", "current", "psi")
+# The hoop turns 50 000 times in an hour. Squares and sums of what is smaller stay finite.
+MAX_VALUE = 1e12
 _SLICE = re.compile(r"(?s)(.+)@([^@/]*)")
 _SPAN = re.compile(r"\s*([^:]*?)\s*:\s*([^:]*?)\s*")
 
@@ -33,11 +38,22 @@ def read_recording(text: str, columns: str | None = None) -> Recording:
     path, span = split_slice(text)
     recording = load(path, columns)
     if span is None:
-        return recording
+        return _usable(recording, path)
     try:
-        return between(recording, span.start_s, span.end_s)
+        return _usable(between(recording, span.start_s, span.end_s), path)
     except ValueError as error:
         raise InputError(path, f"@{_text(span)}", str(error)) from None
+
+
+def _usable(recording: Recording, path: str) -> Recording:
+    """The recording; InputError for a number that no sensor gives (a file may hold it, no computation bears it)."""
+    for name in SENSED:
+        column = getattr(recording, name)
+        if (bad := np.abs(column) > MAX_VALUE).any():
+            k = int(np.argmax(bad))
+            reason = f"is no value of a sensor (above {MAX_VALUE:g}): {column[k]:.6g} at {recording.t[k]:.6g} s"
+            raise InputError(path, f"column {name}", reason)
+    return recording
 
 
 def split_slice(text: str) -> tuple[str, Span | None]:
