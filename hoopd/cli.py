@@ -285,7 +285,7 @@ def main() -> None:
         _refuse(str(error))
     except MemoryError:
         _refuse("the memory is not enough for this input")
-    except typer.Abort:
+    except (typer.Abort, KeyboardInterrupt):
         sys.exit(128 + signal.SIGINT)
     except OSError as error:
         if error.filename is not None or error.errno not in (errno.ENOSPC, errno.EPIPE, errno.EIO):

@@ -310,7 +310,11 @@ def _physics(found: Fit, base: ModelFile, train: Sequence[Recording], wish: Wish
     if found.structure == "entries" and found.movings == ("both",):
         progress("physical parameters of the entries")
         asked = wish.model is not None or wish.kinematics
-        result["physical"] = _second_step(found, device, table_words() if asked and base.name == "thesis" else [])
+        printed = table_words() if asked and base.name == "thesis" else []
+        try:
+            result["physical"] = _second_step(found, device, printed)
+        except (np.linalg.LinAlgError, ArithmeticError, ParameterError):  # entries far from those of any device
+            result["no_physical_parameters"] = "the search for positive parameters of these entries ran away"
     if wish.kinematics:
         progress("kinematics")
         runs = [

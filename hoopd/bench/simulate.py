@@ -23,6 +23,7 @@ from hoopd.physics.simulate import STEP_S
 from hoopd.recording import Recording, save
 from hoopd.recording.bytesof import check_target
 from hoopd.recording.formats import extension_of
+from hoopd.recording.slices import MAX_VALUE
 from hoopd.recording.suspicions import suspicions
 from hoopd.recording.timeline import driven
 
@@ -107,8 +108,8 @@ def _check_start(moving: str, start: Mapping[str, float] | None) -> None:
     """A state that does not move cannot be started."""
     still = {"hoop": ("psi", "dpsi"), "ball": ("dtheta",), "both": ()}[moving]
     for name, value in (start or {}).items():
-        if abs(value) > RUNAWAY_RAD_S:
-            raise InputError("--x0", name, f"must be at most {RUNAWAY_RAD_S:g}, not {value:g}")
+        if abs(value) > MAX_VALUE:
+            raise InputError("--x0", name, f"must be at most {MAX_VALUE:g}, not {value:g}")
     for name in still:
         if (start or {}).get(name, 0.0) != 0.0:
             raise InputError("--x0", name, f"only the {moving} moves in this recording; --moving both simulates both")
