@@ -69,13 +69,13 @@ def test_a_directory_and_a_full_disk_are_one_line(tmp_path: Path, monkeypatch: p
     with pytest.raises(InputError, match="is a directory"):
         style.save(small(), tmp_path / "d.png")
 
-    def full(path: Path, data: bytes) -> int:
+    def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(InputError, match="no space left on device"):
         style.save(small(), tmp_path / "a.png")
-    assert not (tmp_path / "a.png").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["d.png"]
 
 
 def test_colours_are_distinct_in_lightness_or_hue() -> None:
