@@ -136,11 +136,3 @@ def intervals(solution: Solution, found: Uncertainty) -> dict[str, tuple[float, 
     half = Z95 * np.sqrt(np.diag(found.covariance))
     low, high = solution.scale.parameters(solution.z - half), solution.scale.parameters(solution.z + half)
     return {name: (float(a), float(b)) for name, a, b in zip(solution.names, low, high, strict=True)}
-
-
-def relative_errors(solution: Solution, found: Uncertainty) -> Array:
-    """Standard deviations (m,) relative to the values."""
-    sd = np.sqrt(np.diag(found.covariance))
-    values = np.array([solution.values[name] for name in solution.names])
-    size = np.where(solution.scale.positive, 1.0, np.abs(solution.scale.nominal) / np.maximum(np.abs(values), 1e-300))
-    return np.asarray(sd * size)

@@ -104,6 +104,7 @@ def fit(
         window_s=window,
         loss=loss,
         method=method,
+        encoder_counts=base.file.device.encoder_counts,
     )
     return Fitted(fit_parameters(together, nominal, settings), base, together)
 

@@ -59,11 +59,6 @@ class Model:
         self._key = (structure, fixed, self.free, extra_forces, moving)
         self._runners: dict[str, _Runner] = {}
 
-    @property
-    def start_values(self) -> Array:
-        """The free parameters (m,) as given."""
-        return np.array([self.values[name] for name in self.free])
-
     def run(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Array:
         """States (n, 4) at the nodes t (n,) s from x0 (4,) with torque u (n-1,) N m held between them."""
         t, u, h = _axis(t, u)
