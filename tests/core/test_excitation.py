@@ -224,3 +224,18 @@ def test_without_a_ball_the_link_still_cuts_and_pictures_mean_nothing() -> None:
     assert np.isnan(bench.step(1.0, camera=picture).record.psi)
     outputs = [bench.step(driver=False) for _ in range(3)]
     assert outputs[-1].record.mode == "FAULT" and outputs[-1].command.torque_nm == 0.0
+
+
+def test_an_answer_that_is_no_number_leaves_the_last_one() -> None:
+    hoop = HoopOnly()
+    good = DriverSample(0.0, 0, 1, 0, 1.0, 2.0, 0.0, 0)
+
+    def seen(driver: DriverSample | None) -> tuple[bool, list[float]]:
+        estimate = hoop.update(0.0, 0.0, 0.0, driver, None, held=False)
+        return estimate.ready, estimate.x.tolist()
+
+    assert seen(None) == seen(good._replace(dtheta=nan)) == (False, [0.0] * 4)
+    for driver in (good, None, good._replace(theta=nan), good._replace(dtheta=inf)):
+        assert seen(driver) == (True, [1.0, 2.0, 0.0, 0.0])
+    hoop.reset()
+    assert seen(None) == (False, [0.0] * 4)

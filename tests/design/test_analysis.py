@@ -289,6 +289,12 @@ def test_a_delayed_run_is_the_run_later() -> None:
     np.testing.assert_allclose(late[2:], prompt[:-2], atol=1e-9)
 
 
+def test_a_resonance_behind_the_first_fall_parts_the_two_bandwidths() -> None:
+    """1/(s + 1) falls at 1 rad/s, a resonance of gain 5 at 10 rad/s lifts it again: below for good only behind that."""
+    found = bandwidth(control.ss(control.tf([1.0], [1.0, 1.0]) * control.tf([100.0], [1.0, 0.2, 100.0])))
+    assert found.below_dc_rad_s == pytest.approx(1.0, abs=0.03) and 10.0 < found.absolute_rad_s < 12.0
+
+
 def test_sampling_advice_is_ten_to_thirty_times_the_bandwidth() -> None:
     found = sampling_advice(19.254)
     assert found.slowest_hz == pytest.approx(30.64, abs=0.01) and found.fastest_hz == pytest.approx(91.93, abs=0.01)

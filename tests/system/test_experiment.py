@@ -90,7 +90,9 @@ def test_what_is_recorded_is_the_signal_and_replays_to_the_bit(name: str, tmp_pa
     assert found.result["outcome"] == "done" and found.result["exit"] == 0 and found.result["faults"] == {}
     assert len(found.played) == 300 and ends_at_rest(found)
     assert replay(found.path)["equal"]
-    gains = parse_yaml(found.run.header.controller, "header")["gains"]
+    file = parse_yaml(found.run.header.controller, "header")
+    gains = file["gains"]
+    assert file["limits"]["torque_nm"] == gains["torque_nm"] == plan.torque_limit_nm  # the law's own, and the limiter's
     u, table = np.array([row.u for row in found.played]), np.array(gains["table_nm"])
     if plan.around is None and not plan.centring_nm_per_rad_s:
         body = slice(50, -25)  # between the soft start and the soft end the torque is the table's
@@ -382,6 +384,44 @@ def test_recordings_are_not_overwritten(tmp_path: Path) -> None:
 def test_the_daemon_without_a_ball_refuses_laws_that_need_one() -> None:
     arguments = ("--sim", "--speed", "max", "--duration", "1", "--set", "faults.ball_expected=false")
     one_line(*call(arguments), "faults.ball_expected: false, but lqg acts on the ball")
+
+
+AROUND = {"kind": "lqg", "gains": {"k_dtheta": 0.006, "k_psi": 0.12, "k_dpsi": 0.04}}
+LAW = "class Law:\n    def update(self, m):\n        return 0.1, {}\n    def reset(self):\n        pass\n"
+
+
+@pytest.mark.parametrize("name", ["control.file=held.yaml", "control.law=law.py"])
+def test_no_other_way_leads_a_law_to_a_hoop_without_its_ball(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An excitation with a holding law, and a law of the user's own beside the file of an excitation."""
+    page = (ROOT / "docs" / "experiment.md").read_text()
+    text = page.split("```yaml\n", 1)[1].split("```", 1)[0]
+    (tmp_path / "free.yaml").write_text(text)
+    (tmp_path / "held.yaml").write_text(text.rstrip() + f"\n  around: {json.dumps(AROUND)}\n")
+    (tmp_path / "law.py").write_text(LAW)
+    monkeypatch.chdir(tmp_path)
+    free = ("--set", "control.file=free.yaml", "--set", "faults.ball_expected=false")
+    assert call((*LOCKSTEP, *free))[0] == 0
+    assert call((*LOCKSTEP, "--set", name))[0] == 0  # with a ball both may act
+    one_line(*call((*LOCKSTEP, *free, "--set", name)), "acts on the ball")
+
+
+@pytest.mark.parametrize(("options", "longest"), [(Options(sim=True), 27.0), (Options(), None)])
+def test_a_run_that_arms_by_itself_has_an_end(
+    options: Options, longest: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever the watcher thinks: 20 s to begin, 2 s of signal, 5 s to end."""
+    given: list[float | None] = []
+
+    def perform(options: Options, *_: Any) -> None:
+        given.append(options.duration_s)
+        raise InputError("here", "", "seen")
+
+    monkeypatch.setattr(experiment, "perform", perform)
+    with pytest.raises(InputError, match="seen"):
+        experiment.run(Plan("prbs", 2.0, 0.03), options, Where(file=tmp_path / "a.mcap"))
+    assert given == [longest] and not list(tmp_path.iterdir())
 
 
 def test_the_command(tmp_path: Path) -> None:
