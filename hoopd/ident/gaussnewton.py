@@ -26,6 +26,8 @@ MOST_STEPS = 100
 MOST_DAMPING = 1e12
 # A step that gains less than this share of the cost is the last one.
 SMALLEST_GAIN = 1e-9
+# Where no step helps although the linearisation promises more than this share, the search is stuck, not at its end.
+REMAINING_GAIN = 1e-5
 
 
 class Block(NamedTuple):
@@ -111,8 +113,8 @@ def minimise(
             if new <= cost:
                 break
             damping *= 5.0
-            if damping > MOST_DAMPING:
-                return Found(p, s, cost, step, True)
+            if damping > MOST_DAMPING:  # no step is better: the end, if none was to be expected
+                return Found(p, s, cost, step, equations.expected_gain() <= REMAINING_GAIN * cost)
         gain, p, s, cost, damping = cost - new, new_p, new_s, new, max(damping / 5.0, 1e-12)
         if gain <= smallest_gain * cost:
             return Found(p, s, cost, step, True)
@@ -141,8 +143,16 @@ class _Equations:
             reduced = reduced - sp.T @ solved[:, :-1]
             slope = slope - sp.T @ solved[:, -1]
             kept.append(solved)
+        if not (np.isfinite(reduced).all() and np.isfinite(slope).all()):
+            raise ArithmeticError("the derivatives of the run leave every bound")
         dp = np.asarray(np.linalg.lstsq(reduced, slope, rcond=None)[0], dtype=float)
         return dp, [solved[:, -1] - solved[:, :-1] @ dp for solved in kept]
+
+    def expected_gain(self) -> float:
+        """What the undamped step would gain if the residuals were straight lines: g' H^-1 g / 2."""
+        dp, ds = self.solve(0.0)
+        own = sum(float(slope @ step) for (_, _, slope), step in zip(self.runs, ds, strict=True))
+        return 0.5 * (float(self.p_slope @ dp) + own)
 
 
 def _damped(a: Array, damping: float) -> Array:
