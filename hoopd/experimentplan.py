@@ -6,8 +6,9 @@ signals and warns: what stops an experiment is what is measured.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from math import inf
+from math import ceil, inf
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -32,6 +33,7 @@ COMFORT = 0.8
 # Long enough for a thousand rows, or for four kicks with their rests.
 DURATIONS_S: Mapping[str, float] = MappingProxyType({"decay": 34.0})
 DURATION_S = 20.0
+PICTURE_AGE_S = 0.05  # at its tick: a law that sees the ball alone may swing for that, so the forecast has it, too
 TABLE_DIGITS = 7  # 0.1 uN m
 
 
@@ -143,12 +145,14 @@ def _candidates(plan: Plan) -> Iterator[tuple[float, int]]:
 
 
 def foresee(law: Excitation, plant: Plant, period_s: float, *, ball: bool = True) -> Forecast:
-    """The law on the model, from rest, everything measured at once and without noise."""
+    """The law on the model, from rest, without noise: the state as it is, the picture's angle as late as it comes."""
     law.reset()
     x, torque, speed, angle = np.zeros(4), 0.0, 0.0, 0.0
+    angles = deque([0.0], maxlen=1 + ceil(PICTURE_AGE_S / period_s))
     while True:
         seen = x if ball else np.array([x[0], x[1], 0.0, 0.0])
-        psi, dtheta = float(seen[2]), float(seen[1])
+        angles.append(float(seen[2]))
+        psi, dtheta = angles[0], float(seen[1])
         torque, _ = law.update(Measurement(0.0, seen, True, psi, ball, dtheta, 0.0, torque, period_s))
         if law.ended:
             return Forecast(speed, angle if ball else 0.0, law.ended)

@@ -274,6 +274,13 @@ def test_an_amplitude_too_large_for_the_model_is_told(tmp_path: Path) -> None:
     assert any(note.startswith("little room") for note in result["notes"])
 
 
+def test_a_law_that_swings_for_late_pictures_is_foreseen_to(tmp_path: Path) -> None:
+    """The thesis's PID: calm with fresh pictures, a limit cycle with those of the device."""
+    found = perform(tmp_path, Plan("prbs", 4.0, 0.03, around=Path("controllers/pid.yaml"))).result
+    foreseen, seen = found["foreseen_ball_angle_rad"], found["largest_ball_angle_rad"]
+    assert seen > 0.3 and 0.5 < foreseen / seen < 2.0
+
+
 def test_a_figure_of_what_was_recorded(tmp_path: Path) -> None:
     perform(tmp_path, Plan("prbs", 2.0), figure=tmp_path / "run.png")
     assert (tmp_path / "run.png").read_bytes()[:4] == b"\x89PNG"
