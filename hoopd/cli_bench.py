@@ -28,6 +28,14 @@ ColumnsOption = Annotated[
     str | None,
     typer.Option("--columns", help="What a file's columns hold, e.g. u,theta,dtheta,current.", metavar="NAMES"),
 ]
+AgeOption = Annotated[
+    str,
+    typer.Option(
+        "--age",
+        help="Seconds by which samples are older than their row: the ball's angle, the board's readings.",
+        metavar="psi=0.03,y=0.02",
+    ),
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -110,6 +118,7 @@ def fit(
     ] = None,
     loss: Annotated[str, typer.Option("--loss", help="linear, huber, soft_l1 or cauchy.")] = "linear",
     columns: ColumnsOption = None,
+    age: AgeOption = "",
     kinematics: Annotated[
         bool, typer.Option("--kinematics", help="Which kinematics the recordings support (several fits).")
     ] = False,
@@ -125,6 +134,7 @@ def fit(
         structure=structure,
         model=model,
         columns=columns,
+        age=age,
         free=free,
         fix=fix,
         priors=prior,
@@ -149,6 +159,7 @@ def simulate(
     ],
     figure: FigureOption = None,
     columns: ColumnsOption = None,
+    age: AgeOption = "",
     x0: Annotated[
         str | None,
         typer.Option(
@@ -176,6 +187,7 @@ def simulate(
         model,
         recording,
         columns=columns,
+        age=age,
         x0=x0,
         step_s=step,
         moving=moving,

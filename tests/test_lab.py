@@ -89,6 +89,7 @@ def test_a_changed_model_is_another_one_and_comes_back_from_its_file(thesis, tmp
         (lambda: lab.controller("pidd"), "shipped are only arx, lead, lqg, pid"),
         (lambda: lab.feedback(lab.model("hoop"), "lqg", delay=2), "delay must be"),
         (lambda: lab.feedback(lab.model("hoop"), "lqg", duration=0), "duration must be"),
+        (lambda: lab.load("run.csv", age={"phi": 0.03}), "age: unknown phi; known: psi, y"),
         (lambda: lab.experiment("noise"), "unknown kind"),
         (lambda: lab.experiment("prbs", amplitude=9), "outside 0 to the limit"),
         (lambda: lab.plot(3), "plot takes"),
@@ -118,6 +119,15 @@ def test_an_experiment_is_the_recording_that_it_wrote(recording, tmp_path):
     cut = lab.load(f"{path}@2:4")
     assert np.array_equal(cut.theta, between(lab.load(path), 2.0, 4.0).theta)
     assert 0.05 <= np.nanmax(np.abs(recording.u)) <= 0.3
+
+
+def test_a_recording_is_told_how_old_its_samples_are(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t,u,theta,dtheta,psi\n" + "".join(f"{0.02 * k:.2f},0,0,0,0\n" for k in range(9)))
+    aged = lab.load(path, age={"psi": 0.03})
+    assert np.array_equal(aged.psi_t, aged.t - 0.03) and np.array_equal(aged.y_t, aged.t)
+    with pytest.raises(ValueError, match="psi must be 0 to 1 s, not 30"):
+        lab.load(path, age={"psi": 30})
 
 
 def test_the_same_seed_gives_the_same_experiment(recording):

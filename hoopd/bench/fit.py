@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hoopd.bench.inputs import read_model, read_recording, read_values
+from hoopd.bench.inputs import read_ages, read_model, read_recording, read_values
 from hoopd.bench.simulate import number, off_words
 from hoopd.files import InputError
 from hoopd.ident.constraints import constraint_words
@@ -33,6 +33,7 @@ from hoopd.modelfiles import ModelFile, model_text, parse_model
 from hoopd.physics.entries import ENTRIES
 from hoopd.physics.plant import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
 from hoopd.recording.bytesof import check_target, replace_file
+from hoopd.recording.edit import has_times
 from hoopd.recording.recording import Recording
 from hoopd.recording.suspicions import suspicions
 from hoopd.shipped import START_MODELS, defaults_folder
@@ -50,6 +51,7 @@ COLOURED = {
     "and may still be half as wide as they should be: compare --method prediction",
     "prediction": "innovations are not white: the intervals count it; for free runs prefer --method output",
 }
+AGELESS = "all samples are taken at their row's time; if camera or board answer late, say so with --age (docs/fit.md)"
 
 
 class Wish(NamedTuple):
@@ -58,6 +60,7 @@ class Wish(NamedTuple):
     structure: str = "entries"
     model: Path | None = None
     columns: str | None = None
+    age: str = ""
     free: str = ""
     fix: Sequence[str] = ()
     priors: Sequence[str] = ()
@@ -82,8 +85,8 @@ def run(
     _check_targets(out, figure)
     base, settings = _settings(wish)
     nominal = nominal_values(base, wish.structure)
-    train = [read_recording(text, wish.columns) for text in recordings]
-    held = [read_recording(text, wish.columns) for text in holdout]
+    train = [read_recording(text, wish.columns, wish.age) for text in recordings]
+    held = [read_recording(text, wish.columns, wish.age) for text in holdout]
     found = _fitted(train, nominal, settings, progress)
     progress("scoring")
     judged = _judged(found, dict(zip(recordings, train, strict=True)), dict(zip(holdout, held, strict=True)))
@@ -99,6 +102,7 @@ def run(
         "correlation": _correlation(found),
         "notes": _notes(found, [*train, *held]),
     }
+    result |= {"age_s": read_ages(wish.age)} if wish.age else {}
     result |= {**_noise(found), **_physics(found, base, train, wish, progress)}
     _write(found, base, train, out, figure)
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
@@ -277,6 +281,7 @@ def _notes(found: Fit, recordings: Sequence[Recording]) -> list[str]:
         notes.append("the model does not follow the hoop's angle to the encoder's counts: its rate was fitted instead")
     if any(found.uncertainty.memory.values()):
         notes.append(COLOURED[found.settings.method])
+        notes += [AGELESS] if not all(has_times(one, "y") or has_times(one, "psi") for one in recordings) else []
     if not found.solution.converged:
         notes.append("the search ended before it had converged")
     return notes

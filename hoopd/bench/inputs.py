@@ -9,10 +9,28 @@ from pathlib import Path
 
 from hoopd.files import InputError
 from hoopd.modelfiles import ModelFile, load_model
-from hoopd.recording.slices import finite, read_recording
+from hoopd.recording.edit import aged
+from hoopd.recording.recording import Recording
+from hoopd.recording.slices import finite
+from hoopd.recording.slices import read_recording as read_slice
 from hoopd.shipped import or_shipped
 
-__all__ = ["read_model", "read_recording", "read_values"]
+AGES = ("psi", "y")  # of the ball's angle, of the board's readings
+
+
+def read_recording(text: str, columns: str | None = None, age: str = "") -> Recording:
+    """Recording of "FILE[:EXPERIMENT][@START:END]"; age: how much older samples are than their row, "psi=0.03,y=0.02"."""
+    ages = read_ages(age)
+    recording = read_slice(text, columns)
+    try:
+        return aged(recording, ages.get("y"), ages.get("psi")) if ages else recording
+    except ValueError as error:
+        raise InputError("--age", "", str(error)) from None
+
+
+def read_ages(text: str) -> dict[str, float]:
+    """Seconds by name of "psi=0.03,y=0.02"; InputError for an unknown name or what is no number."""
+    return read_values("--age", text, AGES) if text else {}
 
 
 def read_values(option: str, text: str, names: tuple[str, ...]) -> dict[str, float]:

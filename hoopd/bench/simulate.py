@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.bench.inputs import read_model, read_recording, read_values
+from hoopd.bench.inputs import read_ages, read_model, read_recording, read_values
 from hoopd.files import InputError
 from hoopd.ident.experiments import moving_of
 from hoopd.ident.freerun import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
@@ -37,6 +37,7 @@ def run(
     recording: str,
     *,
     columns: str | None = None,
+    age: str = "",
     x0: str | None = None,
     step_s: float = STEP_S,
     moving: str = "auto",
@@ -46,13 +47,13 @@ def run(
 ) -> dict[str, Any]:
     """Simulate, compare, write; the result as a record.
 
-    recording: as in `read_recording`. x0: "psi=0.4,dtheta=0", the start instead of an estimated one. moving: auto,
+    recording, age: as in `read_recording`. x0: "psi=0.4,dtheta=0", the start instead of an estimated one. moving: auto,
     both, hoop or ball. InputError when anything cannot be used or written.
     """
     _check_targets(out, figure)
     file = read_model(model, without_effects=without_effects)
     _check_step(step_s)
-    found = read_recording(recording, columns)
+    found = read_recording(recording, columns, age)
     start = None if x0 is None else read_values("--x0", x0, STATES)
     subject = Subject(file.structure, file.values(), step_s=step_s)
     what = _moving(found, moving, file.device.encoder_counts)
@@ -62,6 +63,7 @@ def run(
     _refuse_runaway(model, whole)
     _write(subject, found, whole, file, out, figure)
     result = _result(file, found, whole, windows, start is not None, step_s)
+    result |= {"age_s": read_ages(age)} if age else {}
     result["notes"] = _notes(file, found, whole)
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
 

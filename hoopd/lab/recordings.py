@@ -11,12 +11,14 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from hoopd.lab.controllers import Controller, as_controller
 from hoopd.lab.models import Model, as_model
 from hoopd.recording import Recording
+from hoopd.recording.edit import aged
 from hoopd.recording.slices import read_recording
 
 # Lock-step runs some ten times faster than real time; what takes so long never ends.
@@ -25,16 +27,21 @@ ASKED_S = 3.0
 RIG = ("--sim", "--speed", "max", "--camera", "direct", "--set", "log.level=error")
 
 
-def load(path: Path | str, columns: str | None = None) -> Recording:
+def load(path: Path | str, columns: str | None = None, age: Mapping[str, float] | None = None) -> Recording:
     """A .mcap, .mat, .h5 ("file.h5:Exp2") or .csv recording, cut by "@2:14" in seconds behind the name.
 
     columns: what a file's columns hold, where they are not what its format says ("u,theta,dtheta,current").
-    InputError tells file, row and column of what cannot be used.
+    age: seconds by which samples are older than their row, {"psi": 0.03, "y": 0.02}: the ball's angle, the board's
+    readings. InputError tells file, row and column of what cannot be used.
 
     >>> recording = load("run.mcap@2:14")  # doctest: +SKIP
     >>> recording.t[0], recording.u.max()  # doctest: +SKIP
     """
-    return read_recording(str(path), columns)
+    ages = dict(age or {})
+    if unknown := [str(name) for name in ages if name not in ("psi", "y")]:
+        raise ValueError(f"age: unknown {', '.join(unknown)}; known: psi, y")
+    recording = read_recording(str(path), columns)
+    return aged(recording, ages.get("y"), ages.get("psi")) if ages else recording
 
 
 def experiment(

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from hoopd.recording.recording import UNITS, Column, Recording, from_columns
 from hoopd.recording.resample import held_mean, sampled
 from hoopd.recording.tables import MAX_ROWS
-from hoopd.recording.timeline import switch_times
+from hoopd.recording.timeline import TORQUE_TIMES, switch_times
 from hoopd.recording.unwrap import unwrapped
 
-__all__ = ["between", "joined", "resampled", "shifted", "unwrapped", "without"]
+__all__ = ["aged", "between", "joined", "resampled", "shifted", "unwrapped", "without"]
 
 _TIMES = ("t", "y_t", "psi_t")
 _SIGNALS = tuple(name for name in UNITS if name not in _TIMES)
+MAX_AGE_S = 1.0  # older is a mistake in the unit
 JOINT_S = 1.0  # a psi that was seen 50 ms before its row must not come before the end of the recording before
 
 
@@ -39,7 +40,36 @@ def between(recording: Recording, start_s: float | None = None, end_s: float | N
 def shifted(recording: Recording, start_s: float) -> Recording:
     """The same rows with t beginning at start_s; sample times keep their distance to t."""
     offset = start_s - recording.t[0]
-    return _with(recording, {name: getattr(recording, name) + offset for name in _TIMES})
+    columns: dict[str, Any] = {name: getattr(recording, name) + offset for name in _TIMES}
+    if TORQUE_TIMES in recording.extra:
+        columns["extra"] = {**recording.extra, TORQUE_TIMES: recording.extra[TORQUE_TIMES] + offset}
+    return _with(recording, columns)
+
+
+def aged(recording: Recording, y_s: float | None = None, psi_s: float | None = None) -> Recording:
+    """The board's readings taken y_s seconds before their row, the ball's angle psi_s, None: as it is.
+
+    y_t = t - y_s, psi_t = t - psi_s; the torque goes on acting at t. ValueError for an age outside 0 to MAX_AGE_S, or
+    where the recording has sample times of its own.
+    """
+    times: dict[str, Any] = {}
+    for name, age_s in (("y", y_s), ("psi", psi_s)):
+        if age_s is not None:
+            times[f"{name}_t"] = recording.t - _checked_age(recording, name, age_s)
+    return _with(recording, {**times, "extra": {**recording.extra, TORQUE_TIMES: switch_times(recording)}})
+
+
+def _checked_age(recording: Recording, name: str, age_s: float) -> float:
+    if not 0.0 <= age_s <= MAX_AGE_S:
+        raise ValueError(f"{name} must be 0 to {MAX_AGE_S:g} s, not {age_s:g}")
+    if has_times(recording, name):
+        raise ValueError(f"{name}: {recording.source or 'the recording'} has sample times of its own ({name}_t)")
+    return age_s
+
+
+def has_times(recording: Recording, name: str) -> bool:
+    """Whether `y` or `psi` was sampled at other times than its row's."""
+    return not np.array_equal(getattr(recording, f"{name}_t"), recording.t, equal_nan=True)
 
 
 def joined(recordings: Sequence[Recording]) -> Recording:

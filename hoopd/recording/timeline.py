@@ -24,6 +24,8 @@ SAME_S = 1e-6
 GAP_STEPS = 5.5
 # The daemon's modes in which its drive turns the hoop; in the others a hand may hold hoop or ball.
 DRIVEN = ("RUNNING", "STOPPING")
+# Column of `extra`: when each row's torque began to act, where the sample times of the readings do not tell it.
+TORQUE_TIMES = "u_t"
 TIMES = {"theta": "y_t", "dtheta": "y_t", "current": "y_t", "psi": "psi_t"}
 
 
@@ -101,6 +103,9 @@ def switch_times(recording: Recording) -> Array:
     """When each row's torque began to act: the board samples as it takes a request over, so the next row's `y_t`
     tells; without one, the usual time after the tick."""
     t, y_t = recording.t, recording.y_t
+    if TORQUE_TIMES in recording.extra:
+        known: Array = recording.extra[TORQUE_TIMES]
+        return np.asarray(np.where(np.isfinite(known), known, t))
     after = np.append(y_t[1:], np.nan)
     # a row's torque acts after its tick and before the next one, by more than the rounding of a text file
     good = (after >= t) & (after < np.append(t[1:], np.inf) - SAME_S)

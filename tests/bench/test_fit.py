@@ -54,6 +54,40 @@ def test_a_recording_becomes_a_model_file_that_repeats_a_run_it_never_saw(tmp_pa
     assert "- fit" not in str(for_terminal(result))
 
 
+def late(folder: Path) -> str:
+    """A run whose rows hold a board's readings of 20 ms before and a ball's angle of 30 ms before."""
+    rng = np.random.default_rng(1)
+    t = np.round(np.arange(0.0, 8.0, 0.01), 6)  # two nodes a tick
+    u = np.repeat(0.1 * rng.choice([-1.0, 1.0], len(t) // 2), 2)
+    x = Model("rolling", HOOP.values(), moving="both").run([], [0, 0, 0, 0], t, u[:-1])
+    psi = x[:, 2] + 0.002 * rng.normal(size=len(t))
+    rows = np.arange(4, len(t), 2)
+    columns = {"t": t[rows], "u": u[rows], "theta": x[rows - 2, 0], "dtheta": x[rows - 2, 1], "psi": psi[rows - 3]}
+    path = folder / "late.csv"
+    save(from_columns(columns), path)
+    return str(path)
+
+
+def test_ages_put_late_samples_where_they_belong(tmp_path: Path) -> None:
+    rec = late(tmp_path)
+    told, untold = run([rec], wish=Wish(age="psi=0.03,y=0.02")), run([rec])
+    assert told["age_s"] == {"psi": 0.03, "y": 0.02}
+    assert told["parameters"]["K2"]["value"] == pytest.approx(-78.546, rel=0.002)
+    assert told["residuals"]["psi"]["sigma"] < 0.003 < untold["residuals"]["psi"]["sigma"]
+    assert any("say so with --age" in note for note in untold["notes"])
+    assert not any("--age" in note for note in told["notes"])
+
+
+def test_a_file_with_sample_times_takes_no_age(tmp_path: Path) -> None:
+    t = 0.02 * np.arange(100)
+    path = tmp_path / "own.csv"
+    save(from_columns({"t": t, "u": t, "theta": t, "dtheta": t, "psi": t, "psi_t": t - 0.04}), path)
+    for age, words in (("psi=0.03", "--age: psi: own.csv has sample times"), ("y=20", "--age: y must be 0 to 1 s")):
+        with pytest.raises(InputError) as caught:
+            run([str(path)], wish=Wish(age=age))
+        assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
 def test_the_same_recording_gives_the_same_file(tmp_path: Path) -> None:
     one, other = tmp_path / "a" / "m.yaml", tmp_path / "b" / "m.yaml"
     for path in (one, other):

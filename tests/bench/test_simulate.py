@@ -94,6 +94,16 @@ def test_same_input_same_bytes(made: Path, tmp_path: Path, monkeypatch: pytest.M
     assert kept[0] == kept[1]
 
 
+def test_ages_of_samples(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recording that was exact is worse when its samples are taken for older ones."""
+    exact, aged = (
+        result_of(monkeypatch, tmp_path, "--model", DEVICE, "--input", made, *more)
+        for more in ((), ("--age", "psi=0.03"))
+    )
+    assert aged["age_s"] == {"psi": 0.03} and "age_s" not in exact
+    assert aged["free_run"]["psi"]["nrmse_percent"] < exact["free_run"]["psi"]["nrmse_percent"] - 5.0
+
+
 def test_a_given_start_and_a_slice(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = result_of(monkeypatch, tmp_path, "--model", DEVICE, "--input", f"{made}@1:3", "--x0", "psi=0.1, dtheta=-2")
     assert found["start_from"] == "given" and found["rows"] == 101
@@ -182,6 +192,8 @@ def test_wrapped_angles_are_unwrapped(tmp_path: Path, monkeypatch: pytest.Monkey
         (("--input", "MADE", "--x0", "psi=inf"), "finite"),
         (("--input", "MADE", "--x0", "psi=1", "--moving", "hoop"), "only the hoop moves"),
         (("--input", "MADE", "--x0", "dpsi=1e9"), "leaves every bound"),
+        (("--input", "MADE", "--age", "phi=0.03"), "--age: phi: unknown; known: psi, y"),
+        (("--input", "MADE", "--age", "psi=30"), "psi must be 0 to 1 s, not 30"),
         (("--input", "MADE", "--moving", "all"), "known: auto, both, hoop, ball"),
         (("--input", "MADE", "--step", "0"), "--step"),
         (("--input", "MADE", "--step", "nan"), "--step"),

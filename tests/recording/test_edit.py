@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoopd.recording import Recording
-from hoopd.recording.edit import between, joined, resampled, shifted, unwrapped, without
+from hoopd.recording.edit import aged, between, joined, resampled, shifted, unwrapped, without
 from hoopd.recording.recording import UNITS, from_columns
 from hoopd.recording.suspicions import suspicions
+from hoopd.recording.timeline import switch_times, timelines
 
 TURN = 2 * math.pi
 
@@ -180,6 +181,26 @@ def test_unwrapped_knows_the_board_and_leaves_what_is_unwrapped() -> None:
     assert once.theta == pytest.approx(true)
     twice = unwrapped(once)
     assert all(np.array_equal(getattr(twice, name), getattr(once, name), equal_nan=True) for name in UNITS)
+
+
+def test_aged_samples_are_older_than_their_rows_and_the_torque_is_not() -> None:
+    item = made(psi_t=3 + 0.02 * np.arange(101))
+    older = aged(item, y_s=0.005, psi_s=0.03)
+    assert np.array_equal(older.y_t, item.t - 0.005) and np.array_equal(older.psi_t, item.t - 0.03)
+    assert np.array_equal(switch_times(older), item.t)  # not 15 ms later, as for a board that samples at take-over
+    assert np.array_equal(switch_times(shifted(older, 0.0)), shifted(older, 0.0).t)
+    assert np.array_equal(switch_times(between(older, 4.0)), between(older, 4.0).t)
+    (line,) = timelines(older)
+    assert line.t[line.channels["theta"].nodes[:2]] == pytest.approx([3.015, 3.035])
+    assert np.array_equal(aged(item, psi_s=0.01).y_t, item.t)
+
+
+def test_an_age_that_cannot_be_is_refused() -> None:
+    for age_s in (-0.01, 30.0, math.nan):
+        with pytest.raises(ValueError, match="y must be 0 to 1 s"):
+            aged(made(), y_s=age_s)
+    with pytest.raises(ValueError, match=r"psi: made has sample times of its own \(psi_t\)"):
+        aged(made(), psi_s=0.03)
 
 
 def test_without_and_shifted() -> None:
