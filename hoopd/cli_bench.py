@@ -219,6 +219,7 @@ def linearize(
     json_path: JsonOption = None,
 ) -> None:
     """Linear model around an operating point (the bottom at rest), and what it says (docs/linear.md)."""
+    from hoopd.bench.forterminal import of_linearize
     from hoopd.bench.linearize import run
 
     _check_files([model], figure=figure, json=json_path)
@@ -233,7 +234,7 @@ def linearize(
         figure=figure,
         plot=plot,
     )
-    _finish(result, json_path)
+    _finish(result, json_path, of_linearize(result))
 
 
 def design(
@@ -284,6 +285,7 @@ def design(
     """Design a control law for a model and write the file that the daemon loads."""
     from hoopd.bench.design import run
     from hoopd.bench.design_options import poles_from, spec_from, weights_from
+    from hoopd.bench.forterminal import of_design
 
     _check_files([recording, model], out=out, figure=figure, json=json_path)
     spec = spec_from(
@@ -301,7 +303,7 @@ def design(
         sample_time_s=sample_time,
     )
     result = run(law, model, spec, recording=recording, out=out, figure=figure, disturbance_rad=disturbance)
-    _finish(result, json_path)
+    _finish(result, json_path, of_design(result, out))
 
 
 @contextmanager

@@ -7,6 +7,7 @@ limits, faults and modes, and every way out is the daemon's: brake, disarm, zero
 from __future__ import annotations
 
 import contextlib
+import shlex
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -132,7 +133,7 @@ def _check_file(path: Path) -> None:
     if not path.parent.is_dir():
         raise InputError(path, "--out", "no such folder")
     if path.exists():
-        raise InputError(path, "--out", "exists already; recordings are not overwritten")
+        raise InputError(path, "--out", "exists already and is not overwritten: give another name, or delete it")
 
 
 @contextmanager
@@ -180,9 +181,15 @@ def told(
         "foreseen_ball_angle_rad": _short(score.forecast.ball_angle_rad) if plan.ball else None,
         "faults": summary["faults"],
         "notes": [*score.warnings, *_losses(summary["recording"])],
-        "next": f"hoopd fit {path} --out model.yaml" if outcome == DONE else f"hoopd replay {path}",
+        "next": _next(plan, path) if outcome == DONE else f"hoopd replay {shlex.quote(str(path))}",
         "exit": 0 if outcome == DONE else 1,
     }
+
+
+def _next(plan: Plan, path: Path) -> str:
+    """With a law in the loop the torque depends on what was measured, its noise too: a fit must model the noise."""
+    method = " --method prediction" if plan.around is not None or plan.centring_nm_per_rad_s else ""
+    return f"hoopd fit {shlex.quote(str(path))}{method} --out model.yaml"
 
 
 def _extremes(recording: Recording, played: Any, period_s: float, *, ball: bool) -> dict[str, Any]:

@@ -6,6 +6,7 @@ JSON knows no NaN: a fit that does not exist is null. Nothing is written before 
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -378,8 +379,16 @@ def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
         shown |= _made_of(result["physical"])
         words += result["physical"]["words"]
     words += result.get("kinematics", {}).get("words", [])
+    shown |= _next(result)
     shown["notes"] = [*result["notes"], *words]
     return shown
+
+
+def _next(result: dict[str, Any]) -> dict[str, str]:
+    """What a model file is for; fewer than eight entries are a bare hoop or a lone ball."""
+    if "out" not in result or (result["structure"] == "entries" and "L2" not in result["parameters"]):
+        return {}
+    return {"next": f"hoopd design lqg --model {shlex.quote(result['out'])} --out lqg.yaml"}
 
 
 def _with_half_width(parameter: dict[str, Any]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ AGES = ("psi", "y")  # of the ball's angle, of the board's readings
 
 
 def read_recording(text: str, columns: str | None = None, age: str = "") -> Recording:
-    """Recording of "FILE[:EXPERIMENT][@START:END]"; age: how much older samples are than their row, "psi=0.03,y=0.02"."""
+    """Recording of "FILE[:EXPERIMENT][@START:END]"; age: how much older samples are than their row (`read_ages`)."""
     ages = read_ages(age)
     recording = read_slice(text, columns)
     try:

@@ -13,6 +13,7 @@ from shared import shared_path
 from hoopd import cli
 from hoopd.bench.design import run
 from hoopd.bench.design_options import poles_from, spec_from, weights_from
+from hoopd.bench.forterminal import of_design
 from hoopd.build import build_tick, mismatch, read_texts
 from hoopd.design.arxlaw import arriving
 from hoopd.design.closedloop import LinearPlant, Scenario, picture_timing
@@ -22,6 +23,7 @@ from hoopd.design.lqg import Weights
 from hoopd.design.margins import margins
 from hoopd.files import InputError
 from hoopd.modelfiles import controller_of, load_controller, load_model, plant_of
+from hoopd.output import table_rows
 from hoopd.recording.recording import from_columns
 from hoopd.shell.config import load as load_config
 from tests.system.rigrun import run_rig
@@ -44,6 +46,21 @@ def simulated(folder: Path) -> Path:
     text = "\n".join(",".join(f"{value:.9g}" for value in row) for row in rows)
     path.write_text(f"t,u,theta,dtheta,psi\n{text}\n")
     return path
+
+
+def test_a_person_reads_margins_first_and_poles_last(tmp_path: Path) -> None:
+    out = tmp_path / "my law.yaml"
+    result = run("lqg", HOOP, Spec(), out=out)
+    shown = of_design(result, out)
+    order = [key for key in shown if isinstance(shown[key], dict)]
+    assert order == ["margins", "closed_loop", "gang_of_four", "gains", "design", "closed_loop_poles"]
+    assert shown["closed_loop"]["nonlinear_difference_rad"]["wrong_zero"] is None
+    titles = {tuple(one) for one in shown["closed_loop"].values()}
+    assert titles == {("disturbed", "released", "wrong_zero")} and table_rows(shown["closed_loop"])
+    poles = shown["closed_loop_poles"]
+    assert poles["2"]["z"] == "0.88919 +- 0.13473j" and poles["delays"]["z"] == "0, 6 of them"
+    assert shown["next"] == f"hoopd --sim --set control.file='{out}'"
+    assert "next" not in of_design(result) and "next" not in result
 
 
 @pytest.mark.parametrize("law", BEARING)

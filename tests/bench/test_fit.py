@@ -51,7 +51,10 @@ def test_a_recording_becomes_a_model_file_that_repeats_a_run_it_never_saw(tmp_pa
     assert scores["nominal"] < scores["fitted"]
     assert scores["fitted_2s"] > 99.0
     json.dumps(result, allow_nan=False)
-    assert "- fit" not in str(for_terminal(result))
+    shown = for_terminal(result)
+    assert "- fit" not in str(shown)
+    assert shown["next"] == f"hoopd design lqg --model {out} --out lqg.yaml"
+    assert "next" not in result and "next" not in for_terminal(run([recording(tmp_path)]))
 
 
 def late(folder: Path) -> str:

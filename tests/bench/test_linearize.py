@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from hoopd import cli
+from hoopd.bench.forterminal import of_linearize
 from hoopd.bench.linearize import run
 from hoopd.plots import linear
 
@@ -70,6 +71,17 @@ def test_no_number_of_any_record_is_infinite(tmp_path: Path) -> None:
         result = run(MODELS / "hoop.yaml", **request)
         json.dumps(result, allow_nan=False)
         assert result["notes"]
+
+
+def test_a_person_reads_margins_first_and_several_outputs_side_by_side() -> None:
+    one, two = (of_linearize(run(THESIS, outputs=outputs)) for outputs in (("psi",), ("psi", "dtheta")))
+    keys = list(two)
+    firsts = [keys.index(key) for key in ("margins", "poles", "zeros of psi", "zeros of dtheta", "state_space", "step")]
+    assert firsts == sorted(firsts) and keys[-1] == "notes"
+    assert two["margins"]["gain_margin"] == {"psi": one["margins"]["gain_margin"], "dtheta": None}
+    assert one["zeros"] == two["zeros of psi"] and one["poles"] == two["poles"]
+    alone = of_linearize(run(THESIS, outputs=("theta", "psi")))  # theta does not settle and has no step
+    assert all(row["theta"] is None for row in alone["step"].values())
 
 
 def test_several_outputs_see_everything_and_each_has_its_figures() -> None:

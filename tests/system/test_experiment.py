@@ -300,6 +300,7 @@ def test_a_holding_law_brings_its_model(tmp_path: Path) -> None:
     shipped = (ROOT / "config/controllers/lqg.yaml").read_text()
     (tmp_path / "mine.yaml").write_text(shipped.replace("models/hoop.yaml", "models/thesis.yaml"))
     found = perform(tmp_path, Plan("prbs", 2.0, 0.03, around=tmp_path / "mine.yaml"))
+    assert found.result["next"].endswith(" --method prediction --out model.yaml")
     assert found.run.header.model == (ROOT / "config/models/thesis.yaml").read_text() and replay(found.path)["equal"]
 
 
@@ -384,7 +385,9 @@ def test_bad_input(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def test_recordings_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"precious")
-    one_line(*call(("experiment", "prbs", *LOCKSTEP, "--out", str(tmp_path / "a.mcap"))), "exists already")
+    one_line(
+        *call(("experiment", "prbs", *LOCKSTEP, "--out", str(tmp_path / "a.mcap"))), "give another name, or delete it"
+    )
     assert (tmp_path / "a.mcap").read_bytes() == b"precious"
 
 
