@@ -111,8 +111,15 @@ class Loop:
             while not self._finished():
                 self._id += await self.timer.wait()
                 self._tick()
+        except BaseException:
+            for _ in range(FAREWELL_TICKS - 1):  # no orderly end has said it before
+                self._switch_off()
+            raise
         finally:
-            self.drive.write(TorqueCommand(self.tick.next_seq(), False, False, 0.0))
+            self._switch_off()
+
+    def _switch_off(self) -> None:
+        self.drive.write(TorqueCommand(self.tick.next_seq(), False, False, 0.0))
 
     def _tick(self) -> None:
         inputs = self._take_inputs()

@@ -161,7 +161,7 @@ def test_whatever_ends_the_loop_the_last_frame_has_no_torque(way: str) -> None:
     with pytest.raises((RuntimeError, asyncio.CancelledError, OSError)):
         asyncio.run(run())
     assert any(command.torque_nm for command in world.written)
-    assert world.written[-1][1:] == (False, False, 0.0)
+    assert all(command[1:] == (False, False, 0.0) for command in world.written[-3:])  # one may be lost on the wire
 
 
 def test_asked_twice_the_drive_goes_off_at_once() -> None:
