@@ -104,6 +104,7 @@ def prepare(
     """Runs of the recordings, whole or in windows; InputError when a recording holds nothing to fit."""
     runs = []
     for recording in recordings:
+        _refuse_unseen_hoop(recording)
         moving = moving_of(recording, encoder_counts)
         wanted = channels_of(moving, channels)
         found = [run for part in pieces(recording, window_s) if (run := run_of(recording, part, moving, wanted))]
@@ -111,6 +112,12 @@ def prepare(
             raise InputError(recording.source, ", ".join(wanted), f"no stretch of {SHORTEST_ROWS} samples to fit")
         runs += found
     return runs
+
+
+def _refuse_unseen_hoop(recording: Recording) -> None:
+    """A hoop that a torque turned and nobody measured was not held."""
+    if not np.isfinite(recording.theta).any() and np.any(np.nan_to_num(recording.u) != 0.0):
+        raise InputError(recording.source, "theta", "is missing throughout, although a torque turned the hoop")
 
 
 def channels_of(moving: str, channels: Sequence[str]) -> list[str]:

@@ -47,7 +47,7 @@ def uncertainty(solution: Solution, loss: str = "linear") -> Uncertainty:
     System Identification (1999) 9.4; Huber (1967).
     """
     m = len(solution.names)
-    lags = {name: autocorrelation(_all(solution, name)) for name in solution.sigma}
+    lags = {name: autocorrelation(_all(solution, name, loss)) for name in solution.sigma}
     a, b = np.zeros((m, m)), np.zeros((m, m))
     for errors, jacobians in zip(solution.residuals, solution.jacobian, strict=True):
         profiled = _profiled(errors, jacobians, solution, loss)
@@ -87,8 +87,10 @@ def prior_information(solution: Solution) -> Array:
     return np.diag(prior_of(solution.scale, solution.priors)[1] ** 2)
 
 
-def _all(solution: Solution, name: str) -> list[Array]:
-    return [run[name] for run in solution.residuals if name in run]
+def _all(solution: Solution, name: str, loss: str) -> list[Array]:
+    """A channel's residuals of every run, as much of them as counts."""
+    sigma = solution.sigma[name]
+    return [np.sqrt(loss_weight(e[name] / sigma, loss)) * e[name] for e in solution.residuals if name in e]
 
 
 def autocorrelation(runs: Sequence[Array]) -> Array:

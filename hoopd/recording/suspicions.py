@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from hoopd.recording.recording import Column, Recording
+from hoopd.recording.timeline import usual_steps
 from hoopd.recording.unwrap import jumps, unwrapped
 
 COUNT_RAD = 2 * math.pi / 4096  # one count of the encoder
@@ -66,7 +67,7 @@ def _lost(recording: Recording) -> Iterator[str]:
 
 def _gaps(recording: Recording) -> Iterator[str]:
     steps = np.diff(recording.t)
-    long = steps[steps > GAP_STEPS * recording.sample_time_s]
+    long = steps[steps > GAP_STEPS * usual_steps(recording.t)]
     if len(long):
         yield f"rows are missing at {len(long)} place{_s(long)}, the longest step is {long.max():.3g} s"
 

@@ -22,6 +22,8 @@ Index = NDArray[np.int64]
 SAME_S = 1e-6
 # Over so many steps without a row nobody knows the torque.
 GAP_STEPS = 5.5
+# Steps to each side that say what is usual: fewer than a part of a recording has, more than a pause.
+NEIGHBOURS = 10
 # The daemon's modes in which its drive turns the hoop; in the others a hand may hold hoop or ball.
 DRIVEN = ("RUNNING", "STOPPING")
 # Column of `extra`: when each row's torque began to act, where the sample times of the readings do not tell it.
@@ -63,7 +65,7 @@ def timelines(recording: Recording) -> list[Timeline]:
     recording = unwrapped(recording)
     whole = np.isfinite(recording.u) & np.isfinite(recording.t) & driven(recording)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(int)))
-    cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS * recording.sample_time_s) + 1
+    cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS * usual_steps(recording.t)) + 1
     stretches = [
         (int(c), int(d))
         for a, b in zip(edges[::2], edges[1::2], strict=True)
@@ -73,6 +75,15 @@ def timelines(recording: Recording) -> list[Timeline]:
     if not stretches:
         raise ValueError("no two rows in a row with time and torque")
     return [_timeline(recording, slice(a, b)) for a, b in stretches]
+
+
+def usual_steps(t: Array) -> Array:
+    """The usual step (n-1,) about each step: the median of its neighbourhood, so that joined parts keep their own."""
+    steps = np.diff(t)
+    if len(steps) == 0:
+        return steps
+    padded = np.pad(steps, NEIGHBOURS, mode="reflect" if len(steps) > NEIGHBOURS else "edge")
+    return np.asarray(np.nanmedian(np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1), axis=1))
 
 
 def driven(recording: Recording) -> NDArray[np.bool_]:

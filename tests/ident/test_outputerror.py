@@ -181,6 +181,13 @@ def test_nothing_to_fit_is_said() -> None:
         prepare([from_columns({"t": t, "u": t * 0, "psi": t * np.nan, "theta": t * np.nan}, source="empty")])
 
 
+def test_a_hoop_that_was_turned_and_never_measured_is_refused() -> None:
+    recording = simulated()
+    blind = from_columns({"t": recording.t, "u": recording.u, "psi": recording.psi}, source="blind")
+    with pytest.raises(InputError, match="although a torque turned the hoop"):
+        prepare([blind])
+
+
 def test_a_stuck_camera_is_set_aside() -> None:
     psi = np.array([0.1, 0.2, 0.2, 0.3, 0.4, 0.4, 0.4, 0.4, 0.4, 0.4, 0.5])
     assert np.array_equal(not_stuck(psi), [1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 1])

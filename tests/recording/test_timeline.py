@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hoopd.recording.recording import Recording, from_columns
-from hoopd.recording.timeline import switch_times, timelines
+from hoopd.recording.timeline import switch_times, timelines, usual_steps
 
 NAN = float("nan")
 
@@ -82,6 +82,14 @@ def test_missing_rows_end_a_run() -> None:
     keep = np.r_[0:15, 16:20, 30:40]  # one row lost is borne, ten are not
     cut = from_columns({name: getattr(recording, name)[keep] for name in ("t", "u", "theta", "psi")})
     assert [len(line.t) for line in timelines(cut)] == [19, 10]
+
+
+def test_parts_of_other_steps_keep_their_own() -> None:
+    t = np.concatenate([0.01 * np.arange(100), 1.0 + 0.07 * np.arange(40)])
+    (line,) = timelines(from_columns({"t": t, "u": t, "psi": t}))  # steps seven times longer are no pauses
+    assert len(line.t) == 140
+    assert usual_steps(t)[[0, 50, 138]] == pytest.approx([0.01, 0.01, 0.07])
+    assert usual_steps(t[:1]).size == 0
 
 
 def test_only_a_driven_hoop_counts() -> None:
