@@ -212,8 +212,8 @@ for name, run in runs.items():
 saved = lqg.save(folder / "lqg.yaml")
 print(f"hoopd --sim --set control.file={saved.path} --set device.model={model.path}")
 rig_runs = {
-    "LQG from the thesis's entries": lab.daemon(lab.design("lqg", thesis), rig=rig, psi0=0.2, reference=0.05),
     "LQG from the recording": lab.daemon(saved, rig=rig, psi0=0.2, reference=0.05),
+    "LQG from the thesis's entries": lab.daemon(lab.design("lqg", thesis), rig=rig, psi0=0.2, reference=0.05),
 }
 show("8_daemon", lab.plot(rig_runs, "The daemon on the rig: 0.05 rad wanted from 3 s on"))
 

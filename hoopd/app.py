@@ -81,7 +81,7 @@ def run_daemon(options: Options) -> dict[str, Any]:
     config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
     check_options(options, config)
     summary = perform(options, config, read_texts(config, options.config))
-    print_summary(summary)
+    print_summary(summary, virtual=options.speed == "max")
     return summary
 
 

@@ -373,12 +373,12 @@ def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
         for name, rows in files.items():
             table = {channel: _percent(row) for channel, row in rows.items()}
             shown[f"fit of {Path(name).name} ({part})"] = table
-    shown |= {key: shown.pop(key) for key in ("out", "figure") if key in shown}  # last
     words = [*result["undetermined"]["words"]]
     if result.get("physical"):
         shown |= _made_of(result["physical"])
         words += result["physical"]["words"]
     words += result.get("kinematics", {}).get("words", [])
+    shown |= {key: shown.pop(key) for key in ("out", "figure") if key in shown}  # last
     shown |= _next(result)
     shown["notes"] = [*result["notes"], *words]
     return shown

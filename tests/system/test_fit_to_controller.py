@@ -14,6 +14,7 @@ from system.rigrun import run_rig
 from system.rivals import SCENARIOS, Judged, judged, race
 from system.test_bad_input import call
 
+from hoopd import lab
 from hoopd.bench import design, fit
 from hoopd.design.laws import Spec
 from hoopd.modelfiles import load_model, model_text
@@ -21,7 +22,7 @@ from hoopd.modelfiles import load_model, model_text
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = (
     "hoopd experiment prbs --sim --speed max --camera direct --out rec.mcap",
-    "hoopd fit rec.mcap --structure rolling --out mine.yaml",
+    "hoopd fit rec.mcap --out mine.yaml",
     "hoopd design lqg --model mine.yaml --out lqg.yaml",
 )
 RUN = "hoopd --sim --speed max --camera direct --duration 10 --set control.file=lqg.yaml"
@@ -47,6 +48,13 @@ def test_readme_shows_exactly_these_commands() -> None:
     shown = [line.split("#")[0].strip() for line in block[1].splitlines() if line.strip()]
     assert shown[: len(COMMANDS)] == list(COMMANDS)
     assert shown[len(COMMANDS) :] == [RUN]
+
+
+def test_the_fit_has_something_to_find(folder: Path) -> None:
+    """The README's two figures: what the fit starts from is another device than the rig."""
+    recording = lab.load(folder / "rec.mcap")
+    nominal, fitted = (lab.simulate(one, recording).fit["psi"] for one in ("thesis", folder / "mine.yaml"))
+    assert nominal == pytest.approx(55.0, abs=0.5) and fitted == pytest.approx(99.5, abs=0.05)
 
 
 def test_the_daemon_holds_the_ball_with_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

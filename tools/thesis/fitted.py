@@ -35,7 +35,7 @@ def controllers(folder: Path) -> dict[str, Path]:
     options = Options(sim=True, sets=("log.level=error",), speed="max", direct=True)
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
         experiment.run(Plan("prbs"), options, experiment.Where(file=recording))
-    fit.run([str(recording)], wish=fit.Wish(structure="rolling"), out=model)
+    fit.run([str(recording)], out=model)
     files = {name: folder / f"{name}.yaml" for name in NAMES}
     models = {"thesis": Path("models/thesis.yaml"), "fitted": model, "truth": Path("models/hoop.yaml")}
     for name, file in files.items():
