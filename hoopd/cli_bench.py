@@ -127,7 +127,9 @@ def fit(
     json_path: JsonOption = None,
 ) -> None:
     """Fit the plant's parameters to recordings, with 95 % intervals (docs/fit.md)."""
-    from hoopd.bench.fit import Wish, for_terminal, run
+    from hoopd.bench.fit import run
+    from hoopd.bench.fit_options import Wish
+    from hoopd.bench.fit_shown import for_terminal
 
     _check_files([*recordings, *holdout, model], out=out, figure=figure, json=json_path)
     wish = Wish(
