@@ -43,6 +43,8 @@ from hoopd.shipped import START_MODELS, defaults_folder
 # with another ball.
 GEOMETRY = ("mb", "Ro", "Rb")
 
+MISSED_PERCENT = 0.1  # of an entry; what the positive parameters miss less is the rounding of a fit
+
 Progress = Callable[[str], None]
 
 DIVERGED = "no finite result from this start; look at --model, --fix, --prior, or take --window 1"
@@ -412,8 +414,10 @@ def _made_of(physical: dict[str, Any]) -> dict[str, Any]:
     misfit = {
         name: {kind: f"{physical[kind]['misfit_percent'][name]:+.1f} %" for kind in kinds}
         for name in physical[kinds[0]]["misfit_percent"]
+        if any(abs(physical[kind]["misfit_percent"][name]) > MISSED_PERCENT for kind in kinds)
     }
-    return {"positive parameters nearest to the entries": values, "what their entries miss": misfit}
+    shown = {"positive parameters nearest to the entries": values}
+    return {**shown, "what their entries miss": misfit} if misfit else shown
 
 
 def _percent(row: dict[str, Any]) -> dict[str, Any]:
