@@ -12,6 +12,8 @@ from typing import Any
 from hoopd.ident.score import WINDOW_S
 from hoopd.physics.plant import PARAMETER_UNITS
 
+MISSED_PERCENT = 0.1  # of an entry; what the positive parameters miss less is the rounding of a fit
+
 
 def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
     """The result as a person reads it: names of files without their folders, no matrices, sentences at the end."""
@@ -61,8 +63,10 @@ def _made_of(physical: dict[str, Any]) -> dict[str, Any]:
     misfit = {
         name: {kind: f"{physical[kind]['misfit_percent'][name]:+.1f} %" for kind in kinds}
         for name in physical[kinds[0]]["misfit_percent"]
+        if any(abs(physical[kind]["misfit_percent"][name]) > MISSED_PERCENT for kind in kinds)
     }
-    return {"positive parameters nearest to the entries": values, "what their entries miss": misfit}
+    shown = {"positive parameters nearest to the entries": values}
+    return {**shown, "what their entries miss": misfit} if misfit else shown
 
 
 def _percent(row: dict[str, Any]) -> dict[str, Any]:

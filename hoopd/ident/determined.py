@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from hoopd.ident.outputerror import Solution
-from hoopd.ident.uncertainty import Uncertainty, prior_information
+from hoopd.ident.uncertainty import Uncertainty, intervals, prior_information
 from hoopd.physics.entries import COMBINATIONS, FORMULAS, combinations_jacobian, combinations_of
 from hoopd.physics.plant import KINEMATICS, PARAMETER_UNITS
 
@@ -27,6 +27,8 @@ UNDETERMINED = 0.5
 # Eigenvalues below this part of the largest are rounding: twice the digits that J'J keeps of J.
 NOTHING = 1e-12
 CLOSE = 0.95
+# Pairs go together in every fit: worth a word where half the 95 % interval of either is above this part of its value.
+WIDE = 0.02
 # Changes below this part of the largest one of a direction are left out of its words.
 SHOWN = 0.1
 # A posterior this near to its prior was not moved by the data.
@@ -94,7 +96,9 @@ def determined(
     held = {name: solution.values[name] for name in fixed if name not in names and name in solution.values}
     words = [
         *direction_words(directions, combos, structure),
-        *([] if directions else _pair_words(pairs)),  # a direction says why its parameters go together
+        *(
+            [] if directions else _pair_words(_worth_a_word(pairs, solution, found))
+        ),  # a direction says why its parameters go together
         *_assumed_words(assumed),
         *_fixed_words(held, structure),
     ]
@@ -205,6 +209,15 @@ def _combination(name: str, value: float, sd: float, structure: str) -> str:
     formula = FORMULAS[structure][name]
     left = name if formula.replace(" ", "") == name.replace(" ", "") else f"{name} = {formula}"
     return f"{left} = {value:.4g} {COMBINATIONS[name]} (+-{100 * sd:.2g} %)"
+
+
+def _worth_a_word(
+    pairs: Sequence[tuple[str, str, float]], solution: Solution, found: Uncertainty
+) -> list[tuple[str, str, float]]:
+    """Pairs of which either is known to less than WIDE: half of its 95 % interval, against its value."""
+    ends = intervals(solution, found)
+    wide = {name for name, (low, high) in ends.items() if (high - low) / 2 > WIDE * abs(solution.values[name])}
+    return [pair for pair in pairs if wide & {*pair[:2]}]
 
 
 def _pair_words(pairs: Sequence[tuple[str, str, float]]) -> list[str]:

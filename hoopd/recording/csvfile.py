@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hoopd.files import InputError, os_reason
 from hoopd.recording.bytesof import require_file
 from hoopd.recording.recording import Recording
-from hoopd.recording.tables import MAX_ROWS, NAMES, SKIP, column_names, recording_of, refuse_double
+from hoopd.recording.tables import MAX_ROWS, NAME_THEM, NAMES, SKIP, column_names, recording_of, refuse_double
 
 ORDER = ("u", "theta", "dtheta", "psi")  # always written; others where there is something to say
 MAX_FILE_BYTES = 2**32
@@ -75,9 +75,7 @@ def _names(header: list[str], columns: str | None, path: Path, line: int) -> lis
         return _asked(header, column_names(columns, ORDER, path), path)
     unknown = [name for name in header if name != "t" and name not in NAMES]
     if unknown:
-        raise InputError(
-            path, place, f"unknown column {unknown[0]!r}; known: t, {', '.join(NAMES)}; or name them with columns="
-        )
+        raise InputError(path, place, f"unknown column {unknown[0]!r}; known: t, {', '.join(NAMES)}; or {NAME_THEM}")
     return header
 
 

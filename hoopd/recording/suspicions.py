@@ -93,7 +93,7 @@ def _hoop(recording: Recording) -> Iterator[str]:
 def _ball(recording: Recording) -> Iterator[str]:
     psi = _finite(recording.psi)
     if len(psi) and _constant(psi):
-        yield f"psi never changes ({psi[0]:.4g} rad): no ball; leave it out with columns, as u,theta,dtheta,-"
+        yield f"psi never changes ({psi[0]:.4g} rad): no ball; leave it out with --columns u,theta,dtheta,-"
 
 
 def _ball_is_current(recording: Recording) -> Iterator[str]:
@@ -106,7 +106,7 @@ def _ball_is_current(recording: Recording) -> Iterator[str]:
     if (fast := _correlation(fast_u, fast_psi)) > FOLLOWS:
         yield (
             f"psi follows u with correlation {_correlation(u, psi):.2f}, and {fast:.2f} above {ABOVE_BALL_HZ:g} Hz"
-            " where a ball cannot: this may be a motor current; then load with columns u,theta,dtheta,current"
+            " where a ball cannot: this may be a motor current; then load with --columns u,theta,dtheta,current"
         )
 
 

@@ -19,6 +19,7 @@ from hoopd.recording.recording import UNITS, Recording, from_columns
 Place = Callable[[int], str]  # row from 0 -> how a person finds it in the file
 
 INPUT_AND_STATES = ("u", "theta", "dtheta", "psi", "dpsi")  # the thesis's order; dpsi only where four states are stored
+NAME_THEM = "name them with --columns (in Python: columns=)"
 SKIP = "-"  # in `columns`: a column that is left out
 NAMES = (*(name for name in UNITS if name != "t"), "dpsi")
 # Seconds since 1970 are 2e9, milliseconds 2e12: what is larger is not in seconds.
@@ -87,7 +88,7 @@ def by_row(value: Any, rows: int, path: object, key: str, *, samples_first: bool
 def named(data: NDArray[np.float64], names: Sequence[str], path: object, key: str) -> dict[str, NDArray[np.float64]]:
     """Columns of a matrix by name; InputError when there are more or fewer than names."""
     if data.shape[1] != len(names):
-        reason = f"has {data.shape[1]} columns, expected {len(names)} ({','.join(names)}); name them with columns="
+        reason = f"has {data.shape[1]} columns, expected {len(names)} ({','.join(names)}); {NAME_THEM}"
         raise InputError(path, key, reason)
     return {name: data[:, k] for k, name in enumerate(names) if name != SKIP}
 

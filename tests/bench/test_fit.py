@@ -10,13 +10,18 @@ import pytest
 from shared import shared_path
 from typer.testing import CliRunner
 
+<<<<<<< HEAD
 from hoopd.bench.fit import run
 from hoopd.bench.fit_options import Wish
 from hoopd.bench.fit_record import _device
 from hoopd.bench.fit_shown import for_terminal
+=======
+from hoopd.bench.fit import Wish, _device, _made_of, for_terminal, run
+>>>>>>> mend
 from hoopd.cli import app
 from hoopd.files import InputError
 from hoopd.modelfiles import load_model
+from hoopd.physics.plant import PARAMETER_UNITS
 from hoopd.physics.simulate import Model
 from hoopd.recording import save
 from hoopd.recording.recording import from_columns
@@ -58,6 +63,15 @@ def test_a_recording_becomes_a_model_file_that_repeats_a_run_it_never_saw(tmp_pa
     assert "- fit" not in str(shown)
     assert shown["next"] == f"hoopd design lqg --model {out} --out lqg.yaml"
     assert "next" not in result and "next" not in for_terminal(run([recording(tmp_path)]))
+
+
+def test_what_the_entries_miss_is_shown_where_something_is_missed() -> None:
+    values = dict.fromkeys(PARAMETER_UNITS["rolling"], 1.0)
+    small, large = {"J11": 0.09, "K2": -0.02}, {"J11": 0.09, "K2": -3.0}
+    for published, rows in ((small, None), (large, {"K2": {"rolling": "-0.0 %", "published": "-3.0 %"}})):
+        kinds = (("rolling", small), ("published", published))
+        physical = {kind: {"parameters": values, "misfit_percent": misfit} for kind, misfit in kinds}
+        assert _made_of(physical).get("what their entries miss") == rows
 
 
 def late(folder: Path) -> str:

@@ -11,7 +11,7 @@ from freeruns import DEVICE, runs_of
 from hoopd.ident.determined import Direction, close_pairs, determined, direction_words, simplified
 from hoopd.ident.outputerror import fit_output_error
 from hoopd.ident.parameters import PHYSICAL, default_priors
-from hoopd.ident.uncertainty import uncertainty
+from hoopd.ident.uncertainty import intervals, uncertainty
 from hoopd.physics.entries import entries_jacobian, entries_of
 from hoopd.physics.plant import PARAMETER_UNITS
 
@@ -79,6 +79,22 @@ def test_entries_of_a_rich_recording_are_all_determined():
     found = determined(solution, uncertainty(solution), "entries")
     assert found.directions == ()
     assert found.combinations == {}
+
+
+def test_a_close_pair_is_worth_a_word_where_an_interval_is_wide():
+    values = {**{n: DEVICE[n] for n in ("mb", "Ro", "Rb", "g")}, **entries_of("rolling", DEVICE)}
+    solution = fit_output_error("entries", values, tuple(entries_of("rolling", DEVICE)), runs_of("rolling", DEVICE, 4))
+    sure = uncertainty(solution)
+    close = sure.covariance.copy()
+    close[4, :] = close[:, 4] = 0.0  # J21 and K2 alone go together
+    close[4, 4] = sure.covariance[4, 4]
+    close[4, 6] = close[6, 4] = 0.99 * np.sqrt(sure.covariance[4, 4] * sure.covariance[6, 6])
+    for half, told in ((0.005, False), (0.05, True)):  # of J21, whose interval is the wider one
+        now = intervals(solution, sure)["J21"]
+        scale = (half * abs(solution.values["J21"]) / ((now[1] - now[0]) / 2)) ** 2
+        found = determined(solution, sure._replace(covariance=close * scale), "entries")
+        assert ("J21", "K2") in [pair[:2] for pair in found.pairs]
+        assert any(word.startswith("J21 and K2 go together") for word in found.words) is told
 
 
 @pytest.mark.parametrize(

@@ -283,6 +283,7 @@ HEAD = "t,u,theta,dtheta,psi\n"
         ("1,2,3\n", "line 1: expected a header with t and signals .*, found '1,2,3'"),
         ("t;u;theta\n0;1;2\n", "separated by semicolons"),
         ("t,u,speed\n0,1,2\n", "line 1: unknown column 'speed'"),
+        ("t,u,speed\n0,1,2\n", "or name them with --columns"),
         ("t,u,u\n0,1,2\n", "line 1: u stands twice"),
         (HEAD, "holds a header and no rows"),
         (HEAD + "0,1,2,3,4\n0.02,1,2\n", "line 3: has 3 cells, the header has 5"),

@@ -56,7 +56,7 @@ def test_a_current_in_the_place_of_psi(name: str) -> None:
     rng = np.random.default_rng(5)
     columns["psi"] = 2.7 * columns["u"] + rng.normal(0, 0.05, len(columns["u"]))
     (said,) = suspicions(from_columns(columns))
-    assert "may be a motor current; then load with columns u,theta,dtheta,current" in said
+    assert "may be a motor current; then load with --columns u,theta,dtheta,current" in said
 
 
 def changed(**changes: object) -> Recording:
