@@ -10,14 +10,10 @@ import pytest
 from shared import shared_path
 from typer.testing import CliRunner
 
-<<<<<<< HEAD
 from hoopd.bench.fit import run
 from hoopd.bench.fit_options import Wish
 from hoopd.bench.fit_record import _device
-from hoopd.bench.fit_shown import for_terminal
-=======
-from hoopd.bench.fit import Wish, _device, _made_of, for_terminal, run
->>>>>>> mend
+from hoopd.bench.fit_shown import _made_of, for_terminal
 from hoopd.cli import app
 from hoopd.files import InputError
 from hoopd.modelfiles import load_model
