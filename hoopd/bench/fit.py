@@ -45,12 +45,29 @@ def run(
     nominal = nominal_values(base, wish.structure)
     train = [read_recording(text, wish.columns, wish.age) for text in recordings]
     held = [read_recording(text, wish.columns, wish.age) for text in holdout]
+    _refuse_shared([*zip(recordings, train, strict=True)], [*zip(holdout, held, strict=True)])
     found = _fitted(train, nominal, settings, progress)
     named = dict(zip(recordings, train, strict=True)), dict(zip(holdout, held, strict=True))
     result = record(found, base, wish, *named, progress)
     result |= {"age_s": read_ages(wish.age)} if wish.age else {}
     _write(found, base, train, out, figure)
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
+
+
+def _refuse_shared(train: Sequence[tuple[str, Recording]], held: Sequence[tuple[str, Recording]]) -> None:
+    """A recording counts once, and judges nothing that it was fitted to: half of its rows in another are too many."""
+    for index, (name, one) in enumerate([*train, *held]):
+        for other, earlier in train[:index]:
+            shared = len(_rows(one) & _rows(earlier))
+            if 2 * shared > min(len(one), len(earlier)):
+                raise InputError(
+                    name, "", f"has {shared} rows in common with {other}: it would be fitted twice or judge itself"
+                )
+
+
+def _rows(recording: Recording) -> set[bytes]:
+    columns = (recording.t, recording.u, recording.theta, recording.psi)
+    return {row.tobytes() for row in np.column_stack(columns)}
 
 
 def _fitted(train: Sequence[Recording], nominal: Mapping[str, float], settings: Settings, progress: Progress) -> Fit:

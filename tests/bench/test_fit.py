@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from hoopd.bench.fit import run
 from hoopd.bench.fit_options import Wish
-from hoopd.bench.fit_record import _device
+from hoopd.bench.fit_record import _device, _worse
 from hoopd.bench.fit_shown import _made_of, for_terminal
 from hoopd.cli import app
 from hoopd.files import InputError
@@ -110,6 +110,23 @@ def test_the_same_recording_gives_the_same_file(tmp_path: Path) -> None:
         path.parent.mkdir()
         run([recording(tmp_path)], out=path)
     assert one.read_bytes() == other.read_bytes()
+
+
+def test_a_recording_is_not_fitted_twice_and_does_not_judge_itself(tmp_path: Path) -> None:
+    one = recording(tmp_path)
+    with pytest.raises(InputError, match="rows in common"):
+        run([one, one])
+    with pytest.raises(InputError, match="rows in common"):
+        run([one], [f"{one}@2:5"])
+
+
+def test_a_held_out_run_that_got_worse_is_said(tmp_path: Path) -> None:
+    judged = {
+        "holdout": {"x.csv": {"psi": {"nominal": 80.0, "fitted": 20.0}, "dtheta": {"nominal": 1.0, "fitted": 2.0}}}
+    }
+    (words,) = _worse(judged)
+    assert words.startswith("x.csv: psi is repeated worse")
+    assert _worse({"holdout": {"x.csv": {"psi": {"nominal": None, "fitted": 20.0}}}}) == []
 
 
 def test_several_recordings_make_one_physical_fit(tmp_path: Path) -> None:
