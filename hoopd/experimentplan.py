@@ -22,7 +22,8 @@ from hoopd.core.excitation import Excitation
 from hoopd.files import InputError
 from hoopd.ident import signals
 from hoopd.modelfiles import ControllerFile, controller_of, parse_controller, parse_model
-from hoopd.physics.plant import Plant, without_ball
+from hoopd.physics.equations import without_ball
+from hoopd.physics.plant import Plant
 
 # Torques to try when none is asked for: 0.1 N m is what the recordings of the real hoop were made with.
 AMPLITUDES_NM = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02, 0.01)

@@ -18,7 +18,8 @@ from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
 from hoopd.excitationfile import excitation_entry, excitation_of
 from hoopd.files import InputError, parse_yaml, read_text, to_struct
-from hoopd.physics.plant import PARAMETER_UNITS, ParameterError, Plant, check_parameters
+from hoopd.physics.parameters import PARAMETER_UNITS, ParameterError, check_parameters
+from hoopd.physics.plant import Plant
 
 # No number of such a device is outside of these: a typing error, and products of such numbers leave the computer's.
 SMALLEST, LARGEST = 1e-15, 1e12

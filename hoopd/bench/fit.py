@@ -20,7 +20,7 @@ from hoopd.ident.fit import Fit, Settings, fit, model_file, nominal_values
 from hoopd.ident.freerun import Subject
 from hoopd.ident.score import score
 from hoopd.modelfiles import ModelFile, model_text, parse_model
-from hoopd.physics.plant import ParameterError
+from hoopd.physics.parameters import ParameterError
 from hoopd.recording.bytesof import check_target, replace_file
 from hoopd.recording.recording import Recording
 

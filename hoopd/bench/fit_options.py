@@ -16,7 +16,7 @@ from hoopd.ident.fit import METHODS, Settings, nominal_values
 from hoopd.ident.gaussnewton import LOSSES
 from hoopd.ident.parameters import Prior, scale_of
 from hoopd.modelfiles import ModelFile
-from hoopd.physics.plant import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
+from hoopd.physics.parameters import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
 from hoopd.shipped import START_MODELS, defaults_folder
 
 

@@ -29,7 +29,7 @@ from hoopd.ident.score import WINDOW_S, score
 from hoopd.ident.thesis import table_words
 from hoopd.modelfiles import ModelFile
 from hoopd.physics.entries import ENTRIES
-from hoopd.physics.plant import PARAMETER_UNITS, ParameterError
+from hoopd.physics.parameters import PARAMETER_UNITS, ParameterError
 from hoopd.recording.edit import has_times
 from hoopd.recording.recording import Recording
 from hoopd.recording.suspicions import suspicions

@@ -18,7 +18,6 @@ from scipy.linalg import solve_discrete_are
 
 from hoopd.core.controllers import LqgGains
 from hoopd.core.estimator import EkfSettings
-from hoopd.design.margins import closed_loop_poles
 from hoopd.physics.plant import Plant, zero_order_hold
 
 Array = NDArray[Any]
@@ -141,8 +140,3 @@ def lqg_loop(
 ) -> control.StateSpace:
     """L(z) of `Lqg` broken at the torque, negative feedback: gains k and filter on `model`, the device is `true`."""
     return lqg_law(model, k, settings, h=h, delay_ticks=delay_ticks) * seen_plant(true, h, delay_ticks)
-
-
-def closed_loop_radius(loop: control.StateSpace) -> float:
-    """Largest |pole| of the loop closed: below 1 is stable."""
-    return float(np.abs(closed_loop_poles(loop)).max())

@@ -19,7 +19,7 @@ from scipy.linalg import qr
 from hoopd.ident.outputerror import Solution
 from hoopd.ident.uncertainty import Uncertainty, intervals, prior_information
 from hoopd.physics.entries import COMBINATIONS, FORMULAS, combinations_jacobian, combinations_of
-from hoopd.physics.plant import KINEMATICS, PARAMETER_UNITS
+from hoopd.physics.parameters import KINEMATICS, PARAMETER_UNITS
 
 Array = NDArray[np.float64]
 

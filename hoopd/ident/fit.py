@@ -20,7 +20,7 @@ from hoopd.ident.prediction import fit_prediction_error
 from hoopd.ident.uncertainty import Uncertainty, intervals, uncertainty
 from hoopd.ident.whiteness import PredictionUncertainty, prediction_uncertainty
 from hoopd.modelfiles import ModelFile, Parameter
-from hoopd.physics.plant import PARAMETER_UNITS
+from hoopd.physics.parameters import PARAMETER_UNITS
 from hoopd.recording.recording import Recording
 
 # Where the simulated hoop stays this near to the encoder's reading, the reading itself is fitted: its error is white

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from hoopd.files import InputError
 from hoopd.ident.experiments import Run, channels_of, pieces, run_of
 from hoopd.ident.outputerror import Solution, fit_output_error
-from hoopd.physics.plant import PARAMETER_UNITS, ExtraForce, Plant
+from hoopd.physics.equations import ExtraForce
+from hoopd.physics.parameters import PARAMETER_UNITS
+from hoopd.physics.plant import Plant
 from hoopd.physics.simulate import STEP_S, Model
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import SAME_S, TIMES, Timeline, timelines

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.ident.experiments import STATES, Run
-from hoopd.physics.plant import ExtraForce, rate, runge_kutta
+from hoopd.physics.equations import ExtraForce, rate, runge_kutta
 
 Array = NDArray[np.float64]
 

@@ -40,7 +40,7 @@ from hoopd.ident.separating import (
 )
 from hoopd.ident.uncertainty import Uncertainty, prior_information, uncertainty
 from hoopd.physics.entries import ENTRIES, entries_of
-from hoopd.physics.plant import KINEMATICS
+from hoopd.physics.parameters import KINEMATICS
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]

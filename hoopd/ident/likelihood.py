@@ -23,7 +23,7 @@ from hoopd.ident.innovations import CHANNELS, Derivatives, Innovations, Innovati
 from hoopd.ident.noise import NoiseModel, NoiseScale, noise_scale
 from hoopd.ident.outputerror import free_starts, prior_of
 from hoopd.ident.parameters import Prior, Scale
-from hoopd.physics.plant import ExtraForce
+from hoopd.physics.equations import ExtraForce
 
 Array = NDArray[np.float64]
 

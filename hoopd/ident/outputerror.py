@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hoopd.ident.experiments import STATES, Run
 from hoopd.ident.gaussnewton import SMALLEST_GAIN, Block, minimise
 from hoopd.ident.parameters import Prior, Scale, scale_of
-from hoopd.physics.plant import ExtraForce
+from hoopd.physics.equations import ExtraForce
 from hoopd.physics.simulate import Model
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.physics.plant import PARAMETER_UNITS
+from hoopd.physics.parameters import PARAMETER_UNITS
 
 Array = NDArray[np.float64]
 

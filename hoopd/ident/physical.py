@@ -28,7 +28,7 @@ from hoopd.physics.entries import (
     entries_of,
     spin_ratio,
 )
-from hoopd.physics.plant import PARAMETER_UNITS
+from hoopd.physics.parameters import PARAMETER_UNITS
 
 Array = NDArray[np.float64]
 

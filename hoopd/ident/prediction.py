@@ -22,7 +22,7 @@ from hoopd.ident.noise import NoiseModel
 from hoopd.ident.outputerror import Progress, Solution
 from hoopd.ident.parameters import Prior, scale_of
 from hoopd.ident.scoring import Search
-from hoopd.physics.plant import ExtraForce
+from hoopd.physics.equations import ExtraForce
 
 Array = NDArray[np.float64]
 

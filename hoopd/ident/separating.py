@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hoopd.ident.physical import Known, physical_from_entries, quantity
 from hoopd.physics.entries import ENTRIES, entries_of
-from hoopd.physics.plant import KINEMATICS
+from hoopd.physics.parameters import KINEMATICS
 
 Array = NDArray[np.float64]
 

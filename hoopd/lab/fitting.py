@@ -17,7 +17,7 @@ from hoopd.ident.parameters import Prior
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.lab.simulation import simulate
-from hoopd.physics.plant import STRUCTURES
+from hoopd.physics.parameters import STRUCTURES
 from hoopd.plots.parameters import draw_intervals
 from hoopd.recording.recording import Recording
 from hoopd.shipped import START_MODELS, defaults_folder

@@ -13,7 +13,8 @@ import msgspec
 
 from hoopd.files import InputError
 from hoopd.modelfiles import ModelFile, Parameter, load_model, model_text, parse_model, plant_of
-from hoopd.physics.plant import PARAMETER_UNITS, ParameterError, Plant
+from hoopd.physics.parameters import PARAMETER_UNITS, ParameterError
+from hoopd.physics.plant import Plant
 from hoopd.recording.bytesof import replace_file
 from hoopd.shipped import defaults_folder
 

@@ -19,16 +19,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.physics.plant import (
-    KINEMATICS,
-    PARAMETER_UNITS,
-    Symbols,
-    accelerations,
-    check_parameters,
-    equations_of_motion,
-    lagrangian,
-    symbols,
-)
+from hoopd.physics.equations import Symbols, accelerations, equations_of_motion, lagrangian, symbols
+from hoopd.physics.parameters import KINEMATICS, PARAMETER_UNITS, check_parameters
 
 Array = NDArray[np.float64]
 

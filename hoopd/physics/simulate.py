@@ -14,7 +14,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.physics.plant import PARAMETER_UNITS, ExtraForce, rate, runge_kutta
+from hoopd.physics.equations import ExtraForce, rate, runge_kutta
+from hoopd.physics.parameters import PARAMETER_UNITS
 
 Array = NDArray[np.float64]
 

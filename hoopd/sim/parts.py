@@ -13,7 +13,7 @@ from typing import Any
 from hoopd.core.layout import Layout, layout_to_table
 from hoopd.eye import Analyser
 from hoopd.files import InputError
-from hoopd.physics.plant import without_ball
+from hoopd.physics.equations import without_ball
 from hoopd.shell.config import Config
 from hoopd.shell.link import BITS_PER_BYTE
 from hoopd.sim.boardprocess import ProcessConfig

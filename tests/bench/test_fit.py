@@ -17,7 +17,7 @@ from hoopd.bench.fit_shown import _made_of, for_terminal
 from hoopd.cli import app
 from hoopd.files import InputError
 from hoopd.modelfiles import load_model
-from hoopd.physics.plant import PARAMETER_UNITS
+from hoopd.physics.parameters import PARAMETER_UNITS
 from hoopd.physics.simulate import Model
 from hoopd.recording import save
 from hoopd.recording.recording import from_columns

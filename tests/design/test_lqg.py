@@ -25,7 +25,6 @@ from hoopd.design.defaults import (
 from hoopd.design.delay import sample_delay
 from hoopd.design.lqg import (
     Weights,
-    closed_loop_radius,
     feedback,
     hold,
     kalman_gain,
@@ -36,7 +35,7 @@ from hoopd.design.lqg import (
     reduced_model,
     seen_plant,
 )
-from hoopd.design.margins import margins
+from hoopd.design.margins import closed_loop_poles, margins
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.physics.plant import Plant
 
@@ -182,3 +181,8 @@ def test_shipped_controllers_are_what_the_code_makes(tmp_path: Path) -> None:
 def test_gains_are_those_of_the_model() -> None:
     gains = lqg_gains(HOOP, Weights(), TICK_S)
     np.testing.assert_allclose([gains.k_dtheta, gains.k_psi, gains.k_dpsi], feedback(HOOP, Weights(), TICK_S))
+
+
+def closed_loop_radius(loop: control.StateSpace) -> float:
+    """Largest |pole| of the loop closed: below 1 is stable."""
+    return float(np.abs(closed_loop_poles(loop)).max())

@@ -13,7 +13,7 @@ from hoopd.ident.outputerror import fit_output_error
 from hoopd.ident.parameters import PHYSICAL, default_priors
 from hoopd.ident.uncertainty import intervals, uncertainty
 from hoopd.physics.entries import entries_jacobian, entries_of
-from hoopd.physics.plant import PARAMETER_UNITS
+from hoopd.physics.parameters import PARAMETER_UNITS
 
 ALL = PHYSICAL["both"]
 

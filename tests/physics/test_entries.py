@@ -22,7 +22,8 @@ from hoopd.physics.entries import (
     implied,
     spin_ratio,
 )
-from hoopd.physics.plant import PARAMETER_UNITS, Plant
+from hoopd.physics.parameters import PARAMETER_UNITS
+from hoopd.physics.plant import Plant
 
 DEVICE = {
     "mb": 0.0608,

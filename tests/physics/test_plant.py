@@ -9,18 +9,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from hoopd.physics.plant import (
-    ADVANCE_STEPS,
-    FILTER_STEPS,
-    ParameterError,
-    Plant,
-    Symbols,
-    mobility,
-    rate,
-    rate_function,
-    runge_kutta,
-    symbols,
-)
+from hoopd.physics.equations import Symbols, mobility, rate, runge_kutta, symbols
+from hoopd.physics.parameters import ParameterError
+from hoopd.physics.plant import ADVANCE_STEPS, FILTER_STEPS, Plant
 
 GEOMETRY = {"mb": 0.0608, "Ro": 0.0957, "Rb": 0.0104, "g": 9.81}
 DEVICE = {**GEOMETRY, "Ib": 3.679e-6, "Ih": 1.518e-3, "bb": 2.6e-6, "bh": 7e-4}
@@ -207,12 +198,6 @@ def test_mobility_of_the_entries_has_the_contracts_form() -> None:
     got = ca.DM(mobility("entries", s)).full()
     corner = -THESIS["K2"] / (0.0608 * 9.81 * (0.0957 - 0.0104))
     np.testing.assert_allclose(got, [[THESIS["L1"], THESIS["L2"]], [THESIS["L2"], corner]], rtol=1e-12)
-
-
-def test_symbolic_function_agrees_with_the_plant() -> None:
-    f, names = rate_function("published")
-    got = f(STATE, 0.2, [TABLE[name] for name in names]).full().ravel()
-    np.testing.assert_allclose(got, Plant("published", TABLE).derivative(STATE, 0.2), rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from hoopd.modelfiles import load_model
-from hoopd.physics.plant import Plant, rate
+from hoopd.physics.equations import rate
+from hoopd.physics.plant import Plant
 from hoopd.physics.simulate import STEP_S, Model
 from hoopd.shipped import defaults_folder
 
