@@ -7,6 +7,7 @@ port, no camera, no clock.
 from __future__ import annotations
 
 import re
+from math import isinf
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -91,9 +92,17 @@ def build_tick(config: Config, texts: Texts) -> Tick:
         min(config.limits.slew_nm_per_tick, file.limits.slew_nm_per_tick),
     )
     if config.faults.ball_expected:
+        _watches_the_ball(config, law)
         return Tick(config.loop, config.faults, estimator_of(file, plant_of(model)), law, limiter)
     _needs_no_ball(config, file, law)
     return Tick(config.loop, config.faults, HoopOnly(), law, limiter)
+
+
+def _watches_the_ball(config: Config, law: Controller) -> None:
+    """A test signal knows how far the ball may go."""
+    if isinstance(law, Excitation) and isinf(law.limits.ball_angle_rad):
+        reason = "missing, but a ball is expected: say how far it may go, or set faults.ball_expected to false"
+        raise InputError(config.control.file, "gains.ball_angle_rad", reason)
 
 
 def _needs_no_ball(config: Config, file: ControllerFile, law: Controller) -> None:

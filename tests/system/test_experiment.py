@@ -396,6 +396,18 @@ def test_the_daemon_without_a_ball_refuses_laws_that_need_one() -> None:
     one_line(*call(arguments), "faults.ball_expected: false, but lqg acts on the ball")
 
 
+def test_a_table_without_a_limit_of_the_ball_is_refused_where_a_ball_is_expected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (ROOT / "docs" / "experiment.md").read_text()
+    text = page.split("```yaml\n", 1)[1].split("```", 1)[0]
+    kept = [line for line in text.splitlines() if "ball_angle_rad" not in line]
+    assert len(kept) < len(text.splitlines())
+    (tmp_path / "blind.yaml").write_text("\n".join(kept) + "\n")
+    monkeypatch.chdir(tmp_path)
+    one_line(*call((*LOCKSTEP, "--set", "control.file=blind.yaml")), "gains.ball_angle_rad: missing, but a ball")
+
+
 AROUND = {"kind": "lqg", "gains": {"k_dtheta": 0.006, "k_psi": 0.12, "k_dpsi": 0.04}}
 LAW = "class Law:\n    def update(self, m):\n        return 0.1, {}\n    def reset(self):\n        pass\n"
 
