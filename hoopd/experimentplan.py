@@ -19,6 +19,7 @@ import yaml
 
 from hoopd.core.controllers import DONE, Measurement
 from hoopd.core.excitation import Excitation
+from hoopd.core.records import PICTURE_AGE_S
 from hoopd.files import InputError
 from hoopd.ident import signals
 from hoopd.modelfiles import ControllerFile, controller_of, parse_controller, parse_model
@@ -34,7 +35,6 @@ COMFORT = 0.8
 # Long enough for a thousand rows, or for four kicks with their rests.
 DURATIONS_S: Mapping[str, float] = MappingProxyType({"decay": 34.0})
 DURATION_S = 20.0
-PICTURE_AGE_S = 0.05  # at its tick: a law that sees the ball alone may swing for that, so the forecast has it, too
 TABLE_DIGITS = 7  # 0.1 uN m
 
 

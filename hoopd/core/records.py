@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
+# Usual age of a picture's angle at the tick that uses it: delivered two frames of 20 ms after the middle of its
+# exposure, then half a tick until it is used.
+PICTURE_AGE_S = 0.05
+
 
 class CameraSample(NamedTuple):
     """One analysed picture; `t` is the middle of its exposure."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from hoopd.core.records import PICTURE_AGE_S
 from hoopd.design.arx import ArxModel, arx_lqg, fit_arx
 from hoopd.design.controllerfile import controller_data, controller_text, plain
 from hoopd.design.lqg import Weights, lqg_gains
@@ -20,8 +21,6 @@ from hoopd.modelfiles import load_model, plant_of
 from hoopd.physics.plant import Plant
 
 TICK_S = 0.02
-# age of the newest picture at its tick: 2 frames and the way from the camera's clock to the tick's
-PICTURE_AGE_S = 0.05
 WIRE_S = 8 * 10 / 115200  # a request on the wire; the board samples at its end
 
 # The thesis's printed coefficients, Tustin at 0.02 s, of

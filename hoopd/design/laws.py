@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.core.estimator import EkfSettings
+from hoopd.core.records import PICTURE_AGE_S
 from hoopd.design.analysis import linear_model, minimal, transfer_function
 from hoopd.design.controllerfile import plain
 from hoopd.design.delay import held
@@ -29,8 +30,6 @@ from hoopd.physics.plant import Plant
 
 Array = NDArray[Any]
 
-# Age of the newest picture at its tick on the device: two frames, and half a tick of waiting.
-PICTURE_AGE_S = 0.05
 # A transfer function keeps all its digits: its integrator is the difference of large numbers.
 TRANSFER_DIGITS = 15
 MET_WITHIN = 1e-6  # of the specified largest |T|
