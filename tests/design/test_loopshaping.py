@@ -211,7 +211,7 @@ def test_held_plant_with_a_late_input() -> None:
     np.testing.assert_allclose(coarse, fine[::2], atol=1e-12)
 
 
-# Sampled at 50 Hz, the plant held: phase margin, crossover, gain margin, Ms of PHYSICS.md's recomputed table.
+# Sampled at 50 Hz, the plant held: phase margin, crossover, gain margin, Ms, recomputed from the printed controller.
 LOOPS = {
     "printed": (PRINTED, 1.0, [(41.9, 15.4, 6.16, 1.59), (24.3, 15.4, 2.18, 2.70), (6.6, 15.4, 1.23, 9.76)], -11.0),
     "with lead": (
