@@ -19,7 +19,7 @@ from hoopd.ident.determined import determined
 from hoopd.ident.experiments import UNITS, prepare
 from hoopd.ident.fit import Fit, nominal_values
 from hoopd.ident.freerun import Subject
-from hoopd.ident.kinematics import compare_kinematics, entries_covariance
+from hoopd.ident.kinematics import MEASURED, compare_kinematics, entries_covariance, known_from
 from hoopd.ident.noise import NOISE_UNITS
 from hoopd.ident.parameters import PRIOR
 from hoopd.ident.physical import Known, physical_from_entries
@@ -27,6 +27,7 @@ from hoopd.ident.plain import plain
 from hoopd.ident.prediction import PredictionSolution
 from hoopd.ident.score import WINDOW_S, score
 from hoopd.ident.thesis import table_words
+from hoopd.ident.uncertainty import Z95
 from hoopd.modelfiles import ModelFile
 from hoopd.physics.entries import ENTRIES
 from hoopd.physics.parameters import PARAMETER_UNITS, ParameterError
@@ -207,10 +208,18 @@ def _physics(found: Fit, base: ModelFile, train: Sequence[Recording], wish: Wish
         ]
         if not runs:
             raise InputError("--kinematics", "", "needs a recording in which both hoop and ball move")
-        # without a model file nobody has said that the device was measured
-        known = None if wish.model is not None else ()
+        known = _known(base, device) if wish.model is not None else ()  # else nobody has said that it was measured
         result["kinematics"] = plain(compare_kinematics(runs, device, known=known, progress=progress))
     return result
+
+
+def _known(base: ModelFile, device: Mapping[str, float]) -> tuple[Known, ...]:
+    """How well a model's device is known: what was fitted as well as its interval says, the rest as measured."""
+    spread = {**MEASURED}
+    for name, entry in base.parameters.items():
+        if name in spread and entry.ci95 is not None:
+            spread[name] = (entry.ci95[1] - entry.ci95[0]) / (2 * Z95 * entry.value)
+    return known_from(device, spread)
 
 
 def _device(base: ModelFile, fixed: Mapping[str, float]) -> dict[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from shared import shared_path
@@ -12,11 +13,11 @@ from typer.testing import CliRunner
 
 from hoopd.bench.fit import run
 from hoopd.bench.fit_options import Wish
-from hoopd.bench.fit_record import _device, _worse
+from hoopd.bench.fit_record import _device, _known, _worse
 from hoopd.bench.fit_shown import _made_of, for_terminal
 from hoopd.cli import app
 from hoopd.files import InputError
-from hoopd.modelfiles import load_model
+from hoopd.modelfiles import Parameter, load_model
 from hoopd.physics.parameters import PARAMETER_UNITS
 from hoopd.physics.simulate import Model
 from hoopd.recording import save
@@ -110,6 +111,15 @@ def test_the_same_recording_gives_the_same_file(tmp_path: Path) -> None:
         path.parent.mkdir()
         run([recording(tmp_path)], out=path)
     assert one.read_bytes() == other.read_bytes()
+
+
+def test_a_fitted_device_is_known_as_well_as_its_intervals_say() -> None:
+    entry = HOOP.parameters["Ib"]
+    wide = Parameter(value=entry.value, unit=entry.unit, ci95=(0.5 * entry.value, 1.5 * entry.value))
+    model = msgspec.structs.replace(HOOP, parameters={**HOOP.parameters, "Ib": wide})
+    known = {one.name: one.relative_sd for one in _known(model, model.values())}
+    assert known["Ib"] == pytest.approx(0.5 / 1.96, rel=1e-3)
+    assert known["mb"] == 0.01  # weighed
 
 
 def test_a_recording_is_not_fitted_twice_and_does_not_judge_itself(tmp_path: Path) -> None:
