@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import shlex
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import count
 from math import inf, isfinite
@@ -36,6 +36,7 @@ from hoopd.shell.config import Config
 KINDS = ("prbs", "chirp", "multisine", "steps", "decay")
 # After the signal: braking (a second), and a margin; the end of a lock-step run that never began.
 END_PATIENCE_S = 5.0
+LATE_FAULTS = frozenset({"board_timeout", "camera_lost", "link_lost"})
 RUNS = "run-*.mcap"  # what the recorder writes
 
 
@@ -61,6 +62,7 @@ def run(plan: Plan, options: Options, where: Where, figure: Path | None = None) 
         raise InputError(where.file or folder, "", "nothing could be recorded (see the log)")
     path = parts[0]
     result = told(plan, score, conductor, summary, path, config.loop.period_s)
+    result["notes"] += _too_slow(result["faults"], options)
     result["notes"] += [f"the disk failed meanwhile, the rest is in {part}" for part in parts[1:]]
     if figure is not None:
         result["notes"] += _draw(path, plan, figure)
@@ -214,6 +216,14 @@ def _largest(values: Any) -> float | None:
 def _short(value: float) -> float | None:
     """Six digits of a number: what a person reads, and more than was measured."""
     return float(f"{value:.6g}") if isfinite(value) else None
+
+
+def _too_slow(faults: Iterable[str], options: Options) -> list[str]:
+    """On the rig in real time these faults are the computer's, not the device's."""
+    late = LATE_FAULTS & set(faults)
+    if not (options.sim and options.speed != "max" and late):
+        return []
+    return [f"{', '.join(sorted(late))}: the rig did not keep up with real time; --speed max does not mind"]
 
 
 def _losses(counts: dict[str, Any]) -> Iterator[str]:

@@ -383,6 +383,17 @@ def test_bad_input(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert not list(tmp_path.iterdir())
 
 
+def test_a_rig_that_does_not_keep_up_is_said() -> None:
+    real = Options(sim=True)
+    (words,) = experiment._too_slow({"camera_lost": 3, "ball_lost": 1}, real)
+    assert words.startswith("camera_lost: the rig did not keep up")
+    assert (
+        experiment._too_slow({"camera_lost": 3}, real._replace(speed="max")) == []
+    )  # virtual time waits for everybody
+    assert experiment._too_slow({"camera_lost": 3}, Options()) == []  # on the device it is the device
+    assert experiment._too_slow({"ball_lost": 1}, real) == []
+
+
 def test_recordings_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"precious")
     one_line(
