@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 Z95 = 1.959963984540054
 # Longest memory of the residuals' autoregressive model, in samples: at 50 Hz more than a period of the rolling ball.
 MOST_LAGS = 60
+# Evidence against white residuals that counts: a BIC lower by 10 is very strong evidence (Kass and Raftery 1995); every
+# hundredth white run of a thousand samples is a little lower by chance.
+CLEARLY_COLOURED = 10.0
 # An autocorrelation below this no longer counts.
 TAIL = 1e-4
 
@@ -111,6 +114,8 @@ def autocorrelation(runs: Sequence[Array]) -> Array:
         score = n * np.log(left) + order * np.log(n)
         if score < best:
             best, coefficients = score, a
+    if best > -CLEARLY_COLOURED:
+        return np.ones(1)
     return _continued(r, coefficients, max(len(e) for e in runs))
 
 

@@ -261,6 +261,12 @@ def test_white_residuals_have_no_memory_and_an_autoregression_has_its_own() -> N
     assert r[:4] == pytest.approx(0.8 ** np.arange(4), abs=0.05)
 
 
+def test_white_residuals_are_taken_for_coloured_in_few_of_many_runs() -> None:
+    rng = np.random.default_rng(3)
+    alarms = sum(len(autocorrelation([rng.normal(size=1000)])) > 1 for _ in range(300))
+    assert alarms <= 2
+
+
 def test_correlating_is_the_product_with_the_toeplitz_matrix() -> None:
     from scipy.linalg import toeplitz
 
