@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal, NoReturn
 import typer
 
 from hoopd import cli_bench
+from hoopd.cli_bench import JsonOption
 from hoopd.files import InputError
 from hoopd.output import print_result, write_json
 
@@ -44,7 +45,11 @@ cli_bench.register(app)
 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration file (YAML).", metavar="FILE")]
 SetOption = Annotated[list[str], typer.Option("--set", help="Override one key: a.b=value.", metavar="KEY=VALUE")]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result to this file.", metavar="FILE")]
+SpeedOption = Annotated[str, typer.Option("--speed", help="1: real time; max: lock-step virtual time (--sim).")]
+CameraOption = Annotated[
+    str | None, typer.Option("--camera", help="direct: the rig's ball angle without pictures (--sim).")
+]
+ArmOption = Annotated[bool, typer.Option("--arm", help="Arm by itself once everything is well (terminal only).")]
 
 
 @app.callback(invoke_without_command=True)
@@ -58,11 +63,9 @@ def run(
     record: Annotated[Path | None, typer.Option("--record", help="Existing folder for the recording.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the rig.")] = 0,
     sets: SetOption = [],  # noqa: B006 (typer copies it)
-    speed: Annotated[str, typer.Option("--speed", help="1: real time; max: lock-step virtual time (--sim).")] = "1",
-    camera: Annotated[
-        str | None, typer.Option("--camera", help="direct: the rig's ball angle without pictures (--sim).")
-    ] = None,
-    arm: Annotated[bool, typer.Option("--arm", help="Arm by itself once everything is well (terminal only).")] = False,
+    speed: SpeedOption = "1",
+    camera: CameraOption = None,
+    arm: ArmOption = False,
     json_path: JsonOption = None,
     version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
 ) -> None:
@@ -216,11 +219,9 @@ def experiment(
     record: Annotated[Path | None, typer.Option("--record", help="Existing folder for the recording.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="The recording's file (.mcap).", metavar="FILE")] = None,
     figure: Annotated[Path | None, typer.Option("--figure", help="Draw what was recorded.", metavar="FILE")] = None,
-    speed: Annotated[str, typer.Option("--speed", help="1: real time; max: lock-step virtual time (--sim).")] = "1",
-    camera: Annotated[
-        str | None, typer.Option("--camera", help="direct: the rig's ball angle without pictures (--sim).")
-    ] = None,
-    arm: Annotated[bool, typer.Option("--arm", help="Arm by itself once everything is well (terminal only).")] = False,
+    speed: SpeedOption = "1",
+    camera: CameraOption = None,
+    arm: ArmOption = False,
     json_path: JsonOption = None,
 ) -> None:
     """Play a test signal within limits of torque, hoop speed and ball angle, and record it."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from hoopd.bench.inputs import read_recording
+from hoopd.bench.targets import check_results
 from hoopd.design.arxlaw import design_arx
 from hoopd.design.closedloop import Run
 from hoopd.design.controllerfile import controller_data, controller_text
@@ -26,7 +27,7 @@ from hoopd.modelfiles import ControllerFile, ModelFile, load_model, parse_contro
 from hoopd.physics.plant import Plant
 from hoopd.plots import style
 from hoopd.plots.loops import draw_design
-from hoopd.recording.bytesof import check_target, replace_file
+from hoopd.recording.bytesof import replace_file
 from hoopd.shipped import or_shipped, way_to
 
 KINDS = (*LAWS, "arx")
@@ -47,7 +48,7 @@ def run(
     disturbance_rad: float = 0.4,
 ) -> dict[str, Any]:
     """Design, judge, write and draw; the result as plain data. InputError: unusable input or an unstable loop."""
-    check_targets(out, figure)
+    check_results(out, figure)
     _check_disturbance(disturbance_rad)
     model_path = or_shipped(model_path)
     model = load_model(model_path)
@@ -140,14 +141,6 @@ def _left_out(model: ModelFile) -> list[str]:
 
 
 # ---------------------------------------------------------------------------------------------- files
-
-
-def check_targets(out: Path | None, figure: Path | None) -> None:
-    """InputError, before any work, when the results could not be written."""
-    if figure is not None:
-        style.check_path(figure)
-    if out is not None:
-        check_target(out, "--out")
 
 
 def _text(law: str, designed: Law, spec: Spec, model: ModelFile, model_path: Path, out: Path | None) -> str:

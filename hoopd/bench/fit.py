@@ -15,13 +15,14 @@ import numpy as np
 from hoopd.bench.fit_options import Wish, settings_of
 from hoopd.bench.fit_record import record
 from hoopd.bench.inputs import read_ages, read_recording
+from hoopd.bench.targets import check_results
 from hoopd.files import InputError
 from hoopd.ident.fit import Fit, Settings, fit, model_file, nominal_values
 from hoopd.ident.freerun import Subject
 from hoopd.ident.score import score
 from hoopd.modelfiles import ModelFile, model_text, parse_model
 from hoopd.physics.parameters import ParameterError
-from hoopd.recording.bytesof import check_target, replace_file
+from hoopd.recording.bytesof import replace_file
 from hoopd.recording.recording import Recording
 
 Progress = Callable[[str], None]
@@ -40,7 +41,7 @@ def run(
 ) -> dict[str, Any]:
     """Fit, judge, write; the result as a record. InputError when anything cannot be used or written."""
     wish = wish or Wish()
-    _check_targets(out, figure)
+    check_results(out, figure)
     base, settings = settings_of(wish)
     nominal = nominal_values(base, wish.structure)
     train = [read_recording(text, wish.columns, wish.age) for text in recordings]
@@ -81,16 +82,6 @@ def _fitted(train: Sequence[Recording], nominal: Mapping[str, float], settings: 
     if not np.isfinite([*found.values.values()]).all():
         raise InputError("fit", "", DIVERGED)
     return found
-
-
-def _check_targets(out: Path | None, figure: Path | None) -> None:
-    """Said before the work, not after it."""
-    if out is not None:
-        check_target(out, "--out")
-    if figure is not None:
-        from hoopd.plots.style import check_path
-
-        check_path(figure)
 
 
 def _write(found: Fit, base: ModelFile, train: Sequence[Recording], out: Path | None, figure: Path | None) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from hoopd.bench.inputs import read_ages, read_model, read_recording, read_values
+from hoopd.bench.targets import check_results
 from hoopd.files import InputError
 from hoopd.ident.experiments import moving_of
 from hoopd.ident.freerun import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
@@ -21,7 +22,6 @@ from hoopd.ident.score import WINDOW_S, Score, score
 from hoopd.modelfiles import ModelFile
 from hoopd.physics.simulate import STEP_S
 from hoopd.recording import Recording, save
-from hoopd.recording.bytesof import check_target
 from hoopd.recording.formats import extension_of
 from hoopd.recording.slices import MAX_VALUE
 from hoopd.recording.suspicions import suspicions
@@ -50,7 +50,9 @@ def run(
     recording, age: as in `read_recording`. x0: "psi=0.4,dtheta=0", the start instead of an estimated one. moving: auto,
     both, hoop or ball. InputError when anything cannot be used or written.
     """
-    _check_targets(out, figure)
+    if out is not None:
+        extension_of(out)  # said before the work, not after it
+    check_results(out, figure)
     file = read_model(model, without_effects=without_effects)
     _check_step(step_s)
     found = read_recording(recording, columns, age)
@@ -69,17 +71,6 @@ def run(
 
 
 # ---------------------------------------------------------------------------------------------- checks
-
-
-def _check_targets(out: Path | None, figure: Path | None) -> None:
-    """Said before the work, not after it."""
-    if out is not None:
-        extension_of(out)
-        check_target(out, "--out")
-    if figure is not None:
-        from hoopd.plots.style import check_path
-
-        check_path(figure)
 
 
 def _check_step(step_s: float) -> None:

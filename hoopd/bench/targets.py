@@ -32,6 +32,16 @@ def check_targets(inputs: Sequence[Path | str], outputs: Mapping[str, Path | Non
         taken[option] = path
 
 
+def check_results(out: Path | None, figure: Path | None) -> None:
+    """InputError when a result's file or figure could not be written; for who calls a command from Python, too."""
+    if out is not None:
+        check_target(out, "--out")
+    if figure is not None:
+        from hoopd.plots.style import check_path
+
+        check_path(figure)
+
+
 def _same(one: Path, other: Path) -> bool:
     with contextlib.suppress(OSError, ValueError):  # one of them is not there
         return one.samefile(other)

@@ -91,8 +91,7 @@ def moving_of(recording: Recording, encoder_counts: int = 4096) -> str:
     """Whether ball and hoop move: both, hoop or ball."""
     psi, theta = _seen(recording.psi), _seen(recording.theta)
     ball = len(psi) > SHORTEST_ROWS and np.ptp(psi) > STILL_PSI_RAD
-    held = len(theta) == 0 or np.ptp(theta) < HELD_COUNTS * tau / encoder_counts
-    return "hoop" if not ball else "ball" if held else "both"
+    return "hoop" if not ball else "ball" if _still(theta, encoder_counts) else "both"
 
 
 def prepare(
@@ -167,7 +166,7 @@ def fresh_angles(part: Timeline) -> NDArray[np.bool_]:
     """Which angles of the ball count: a value that repeats is a camera that has lost it (the first counts), or, when
     the hoop is still too, a ball at rest (the first and the last count)."""
     good, channel, theta = not_stuck(part.channels["psi"].values), part.channels["psi"], part.channels["theta"]
-    edges = np.flatnonzero(np.diff(channel.values, prepend=np.nan, append=np.nan) != 0.0)
+    edges, _ = _equal(channel.values)
     for first, last in pairwise(edges):
         if good[first:last].all() or len(theta.values) == 0:
             continue
@@ -177,8 +176,8 @@ def fresh_angles(part: Timeline) -> NDArray[np.bool_]:
     return good
 
 
-def _still(theta: Array) -> bool:
-    return len(theta) == 0 or float(np.ptp(theta)) < HELD_COUNTS * tau / 4096
+def _still(theta: Array, encoder_counts: int = 4096) -> bool:
+    return len(theta) == 0 or float(np.ptp(theta)) < HELD_COUNTS * tau / encoder_counts
 
 
 def once_at_rest(theta: Array) -> NDArray[np.bool_]:

@@ -102,11 +102,11 @@ def fit(
     names = free_names(settings, runs)
     priors = {**default_priors(settings.structure, names, values), **settings.priors}
     values = _near(recordings, values, names, priors, settings, progress)
-    solution = _solve(values, nominal, names, runs, priors, settings, progress)
+    solution = _solve(values, names, runs, priors, settings, progress)
     if not settings.channels and any("theta_rate" in run.series for run in runs):
         closer = prepare(recordings, ("theta", "psi"), settings.window_s, settings.encoder_counts)
         if _follows(solution, closer, settings):
-            again = _solve(solution.values, nominal, names, closer, priors, settings, progress)
+            again = _solve(solution.values, names, closer, priors, settings, progress)
             if again.sigma["theta"] < FOLLOWS_COUNTS * tau / settings.encoder_counts:
                 solution, runs, channels = again, closer, ("theta", "psi")
     known = uncertainty(solution, settings.loss)
@@ -165,7 +165,7 @@ def free_names(settings: Settings, runs: Sequence[Run]) -> tuple[str, ...]:
 
 
 def model_file(fitted: Fit, base: ModelFile, name: str) -> ModelFile:
-    """The fit as a model file: fitted values with their intervals, the others as they were."""
+    """The fit as a model file on the base's device: fitted values with their intervals, the others as they were."""
     units, found = PARAMETER_UNITS[fitted.structure], fitted.intervals
     device_names = base.device.values()
     parameters = {}
@@ -175,15 +175,10 @@ def model_file(fitted: Fit, base: ModelFile, name: str) -> ModelFile:
             parameters[key] = Parameter(value=value, unit=unit, ci95=found[key], nominal=fitted.nominal[key])
         elif key not in device_names or value != device_names[key]:
             parameters[key] = Parameter(value=value, unit=unit, nominal=fitted.nominal[key])
-    return replace_model(base, name, fitted.structure, parameters)
-
-
-def replace_model(base: ModelFile, name: str, structure: str, parameters: dict[str, Parameter]) -> ModelFile:
-    """The base's device and sample time with other parameters."""
     return ModelFile(
         schema="hoopd.model/1",
         name=name,
-        structure=structure,  # type: ignore[arg-type]
+        structure=fitted.structure,  # type: ignore[arg-type]
         device=base.device,
         parameters=parameters,
         sample_time_s=base.sample_time_s,
@@ -220,17 +215,15 @@ def _near(
 
 def _solve(
     values: Mapping[str, float],
-    nominal: Mapping[str, float],
     names: Sequence[str],
     runs: Sequence[Run],
     priors: Mapping[str, Prior],
     settings: Settings,
     progress: Progress,
 ) -> Solution:
-    found = fit_output_error(
+    return fit_output_error(
         settings.structure, values, names, runs, priors=priors, loss=settings.loss, progress=progress
     )
-    return replace(found, priors=priors)
 
 
 def _follows(solution: Solution, runs: Sequence[Run], settings: Settings) -> bool:

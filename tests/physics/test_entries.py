@@ -6,9 +6,12 @@ import re
 
 import numpy as np
 import pytest
+from freeruns import DEVICE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hoopd.ident.thesis import ENTRIES_PRINTED as THESIS
+from hoopd.ident.thesis import TABLE_3_1 as TABLE
 from hoopd.physics.entries import (
     ENTRIES,
     FORMULAS,
@@ -25,33 +28,6 @@ from hoopd.physics.entries import (
 from hoopd.physics.parameters import PARAMETER_UNITS
 from hoopd.physics.plant import Plant
 
-DEVICE = {
-    "mb": 0.0608,
-    "Ro": 0.0957,
-    "Rb": 0.0104,
-    "g": 9.81,
-    "Ib": 3.679e-6,
-    "Ih": 1.518e-3,
-    "bb": 2.6e-6,
-    "bh": 7e-4,
-}
-TABLE = {
-    **DEVICE,
-    "Ib": 2.4963218878738077e-6,
-    "Ih": 1.5000089046344925e-3,
-    "bb": 2.5737738382893808e-6,
-    "bh": 7.499999947648515e-3,
-}
-THESIS = {
-    "J11": -0.4818896328354544,
-    "J12": 0.06769766279210704,
-    "K1": -5.119508012862879,
-    "L1": 586.3694971455833,
-    "J21": -0.0032686776857956444,
-    "J22": -0.33509889971201284,
-    "K2": -73.63359905056758,
-    "L2": 210.1200001949957,
-}
 KINDS = ("rolling", "published")
 
 
