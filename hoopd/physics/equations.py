@@ -120,7 +120,7 @@ def rate(
     force = ca.vertcat(u, 0)
     for extra in extra_forces:
         force += ca.vertcat(*extra(s))
-    dtheta2, dpsi2 = _MOTIONS[moving](structure, s, force)
+    dtheta2, dpsi2 = MOTIONS[moving](structure, s, force)
     return ca.substitute(ca.vertcat(z[1], dtheta2, z[3], dpsi2), z, x)
 
 
@@ -143,7 +143,7 @@ def _ball_alone(structure: str, s: Symbols, force: ca.SX) -> tuple[ca.SX, ca.SX]
     return ca.SX(0), ca.substitute(free[1] - push[1, 0] / push[0, 0] * free[0], s.dtheta, ca.SX(0))
 
 
-_MOTIONS = {"both": _both, "hoop": _hoop_alone, "ball": _ball_alone}
+MOTIONS = {"both": _both, "hoop": _hoop_alone, "ball": _ball_alone}
 
 
 def runge_kutta(f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX, steps: int) -> ca.SX:

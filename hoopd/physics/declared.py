@@ -1,0 +1,119 @@
+"""A plant as the search for missing physics knows it: coordinates, accelerations, channels and slots.
+
+The state is (q1, q1', q2, q2', ...); the rate of a coordinate `theta` is called `dtheta`. The hoop with its ball is one
+such plant; another one is declared in a few lines (docs/effects.md).
+
+Rules of this file: equations come from `equations`; nothing here knows an effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from hoopd.physics.effects.base import Point
+from hoopd.physics.equations import MOTIONS, symbols
+from hoopd.physics.parameters import PARAMETER_UNITS
+
+
+class Slot(NamedTuple):
+    """Where an effect may sit: an `actuator`, a `body` (its coordinate), a `sensor` (its channels), or another kind."""
+
+    kind: str
+    coordinate: str = ""
+    channels: tuple[str, ...] = ()
+    turns: bool = False  # the body turns: torques may depend on its angle
+
+
+@dataclass(frozen=True)
+class DeclaredPlant:
+    """Everything the engine has to know of a plant."""
+
+    name: str
+    coordinates: tuple[str, ...]
+    # q'' (n,) at a point under generalised forces (n,); the torque of the drive is among the forces
+    accelerations: Callable[[Point, ca.SX], ca.SX]
+    values: Mapping[str, float]  # base parameters
+    free: tuple[str, ...]  # those that are fitted
+    driven: str | None  # the coordinate the drive acts on
+    channels: Mapping[str, str]  # what is measured -> the coordinate or rate it reads
+    slots: Mapping[str, Slot]
+    held: Mapping[str, float] = field(default_factory=dict)  # names that effects may use and that do not move
+    units: Mapping[str, str] = field(default_factory=dict)
+    force_unit: str = "N m"
+    limit: float = 0.7  # of the drive, in force_unit
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the state in its order."""
+        return tuple(name for q in self.coordinates for name in (q, f"d{q}"))
+
+    def point(self, x: Any, p: Mapping[str, Any], u: Any = 0.0, t: Any = 0.0) -> Point:
+        """Named view of a state."""
+        return Point({**self.held, **{name: x[i] for i, name in enumerate(self.states)}}, p, u, t)
+
+
+def hoop_plant(structure: str, values: Mapping[str, float], moving: str = "both", limit: float = 0.7) -> DeclaredPlant:
+    """The hoop with its ball, the hoop alone or the ball in a held hoop; `values` as in `Plant`."""
+    coordinates = {"both": ("theta", "psi"), "hoop": ("theta",), "ball": ("psi",)}[moving]
+    seen = {"theta": "theta", "dtheta": "dtheta", "psi": "psi"}
+    channels = {
+        name: state for name, state in seen.items() if state.removeprefix("d") in coordinates or state in coordinates
+    }
+    return DeclaredPlant(
+        name=f"{structure} ({moving})",
+        coordinates=coordinates,
+        accelerations=_hoop_accelerations(structure, moving),
+        values=dict(values),
+        free=_free(structure, moving),
+        driven="theta" if moving != "ball" else None,
+        channels=channels,
+        slots=_slots(moving),
+        held={"theta": 0.0, "dtheta": 0.0} if moving == "ball" else {},
+        units=PARAMETER_UNITS[structure],
+        limit=limit,
+    )
+
+
+# Which of the eight entries a recording says something about, by what moves in it.
+_ENTRIES_OF = {
+    "both": ("J11", "J12", "K1", "L1", "J21", "J22", "K2", "L2"),
+    "hoop": ("J11", "L1"),
+    "ball": ("J22", "K2"),
+}
+_PHYSICAL_OF = {"both": ("mb", "Ib", "Ih", "bb", "bh"), "hoop": ("Ih", "bh"), "ball": ("Ib", "bb")}
+
+
+def _free(structure: str, moving: str) -> tuple[str, ...]:
+    return _ENTRIES_OF[moving] if structure == "entries" else _PHYSICAL_OF[moving]
+
+
+def _slots(moving: str) -> dict[str, Slot]:
+    hoop = {
+        "actuator": Slot("actuator", "theta"),
+        "hoop": Slot("body", "theta", turns=True),
+        "encoder": Slot("sensor", "theta", ("theta", "dtheta")),
+        "external": Slot("push", "theta"),
+    }
+    ball = {
+        "ball": Slot("rolling_ball", "psi"),
+        "frame": Slot("frame", "psi"),
+        "camera": Slot("sensor", "psi", ("psi",)),
+    }
+    return {"both": {**hoop, **ball}, "hoop": hoop, "ball": ball}[moving]
+
+
+def _hoop_accelerations(structure: str, moving: str) -> Callable[[Point, ca.SX], ca.SX]:
+    def accelerations(s: Point, force: ca.SX) -> ca.SX:
+        # the Euler-Lagrange derivatives need symbols of their own
+        z, f = ca.SX.sym("z", 4), ca.SX.sym("f", 2)
+        both = MOTIONS[moving](structure, symbols(z, ca.SX(0), s.p), f)
+        here = ca.vertcat(*(getattr(s, name) if name in s else 0.0 for name in ("theta", "dtheta", "psi", "dpsi")))
+        full = {"both": lambda: force, "hoop": lambda: ca.vertcat(force, 0), "ball": lambda: ca.vertcat(0, force)}
+        found = ca.substitute(ca.vertcat(*both), ca.vertcat(z, f), ca.vertcat(here, full[moving]()))
+        return {"both": found, "hoop": found[0], "ball": found[1]}[moving]
+
+    return accelerations

@@ -1,0 +1,1 @@
+"""Missing physics as objects, one file per slot."""

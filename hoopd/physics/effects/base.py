@@ -1,0 +1,142 @@
+"""What an effect is: a physical mechanism that a model may leave out, declared once for simulator, filter and search.
+
+An effect sits at a slot of the plant and acts in one or more of these ways, in the order of the signal path:
+
+    delay, torque (a static map of the demanded torque, by `order`), lag  ->  force, friction, shift  ->
+    sensor (a map of a reading), latency, sensor_lag
+
+Its functions get the point of the plant (`s.theta`, `s.dtheta`, `s.u`, `s.t`, `s.p["mb"]` ...) and the effect's own
+parameters (`e.Fc`), all CasADi symbols; `physics.composite` puts any set of them together with the plant.
+
+Rules of this file: declarations only; nothing here knows a plant or a search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import inf, pi
+from types import SimpleNamespace
+from typing import Any
+
+# Parameters of an effect by their names.
+Values = SimpleNamespace
+# How a parameter enters: proportionally; as the phase of an amplitude; not proportionally (tried on its grid).
+ROLES = ("amplitude", "phase", "shape")
+
+
+class Point:
+    """Named view of where the plant is: coordinates and rates by name, `u` (N m), `t` (s), base parameters `p`."""
+
+    def __init__(self, names: Mapping[str, Any], p: Mapping[str, Any], u: Any = 0.0, t: Any = 0.0) -> None:
+        self._names, self.p, self.u, self.t = dict(names), p, u, t
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self.__dict__["_names"][name]
+        except KeyError:
+            raise AttributeError(f"the plant has no {name!r}: it has {', '.join(self.__dict__['_names'])}") from None
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._names
+
+    def replaced(self, u: Any = None, **names: Any) -> Point:
+        """The same point with some names changed."""
+        return Point({**self._names, **names}, self.p, self.u if u is None else u, self.t)
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """A number of an effect: its unit, the value at which the effect vanishes, its range and how it enters."""
+
+    name: str
+    unit: str
+    neutral: float
+    low: float
+    high: float
+    role: str = "amplitude"
+    grid: tuple[float, ...] = ()  # what a search tries; of an amplitude, its usual size alone
+    per_recording: bool = False  # a phase or a time that no other recording shares
+
+    def __post_init__(self) -> None:
+        if self.role not in ROLES or not self.low <= self.high:
+            raise ValueError(f"{self.name}: role {self.role!r}, range {self.low} to {self.high}")
+
+    @property
+    def size(self) -> float:
+        """Usual size: first of the grid, else a tenth of the range."""
+        return self.grid[0] if self.grid else (self.high - max(self.low, 0.0)) / 10.0
+
+
+def phase(name: str = "phi", *, per_recording: bool = False) -> EffectParameter:
+    """The phase of a periodic effect, rad."""
+    return EffectParameter(name, "rad", 0.0, -pi, pi, "phase", per_recording=per_recording)
+
+
+@dataclass(frozen=True)
+class DryFriction:
+    """A friction that opposes a rate and sticks exactly: |f| <= level, along a direction of the generalised forces.
+
+    The rate is sum(along[q] q'); the friction f along it is the one that stops it, clipped to the level.
+    """
+
+    level: Callable[[Point, Values], Any]  # N m (of a coordinate in m: N), never negative
+    along: Callable[[Point], Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect; see the head of the file."""
+
+    name: str  # slot.effect
+    parameters: tuple[EffectParameter, ...]
+    delay: str | None = None  # the parameter (s) by which the demanded torque is late
+    torque: Callable[[Point, Values], Any] | None = None  # s.u -> torque
+    order: int = 0  # among the maps of the torque: dead zone 1, limits 2, ripple and gain 3, bias and cogging 4
+    lag: str | None = None  # the parameter (s) of T tau' = u - tau
+    force: Callable[[Point, Values], Mapping[str, Any]] | None = None  # generalised forces by coordinate
+    friction: DryFriction | None = None
+    shift: Callable[[Point, Values], Mapping[str, Any]] | None = None  # added to a coordinate as gravity sees it
+    plant: Callable[[Any], Any] | None = None  # another plant in its place (one with a state more)
+    sensor: Callable[[Point, Values], Mapping[str, Any]] | None = None  # added to the readings, by channel
+    latency: Mapping[str, str] = field(default_factory=dict)  # channel -> the parameter (s)
+    sensor_lag: Mapping[str, str] = field(default_factory=dict)  # channel -> the parameter (s)
+    found_by: str = (
+        "screen"  # screen, scan (over its own search), quality (from the recording alone), base (parameters)
+    )
+    depends_on: tuple[str, ...] = ()
+    contains: tuple[str, ...] = ()  # simpler effects that are a case of this one
+    same_as: tuple[str, ...] = ()  # never told apart
+    near: tuple[str, ...] = ()  # told apart by rich data only
+    statement: str = ""  # what it is, in plain words
+    signature: str = ""  # what gives it away
+    sign: str = ""  # the rule its parameters obey
+    best_experiment: str = ""
+    write_back: str = ""
+
+    @property
+    def slot(self) -> str:
+        """Where it sits."""
+        return self.name.split(".")[0]
+
+    def neutral(self) -> dict[str, float]:
+        """Parameters at which it vanishes."""
+        return {one.name: one.neutral for one in self.parameters}
+
+    def key(self, parameter: str) -> str:
+        """Name of a parameter among those of a whole model."""
+        return f"{self.name}.{parameter}"
+
+    def values(self, everything: Mapping[str, Any]) -> Values:
+        """Its own parameters from those of a whole model; the neutral ones where there is none."""
+        return Values(**{one.name: everything.get(self.key(one.name), one.neutral) for one in self.parameters})
+
+    def parameter(self, name: str) -> EffectParameter:
+        """One by its name; KeyError."""
+        for one in self.parameters:
+            if one.name == name:
+                return one
+        raise KeyError(f"{self.name} has no parameter {name!r}")
+
+
+NO_LIMIT = inf
