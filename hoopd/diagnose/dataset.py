@@ -1,0 +1,168 @@
+"""Recordings as the search sees them: nodes, held torques and readings, for any declared plant.
+
+Rules of this file: nothing is judged here; what was not measured is NaN, and a stretch never crosses a gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.physics.composite import BACK_STEPS, LONGEST_STEP_S
+from hoopd.physics.declared import DeclaredPlant
+
+Array = NDArray[np.float64]
+
+# A stretch shorter than this says nothing beyond its own start.
+SHORTEST_S = 0.5
+# Samples of the local parabola that gives a first idea of positions and rates.
+PARABOLA = 7
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A piece without gaps, of one recording."""
+
+    recording: str
+    plant: DeclaredPlant
+    t: Array  # (n,) s from the recording's start, steps of at most LONGEST_STEP_S
+    u: Array  # (n-1,) torque held between the nodes
+    y: Array  # (n, channels) readings in the plant's order, NaN: none
+
+    @property
+    def h(self) -> Array:
+        """(n-1,) s"""
+        return np.diff(self.t)
+
+    @property
+    def samples(self) -> int:
+        """Readings that count."""
+        return int(np.isfinite(self.y).sum())
+
+    def seconds(self, first_s: float, last_s: float) -> Stretch:
+        """The nodes within these times."""
+        a, b = np.searchsorted(self.t, [first_s - 1e-9, last_s + 1e-9])
+        return replace(self, t=self.t[a:b], u=self.u[a : max(b - 1, a)], y=self.y[a:b])
+
+    def without(self, rows: NDArray[np.bool_], channels: Sequence[str] | None = None) -> Stretch:
+        """The same with some readings set aside."""
+        y = self.y.copy()
+        columns = [list(self.plant.channels).index(c) for c in channels or self.plant.channels]
+        y[np.ix_(rows, columns)] = np.nan
+        return replace(self, y=y)
+
+
+def stretch_of(
+    recording: str, plant: DeclaredPlant, t: Array, u: Array, readings: Mapping[str, tuple[Array, Array]]
+) -> Stretch:
+    """From nodes t (n,), torque held between them (n-1,) and (nodes, values) of every channel."""
+    cut = _cut(t)
+    where = np.searchsorted(cut, t)
+    y = np.full((len(cut), len(plant.channels)), np.nan)
+    for column, channel in enumerate(plant.channels):
+        if channel in readings:
+            nodes, values = readings[channel]
+            y[where[nodes], column] = values
+    held = u[np.clip(np.searchsorted(t, cut[:-1], side="right") - 1, 0, len(u) - 1)]
+    return Stretch(recording, plant, cut, held, y)
+
+
+def _cut(t: Array) -> Array:
+    """Nodes added where two are further apart than a step may be."""
+    pieces = np.maximum(1, np.ceil(np.diff(t) / LONGEST_STEP_S - 1e-6)).astype(int)
+    parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(t[:-1], t[1:], pieces, strict=True)]
+    return np.concatenate([*parts, t[-1:]])
+
+
+# ---------------------------------------------------------------------------------------------- held torques
+
+
+class Held:
+    """A torque held between nodes, and its mean over any interval, before the first node as at the first."""
+
+    def __init__(self, t: Array, u: Array) -> None:
+        self.t, self.u = t, u
+        self._integral = np.concatenate([[0.0], np.cumsum(u * np.diff(t))])
+
+    def integral(self, at: Array) -> Array:
+        """From the first node to `at`; outside the torque stays what it was."""
+        inside = np.interp(at, self.t, self._integral)
+        before, after = np.minimum(at - self.t[0], 0.0), np.maximum(at - self.t[-1], 0.0)
+        return np.asarray(inside + before * self.u[0] + after * self.u[-1])
+
+    def mean(self, start: Array, length: Array) -> Array:
+        """Over [start, start + length]."""
+        length = np.maximum(length, 1e-9)
+        return (self.integral(start + length) - self.integral(start)) / length
+
+    def at(self, when: Array) -> Array:
+        """Just after these instants."""
+        return self.u[np.clip(np.searchsorted(self.t, when + 1e-12, side="right") - 1, 0, len(self.u) - 1)]
+
+    def substeps(self, count: int, delay: float = 0.0) -> Array:
+        """(count, n-1) mean torque in each part of each step, `delay` seconds late."""
+        h = np.diff(self.t)
+        starts = self.t[:-1] + np.arange(count)[:, None] * h / count - delay
+        return self.mean(starts, np.broadcast_to(h / count, starts.shape))
+
+    def substeps_by_delay(self, count: int, delay: float) -> Array:
+        """Derivative of `substeps` by the delay."""
+        h = np.diff(self.t)
+        starts = self.t[:-1] + np.arange(count)[:, None] * h / count - delay
+        length = np.broadcast_to(np.maximum(h / count, 1e-9), starts.shape)
+        return -(self.at(starts + length) - self.at(starts)) / length
+
+    def back(self, late: Sequence[float], delay: float = 0.0) -> Array:
+        """(channels * BACK_STEPS, n) column-major: mean torque on the way back to `late` seconds ago, youngest first."""
+        found = np.empty((BACK_STEPS, len(late), len(self.t)))
+        for row, d in enumerate(late):
+            part = d / BACK_STEPS
+            for j in range(BACK_STEPS):
+                start = self.t - (j + 1) * part - delay
+                found[j, row] = self.mean(start, np.full_like(start, max(part, 1e-9)))
+        return found
+
+
+# ---------------------------------------------------------------------------------------------- first idea
+
+
+def first_states(stretch: Stretch) -> Array:
+    """(n, nx) positions and rates by local parabolas through the readings; no model."""
+    plant, t = stretch.plant, stretch.t
+    x = np.zeros((len(t), len(plant.states)))
+    for i, q in enumerate(plant.coordinates):
+        column = _reading(stretch, q)
+        if column is not None:
+            x[:, 2 * i], x[:, 2 * i + 1] = _parabolas(t, column)
+            continue
+        rate = _reading(stretch, f"d{q}")
+        if rate is not None:
+            x[:, 2 * i + 1] = _parabolas(t, rate)[0]
+            x[:, 2 * i] = np.concatenate([[0.0], np.cumsum(x[:-1, 2 * i + 1] * np.diff(t))])
+    return x
+
+
+def _reading(stretch: Stretch, state: str) -> Array | None:
+    for column, read in enumerate(stretch.plant.channels.values()):
+        if read == state and np.isfinite(stretch.y[:, column]).sum() >= PARABOLA:
+            return stretch.y[:, column]
+    return None
+
+
+def _parabolas(t: Array, y: Array) -> tuple[Array, Array]:
+    """Value and slope at every node of the parabola through the nearest samples."""
+    seen = np.isfinite(y)
+    ts, ys = t[seen], y[seen]
+    first = np.clip(np.searchsorted(ts, t) - PARABOLA // 2, 0, len(ts) - PARABOLA)
+    rows = first[:, None] + np.arange(PARABOLA)
+    dt = ts[rows] - t[:, None]
+    basis = np.stack([np.ones_like(dt), dt, dt**2], axis=-1)
+    normal = np.einsum("nki,nkj->nij", basis, basis)
+    right = np.einsum("nki,nk->ni", basis, ys[rows])
+    found = np.linalg.solve(normal, right[..., None])[..., 0]
+    return found[:, 0], found[:, 1]
+
+

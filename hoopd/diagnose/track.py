@@ -1,0 +1,177 @@
+"""One stretch of data with a model along it: the reference trajectory, and the model linear about it.
+
+Rules of this file: the reference comes from the smoother, so that what is left out of the model does not lead it away
+from the data; one-step maps and readings are those of `physics.composite`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.dataset import Held, Stretch, first_states
+from hoopd.diagnose.filtering import Gains, Linear, Noise, Smoothed, gains, smoothed, whitened
+from hoopd.physics.composite import Composite
+from hoopd.physics.declared import DeclaredPlant
+from hoopd.physics.effects.base import Effect
+
+Array = NDArray[np.float64]
+
+# Passes of the smoother until the reference stays: the second changes it by far less than the noise.
+SMOOTHING_PASSES = 2
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The linear problem of a stretch: residual first, then one column for each free parameter."""
+
+    model: Linear
+    f: Array  # (n-1, nz, 1+m)
+    eps: Array  # (n, nc, 1+m)
+
+
+class Track:
+    """A stretch, a composite model and the reference along it."""
+
+    def __init__(self, stretch: Stretch, effects: Sequence[Effect] = ()) -> None:
+        self.stretch, self.held = stretch, Held(stretch.t, stretch.u)
+        self.composite = composite_of(stretch.plant, tuple(effects))
+        x = first_states(stretch)
+        self.z = np.zeros((len(stretch.t), self.composite.nz))
+        self.w = np.zeros((len(stretch.t), self.composite.nq))
+        self.z[:, : x.shape[1]] = x
+        for k, state in enumerate(self.composite.plant.states[x.shape[1] :], start=x.shape[1]):
+            self.z[:, k] = self.composite.plant.held.get(state, 0.0)
+        u = np.append(stretch.u, stretch.u[-1])
+        for k in range(len(self.z)):
+            self.z[k, self.composite.nx :] = self.composite.beginning(self.z[k, : self.composite.nx], u[k])[
+                self.composite.nx :
+            ]
+
+    def like(self, other: Track) -> Track:
+        """Takes over the reference of a track of the same stretch with other effects."""
+        nx = min(self.composite.nx, other.composite.nx)
+        self.z[:, :nx] = other.z[:, :nx]
+        self.w[:, : min(self.w.shape[1], other.w.shape[1])] = other.w[:, : self.w.shape[1]]
+        return self
+
+    # ------------------------------------------------------------------------------------------ the model
+
+    def torques(self, values: Mapping[str, float]) -> Array:
+        """(substeps, n-1)"""
+        return self.held.substeps(self.composite.substeps, _sum(values, self.composite.delays))
+
+    def _back(self, values: Mapping[str, float]) -> Array:
+        """(channels * BACK_STEPS, n)"""
+        c = self.composite
+        late = [max(float(values.get(c.latencies.get(name, ""), 0.0)), 0.0) for name in c.channels]
+        back = self.held.back(late, _sum(values, c.delays))
+        return back.reshape(-1, back.shape[2])
+
+    def _step_inputs(self, values: Mapping[str, float], z: Array, w: Array) -> list[Array]:
+        n = len(self.stretch.t) - 1
+        p = np.repeat(self.composite.vector(values)[:, None], n, axis=1)
+        return [z[:-1].T, self.torques(values), w[:-1].T, self.stretch.h[None], self.stretch.t[None, :-1], p]
+
+    def _output_inputs(self, values: Mapping[str, float], z: Array, w: Array) -> list[Array]:
+        p = np.repeat(self.composite.vector(values)[:, None], len(z), axis=1)
+        back = self._back(values)
+        n, rows = len(z), len(self.composite.channels)
+        # the function takes a (channels, BACK_STEPS) matrix a node: side by side
+        wide = back.reshape(-1, rows, n).transpose(1, 2, 0).reshape(rows, -1)
+        return [z.T, wide, w.T, self.stretch.t[None], p]
+
+    def after(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
+        """(n-1, nz) one-step map from every node of the reference."""
+        z, w = (self.z if z is None else z), (self.w if w is None else w)
+        return _mapped(self.composite.step_function, len(z) - 1, self._step_inputs(values, z, w))[0]
+
+    def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
+        """(n, nc) what the sensors would show on the reference."""
+        z, w = (self.z if z is None else z), (self.w if w is None else w)
+        return _mapped(self.composite.output_function, len(z), self._output_inputs(values, z, w))[0]
+
+    # ------------------------------------------------------------------------------------------ linear
+
+    def columns(self, values: Mapping[str, float], free: Sequence[str]) -> Columns:
+        """The model linear about the reference; `free` parameters it does not have get columns of zeros."""
+        c, n = self.composite, len(self.stretch.t)
+        own = tuple(name for name in free if name in c.names)
+        step, output = derivatives_of(c, own)
+        after, by_z, by_w, by_u, by_p = _mapped(step, n - 1, self._step_inputs(values, self.z, self.w))
+        y, of_z, of_p = _mapped(output, n, self._output_inputs(values, self.z, self.w))
+        by_z, by_w, by_u, by_p = (_matrices(one, c.nz) for one in (by_z, by_w, by_u, by_p))
+        of_z, of_p = _matrices(of_z, len(c.channels)), _matrices(of_p, len(c.channels))
+        for name in c.delays:
+            if name in own:
+                slope = self.held.substeps_by_delay(c.substeps, _sum(values, c.delays))
+                by_p[:, :, own.index(name)] += np.einsum("nzs,sn->nz", by_u, slope)
+        # f = F(z, w) - W w - z_next: the disturbance itself is a state of the filter
+        residual = after - np.einsum("nzw,nw->nz", by_w, self.w[:-1]) - self.z[1:]
+        f, eps = np.zeros((n - 1, c.nz, 1 + len(free))), np.zeros((n, len(c.channels), 1 + len(free)))
+        f[:, :, 0], eps[:, :, 0] = residual, np.nan_to_num(self.stretch.y) - y
+        where = [1 + list(free).index(name) for name in own]
+        f[:, :, where], eps[:, :, where] = by_p, -of_p
+        seen = np.isfinite(self.stretch.y)
+        return Columns(Linear(by_z, by_w, of_z, self.stretch.h, seen, c.nx), f, eps)
+
+    def smooth(self, values: Mapping[str, float], noise: Noise, passes: int = SMOOTHING_PASSES) -> Smoothed:
+        """Moves the reference to the smoothed trajectory."""
+        for _ in range(passes):
+            columns = self.columns(values, ())
+            found = gains(columns.model, noise)
+            last = smoothed(columns.model, found, columns.f[:, :, 0], columns.eps[:, :, 0])
+            self.z = self.z + last.d[:, : self.composite.nz]
+            self.w = last.d[:, self.composite.nz :]
+        return last
+
+    def whitened(self, columns: Columns, found: Gains) -> Array:
+        """(n * nc, 1+m) rows of the least-squares problem."""
+        out = whitened(columns.model, found, columns.f, columns.eps)
+        return out.reshape(-1, out.shape[2])
+
+
+def plant_key(plant: DeclaredPlant) -> str:
+    """Equal for plants with equal equations and values."""
+    return f"{plant.name} {sorted(plant.values.items())}"
+
+
+def composite_of(plant: DeclaredPlant, effects: tuple[Effect, ...]) -> Composite:
+    """One object for equal plants and effects: its functions are built once."""
+    key = (plant_key(plant), tuple(effect.name for effect in effects))
+    if key not in _composites:
+        _composites[key] = Composite(plant, effects)
+    return _composites[key]
+
+
+def derivatives_of(composite: Composite, free: tuple[str, ...]) -> tuple[ca.Function, ca.Function]:
+    """Of step and readings, built once."""
+    key = (id(composite), free)
+    if key not in _derivatives:
+        _derivatives[key] = composite.step_derivatives(free), composite.output_derivatives(free)
+    return _derivatives[key]
+
+
+# Composites live as long as the process: there are as many as sets of effects are tried, some hundred.
+_composites: dict[tuple[str, tuple[str, ...]], Composite] = {}
+_derivatives: dict[tuple[int, tuple[str, ...]], tuple[ca.Function, ca.Function]] = {}
+
+
+def _sum(values: Mapping[str, float], names: Sequence[str]) -> float:
+    return float(sum(values.get(name, 0.0) for name in names))
+
+
+def _matrices(flat: Array, rows: int) -> Array:
+    """(n, rows * cols), column-major, as (n, rows, cols)."""
+    return flat.reshape(len(flat), -1, rows).transpose(0, 2, 1).copy()
+
+
+def _mapped(function: ca.Function, count: int, inputs: Sequence[Array]) -> list[Array]:
+    """Every result as (count, elements column-major)."""
+    out = function.map(count)(*inputs)
+    out = out if isinstance(out, tuple) else (out,)
+    return [np.asarray(one.full()).T.reshape(count, -1) for one in out]
