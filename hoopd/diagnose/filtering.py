@@ -130,36 +130,21 @@ def smoothed(model: Linear, found: Gains, f: Array, eps: Array) -> Smoothed:
 
 
 class Criterion:
-    """The profile likelihood of the noise levels: base columns are fitted inside."""
+    """The likelihood of the noise levels, given one residual f (n-1, nz), eps (n, nc)."""
 
     def __init__(self, model: Linear, f: Array, eps: Array) -> None:
-        """f (n-1, nz, 1+m), eps (n, nc, 1+m): the residual, then the columns of the base."""
-        self.model, self.m = model, f.shape[2] - 1
+        self.model = model
         n, nc, nz = model.c.shape
-        self._pass = _gram_pass(nz, model.w.shape[2], nc, model.nx, self.m + 1).mapaccum(n)
-        eps = np.where(model.seen[:, :, None], eps, 0.0)
-        last = np.zeros((1, *f.shape[1:]))
-        self._fixed = [*_per_node(model), ca.DM(_rows(np.concatenate([f, last]))), ca.DM(_rows(eps))]
-        self._n = n
-
-    def gram(self, noise: Noise) -> tuple[Array, float]:
-        """(1+m, 1+m) inner products of the whitened columns, and sum of log S."""
-        start = _start(self.model, noise)
-        m = self.m + 1
-        first = np.concatenate([start, np.zeros(self.model.size * m + m * m + 1)])
-        levels = np.repeat(_levels(noise)[:, None], self._n, axis=1)
-        out = self._pass(first, *self._fixed, levels)
-        last = np.asarray(out[:, -1].full()).ravel()
-        return last[-1 - m * m : -1].reshape(m, m), float(last[-1])
+        self._pass = _likelihood_pass(nz, model.w.shape[2], nc, model.nx).mapaccum(n)
+        eps = np.where(model.seen, eps, 0.0)
+        f = np.concatenate([f, np.zeros((1, nz))])
+        self._fixed, self._n = [*_per_node(model), ca.DM(f.T), ca.DM(eps.T)], n
 
     def value(self, noise: Noise) -> float:
-        """Negative log-likelihood without its constant, the base's columns fitted."""
-        gram, logdet = self.gram(noise)
-        left = gram[0, 0]
-        if self.m:
-            ridge = 1e-12 * np.diag(np.diag(gram)[1:]) + 1e-300 * np.eye(self.m)
-            left -= gram[0, 1:] @ np.linalg.solve(gram[1:, 1:] + ridge, gram[1:, 0])
-        return float(left + logdet) / 2
+        """Negative log-likelihood without its constant."""
+        first = np.concatenate([_start(self.model, noise), np.zeros(self.model.size + 1)])
+        levels = np.repeat(_levels(noise)[:, None], self._n, axis=1)
+        return float(self._pass(first, *self._fixed, levels)[-1, -1]) / 2
 
 
 # ---------------------------------------------------------------------------------------------- CasADi
@@ -221,13 +206,15 @@ def _update(p: ca.SX, s: dict[str, ca.SX], nq: int, nc: int) -> tuple[ca.SX, ca.
 
 
 def _predict(p: ca.SX, s: dict[str, ca.SX], nq: int, nx: int) -> tuple[ca.SX, ca.SX]:
-    nz = s["a"].size1()
+    nz, size = s["a"].size1(), p.size1()
     decay = ca.exp(-s["h"] / s["s"][nq : 2 * nq])
     phi = ca.vertcat(ca.horzcat(s["a"], s["w"]), ca.horzcat(ca.SX.zeros(nq, nz), ca.diag(decay)))
     floor = [RATE_FLOOR**2 if i < nx and i % 2 else 0.0 for i in range(nz)]
     q = ca.diag(ca.vertcat(ca.DM(floor), s["s"][:nq] ** 2 * (1 - decay**2)))
-    p = ca.mtimes(ca.mtimes(phi, p), phi.T) + q
-    return (p + p.T) / 2, phi
+    half = ca.mtimes(phi, p)
+    # the lower half is computed, the upper one is the same
+    lower = ca.tril(ca.vertcat(*(ca.horzcat(*(ca.dot(half[i, :], phi[j, :]) if j <= i else 0 for j in range(size))) for i in range(size))))
+    return ca.tril2symm(lower) + q, phi
 
 
 @lru_cache(maxsize=16)
@@ -243,18 +230,16 @@ def _covariance_pass(nz: int, nq: int, nc: int, nx: int) -> ca.Function:
 
 
 @lru_cache(maxsize=16)
-def _gram_pass(nz: int, nq: int, nc: int, nx: int, m: int) -> ca.Function:
+def _likelihood_pass(nz: int, nq: int, nc: int, nx: int) -> ca.Function:
+    """State: covariance, deviation, sum of e^2/S + log S."""
     size, s = nz + nq, _symbols(nz, nq, nc)
-    first = ca.SX.sym("state", size * size + size * m + m * m + 1)
-    f, eps = ca.SX.sym("f", nz, m), ca.SX.sym("eps", nc, m)
-    before = ca.reshape(first[: size * size], size, size)
-    d = ca.reshape(first[size * size : size * size + size * m], size, m)
-    gram = ca.reshape(first[-1 - m * m : -1], m, m)
+    first = ca.SX.sym("state", size * size + size + 1)
+    f, eps = ca.SX.sym("f", nz), ca.SX.sym("eps", nc)
+    before, d = ca.reshape(first[: size * size], size, size), first[size * size : -1]
     p, whiten, gain, logdet = _update(before, s, nq, nc)
-    e = eps - ca.mtimes(s["c"], d[:nz, :])
-    white = ca.mtimes(whiten, e)
+    e = eps - ca.mtimes(s["c"], d[:nz])
     after, phi = _predict(p, s, nq, nx)
-    d = ca.mtimes(phi, d + ca.mtimes(gain, e)) + ca.vertcat(f, ca.SX.zeros(nq, m))
-    last = ca.vertcat(ca.vec(after), ca.vec(d), ca.vec(gram + ca.mtimes(white.T, white)), first[-1] + logdet)
-    ins = [first, *(ca.vec(s[k]) for k in ("a", "w", "h", "c", "seen")), ca.vec(f), ca.vec(eps), ca.vec(s["s"])]
-    return ca.Function("gram", ins, [last], {"cse": True})
+    d = ca.mtimes(phi, d + ca.mtimes(gain, e)) + ca.vertcat(f, ca.SX.zeros(nq))
+    last = ca.vertcat(ca.vec(after), d, first[-1] + logdet + ca.sumsqr(ca.mtimes(whiten, e)))
+    ins = [first, *(ca.vec(s[k]) for k in ("a", "w", "h", "c", "seen")), f, eps, s["s"]]
+    return ca.Function("likelihood", ins, [last], {"cse": True})

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 # Gauss-Newton ends when no parameter moves by more than this share of its standard error.
 SETTLED = 0.1
-MOST_STEPS = 8
+FIRST_STEPS, MOST_STEPS, LAST_STEPS = 3, 8, 2
 # Noise levels are searched within these factors of their first guess; a disturbance slower than a second is physics.
 FORCE_FACTOR, READING_FACTOR = 300.0, (0.4, 30.0)
 TIMES_S = (0.03, 1.0)
@@ -85,10 +85,14 @@ def fit(
     free = free_names(tracks) if free is None else tuple(free)
     found = Fit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
     _linearise(found)
-    for round_ in range(2 if tune_noise else 1):
-        if tune_noise:
-            tuned_noise(found)
-        _search(found, MOST_STEPS if round_ or not tune_noise else 4)
+    if tune_noise:
+        # levels are tuned on the residual of fitted parameters, so that these come first
+        _search(found, FIRST_STEPS)
+        tuned_noise(found)
+    _search(found, MOST_STEPS)
+    if tune_noise:
+        tuned_noise(found)
+        _search(found, LAST_STEPS)
     return found
 
 
@@ -214,9 +218,13 @@ def tuned_noise(found: Fit) -> None:
     first = first_noise(found.tracks, found.values)
     for recording in dict.fromkeys(track.stretch.recording for track in found.tracks):
         parts = [i for i, track in enumerate(found.tracks) if track.stretch.recording == recording]
-        criteria = [Criterion(found.columns[i].model, found.columns[i].f, found.columns[i].eps) for i in parts]
+        criteria = [_criterion(found.columns[i]) for i in parts]
         found.noise[recording] = _tuned(criteria, found.noise[recording], first[recording])
     _whiten(found)
+
+
+def _criterion(columns: Columns) -> Criterion:
+    return Criterion(columns.model, columns.f[:, :, 0], columns.eps[:, :, 0])
 
 
 def _tuned(criteria: Sequence[Criterion], start: Noise, first: Noise) -> Noise:
@@ -234,7 +242,7 @@ def _tuned(criteria: Sequence[Criterion], start: Noise, first: Noise) -> Noise:
 
     begin = np.clip(np.log(np.concatenate(start)), np.log(low), np.log(high))
     bounds = list(zip(np.log(low), np.log(high), strict=True))
-    options = {"maxiter": 15, "ftol": 1e-7, "eps": 1e-3}
+    options = {"maxiter": 15, "ftol": 1e-6, "eps": 1e-3}
     best = minimize(value, begin, method="L-BFGS-B", bounds=bounds, options=options)
     assert nc == len(split(best.x).reading)
     return split(best.x)
