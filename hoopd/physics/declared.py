@@ -20,12 +20,15 @@ from hoopd.physics.parameters import PARAMETER_UNITS
 
 
 class Slot(NamedTuple):
-    """Where an effect may sit: an `actuator`, a `body` (its coordinate), a `sensor` (its channels), or another kind."""
+    """Where an effect may sit: `actuator`, `body`, `sensor`, `push`, or a kind of one plant (`rolling_ball`, `frame`)."""
 
     kind: str
     coordinate: str = ""
     channels: tuple[str, ...] = ()
-    turns: bool = False  # the body turns: torques may depend on its angle
+    turns: bool = False  # the body (or the sensor's wheel) turns: an angle comes back after a turn
+    device: str = ""  # of a sensor: encoder, camera, or anything else
+    speed: float = 10.0  # usual rate of the coordinate, rad/s or m/s: the sizes that a search tries follow it
+    viscous: Callable[[Point], Any] | None = None  # the base's viscous coefficient of the body, where it has one
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ def hoop_plant(structure: str, values: Mapping[str, float], moving: str = "both"
         free=_free(structure, moving),
         driven="theta" if moving != "ball" else None,
         channels=channels,
-        slots=_slots(moving),
+        slots=_slots(structure, moving),
         held={"theta": 0.0, "dtheta": 0.0} if moving == "ball" else {},
         units=PARAMETER_UNITS[structure],
         limit=limit,
@@ -91,19 +94,39 @@ def _free(structure: str, moving: str) -> tuple[str, ...]:
     return _ENTRIES_OF[moving] if structure == "entries" else _PHYSICAL_OF[moving]
 
 
-def _slots(moving: str) -> dict[str, Slot]:
+def _slots(structure: str, moving: str) -> dict[str, Slot]:
     hoop = {
         "actuator": Slot("actuator", "theta"),
-        "hoop": Slot("body", "theta", turns=True),
-        "encoder": Slot("sensor", "theta", ("theta", "dtheta")),
+        "hoop": Slot("body", "theta", turns=True, viscous=_hoop_friction(structure, moving)),
+        "encoder": Slot("sensor", "theta", ("theta", "dtheta"), turns=True, device="encoder"),
         "external": Slot("push", "theta"),
     }
     ball = {
         "ball": Slot("rolling_ball", "psi"),
         "frame": Slot("frame", "psi"),
-        "camera": Slot("sensor", "psi", ("psi",)),
+        "camera": Slot("sensor", "psi", ("psi",), turns=True, device="camera"),
     }
     return {"both": {**hoop, **ball}, "hoop": hoop, "ball": ball}[moving]
+
+
+def _hoop_friction(structure: str, moving: str) -> Callable[[Point], Any]:
+    """bh (N m s) of a model; of `entries` what six of them imply."""
+    if structure != "entries":
+        return lambda s: s.p["bh"]
+    # theta'' = J11 theta' + L1 tau of the bare hoop: bh = -J11 / L1
+    return _bare_hoop_friction if moving == "hoop" else _implied_friction
+
+
+def _bare_hoop_friction(s: Point) -> Any:
+    return ca.fabs(s.p["J11"]) / s.p["L1"]
+
+
+def _implied_friction(s: Point) -> Any:
+    """bh as in `entries.combinations_from`; where that is no friction, all of J11 is taken for it."""
+    p = s.p
+    d = p["J12"] / (p["L1"] - p["L2"])
+    implied = (p["L2"] * d - p["J11"]) / p["L1"] - d
+    return ca.if_else(implied > 0.0, implied, _bare_hoop_friction(s))
 
 
 def _hoop_accelerations(structure: str, moving: str) -> Callable[[Point, ca.SX], ca.SX]:

@@ -57,6 +57,7 @@ class EffectParameter:
     role: str = "amplitude"
     grid: tuple[float, ...] = ()  # what a search tries; of an amplitude, its usual size alone
     per_recording: bool = False  # a phase or a time that no other recording shares
+    discrete: bool = False  # only the values of the grid make sense: never refined between them
 
     def __post_init__(self) -> None:
         if self.role not in ROLES or not self.low <= self.high:
@@ -64,8 +65,14 @@ class EffectParameter:
 
     @property
     def size(self) -> float:
-        """Usual size: first of the grid, else a tenth of the range."""
+        """Usual distance from neutral: first of the grid, else a tenth of the range."""
         return self.grid[0] if self.grid else (self.high - max(self.low, 0.0)) / 10.0
+
+
+def geometric(low: float, high: float, count: int) -> tuple[float, ...]:
+    """A grid of so many values from low to high in equal ratios, to three digits."""
+    ratio = (high / low) ** (1.0 / (count - 1))
+    return tuple(float(f"{low * ratio**i:.3g}") for i in range(count))
 
 
 def phase(name: str = "phi", *, per_recording: bool = False) -> EffectParameter:
@@ -101,9 +108,9 @@ class Effect:
     sensor: Callable[[Point, Values], Mapping[str, Any]] | None = None  # added to the readings, by channel
     latency: Mapping[str, str] = field(default_factory=dict)  # channel -> the parameter (s)
     sensor_lag: Mapping[str, str] = field(default_factory=dict)  # channel -> the parameter (s)
-    found_by: str = (
-        "screen"  # screen, scan (over its own search), quality (from the recording alone), base (parameters)
-    )
+    substeps: int = 0  # at least so many integration steps between two nodes (20 ms); 0: no wish
+    # screen, scan (a search of its own), quality (from the recording alone), base (parameters), switch (on or off)
+    found_by: str = "screen"
     depends_on: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()  # simpler effects that are a case of this one
     same_as: tuple[str, ...] = ()  # never told apart

@@ -1,0 +1,82 @@
+"""Forces on the ball that rolls in the hoop: slots of the kind `rolling_ball`.
+
+Rules of this file: one function an effect; its equation stands above the line that computes it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from hoopd.physics.declared import DeclaredPlant
+from hoopd.physics.effects.base import DryFriction, Effect, EffectParameter, Point
+from hoopd.physics.effects.slots import named, of_kind
+
+
+def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+    """Those of every rolling ball."""
+    found = []
+    for name, slot in of_kind(plant, "rolling_ball"):
+        found += [_coulomb(plant, name, slot.coordinate), _rolling_resistance(name), _drag(name)]
+    return tuple(found)
+
+
+def normal_force(s: Point) -> Any:
+    """Force (N) with which hoop and ball press on each other, never negative: m ((Ro-Rb) psi'^2 + g cos psi)."""
+    p = s.p
+    return ca.fmax(p["mb"] * ((p["Ro"] - p["Rb"]) * s.dpsi**2 + p["g"] * ca.cos(s.psi)), 0.0)
+
+
+def _along(s: Point) -> dict[str, Any]:
+    # phi' = (Ro/Rb) (theta' - psi')
+    ratio = s.p["Ro"] / s.p["Rb"]
+    return {"theta": ratio, "psi": -ratio}
+
+
+def _coulomb(plant: DeclaredPlant, name: str, q: str) -> Effect:
+    return Effect(
+        f"{name}.coulomb_friction",
+        (EffectParameter("Fc", "N m", 0.0, 0.0, 1e-3, grid=(3e-5,)),),
+        # torque -Fc sign(phi') conjugate to the rolling rate
+        friction=DryFriction(lambda s, e: e.Fc, _along),
+        depends_on=("dtheta", "dpsi"),
+        near=(f"{name}.rolling_resistance", *named(plant, "body", "coulomb_friction", "theta")),
+        statement="dry friction of the rolling ball: a constant torque against the rolling",
+        signature="the missing force on the ball jumps with the sign of the rolling rate, free swings die out linearly",
+        sign="Fc >= 0: it takes energy away",
+        best_experiment="free swings of the ball from large angles with the hoop held",
+        write_back="the estimator knows the friction; a small steady angle error is expected",
+    )
+
+
+def _rolling_resistance(name: str) -> Effect:
+    return Effect(
+        f"{name}.rolling_resistance",
+        (EffectParameter("r", "m", 0.0, 0.0, 2e-3, grid=(5e-5,)),),
+        # Fc = r N
+        friction=DryFriction(lambda s, e: e.r * normal_force(s), _along),
+        depends_on=("dtheta", "dpsi", "psi"),
+        near=(f"{name}.coulomb_friction",),
+        statement="rolling resistance: a torque against the rolling, in proportion to the normal force",
+        signature="the missing force jumps with the sign of the rolling rate and grows with the normal force",
+        sign="r >= 0: it takes energy away",
+        best_experiment="free swings from the largest angle: the normal force changes along the swing",
+        write_back="the estimator knows the resistance; a small steady angle error is expected",
+    )
+
+
+def _drag(name: str) -> Effect:
+    return Effect(
+        f"{name}.quadratic_drag",
+        (EffectParameter("c", "N m s2", 0.0, 0.0, 1e-3, grid=(2e-5,)),),
+        # -c psi' |psi'| on psi
+        force=lambda s, e: {"psi": -e.c * s.dpsi * ca.fabs(s.dpsi)},
+        depends_on=("dpsi",),
+        near=(f"{name}.coulomb_friction",),
+        statement="drag of the ball that grows with the square of its speed",
+        signature="the missing force on the ball is against psi' and grows with its square",
+        sign="c >= 0: it takes energy away",
+        best_experiment="free swings from the largest angle, and from small ones to compare",
+        write_back="the estimator knows the drag",
+    )
