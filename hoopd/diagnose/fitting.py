@@ -81,8 +81,10 @@ def fit(
     if like is not None:
         tracks = [new.like(old) for new, old in zip(tracks, like.tracks, strict=True)]
     start = {name: value for track in tracks for name, value in track.composite.values.items()}
-    start.update({name: value for name, value in values.items() if name in start})
     free = free_names(tracks) if free is None else tuple(free)
+    shared = {name.split("@")[0]: value for name, value in values.items()}
+    start.update({name: shared[name.split("@")[0]] for name in (*start, *free) if name.split("@")[0] in shared})
+    start.update({name: value for name, value in values.items() if name in start})
     found = Fit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
     _linearise(found)
     if tune_noise:
@@ -99,8 +101,15 @@ def fit(
 def free_names(tracks: Sequence[Track]) -> tuple[str, ...]:
     """Base parameters that any of the plants leaves free, then those of the effects."""
     base = dict.fromkeys(name for track in tracks for name in track.stretch.plant.free)
-    extra = dict.fromkeys(e.key(p.name) for track in tracks for e in track.composite.effects for p in e.parameters)
+    extra = dict.fromkeys(name for track in tracks for name in _effect_names(track))
     return (*base, *extra)
+
+
+def _effect_names(track: Track) -> list[str]:
+    """Of the effects' parameters that are searched continuously; what belongs to a recording carries its name."""
+    own = f"@{track.stretch.recording}"
+    every = [(e, p) for e in track.composite.effects for p in e.parameters if not p.discrete]
+    return [e.key(p.name) + (own if p.per_recording else "") for e, p in every]
 
 
 def _search(found: Fit, most: int) -> None:
@@ -122,7 +131,7 @@ def _moved(found: Fit, delta: Array) -> dict[str, float]:
     values = dict(found.values)
     ranges = {e.key(p.name): (p.low, p.high) for e in found.effects for p in e.parameters if p.role != "phase"}
     for name, step in zip(found.free, delta, strict=True):
-        low, high = ranges.get(name, (-np.inf, np.inf))
+        low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))
         values[name] = float(np.clip(values[name] + step, low, high))
     return values
 
@@ -158,12 +167,12 @@ def _prior(found: Fit) -> tuple[Array, Array]:
     """Weights (m,) and distance to the centre (m,): wide about the declared values; of an effect its range."""
     weight, centre = np.zeros(len(found.free)), np.zeros(len(found.free))
     declared = {name: value for track in found.tracks for name, value in track.stretch.plant.values.items()}
-    widths = {e.key(p.name): (p.high - p.low, p.neutral) for e in found.effects for p in e.parameters}
+    widths = {e.key(p.name): p.high - p.low for e in found.effects for p in e.parameters}
     for i, name in enumerate(found.free):
         middle = declared.get(name, 0.0)
         width = PRIOR_SIZE * max(abs(middle), 0.3)
-        if name in widths:
-            width, middle = widths[name][0], found.values[name]
+        if (plain := name.split("@")[0]) in widths:
+            width, middle = widths[plain], found.values[name]
         weight[i], centre[i] = 1.0 / width**2, middle - found.values[name]
     return weight, centre
 

@@ -52,6 +52,13 @@ class Track:
                 self.composite.nx :
             ]
 
+    @classmethod
+    def of(cls, stretch: Stretch, held: Held, composite: Composite) -> Track:
+        """With a composite of its own and no reference yet."""
+        found = cls.__new__(cls)
+        found.stretch, found.held, found.composite = stretch, held, composite
+        return found
+
     def like(self, other: Track) -> Track:
         """Takes over the reference of a track of the same stretch with other effects."""
         nx = min(self.composite.nx, other.composite.nx)
@@ -60,6 +67,12 @@ class Track:
         return self
 
     # ------------------------------------------------------------------------------------------ the model
+
+    def local(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of this stretch: what stands for its recording alone, `name@recording`, goes before `name`."""
+        mark = f"@{self.stretch.recording}"
+        own = {name.removesuffix(mark): value for name, value in values.items() if name.endswith(mark)}
+        return {**self.composite.values, **{n: v for n, v in values.items() if "@" not in n}, **own}
 
     def torques(self, values: Mapping[str, float]) -> Array:
         """(substeps, n-1)"""
@@ -85,13 +98,21 @@ class Track:
         wide = back.reshape(-1, rows, n).transpose(1, 2, 0).reshape(rows, -1)
         return [z.T, wide, w.T, self.stretch.t[None], p]
 
-    def after(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
+    def after(
+        self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None, substeps: int = 0
+    ) -> Array:
         """(n-1, nz) one-step map from every node of the reference."""
+        values = self.local(values)
         z, w = (self.z if z is None else z), (self.w if w is None else w)
-        return _mapped(self.composite.step_function, len(z) - 1, self._step_inputs(values, z, w))[0]
+        c = self.composite
+        if substeps not in (0, c.substeps):
+            finer = Track.of(self.stretch, self.held, composite_of(c.plant, c.effects, substeps))
+            return finer.after(values, z, w)
+        return _mapped(c.step_function, len(z) - 1, self._step_inputs(values, z, w))[0]
 
     def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
         """(n, nc) what the sensors would show on the reference."""
+        values = self.local(values)
         z, w = (self.z if z is None else z), (self.w if w is None else w)
         return _mapped(self.composite.output_function, len(z), self._output_inputs(values, z, w))[0]
 
@@ -100,7 +121,10 @@ class Track:
     def columns(self, values: Mapping[str, float], free: Sequence[str]) -> Columns:
         """The model linear about the reference; `free` parameters it does not have get columns of zeros."""
         c, n = self.composite, len(self.stretch.t)
-        own = tuple(name for name in free if name in c.names)
+        values, mark = self.local(values), f"@{self.stretch.recording}"
+        mine = {name: name.removesuffix(mark) for name in free if name.endswith(mark) or "@" not in name}
+        mine = {name: local for name, local in mine.items() if local in c.names}
+        own = tuple(mine.values())
         step, output = derivatives_of(c, own)
         after, by_z, by_w, by_u, by_p = _mapped(step, n - 1, self._step_inputs(values, self.z, self.w))
         y, of_z, of_p = _mapped(output, n, self._output_inputs(values, self.z, self.w))
@@ -114,7 +138,7 @@ class Track:
         residual = after - np.einsum("nzw,nw->nz", by_w, self.w[:-1]) - self.z[1:]
         f, eps = np.zeros((n - 1, c.nz, 1 + len(free))), np.zeros((n, len(c.channels), 1 + len(free)))
         f[:, :, 0], eps[:, :, 0] = residual, np.nan_to_num(self.stretch.y) - y
-        where = [1 + list(free).index(name) for name in own]
+        where = [1 + list(free).index(name) for name in mine]
         f[:, :, where], eps[:, :, where] = by_p, -of_p
         seen = np.isfinite(self.stretch.y)
         return Columns(Linear(by_z, by_w, of_z, self.stretch.h, seen, c.nx), f, eps)
@@ -140,11 +164,12 @@ def plant_key(plant: DeclaredPlant) -> str:
     return f"{plant.name} {sorted(plant.values.items())}"
 
 
-def composite_of(plant: DeclaredPlant, effects: tuple[Effect, ...]) -> Composite:
-    """One object for equal plants and effects: its functions are built once."""
-    key = (plant_key(plant), tuple(effect.name for effect in effects))
+def composite_of(plant: DeclaredPlant, effects: tuple[Effect, ...], substeps: int = 0) -> Composite:
+    """One object for equal plants and effects: its functions are built once; `substeps`: other than its own."""
+    key = (plant_key(plant), tuple(effect.name for effect in effects), substeps)
     if key not in _composites:
         _composites[key] = Composite(plant, effects)
+        _composites[key].substeps = substeps or _composites[key].substeps
     return _composites[key]
 
 
@@ -157,7 +182,7 @@ def derivatives_of(composite: Composite, free: tuple[str, ...]) -> tuple[ca.Func
 
 
 # Composites live as long as the process: there are as many as sets of effects are tried, some hundred.
-_composites: dict[tuple[str, tuple[str, ...]], Composite] = {}
+_composites: dict[tuple[str, tuple[str, ...], int], Composite] = {}
 _derivatives: dict[tuple[int, tuple[str, ...]], tuple[ca.Function, ca.Function]] = {}
 
 
