@@ -100,7 +100,7 @@ class Screen:
         rows = fit.stacked()
         self._basis = _orthonormal(rows[:, 1:])
         self.residual = self._projected(rows[:, :1])[:, 0]
-        wanted = [e for e in effects if e.name not in fit.names and e.found_by in ("screen", "base")]
+        wanted = [e for e in effects if e.name not in fit.names and e.found_by in ("screen",)]
         self.members = [m for e in wanted for m in members_of(e, self.recordings)]
         self.vectors = self.whitened([(m.effect, column) for m in self.members for column in m.columns])
 
@@ -223,12 +223,11 @@ def _base(track: Track, fit: Fit, what: str, substeps: int) -> Array:
 def _filled(with_effect: Track, values: Mapping[str, float], track: Track) -> tuple[Array, Array]:
     """The reference with the states that the effect adds: what they do along it."""
     own, new = track.composite, with_effect.composite
+    w = np.zeros((len(track.w), new.nq))
     if new.nz == own.nz:
-        return track.z, track.w
+        return track.z, w
     z = np.zeros((len(track.z), new.nz))
     z[:, : own.nx] = track.z[:, : own.nx]
-    w = np.zeros((len(track.w), new.nq))
-    w[:, : own.nq] = track.w
     begin = new.beginning(z[0, : new.nx], float(track.stretch.u[0]) if len(track.stretch.u) else 0.0)
     z[:, new.nx :] = begin[new.nx :]
     # each added state is linear in itself: z+ = g z + c

@@ -103,7 +103,7 @@ class Track:
     ) -> Array:
         """(n-1, nz) one-step map from every node of the reference."""
         values = self.local(values)
-        z, w = (self.z if z is None else z), (self.w if w is None else w)
+        z, w = (self.z if z is None else z), (np.zeros_like(self.w) if w is None else w)
         c = self.composite
         if substeps not in (0, c.substeps):
             finer = Track.of(self.stretch, self.held, composite_of(c.plant, c.effects, substeps))
@@ -113,7 +113,7 @@ class Track:
     def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
         """(n, nc) what the sensors would show on the reference."""
         values = self.local(values)
-        z, w = (self.z if z is None else z), (self.w if w is None else w)
+        z, w = (self.z if z is None else z), (np.zeros_like(self.w) if w is None else w)
         return _mapped(self.composite.output_function, len(z), self._output_inputs(values, z, w))[0]
 
     # ------------------------------------------------------------------------------------------ linear
@@ -126,16 +126,18 @@ class Track:
         mine = {name: local for name, local in mine.items() if local in c.names}
         own = tuple(mine.values())
         step, output = derivatives_of(c, own)
-        after, by_z, by_w, by_u, by_p = _mapped(step, n - 1, self._step_inputs(values, self.z, self.w))
-        y, of_z, of_p = _mapped(output, n, self._output_inputs(values, self.z, self.w))
+        # at no disturbance: a parameter that scales it would otherwise be fitted to what the smoother thinks of it
+        nothing = np.zeros_like(self.w)
+        after, by_z, by_w, by_u, by_p = _mapped(step, n - 1, self._step_inputs(values, self.z, nothing))
+        y, of_z, of_p = _mapped(output, n, self._output_inputs(values, self.z, nothing))
         by_z, by_w, by_u, by_p = (_matrices(one, c.nz) for one in (by_z, by_w, by_u, by_p))
         of_z, of_p = _matrices(of_z, len(c.channels)), _matrices(of_p, len(c.channels))
         for name in c.delays:
             if name in own:
                 slope = self.held.substeps_by_delay(c.substeps, _sum(values, c.delays))
                 by_p[:, :, own.index(name)] += np.einsum("nzs,sn->nz", by_u, slope)
-        # f = F(z, w) - W w - z_next: the disturbance itself is a state of the filter
-        residual = after - np.einsum("nzw,nw->nz", by_w, self.w[:-1]) - self.z[1:]
+        # f = F(z, 0) - z_next: the disturbance is a state of the filter
+        residual = after - self.z[1:]
         f, eps = np.zeros((n - 1, c.nz, 1 + len(free))), np.zeros((n, len(c.channels), 1 + len(free)))
         f[:, :, 0], eps[:, :, 0] = residual, np.nan_to_num(self.stretch.y) - y
         where = [1 + list(free).index(name) for name in mine]
