@@ -20,7 +20,7 @@ from hoopd.physics.parameters import PARAMETER_UNITS
 
 
 class Slot(NamedTuple):
-    """Where an effect may sit: `actuator`, `body`, `sensor`, `push`, or a kind of one plant (`rolling_ball`, `frame`)."""
+    """Where an effect may sit: `actuator`, `body`, `sensor`, `push`; the hoop's own are `rolling_ball` and `frame`."""
 
     kind: str
     coordinate: str = ""
