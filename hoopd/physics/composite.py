@@ -171,6 +171,13 @@ class Composite:
         y = self.output_expressions(s["z"], s["back"], s["w"], s["t"], self._named(s["p"]))
         return ca.Function("outputs", [s[k] for k in ("z", "back", "w", "t", "p")], [ca.densify(y)], _CSE)
 
+    @cached_property
+    def reading_function(self) -> ca.Function:
+        """(z, t, p) -> readings of this very state: no latency."""
+        s = self._symbols
+        y = [self.reading(channel, s["z"], s["t"], self._named(s["p"])) for channel in self.channels]
+        return ca.Function("readings", [s[k] for k in ("z", "t", "p")], [ca.densify(ca.vertcat(*y))], _CSE)
+
     def step_derivatives(self, free: Sequence[str]) -> ca.Function:
         """(z, torques, w, h, t, p) -> after, by z, by w, by torques, by the free parameters."""
         s, keys = self._symbols, ("z", "torques", "w", "h", "t", "p")
@@ -191,6 +198,14 @@ class Composite:
     def vector(self, values: Mapping[str, float]) -> Array:
         """Parameters in the order of `names`; what `values` leaves out is as declared (effects: neutral)."""
         return np.array([values.get(name, self.values[name]) for name in self.names], dtype=float)
+
+    def delay_s(self, values: Mapping[str, float]) -> float:
+        """By how much the demanded torque is late."""
+        return sum(values.get(key, 0.0) for key in self.delays)
+
+    def latency_s(self, channel: str, values: Mapping[str, float]) -> float:
+        """By how much a channel's readings are late."""
+        return values.get(self.latencies.get(channel, ""), 0.0)
 
     def beginning(self, x: Array, u: float = 0.0) -> Array:
         """z from the plant's state (of a state that an effect added: zero): what lags has settled."""
