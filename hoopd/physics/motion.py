@@ -1,9 +1,10 @@
 """How a plant with effects moves over a substep: its forces, its dry friction, Runge-Kutta's step.
 
-Dry friction f acts along a direction a of the generalised forces against the rate a'q'. Over a substep of d seconds it
-is f = -(a'q'/d + a'q'')/(a'M^-1 a), the constant force under which the rate ends at zero, clipped to +-level at every
-stage of the step. What slides gets the whole level against its motion; what rests under less than the level gets
-exactly the force that holds it. Frictions along several directions are solved together, by sweeps.
+Dry friction f acts along a direction a of the generalised forces against the rate a'q'. Where it can hold, it is over a
+substep of d seconds f = -(a'q'/d + a'q'')/(a'M^-1 a), the constant force under which the rate ends at zero, clipped to
++-level at every stage of the step: what rests under less than the level gets exactly the force that holds it. Where it
+cannot, it is the whole level against the motion, or the mean of both directions when the motion turns within the
+substep. Frictions along several directions are solved together, by sweeps.
 
 Rules of this file: nothing here knows a sensor, a delay or a lag.
 """
@@ -21,6 +22,8 @@ from hoopd.physics.effects.base import DryFriction, Effect, Point
 
 # No time in a denominator is shorter, s.
 SHORTEST_S = 1e-7
+# A force beyond any friction's level.
+BEYOND = 1e9
 # Two frictions of the hoop and its ball act on each other by a sixth: 0.16^8 = 4e-7 of a force is left.
 SWEEPS = 8
 # Width of the smooth form of dry friction on the way back, rad/s: there is no sticking to be exact about.
@@ -81,8 +84,8 @@ class Motion:
         point, force, seen = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
         acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
         for index, (effect, friction) in enumerate(self._frictions):
-            low, high = self._range(effect, friction, point, acceleration, p)
-            f = ca.fmin(ca.fmax(stops[index], low), high)
+            middle, level = self._middle_and_level(effect, friction, point, acceleration, p)
+            f = ca.fmin(ca.fmax(stops[index], middle - level), middle + level)
             force += self._direction(friction, point) * f
             acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
         return ca.Function("rate", [*s.values(), stops], [_interleaved(s["x"], acceleration)], _CSE)
@@ -94,10 +97,9 @@ class Motion:
         point, force, seen = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
         acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
         for effect, friction in self._frictions:
-            direction = self._direction(friction, point)
             middle, most = self._middle_and_level(effect, friction, point, acceleration, p)
-            f = middle - most * ca.tanh(ca.dot(direction, _speeds(s["x"])) / BACK_WIDTH)
-            force += direction * (f if friction.needed is None else 0.0)
+            direction = self._direction(friction, point)
+            force += direction * _smooth_friction(friction, middle, most, ca.dot(direction, _speeds(s["x"])))
             acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
         return ca.Function("smooth_rate", list(s.values()), [_interleaved(s["x"], acceleration)], _CSE)
 
@@ -115,10 +117,10 @@ class Motion:
         for _ in range(SWEEPS if len(directions) > 1 else 1):
             for i, (effect, friction) in enumerate(self._frictions):
                 a = unforced + sum(pushes[j] * forces[j] for j in range(len(forces)) if j != i)
-                after = ca.dot(directions[i], _speeds(s["x"])) / ca.fmax(d, SHORTEST_S) + ca.dot(directions[i], a)
-                stops[i] = -after / ca.dot(directions[i], pushes[i])
-                low, high = self._range(effect, friction, point, a, p)
-                forces[i] = ca.fmin(ca.fmax(stops[i], low), high)
+                middle, level = self._middle_and_level(effect, friction, point, a, p)
+                rate, pull = ca.dot(directions[i], _speeds(s["x"])), ca.dot(directions[i], a)
+                stops[i] = _stop(rate, pull, ca.dot(directions[i], pushes[i]), middle, level, d)
+                forces[i] = ca.fmin(ca.fmax(stops[i], middle - level), middle + level)
         inputs = [s["x"], s["torque"], s["w"], d, s["t"], s["p"]]
         return ca.Function("stops", inputs, [ca.vertcat(*stops)], _CSE)
 
@@ -168,10 +170,6 @@ class Motion:
         along = friction.along(s)
         return ca.vertcat(*(ca.SX(along.get(q, 0.0)) for q in self._plant.coordinates))
 
-    def _range(self, effect: Effect, friction: DryFriction, s: Point, a: Any, p: Mapping[str, Any]) -> tuple[Any, Any]:
-        middle, most = self._middle_and_level(effect, friction, s, a, p)
-        return middle - most, middle + most
-
     def _middle_and_level(
         self, effect: Effect, friction: DryFriction, s: Point, a: Any, p: Mapping[str, Any]
     ) -> tuple[Any, Any]:
@@ -192,6 +190,26 @@ def _runge_kutta(f: Callable[[Any, Any], Any], x: Any, d: Any, t: Any) -> Any:
     k3 = f(x + d / 2 * k2, t + d / 2)
     k4 = f(x + d * k3, t + d)
     return x + d / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _stop(rate: Any, pull: Any, mobility: Any, middle: Any, level: Any, d: Any) -> Any:
+    """Friction over d seconds, before it is clipped to middle +- level; pull: the rate's derivative without it."""
+    d = ca.fmax(d, SHORTEST_S)
+    # what would hold it, measured from the middle
+    hold = -pull / mobility - middle
+    # it cannot: the level, first against what is left of a motion in the direction of `hold`, then in it
+    way = ca.sign(hold)
+    crossed = ca.fmin(ca.fmax(rate * way / ((ca.fabs(hold) + level) * mobility * d), 0.0), 1.0)
+    turns = ca.logic_and(crossed > 0.0, crossed < 1.0)
+    slides = middle + way * (1.0 - 2.0 * crossed) * ca.if_else(turns, level, BEYOND)
+    return ca.if_else(ca.fabs(hold) <= level, -(rate / d + pull) / mobility, slides)
+
+
+def _smooth_friction(friction: DryFriction, middle: Any, most: Any, rate: Any) -> Any:
+    if friction.needed is None:
+        return -most * ca.tanh(rate / BACK_WIDTH)
+    # a contact that holds stays as it is
+    return ca.if_else(ca.fabs(rate) > BACK_WIDTH, middle - most * ca.sign(rate), 0.0)
 
 
 def _speeds(x: Any) -> Any:
