@@ -2,9 +2,9 @@
 
 The state z is the plant's, then the torque behind a lag and the readings behind a sensor's lag, where there are such.
 A step of h seconds takes the torque of each of its substeps (so that a delay may be a fraction of a sample), a
-disturbance force on every coordinate, the time and all parameters. Smooth forces are integrated by fourth-order
-Runge-Kutta; dry friction is an impulse clipped to +-level times half a substep through the mobility M^-1, before and
-after it (Strang), so that sticking is exact and the splitting is of second order.
+disturbance force on every coordinate, the time and all parameters. Every substep is one Runge-Kutta step of fourth
+order. Dry friction is the force that brings its rate to zero over the substep, clipped to +-level: what sticks stays
+where it is, to the last bits.
 
 Rules of this file: effects at their neutral values leave the base's numbers as they are, bit for bit.
 """
@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.physics.declared import DeclaredPlant
-from hoopd.physics.effects.base import DryFriction, Effect, Point
-from hoopd.physics.equations import runge_kutta
+from hoopd.physics.effects.base import Effect
+from hoopd.physics.motion import SHORTEST_S, Motion
 
 Array = NDArray[np.float64]
 
@@ -30,16 +30,13 @@ SMOOTH_SUBSTEPS, FRICTION_SUBSTEPS = 4, 10
 LONGEST_STEP_S = 0.020
 # A reading that is late is the state carried back by so many Runge-Kutta steps, each with the mean torque of its time.
 BACK_STEPS = 3
-# Width of the smooth form of dry friction on the way back, rad/s: there is no sticking to be exact about.
-BACK_WIDTH = 0.02
-# A lag shorter than this is none.
-SHORTEST_LAG_S = 1e-7
 
 
 class Composite:
     """A plant and its effects; parameters by name: the base's, then `slot.effect.parameter`."""
 
-    def __init__(self, plant: DeclaredPlant, effects: Sequence[Effect] = ()) -> None:
+    def __init__(self, plant: DeclaredPlant, effects: Sequence[Effect] = (), substeps: int | None = None) -> None:
+        """`substeps`: of a node's interval, in place of what the effects need."""
         self.effects = tuple(effects)
         for effect in self.effects:
             if effect.plant is not None:
@@ -54,8 +51,12 @@ class Composite:
         self.nx, self.nq = len(plant.states), len(plant.coordinates)
         self.nz = self.nx + bool(self._torque_lags) + len(self._sensor_lags)
         self.channels = tuple(plant.channels)
+        self.substeps = substeps or self._needed_substeps()
+        self._motion = Motion(self.plant, self.effects, self.names, inner_torque=not self._torque_lags)
+
+    def _needed_substeps(self) -> int:
         dry = any(e.friction for e in self.effects)
-        self.substeps = FRICTION_SUBSTEPS if dry else SMOOTH_SUBSTEPS
+        return max(FRICTION_SUBSTEPS if dry else SMOOTH_SUBSTEPS, *(e.substeps for e in self.effects), 0)
 
     # ------------------------------------------------------------------------------------------ expressions
 
@@ -70,114 +71,74 @@ class Composite:
         """Readings (channels,); back (channels, BACK_STEPS): torque on the way back, the youngest first."""
         found = []
         for row, channel in enumerate(self.channels):
-            late = channel in self.latencies
-            x = self._earlier(z, back[row, :], w, t, p, p[self.latencies[channel]]) if late else z
-            point = self.plant.point(x, p, 0.0, t - p[self.latencies[channel]] if late else t)
-            found.append(self._reading(channel, point, z, p))
+            if channel in self.latencies:
+                late = p[self.latencies[channel]]
+                found.append(self.reading(channel, self._earlier(z, back[row, :], w, t, p, late), t - late, p))
+            else:
+                found.append(self.reading(channel, z, t, p))
         return ca.vertcat(*found)
 
-    def _reading(self, channel: str, point: Point, z: Any, p: Mapping[str, Any]) -> Any:
-        value = getattr(point, self.plant.channels[channel])
-        for index, (_, lagged) in enumerate(self._sensor_lags):
-            if lagged == channel:
-                value = z[self.nx + bool(self._torque_lags) + index]
+    def reading(self, channel: str, z: Any, t: Any, p: Mapping[str, Any]) -> Any:
+        """What a channel reads of a state, its latency apart."""
+        index = self._lag_index(channel)
+        value = self._seen(channel, z) if index is None else z[index]
         for effect in self.effects:
             if effect.sensor is not None:
-                value += effect.sensor(point, effect.values(p)).get(channel, 0.0)
+                value += effect.sensor(self.plant.point(z, p, 0.0, t), effect.values(p)).get(channel, 0.0)
         return value
 
+    def _lag_index(self, channel: str) -> int | None:
+        lagged = [c for _, c in self._sensor_lags]
+        return self.nx + bool(self._torque_lags) + lagged.index(channel) if channel in lagged else None
+
+    def _seen(self, channel: str, z: Any) -> Any:
+        return z[self.plant.states.index(self.plant.channels[channel])]
+
     def _substep(self, z: Any, u: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
-        x = z[: self.nx]
-        torque, tail = self._actuated(z, u, d, t, p)
-        x = self._stopped(x, d / 2, t, p)
-        speeds = x
-        x = runge_kutta(lambda y: self._rate(y, torque, w, t, p), x, d, 1)
-        x = self._stopped(x, d / 2, t + d, p)
+        before = z[: self.nx]
+        torque, tail = self._lagged(z, u, d, t, p)
+        x = self._motion.step(before, torque, w, d, t, p)
         for effect, channel in self._sensor_lags:
-            m, name = z[self.nx + len(tail)], self.plant.channels[channel]
-            mid = (getattr(self.plant.point(speeds, p), name) + getattr(self.plant.point(x, p), name)) / 2
-            # T m' = y - m, exactly for a reading that stays at its mean over the substep
-            tail = [*tail, mid + (m - mid) * ca.exp(-d / _lag(effect, effect.sensor_lag[channel], p))]
+            time = p[effect.key(effect.sensor_lag[channel])]
+            reading = z[self.nx + len(tail)]
+            tail = [*tail, _low_passed(reading, self._seen(channel, before), self._seen(channel, x), d, time)]
         return ca.vertcat(x, *tail)
 
-    def _actuated(self, z: Any, u: Any, d: Any, t: Any, p: Mapping[str, Any]) -> tuple[Any, list[Any]]:
-        """Mean torque over a substep behind the actuator, and the lag's state after it."""
-        if self.plant.driven is None:
-            return 0.0, []
-        torque = ca.fmin(ca.fmax(u, -self.plant.limit), self.plant.limit)
-        for effect in sorted(self.effects, key=lambda one: one.order):
-            if effect.torque is not None:
-                torque = effect.torque(self.plant.point(z[: self.nx], p, torque, t), effect.values(p))
+    def _lagged(self, z: Any, u: Any, d: Any, t: Any, p: Mapping[str, Any]) -> tuple[Any, list[Any]]:
+        """Mean torque over a substep behind the lag, and the lag's state after it; without a lag the demand."""
         if not self._torque_lags:
-            return torque, []
+            return u, []
+        lag = p[self._torque_lags[0].key(str(self._torque_lags[0].lag))]
+        # what the maps make of the demand follows the angle: taken in the middle of the substep
+        middle = self._motion.drifted(z[: self.nx], d / 2)
+        torque = self._motion.torque(middle, u, t + d / 2, p)
         # T tau' = u - tau:  tau(d) = u + (tau_0 - u) e^(-d/T),  its mean over d: u + (tau_0 - u) (1 - e^(-d/T)) T/d
-        lag = _lag(self._torque_lags[0], str(self._torque_lags[0].lag), p)
-        decay, off = ca.exp(-d / lag), z[self.nx] - torque
-        return torque + off * (1 - decay) * lag / ca.fmax(d, SHORTEST_LAG_S), [torque + off * decay]
-
-    def _rate(self, x: Any, torque: Any, w: Any, t: Any, p: Mapping[str, Any], *, smooth_friction: bool = False) -> Any:
-        s = self.plant.point(x, p, torque, t)
-        force = {q: w[i] if i < w.numel() else 0.0 for i, q in enumerate(self.plant.coordinates)}
-        if self.plant.driven is not None:
-            force[self.plant.driven] += torque
-        shifts: dict[str, Any] = {}
-        for effect in self.effects:
-            e = effect.values(p)
-            if effect.force is not None:
-                _add(force, effect.force(s, e))
-            if effect.shift is not None:
-                _add(shifts, effect.shift(s, e), grow=True)
-            if smooth_friction and effect.friction is not None:
-                _add(force, self._smooth(effect, effect.friction, s, p))
-        seen = s.replaced(**{q: getattr(s, q) + by for q, by in shifts.items() if q in self.plant.coordinates})
-        a = self.plant.accelerations(seen, ca.vertcat(*(force[q] for q in self.plant.coordinates)))
-        return ca.vertcat(*(one for i in range(self.nq) for one in (x[2 * i + 1], a[i])))
-
-    def _smooth(self, effect: Effect, friction: DryFriction, s: Point, p: Mapping[str, Any]) -> dict[str, Any]:
-        along = friction.along(s)
-        rate = sum(c * getattr(s, f"d{q}") for q, c in along.items())
-        f = -friction.level(s, effect.values(p)) * ca.tanh(rate / BACK_WIDTH)
-        return {q: c * f for q, c in along.items()}
-
-    def _stopped(self, x: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
-        """State after dry friction has acted for d seconds."""
-        for effect in self.effects:
-            if effect.friction is not None:
-                x = self._stopped_by(effect, effect.friction, x, d, t, p)
-        return x
-
-    def _stopped_by(self, effect: Effect, friction: DryFriction, x: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
-        s = self.plant.point(x, p, 0.0, t)
-        along = friction.along(s)
-        direction = ca.vertcat(*(along.get(q, 0.0) for q in self.plant.coordinates))
-        speed = ca.vertcat(*(x[2 * i + 1] for i in range(self.nq)))
-        # the impulse that stops the rate:  (a' M^-1 a) f d = -a' q',  clipped to +-level d
-        push = ca.mtimes(self._mobility(s, p), direction)
-        stop = -ca.dot(direction, speed) / ca.dot(direction, push)
-        most = friction.level(s, effect.values(p)) * d
-        change = push * ca.fmin(ca.fmax(stop, -most), most)
-        return ca.vertcat(*(one for i in range(self.nq) for one in (x[2 * i], x[2 * i + 1] + change[i])))
-
-    def _mobility(self, s: Point, p: Mapping[str, Any]) -> Any:
-        force = ca.SX.sym("force", self.nq)
-        return ca.substitute(ca.jacobian(self.plant.accelerations(s, force), force), force, ca.SX.zeros(self.nq))
+        decay, off = ca.exp(-d / ca.fmax(lag, SHORTEST_S)), z[self.nx] - torque
+        return torque + off * (1 - decay) * lag / ca.fmax(d, SHORTEST_S), [torque + off * decay]
 
     def _earlier(self, z: Any, torques: Any, w: Any, t: Any, p: Mapping[str, Any], d: Any) -> Any:
-        """Plant's state d seconds ago."""
-        x, h = z[: self.nx], d / BACK_STEPS
+        """State d seconds ago."""
+        h = d / BACK_STEPS
         for j in range(BACK_STEPS):
-            torque, _ = self._static(x, torques[j], t - j * h, p)
-            x = runge_kutta(
-                lambda y, torque=torque, j=j: self._rate(y, torque, w, t - j * h, p, smooth_friction=True), x, -h, 1
-            )
-        return x
+            z = self._one_back(z, torques[j], w, t - j * h, p, h)
+        return z
 
-    def _static(self, x: Any, u: Any, t: Any, p: Mapping[str, Any]) -> tuple[Any, None]:
+    def _one_back(self, z: Any, u: Any, w: Any, t: Any, p: Mapping[str, Any], h: Any) -> Any:
+        x, tail = z[: self.nx], []
         torque = u
-        for effect in sorted(self.effects, key=lambda one: one.order):
-            if effect.torque is not None:
-                torque = effect.torque(self.plant.point(x, p, torque, t), effect.values(p))
-        return torque, None
+        if self._torque_lags:
+            lag = p[self._torque_lags[0].key(str(self._torque_lags[0].lag))]
+            u = self._motion.torque(self._motion.drifted(x, -h / 2), u, t - h / 2, p)
+            # tau_0 = u + (tau - u) e^(h/T), and its mean over h as above
+            off = (z[self.nx] - u) * _grown(h, lag)
+            torque = u + off * (1 - ca.exp(-h / ca.fmax(lag, SHORTEST_S))) * lag / ca.fmax(h, SHORTEST_S)
+            tail = [u + off]
+        before = self._motion.step_back(x, torque, w, h, t, p)
+        for effect, channel in self._sensor_lags:
+            time = p[effect.key(effect.sensor_lag[channel])]
+            reading = z[self.nx + len(tail)]
+            tail = [*tail, _low_pass_undone(reading, self._seen(channel, before), self._seen(channel, x), h, time)]
+        return ca.vertcat(before, *tail)
 
     # ------------------------------------------------------------------------------------------ functions
 
@@ -210,6 +171,13 @@ class Composite:
         y = self.output_expressions(s["z"], s["back"], s["w"], s["t"], self._named(s["p"]))
         return ca.Function("outputs", [s[k] for k in ("z", "back", "w", "t", "p")], [ca.densify(y)], _CSE)
 
+    @cached_property
+    def reading_function(self) -> ca.Function:
+        """(z, t, p) -> readings of this very state: no latency."""
+        s = self._symbols
+        y = [self.reading(channel, s["z"], s["t"], self._named(s["p"])) for channel in self.channels]
+        return ca.Function("readings", [s[k] for k in ("z", "t", "p")], [ca.densify(ca.vertcat(*y))], _CSE)
+
     def step_derivatives(self, free: Sequence[str]) -> ca.Function:
         """(z, torques, w, h, t, p) -> after, by z, by w, by torques, by the free parameters."""
         s, keys = self._symbols, ("z", "torques", "w", "h", "t", "p")
@@ -231,27 +199,42 @@ class Composite:
         """Parameters in the order of `names`; what `values` leaves out is as declared (effects: neutral)."""
         return np.array([values.get(name, self.values[name]) for name in self.names], dtype=float)
 
+    def delay_s(self, values: Mapping[str, float]) -> float:
+        """By how much the demanded torque is late."""
+        return sum(values.get(key, 0.0) for key in self.delays)
+
+    def latency_s(self, channel: str, values: Mapping[str, float]) -> float:
+        """By how much a channel's readings are late."""
+        return values.get(self.latencies.get(channel, ""), 0.0)
+
     def beginning(self, x: Array, u: float = 0.0) -> Array:
-        """z from the plant's state: a lag's torque and a sensor's lag have settled."""
+        """z from the plant's state (of a state that an effect added: zero): what lags has settled."""
         z = np.zeros(self.nz)
-        z[: self.nx] = x
+        z[: len(x)] = x
         if self._torque_lags:
             z[self.nx] = u
         for index, (_, channel) in enumerate(self._sensor_lags):
-            z[self.nx + bool(self._torque_lags) + index] = x[self.plant.states.index(self.plant.channels[channel])]
+            z[self.nx + bool(self._torque_lags) + index] = self._seen(channel, z)
         return z
 
 
 _CSE = {"cse": True}
 
 
-def _lag(effect: Effect, name: str, p: Mapping[str, Any]) -> Any:
-    return ca.fmax(p[effect.key(name)], SHORTEST_LAG_S)
+def _low_passed(m: Any, before: Any, after: Any, d: Any, lag: Any) -> Any:
+    """T m' = y - m over d seconds of a reading y that moves in a straight line, exactly."""
+    # m(d) = y_1 - s T + (m_0 - y_0 + s T) e^(-d/T),  s = (y_1 - y_0)/d
+    run = (after - before) / ca.fmax(d, SHORTEST_S) * lag
+    return after - run + (m - before + run) * ca.exp(-d / ca.fmax(lag, SHORTEST_S))
 
 
-def _add(total: dict[str, Any], more: Mapping[str, Any], *, grow: bool = False) -> None:
-    for name, value in more.items():
-        if name in total:
-            total[name] += value
-        elif grow:
-            total[name] = value
+def _low_pass_undone(m: Any, before: Any, after: Any, d: Any, lag: Any) -> Any:
+    """m d seconds ago: the same solved for m_0."""
+    run, more = (after - before) / ca.fmax(d, SHORTEST_S) * lag, _grown(d, lag) - 1
+    # m_0 = y_0 - s T + (m - y_1 + s T) e^(d/T)
+    return m + (before - after) + (m - after + run) * more
+
+
+def _grown(d: Any, lag: Any) -> Any:
+    """e^(d/T) of the way back, at most e: what has died away cannot be called back."""
+    return ca.exp(ca.fmin(d / ca.fmax(lag, SHORTEST_S), 1.0))

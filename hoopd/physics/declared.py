@@ -19,8 +19,19 @@ from hoopd.physics.equations import MOTIONS, symbols
 from hoopd.physics.parameters import PARAMETER_UNITS
 
 
+class Contact(NamedTuple):
+    """How a rolling ball is held by the hoop: spin w = by_theta theta' + by_psi psi', and what moves when it is not."""
+
+    by_theta: Any
+    by_psi: Any
+    theta_inertia: Any  # kg m^2; of the hoop without its ball
+    psi_inertia: Any  # kg m^2; of the ball's path without its spin, m (Ro-Rb)^2
+    spin_inertia: Any  # kg m^2; Ib
+    damping: Any  # N m s; bb
+
+
 class Slot(NamedTuple):
-    """Where an effect may sit: `actuator`, `body`, `sensor`, `push`, or a kind of one plant (`rolling_ball`, `frame`)."""
+    """Where an effect may sit: `actuator`, `body`, `sensor`, `push`; the hoop's own are `rolling_ball` and `frame`."""
 
     kind: str
     coordinate: str = ""
@@ -29,6 +40,7 @@ class Slot(NamedTuple):
     device: str = ""  # of a sensor: encoder, camera, or anything else
     speed: float = 10.0  # usual rate of the coordinate, rad/s or m/s: the sizes that a search tries follow it
     viscous: Callable[[Point], Any] | None = None  # the base's viscous coefficient of the body, where it has one
+    contact: Callable[[Point], Contact] | None = None  # of a rolling ball
 
 
 @dataclass(frozen=True)
@@ -102,7 +114,7 @@ def _slots(structure: str, moving: str) -> dict[str, Slot]:
         "external": Slot("push", "theta"),
     }
     ball = {
-        "ball": Slot("rolling_ball", "psi"),
+        "ball": Slot("rolling_ball", "psi", contact=_contact(structure)),
         "frame": Slot("frame", "psi"),
         "camera": Slot("sensor", "psi", ("psi",), turns=True, device="camera"),
     }
@@ -127,6 +139,36 @@ def _implied_friction(s: Point) -> Any:
     d = p["J12"] / (p["L1"] - p["L2"])
     implied = (p["L2"] * d - p["J11"]) / p["L1"] - d
     return ca.if_else(implied > 0.0, implied, _bare_hoop_friction(s))
+
+
+def _contact(structure: str) -> Callable[[Point], Contact]:
+    # w = phi' + psi' (rolling) or phi' + theta' (published),  phi' = (Ro/Rb) (theta' - psi')
+    more = 1.0 if structure == "published" else 0.0
+
+    def physical(s: Point) -> Contact:
+        p, ratio = s.p, s.p["Ro"] / s.p["Rb"] + more
+        return Contact(ratio, 1.0 - ratio, p["Ih"], p["mb"] * (p["Ro"] - p["Rb"]) ** 2, p["Ib"], p["bb"])
+
+    return _implied_contact if structure == "entries" else physical
+
+
+# Of an inertia, what at least belongs to the body itself: entries may be such that nothing would be left of it.
+LEAST_SHARE = 0.1
+
+
+def _implied_contact(s: Point) -> Contact:
+    """That of the entries: their mobility's inverse M, taken apart as the rolling ball's (table in `entries`)."""
+    p, ratio = s.p, s.p["Ro"] / s.p["Rb"]
+    corner = -p["K2"] / (p["mb"] * p["g"] * (p["Ro"] - p["Rb"]))
+    # M = [[L1, L2], [L2, n]]^-1
+    det = p["L1"] * corner - p["L2"] ** 2
+    m11, m12, m22 = corner / det, -p["L2"] / det, p["L1"] / det
+    # M12 = -Ib (Ro/Rb) (Ro/Rb - 1),  M11 = Ih + Ib (Ro/Rb)^2,  M22 = m (Ro-Rb)^2 + Ib (Ro/Rb - 1)^2
+    most = (1.0 - LEAST_SHARE) * ca.fmin(m11 / ratio**2, m22 / (ratio - 1.0) ** 2)
+    spin = ca.fmin(ca.fmax(-m12 / (ratio * (ratio - 1.0)), LEAST_SHARE * most), most)
+    # J12 = bb (Ro/Rb)^2 (L1 - L2)
+    damping = ca.fmax(p["J12"] / (p["L1"] - p["L2"]) / ratio**2, 0.0)
+    return Contact(ratio, 1.0 - ratio, m11 - spin * ratio**2, m22 - spin * (ratio - 1.0) ** 2, spin, damping)
 
 
 def _hoop_accelerations(structure: str, moving: str) -> Callable[[Point, ca.SX], ca.SX]:

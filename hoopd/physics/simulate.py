@@ -62,12 +62,12 @@ class Model:
 
     def run(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Array:
         """States (n, 4) at the nodes t (n,) s from x0 (4,) with torque u (n-1,) N m held between them."""
-        t, u, h = _axis(t, u)
+        t, u, h = node_axis(t, u)
         return self._over("run", np.asarray(x0, float), u, h, p)
 
     def run_with_sensitivity(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Trajectory:
         """The same with exact derivatives: S' = df/dx S + df/dp, taken through the integration steps themselves."""
-        t, u, h = _axis(t, u)
+        t, u, h = node_axis(t, u)
         m = len(self.free)
         z0 = np.concatenate([np.asarray(x0, float), np.zeros(4 * m), np.eye(4).ravel()])
         z = self._over("sensitivity", z0, u, h, p)
@@ -141,7 +141,7 @@ def _with_sensitivity(x: ca.SX, p: ca.SX, after: ca.SX) -> tuple[ca.SX, ca.SX]:
     return ca.vertcat(x, ca.vec(s)), ca.vertcat(after, ca.vec(s_after))
 
 
-def _axis(t: ArrayLike, u: ArrayLike) -> tuple[Array, Array, Array]:
+def node_axis(t: ArrayLike, u: ArrayLike) -> tuple[Array, Array, Array]:
     """Nodes, torques and distances; ValueError when they do not fit."""
     t, u = np.asarray(t, float), np.asarray(u, float)
     if t.ndim != 1 or len(t) < 2 or u.shape != (len(t) - 1,):

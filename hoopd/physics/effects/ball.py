@@ -9,8 +9,10 @@ from typing import Any
 
 import casadi as ca
 
-from hoopd.physics.declared import DeclaredPlant
+from hoopd.physics.declared import DeclaredPlant, Slot
 from hoopd.physics.effects.base import DryFriction, Effect, EffectParameter, Point
+from hoopd.physics.effects.normal import normal_force
+from hoopd.physics.effects.slip import slip
 from hoopd.physics.effects.slots import named, of_kind
 
 
@@ -18,14 +20,13 @@ def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
     """Those of every rolling ball."""
     found = []
     for name, slot in of_kind(plant, "rolling_ball"):
-        found += [_coulomb(plant, name, slot.coordinate), _rolling_resistance(name), _drag(name)]
+        found += [*_of_slot(plant, name, slot)]
     return tuple(found)
 
 
-def normal_force(s: Point) -> Any:
-    """Force (N) with which hoop and ball press on each other, never negative: m ((Ro-Rb) psi'^2 + g cos psi)."""
-    p = s.p
-    return ca.fmax(p["mb"] * ((p["Ro"] - p["Rb"]) * s.dpsi**2 + p["g"] * ca.cos(s.psi)), 0.0)
+def _of_slot(plant: DeclaredPlant, name: str, slot: Slot) -> tuple[Effect, ...]:
+    every = (_coulomb(plant, name), _rolling_resistance(name), _drag(name))
+    return every if slot.contact is None else (*every, slip(name, slot.contact))
 
 
 def _along(s: Point) -> dict[str, Any]:
@@ -34,7 +35,7 @@ def _along(s: Point) -> dict[str, Any]:
     return {"theta": ratio, "psi": -ratio}
 
 
-def _coulomb(plant: DeclaredPlant, name: str, q: str) -> Effect:
+def _coulomb(plant: DeclaredPlant, name: str) -> Effect:
     return Effect(
         f"{name}.coulomb_friction",
         (EffectParameter("Fc", "N m", 0.0, 0.0, 1e-3, grid=(3e-5,)),),

@@ -84,11 +84,13 @@ def phase(name: str = "phi", *, per_recording: bool = False) -> EffectParameter:
 class DryFriction:
     """A friction that opposes a rate and sticks exactly: |f| <= level, along a direction of the generalised forces.
 
-    The rate is sum(along[q] q'); the friction f along it is the one that stops it, clipped to the level.
+    The rate is sum(along[q] q'); the friction f along it is the one that stops it, clipped to the level. Of a contact
+    that the plant's accelerations hold already, `needed` is the force that holds it: the sum of both is clipped.
     """
 
     level: Callable[[Point, Values], Any]  # N m (of a coordinate in m: N), never negative
     along: Callable[[Point], Mapping[str, Any]]
+    needed: Callable[[Point, Mapping[str, Any]], Any] | None = None  # from the accelerations by coordinate
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from hoopd.physics.declared import DeclaredPlant, Slot
 from hoopd.physics.effects.base import Effect, EffectParameter, Point, Values
 from hoopd.physics.effects.slots import force_scale, of_kind, units
 
-# The edges of a pulse are ramps of this length (s), around t0 and t1: an integration step sees them, a fit can move them.
+# The edges of a pulse are ramps of this length (s) around t0 and t1: an integration step sees them, a fit moves them.
 EDGE_S = 0.010
 
 
