@@ -1,0 +1,1 @@
+"""Diagnosis: what a recording is worth, where a model misses it, and what it leaves out."""
