@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,7 @@ class Split:
     variance: Array  # (n,) of that prediction
     path: Array  # (n,) what the drives do at once
     sigma: float  # of a fresh sample
+    jitter_s: float  # of the instants of sampling, where asked for
     shares: Array  # fresh, late, false: of the samples seen
     errors: Array  # standard errors of the shares of late and false
     gains: Array  # log-likelihood that late and false add, nats
@@ -64,7 +66,9 @@ class _State:
     shares: Array
     sigma: float
     spread: float  # tau
-    scale: Array  # (n,) local
+    scale: Array  # (n,) of all errors, by neighbourhood
+    noise: Array  # (n,) variance of a sample where it moves, over that at rest
+    jitter_s: float  # of the instants of sampling
 
 
 def split(t: Array, values: Array, paths: Callable[[Array], Array], *, late: bool, floor: float) -> Split:
@@ -98,7 +102,7 @@ def _spread(course: Array, rows: NDArray[np.int64], n: int) -> Array:
 
 def _whole(part: Split, rows: NDArray[np.int64], n: int) -> Split:
     """The same with all rows: nothing known of the others."""
-    changes = {}
+    changes: dict[str, Any] = {}
     for name, blank in (("fresh", 0.0), ("late", 0.0), ("false", 0.0), ("variance", np.inf)):
         column = np.full(n, blank)
         column[rows] = getattr(part, name)
@@ -107,28 +111,27 @@ def _whole(part: Split, rows: NDArray[np.int64], n: int) -> Split:
 
 
 def _split(t: Array, values: Array, paths: Callable[[Array], Array], late: bool, floor: float) -> Split:
-    differences = Differences(t)
-    gram, seen = differences.gram(), np.isfinite(values)
+    gram, seen = Differences(t).gram(), np.isfinite(values)
     filled = np.interp(t, t[seen], values[seen])
     weight, course, sigma = _robust(gram, filled, seen)
     state = _first(weight, seen, max(sigma, floor), late)
-    noise, spread = np.random.default_rng(0).normal(size=len(t)), np.ones(len(t))
     for turn in range(ROUNDS):
-        # what is not fresh is drawn from its prediction: anything smoother would call the noise smaller than it is
-        believed = np.where(state.fresh > 0.5, filled, course + noise * state.sigma * np.sqrt(spread))
-        drive = explained(differences, believed, paths(course))
+        drive = explained(t, filled, paths(course), state.fresh > 0.5)
         state = replace(state, sigma=max(drive.sigma * (LENIENT if turn else STRICT), floor))
-        for _ in range(EM_STEPS):
+        rate = None if late or turn == 0 else np.gradient(course, t)
+        for step in range(EM_STEPS):
             found = _course(gram, drive, filled, state)
-            state = _expected(found, drive, filled, seen, state, floor, turn > 0)
-        course, spread = found.own + drive.path, 1.0 + found.own_variance
+            if turn and step % 2 == 0:
+                state = _scaled(found, drive, filled, seen, state)
+            state = _expected(found, drive, filled, seen, state, floor, rate)
+        course = found.own + drive.path
     return _result(found, drive, filled, seen, state)
 
 
 def _robust(gram: Array, filled: Array, seen: Mask) -> tuple[Array, Array, float]:
     """Weights of samples that agree with their neighbours, the course through them, and the spread about it."""
     none, error = np.zeros(len(filled)), np.abs(filled - _voted(filled))
-    for step in range(ROBUST_STEPS):
+    for _ in range(ROBUST_STEPS):
         sigma = max(1.4826 * float(np.median(error[seen])), 1e-300)
         # Geman and McClure's weight
         weight = np.where(seen, 1.0 / (1.0 + (error / (3.0 * sigma)) ** 2) ** 2, 0.0)
@@ -152,15 +155,14 @@ def _first(weight: Array, seen: Mask, sigma: float, late: bool) -> _State:
     good = np.where(seen, (weight > 0.5).astype(float), 0.0)
     none = np.zeros(len(weight))
     shares = FIRST_SHARES if late else np.array([0.95, 0.0, 0.05])
-    return _State(good, none, seen - good, shares, sigma, 10.0 * FALSE_SIGMAS * sigma, np.ones(len(weight)))
+    return _State(good, none, seen - good, shares, sigma, 10.0 * FALSE_SIGMAS * sigma, *np.ones((2, len(weight))), 0.0)
 
 
 def _course(gram: Array, drive: Explained, filled: Array, state: _State) -> Course:
     before = np.append(drive.path[0], drive.path[:-1])
-    shrink = 1.0 / state.scale**2
-    late = state.late * shrink
+    late = state.late / state.noise
     late[0] = 0.0
-    return leave_one_out(gram, drive.ratio, filled - drive.path, filled - before, state.fresh * shrink, late)
+    return leave_one_out(gram, drive.ratio, filled - drive.path, filled - before, state.fresh / state.noise, late)
 
 
 def _errors(found: Course, drive: Explained, filled: Array) -> tuple[Array, Array]:
@@ -171,15 +173,15 @@ def _errors(found: Course, drive: Explained, filled: Array) -> tuple[Array, Arra
 def _densities(found: Course, drive: Explained, filled: Array, state: _State) -> Array:
     """Of fresh, late and false (3, n)."""
     own, before = _errors(found, drive, filled)
-    noise = (state.sigma * state.scale) ** 2
-    spread = noise * (1.0 + found.own_variance)
+    unit = (state.sigma * state.scale) ** 2
+    spread = unit * (state.noise + found.own_variance)
     wide = spread + state.spread**2
     # wide N(0, s^2) with a hole of width g: (1 - exp(-e^2 / 2 g^2)) / (1 - g / sqrt(g^2 + s^2))
     hole = HOLE_SIGMAS**2 * spread
     holed = (1.0 - np.exp(-(own**2) / (2.0 * hole))) / (1.0 - np.sqrt(hole / (hole + wide)))
     densities = [
         _normal(own, spread),
-        _normal(before, noise * (1.0 + found.before_variance)),
+        _normal(before, unit * (state.noise + found.before_variance)),
         _normal(own, wide) * holed,
     ]
     return np.maximum(np.array(densities), PROBABILITY_FLOOR)
@@ -190,24 +192,51 @@ def _normal(error: Array, variance: Array) -> Array:
 
 
 def _expected(
-    found: Course, drive: Explained, filled: Array, seen: Mask, state: _State, floor: float, local: bool
+    found: Course, drive: Explained, filled: Array, seen: Mask, state: _State, floor: float, rate: Array | None
 ) -> _State:
-    """One step of EM; `local`: neighbourhoods have scales of their own."""
+    """One step of EM; with a `rate` (n,) instants of sampling may be uneven: S = sigma^2 + (jitter rate)^2."""
     own, before = _errors(found, drive, filled)
-    normal = np.minimum(
-        np.abs(own) / np.sqrt(1.0 + found.own_variance),
-        np.abs(before) / np.sqrt(1.0 + found.before_variance) if state.shares[1] > 0.0 else np.inf,
-    )
-    scale = _local_scale(normal / state.sigma, seen) if local else state.scale
-    joint = state.shares[:, None] * _densities(found, drive, filled, replace(state, scale=scale))
+    joint = state.shares[:, None] * _densities(found, drive, filled, state)
     joint /= joint.sum(axis=0)
     joint[:, ~seen] = 0.0
-    fresh, late, false = joint
-    total = fresh / ((1.0 + found.own_variance) * scale**2)
-    sigma = max(sqrt(float(total @ own**2) / max(float(fresh.sum()), 1.0)), floor)
+    fresh, _, false = joint
+    if rate is None:
+        total = fresh / ((state.noise + found.own_variance) * state.scale**2)
+        sigma, jitter_s = sqrt(float(total @ own**2) / max(float(fresh.sum()), 1.0)), 0.0
+    else:
+        sigma, jitter_s = _uneven(own / state.scale, fresh, found.own_variance, state, rate)
+    sigma = max(sigma, floor)
+    noise = state.noise if rate is None else 1.0 + (jitter_s * rate / sigma) ** 2
     tau = sqrt(float(false @ own**2) / max(float(false.sum()), 1e-12))
     shares = joint.sum(axis=1) / max(int(seen.sum()), 1)
-    return _State(fresh, late, false, shares, sigma, max(tau, FALSE_SIGMAS * sigma), scale)
+    return _State(*joint, shares, sigma, max(tau, FALSE_SIGMAS * sigma), state.scale, noise, jitter_s)
+
+
+def _uneven(error: Array, fresh: Array, variance: Array, state: _State, rate: Array) -> tuple[float, float]:
+    """sigma and jitter by weighted least squares of e^2 - sigma^2 v on (1, rate^2), neither below 0."""
+    weight = fresh / (state.noise + variance) ** 2
+    target = error**2 - state.sigma**2 * variance
+    columns = np.stack([np.ones(len(rate)), rate**2])
+    gram, right = (columns * weight) @ columns.T, (columns * weight) @ target
+    still = max(float(right[0] / max(gram[0, 0], 1e-300)), 0.0)
+    if np.linalg.det(gram) <= 1e-9 * gram[0, 0] * gram[1, 1]:
+        return sqrt(still), 0.0
+    constant, by_rate = np.linalg.solve(gram, right)
+    if by_rate <= 0.0:
+        return sqrt(still), 0.0
+    if constant <= 0.0:
+        return 0.0, sqrt(max(float(right[1] / gram[1, 1]), 0.0))
+    return sqrt(float(constant)), sqrt(float(by_rate))
+
+
+def _scaled(found: Course, drive: Explained, filled: Array, seen: Mask, state: _State) -> _State:
+    """The state with scales of its neighbourhoods."""
+    own, before = _errors(found, drive, filled)
+    normal = np.minimum(
+        np.abs(own) / np.sqrt(state.noise + found.own_variance),
+        np.abs(before) / np.sqrt(state.noise + found.before_variance) if state.shares[1] > 0.0 else np.inf,
+    )
+    return replace(state, scale=_local_scale(normal / state.sigma, seen))
 
 
 def _local_scale(normal: Array, seen: Mask) -> Array:
@@ -224,15 +253,15 @@ def _local_scale(normal: Array, seen: Mask) -> Array:
 
 def _result(found: Course, drive: Explained, filled: Array, seen: Mask, state: _State) -> Split:
     densities = _densities(found, drive, filled, state)[:, seen]
-    noise = (state.sigma * state.scale) ** 2
     return Split(
         state.fresh,
         state.late,
         state.false,
         found.own + drive.path,
-        noise * found.own_variance,
+        (state.sigma * state.scale) ** 2 * found.own_variance,
         drive.path,
         state.sigma,
+        state.jitter_s,
         state.shares,
         _standard_errors(densities, state.shares),
         np.array([_gain(densities, state.shares, 1), _gain(densities, state.shares, 2)]),

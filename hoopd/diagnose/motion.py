@@ -50,6 +50,8 @@ class Differences:
         self.weights = 6.0 / apart.prod(axis=2)  # (n-3, 4)
         usual = float(np.median(np.diff(t)))
         self.weights[np.diff(times, axis=1).max(axis=1) > GAP_STEPS * usual] = 0.0
+        # white noise in the jerk gives f[t0..t3] a variance of h^-1: 6 h^3 f one of h^5
+        self.growth = (mean / usual) ** 5  # (n-3,)
         self.n = len(t)
 
     def of(self, x: Array) -> Array:
@@ -101,28 +103,28 @@ class Explained(NamedTuple):
     sigma: float  # of a sample
 
 
-def explained(differences: Differences, values: Array, paths: Array) -> Explained:
+def explained(t: Array, values: Array, paths: Array, used: NDArray[np.bool_]) -> Explained:
     """Maximum likelihood of V = q^2 I + sigma^2 D D' over RATIOS, coefficients of the paths (n, k) eliminated.
 
-    values (n,) without gaps. With the right V the innovations of past samples decide, so that a torque which a
-    controller made of these very samples is not mistaken for their cause.
+    values: (n,), of which only the rows used (n,) are believed. With the right V the innovations of past samples
+    decide, so that a torque which a controller made of these very samples is not mistaken for their cause.
     """
-    target, regressors = differences.of(values), differences.of(paths)
+    differences = Differences(t[used])
+    target, regressors = differences.of(values[used]), differences.of(paths[used])
     scale = np.linalg.norm(regressors, axis=0)
-    used = scale > 1e-12 * max(float(scale.max(initial=0.0)), 1e-30)
-    regressors, paths = regressors[:, used] / scale[used], paths[:, used] / scale[used]
-    noise = differences.covariance()
+    some = scale > 1e-12 * max(float(scale.max(initial=0.0)), 1e-30)
+    regressors, paths = regressors[:, some] / scale[some], paths[:, some] / scale[some]
+    noise, growth = differences.covariance(), np.minimum(differences.growth, GAP_STEPS**5)
     best, found = np.inf, (np.zeros(paths.shape[1]), RATIOS[0], 1.0)
     for ratio in RATIOS:
         # V / sigma^2 = D D' + I / ratio
         bands = noise.copy()
-        bands[0] += 1.0 / ratio
+        bands[0] += growth / ratio
         factor = cholesky_banded(bands, lower=True, check_finite=False)
         whitened = cho_solve_banded((factor, True), np.column_stack([target, regressors]), check_finite=False)
-        gram = regressors.T @ whitened[:, 1:]
-        beta = np.linalg.lstsq(gram, regressors.T @ whitened[:, 0], rcond=1e-8)[0]
-        rest = float(target @ whitened[:, 0] - beta @ (regressors.T @ whitened[:, 0]))
-        variance = max(rest / len(target), 1e-30)
+        gram, right = regressors.T @ whitened[:, 1:], regressors.T @ whitened[:, 0]
+        beta = np.linalg.lstsq(gram, right, rcond=1e-8)[0]
+        variance = max(float(target @ whitened[:, 0] - beta @ right) / len(target), 1e-30)
         # n log sigma^2 + log det V
         loss = len(target) * np.log(variance) + 2.0 * float(np.log(factor[0]).sum())
         if loss < best:

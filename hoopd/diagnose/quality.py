@@ -67,6 +67,7 @@ class Channel:
     ignored: Mask  # within `segments`
     late_share: Share = NONE
     outlier_share: Share = NONE
+    jitter_s: float = 0.0  # of the instants of sampling, as the scatter of a moving angle shows it
 
     @property
     def numbers(self) -> dict[str, int]:
@@ -119,11 +120,12 @@ def assess(recording: Recording, encoder_counts: int = 4096) -> Quality:
     moving = "hoop" if current else moving
     segments = [(*_span(whole, a, b), "the hoop does not answer the torque") for a, b in silent]
     ignored = inside(len(whole), silent)
-    found = {
-        "theta": _hoop(whole, "theta", ignored, moving, encoder_counts),
-        "dtheta": _hoop(whole, "dtheta", ignored, moving, encoder_counts),
-        "psi": _ball(whole, ignored) if moving != "hoop" else _absent(whole, "psi", ignored),
-    }
+    drives = lagged(whole.u)
+    psi, course = _ball(whole, drives, ignored) if moving != "hoop" else (_absent(whole, "psi", ignored), None)
+    if course is not None:  # the ball's weight turns the hoop too
+        drives = np.column_stack([drives, np.sin(course), np.cos(course)])
+    hoop = {name: _hoop(whole, name, drives, ignored, moving, encoder_counts) for name in ("theta", "dtheta")}
+    found = {**hoop, "psi": psi}
     channels = {name: _without_bursts(whole, channel, segments) for name, channel in found.items()}
     segments += _stuck(whole, channels["psi"])
     kept = cleaned_channels(whole, channels)
@@ -197,7 +199,7 @@ def _new(recording: Recording, name: str) -> Mask:
     return seen & ~again
 
 
-def _hoop(recording: Recording, name: str, ignored: Mask, moving: str, encoder_counts: int) -> Channel:
+def _hoop(recording: Recording, name: str, drives: Array, ignored: Mask, moving: str, encoder_counts: int) -> Channel:
     """theta or dtheta: noise, repeated rows, single false values."""
     values, usable = getattr(recording, name), _new(recording, name)
     missing, none = ~np.isfinite(values), np.zeros(len(values), dtype=bool)
@@ -213,7 +215,6 @@ def _hoop(recording: Recording, name: str, ignored: Mask, moving: str, encoder_c
     floor = step / sqrt(12.0) if np.isfinite(step) else 1e-9
     if moving == "ball" or np.ptp(values[usable]) < HELD_COUNTS * step:
         return replace(whole, sigma=floor)
-    drives = lagged(recording.u)
     found = split(t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor)
     false = found.false > SURE
     sigma = max(noise_floor(t, np.where(usable & ~false, values - found.path, np.nan)), floor)
@@ -226,8 +227,8 @@ def _constant(values: Array) -> bool:
     return float(np.ptp(values)) <= 1e-12
 
 
-def _ball(recording: Recording, ignored: Mask) -> Channel:
-    """psi: noise, lost and late frames, single false values."""
+def _ball(recording: Recording, drives: Array, ignored: Mask) -> tuple[Channel, Array | None]:
+    """psi: noise, lost and late frames, single false values; and the course of the ball (n,)."""
     usable = _new(recording, "psi") & ~ignored
     missing = ~np.isfinite(recording.psi)
     values = _near(np.where(usable, recording.psi, np.nan))
@@ -238,10 +239,10 @@ def _ball(recording: Recording, ignored: Mask) -> Channel:
     whole = Channel("psi", float("nan"), quantum(values), usable, missing, stuck, none, none, ignored)
     fresh = usable & ~same.short
     if fresh.sum() < FEWEST:
-        return whole
-    t, drives = _times(recording, "psi"), lagged(recording.u)
+        return whole, None
+    t = _times(recording, "psi")
     found = split(t, np.where(fresh, values, np.nan), _ball_paths(t, drives), late=True, floor=1e-6)
-    return _judged(whole, found, same.short, fresh, t, values)
+    return _judged(whole, found, same.short, fresh, t, values), found.course
 
 
 def _judged(whole: Channel, found: Split, short: Mask, fresh: Mask, t: Array, values: Array) -> Channel:
