@@ -21,6 +21,8 @@ Mask = NDArray[np.bool_]
 # So rarely may late frames alone make a stretch as long as one that is called stuck, once in a hundred recordings.
 RARE = 0.01
 STEPS = 30
+# Equal distances in a row that chance hardly makes: of independent repeats every tenth stretch has two.
+PERIODS = 5
 # Chance is never excluded entirely, nor certain.
 LEAST, MOST = 1e-6, 0.99
 
@@ -83,3 +85,15 @@ def repeated_frames(short: Mask, candidates: int, moved: Array, sigma: float, re
     doubt = float((probability * (1.0 - probability)).sum())
     error = sqrt(share * (1.0 - share) / max(candidates, 1) + doubt / max(candidates, 1) ** 2)
     return RepeatedFrames(probability, share if share > LEAST else 0.0, error, max(gain, 0.0))
+
+
+def slow_stretches(repeated: Mask) -> list[tuple[int, int, int]]:
+    """First and last row and period of stretches in which every so-manieth value repeats: a camera slower than the rows.
+
+    repeated: (n,). PERIODS equal distances of two rows or more in a row.
+    """
+    rows = np.flatnonzero(repeated)
+    gaps = np.diff(rows)
+    edges, lengths = equal_stretches(gaps.astype(float))
+    found = zip(edges[:-1], lengths, strict=True)
+    return [(int(rows[a]), int(rows[a + n]), int(gaps[a])) for a, n in found if n >= PERIODS and gaps[a] >= 2]

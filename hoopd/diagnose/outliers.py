@@ -16,6 +16,8 @@ Mask = NDArray[np.bool_]
 
 # A burst: most of 0.3 s at 50 Hz. With a fifth of all samples false 11 of 15 happen once in 80,000 rows.
 WINDOW, DENSE = 15, 11
+# Blocks for the share of false values that stand alone: 0.2 s at 50 Hz.
+BLOCK = 10
 
 
 def bursts(false: Mask, seen: Mask) -> list[tuple[int, int]]:
@@ -32,6 +34,19 @@ def bursts(false: Mask, seen: Mask) -> list[tuple[int, int]]:
 def _trimmed(rows: NDArray[np.int64], false: Mask) -> tuple[int, int]:
     inside = rows[false[rows]]
     return int(inside[0]), int(inside[-1])
+
+
+def spread_share(false: Mask, seen: Mask) -> float:
+    """Share of false values among the samples seen, as the blocks without one tell: 1 - share = (empty)^(1/BLOCK).
+
+    For values that are false here and there it is their share; ten in a row in one place count little more than one.
+    """
+    rows = np.flatnonzero(seen | false)
+    blocks = len(rows) // BLOCK
+    if not blocks:
+        return 0.0
+    empty = 1.0 - float(false[rows[: blocks * BLOCK]].reshape(blocks, BLOCK).any(axis=1).mean())
+    return 1.0 - max(empty, 0.5 / blocks) ** (1.0 / BLOCK)
 
 
 def inside(n: int, stretches: list[tuple[int, int]]) -> Mask:

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.lateframes import repeated_frames, repeats
+from hoopd.diagnose.lateframes import repeated_frames, repeats, slow_stretches
 from hoopd.diagnose.mixture import Split, split
 from hoopd.diagnose.motion import lagged, pushes
 from hoopd.diagnose.noisefloor import noise_floor, quantum, resolution
-from hoopd.diagnose.outliers import bursts, inside, stretches
+from hoopd.diagnose.outliers import bursts, inside, spread_share, stretches
 from hoopd.diagnose.speed import Speed, speed
 from hoopd.diagnose.stops import Clock, clock, saturated_share, unanswered
 from hoopd.ident.experiments import HELD_COUNTS, moving_of
@@ -37,6 +37,10 @@ EFFECT_SHARE, EFFECT_NATS = 0.02, 25.0
 # Fewer samples have no course of their own.
 FEWEST = 30
 SURE = 0.5
+# A shorter stretch of equal angles is counted, and not worth a line of its own.
+STUCK_S = 0.2
+# Unevenness of sampling that is worth a line: at 20 rad/s more than an encoder's count.
+JITTER_S = 1e-4
 
 
 @dataclass(frozen=True)
@@ -47,9 +51,10 @@ class Share:
     ci95: tuple[float, float]
     gain: float
     count: int
+    spread: float  # the same if samples were bad one by one: less than `value` when they come in clusters
 
 
-NONE = Share(0.0, (0.0, 0.0), 0.0, 0)
+NONE = Share(0.0, (0.0, 0.0), 0.0, 0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -138,7 +143,7 @@ def assess(recording: Recording, encoder_counts: int = 4096) -> Quality:
         speed(kept, theta_sigma),
         saturated_share(recording.u),
         moving,
-        suspicions(recording) if len(recording) else [],
+        [*suspicions(recording), *_slow_camera(whole, channels["psi"]), *_uneven(channels["theta"])],
     )
 
 
@@ -162,7 +167,8 @@ def corruption_findings(quality: Quality) -> list[tuple[str, float, tuple[float,
 
 
 def _is_effect(share: Share) -> bool:
-    return share.value > EFFECT_SHARE and share.gain > EFFECT_NATS
+    """An effect is there all the time: a hand or a burst makes a large share in a few places."""
+    return min(share.value, share.spread) > EFFECT_SHARE and share.gain > EFFECT_NATS
 
 
 # ---------------------------------------------------------------------------------------------- channels
@@ -255,7 +261,7 @@ def _judged(whole: Channel, found: Split, short: Mask, fresh: Mask, t: Array, va
     part = int(fresh.sum()) / candidates
     share = again.share + part * float(found.shares[1])
     error = sqrt(again.error**2 * (again.share > 0.0) + (part * float(found.errors[0])) ** 2 * (found.shares[1] > 0.0))
-    late_share = Share(share, _interval(share, error), again.gain + float(found.gains[0]), int(late.sum()))
+    late_share = Share(share, _interval(share, error), again.gain + float(found.gains[0]), int(late.sum()), share)
     return replace(
         whole,
         sigma=sigma if np.isfinite(sigma) else found.sigma,
@@ -275,7 +281,8 @@ def _ball_paths(t: Array, drives: Array) -> Callable[[Array], Array]:
 def _false_share(found: Split, usable: Mask) -> Share:
     part = float((found.fresh + found.late + found.false).sum()) / max(int(usable.sum()), 1)
     share, error = part * float(found.shares[2]), part * float(found.errors[1])
-    return Share(share, _interval(share, error), float(found.gains[1]), int((found.false > SURE).sum()))
+    false = found.false > SURE
+    return Share(share, _interval(share, error), float(found.gains[1]), int(false.sum()), spread_share(false, usable))
 
 
 def _interval(share: float, error: float) -> tuple[float, float]:
@@ -313,7 +320,8 @@ def _without_bursts(recording: Recording, channel: Channel, segments: list[tuple
     left = max(share.value - moved / max(int(channel.counts.sum()) + share.count, 1), 0.0)
     gain = share.gain * left / share.value if share.value else 0.0
     width = (share.ci95[1] - share.ci95[0]) / 2
-    smaller = Share(left, (max(left - width, 0.0), left + width), gain, int(outside.sum()))
+    alone = spread_share(outside, channel.counts & ~inner)
+    smaller = Share(left, (max(left - width, 0.0), left + width), gain, int(outside.sum()), alone)
     return replace(
         channel,
         counts=channel.counts & ~inner,
@@ -327,4 +335,22 @@ def _stuck(recording: Recording, psi: Channel) -> list[tuple[float, float, str]]
     """Stretches in which the camera gives one and the same angle."""
     if not psi.counts.any():
         return []
-    return [(*_span(recording, max(a - 1, 0), b), "psi: the camera repeats itself") for a, b in stretches(psi.stuck)]
+    spans = [_span(recording, max(a - 1, 0), b) for a, b in stretches(psi.stuck)]
+    return [(*span, "psi: the camera repeats itself") for span in spans if span[1] - span[0] >= STUCK_S]
+
+
+def _uneven(theta: Channel) -> list[str]:
+    """Samples whose scatter grows with the speed were not taken when their stamps say."""
+    if theta.jitter_s < JITTER_S:
+        return []
+    return [f"theta scatters with its speed, as if taken {1e3 * theta.jitter_s:.2g} ms too early or too late"]
+
+
+def _slow_camera(recording: Recording, psi: Channel) -> list[str]:
+    """A camera that for a while takes fewer frames than there are rows."""
+    rate, sentences = 1.0 / recording.sample_time_s if len(recording) > 1 else 0.0, []
+    for first, last, period in slow_stretches(psi.late):
+        span = f"{recording.t[first]:.6g} to {recording.t[last]:.6g} s"
+        frames = f"{rate * (period - 1) / period:.3g} frames a second"
+        sentences.append(f"psi: from {span} one of {period} values is the one before: a camera of {frames}")
+    return sentences

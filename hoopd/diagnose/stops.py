@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hoopd.diagnose.outliers import stretches
 from hoopd.ident.experiments import HELD_COUNTS
 from hoopd.recording.recording import Recording
-from hoopd.recording.timeline import GAP_STEPS, usual_steps
+from hoopd.recording.timeline import usual_steps
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -24,10 +24,12 @@ Mask = NDArray[np.bool_]
 REST_S = 0.3
 # Of the torques at which the hoop moves: one in four is smaller, and friction may hold those.
 LEVEL = 0.25
-# A clock's reading this many robust sigma (and a tenth of a step) off the usual one is uneven.
-UNEVEN_STEPS = 0.1
-# So many equal largest torques in a row are a limit, unless there are only a few levels at all.
-LEVELS = 8
+# Clocks that move against each other by more steps than that were set; a median over so many rows tells.
+SHIFT_STEPS, SHIFT_ROWS = 3.0, 15
+# A longer step between rows is a missing row.
+MISSING_STEPS = 1.5
+# So many largest torques in a row are a limit (a sine has two at its peak), unless there are only a few levels at all.
+STAYS, LEVELS = 3, 8
 
 
 class Clock(NamedTuple):
@@ -46,7 +48,7 @@ def clock(recording: Recording) -> Clock:
     if len(t) < 2:
         return Clock(float("nan"), float("nan"), [], 0, [])
     h, usual = np.diff(t), usual_steps(t)
-    long = h > min(GAP_STEPS, 1.5) * usual
+    long = h > MISSING_STEPS * usual
     ordinary = h[~long & (h > 0.0)]
     jitter = float(np.std(ordinary)) if len(ordinary) else float("nan")
     gaps = [(float(t[k]), float(t[k + 1])) for k in np.flatnonzero(long)]
@@ -58,13 +60,13 @@ def _shifts(recording: Recording, step_s: float) -> list[float]:
     found = set()
     for stamps in (recording.y_t, recording.psi_t):
         seen = np.flatnonzero(np.isfinite(stamps))
-        if len(seen) < 40:
+        if len(seen) < 3 * SHIFT_ROWS:
             continue
         offset = stamps[seen] - recording.t[seen]
-        windows = np.lib.stride_tricks.sliding_window_view(offset, 15)
+        windows = np.lib.stride_tricks.sliding_window_view(offset, SHIFT_ROWS)
         middle = np.median(windows, axis=1)
-        jumped = np.abs(middle[15:] - middle[:-15]) > 3.0 * step_s
-        found |= {float(recording.t[seen[a + 15]]) for a, _ in stretches(jumped)}
+        jumped = np.abs(middle[SHIFT_ROWS:] - middle[:-SHIFT_ROWS]) > SHIFT_STEPS * step_s
+        found |= {float(recording.t[seen[a + SHIFT_ROWS]]) for a, _ in stretches(jumped)}
     return sorted(found)
 
 
@@ -96,9 +98,9 @@ def _driven(u: Array, level: float) -> bool:
 
 
 def saturated_share(u: Array) -> float:
-    """Share of rows at the largest torque, when the torque has more than a few levels (else 0: a two-level signal)."""
+    """Share of rows that stay at the largest torque, of a torque with more than a few levels (else 0: two levels)."""
     seen = np.abs(u[np.isfinite(u)])
     if len(seen) == 0 or len(np.unique(seen)) < LEVELS:
         return 0.0
     top = seen >= seen.max() * (1.0 - 1e-6)
-    return float(top.mean()) if top.sum() > 1 else 0.0
+    return sum(b - a + 1 for a, b in stretches(top) if b - a + 1 >= STAYS) / len(seen)
