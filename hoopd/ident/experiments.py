@@ -166,7 +166,7 @@ def fresh_angles(part: Timeline) -> NDArray[np.bool_]:
     """Which angles of the ball count: a value that repeats is a camera that has lost it (the first counts), or, when
     the hoop is still too, a ball at rest (the first and the last count)."""
     good, channel, theta = not_stuck(part.channels["psi"].values), part.channels["psi"], part.channels["theta"]
-    edges, _ = _equal(channel.values)
+    edges, _ = equal_stretches(channel.values)
     for first, last in pairwise(edges):
         if good[first:last].all() or len(theta.values) == 0:
             continue
@@ -186,7 +186,7 @@ def once_at_rest(theta: Array) -> NDArray[np.bool_]:
     The error of a moving encoder, evenly spread over a count, is new in every sample; at rest it is one and the same,
     and fifty of it would pull fifty times. In the middle, because that of a hoop that creeps is the count's mean there.
     """
-    edges, lengths = _equal(theta)
+    edges, lengths = equal_stretches(theta)
     good = np.repeat(lengths < STUCK, lengths)
     good[edges[:-1] + lengths // 2] |= lengths >= STUCK
     return good
@@ -194,13 +194,13 @@ def once_at_rest(theta: Array) -> NDArray[np.bool_]:
 
 def not_stuck(psi: Array) -> NDArray[np.bool_]:
     """False where a value repeats and repeats (STUCK or more equal ones): the first of them counts."""
-    edges, lengths = _equal(psi)
+    edges, lengths = equal_stretches(psi)
     good = np.repeat(lengths < STUCK, lengths)
     good[edges[:-1]] = True
     return good
 
 
-def _equal(values: Array) -> tuple[Index, Index]:
+def equal_stretches(values: Array) -> tuple[Index, Index]:
     """Edges (k+1,) and lengths (k,) of stretches of equal values."""
     if len(values) == 0:
         return np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)

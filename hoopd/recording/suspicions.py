@@ -96,6 +96,11 @@ def _ball(recording: Recording) -> Iterator[str]:
         yield f"psi never changes ({psi[0]:.4g} rad): no ball; leave it out with --columns u,theta,dtheta,-"
 
 
+def ball_is_current(recording: Recording) -> bool:
+    """Whether psi follows the torque where no ball can: then it is another signal."""
+    return next(_ball_is_current(recording), None) is not None
+
+
 def _ball_is_current(recording: Recording) -> Iterator[str]:
     u, psi = _filled(recording.t, recording.u), _filled(recording.t, recording.psi)
     if u is None or psi is None:
@@ -127,10 +132,15 @@ def _speed(recording: Recording) -> Iterator[str]:
         yield f"dtheta is {gain:.2f} times the slope of theta (correlation {correlation:.2f}): trust theta, not dtheta"
 
 
-def _repeated(recording: Recording) -> Iterator[str]:
+def repeated_rows(recording: Recording) -> NDArray[np.int64]:
+    """Rows whose theta and dtheta are those of the row before although the hoop turns."""
     still = [np.diff(getattr(recording, name)) == 0 for name in ("theta", "dtheta")]
     moves = np.abs(recording.dtheta[1:]) * np.diff(recording.t) > REPEAT_COUNTS * COUNT_RAD
-    rows = np.flatnonzero(still[0] & still[1] & moves) + 1
+    return np.asarray(np.flatnonzero(still[0] & still[1] & moves) + 1)
+
+
+def _repeated(recording: Recording) -> Iterator[str]:
+    rows = repeated_rows(recording)
     if len(rows):
         first = f"{recording.t[rows[0]]:.6g} s"
         yield f"{len(rows)} row{_s(rows)} the same as the one before while the hoop turns (first at {first})"
