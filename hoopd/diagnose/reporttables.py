@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from hoopd.diagnose.record import Diagnosis, EffectFinding, Fit, Fits, Quantity, Visible
+from hoopd.diagnose.record import DataQuality, Diagnosis, EffectFinding, Fit, Fits, Quantity, RecordingQuality, Visible
 from hoopd.diagnose.words import (
     NOTHING,
     amount,
@@ -146,8 +146,9 @@ def quality(diagnosis: Diagnosis) -> Table:
     """Shares of bad samples: each recording where that is known, and all together."""
     whole = diagnosis.data_quality
     names = short_names(whole.recordings)
-    parts = [*((names[name], one) for name, one in whole.recordings.items()), ("all", whole)]
-    rows = [(name, share(one.missing), share(one.late_frames), share(one.outliers)) for name, one in parts]
+    of_each = [(names[name], one) for name, one in whole.recordings.items()]
+    parts: list[tuple[str, RecordingQuality | DataQuality]] = [*of_each, ("all", whole)]
+    rows: list[Row] = [(name, share(one.missing), share(one.late_frames), share(one.outliers)) for name, one in parts]
     return Table("Data quality", ("recording", "missing", "late frames", "outliers"), "lrrr", rows)
 
 
@@ -157,5 +158,5 @@ def ignored(diagnosis: Diagnosis) -> Table:
     names = short_names(whole.recordings)
     parts = [(names[name], one) for name, part in whole.recordings.items() for one in part.segments_ignored]
     spans = parts or [("", one) for one in whole.segments_ignored]
-    rows = [(f"{start:.2f}", f"{end:.2f}", safe(reason), name) for name, (start, end, reason) in spans]
+    rows: list[Row] = [(f"{start:.2f}", f"{end:.2f}", safe(reason), name) for name, (start, end, reason) in spans]
     return Table("Set aside", ("from (s)", "to (s)", "because", "recording"), "rrll", rows)

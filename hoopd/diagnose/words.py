@@ -182,7 +182,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 def _finding(effect: EffectFinding) -> str:
     """A name with its first size, and what cannot be told from it."""
     sizes = [f"{name} = {value_text(one)}" for name, one in effect.parameters.items() if one.value is not None]
-    inside = [*sizes[:1], *([f"or {listed(effect.not_excluded, 'or')}"] if effect.not_excluded else [])]
+    inside = [*sizes[:1], *([f"{listed(effect.not_excluded)} not excluded"] if effect.not_excluded else [])]
     return effect.name + (f" ({'; '.join(inside)})" if inside else "")
 
 
