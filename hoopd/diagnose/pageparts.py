@@ -20,12 +20,14 @@ from hoopd.plots import style
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 # What matplotlib writes before the drawing and about it: a page has its own.
-_PROLOGUE = re.compile(r"^.*?(?=<svg)", re.DOTALL)
+_PROLOGUE = re.compile(r"\A.*?(?=<svg)", re.DOTALL)
 _METADATA = re.compile(r"<metadata>.*?</metadata>\s*", re.DOTALL)
 _OPENING = re.compile(r"<svg\b[^>]*>")
 _VIEW = re.compile(r'viewBox="[^"]*"')
-# Names inside a drawing, where they stand and where they are used; attributes only, never the text between tags.
-_NAMES = re.compile(r'(?<=[ (])(id="|xlink:href="#|url\(#)(?=[^">]*["\)])')
+_COMMENTS = re.compile(r"<!--.*?-->\s*", re.DOTALL)
+_TAG = re.compile(r"<[^>]*>")
+# Names inside a drawing, where they stand and where they are used.
+_NAMES = re.compile(r'( id="| xlink:href="#|url\(#)')
 # A rule about everything would reach out of the drawing.
 _LOOSE_STYLE = re.compile(r"<defs>\s*<style type=\"text/css\">\*\{[^<]*</style>\s*</defs>\s*")
 
@@ -87,9 +89,9 @@ def svg(figure: Figure) -> str:
 
 def _inner(drawn: str, name: str) -> str:
     """Without prologue, metadata and rules of its own; its names differ from those of every other drawing."""
-    for noise in (_PROLOGUE, _METADATA, _LOOSE_STYLE):
-        drawn = noise.sub("", drawn, count=1)
-    return _NAMES.sub(lambda hit: f"{hit.group(1)}{name}-", drawn)
+    for noise in (_PROLOGUE, _METADATA, _LOOSE_STYLE, _COMMENTS):
+        drawn = noise.sub("", drawn)
+    return _TAG.sub(lambda tag: _NAMES.sub(rf"\g<1>{name}-", tag.group()), drawn)
 
 
 def _labelled(drawn: str, name: str, title: str) -> str:

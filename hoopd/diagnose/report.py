@@ -28,6 +28,7 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
     _table(reporttables.effects(diagnosis), console)
     _sentences([one.statement for one in diagnosis.effects], console)
     _table(reporttables.checks(diagnosis), console)
+    _sentences(words.ablation_sentences(diagnosis.effects), console)
     _fits(diagnosis, console)
     _table(reporttables.alternatives(diagnosis), console)
     _next(diagnosis, console)

@@ -56,12 +56,13 @@ def _contents(kept: Sequence[tuple[str, str, str]]) -> str:
 def _effects(diagnosis: Diagnosis, shown: Shown) -> str:
     """The names, their sizes, and how each was tested."""
     said = "".join(paragraph(one.statement) for one in diagnosis.effects)
-    return said + table(reporttables.effects(diagnosis)) + table(reporttables.checks(diagnosis))
+    lost = "".join(map(paragraph, words.ablation_sentences(diagnosis.effects)))
+    return said + table(reporttables.effects(diagnosis), caption=False) + table(reporttables.checks(diagnosis)) + lost
 
 
 def _where(diagnosis: Diagnosis, shown: Shown) -> str:
     """Slots and times."""
-    body = paragraph(words.location_sentence(diagnosis.location))
+    body = paragraph(words.location_sentence(diagnosis.location) or "No slot stands out.")
     if any(gain is not None for gain in diagnosis.location.evidence.values()):
         drawn = figures.draw_evidence_by_slot(diagnosis.location.evidence)
         title = f"Evidence by slot: {_pairs(diagnosis.location.evidence)}"
@@ -135,7 +136,7 @@ def _alternatives(diagnosis: Diagnosis, shown: Shown) -> str:
         body = paragraph("Nothing else in the library explains the recordings nearly as well.")
     if any(one.log_likelihood_gain is not None for one in diagnosis.candidates):
         drawn = figures.draw_candidates(diagnosis.candidates, {one.name for one in effects}, open_names)
-        caption = "What each explanation gains on its own; one that stays left of the line explains nothing."
+        caption = "What each explanation gains on its own; one that stays left of what is needed explains nothing."
         body += drawing(drawn, "candidates", "Explanations that were tried, by evidence", caption)
     return body
 
@@ -145,7 +146,7 @@ def _next(diagnosis: Diagnosis, shown: Shown) -> str:
         return ""
     body = paragraph(words.experiment_sentence(planned)) + paragraph(planned.reason)
     command = f"<pre><code>{text(planned.command)}</code></pre>\n" if planned.command else ""
-    return body + table(reporttables.experiment(diagnosis)) + command
+    return body + command
 
 
 def _parameters(diagnosis: Diagnosis, shown: Shown) -> str:

@@ -59,7 +59,7 @@ def checks(diagnosis: Diagnosis) -> Table:
     head = ("effect", "held-out gain", "taken out again", "shuffled (placebo)")
     rows = [_check(one) for one in diagnosis.effects]
     tested = [row for row in rows if any(cell != NOTHING for cell in row[1:])]
-    return Table("How each finding was tested", head, "lrrr", tested)
+    return _without_empty(Table("How each finding was tested", head, "lrrr", tested))
 
 
 def _check(effect: EffectFinding) -> Row:
@@ -75,17 +75,22 @@ def _held(held: bool) -> str:
 
 
 def fit(title: str, fits: Fits) -> Table:
-    """Fit before and after; the ceiling only where one is known."""
-    ceiling = any(one.ceiling is not None for _, _, one in each_fit(fits))
+    """Fit before and after."""
     head = ("recording", "channel", "nominal", "re-fitted", "+ effects", "noise floor", "ceiling")
     names = short_names(fits)
     rows = [(names[recording], safe(channel), *_fit_cells(one)) for recording, channel, one in each_fit(fits)]
-    columns = len(head) if ceiling else len(head) - 1
-    return Table(title, head[:columns], "llrrrrr"[:columns], _without_repeats(row[:columns] for row in rows))
+    return _without_empty(Table(title, head, "llrrrrr", _without_repeats(rows)))
 
 
 def _fit_cells(one: Fit) -> Row:
     return tuple(map(percent, (one.nominal, one.base_refit, one.with_effects, one.noise_floor, one.ceiling)))
+
+
+def _without_empty(table: Table) -> Table:
+    """Columns in which nothing is known are left out."""
+    kept = [index for index in range(len(table.head)) if any(row[index] != NOTHING for row in table.rows)]
+    rows = [tuple(row[index] for index in kept) for row in table.rows]
+    return Table(table.title, tuple(table.head[i] for i in kept), "".join(table.align[i] for i in kept), rows)
 
 
 def _without_repeats(rows: Iterable[Row]) -> list[Row]:
@@ -122,13 +127,6 @@ def parameters(diagnosis: Diagnosis) -> Table:
 
 def _parameter(of: str, name: str, one: Quantity) -> Row:
     return (safe(of), safe(name), value_text(one), interval_text(one), amount(one.nominal, one.unit))
-
-
-def experiment(diagnosis: Diagnosis) -> Table:
-    """Settings of the proposed experiment."""
-    planned = diagnosis.next_experiment
-    settings = planned.parameters if planned is not None else {}
-    return Table("Settings", ("setting", "value"), "lr", [(safe(k), value_text(one)) for k, one in settings.items()])
 
 
 def power(diagnosis: Diagnosis) -> Table:

@@ -63,7 +63,10 @@ class Law:
 
 @dataclass(frozen=True)
 class Regressor:
-    """What the missing force is drawn against: values at the same instants as the force, (n,)."""
+    """What the missing force is drawn against: values at the same instants as the force, (n,).
+
+    The angle of a turning hoop belongs in one turn: whoever fills this wraps it.
+    """
 
     name: str  # "dtheta"
     unit: str

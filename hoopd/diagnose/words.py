@@ -142,7 +142,7 @@ def nats(value: Number) -> str:
     """A log-likelihood ratio: whole above 10."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    return f"{value:,.0f}".replace(",", "\u202f") if abs(value) >= 10.0 else f"{value:.1f}"
+    return f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.1f}"
 
 
 def listed(names: Iterable[str], last: str = "and") -> str:
@@ -246,10 +246,20 @@ def unexplained_sentence(diagnosis: Diagnosis) -> str:
 
 def experiment_sentence(planned: NextExperiment) -> str:
     """What to record next, and why."""
-    settings = listed(f"{name} {value_text(one)}" for name, one in planned.parameters.items())
+    settings = ", ".join(f"{safe(name)} {value_text(one)}" for name, one in planned.parameters.items())
     bring = f" ({nats(planned.expected_nats)} nats expected)" if planned.expected_nats is not None else ""
-    inside = f" with {settings}" if settings else ""
-    return f"Record {planned.signal}{inside}: it tells {listed(planned.tells_apart, 'from')} apart{bring}."
+    inside = f" ({settings})" if settings else ""
+    return f"Record {planned.signal}{inside}: that tells {listed(planned.tells_apart, 'from')}{bring}."
+
+
+def ablation_sentences(effects: Iterable[EffectFinding]) -> list[str]:
+    """What the held-out data lose when a finding is taken out again."""
+    return [
+        f"Without {one.name} the fit of held-out {channel} falls from {percent(before)} to {percent(after)} %."
+        for one in effects if one.ablation is not None
+        for channel, before in one.ablation.heldout_with.items()
+        if (after := one.ablation.heldout_without.get(channel)) is not None
+    ]  # fmt: skip
 
 
 def source_sentence(fit: FitTable) -> str:

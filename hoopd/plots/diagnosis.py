@@ -22,8 +22,10 @@ WIDTH_IN, ROW_IN = 8.0, 0.28
 MOST_CANDIDATES = 14
 # A disturbance of this many times the noise is drawn as dark as any larger one.
 DARKEST = 6.0
+LEAST_TIME_S = 1e-3  # an axis has two ends even where there is one sample
 # Columns of a strip: more than a page can show apart are averaged.
 COLUMNS = 400
+LEAST_SPAN_NATS = 30.0  # of a linear one: what chance reaches does not fill it
 LEAST_NATS = 0.5  # left end of a logarithmic axis of nats
 # An interval wider than this runs out of the picture: the parameter is hardly known.
 WIDEST_PERCENT = 60.0
@@ -46,7 +48,7 @@ def draw_evidence_by_slot(evidence: Mapping[str, Number]) -> Figure:
     for row, (gain, _) in enumerate(known):
         axes.annotate(nats(gain), (max(gain, 0.0), row), (4, 0), textcoords="offset points", va="center",
                       fontsize=style.NOTE_PT)  # fmt: skip
-    axes.margins(x=0.1)
+    axes.set_xlim(0.0, max(LEAST_SPAN_NATS, 1.1 * max(gain for gain, _ in known)))
     style.labelled(axes, "evidence (nats)", "")
     return figure
 
@@ -70,8 +72,8 @@ def draw_strips(strips: Sequence[Strip]) -> Figure:
 
 def _strip_rows(axes: Axes, group: Sequence[Strip]):  # type: ignore[no-untyped-def]
     """One recording's strips over each other; returns the image that the colour bar belongs to."""
-    end = max(float(one.t_s[-1]) for one in group)
     start = min(float(one.t_s[0]) for one in group)
+    end = max(start + LEAST_TIME_S, *(float(one.t_s[-1]) for one in group))
     edges = np.linspace(start, end, min(COLUMNS, max(len(one.t_s) for one in group)) + 1)
     rows = np.array([_binned_size(one, edges) for one in group])
     image = axes.imshow(rows, aspect="auto", cmap="OrRd", vmin=0.0, vmax=DARKEST, interpolation="nearest",
@@ -88,7 +90,8 @@ def _binned_size(strip: Strip, edges: NDArray[np.float64]) -> NDArray[np.float64
     inside = np.clip(np.digitize(strip.t_s[known], edges) - 1, 0, len(edges) - 2)
     count = np.bincount(inside, minlength=len(edges) - 1)
     power = np.bincount(inside, strip.strength[known] ** 2, minlength=len(edges) - 1)
-    return np.sqrt(np.divide(power, count, out=np.full(len(count), np.nan), where=count > 0))
+    mean = np.divide(power, count, out=np.full(len(count), np.nan), where=count > 0)
+    return np.asarray(np.sqrt(mean), float)
 
 
 def shade(axes: Axes, ignored: Sequence[Ignored]) -> None:
@@ -120,7 +123,7 @@ def _look(name: str, named: Collection[str], not_excluded: Collection[str]) -> t
     """Colour and word of a candidate."""
     if name in named:
         return style.VERMILION, "named"
-    return (style.ORANGE, "not excluded") if name in not_excluded else (style.BLUE, "excluded or too weak")
+    return (style.ORANGE, "not excluded") if name in not_excluded else (style.BLUE, "not named")
 
 
 def _candidate(axes: Axes, row: int, one: Candidate, colour: str, label: str) -> None:
@@ -164,7 +167,7 @@ def _parameter(axes: Axes, row: int, one: Quantity, first: bool) -> None:
         axes.plot(ends, (row, row), color=style.BLUE, linewidth=6.0, alpha=0.45, solid_capstyle="butt",
                   label="95 % interval" if first else None)  # fmt: skip
     axes.plot(0.0, row, "o", color=style.BLUE, markersize=5, label="estimated" if first else None)
-    if one.nominal is not None:
+    if one.nominal:  # an effect's is zero: not there
         _nominal(axes, row, 100.0 * (one.nominal - value) / abs(value), "nominal (arrow: outside)" if first else None)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from hoopd.diagnose.record import Curve
@@ -41,6 +42,8 @@ def draw_force(force: MissingForce) -> Figure:
     axes["time"].margins(x=0.0)
     style.labelled(axes["time"], "time (s)", _label(force.unit, "missing", f"in {force.slot}"))
     if names:
+        handles, labels = axes[names[0]].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=style.NOTE_PT, frameon=False)
         axes[names[0]].set_ylabel(_label(force.unit, f"missing in {force.slot}"))
     return figure
 
@@ -55,8 +58,6 @@ def _over(axes: Axes, force: MissingForce, regressor: Regressor) -> None:
     if (law := regressor.law) is not None:
         axes.plot(law.x, law.y, color=style.VERMILION, linewidth=2.0, label=plain(law.label))
     axes.set_xlabel(_label(regressor.unit, regressor.name))
-    style.legend(axes, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=3, borderaxespad=0.1, markerscale=1.5,
-                 columnspacing=1.0, handlelength=1.2)  # fmt: skip
 
 
 def draw_curve(curve: Curve) -> Figure:
@@ -81,7 +82,7 @@ def draw_harmonics(harmonics: Harmonics) -> Figure:
         axes.step(harmonics.order, harmonics.threshold, where="mid", color=style.GREY, linestyle="--",
                   label="what noise reaches")  # fmt: skip
     style.labelled(axes, f"periods in a turn of {plain(harmonics.angle)}", _label(harmonics.unit, "amplitude"))
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     style.legend(axes)
     return figure
 

@@ -105,6 +105,7 @@ def force(missing: Callable[[Array], float], of: int, name: str, unit: str, law:
     """Smoothed missing torque on the hoop against the state it follows and against the command it does not."""
     u, random = command(30.0, 5), np.random.default_rng(6)
     states = run(u, missing)
+    states[:, 0] %= 2.0 * np.pi
     value = np.array([missing(x) for x in states]) + 6e-4 * random.standard_normal(len(u))
     curve_x = np.linspace(states[:, of].min(), states[:, of].max(), 400)
     x = np.zeros((400, 4))
@@ -150,7 +151,8 @@ def fits(nominal: float, refit: float, effects: float | None, recording: str) ->
     def fit(less: float, floor: float) -> Fit:
         cap = min(floor, 99.5)
         with_effects = None if effects is None else min(effects + less / 4.0, cap)
-        return Fit(nominal=nominal + less, base_refit=refit + less, with_effects=with_effects, noise_floor=floor)
+        before = min(nominal + less, cap - 0.3), min(refit + less, cap - 0.1)
+        return Fit(nominal=before[0], base_refit=before[1], with_effects=with_effects, noise_floor=floor)
 
     return {recording: {"dtheta": fit(0.0, 98.4), "theta_rate": fit(0.4, 98.9), "psi": fit(4.0, 99.2)}}
 
