@@ -1,0 +1,273 @@
+"""The diagnosis as data: `hoopd.diagnosis/1`, the JSON that other programs read.
+
+Rules of this file: what has no default is the contract and is always written, null where it is not determined; what
+has one is an addition and is left out while it says nothing. Never NaN, never a wall time. Bytes depend on the
+diagnosis alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from hoopd.files import InputError
+
+SCHEMA: Literal["hoopd.diagnosis/1"] = "hoopd.diagnosis/1"
+
+Verdict = Literal["consistent", "parameters", "missing_physics", "unknown_physics"]
+VERDICTS_WITHOUT_EFFECTS = ("consistent", "parameters")
+# A number that may not be determined; NaN and infinities become None on the way out.
+Number = float | None
+
+
+class _Part(msgspec.Struct, kw_only=True, frozen=True, omit_defaults=True):
+    """Base of all records; a reader leaves keys that it does not know alone, so that a later version stays readable."""
+
+
+class Quantity(_Part, frozen=True):
+    """A number with its unit, its 95 % interval where it was estimated, and the value that it started from."""
+
+    value: Number
+    unit: str
+    ci95: tuple[Number, Number] | None
+    nominal: Number
+
+
+class Base(_Part, frozen=True):
+    """The model that was judged, with its parameters as re-estimated."""
+
+    model: str
+    parameters: dict[str, Quantity]
+
+
+class Location(_Part, frozen=True):
+    """Where the mismatch sits. `evidence`: nats by slot; `segments`: seconds, null when it is there all the time."""
+
+    slot: str | None
+    channel: str | None
+    segments: list[tuple[float, float]] | None
+    depends_on: list[str]
+    evidence: dict[str, Number]
+
+    @classmethod
+    def nowhere(cls, evidence: Mapping[str, Number] | None = None) -> Location:
+        """No mismatch to locate."""
+        return cls(slot=None, channel=None, segments=None, depends_on=[], evidence=dict(evidence or {}))
+
+
+class Evidence(_Part, frozen=True):
+    """Gain in log-likelihood over the re-fitted base [nats], what it had to exceed, and the gain on held-out data."""
+
+    log_likelihood_gain: Number
+    threshold: Number
+    heldout_gain_percent: Number
+
+
+class Ablation(_Part, frozen=True):
+    """The finding taken out again, everything else re-fitted: nats lost, and held-out fit with it and without it."""
+
+    log_likelihood_loss: Number
+    heldout_with: dict[str, Number]
+    heldout_without: dict[str, Number]
+
+
+class Placebo(_Part, frozen=True):
+    """The same effect driven by a shuffled regressor: its gain in nats should be none. `held`: it was none."""
+
+    log_likelihood_gain: Number
+    held: bool
+    shuffles: int = 1
+
+
+class Alternative(_Part, frozen=True):
+    """Another explanation that the data do not exclude. `behind_nats`: by how much it explains them less."""
+
+    name: str
+    behind_nats: Number
+    reason: str = ""
+
+
+class EffectFinding(_Part, frozen=True):
+    """A named effect."""
+
+    name: str
+    slot: str
+    parameters: dict[str, Quantity]
+    evidence: Evidence
+    not_excluded: list[str]
+    statement: str
+    alternatives: list[Alternative] = []
+    ablation: Ablation | None = None
+    placebo: Placebo | None = None
+
+
+class Fit(_Part, frozen=True):
+    """NRMSE percent of one channel; `noise_floor`: what noise alone leaves; `ceiling`: the best without any physics."""
+
+    nominal: Number
+    base_refit: Number
+    with_effects: Number
+    noise_floor: Number
+    ceiling: Number = None
+
+
+# Recording -> channel -> fit.
+Fits = dict[str, dict[str, Fit]]
+
+
+class FitTable(_Part, frozen=True):
+    """Fits over windows of 2 s; additions: one free run, how it was held out, where a channel's samples come from."""
+
+    train: Fits
+    heldout: Fits
+    free_run: Fits = {}
+    how_heldout: str = ""
+    channel_source: dict[str, str] = {}
+
+
+class Curve(_Part, frozen=True):
+    """What an unknown effect looks like: a value over the regressor, with its 95 % band."""
+
+    regressor: str
+    regressor_unit: str
+    unit: str
+    x: list[Number]
+    y: list[Number]
+    low: list[Number] = []
+    high: list[Number] = []
+
+
+class Unexplained(_Part, frozen=True):
+    """What remains after the named effects. `share`: of what the re-fitted base left unexplained, 0 to 1."""
+
+    fires: bool
+    slot: str | None
+    curve: Curve | None
+    share: Number = None
+
+
+class NextExperiment(_Part, frozen=True):
+    """The experiment that tells two explanations apart, and the nats that it is expected to bring."""
+
+    signal: str
+    parameters: dict[str, Quantity]
+    tells_apart: tuple[str, str]
+    expected_nats: Number
+    reason: str = ""
+    command: str = ""
+
+
+# t0 [s], t1 [s], reason.
+Ignored = tuple[float, float, str]
+
+
+class RecordingQuality(_Part, frozen=True):
+    """Shares of one recording's samples, 0 to 1, what was set aside, and sentences about the rest."""
+
+    missing: Number
+    late_frames: Number
+    outliers: Number
+    segments_ignored: list[Ignored] = []
+    notes: list[str] = []
+
+
+class DataQuality(_Part, frozen=True):
+    """Shares of all samples, 0 to 1, and what was set aside; additions: the same for each recording."""
+
+    missing: Number
+    late_frames: Number
+    outliers: Number
+    segments_ignored: list[Ignored]
+    recordings: dict[str, RecordingQuality] = {}
+    notes: list[str] = []
+
+
+class Candidate(_Part, frozen=True):
+    """One explanation that was tried on its own, over the re-fitted base."""
+
+    name: str
+    log_likelihood_gain: Number
+    threshold: Number = None
+    heldout_gain_percent: Number = None
+
+
+class Visible(_Part, frozen=True):
+    """Power: the smallest size of an effect that this data set would have shown; `largest`: end of its prior range."""
+
+    parameter: str
+    unit: str
+    smallest: Number
+    largest: Number = None
+
+
+class Diagnosis(_Part, frozen=True):
+    """`hoopd.diagnosis/1`."""
+
+    schema: Literal["hoopd.diagnosis/1"]
+    verdict: Verdict
+    base: Base
+    location: Location
+    effects: list[EffectFinding]
+    fit: FitTable
+    unexplained: Unexplained | None
+    next_experiment: NextExperiment | None
+    data_quality: DataQuality
+    seed: int
+    candidates: list[Candidate] = []
+    power: dict[str, Visible] = {}
+    notes: list[str] = []
+
+
+def canonical(diagnosis: Diagnosis) -> Diagnosis:
+    """Effects and candidates by falling evidence; ValueError when verdict and effects contradict each other."""
+    if bool(diagnosis.effects) == (diagnosis.verdict in VERDICTS_WITHOUT_EFFECTS):
+        raise ValueError(f"verdict {diagnosis.verdict!r} with {len(diagnosis.effects)} effects")
+    effects = sorted(diagnosis.effects, key=lambda one: _falling(one.evidence.log_likelihood_gain, one.name))
+    candidates = sorted(diagnosis.candidates, key=lambda one: _falling(one.log_likelihood_gain, one.name))
+    return msgspec.structs.replace(diagnosis, effects=effects, candidates=candidates)
+
+
+def to_json_bytes(diagnosis: Diagnosis) -> bytes:
+    """The file: UTF-8, indented, keys of mappings in alphabetical order; ValueError as in `canonical`."""
+    plain = _plain(msgspec.to_builtins(canonical(diagnosis), enc_hook=_unwrapped))
+    return msgspec.json.format(msgspec.json.encode(plain, order="deterministic"), indent=2) + b"\n"
+
+
+def parse(data: bytes, path: object) -> Diagnosis:
+    """A diagnosis from its file's bytes; InputError (`path` in its message) when it is none."""
+    try:
+        return msgspec.json.decode(data, type=Diagnosis)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(path, "", f"not a {SCHEMA}: {error}") from None
+
+
+def _falling(gain: Number, name: str) -> tuple[float, str]:
+    """Most evidence first; what is not determined last; the name decides among equals."""
+    return (-gain if gain is not None and not math.isnan(gain) else math.inf, name)
+
+
+def _unwrapped(value: Any) -> Any:
+    """Numpy's numbers and arrays as Python's."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no place in a diagnosis")
+
+
+def _plain(value: Any) -> Any:
+    """Without what JSON has no word for: numbers that are none, file names that are no text."""
+    if isinstance(value, dict):
+        return {_text(str(key)): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, str):
+        return _text(value)
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _text(text: str) -> str:
+    """A name of undecodable bytes keeps them readable."""
+    return text.encode("utf-8", "backslashreplace").decode()

@@ -1,0 +1,312 @@
+"""The report: sentences and numbers a person reads, 80 columns, one page that stands alone and is always the same."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import subprocess
+import sys
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, renamed, unknown
+from rich.console import Console
+
+from hoopd.diagnose import words
+from hoopd.diagnose.record import DataQuality, Diagnosis, FitTable, Quantity
+from hoopd.diagnose.report import report_text, write_html
+from hoopd.diagnose.reporthtml import page
+from hoopd.diagnose.shown import Comparison, MissingForce, Regressor, Shown, Strip, Trace
+
+VOID = {"meta", "link", "br", "img"}
+
+
+def printed(diagnosis: Diagnosis, width: int = 80) -> str:
+    console = Console(file=io.StringIO(), width=width, color_system=None)
+    report_text(diagnosis, console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert isinstance(text, str)
+    return text
+
+
+@cache
+def made(name: str) -> bytes:
+    """The page of an example."""
+    return page(*EXAMPLES[name]())
+
+
+class Page(HTMLParser):
+    """Tags of a page, checked for balance, with what the tests ask about."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self.feed(data.decode())
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def squeezed(text: str) -> str:
+    return " ".join(text.split())
+
+
+# ------------------------------------------------------------------------------------------- numbers
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "ci95", "expected"),
+    [
+        (5.1e-3, "N m", (4.87e-3, 5.33e-3), ("5.10 mN m", "4.87 to 5.33 mN m")),
+        (586.37, "1/(kg m^2)", (580.0, 592.0), ("586.4 1/(kg m²)", "580.0 to 592.0 1/(kg m²)")),
+        (2.2e-5, "N m s2", (2.1e-5, 2.3e-5), ("22.0 µN m s²", "21.0 to 23.0 µN m s²")),
+        (-0.0419, "rad", None, ("-41.9 mrad", "-")),
+        (0.0, "N m", (-1e-3, 1e-3), ("0.0000 N m", "-0.0010 to 0.0010 N m")),
+        (1.2e-4, "kg m^2", (1.1e-4, 1.3e-4), ("0.000120 kg m²", "0.000110 to 0.000130 kg m²")),
+        (123456.0, "1/s", (100000.0, 150000.0), ("123000 1/s", "100000 to 150000 1/s")),
+        (3e-12, "m2", None, ("3e-12 m²", "-")),
+        (None, "s", None, ("-", "-")),
+        (0.5, "-", (None, 0.6), ("0.5", "-")),
+    ],
+)
+def test_a_quantity_has_the_digits_that_its_interval_allows(
+    value: float | None, unit: str, ci95: Any, expected: tuple[str, str]
+) -> None:
+    quantity = Quantity(value=value, unit=unit, ci95=ci95, nominal=None)
+    assert (words.value_text(quantity), words.interval_text(quantity)) == expected
+
+
+def test_recordings_are_called_by_their_last_name_only_where_that_tells_them_apart() -> None:
+    names = ["a/x.mcap", "b/x.mcap", "b/y.mcap"]
+    assert words.short_names(names) == {"a/x.mcap": "a/x.mcap", "b/x.mcap": "b/x.mcap", "b/y.mcap": "y.mcap"}
+
+
+# ------------------------------------------------------------------------------------------- sentences
+
+
+def test_the_verdict_of_a_named_effect_has_its_size_what_is_not_excluded_and_the_gain() -> None:
+    assert words.verdict_sentence(coulomb()[0]) == (
+        "The model leaves out hoop.coulomb_friction (Fc = 5.10 mN m; hoop.stribeck_friction not excluded); "
+        "the fit of held-out dtheta goes from 87.0 to 97.6 %."
+    )
+
+
+def test_a_verdict_of_parameters_compares_with_the_nominal_model() -> None:
+    diagnosis, _ = EXAMPLES["parameters"]()
+    sentence = words.verdict_sentence(diagnosis)
+    assert "re-estimating" in sentence and re.search(r"from 61\.\d to 97\.\d %", sentence)
+
+
+def test_a_fit_that_did_not_rise_is_not_called_a_gain() -> None:
+    diagnosis, _ = coulomb()
+    worse = {
+        recording: {name: msgspec.structs.replace(one, with_effects=50.0) for name, one in channels.items()}
+        for recording, channels in diagnosis.fit.heldout.items()
+    }
+    fit = msgspec.structs.replace(diagnosis.fit, heldout=worse)
+    assert "held-out" not in words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+
+
+def test_an_unknown_effect_has_its_slot_and_what_it_follows() -> None:
+    sentence = words.verdict_sentence(unknown()[0])
+    assert "not in the library" in sentence and "slot hoop" in sentence and "follows theta" in sentence
+
+
+def test_what_remains_beside_a_named_effect_is_said() -> None:
+    diagnosis = msgspec.structs.replace(coulomb()[0], unexplained=unknown()[0].unexplained)
+    assert words.verdict_sentence(diagnosis).endswith("What remains is not in the library.")
+    assert "83.0 % of what the re-fitted base leaves" in printed(diagnosis).replace("\n", "")
+
+
+# ------------------------------------------------------------------------------------------- terminal
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_terminal_s_report_starts_with_the_verdict_and_fits_80_columns(name: str) -> None:
+    diagnosis, _ = EXAMPLES[name]()
+    text = printed(diagnosis)
+    assert text.startswith(words.TITLES[diagnosis.verdict] + "\n")
+    assert squeezed(words.verdict_sentence(diagnosis)) in squeezed(text)
+    assert max(map(len, text.splitlines())) <= 80
+    for number in (one for fit in diagnosis.fit.free_run[HELDOUT].values() for one in [fit.base_refit]):
+        assert words.percent(number) in text  # whole: never cut or folded
+
+
+def test_the_terminal_s_report_has_every_part_of_a_finding() -> None:
+    text = printed(coulomb()[0])
+    for part in (
+        "4.87 to 5.33 mN m", "1342", "31", "0.8 nats: no gain", "1319 nats lost", "+61.0 %", "prbs_b.mcap",
+        "windows of 2 s", "One free run", "Not excluded", "hoop.stribeck_friction", "Next experiment",
+        "hoopd experiment --signal ramp --amplitude 0.02 --duration 30", "late frames", "a hand moved the ball",
+        "falls from 97.7 to 87.4 %",
+    ):  # fmt: skip
+        assert part in squeezed(text), part
+
+
+def test_intervals_set_aside_and_notes_on_the_data_are_printed() -> None:
+    text = squeezed(printed(bad_data()[0]))
+    assert "14.20 17.10 a hand moved the ball" in text
+    assert "the derivative was used" in text and "The last third of every recording was held out." in text
+
+
+def test_a_placebo_that_gains_too_is_called_so() -> None:
+    diagnosis, _ = coulomb()
+    placebo = msgspec.structs.replace(diagnosis.effects[0].placebo, held=False)
+    effect = msgspec.structs.replace(diagnosis.effects[0], placebo=placebo)
+    assert "GAINS TOO" in printed(msgspec.structs.replace(diagnosis, effects=[effect]))
+
+
+NASTY = "[red]<script>alert(1)<b>&\"'$x$\x1b[31m\u202egnp.\udcff [bold] ${a}.mcap"
+
+
+def test_a_recording_s_name_is_text_wherever_it_stands() -> None:
+    diagnosis, shown = coulomb()
+    diagnosis = renamed(diagnosis, HELDOUT, "NAME")
+    heldout = {NASTY: diagnosis.fit.heldout["NAME"]}
+    diagnosis = msgspec.structs.replace(diagnosis, fit=msgspec.structs.replace(diagnosis.fit, heldout=heldout))
+    text = printed(diagnosis, 200)
+    assert "[red]<script>" in text and "\x1b" not in text and "\u202e" not in text
+    strips = [Strip(NASTY, one.slot, one.t_s, one.strength) for one in shown.strips]
+    comparisons = [Comparison(NASTY, one.traces) for one in shown.comparisons]
+    data = page(diagnosis, Shown(comparisons, shown.forces, strips))
+    seen = Page(data)
+    assert not seen.all("script") and b"<script" not in data and b"\x1b" not in data
+    assert "[red]<script>alert(1)<b>&\"'$x$\\x1b[31m\\u202egnp.\\udcff [bold] ${a}.mcap" in seen.text
+
+
+# ------------------------------------------------------------------------------------------- page
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_page_is_well_formed_and_says_the_verdict(name: str) -> None:
+    diagnosis, shown = EXAMPLES[name]()
+    seen = Page(page(diagnosis, shown))
+    assert squeezed(words.verdict_sentence(diagnosis)) in seen.text
+    names = [one["id"] for _, one in seen.tags if "id" in one]
+    assert len(names) == len(set(names))
+    links = [one["href"] for one in seen.all("a")]
+    assert links and all(link is not None and link[1:] in names for link in links)
+    assert [level for level, _ in seen.tags if level in ("h1", "h2")][:2] == ["h1", "h2"]
+    assert all(one.get("scope") in ("col", "row") for one in seen.all("th"))
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_every_drawing_has_a_title_and_only_names_that_are_its_own(name: str) -> None:
+    data = made(name).decode()
+    drawings = re.findall(r"<svg\b.*?</svg>", data, re.DOTALL)
+    assert drawings
+    for drawing in drawings:
+        (labelled,) = re.findall(r'aria-labelledby="([^"]+)"', drawing)
+        assert re.search(rf'<title id="{labelled}">[^<]{{5,}}</title>', drawing)
+        inside = set(re.findall(r'\bid="([^"]+)"', drawing))
+        used = set(re.findall(r'(?:xlink:href="#|url\(#)([^")]+)', drawing))
+        assert used <= inside
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_page_needs_nothing_but_itself(name: str) -> None:
+    seen = Page(made(name))
+    policy = [one["content"] for one in seen.all("meta") if one.get("http-equiv") == "Content-Security-Policy"]
+    assert policy == ["default-src 'none'; style-src 'unsafe-inline'; img-src data:"]
+    for tag, attributes in seen.tags:
+        for key in ("src", "href", "xlink:href"):
+            value = attributes.get(key)
+            assert value is None or value.startswith(("#", "data:image/png;base64,")), (tag, key, value)
+    assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in seen.tags}
+
+
+def test_a_finding_s_page_has_its_parts_in_their_order() -> None:
+    seen = Page(made("coulomb"))
+    assert [one["id"] for one in seen.all("section")] == [
+        "effects", "where", "force", "proof", "alternatives", "next", "parameters", "power", "quality"
+    ]  # fmt: skip
+    figures = {one["id"] for one in seen.all("figure")}
+    assert figures == {"slots", "strips", "force0", "comparison0", "candidates", "intervals", "visible"}
+
+
+def test_what_is_not_there_leaves_no_hole() -> None:
+    diagnosis, _ = consistent()
+    no_data = DataQuality(missing=None, late_frames=None, outliers=None, segments_ignored=[])
+    base = msgspec.structs.replace(diagnosis.base, parameters={})
+    bare = msgspec.structs.replace(
+        diagnosis, power={}, candidates=[], fit=FitTable(train={}, heldout={}), base=base, data_quality=no_data,
+        location=msgspec.structs.replace(diagnosis.location, evidence={}),
+    )  # fmt: skip
+    seen = Page(page(bare, Shown()))
+    assert [one["id"] for one in seen.all("section")] == ["where", "quality"]
+    assert not seen.all("svg") and "nan" not in seen.text.lower()
+    assert printed(bare).startswith("Consistent\n")
+
+
+def test_an_unknown_effect_s_page_has_its_curve_and_its_harmonics() -> None:
+    figures = {one["id"] for one in Page(made("unknown")).all("figure")}
+    assert {"curve", "harmonics0"} <= figures
+
+
+def test_of_an_exact_class_the_other_name_stands_on_the_page() -> None:
+    seen = Page(made("exact_class"))
+    assert "camera.angle_offset" in seen.text and "the same by its equations" in seen.text
+
+
+def test_undetermined_numbers_and_empty_curves_do_not_stop_the_page() -> None:
+    diagnosis, _ = coulomb()
+    blank = np.full(5, np.nan)
+    t = np.arange(5.0)
+    shown = Shown(
+        [Comparison("a", [Trace("psi", "rad", t, blank, blank, blank)]), Comparison("b", [])],
+        [MissingForce("hoop", "N m", t, blank, [Regressor("dtheta", "rad/s", blank)]), MissingForce("ball", "N", t, t)],
+        [Strip("a", "hoop", t, blank), Strip("b", "hoop", t[:1], t[:1])],
+    )
+    odd = Quantity(value=float("nan"), unit="N m", ci95=(None, None), nominal=float("inf"))
+    effect = msgspec.structs.replace(diagnosis.effects[0], parameters={"Fc": odd})
+    base = msgspec.structs.replace(diagnosis.base, parameters={"K1": odd})
+    candidates = [msgspec.structs.replace(one, log_likelihood_gain=-3.0) for one in diagnosis.candidates]
+    diagnosis = msgspec.structs.replace(diagnosis, effects=[effect], base=base, candidates=candidates)
+    seen = Page(page(diagnosis, shown))
+    assert {"comparison0", "force0", "force1", "strips"} <= {one["id"] for one in seen.all("figure")}
+    assert "nan" not in seen.text.lower() and "nan" not in printed(diagnosis).lower()
+
+
+def test_the_same_diagnosis_gives_the_same_bytes_in_another_process(tmp_path: Path) -> None:
+    write_html(*unknown(), tmp_path / "here.html")
+    code = (
+        "import sys, pathlib; from diagnose.examples import unknown; from hoopd.diagnose.report import write_html;"
+        "write_html(*unknown(), pathlib.Path(sys.argv[1]))"
+    )
+    there = tmp_path / "there.html"
+    paths = os.pathsep.join([str(Path(__file__).parents[2]), str(Path(__file__).parents[1])])
+    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONHASHSEED": "17", "TZ": "Asia/Tokyo"}
+    subprocess.run([sys.executable, "-c", code, str(there)], check=True, env=environment, timeout=60)
+    assert there.read_bytes() == (tmp_path / "here.html").read_bytes()
+
+
+def test_a_page_of_a_usual_case_can_be_sent_by_mail() -> None:
+    assert len(made("coulomb")) < 2_000_000
+    assert TRAIN in made("coulomb").decode()
