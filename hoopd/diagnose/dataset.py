@@ -164,5 +164,3 @@ def _parabolas(t: Array, y: Array) -> tuple[Array, Array]:
     right = np.einsum("nki,nk->ni", basis, ys[rows])
     found = np.linalg.solve(normal, right[..., None])[..., 0]
     return found[:, 0], found[:, 1]
-
-

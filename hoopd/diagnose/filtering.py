@@ -213,7 +213,11 @@ def _predict(p: ca.SX, s: dict[str, ca.SX], nq: int, nx: int) -> tuple[ca.SX, ca
     q = ca.diag(ca.vertcat(ca.DM(floor), s["s"][:nq] ** 2 * (1 - decay**2)))
     half = ca.mtimes(phi, p)
     # the lower half is computed, the upper one is the same
-    lower = ca.tril(ca.vertcat(*(ca.horzcat(*(ca.dot(half[i, :], phi[j, :]) if j <= i else 0 for j in range(size))) for i in range(size))))
+    lower = ca.tril(
+        ca.vertcat(
+            *(ca.horzcat(*(ca.dot(half[i, :], phi[j, :]) if j <= i else 0 for j in range(size))) for i in range(size))
+        )
+    )
     return ca.tril2symm(lower) + q, phi
 
 

@@ -155,7 +155,9 @@ def _solution(found: Fit) -> Array:
     information = x.T @ x + np.diag(weight)
     right = x.T @ r + weight * centre
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    covariance = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-12, hermitian=True) * np.outer(scale, scale)
+    covariance = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-12, hermitian=True) * np.outer(
+        scale, scale
+    )
     delta = covariance @ right
     found.covariance = covariance
     logdet = sum(gain.logdet for gain in found.gains)

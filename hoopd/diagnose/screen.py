@@ -194,7 +194,7 @@ def _orthonormal(x: Array) -> Array:
 
 
 def change_of(track: Track, fit: Fit, effect: Effect, column: Column) -> tuple[Array, Array]:
-    """Change of the one-step map (n-1, nz) and of the readings (n, nc) along a reference."""
+    """Change of the one-step map (n-1, nz), and of the innovations (n, nc), along a reference."""
     own = track.composite
     nothing = np.zeros((len(track.z) - 1, own.nz)), np.zeros((len(track.z), len(own.channels)))
     if column.recording not in (None, track.stretch.recording):
@@ -208,7 +208,8 @@ def change_of(track: Track, fit: Fit, effect: Effect, column: Column) -> tuple[A
     nx = own.nx
     f = np.zeros_like(nothing[0])
     f[:, :nx] = changed[:, :nx] - _base(track, fit, "after", with_effect.composite.substeps)[:, :nx]
-    return f, readings - _base(track, fit, "readings", 0)
+    # innovations lose what the readings gain
+    return f, _base(track, fit, "readings", 0) - readings
 
 
 def _base(track: Track, fit: Fit, what: str, substeps: int) -> Array:
