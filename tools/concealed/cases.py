@@ -1,0 +1,142 @@
+"""Makes cases: recordings in a folder of random names, and sealed answers somewhere else.
+
+Rules of this file: a case's folder holds what a laboratory would have recorded and nothing more; the answer knows the
+rest. Same seed, same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from concealed.batch import Column, columns_of, devices, scale_inputs
+from concealed.effects import ALL
+from concealed.plant import SAMPLE_S, entries
+from concealed.recipes import LENGTH_S, RECORDINGS, TRAINING, Recipe, Wish, draw, equivalent
+from concealed.simulate import Trace, simulate
+from concealed.sizing import batches, find_sizes, visible
+
+SCHEMA = "hoopd.concealed/1"
+OVER = 1.45  # rad: a ball beyond it would fall, which the plain device does not know
+SHRINK = 0.75  # of the input of a case that went too far
+ATTEMPTS = 3
+Say = Callable[[str], None]
+
+
+def make(wishes: Sequence[Wish], seed: int, cases: Path, answers: Path, say: Say = lambda text: None) -> list[Recipe]:
+    """Draws, sizes, simulates and writes the cases of a seed."""
+    recipes = [draw(wish, (seed, index)) for index, wish in enumerate(wishes)]
+    prepare(recipes, say)
+    write(recipes, cases, answers, say)
+    return recipes
+
+
+def prepare(recipes: Sequence[Recipe], say: Say = lambda text: None) -> None:
+    """Input strengths and sizes of all cases; a ball that went over the top gets a weaker input."""
+    for recording in range(len(RECORDINGS)):
+        scale_inputs(recipes, recording)
+    say("inputs scaled")
+    waiting = list(recipes)
+    for _ in range(ATTEMPTS):
+        find_sizes(waiting)
+        say("sizes found")
+        waiting = [recipe for recipe in waiting if _too_far(recipe)]
+        if not waiting:
+            break
+    for recipe, joint in zip(recipes, visible([(recipe, recipe.sizes) for recipe in recipes]), strict=True):
+        recipe.joint_nats = joint
+
+
+def _too_far(recipe: Recipe) -> bool:
+    """Weakens the inputs of a case whose ball left the lower half; False when none did."""
+    return False
+
+
+def traces(recipes: Sequence[Recipe]) -> dict[tuple[str, int], Trace]:
+    """Every recording of every case, by identifier and index."""
+    found: dict[tuple[str, int], Trace] = {}
+    for group in (TRAINING, (2,)):
+        columns = [Column(recipe, index, recipe.sizes) for recipe in recipes for index in group]
+        for indices in batches(columns):
+            trace = simulate(columns_of([columns[i] for i in indices]))
+            for place, index in enumerate(indices):
+                one = slice(place, place + 1)
+                found[columns[index].recipe.identifier, columns[index].recording] = Trace(
+                    trace.history[..., one], trace.torque[:, one], trace.clean[..., one], trace.rows[..., one]
+                )
+    return found
+
+
+def write(recipes: Sequence[Recipe], cases: Path, answers: Path, say: Say) -> None:
+    """Recordings and answers of prepared cases."""
+    answers.mkdir(parents=True, exist_ok=True)
+    made = traces(recipes)
+    for recipe in recipes:
+        folder = cases / recipe.identifier
+        folder.mkdir(parents=True, exist_ok=True)
+        own = [made[recipe.identifier, index] for index in range(len(RECORDINGS))]
+        for name, trace in zip(RECORDINGS, own, strict=True):
+            (folder / f"{name}.csv").write_bytes(csv_bytes(trace))
+        text = json.dumps(answer(recipe, own), indent=1, sort_keys=True, allow_nan=False)
+        (answers / f"{recipe.identifier}.json").write_text(text + "\n", encoding="utf-8")
+    say("written")
+
+
+def csv_bytes(trace: Trace) -> bytes:
+    """A recording: t,u,theta,dtheta,psi; an empty cell for a missing number."""
+    t = np.round(np.arange(len(trace.torque)) * SAMPLE_S, 9)
+    table = np.column_stack((t, trace.torque[:, 0], trace.rows[..., 0]))
+    lines = [",".join("" if x != x else repr(x) for x in row) for row in table.tolist()]  # noqa: PLR0124
+    return ("\n".join(("t,u,theta,dtheta,psi", *lines)) + "\n").encode()
+
+
+def answer(recipe: Recipe, own: Sequence[Trace]) -> dict[str, Any]:
+    """What is hidden, and all that a scorer needs."""
+    w = recipe.wish
+    return {
+        "schema": SCHEMA,
+        "id": recipe.identifier,
+        "family": w.family,
+        "seed": list(recipe.seed),
+        "flags": {"closed_loop": w.closed, "heavy_noise": w.heavy, "two_level": w.two_level, "small_angles": w.small,
+                  "large_angles": w.large, "burst": w.burst},
+        "effects": [_effect(recipe, name) for name in w.effects if not name.startswith("decoy.")],
+        "decoys": [name for name in w.effects if name.startswith("decoy.")] + ["decoy.outlier_burst"] * w.burst,
+        "joint_nats": recipe.joint_nats,
+        "base": recipe.base,
+        "entries": {name: float(value[0]) for name, value in entries(devices([recipe])).items()},
+        "noise": {"dtheta_rad_s": recipe.dtheta_noise, "psi_rad": recipe.psi_noise, "missing": recipe.missing},
+        "disturbance": {"kind": recipe.colour.kind, "rms_nm": list(recipe.colour.rms_nm),
+                        "time_s": list(recipe.colour.time_s)},
+        "inputs": {name: kind for name, kind in zip(RECORDINGS, recipe.kinds, strict=True)},
+        "length_s": dict(LENGTH_S),
+        "reach": {name: _reach(trace) for name, trace in zip(RECORDINGS, own, strict=True)},
+    }  # fmt: skip
+
+
+def _effect(recipe: Recipe, name: str) -> dict[str, Any]:
+    item = ALL[name]
+    values = [recipe.parameters(name, index) for index in range(len(RECORDINGS))]
+    there = int(recipe.fixed[name].get("recording", 0))
+    found = recipe.nats[name]
+    return {
+        "name": name,
+        "slot": item.slot,
+        "parameters": values[there],
+        "as_seen": equivalent(recipe, name, values[there]),
+        "by_recording": dict(zip(RECORDINGS, values, strict=True)),
+        "sized": list(item.sized),
+        "nats": None if found != found else found,  # noqa: PLR0124
+        "target": recipe.targets[name],
+        "capped": recipe.capped.get(name, False),
+    }
+
+
+def _reach(trace: Trace) -> dict[str, float]:
+    """How far the truth went."""
+    states = np.abs(trace.states[:, :, 0]).max(axis=0)
+    return {"psi_rad": float(states[2]), "dtheta_rad_s": float(states[1]), "u_nm": float(np.abs(trace.torque).max())}

@@ -1,0 +1,177 @@
+"""A batch of recordings: devices with effects, driven for some seconds, seen by their sensors.
+
+Rules of this file: numpy only, nothing of `hoopd`; the axis of the batch is last. WARM samples run before the first
+recorded one, so that lags, delays and the follower have a past. Same columns, same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from concealed import actuators, contacts, control, forces, sensors
+from concealed.plant import PIECES, SAMPLE_S, SUBSTEPS, Array, Body, Motion, accelerations
+
+WARM = 25  # samples, 0.5 s
+H_S = SAMPLE_S / SUBSTEPS
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What a batch of B recordings is made from; rows of samples include the WARM ones."""
+
+    device: Body
+    effects: Mapping[str, Mapping[str, Array]]  # name -> parameter -> (B,), neutral where a column lacks it
+    start: Array  # (4, B)
+    feed: Array  # N m (samples, B)
+    push: Array  # disturbance torques on theta and psi, N m (samples PIECES, 2, B)
+    noise: sensors.Noise
+    law: control.Law
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What happened, without the warm-up."""
+
+    history: Array  # true state every 2.5 ms (samples PIECES + 1, 4, B)
+    torque: Array  # demanded (samples, B)
+    clean: Array  # (samples, 3, B): sensors without noise
+    rows: Array  # (samples, 3, B): theta, theta', psi as recorded, NaN for missing
+
+    @property
+    def states(self) -> Array:
+        """True state at the samples (samples + 1, 4, B)."""
+        return self.history[::PIECES]
+
+
+class _Run:
+    """State of one simulation; `sample` advances it by 20 ms."""
+
+    def __init__(self, columns: Columns) -> None:
+        self.c, self.device = columns, columns.device
+        size = columns.start.shape[1]
+        theta, dtheta, psi, dpsi = columns.start
+        self.x = Motion(theta, dtheta, psi, dpsi, np.zeros((2, size)))
+        self.effects = columns.effects
+        self.maps = [(actuators.MAPS[n], self.effects[n]) for n in actuators.MAPS if n in self.effects]
+        self.forces = [(forces.FORCES[n], p) for n, p in self.effects.items() if n in forces.FORCES]
+        self.on_hoop = [(forces.ON_HOOP[n], p) for n, p in self.effects.items() if n in forces.ON_HOOP]
+        self.on_roll = [(forces.ON_ROLL[n], p) for n, p in self.effects.items() if n in forces.ON_ROLL]
+        self.delays = self._delays()
+        self.lagged, self.slow = np.zeros(size), dtheta.copy()
+        p = self.device.given
+        self.spin = (p["Ro"] * dtheta - (p["Ro"] - p["Rb"]) * dpsi) / p["Rb"]
+        self.moment = forces.Moment(
+            0.0, theta, dtheta, psi, dpsi, np.zeros(size), self.device,
+            {"turned": np.zeros(size), "torque": np.zeros(size), "heat": dtheta**2}, H_S,
+        )  # fmt: skip
+
+    def _delays(self) -> list[tuple[Array, Array]] | None:
+        if "actuator.delay" not in self.effects:
+            return None
+        delay_s = self.effects["actuator.delay"]["d"]
+        return [actuators.delay_weights(delay_s, j, H_S, SAMPLE_S) for j in range(SUBSTEPS)]
+
+    def sample(self, k: int, demanded: Array, history: Array) -> None:
+        """Advances by one sample with `demanded` (samples, B) known up to row k; writes the history's new rows."""
+        for j in range(SUBSTEPS):
+            piece = k * PIECES + j * PIECES // SUBSTEPS
+            if j % (SUBSTEPS // PIECES) == 0 and j:
+                self._store(history[piece])
+            self.substep(self._wire(k, j, demanded), demanded[k], self.c.push[piece], (k - WARM) * SAMPLE_S + j * H_S)
+        self._store(history[(k + 1) * PIECES])
+
+    def _store(self, row: Array) -> None:
+        row[0], row[1], row[2], row[3] = self.x.theta, self.x.dtheta, self.x.psi, self.x.dpsi
+
+    def _wire(self, k: int, j: int, demanded: Array) -> Array:
+        """Torque that has come through the delay, mean over substep j."""
+        if self.delays is None:
+            return demanded[k]
+        back, weight = self.delays[j]
+        column = np.arange(len(weight))
+        newer, older = np.maximum(k - back, 0), np.maximum(k - back - 1, 0)
+        return weight * demanded[newer, column] + (1 - weight) * demanded[older, column]
+
+    def substep(self, torque: Array, demanded: Array, push: Array, t: float) -> None:
+        """Drift, kick, drift."""
+        x, h = self.x, H_S
+        x.theta, x.psi = x.theta + h / 2 * x.dtheta, x.psi + h / 2 * x.dpsi
+        m = self._moment(demanded, t)
+        on_theta, on_psi, on_roll = self._all_forces(self._driven(torque, m), push, m)
+        hoop = self._limit(self.on_hoop, m)
+        roll = self._limit(self.on_roll, m)
+        before = x.dtheta
+        if "ball.slip" in self.effects:
+            self._slide((on_theta, on_psi, on_roll), hoop, roll, m)
+        else:
+            x.kick = accelerations(self.device, on_theta, on_psi, on_roll)
+            x.dtheta, x.dpsi = x.dtheta + h * x.kick[0], x.dpsi + h * x.kick[1]
+            if hoop is not None or roll is not None:
+                x.dtheta, x.dpsi = contacts.rub(self.device, x.dtheta, x.dpsi, hoop, roll, h)
+        x.theta, x.psi = x.theta + h / 2 * x.dtheta, x.psi + h / 2 * x.dpsi
+        if "encoder.speed_lag" in self.effects:
+            time_s = self.effects["encoder.speed_lag"]["T"]
+            _, self.slow = actuators.lag(time_s, (before + x.dtheta) / 2, self.slow, h)
+
+    def _moment(self, demanded: Array, t: float) -> forces.Moment:
+        x, m = self.x, self.moment
+        m.t, m.theta, m.psi, m.torque = max(t + H_S / 2, 0.0), x.theta, x.psi, demanded
+        m.dtheta, m.dpsi = x.dtheta + H_S / 2 * x.kick[0], x.dpsi + H_S / 2 * x.kick[1]
+        return m
+
+    def _driven(self, torque: Array, m: forces.Moment) -> Array:
+        """Torque on the hoop."""
+        for apply, p in self.maps:
+            torque = apply(p, torque, m.theta, m.dtheta)
+        if "actuator.lag" in self.effects:
+            torque, self.lagged = actuators.lag(self.effects["actuator.lag"]["T"], torque, self.lagged, H_S)
+        return torque
+
+    def _all_forces(self, torque: Array, push: Array, m: forces.Moment) -> tuple[Array, Array, Array]:
+        on_theta = torque - self.device.bh * m.dtheta + push[0]
+        on_psi = push[1] - self.device.weight * np.sin(m.psi)
+        on_roll = -self.device.bb * self._rolling(m)
+        for force, p in self.forces:
+            hoop, ball, roll = force(p, m)
+            on_theta, on_psi, on_roll = on_theta + hoop, on_psi + ball, on_roll + roll
+        return on_theta, on_psi, on_roll
+
+    def _rolling(self, m: forces.Moment) -> Array:
+        return self.spin - m.dpsi if "ball.slip" in self.effects else m.rolling
+
+    @staticmethod
+    def _limit(dry: list, m: forces.Moment) -> Array | None:
+        limits = [limit(p, m) for limit, p in dry]
+        return sum(limits[1:], start=limits[0]) if limits else None
+
+    def _slide(self, on: tuple[Array, Array, Array], hoop: Array | None, roll: Array | None, m: forces.Moment) -> None:
+        x, none = self.x, np.zeros_like(self.spin)
+        grip = self.effects["ball.slip"]["mu"] * m.normal_n
+        v = np.stack((x.dtheta, x.dpsi, self.spin))
+        after = contacts.slide(
+            self.device, v, on, grip, none if hoop is None else hoop, none if roll is None else roll, H_S
+        )
+        x.kick = (after[:2] - v[:2]) / H_S
+        x.dtheta, x.dpsi, self.spin = after
+
+
+def simulate(columns: Columns) -> Trace:
+    """Runs the batch; each row: sensors first, then the law, then 20 ms with its torque held."""
+    samples, size = columns.feed.shape
+    run = _Run(columns)
+    history = np.empty((samples * PIECES + 1, 4, size))
+    history[0] = columns.start
+    demanded, clean, rows = np.zeros((samples, size)), np.empty((samples, 3, size)), np.empty((samples, 3, size))
+    frame = columns.start[2].copy()
+    follower = control.Follower(columns.start[2])
+    lagging = "encoder.speed_lag" in columns.effects
+    for k in range(samples):
+        clean[k] = sensors.seen(history, k * PIECES, run.slow if lagging else None, columns.effects)
+        rows[k], frame = sensors.recorded(clean[k], frame, columns.noise, k)
+        follower.update(rows[k, 2])
+        demanded[k] = control.torque(columns.law, columns.feed[k], k, follower, rows[k, 1])
+        run.sample(k, demanded, history)
+    return Trace(history[WARM * PIECES :], demanded[WARM:], clean[WARM:], rows[WARM:])
