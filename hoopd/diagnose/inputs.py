@@ -1,0 +1,95 @@
+"""Recordings made ready for the search: judged, cleaned, and cut into stretches of a declared plant.
+
+Rules of this file: what does not count is NaN from here on; names are those of the files as given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hoopd.diagnose.dataset import SHORTEST_S, Stretch, stretch_of
+from hoopd.diagnose.quality import Quality, assess, cleaned
+from hoopd.files import InputError
+from hoopd.ident.experiments import once_at_rest
+from hoopd.physics.declared import DeclaredPlant, hoop_plant
+from hoopd.recording.recording import Recording
+from hoopd.recording.timeline import Timeline, timelines
+
+# Fewer readings than this are no recording to judge a model by.
+FEWEST_READINGS = 50
+
+
+@dataclass(frozen=True)
+class Source:
+    """One recording: as given, judged, and as stretches."""
+
+    name: str
+    recording: Recording
+    quality: Quality
+    stretches: tuple[Stretch, ...]
+
+    @property
+    def start_s(self) -> float:
+        """Time of the recording's first row; stretches count from there."""
+        return float(self.recording.t[0])
+
+    @property
+    def seconds(self) -> float:
+        """Length of what is used."""
+        return float(sum(one.t[-1] - one.t[0] for one in self.stretches))
+
+    def part(self, first_s: float, last_s: float) -> Source:
+        """The stretches within these seconds."""
+        cut = [one.seconds(first_s, last_s) for one in self.stretches]
+        return replace(self, stretches=tuple(one for one in cut if _enough(one)))
+
+
+def hoop_source(
+    name: str,
+    recording: Recording,
+    structure: str,
+    values: Mapping[str, float],
+    *,
+    encoder_counts: int = 4096,
+    torque_limit: float = 0.7,
+) -> Source:
+    """A recording of the hoop; InputError when there is nothing to judge a model by."""
+    quality = assess(recording, encoder_counts)
+    plant = hoop_plant(structure, values, quality.moving, torque_limit)
+    clean = cleaned(recording, quality)
+    try:
+        parts = timelines(clean)
+    except ValueError as error:
+        raise InputError(name, "u", str(error)) from None
+    begin = float(recording.t[0])
+    stretches = tuple(one for part in parts if _enough(one := _stretch(name, plant, part, begin)))
+    if sum(one.samples for one in stretches) < FEWEST_READINGS:
+        raise InputError(name, ", ".join(plant.channels), f"fewer than {FEWEST_READINGS} readings to judge a model by")
+    return Source(name, recording, quality, stretches)
+
+
+def without_seconds(source: Source, spans: Sequence[tuple[float, float]]) -> Source:
+    """The source without these seconds: stretches are cut there."""
+    for first, last in spans:
+        kept = [part for one in source.stretches for part in (one.seconds(-np.inf, first), one.seconds(last, np.inf))]
+        source = replace(source, stretches=tuple(one for one in kept if _enough(one)))
+    return source
+
+
+def _stretch(name: str, plant: DeclaredPlant, part: Timeline, begin: float) -> Stretch:
+    readings = {}
+    for channel in plant.channels:
+        nodes, values = part.channels[channel]
+        if channel == "theta" and len(values):
+            # at rest an encoder's error is one and the same: it counts once
+            once = once_at_rest(values)
+            nodes, values = nodes[once], values[once]
+        readings[channel] = (nodes, values)
+    return stretch_of(name, plant, part.t - begin, part.u, readings)
+
+
+def _enough(stretch: Stretch) -> bool:
+    return len(stretch.t) > 2 and stretch.t[-1] - stretch.t[0] >= SHORTEST_S and stretch.samples >= FEWEST_READINGS // 2
