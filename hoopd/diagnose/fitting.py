@@ -75,8 +75,10 @@ def fit(
     like: Fit | None = None,
     free: Sequence[str] | None = None,
     tune_noise: bool = True,
+    move: bool = True,
 ) -> Fit:
-    """The hypothesis fitted from `values`; `like`: a fit of the same stretches whose trajectory is taken over."""
+    """The hypothesis fitted from `values`; `like`: a fit of the same stretches whose trajectory is taken over;
+    `move=False`: the free parameters stay where they are, trajectory and noise are fitted."""
     tracks = [Track(one, effects) for one in stretches]
     if like is not None:
         tracks = [new.like(old) for new, old in zip(tracks, like.tracks, strict=True)]
@@ -87,6 +89,11 @@ def fit(
     start.update({name: value for name, value in values.items() if name in start})
     found = Fit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
     _linearise(found)
+    if not move:
+        for _ in range(LAST_STEPS):
+            _settle(found)
+            tuned_noise(found)
+        return found
     if tune_noise:
         # levels are tuned on the residual of fitted parameters, so that these come first
         _search(found, FIRST_STEPS)
@@ -124,6 +131,16 @@ def _search(found: Fit, most: int) -> None:
         if np.max(np.abs(delta) / size, initial=0.0) < SETTLED:
             break
     _solution(found)
+
+
+def _settle(found: Fit) -> None:
+    """Only the trajectories move."""
+    for _ in range(LAST_STEPS):
+        _solution(found)
+        _move_references(found, np.zeros(len(found.free)))
+        _linearise(found)
+    rows = found.stacked()
+    found.criterion = float(rows[:, 0] @ rows[:, 0] + sum(gain.logdet for gain in found.gains)) / 2
 
 
 def _moved(found: Fit, delta: Array) -> dict[str, float]:

@@ -56,6 +56,7 @@ class Score:
     gain: float  # nats
     start: dict[str, float]  # by the whole model's names
     vector: Array  # (rows,) the change it would make, whitened and projected
+    origin: Fit | None = None  # the fit about which it was screened
 
 
 def members_of(effect: Effect, recordings: Sequence[str]) -> list[Member]:
