@@ -32,13 +32,15 @@ NEIGHBOURS = 20
 QUANTILE, NORMAL_QUANTILE = 0.4, 0.5244
 LOCAL_SCALE = 1.8
 FIRST_SHARES = np.array([0.9, 0.05, 0.05])
-ROBUST_STEPS, ROUNDS, EM_STEPS = 8, 3, 5
+ROBUST_STEPS, ROUNDS, EM_STEPS = 5, 2, 5
 # Within so many sigma of the course a false value would be no false one.
 HOLE_SIGMAS = 3.0
 # The first round starts from half the noise that all samples together show: from there the good ones win it back,
 # while bad ones that were once believed stay believed.
-STRICT, LENIENT = 0.5, 1.0
+STRICT = 0.5
 PROBABILITY_FLOOR = 1e-300
+# Variance of a prediction, over a sample's, from which on it says nothing.
+UNPREDICTED = 100.0
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,8 @@ def _split(t: Array, values: Array, paths: Callable[[Array], Array], late: bool,
     state = _first(weight, seen, max(sigma, floor), late)
     for turn in range(ROUNDS):
         drive = explained(t, filled, paths(course), state.fresh > 0.5)
-        state = replace(state, sigma=max(drive.sigma * (LENIENT if turn else STRICT), floor))
+        first = STRICT * min(drive.sigma, state.sigma)
+        state = replace(state, sigma=max(drive.sigma if turn else first, floor))
         rate = None if late or turn == 0 else np.gradient(course, t)
         for step in range(EM_STEPS):
             found = _course(gram, drive, filled, state)
@@ -184,7 +187,12 @@ def _densities(found: Course, drive: Explained, filled: Array, state: _State) ->
         _normal(before, unit * (state.noise + found.before_variance)),
         _normal(own, wide) * holed,
     ]
-    return np.maximum(np.array(densities), PROBABILITY_FLOOR)
+    return np.where(_known(found), np.maximum(np.array(densities), PROBABILITY_FLOOR), 1.0)
+
+
+def _known(found: Course) -> Mask:
+    """Samples (n,) that others predict at all; of the rest nothing can be said."""
+    return np.asarray(np.maximum(found.own_variance, found.before_variance) < UNPREDICTED)
 
 
 def _normal(error: Array, variance: Array) -> Array:
@@ -199,7 +207,7 @@ def _expected(
     joint = state.shares[:, None] * _densities(found, drive, filled, state)
     joint /= joint.sum(axis=0)
     joint[:, ~seen] = 0.0
-    fresh, _, false = joint
+    fresh, _, false = joint * _known(found)
     if rate is None:
         total = fresh / ((state.noise + found.own_variance) * state.scale**2)
         sigma, jitter_s = sqrt(float(total @ own**2) / max(float(fresh.sum()), 1.0)), 0.0

@@ -22,9 +22,9 @@ Array = NDArray[np.float64]
 # A torque that acts up to three ticks late: delay and lag of a drive at 50 Hz.
 LAGS = 4
 # sigma^2 / q^2: from motion that outruns its samples to a course of about a dozen of them.
-RATIOS = np.geomspace(0.03, 300.0, 9)
+RATIOS = np.geomspace(0.03, 120.0, 7)
 # Columns of the inverse this far apart do not see each other (at the largest ratio: 1e-3).
-APART = 16
+APART = 12
 # Steps longer than this many usual ones: the course before says nothing of the course after.
 GAP_STEPS = 5.5
 # Nothing is known of a stretch without samples; its course must still have a number.
