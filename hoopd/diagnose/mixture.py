@@ -32,7 +32,7 @@ NEIGHBOURS = 20
 QUANTILE, NORMAL_QUANTILE = 0.4, 0.5244
 LOCAL_SCALE = 1.8
 FIRST_SHARES = np.array([0.9, 0.05, 0.05])
-ROBUST_STEPS, ROUNDS, EM_STEPS = 5, 2, 5
+ROBUST_STEPS, ROUNDS, EM_STEPS = 5, 3, 4
 # Within so many sigma of the course a false value would be no false one.
 HOLE_SIGMAS = 3.0
 # The first round starts from half the noise that all samples together show: from there the good ones win it back,
@@ -115,7 +115,9 @@ def _whole(part: Split, rows: NDArray[np.int64], n: int) -> Split:
 def _split(t: Array, values: Array, paths: Callable[[Array], Array], late: bool, floor: float) -> Split:
     gram, seen = Differences(t).gram(), np.isfinite(values)
     filled = np.interp(t, t[seen], values[seen])
-    weight, course, sigma = _robust(gram, filled, seen)
+    push = _first_path(t, filled, paths(filled), seen)
+    weight, course, sigma = _robust(gram, filled - push, seen)
+    course = course + push
     state = _first(weight, seen, max(sigma, floor), late)
     for turn in range(ROUNDS):
         drive = explained(t, filled, paths(course), state.fresh > 0.5)
@@ -129,6 +131,15 @@ def _split(t: Array, values: Array, paths: Callable[[Array], Array], late: bool,
             state = _expected(found, drive, filled, seen, state, floor, rate)
         course = found.own + drive.path
     return _result(found, drive, filled, seen, state)
+
+
+def _first_path(t: Array, filled: Array, paths: Array, seen: Mask) -> Array:
+    """What the drives do (n,) by all samples, bad ones too; nothing, where that makes samples agree less."""
+    path = explained(t, filled, paths, seen).path
+    without, with_it = (np.abs(x - _voted(x))[seen] for x in (filled, filled - path))
+    scale = max(min(float(np.median(without)), float(np.median(with_it))), 1e-300)
+    better = np.log1p((with_it / scale) ** 2).sum() < np.log1p((without / scale) ** 2).sum()
+    return path if better else np.zeros(len(path))
 
 
 def _robust(gram: Array, filled: Array, seen: Mask) -> tuple[Array, Array, float]:
