@@ -88,7 +88,7 @@ def repeated_frames(short: Mask, candidates: int, moved: Array, sigma: float, re
 
 
 def slow_stretches(repeated: Mask) -> list[tuple[int, int, int]]:
-    """First and last row and period of stretches in which every so-manieth value repeats: a camera slower than the rows.
+    """First and last row and period of stretches in which every so many values one repeats: a slow camera.
 
     repeated: (n,). PERIODS equal distances of two rows or more in a row.
     """

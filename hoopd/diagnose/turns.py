@@ -1,0 +1,53 @@
+"""Turns of an angle of which some samples are false.
+
+Rules of this file: a false value is no turn of the ball; whatever goes on by whole turns is decided by the good samples
+around, never by one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.recording.recording import Recording
+from hoopd.recording.unwrap import unwrapped
+
+Array = NDArray[np.float64]
+
+# Steps whose median is the angle's rate there: a fifth of false values spoils two fifths of them.
+STEPS = 11
+
+
+def turned(recording: Recording) -> Recording:
+    """The recording with unwrapped angles; psi through false values and past the axis too."""
+    psi = recording.psi
+    rows = np.flatnonzero(np.isfinite(psi))
+    if len(rows) < STEPS + 1 or np.abs(psi[rows]).max() > pi * (1 + 1e-6):
+        return unwrapped(recording)
+    seen, result = psi[rows], psi.copy()
+    # what turns with the local rate is taken out before the shorter way is looked for
+    steps = np.pad(_wrapped(np.diff(seen)), STEPS // 2, mode="edge")
+    rate = np.median(np.lib.stride_tricks.sliding_window_view(steps, STEPS), axis=1)
+    base = np.concatenate([[0.0], np.cumsum(rate)])
+    result[rows] = base + np.unwrap(seen - base)
+    return replace(unwrapped(recording), psi=result + 2 * pi * round(float(seen[0] - result[rows[0]]) / (2 * pi)))
+
+
+def near(psi: Array) -> Array:
+    """The angle (n,) within half a turn of the median of its neighbours."""
+    rows = np.flatnonzero(np.isfinite(psi))
+    result = psi.copy()
+    if len(rows) < 5:
+        return result
+    padded = np.pad(psi[rows], 2, mode="edge")
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+    result[rows] = middle + _wrapped(psi[rows] - middle)
+    return result
+
+
+def _wrapped(angle: Array) -> Array:
+    """Into [-pi, pi)."""
+    return np.asarray(np.remainder(angle + pi, 2.0 * pi) - pi)
