@@ -29,6 +29,8 @@ NEIGHBOURS = 20
 # LOCAL_SCALE times its expectation.
 QUANTILE, NORMAL_QUANTILE = 0.4, 0.5244
 LOCAL_SCALE = 1.8
+# Motion that is harder to follow than the rest is so by a few times; beyond it is a burst of false values.
+HARDEST = 4.0
 # Within so many sigma of the course a false value would be no false one.
 HOLE_SIGMAS = 3.0
 PROBABILITY_FLOOR = 1e-300
@@ -102,7 +104,7 @@ def expected(
         total = fresh / ((state.noise + found.own_variance) * state.scale**2)
         sigma, jitter_s = sqrt(float(total @ own**2) / max(float(fresh.sum()), 1.0)), 0.0
     else:
-        sigma, jitter_s = _uneven(own / state.scale, fresh, found.own_variance, state, rate)
+        sigma, jitter_s = _uneven(own / state.scale, fresh, found.own_variance, state, rate, floor)
     sigma = max(sigma, floor)
     noise = state.noise if rate is None else 1.0 + (jitter_s * rate / sigma) ** 2
     tau = sqrt(float(false @ own**2) / max(float(false.sum()), 1e-12))
@@ -112,21 +114,22 @@ def expected(
     )
 
 
-def _uneven(error: Array, fresh: Array, variance: Array, state: State, rate: Array) -> tuple[float, float]:
-    """sigma and jitter by weighted least squares of e^2 - sigma^2 v on (1, rate^2), neither below 0."""
+def _uneven(
+    error: Array, fresh: Array, variance: Array, state: State, rate: Array, floor: float
+) -> tuple[float, float]:
+    """sigma (floor at least) and jitter (0 at least) by weighted least squares of e^2 - sigma^2 v on (1, rate^2)."""
     weight = fresh / (state.noise + variance) ** 2
     target = error**2 - state.sigma**2 * variance
     columns = np.stack([np.ones(len(rate)), rate**2])
     gram, right = (columns * weight) @ columns.T, (columns * weight) @ target
-    still = max(float(right[0] / max(gram[0, 0], 1e-300)), 0.0)
-    if np.linalg.det(gram) <= 1e-9 * gram[0, 0] * gram[1, 1]:
-        return sqrt(still), 0.0
-    constant, by_rate = np.linalg.solve(gram, right)
-    if by_rate <= 0.0:
-        return sqrt(still), 0.0
-    if constant <= 0.0:
-        return 0.0, sqrt(max(float(right[1] / gram[1, 1]), 0.0))
-    return sqrt(float(constant)), sqrt(float(by_rate))
+    constant, by_rate = float(right[0] / max(gram[0, 0], 1e-300)), 0.0
+    if np.linalg.det(gram) > 1e-9 * gram[0, 0] * gram[1, 1]:
+        both = np.linalg.solve(gram, right)
+        if both[1] > 0.0:
+            constant, by_rate = float(both[0]), float(both[1])
+        if both[1] > 0.0 and constant < floor**2:
+            constant, by_rate = floor**2, float(right[1] - floor**2 * gram[0, 1]) / float(gram[1, 1])
+    return sqrt(max(constant, floor**2)), sqrt(max(by_rate, 0.0))
 
 
 def scaled(found: Course, drive: Explained, filled: Array, seen: Mask, state: State) -> State:
@@ -148,7 +151,7 @@ def _local_scale(normal: Array, seen: Mask) -> Array:
     windows = np.lib.stride_tricks.sliding_window_view(normal[rows], width)[:: NEIGHBOURS // 4]
     middles = rows[NEIGHBOURS : len(rows) - NEIGHBOURS][:: NEIGHBOURS // 4]
     local = np.interp(np.arange(len(normal)), middles, np.quantile(windows, QUANTILE, axis=1) / NORMAL_QUANTILE)
-    return np.where(local > LOCAL_SCALE, local, 1.0)
+    return np.where(local > LOCAL_SCALE, np.minimum(local, HARDEST), 1.0)
 
 
 def standard_errors(each: Array, shares: Array) -> Array:

@@ -102,12 +102,14 @@ def _split(t: Array, values: Array, paths: Callable[[Array], Array], late: bool,
     state = _first(weight, seen, max(sigma, floor), late)
     for turn in range(ROUNDS):
         drive = explained(t, filled, paths(course), state.fresh > 0.5)
-        first = STRICT * min(drive.sigma, state.sigma)
-        state = replace(state, sigma=max(drive.sigma if turn else first, floor))
+        if turn == 0:
+            state = replace(state, sigma=max(STRICT * min(drive.sigma, state.sigma), floor))
+        elif state.jitter_s > 0.0:  # the drive's sigma is that of all speeds together, q stays as it is
+            drive = drive._replace(ratio=drive.ratio * (state.sigma / drive.sigma) ** 2)
         rate = None if late or turn == 0 else np.gradient(course, t)
         for step in range(EM_STEPS):
             found = course_of(gram, drive, filled, state)
-            if turn and step % 2 == 0:
+            if turn == ROUNDS - 1 and step % 2 == 0:
                 state = scaled(found, drive, filled, seen, state)
             state = expected(found, drive, filled, seen, state, floor, rate)
         course = found.own + drive.path

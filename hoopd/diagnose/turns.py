@@ -32,8 +32,8 @@ def turned(recording: Recording) -> Recording:
     steps = np.pad(_wrapped(np.diff(seen)), STEPS // 2, mode="edge")
     rate = np.median(np.lib.stride_tricks.sliding_window_view(steps, STEPS), axis=1)
     base = np.concatenate([[0.0], np.cumsum(rate)])
-    result[rows] = base + np.unwrap(seen - base)
-    return replace(unwrapped(recording), psi=result + 2 * pi * round(float(seen[0] - result[rows[0]]) / (2 * pi)))
+    result[rows] = _by_whole_turns(seen, base + np.unwrap(seen - base))
+    return replace(unwrapped(recording), psi=result + (seen[0] - result[rows[0]]))
 
 
 def near(psi: Array) -> Array:
@@ -44,8 +44,13 @@ def near(psi: Array) -> Array:
         return result
     padded = np.pad(psi[rows], 2, mode="edge")
     middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
-    result[rows] = middle + _wrapped(psi[rows] - middle)
+    result[rows] = _by_whole_turns(psi[rows], middle + _wrapped(psi[rows] - middle))
     return result
+
+
+def _by_whole_turns(angle: Array, wanted: Array) -> Array:
+    """The angle nearest to the wanted one; equal angles stay equal to the bit."""
+    return np.asarray(angle + 2.0 * pi * np.round((wanted - angle) / (2.0 * pi)))
 
 
 def _wrapped(angle: Array) -> Array:
