@@ -124,9 +124,9 @@ def hoop_channel(
     found = split(t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor)
     false = found.false > SURE
     sigma = max(noise_floor(t, np.where(usable & ~false, values - found.path, np.nan)), floor)
-    return replace(
-        whole, sigma=sigma, counts=usable & ~false, outliers=false, outlier_share=_false_share(found, usable)
-    )
+    share = _false_share(found, usable)
+    counts, jitter_s = usable & ~false, found.jitter_s
+    return replace(whole, sigma=sigma, counts=counts, outliers=false, outlier_share=share, jitter_s=jitter_s)
 
 
 def _constant(values: Array) -> bool:
@@ -186,4 +186,5 @@ def _false_share(found: Split, usable: Mask) -> Share:
 
 
 def interval(share: float, error: float) -> tuple[float, float]:
+    """95 % of a share with this standard error."""
     return max(share - 1.96 * error, 0.0), min(share + 1.96 * error, 1.0)

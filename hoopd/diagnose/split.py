@@ -38,6 +38,8 @@ ROBUST_STEPS, ROUNDS, EM_STEPS = 5, 3, 4
 STRICT = 0.5
 # With fewer of the rows seen the sensor is slower than the rows: its samples alone are the course's instants.
 SPARSE = 0.6
+# Below it no sensor reads.
+SMALLEST = 1e-12
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ def _first_path(t: Array, filled: Array, paths: Array, seen: Mask) -> Array:
     """What the drives do (n,) by all samples, bad ones too; nothing, where that makes samples agree less."""
     path = explained(t, filled, paths, seen).path
     without, with_it = (np.abs(x - _voted(x))[seen] for x in (filled, filled - path))
-    scale = max(min(float(np.median(without)), float(np.median(with_it))), 1e-300)
+    scale = max(min(float(np.median(without)), float(np.median(with_it))), SMALLEST)
     better = np.log1p((with_it / scale) ** 2).sum() < np.log1p((without / scale) ** 2).sum()
     return path if better else np.zeros(len(path))
 
@@ -129,7 +131,7 @@ def _robust(gram: Array, filled: Array, seen: Mask) -> tuple[Array, Array, float
     """Weights of samples that agree with their neighbours, the course through them, and the spread about it."""
     none, error = np.zeros(len(filled)), np.abs(filled - _voted(filled))
     for _ in range(ROBUST_STEPS):
-        sigma = max(1.4826 * float(np.median(error[seen])), 1e-300)
+        sigma = max(1.4826 * float(np.median(error[seen])), SMALLEST)
         # Geman and McClure's weight
         weight = np.where(seen, 1.0 / (1.0 + (error / (3.0 * sigma)) ** 2) ** 2, 0.0)
         course = leave_one_out(gram, 1.0, filled, filled, weight, none)
