@@ -20,11 +20,14 @@ Mask = NDArray[np.bool_]
 
 # So rarely may late frames alone make a stretch as long as one that is called stuck, once in a hundred recordings.
 RARE = 0.01
-STEPS = 30
+# Shares that are tried; a gain below NATS is chance.
+SHARES, NATS = np.geomspace(2e-4, 0.6, 240), 3.0
 # Equal distances in a row that chance hardly makes: of independent repeats every tenth stretch has two.
 PERIODS = 5
 # Chance is never excluded entirely, nor certain.
 LEAST, MOST = 1e-6, 0.99
+# Width and noise of a reading are known to a quarter.
+DOUBT = 1.25
 
 
 class Repeats(NamedTuple):
@@ -71,24 +74,32 @@ def repeated_frames(short: Mask, candidates: int, moved: Array, sigma: float, re
     moved: (n,) rad, how far the ball went since the row before; sigma: noise of a sample; resolution: width of one
     reading. Chance makes two readings equal with probability resolution N(moved; 0, 2 sigma^2).
     """
-    variance = 2.0 * max(sigma, resolution / sqrt(12.0), 1e-12) ** 2
+    # of the noise alone, without what the steps of reading add to it
+    steps = resolution**2 / 12.0
+    variance = 2.0 * max(sigma**2 - steps, steps, 1e-24)
     chance = resolution * np.exp(-(moved**2) / (2.0 * variance)) / sqrt(2.0 * pi * variance)
-    chance = np.clip(chance, LEAST, MOST)
-    share = min(max(float(short.sum()) / max(candidates, 1), LEAST), 0.5)
-    for _ in range(STEPS):
-        probability = np.where(short, share / (share + (1.0 - share) * chance), 0.0)
-        share = max(float(probability.sum()) / max(candidates, 1), LEAST)
-    # sum log((l + (1 - l) c) / c) over repeats + (1 - l) over the others
-    gain = float(np.log((share + (1.0 - share) * chance[short]) / chance[short]).sum())
-    gain += (candidates - int(short.sum())) * log(1.0 - share)
+    chance = np.clip(DOUBT * chance, LEAST, MOST)
+    found = _likeliest(chance[short], candidates - int(short.sum()))
+    share, gain = float(SHARES[found.argmax()]), float(found.max())
+    if gain < NATS:
+        return RepeatedFrames(np.zeros(len(moved)), 0.0, 0.0, 0.0)
+    probability = np.where(short, share / (share + (1.0 - share) * chance), 0.0)
     # of the repeats only what is surely late is counted: the rest adds its own doubt
     doubt = float((probability * (1.0 - probability)).sum())
     error = sqrt(share * (1.0 - share) / max(candidates, 1) + doubt / max(candidates, 1) ** 2)
-    return RepeatedFrames(probability, share if share > LEAST else 0.0, error, max(gain, 0.0))
+    return RepeatedFrames(probability, share, error, gain)
+
+
+def _likeliest(chance: Array, others: int) -> Array:
+    """Log-likelihood of SHARES over none: sum log((l + (1 - l) c) / c) over repeats, log(1 - l) over the others."""
+    likelihood = others * np.log1p(-SHARES)
+    for part in np.array_split(chance, len(chance) // 1000 + 1):  # a bounded table at a time
+        likelihood += np.log(SHARES[:, None] / part + 1.0 - SHARES[:, None]).sum(axis=1)
+    return np.asarray(likelihood)
 
 
 def slow_stretches(repeated: Mask) -> list[tuple[int, int, int]]:
-    """First and last row and period of stretches in which every so-manieth value repeats: a camera slower than the rows.
+    """First and last row and period of stretches in which every so many values one repeats: a slow camera.
 
     repeated: (n,). PERIODS equal distances of two rows or more in a row.
     """

@@ -22,9 +22,9 @@ Array = NDArray[np.float64]
 # A torque that acts up to three ticks late: delay and lag of a drive at 50 Hz.
 LAGS = 4
 # sigma^2 / q^2: from motion that outruns its samples to a course of about a dozen of them.
-RATIOS = np.geomspace(0.03, 300.0, 9)
+RATIOS = np.geomspace(0.03, 120.0, 7)
 # Columns of the inverse this far apart do not see each other (at the largest ratio: 1e-3).
-APART = 16
+APART = 12
 # Steps longer than this many usual ones: the course before says nothing of the course after.
 GAP_STEPS = 5.5
 # Nothing is known of a stretch without samples; its course must still have a number.
@@ -51,7 +51,7 @@ class Differences:
         usual = float(np.median(np.diff(t)))
         self.weights[np.diff(times, axis=1).max(axis=1) > GAP_STEPS * usual] = 0.0
         # white noise in the jerk gives f[t0..t3] a variance of h^-1: 6 h^3 f one of h^5
-        self.growth = (mean / usual) ** 5  # (n-3,)
+        self.growth = np.minimum(mean / usual, GAP_STEPS) ** 5  # (n-3,)
         self.n = len(t)
 
     def of(self, x: Array) -> Array:
@@ -61,11 +61,12 @@ class Differences:
         return np.asarray(sum(weights[:, i] * x[i : m + i] for i in range(4)))
 
     def gram(self) -> Array:
-        """D'D as lower bands (4, n)."""
+        """D'D as lower bands (4, n), each difference over its spread."""
         bands, m = np.zeros((4, self.n)), self.n - 3
+        scaled = self.weights / np.sqrt(self.growth)[:, None]
         for i in range(4):
             for j in range(i, 4):
-                bands[j - i, i : m + i] += self.weights[:, i] * self.weights[:, j]
+                bands[j - i, i : m + i] += scaled[:, i] * scaled[:, j]
         return bands
 
     def covariance(self) -> Array:
@@ -91,8 +92,8 @@ def pushes(t: Array, drives: Array, integrals: int) -> Array:
 
 def lagged(u: Array, lags: int = LAGS) -> Array:
     """The torque now and 1 ... lags - 1 rows before (n, lags), nothing where it is missing."""
-    known = np.nan_to_num(u)
-    return np.stack([np.concatenate([np.zeros(k), known[: len(known) - k]]) for k in range(lags)], axis=1)
+    known = np.concatenate([np.zeros(lags - 1), np.nan_to_num(u)])
+    return np.stack([known[lags - 1 - k : len(known) - k] for k in range(lags)], axis=1)
 
 
 class Explained(NamedTuple):
@@ -114,12 +115,12 @@ def explained(t: Array, values: Array, paths: Array, used: NDArray[np.bool_]) ->
     scale = np.linalg.norm(regressors, axis=0)
     some = scale > 1e-12 * max(float(scale.max(initial=0.0)), 1e-30)
     regressors, paths = regressors[:, some] / scale[some], paths[:, some] / scale[some]
-    noise, growth = differences.covariance(), np.minimum(differences.growth, GAP_STEPS**5)
+    noise = differences.covariance()
     best, found = np.inf, (np.zeros(paths.shape[1]), RATIOS[0], 1.0)
     for ratio in RATIOS:
         # V / sigma^2 = D D' + I / ratio
         bands = noise.copy()
-        bands[0] += growth / ratio
+        bands[0] += differences.growth / ratio
         factor = cholesky_banded(bands, lower=True, check_finite=False)
         whitened = cho_solve_banded((factor, True), np.column_stack([target, regressors]), check_finite=False)
         gram, right = regressors.T @ whitened[:, 1:], regressors.T @ whitened[:, 0]

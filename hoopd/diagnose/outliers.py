@@ -46,7 +46,7 @@ def spread_share(false: Mask, seen: Mask) -> float:
     if not blocks:
         return 0.0
     empty = 1.0 - float(false[rows[: blocks * BLOCK]].reshape(blocks, BLOCK).any(axis=1).mean())
-    return 1.0 - max(empty, 0.5 / blocks) ** (1.0 / BLOCK)
+    return float(1.0 - max(empty, 0.5 / blocks) ** (1.0 / BLOCK))
 
 
 def inside(n: int, stretches: list[tuple[int, int]]) -> Mask:

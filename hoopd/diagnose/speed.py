@@ -53,14 +53,14 @@ def speed(recording: Recording, theta_sigma: float) -> Speed:
 
 def _compared(slope: Array, dtheta: Array) -> tuple[float, float, float]:
     """Gain, delay in rows and left-over spread of dtheta against the slope, at the delay where they agree best."""
-    rest = np.array([_line(slope, dtheta, k)[1] for k in range(-REACH, REACH + 1)])
-    best = int(np.argmin(rest))
+    rest = [_line(slope, dtheta, k)[1] for k in range(-REACH, REACH + 1)]
+    best = min(range(len(rest)), key=rest.__getitem__)
     lag = float(best - REACH)
     if 0 < best < 2 * REACH:
         # vertex of the parabola through the squares
-        a, b, c = rest[best - 1 : best + 2] ** 2
-        lag += 0.5 * float(a - c) / max(float(a - 2 * b + c), 1e-300)
-    return _line(slope, dtheta, best - REACH)[0], lag, float(rest[best])
+        a, b, c = rest[best - 1] ** 2, rest[best] ** 2, rest[best + 1] ** 2
+        lag += 0.5 * (a - c) / max(a - 2 * b + c, 1e-300)
+    return _line(slope, dtheta, best - REACH)[0], lag, rest[best]
 
 
 def _line(slope: Array, dtheta: Array, k: int) -> tuple[float, float]:
@@ -68,7 +68,7 @@ def _line(slope: Array, dtheta: Array, k: int) -> tuple[float, float]:
     x, y = slope[max(0, -k) : n - max(0, k)], dtheta[max(0, k) : n - max(0, -k)]
     both = np.isfinite(x) & np.isfinite(y)
     x, y = x[both], y[both]
-    gain = float(x @ y / max(x @ x, 1e-300))
+    gain = float(x @ y) / max(float(x @ x), 1e-300)
     return gain, clipped_sigma(y - gain * x)
 
 
