@@ -209,6 +209,7 @@ def _back_emf(plant: DeclaredPlant, slot: str, q: str, speed: float) -> Effect:
         (EffectParameter("w0", units(plant).rate, NO_LIMIT, 5.0 * speed, 200.0 * speed, "shape", grid),),
         torque=limited,
         order=2,
+        substeps=SWITCH_SUBSTEPS,
         depends_on=("u", f"d{q}"),
         near=(f"{slot}.saturation",),
         statement="the faster the motor turns, the less torque it can give: none at w0",

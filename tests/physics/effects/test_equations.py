@@ -79,7 +79,7 @@ SMOOTH: dict[str, Rate] = {
     "external.disturbance": second(lambda t, x, u: (u + 0.03 * (edge(t - 0.313) - edge(t - 0.622)), 0.0)),
 }
 # RK4 over 5 ms against a kink of a limit, of a pulse's ramp or of |rate|; everything else is smooth within a step
-KINKS = {"actuator.back_emf_limit": 2e-4, "external.disturbance": 2e-4}
+KINKS = {"actuator.back_emf_limit": 1e-3, "external.disturbance": 1e-3}
 
 
 @pytest.mark.parametrize("name", SMOOTH)
