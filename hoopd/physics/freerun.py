@@ -172,5 +172,8 @@ _KEPT: WeakKeyDictionary[Composite, FreeRun] = WeakKeyDictionary()
 
 def _free_run(composite: Composite) -> FreeRun:
     if composite not in _KEPT:
-        _KEPT[composite] = FreeRun(composite)
+        from hoopd.physics.flight import FlightRun  # it is a free run itself
+
+        flies = any(effect.flight for effect in composite.effects)
+        _KEPT[composite] = FlightRun(composite) if flies else FreeRun(composite)
     return _KEPT[composite]

@@ -21,7 +21,7 @@ COGGING_HARMONICS = tuple(float(n) for n in range(2, 37))
 RIPPLE_HARMONICS = tuple(float(n) for n in range(1, 37))
 # A harmonic is followed at 2 ms: 36 a turn at 20 rad/s are 1.4 rad a step, a Runge-Kutta error of 0.2 %.
 HARMONIC_SUBSTEPS = 10
-# A torque that switches within a substep enters by its mean: at 2.5 ms that moves an angle by 4e-5 rad, at 5 ms by 2e-4.
+# A torque that switches within a substep enters by its mean: that moves an angle by 4e-5 rad at 2.5 ms, 2e-4 at 5 ms.
 SWITCH_SUBSTEPS = 8
 
 

@@ -4,6 +4,7 @@ means (an adaptive solver from switch to switch; for dry friction tiny steps).""
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from math import cos, exp, sin
 
 import numpy as np
@@ -46,7 +47,7 @@ def solved(rate: Rate, start: np.ndarray = X0, late: float = 0.0) -> np.ndarray:
     """States at the nodes; the torque switches `late` seconds after its node, before the first one it is the first."""
     switches = np.unique(np.concatenate([[0.0], T[1:-1] + late, T]))
     x, states = start, {0.0: start}
-    for begin, end in zip(switches[:-1], switches[1:], strict=True):
+    for begin, end in pairwise(switches):
         u = U[np.clip(np.searchsorted(T + late, (begin + end) / 2) - 1, 0, len(U) - 1)]
         x = solve_ivp(rate, (begin, end), x, args=(u,), rtol=1e-9, atol=1e-11, max_step=0.01).y[:, -1]
         states[float(end)] = x
@@ -250,7 +251,7 @@ def test_latency_is_the_state_of_an_earlier_time(name: str, late: float) -> None
     dense, held = np.arange(0, 1001) * 0.001, np.repeat(U, 20)
     z = run(C_BASE, {}, X0, dense, held)
     at = np.round((T - late) / 0.001).astype(int)
-    for channel, index in {"camera": {"psi": 2}, "encoder": {"theta": 0, "dtheta": 1}}[name.split(".")[0]].items():
+    for channel, index in (("psi", 2),) if name.startswith("camera") else (("theta", 0), ("dtheta", 1)):
         assert np.abs(y[channel] - z[at, index])[at >= 0].max() < 1e-5
         # before the start: on the way that leads to the first state
         assert np.abs(y[channel][0] - (X0[index] - late * {0: X0[1], 1: 60.0, 2: X0[3]}[index])) < 0.5

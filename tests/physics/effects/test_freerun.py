@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from effectcases import VALUES, composite, sizes, two_level
@@ -66,7 +68,7 @@ def test_the_first_readings_of_a_late_sensor_are_those_before_the_start() -> Non
 
 def test_mean_torque_of_the_hold_is_the_torque_itself() -> None:
     t, u = np.array([0.0, 0.02, 0.04, 0.07]), np.array([0.1, -0.2, 0.3])
-    edges = np.concatenate([np.linspace(a, b, 8)[:-1] for a, b in zip(t[:-1], t[1:], strict=True)] + [t[-1:]])
+    edges = np.concatenate([np.linspace(a, b, 8)[:-1] for a, b in pairwise(t)] + [t[-1:]])
     assert np.array_equal(mean_torque(edges, t, u), np.repeat(u, 7))
 
 
