@@ -52,7 +52,7 @@ def test_it_leaves_where_the_normal_force_ends_and_flies_a_parabola(structure: s
     assert x[air[-1], 2] < 0.5 < 2.0 < x[at, 2]
     # it lands where the parabola meets the hoop
     assert np.hypot(across, up)[1:].max() < R
-    late = end - begin
+    late = end - t[at]
     landing = np.hypot(R * np.sin(psi) + R * rate * np.cos(psi) * late,
                        -R * np.cos(psi) + R * rate * np.sin(psi) * late - V["g"] * late**2 / 2)  # fmt: skip
     assert landing == pytest.approx(R, rel=1e-3)
