@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 
 # At 2 ms a start is found to 1e-5 rad (the contact's force passes through zero); a landing is bisected so often.
 SUBSTEPS, BISECTIONS = 10, 30
+# A ball that is pressed on the hoop by half its weight (m/s^2) at two nodes has not left it in between; looked ahead by
+# so many nodes.
+PRESSED, AHEAD = 5.0, 50
 
 
 class FlightRun(FreeRun):
@@ -47,17 +50,33 @@ class FlightRun(FreeRun):
 
     def run(self, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Array:
         """As `FreeRun.run`; of a flying ball psi is the direction in which it is seen."""
-        t, u, h = node_axis(t, u)
+        t, u, _ = node_axis(t, u)
         course = _Course(self, values, self._start(np.asarray(x0, float), float(u[0])))
         rows = [course.seen()]
-        for k in range(len(h)):
-            count = SUBSTEPS * int(np.ceil(h[k] / LONGEST_STEP_S - 1e-9))
-            edges = np.linspace(t[k], t[k + 1], count + 1)
-            for j, torque in enumerate(mean_torque(edges, t, u, self._composite.delay_s(values))):
-                course.step(float(torque), edges[j + 1] - edges[j], edges[j])
-            rows.append(course.seen())
+        while len(rows) < len(t):
+            safe = rows[:0] if course.flies else list(self._safely_on(values, course.z, t, u, len(rows) - 1))
+            if safe:
+                rows.extend(safe)
+                course.z = safe[-1]
+            else:
+                self._node_by_node(course, values, t, u, len(rows) - 1)
+                rows.append(course.seen())
         self.flights = course.flights(t[-1])
         return np.array(rows)
+
+    def _safely_on(self, values: Mapping[str, float], z: Array, t: Array, u: Array, k: int) -> Array:
+        """States after node k, as far as the ball is pressed on the hoop well."""
+        ahead = self._forward(values, z, t, u, slice(k, k + AHEAD + 1))
+        p = self._rolling.vector(values)
+        normal = np.asarray(self._normal(ahead.T, p)).ravel()
+        loose = np.flatnonzero(~(normal > PRESSED * p[self._rolling.names.index("mb")]))
+        return ahead[1 : loose[0] if loose.size else None]
+
+    def _node_by_node(self, course: _Course, values: Mapping[str, float], t: Array, u: Array, k: int) -> None:
+        """Takes the course from node k to the next in small steps."""
+        edges = np.linspace(t[k], t[k + 1], 1 + SUBSTEPS * int(np.ceil((t[k + 1] - t[k]) / LONGEST_STEP_S - 1e-9)))
+        for j, torque in enumerate(mean_torque(edges, t, u, self._composite.delay_s(values))):
+            course.step(float(torque), edges[j + 1] - edges[j], edges[j])
 
     def _between(self, when: Array, values: Mapping[str, float], p: Array, t: Array, u: Array, z: Array) -> Array:
         """States between the nodes: cubics through angles and rates, straight lines of what else there is."""
@@ -116,7 +135,7 @@ class _Course:
     """One run: the mode, its state and when modes changed."""
 
     def __init__(self, owner: FlightRun, values: Mapping[str, float], z: Array) -> None:
-        self._o, self._z, self._flies = owner, z, False
+        self._o, self.z, self.flies = owner, z, False
         self._p = {False: owner._rolling.vector(values), True: owner._air.vector(values)}
         self._track = values.get("Ro", owner._rolling.values["Ro"]) - values.get("Rb", owner._rolling.values["Rb"])
         # without slip in the model the contact holds whatever it has to
@@ -125,21 +144,21 @@ class _Course:
 
     def seen(self) -> Array:
         """The state as the rolling plant has it."""
-        if not self._flies:
-            return self._z
+        if not self.flies:
+            return self.z
         o = self._o
         rolling = np.zeros(o._rolling.nz)
-        rolling[: o._shared], rolling[o._rolling.nx :] = self._z[: o._shared], self._z[o._air.nx :]
+        rolling[: o._shared], rolling[o._rolling.nx :] = self.z[: o._shared], self.z[o._air.nx :]
         return rolling
 
     def step(self, torque: float, d: float, t: float) -> None:
         after = self._moved(torque, d, t)
-        if self._flies and self._distance(after) > self._track:
+        if self.flies and self._distance(after) > self._track:
             self._land(torque, d, t)
             return
-        self._z = after
-        if not self._flies and float(self._o._normal(after, self._p[False])) < 0.0:
-            self._z, self._flies = self._o._off(after, self._p[False]).full().ravel(), True
+        self.z = after
+        if not self.flies and float(self._o._normal(after, self._p[False])) < 0.0:
+            self.z, self.flies = self._o._off(after, self._p[False]).full().ravel(), True
             self._changes.append(t + d)
 
     def _land(self, torque: float, d: float, t: float) -> None:
@@ -151,13 +170,13 @@ class _Course:
             else:
                 early = middle
         landed = self._o._on(self._moved(torque, late, t), self._p[False], self._mu)
-        self._z, self._flies = landed.full().ravel(), False
+        self.z, self.flies = landed.full().ravel(), False
         self._changes.append(t + late)
-        self._z = self._moved(torque, d - late, t + late)
+        self.z = self._moved(torque, d - late, t + late)
 
     def _moved(self, torque: float, d: float, t: float) -> Array:
-        c = self._o._air if self._flies else self._o._rolling
-        z = c.step_function(self._z, torque, np.zeros(c.nq), d, t, self._p[self._flies])
+        c = self._o._air if self.flies else self._o._rolling
+        z = c.step_function(self.z, torque, np.zeros(c.nq), d, t, self._p[self.flies])
         return np.asarray(z.full().ravel())
 
     def _distance(self, z: Array) -> float:
@@ -165,5 +184,5 @@ class _Course:
 
     def flights(self, end: float) -> list[tuple[float, float]]:
         """Begin and end of every flight, s."""
-        times = [*self._changes, end] if self._flies else self._changes
+        times = [*self._changes, end] if self.flies else self._changes
         return list(zip(times[::2], times[1::2], strict=True))
