@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 from effectcases import NAMES, VALUES, composite, sizes, two_level
 
+from hoopd.physics.composite import Composite
+from hoopd.physics.declared import hoop_plant
+from hoopd.physics.effects.catalogue import library
+from hoopd.physics.entries import entries_of
 from hoopd.physics.freerun import readings, run
 from hoopd.physics.plant import Plant
 
@@ -155,6 +159,15 @@ def test_with_a_single_size_of_torque_dead_zone_saturation_and_gain_are_one() ->
         run(composite("rolling", "actuator.torque_gain"), {"actuator.torque_gain.k": 0.8}, X0, T, u),
     ]
     assert max(np.abs(one - runs[0]).max() for one in runs) < 1e-12
+
+
+def test_entries_of_a_rolling_ball_take_every_effect_as_the_rolling_ball_does() -> None:
+    values = VALUES["rolling"]
+    own = {**{k: values[k] for k in ("mb", "Ro", "Rb", "g")}, **entries_of("rolling", values)}
+    for name in NAMES:
+        declared = hoop_plant("entries", own)
+        z = run(Composite(declared, [library(declared)[name]]), sizes(name), X0, T, U)
+        assert np.abs(z - run(composite("rolling", name), sizes(name), X0, T, U)).max() < 1e-7, name
 
 
 # ---------------------------------------------------------------------------------------------- steps
