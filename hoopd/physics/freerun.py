@@ -59,16 +59,21 @@ class FreeRun:
 
         Before the first node the torque was u[0], for what is late.
         """
-        c, (t, u, h) = self._composite, node_axis(t, u)
+        t, u, _ = node_axis(t, u)
+        return self._forward(values, self._start(np.asarray(x0, float), float(u[0])), t, u, slice(None))
+
+    def _forward(self, values: Mapping[str, float], start: Array, t: Array, u: Array, part: slice) -> Array:
+        """States at some nodes of a run from the first of them."""
+        nodes = t[part]
+        h = np.diff(nodes)
         steps = np.maximum(1, np.ceil(h / LONGEST_STEP_S - JITTER)).astype(int)
         last = np.cumsum(steps)
         # begin of every step: as many as each interval needs, all of the same length
         number = np.arange(last[-1]) - np.repeat(last - steps, steps)
         length = np.repeat(h / steps, steps)
-        begin = np.repeat(t[:-1], steps) + number * length
-        start = self._start(np.asarray(x0, float), float(u[0]))
+        begin = np.repeat(nodes[:-1], steps) + number * length
         torques = self._torques(values, begin, length, t, u)
-        after = self._accumulate(start, (torques, length, begin), c.vector(values))
+        after = self._accumulate(start, (torques, length, begin), self._composite.vector(values))
         return np.concatenate([start[None], after[last - 1]])
 
     def readings(
@@ -172,5 +177,8 @@ _KEPT: WeakKeyDictionary[Composite, FreeRun] = WeakKeyDictionary()
 
 def _free_run(composite: Composite) -> FreeRun:
     if composite not in _KEPT:
-        _KEPT[composite] = FreeRun(composite)
+        from hoopd.physics.flight import FlightRun  # it is a free run itself
+
+        flies = any(effect.flight for effect in composite.effects)
+        _KEPT[composite] = FlightRun(composite) if flies else FreeRun(composite)
     return _KEPT[composite]

@@ -24,6 +24,8 @@ from hoopd.physics.effects.base import DryFriction, Effect, Point
 SHORTEST_S = 1e-7
 # A force beyond any friction's level.
 BEYOND = 1e9
+# A rate below this is none, rad/s.
+REST = 1e-30
 # Two frictions of the hoop and its ball act on each other by a sixth: 0.16^8 = 4e-7 of a force is left.
 SWEEPS = 8
 # Width of the smooth form of dry friction on the way back, rad/s: there is no sticking to be exact about.
@@ -50,7 +52,12 @@ class Motion:
         """State of the plant d seconds later, with the torque and the disturbance w held."""
         values = self._vector(p)
         stops = self._stops(x, torque, w, d, t, values) if self._frictions else ca.SX(0, 1)
-        return _runge_kutta(lambda y, at: self._rate(y, torque, w, at, values, stops), x, d, t)
+        after = _runge_kutta(lambda y, at: self._rate(y, torque, w, at, values, stops), x, d, t)
+        return self._at_rest(after) if self._frictions else after
+
+    def _at_rest(self, x: Any) -> Any:
+        """Rates of nothing are nothing: else what has stopped would go on through ever smaller, ever slower numbers."""
+        return ca.vertcat(*(ca.if_else(ca.fabs(x[i]) < REST, 0.0, x[i]) if i % 2 else x[i] for i in range(self._nx)))
 
     def step_back(self, x: Any, torque: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
         """State of the plant d seconds earlier; dry friction in its smooth form."""

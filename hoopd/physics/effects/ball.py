@@ -11,6 +11,7 @@ import casadi as ca
 
 from hoopd.physics.declared import DeclaredPlant, Slot
 from hoopd.physics.effects.base import DryFriction, Effect, EffectParameter, Point
+from hoopd.physics.effects.liftoff import lift_off
 from hoopd.physics.effects.normal import normal_force
 from hoopd.physics.effects.slip import slip
 from hoopd.physics.effects.slots import named, of_kind
@@ -26,7 +27,7 @@ def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
 
 def _of_slot(plant: DeclaredPlant, name: str, slot: Slot) -> tuple[Effect, ...]:
     every = (_coulomb(plant, name), _rolling_resistance(name), _drag(name))
-    return every if slot.contact is None else (*every, slip(name, slot.contact))
+    return every if slot.contact is None else (*every, slip(name, slot.contact), lift_off(name, slot.contact))
 
 
 def _along(s: Point) -> dict[str, Any]:

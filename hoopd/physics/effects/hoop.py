@@ -14,6 +14,9 @@ from hoopd.physics.declared import DeclaredPlant, Slot
 from hoopd.physics.effects.base import DryFriction, Effect, EffectParameter, geometric, phase
 from hoopd.physics.effects.slots import force_scale, named, of_kind, scaled, speed_scale, units
 
+# The curve is steep near rest: at 2 ms a run of 4 s misses the converged angle by 8e-4 rad, at 4 ms by 2e-3.
+STRIBECK_SUBSTEPS = 10
+
 
 def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
     """Those of every body."""
@@ -64,6 +67,7 @@ def _stribeck(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
             ),
         ),
         friction=DryFriction(level, lambda s: {q: 1.0}),
+        substeps=STRIBECK_SUBSTEPS,
         depends_on=(f"d{q}",),
         contains=(f"{name}.coulomb_friction",),
         near=(f"{name}.coulomb_friction",),
