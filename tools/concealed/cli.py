@@ -1,6 +1,6 @@
 """Command line of the proof.
 
-  python tools/concealed generate DIR --family single,null --per-effect 1 --nulls 5 --seed N    cases and answers
+python tools/concealed generate DIR --family single,null --per-effect 1 --nulls 5 --seed N    cases and answers
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ def generate(options: argparse.Namespace) -> None:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="concealed", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="concealed", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     commands = parser.add_subparsers(required=True)
     make = commands.add_parser("generate", help="write cases and their answers into a folder")
     make.add_argument("dir", type=Path)

@@ -13,7 +13,7 @@ import numpy as np
 
 from concealed import disturbances, drives
 from concealed.effects import ALL, Values
-from concealed.plant import DEVICE, SAMPLE_S
+from concealed.plant import DEVICE, SAMPLE_S, Array
 
 RECORDINGS = ("train_1", "train_2", "holdout")
 TRAINING = (0, 1)
@@ -56,6 +56,7 @@ class Recipe:
     most_torque: tuple[float, float, float]  # N m
     gains: list[float] = field(default_factory=lambda: [0.1, 0.1, 0.1])  # N m of a unit input
     reached: dict[int, tuple[float, float, float]] = field(default_factory=dict)  # |psi|, |theta'|, |u| when scaled
+    shapes: dict[int, Array] = field(default_factory=dict)  # inputs of unit peak, by recording
     sizes: dict[str, float] = field(default_factory=dict)
     nats: dict[str, float] = field(default_factory=dict)  # of each effect alone
     capped: dict[str, bool] = field(default_factory=dict)
@@ -100,7 +101,7 @@ def draw(wish: Wish, seed: tuple[int, ...]) -> Recipe:
         psi_noise=float(rng.uniform(1e-3, 4e-3)),
         missing=float(rng.uniform(0.0, 0.03) * (rng.uniform() < 0.8)),
         kinds=_kinds(wish, rng),
-        most_psi=_most(rng, (0.12, 0.3) if wish.small else (0.9, 1.3) if wish.large else (0.4, 1.2)),
+        most_psi=_most(rng, (0.12, 0.3) if wish.small else (0.9, 1.3) if wish.large else (0.5, 1.25)),
         most_speed=_most(rng, (25.0, 60.0)),
         most_torque=_most(rng, (0.1, 0.3)),
     )

@@ -53,12 +53,12 @@ class _Run:
         self.c, self.device = columns, columns.device
         size = columns.start.shape[1]
         theta, dtheta, psi, dpsi = columns.start
-        self.x = Motion(theta, dtheta, psi, dpsi, np.zeros((2, size)))
+        self.x = Motion(theta, dtheta, psi, dpsi, (np.zeros(size), np.zeros(size)))
         self.effects = columns.effects
         self.maps = [(actuators.MAPS[n], self.effects[n]) for n in actuators.MAPS if n in self.effects]
         self.forces = [(forces.FORCES[n], p) for n, p in self.effects.items() if n in forces.FORCES]
-        self.on_hoop = [(forces.ON_HOOP[n], p) for n, p in self.effects.items() if n in forces.ON_HOOP]
-        self.on_roll = [(forces.ON_ROLL[n], p) for n, p in self.effects.items() if n in forces.ON_ROLL]
+        self.dry = [[(t[n], p) for n, p in self.effects.items() if n in t] for t in (forces.ON_HOOP, forces.ON_ROLL)]
+        self.rubs = contacts.lines(self.device)
         self.delays = self._delays()
         self.lagged, self.slow = np.zeros(size), dtheta.copy()
         p = self.device.given
@@ -101,16 +101,14 @@ class _Run:
         x.theta, x.psi = x.theta + h / 2 * x.dtheta, x.psi + h / 2 * x.dpsi
         m = self._moment(demanded, t)
         on_theta, on_psi, on_roll = self._all_forces(self._driven(torque, m), push, m)
-        hoop = self._limit(self.on_hoop, m)
-        roll = self._limit(self.on_roll, m)
+        limits = [sum(limit(p, m) for limit, p in dry) for dry in self.dry]
         before = x.dtheta
         if "ball.slip" in self.effects:
-            self._slide((on_theta, on_psi, on_roll), hoop, roll, m)
+            self._slide((on_theta, on_psi, on_roll), limits, m)
         else:
             x.kick = accelerations(self.device, on_theta, on_psi, on_roll)
             x.dtheta, x.dpsi = x.dtheta + h * x.kick[0], x.dpsi + h * x.kick[1]
-            if hoop is not None or roll is not None:
-                x.dtheta, x.dpsi = contacts.rub(self.device, x.dtheta, x.dpsi, hoop, roll, h)
+            self._rub(limits)
         x.theta, x.psi = x.theta + h / 2 * x.dtheta, x.psi + h / 2 * x.dpsi
         if "encoder.speed_lag" in self.effects:
             time_s = self.effects["encoder.speed_lag"]["T"]
@@ -142,19 +140,23 @@ class _Run:
     def _rolling(self, m: forces.Moment) -> Array:
         return self.spin - m.dpsi if "ball.slip" in self.effects else m.rolling
 
-    @staticmethod
-    def _limit(dry: list, m: forces.Moment) -> Array | None:
-        limits = [limit(p, m) for limit, p in dry]
-        return sum(limits[1:], start=limits[0]) if limits else None
+    def _rub(self, limits: list[Array | float]) -> None:
+        """Dry friction: both kinds at once where both are there, else the one."""
+        x = self.x
+        active = [i for i, dry in enumerate(self.dry) if dry]
+        if not active:
+            return
+        together = len(active) == 2 and bool(np.any((limits[0] > 0) & (limits[1] > 0)))
+        for which in (active,) if together else ([i] for i in active):
+            rubs, bounds = tuple(self.rubs[i] for i in which), tuple(limits[i] for i in which)
+            x.dtheta, x.dpsi = contacts.rub(rubs, x.dtheta, x.dpsi, bounds, H_S)
 
-    def _slide(self, on: tuple[Array, Array, Array], hoop: Array | None, roll: Array | None, m: forces.Moment) -> None:
+    def _slide(self, on: tuple[Array, Array, Array], limits: list[Array | float], m: forces.Moment) -> None:
         x, none = self.x, np.zeros_like(self.spin)
         grip = self.effects["ball.slip"]["mu"] * m.normal_n
         v = np.stack((x.dtheta, x.dpsi, self.spin))
-        after = contacts.slide(
-            self.device, v, on, grip, none if hoop is None else hoop, none if roll is None else roll, H_S
-        )
-        x.kick = (after[:2] - v[:2]) / H_S
+        after = contacts.slide(self.device, v, on, grip, none + limits[0], none + limits[1], H_S)
+        x.kick = tuple((after[:2] - v[:2]) / H_S)
         x.dtheta, x.dpsi, self.spin = after
 
 
