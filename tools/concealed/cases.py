@@ -125,7 +125,7 @@ def answer(recipe: Recipe, own: Sequence[Trace]) -> dict[str, Any]:
         "noise": {"dtheta_rad_s": recipe.dtheta_noise, "psi_rad": recipe.psi_noise, "missing": recipe.missing},
         "disturbance": {"kind": recipe.colour.kind, "rms_nm": list(recipe.colour.rms_nm),
                         "time_s": list(recipe.colour.time_s)},
-        "inputs": {name: kind for name, kind in zip(RECORDINGS, recipe.kinds, strict=True)},
+        "inputs": dict(zip(RECORDINGS, recipe.kinds, strict=True)),
         "length_s": dict(LENGTH_S),
         "reach": {name: _reach(trace) for name, trace in zip(RECORDINGS, own, strict=True)},
     }  # fmt: skip

@@ -22,7 +22,7 @@ def clip(x: Array, limit: Array) -> Array:
 
 @dataclass(frozen=True)
 class Rub:
-    """Velocities (theta', psi') per impulse along one line, and the line's own rate: rate = n_theta theta' + n_psi psi'."""
+    """A line of friction, rate = n_theta theta' + n_psi psi', and the velocities that an impulse along it gives."""
 
     n: tuple[Array, Array]
     answer: tuple[Array, Array]

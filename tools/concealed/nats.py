@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from concealed.disturbances import Colour
-from concealed.plant import PIECES, SAMPLE_S, Array, Body, coast
+from concealed.plant import PIECES, SAMPLE_S, SUBSTEPS, Array, Body, coast
 from concealed.sensors import COUNT_RAD
 from concealed.simulate import WARM, Columns, Trace
 
@@ -42,12 +42,15 @@ class Change:
     sensors: Array
 
 
-def change(trace: Trace, columns: Columns, disturbed: bool = True) -> Change:
-    """The effects' share in the steps and sensors of a trace; not `disturbed`: the disturbance's share as well."""
+def change(trace: Trace, columns: Columns, disturbed: bool = True, substeps: int = SUBSTEPS) -> Change:
+    """The effects' share in the steps and sensors of a trace; not `disturbed`: the disturbance's share as well.
+
+    substeps: those of the trace.
+    """
     states = trace.states
     x, torque = states[:-1].transpose(1, 0, 2), trace.torque
     push = columns.push[WARM * PIECES :].reshape(len(torque), PIECES, 2, -1).transpose(1, 2, 0, 3)
-    plain = coast(columns.device, x, torque, push if disturbed else None)
+    plain = coast(columns.device, x, torque, push if disturbed else None, substeps=substeps)
     return Change(states[1:] - plain.transpose(1, 0, 2), trace.clean - states[:-1, :3])
 
 

@@ -105,8 +105,8 @@ def draw(wish: Wish, seed: tuple[int, ...]) -> Recipe:
         most_speed=_most(rng, (25.0, 60.0)),
         most_torque=_most(rng, (0.1, 0.3)),
     )
-    for name, values in recipe.fixed.items():
-        values |= _placed(name, recipe, rng)
+    for name in wish.effects:
+        recipe.fixed[name] |= _placed(name, rng)
     return recipe
 
 
@@ -135,7 +135,7 @@ def _most(rng: np.random.Generator, between: tuple[float, float]) -> tuple[float
     return tuple(float(x) for x in rng.uniform(*between, size=3))  # type: ignore[return-value]
 
 
-def _placed(name: str, recipe: Recipe, rng: np.random.Generator) -> Mapping[str, float]:
+def _placed(name: str, rng: np.random.Generator) -> Mapping[str, float]:
     """What depends on the rest of the case."""
     if name == "decoy.hand":
         start, length = rng.uniform(2.0, 27.0), rng.uniform(0.2, 0.9)
