@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +29,37 @@ Say = Callable[[str], None]
 Made = dict[tuple[str, int], Trace]  # by identifier and recording
 
 
-def make(wishes: Sequence[Wish], seed: int, cases: Path, answers: Path, say: Say = lambda text: None) -> list[Recipe]:
-    """Draws, sizes, simulates and writes the cases of a seed."""
-    recipes = [draw(wish, (seed, index)) for index, wish in enumerate(wishes)]
+@dataclass(frozen=True)
+class Case:
+    """One case: the recordings by file name, and the sealed answer."""
+
+    identifier: str
+    files: dict[str, bytes]
+    answer: dict[str, Any]
+
+
+def make(wishes: Sequence[Wish], seed: int, first: int = 0, say: Say = lambda text: None) -> list[Case]:
+    """Draws, sizes and simulates the cases of a seed; `first` is the number of the first wish among all of them."""
+    recipes = [draw(wish, (seed, first + index)) for index, wish in enumerate(wishes)]
     made = prepare(recipes, say)
-    write(recipes, made, cases, answers)
-    say("written")
-    return recipes
+    return [_case(recipe, [made[recipe.identifier, index] for index in range(len(RECORDINGS))]) for recipe in recipes]
+
+
+def _case(recipe: Recipe, own: Sequence[Trace]) -> Case:
+    files = {f"{name}.csv": csv_bytes(trace) for name, trace in zip(RECORDINGS, own, strict=True)}
+    return Case(recipe.identifier, files, answer(recipe, own))
+
+
+def write(made: Sequence[Case], cases: Path, answers: Path) -> None:
+    """A folder for each case's recordings under `cases`; its answer, elsewhere, comes last."""
+    answers.mkdir(parents=True, exist_ok=True)
+    for case in made:
+        folder = cases / case.identifier
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, data in case.files.items():
+            (folder / name).write_bytes(data)
+        text = json.dumps(case.answer, indent=1, sort_keys=True, allow_nan=False)
+        (answers / f"{case.identifier}.json").write_text(text + "\n", encoding="utf-8")
 
 
 def prepare(recipes: Sequence[Recipe], say: Say = lambda text: None) -> Made:
@@ -84,19 +109,6 @@ def traces(recipes: Sequence[Recipe]) -> Made:
                     trace.history[..., one], trace.torque[:, one], trace.clean[..., one], trace.rows[..., one]
                 )
     return found
-
-
-def write(recipes: Sequence[Recipe], made: Made, cases: Path, answers: Path) -> None:
-    """Recordings and answers of prepared cases."""
-    answers.mkdir(parents=True, exist_ok=True)
-    for recipe in recipes:
-        folder = cases / recipe.identifier
-        folder.mkdir(parents=True, exist_ok=True)
-        own = [made[recipe.identifier, index] for index in range(len(RECORDINGS))]
-        for name, trace in zip(RECORDINGS, own, strict=True):
-            (folder / f"{name}.csv").write_bytes(csv_bytes(trace))
-        text = json.dumps(answer(recipe, own), indent=1, sort_keys=True, allow_nan=False)
-        (answers / f"{recipe.identifier}.json").write_text(text + "\n", encoding="utf-8")
 
 
 def csv_bytes(trace: Trace) -> bytes:
