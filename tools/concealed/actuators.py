@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from concealed.contacts import clip
 from concealed.plant import Array
 
 Parameters = Mapping[str, Array]
@@ -23,13 +24,13 @@ def deadzone(p: Parameters, torque: Array, theta: Array, dtheta: Array) -> Array
 
 def saturation(p: Parameters, torque: Array, theta: Array, dtheta: Array) -> Array:
     """abs(tau) <= s."""
-    return np.clip(torque, -p["s"], p["s"])
+    return clip(torque, p["s"])
 
 
 def back_emf_limit(p: Parameters, torque: Array, theta: Array, dtheta: Array) -> Array:
     """abs(tau) <= max(0, 0.7 (1 - abs(theta')/w0))."""
     limit = NOMINAL_LIMIT_NM * np.maximum(0.0, 1.0 - np.abs(dtheta) / p["w0"])
-    return np.clip(torque, -limit, limit)
+    return clip(torque, limit)
 
 
 def ripple(p: Parameters, torque: Array, theta: Array, dtheta: Array) -> Array:

@@ -13,12 +13,13 @@ import numpy as np
 
 from concealed import control, disturbances, drives
 from concealed.effects import ALL, Values
-from concealed.plant import PIECES, Array, Body, body, coast
+from concealed.plant import PIECES, Array, Body, body, coast, entries
 from concealed.recipes import Recipe
 from concealed.sensors import Noise
 from concealed.simulate import WARM, Columns
 
 ROUNDS = 4  # of scaling; the ball's angle is nearly linear in the torque
+TRIES = 24  # inputs to choose from
 COARSE = 8  # substeps while scaling
 
 
@@ -76,8 +77,27 @@ def _start(item: Column) -> Array:
 def _feed(item: Column, rows: int) -> Array:
     """Torque that is not feedback, N m (rows,)."""
     recipe, index = item.recipe, item.recording
-    unit = drives.DRIVES[recipe.kinds[index]](recipe.rng("drive", index), rows)
+    unit = _shape(recipe, index, rows)
     return recipe.gains[index] * (0.4 if recipe.wish.closed else 1.0) * unit
+
+
+def _shape(recipe: Recipe, index: int, rows: int) -> Array:
+    """The strongest of some drawn inputs: a person, too, tries until the ball stays in the hoop at a fair torque."""
+    if index not in recipe.shapes:
+        rng, draw = recipe.rng("drive", index), drives.DRIVES[recipe.kinds[index]]
+        own = {name: float(value) for name, value in entries(recipe_device(recipe)).items()}
+        tried = [draw(rng, rows) for _ in range(TRIES)]
+        limits = np.array((recipe.most_speed[index], recipe.most_psi[index]))
+        found = [
+            (limits / drives.reach(unit, tuple(own[k] for k in ("J11", "L1", "K2", "L2")))).min() for unit in tried
+        ]
+        recipe.shapes[index] = tried[int(np.argmax(found))]
+    return recipe.shapes[index]
+
+
+def recipe_device(recipe: Recipe) -> Body:
+    """The device of one case, numbers instead of arrays."""
+    return body({key: np.float64(value) for key, value in recipe.base.items()})
 
 
 def _push(item: Column, rows: int) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,44 +22,83 @@ from concealed.simulate import Trace, simulate
 from concealed.sizing import batches, find_sizes, visible
 
 SCHEMA = "hoopd.concealed/1"
-OVER = 1.45  # rad: a ball beyond it would fall, which the plain device does not know
+OVER_RAD = 1.5  # a ball beyond it would fall, which the plain device does not know
 SHRINK = 0.75  # of the input of a case that went too far
-ATTEMPTS = 3
+ATTEMPTS = 4
 Say = Callable[[str], None]
+Made = dict[tuple[str, int], Trace]  # by identifier and recording
 
 
-def make(wishes: Sequence[Wish], seed: int, cases: Path, answers: Path, say: Say = lambda text: None) -> list[Recipe]:
-    """Draws, sizes, simulates and writes the cases of a seed."""
-    recipes = [draw(wish, (seed, index)) for index, wish in enumerate(wishes)]
-    prepare(recipes, say)
-    write(recipes, cases, answers, say)
-    return recipes
+@dataclass(frozen=True)
+class Case:
+    """One case: the recordings by file name, and the sealed answer."""
+
+    identifier: str
+    files: dict[str, bytes]
+    answer: dict[str, Any]
 
 
-def prepare(recipes: Sequence[Recipe], say: Say = lambda text: None) -> None:
-    """Input strengths and sizes of all cases; a ball that went over the top gets a weaker input."""
+def make(wishes: Sequence[Wish], seed: int, first: int = 0, say: Say = lambda text: None) -> list[Case]:
+    """Draws, sizes and simulates the cases of a seed; `first` is the number of the first wish among all of them."""
+    recipes = [draw(wish, (seed, first + index)) for index, wish in enumerate(wishes)]
+    made = prepare(recipes, say)
+    return [_case(recipe, [made[recipe.identifier, index] for index in range(len(RECORDINGS))]) for recipe in recipes]
+
+
+def _case(recipe: Recipe, own: Sequence[Trace]) -> Case:
+    files = {f"{name}.csv": csv_bytes(trace) for name, trace in zip(RECORDINGS, own, strict=True)}
+    return Case(recipe.identifier, files, answer(recipe, own))
+
+
+def write(made: Sequence[Case], cases: Path, answers: Path) -> None:
+    """A folder for each case's recordings under `cases`; its answer, elsewhere, comes last."""
+    answers.mkdir(parents=True, exist_ok=True)
+    for case in made:
+        folder = cases / case.identifier
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, data in case.files.items():
+            (folder / name).write_bytes(data)
+        text = json.dumps(case.answer, indent=1, sort_keys=True, allow_nan=False)
+        (answers / f"{case.identifier}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def prepare(recipes: Sequence[Recipe], say: Say = lambda text: None) -> Made:
+    """Input strengths and sizes of all cases, and their recordings; a ball that went too far gets a weaker input."""
     for recording in range(len(RECORDINGS)):
         scale_inputs(recipes, recording)
     say("inputs scaled")
-    waiting = list(recipes)
+    waiting, made = list(recipes), {}
     for _ in range(ATTEMPTS):
-        find_sizes(waiting)
-        say("sizes found")
-        waiting = [recipe for recipe in waiting if _too_far(recipe)]
+        find_sizes(waiting, say)
+        made |= traces(waiting)
+        say(f"{len(waiting)} cases simulated")
+        waiting = [recipe for recipe in waiting if _weakened(recipe, made)]
         if not waiting:
             break
-    for recipe, joint in zip(recipes, visible([(recipe, recipe.sizes) for recipe in recipes]), strict=True):
+    _join(recipes)
+    return made
+
+
+def _weakened(recipe: Recipe, made: Made) -> bool:
+    """Weakens the inputs with which the ball went too far; False when there were none."""
+    far = [i for i in range(len(RECORDINGS)) if np.abs(made[recipe.identifier, i].states[:, 2]).max() > OVER_RAD]
+    for index in far:
+        recipe.gains[index] *= SHRINK
+    return bool(far)
+
+
+def _join(recipes: Sequence[Recipe]) -> None:
+    """Nats of all effects of a case together."""
+    several = [recipe for recipe in recipes if len(recipe.nats) > 1]
+    for recipe in recipes:
+        recipe.joint_nats = sum(value for value in recipe.nats.values() if value == value)  # noqa: PLR0124
+    for recipe, joint in zip(several, visible([(recipe, recipe.sizes) for recipe in several]), strict=True):
         recipe.joint_nats = joint
 
 
-def _too_far(recipe: Recipe) -> bool:
-    """Weakens the inputs of a case whose ball left the lower half; False when none did."""
-    return False
-
-
-def traces(recipes: Sequence[Recipe]) -> dict[tuple[str, int], Trace]:
+def traces(recipes: Sequence[Recipe]) -> Made:
     """Every recording of every case, by identifier and index."""
-    found: dict[tuple[str, int], Trace] = {}
+    found: Made = {}
     for group in (TRAINING, (2,)):
         columns = [Column(recipe, index, recipe.sizes) for recipe in recipes for index in group]
         for indices in batches(columns):
@@ -69,21 +109,6 @@ def traces(recipes: Sequence[Recipe]) -> dict[tuple[str, int], Trace]:
                     trace.history[..., one], trace.torque[:, one], trace.clean[..., one], trace.rows[..., one]
                 )
     return found
-
-
-def write(recipes: Sequence[Recipe], cases: Path, answers: Path, say: Say) -> None:
-    """Recordings and answers of prepared cases."""
-    answers.mkdir(parents=True, exist_ok=True)
-    made = traces(recipes)
-    for recipe in recipes:
-        folder = cases / recipe.identifier
-        folder.mkdir(parents=True, exist_ok=True)
-        own = [made[recipe.identifier, index] for index in range(len(RECORDINGS))]
-        for name, trace in zip(RECORDINGS, own, strict=True):
-            (folder / f"{name}.csv").write_bytes(csv_bytes(trace))
-        text = json.dumps(answer(recipe, own), indent=1, sort_keys=True, allow_nan=False)
-        (answers / f"{recipe.identifier}.json").write_text(text + "\n", encoding="utf-8")
-    say("written")
 
 
 def csv_bytes(trace: Trace) -> bytes:
@@ -112,7 +137,7 @@ def answer(recipe: Recipe, own: Sequence[Trace]) -> dict[str, Any]:
         "noise": {"dtheta_rad_s": recipe.dtheta_noise, "psi_rad": recipe.psi_noise, "missing": recipe.missing},
         "disturbance": {"kind": recipe.colour.kind, "rms_nm": list(recipe.colour.rms_nm),
                         "time_s": list(recipe.colour.time_s)},
-        "inputs": {name: kind for name, kind in zip(RECORDINGS, recipe.kinds, strict=True)},
+        "inputs": dict(zip(RECORDINGS, recipe.kinds, strict=True)),
         "length_s": dict(LENGTH_S),
         "reach": {name: _reach(trace) for name, trace in zip(RECORDINGS, own, strict=True)},
     }  # fmt: skip

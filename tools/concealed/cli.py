@@ -1,57 +1,124 @@
-"""Command line of the proof.
+"""Command line of the proof: hidden effects, sealed answers, and what `hoopd diagnose` says.
 
-  python tools/concealed generate DIR --family single,null --per-effect 1 --nulls 5 --seed N    cases and answers
+python tools/concealed [--singles 5] [--nulls 60] [--full] [--tuning [SEED]] [--resume DIR]    a scored run
+python tools/concealed generate DIR --family single,null --per-effect 1 --seed N               cases and answers
+python tools/concealed report DIR                                                              figures of a run so far
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 
-from concealed import cases
 from concealed.families import FAMILIES
-from concealed.recipes import Wish
+from concealed.runfolder import Asked, RunFolder
+from concealed.seeds import is_tuning, score_seed
 
 console = Console(stderr=True)
-
-
-def wishes(options: argparse.Namespace) -> list[Wish]:
-    """The cases that were asked for."""
-    counts = {"single": options.per_effect, "null": options.nulls, "decoy": options.decoys,
-              "confounded": options.confounded, "compound": options.compounds, "unknown": options.unknown}  # fmt: skip
-    rng = np.random.default_rng([options.seed, 1])
-    found: list[Wish] = []
-    for family in options.family.split(","):
-        found += FAMILIES[family](counts[family], rng)
-    return [wish for wish in found if not options.only or set(options.only.split(",")) & set(wish.effects)]
+# A stratified run ends below two hours on two cores; the full one is the same command.
+STRATIFIED = {"singles": 5, "nulls": 60, "decoys": 12, "confounded": 12, "compounds": 20, "unknown": 21}
+FULL = {"singles": 20, "nulls": 100, "decoys": 30, "confounded": 36, "compounds": 60, "unknown": 70}
 
 
 def generate(options: argparse.Namespace) -> None:
     """Writes DIR/cases and DIR/answers."""
-    wanted, start = wishes(options), time.perf_counter()
+    from concealed import cases
+
+    wanted, start = asked(options, options.seed).wishes(), time.perf_counter()
+    if options.only:
+        wanted = [wish for wish in wanted if set(options.only.split(",")) & set(wish.effects)]
     console.print(f"{len(wanted)} cases, seed {options.seed}")
-    cases.make(
-        wanted, options.seed, options.dir / "cases", options.dir / "answers",
-        lambda text: console.print(f"{time.perf_counter() - start:6.1f} s  {text}"),
-    )  # fmt: skip
+    made = cases.make(
+        wanted, options.seed, say=lambda text: console.print(f"{time.perf_counter() - start:6.1f} s  {text}")
+    )
+    cases.write(made, options.dir / "cases", options.dir / "answers")
 
 
-def main() -> None:
+def score(options: argparse.Namespace) -> None:
+    """A run from the beginning, or one that goes on."""
+    from concealed.score import cluster, publish, run
+
+    folder = RunFolder(options.resume or options.out or Path(f"build/concealed-{time.strftime('%Y%m%d-%H%M%S')}"))
+    if not options.resume:
+        seed = score_seed() if options.tuning is None else options.tuning
+        folder.start(asked(options, seed))
+    with cluster(options.scheduler, options.workers) as client:
+        run(folder, client, console)
+    publish(folder, Console())
+
+
+def report(options: argparse.Namespace) -> None:
+    """The figures of a run's folder."""
+    from concealed.score import publish
+
+    publish(RunFolder(options.dir), Console())
+
+
+def asked(options: argparse.Namespace, seed: int) -> Asked:
+    """The counts of each family."""
+    usual = FULL if options.full else STRATIFIED
+    counts = {name: getattr(options, name) if getattr(options, name) is not None else usual[name] for name in usual}
+    families = tuple(options.family.split(","))
+    if unknown := set(families) - set(FAMILIES):
+        sys.exit(f"concealed: no family {', '.join(sorted(unknown))}; known: {', '.join(FAMILIES)}")
+    return Asked(seed=seed, families=families, **counts)
+
+
+def _counts(parser: argparse.ArgumentParser, family: str) -> None:
+    parser.add_argument("--family", default=family, help=f"comma-separated: {', '.join(FAMILIES)}")
+    parser.add_argument("--full", action="store_true", help="20 cases an effect, 100 nulls")
+    parser.add_argument("--singles", "--per-effect", type=int, help="cases an effect")
+    for name in ("nulls", "decoys", "confounded", "compounds", "unknown"):
+        parser.add_argument(f"--{name}", type=int, help="cases")
+
+
+def _tuning_seed(text: str) -> int:
+    seed = int(text)
+    if not is_tuning(seed):
+        raise argparse.ArgumentTypeError("score seeds are drawn, not given")
+    return seed
+
+
+def _scored() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="concealed", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    _counts(parser, ",".join(FAMILIES))
+    parser.add_argument("--tuning", type=_tuning_seed, nargs="?", const=1, help="a tuning seed instead of a drawn one")
+    parser.add_argument("--scheduler", help="address of a dask scheduler; without it this machine's cores")
+    parser.add_argument("--workers", type=int, default=2, help="processes on this machine")
+    parser.add_argument("--out", type=Path, help="folder of the run (build/concealed-DATE)")
+    parser.add_argument("--resume", type=Path, help="folder of a run that was broken off")
+    parser.set_defaults(run=score)
+    return parser
+
+
+def _generating() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="concealed generate", description="Write cases and their answers.")
+    parser.add_argument("dir", type=Path)
+    _counts(parser, "single,null")
+    parser.add_argument("--only", default="", help="comma-separated names of effects")
+    parser.add_argument("--seed", type=_tuning_seed, default=1)
+    parser.set_defaults(run=generate)
+    return parser
+
+
+def _reporting() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="concealed report", description="Figures of a run so far.")
+    parser.add_argument("dir", type=Path)
+    parser.set_defaults(run=report)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="concealed", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    commands = parser.add_subparsers(required=True)
-    make = commands.add_parser("generate", help="write cases and their answers into a folder")
-    make.add_argument("dir", type=Path)
-    make.add_argument("--family", default="single,null", help=f"comma-separated: {', '.join(FAMILIES)}")
-    make.add_argument("--only", default="", help="comma-separated names of effects")
-    make.add_argument("--per-effect", type=int, default=1)
-    for name, count in (("nulls", 10), ("decoys", 6), ("confounded", 12), ("compounds", 8), ("unknown", 7)):
-        make.add_argument(f"--{name}", type=int, default=count)
-    make.add_argument("--seed", type=int, default=1)
-    make.set_defaults(run=generate)
-    options = parser.parse_args()
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    parsers = {"generate": _generating, "report": _reporting}
+    parser = parsers[words.pop(0)]() if words and words[0] in parsers else _scored()
+    options = parser.parse_args(words)
     options.run(options)

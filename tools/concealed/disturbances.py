@@ -14,13 +14,16 @@ from concealed.plant import Array
 from concealed.sensors import PIECE_S
 
 KINDS = ("ou", "two_ou", "smooth")  # the last two are not what a filter with an Ornstein-Uhlenbeck state assumes
-# Where nothing is drawn: what a filter needs to stay regular, 100 times below what is visible.
-FLOOR_NM = (2e-5, 1e-5)
+# rms in N m, log-uniform: about 2 mN m on the hoop give residuals like the real recordings'; the ball's force moves psi
+# as much. No device is without any: a calm one has a twentieth of it, which a filter takes for noise of its own.
+HOOP_NM, BALL_NM = (1e-3, 4e-3), (2e-4, 1e-3)
+CALM = 0.05
+TIME_S = (0.05, 0.3)
 
 
 @dataclass(frozen=True)
 class Colour:
-    """What disturbs a case: one process on theta, one on psi; rms 0 is none."""
+    """What disturbs a case: one process on theta, one on psi."""
 
     kind: str
     rms_nm: tuple[float, float]
@@ -28,13 +31,15 @@ class Colour:
 
 
 def draw(rng: np.random.Generator, share: float = 0.8) -> Colour:
-    """A case's disturbance; a case in `1 - share` has none."""
-    time_s = tuple(float(x) for x in np.exp(rng.uniform(np.log(0.05), np.log(0.3), size=2)))
-    hoop = float(np.exp(rng.uniform(np.log(1e-3), np.log(4e-3))))
-    ball = float(np.exp(rng.uniform(np.log(2e-4), np.log(1e-3))))
+    """A case's disturbance; one case in `1 - share` is calm."""
+    first, second, hoop, ball = (_log(rng, *between) for between in (TIME_S, TIME_S, HOOP_NM, BALL_NM))
     kind = str(rng.choice(KINDS, p=(0.6, 0.2, 0.2)))
-    there = rng.uniform() < share
-    return Colour(kind, (hoop, ball) if there else (0.0, 0.0), time_s)  # type: ignore[arg-type]
+    there = 1.0 if rng.uniform() < share else CALM
+    return Colour(kind, (there * hoop, there * ball), (first, second))
+
+
+def _log(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def path(colour: Colour, rng: np.random.Generator, pieces: int) -> Array:

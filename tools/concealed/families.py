@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from concealed.effects import SINGLES, UNKNOWN
+from concealed.effects import ALL, SINGLES, UNKNOWN
 from concealed.recipes import Wish
 
 CLOSED_SHARE = 0.2
@@ -85,6 +85,6 @@ def _mixed(count: int, rng: np.random.Generator) -> tuple[str, ...]:
     names: list[str] = []
     while len(names) < count:
         name = str(rng.choice([name for name in SINGLES if name != "actuator.torque_gain"]))
-        if name.split(".")[0] not in [other.split(".")[0] for other in names]:
+        if ALL[name].slot not in [ALL[other].slot for other in names]:
             names.append(name)
     return tuple(sorted(names))

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from concealed.disturbances import FLOOR_NM, Colour
-from concealed.plant import PIECES, SAMPLE_S, Array, Body, coast
+from concealed.disturbances import Colour
+from concealed.plant import PIECES, SAMPLE_S, SUBSTEPS, Array, Body, coast
 from concealed.sensors import COUNT_RAD
 from concealed.simulate import WARM, Columns, Trace
 
@@ -42,12 +42,15 @@ class Change:
     sensors: Array
 
 
-def change(trace: Trace, columns: Columns, disturbed: bool = True) -> Change:
-    """The effects' share in the steps and sensors of a trace; not `disturbed`: the disturbance's share as well."""
+def change(trace: Trace, columns: Columns, disturbed: bool = True, substeps: int = SUBSTEPS) -> Change:
+    """The effects' share in the steps and sensors of a trace; not `disturbed`: the disturbance's share as well.
+
+    substeps: those of the trace.
+    """
     states = trace.states
     x, torque = states[:-1].transpose(1, 0, 2), trace.torque
     push = columns.push[WARM * PIECES :].reshape(len(torque), PIECES, 2, -1).transpose(1, 2, 0, 3)
-    plain = coast(columns.device, x, torque, push if disturbed else None)
+    plain = coast(columns.device, x, torque, push if disturbed else None, substeps=substeps)
     return Change(states[1:] - plain.transpose(1, 0, 2), trace.clean - states[:-1, :3])
 
 
@@ -60,9 +63,7 @@ def linear(trace: Trace, device: Body) -> Linear:
     a = [coast(device, x + shifts[i][:, None, None], torque, substeps=COARSE) for i in range(4)]
     pushes = (np.stack((zero + 1, zero)), np.stack((zero, zero + 1)))
     g = [coast(device, x, torque, extra=push, substeps=COARSE) for push in pushes]
-    return Linear(
-        (np.stack(a) - nominal).transpose(2, 3, 1, 0) / STEP, (np.stack(g) - nominal).transpose(2, 3, 1, 0)
-    )
+    return Linear((np.stack(a) - nominal).transpose(2, 3, 1, 0) / STEP, (np.stack(g) - nominal).transpose(2, 3, 1, 0))
 
 
 def tangent(trace: Trace, steps: Linear) -> Array:
@@ -78,9 +79,7 @@ def tangent(trace: Trace, steps: Linear) -> Array:
     return np.concatenate([steps.g[..., i : i + 1] * regressors[:, :, None, :] for i in (0, 1)], axis=-1)
 
 
-def gram(
-    trace: Trace, columns: Columns, colours: Sequence[Colour], sigmas: Array, changes: Sequence[Change]
-) -> Array:
+def gram(trace: Trace, columns: Columns, colours: Sequence[Colour], sigmas: Array, changes: Sequence[Change]) -> Array:
     """Gram matrices (B, 8 + C, 8 + C) of the whitened entries and C changes; sigmas (3, B) of the sensors."""
     size = trace.torque.shape[1]
     parts = []
@@ -122,13 +121,11 @@ def _cut(device: Body, cut: slice) -> Body:
 class _Filter:
     """Kalman filter over a batch: six states, theta, theta', psi, psi' and the two disturbance torques."""
 
-    def __init__(
-        self, steps: Linear, device: Body, colours: Sequence[Colour], sigmas: Array, missing: Array
-    ) -> None:
+    def __init__(self, steps: Linear, device: Body, colours: Sequence[Colour], sigmas: Array, missing: Array) -> None:
         self.steps = steps
         inverse = np.stack((np.stack((device.i11, device.i12)), np.stack((device.i12, device.i22)))).transpose(2, 0, 1)
         self.by_torque = steps.g @ inverse  # (N, B, 4, 2)
-        rms = np.maximum([c.rms_nm for c in colours], FLOOR_NM)
+        rms = np.array([c.rms_nm for c in colours])
         r = SAMPLE_S / np.array([c.time_s for c in colours])  # (B, 2)
         self.keep, self.mean = np.exp(-r), (1 - np.exp(-r)) / r
         # mean over the sample and value at its end, given the value at its start: x' = -x/T + noise, variance rms^2

@@ -13,7 +13,7 @@ import numpy as np
 
 from concealed import disturbances, drives
 from concealed.effects import ALL, Values
-from concealed.plant import DEVICE, SAMPLE_S
+from concealed.plant import DEVICE, SAMPLE_S, Array
 
 RECORDINGS = ("train_1", "train_2", "holdout")
 TRAINING = (0, 1)
@@ -56,6 +56,7 @@ class Recipe:
     most_torque: tuple[float, float, float]  # N m
     gains: list[float] = field(default_factory=lambda: [0.1, 0.1, 0.1])  # N m of a unit input
     reached: dict[int, tuple[float, float, float]] = field(default_factory=dict)  # |psi|, |theta'|, |u| when scaled
+    shapes: dict[int, Array] = field(default_factory=dict)  # inputs of unit peak, by recording
     sizes: dict[str, float] = field(default_factory=dict)
     nats: dict[str, float] = field(default_factory=dict)  # of each effect alone
     capped: dict[str, bool] = field(default_factory=dict)
@@ -100,12 +101,12 @@ def draw(wish: Wish, seed: tuple[int, ...]) -> Recipe:
         psi_noise=float(rng.uniform(1e-3, 4e-3)),
         missing=float(rng.uniform(0.0, 0.03) * (rng.uniform() < 0.8)),
         kinds=_kinds(wish, rng),
-        most_psi=_most(rng, (0.12, 0.3) if wish.small else (0.9, 1.3) if wish.large else (0.4, 1.2)),
+        most_psi=_most(rng, (0.12, 0.3) if wish.small else (0.9, 1.3) if wish.large else (0.5, 1.25)),
         most_speed=_most(rng, (25.0, 60.0)),
         most_torque=_most(rng, (0.1, 0.3)),
     )
-    for name, values in recipe.fixed.items():
-        values |= _placed(name, recipe, rng)
+    for name in wish.effects:
+        recipe.fixed[name] |= _placed(name, rng)
     return recipe
 
 
@@ -134,7 +135,7 @@ def _most(rng: np.random.Generator, between: tuple[float, float]) -> tuple[float
     return tuple(float(x) for x in rng.uniform(*between, size=3))  # type: ignore[return-value]
 
 
-def _placed(name: str, recipe: Recipe, rng: np.random.Generator) -> Mapping[str, float]:
+def _placed(name: str, rng: np.random.Generator) -> Mapping[str, float]:
     """What depends on the rest of the case."""
     if name == "decoy.hand":
         start, length = rng.uniform(2.0, 27.0), rng.uniform(0.2, 0.9)

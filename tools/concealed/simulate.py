@@ -15,7 +15,6 @@ from concealed import actuators, contacts, control, forces, sensors
 from concealed.plant import PIECES, SAMPLE_S, SUBSTEPS, Array, Body, Motion, accelerations
 
 WARM = 25  # samples, 0.5 s
-H_S = SAMPLE_S / SUBSTEPS
 
 
 @dataclass(frozen=True)
@@ -49,38 +48,41 @@ class Trace:
 class _Run:
     """State of one simulation; `sample` advances it by 20 ms."""
 
-    def __init__(self, columns: Columns) -> None:
+    def __init__(self, columns: Columns, substeps: int) -> None:
+        self.substeps, self.h = substeps, SAMPLE_S / substeps
         self.c, self.device = columns, columns.device
         size = columns.start.shape[1]
         theta, dtheta, psi, dpsi = columns.start
-        self.x = Motion(theta, dtheta, psi, dpsi, np.zeros((2, size)))
+        self.x = Motion(theta, dtheta, psi, dpsi, (np.zeros(size), np.zeros(size)))
         self.effects = columns.effects
         self.maps = [(actuators.MAPS[n], self.effects[n]) for n in actuators.MAPS if n in self.effects]
         self.forces = [(forces.FORCES[n], p) for n, p in self.effects.items() if n in forces.FORCES]
-        self.on_hoop = [(forces.ON_HOOP[n], p) for n, p in self.effects.items() if n in forces.ON_HOOP]
-        self.on_roll = [(forces.ON_ROLL[n], p) for n, p in self.effects.items() if n in forces.ON_ROLL]
+        self.dry = [[(t[n], p) for n, p in self.effects.items() if n in t] for t in (forces.ON_HOOP, forces.ON_ROLL)]
+        self.rubs = contacts.lines(self.device)
         self.delays = self._delays()
         self.lagged, self.slow = np.zeros(size), dtheta.copy()
         p = self.device.given
         self.spin = (p["Ro"] * dtheta - (p["Ro"] - p["Rb"]) * dpsi) / p["Rb"]
         self.moment = forces.Moment(
             0.0, theta, dtheta, psi, dpsi, np.zeros(size), self.device,
-            {"turned": np.zeros(size), "torque": np.zeros(size), "heat": dtheta**2}, H_S,
+            {"turned": np.zeros(size), "torque": np.zeros(size), "heat": dtheta**2}, self.h,
         )  # fmt: skip
 
     def _delays(self) -> list[tuple[Array, Array]] | None:
         if "actuator.delay" not in self.effects:
             return None
         delay_s = self.effects["actuator.delay"]["d"]
-        return [actuators.delay_weights(delay_s, j, H_S, SAMPLE_S) for j in range(SUBSTEPS)]
+        return [actuators.delay_weights(delay_s, j, self.h, SAMPLE_S) for j in range(self.substeps)]
 
     def sample(self, k: int, demanded: Array, history: Array) -> None:
         """Advances by one sample with `demanded` (samples, B) known up to row k; writes the history's new rows."""
-        for j in range(SUBSTEPS):
-            piece = k * PIECES + j * PIECES // SUBSTEPS
-            if j % (SUBSTEPS // PIECES) == 0 and j:
+        for j in range(self.substeps):
+            piece = k * PIECES + j * PIECES // self.substeps
+            if j % (self.substeps // PIECES) == 0 and j:
                 self._store(history[piece])
-            self.substep(self._wire(k, j, demanded), demanded[k], self.c.push[piece], (k - WARM) * SAMPLE_S + j * H_S)
+            self.substep(
+                self._wire(k, j, demanded), demanded[k], self.c.push[piece], (k - WARM) * SAMPLE_S + j * self.h
+            )
         self._store(history[(k + 1) * PIECES])
 
     def _store(self, row: Array) -> None:
@@ -97,20 +99,18 @@ class _Run:
 
     def substep(self, torque: Array, demanded: Array, push: Array, t: float) -> None:
         """Drift, kick, drift."""
-        x, h = self.x, H_S
+        x, h = self.x, self.h
         x.theta, x.psi = x.theta + h / 2 * x.dtheta, x.psi + h / 2 * x.dpsi
         m = self._moment(demanded, t)
         on_theta, on_psi, on_roll = self._all_forces(self._driven(torque, m), push, m)
-        hoop = self._limit(self.on_hoop, m)
-        roll = self._limit(self.on_roll, m)
+        limits = [sum(limit(p, m) for limit, p in dry) for dry in self.dry]
         before = x.dtheta
         if "ball.slip" in self.effects:
-            self._slide((on_theta, on_psi, on_roll), hoop, roll, m)
+            self._slide((on_theta, on_psi, on_roll), limits, m)
         else:
             x.kick = accelerations(self.device, on_theta, on_psi, on_roll)
             x.dtheta, x.dpsi = x.dtheta + h * x.kick[0], x.dpsi + h * x.kick[1]
-            if hoop is not None or roll is not None:
-                x.dtheta, x.dpsi = contacts.rub(self.device, x.dtheta, x.dpsi, hoop, roll, h)
+            self._rub(limits)
         x.theta, x.psi = x.theta + h / 2 * x.dtheta, x.psi + h / 2 * x.dpsi
         if "encoder.speed_lag" in self.effects:
             time_s = self.effects["encoder.speed_lag"]["T"]
@@ -118,8 +118,8 @@ class _Run:
 
     def _moment(self, demanded: Array, t: float) -> forces.Moment:
         x, m = self.x, self.moment
-        m.t, m.theta, m.psi, m.torque = max(t + H_S / 2, 0.0), x.theta, x.psi, demanded
-        m.dtheta, m.dpsi = x.dtheta + H_S / 2 * x.kick[0], x.dpsi + H_S / 2 * x.kick[1]
+        m.t, m.theta, m.psi, m.torque = max(t + self.h / 2, 0.0), x.theta, x.psi, demanded
+        m.dtheta, m.dpsi = x.dtheta + self.h / 2 * x.kick[0], x.dpsi + self.h / 2 * x.kick[1]
         return m
 
     def _driven(self, torque: Array, m: forces.Moment) -> Array:
@@ -127,7 +127,7 @@ class _Run:
         for apply, p in self.maps:
             torque = apply(p, torque, m.theta, m.dtheta)
         if "actuator.lag" in self.effects:
-            torque, self.lagged = actuators.lag(self.effects["actuator.lag"]["T"], torque, self.lagged, H_S)
+            torque, self.lagged = actuators.lag(self.effects["actuator.lag"]["T"], torque, self.lagged, self.h)
         return torque
 
     def _all_forces(self, torque: Array, push: Array, m: forces.Moment) -> tuple[Array, Array, Array]:
@@ -142,26 +142,33 @@ class _Run:
     def _rolling(self, m: forces.Moment) -> Array:
         return self.spin - m.dpsi if "ball.slip" in self.effects else m.rolling
 
-    @staticmethod
-    def _limit(dry: list, m: forces.Moment) -> Array | None:
-        limits = [limit(p, m) for limit, p in dry]
-        return sum(limits[1:], start=limits[0]) if limits else None
+    def _rub(self, limits: list[Array | float]) -> None:
+        """Dry friction: both kinds at once where both are there, else the one."""
+        x = self.x
+        active = [i for i, dry in enumerate(self.dry) if dry]
+        if not active:
+            return
+        together = len(active) == 2 and bool(np.any((limits[0] > 0) & (limits[1] > 0)))
+        for which in (active,) if together else ([i] for i in active):
+            rubs, bounds = tuple(self.rubs[i] for i in which), tuple(limits[i] for i in which)
+            x.dtheta, x.dpsi = contacts.rub(rubs, x.dtheta, x.dpsi, bounds, self.h)
 
-    def _slide(self, on: tuple[Array, Array, Array], hoop: Array | None, roll: Array | None, m: forces.Moment) -> None:
+    def _slide(self, on: tuple[Array, Array, Array], limits: list[Array | float], m: forces.Moment) -> None:
         x, none = self.x, np.zeros_like(self.spin)
         grip = self.effects["ball.slip"]["mu"] * m.normal_n
         v = np.stack((x.dtheta, x.dpsi, self.spin))
-        after = contacts.slide(
-            self.device, v, on, grip, none if hoop is None else hoop, none if roll is None else roll, H_S
-        )
-        x.kick = (after[:2] - v[:2]) / H_S
+        after = contacts.slide(self.device, v, on, grip, none + limits[0], none + limits[1], self.h)
+        x.kick = tuple((after[:2] - v[:2]) / self.h)
         x.dtheta, x.dpsi, self.spin = after
 
 
-def simulate(columns: Columns) -> Trace:
-    """Runs the batch; each row: sensors first, then the law, then 20 ms with its torque held."""
+def simulate(columns: Columns, substeps: int = SUBSTEPS) -> Trace:
+    """Runs the batch; each row: sensors first, then the law, then 20 ms with its torque held.
+
+    substeps: a multiple of PIECES.
+    """
     samples, size = columns.feed.shape
-    run = _Run(columns)
+    run = _Run(columns, substeps)
     history = np.empty((samples * PIECES + 1, 4, size))
     history[0] = columns.start
     demanded, clean, rows = np.zeros((samples, size)), np.empty((samples, 3, size)), np.empty((samples, 3, size))

@@ -1,0 +1,104 @@
+"""A scored run on disk: what was asked, cases, answers, what was said. Every finished piece is a file.
+
+Rules of this file: a file appears whole or not at all; what exists is not made again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from concealed import cases
+from concealed.cases import Case
+from concealed.families import FAMILIES
+from concealed.recipes import Wish
+
+import numpy as np  # isort: skip
+
+CHUNK = 60  # cases that are made together
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a run consists of."""
+
+    seed: int
+    singles: int
+    nulls: int
+    decoys: int
+    confounded: int
+    compounds: int
+    unknown: int
+    families: tuple[str, ...]
+
+    def wishes(self) -> list[Wish]:
+        """All cases of the run."""
+        counts = {"single": self.singles, "null": self.nulls, "decoy": self.decoys, "confounded": self.confounded,
+                  "compound": self.compounds, "unknown": self.unknown}  # fmt: skip
+        rng = np.random.default_rng([self.seed, 1])
+        # every family is drawn, so that one alone has the same cases as among the others
+        found = {family: make(counts[family], rng) for family, make in FAMILIES.items()}
+        return [wish for family in self.families for wish in found[family]]
+
+
+class RunFolder:
+    """One run's folder."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def asked(self) -> Asked:
+        """What the run was started with."""
+        stored = json.loads((self.path / "run.json").read_text(encoding="utf-8"))
+        return Asked(**{**stored, "families": tuple(stored["families"])})
+
+    def start(self, asked: Asked) -> None:
+        """Makes the folder and notes what is asked."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        self._put("run.json", asdict(asked))
+
+    def chunks(self) -> list[tuple[int, Sequence[Wish]]]:
+        """Number of the first case and wishes of what has not been made yet."""
+        wishes = self.asked().wishes()
+        pieces = [(first, wishes[first : first + CHUNK]) for first in range(0, len(wishes), CHUNK)]
+        return [(first, piece) for first, piece in pieces if not (self.path / "made" / f"{first}.json").exists()]
+
+    def keep(self, first: int, made: Sequence[Case]) -> None:
+        """Stores the cases of one chunk."""
+        cases.write(made, self.path / "cases", self.path / "answers")
+        self._put(f"made/{first}.json", [case.identifier for case in made])
+
+    def identifiers(self) -> list[str]:
+        """Cases that have been made."""
+        return sorted(path.stem for path in (self.path / "answers").glob("*.json"))
+
+    def files(self, identifier: str) -> dict[str, bytes]:
+        """Recordings of a case."""
+        return {path.name: path.read_bytes() for path in sorted((self.path / "cases" / identifier).iterdir())}
+
+    def answer(self, identifier: str) -> dict[str, Any]:
+        """What is hidden in it."""
+        return dict(json.loads((self.path / "answers" / f"{identifier}.json").read_text(encoding="utf-8")))
+
+    def has(self, kind: str, identifier: str) -> bool:
+        """Has this been said of the case already?"""
+        return (self.path / kind / f"{identifier}.json").exists()
+
+    def said(self, kind: str, identifier: str) -> dict[str, Any] | None:
+        """What was said, None when nothing was."""
+        path = self.path / kind / f"{identifier}.json"
+        return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
+
+    def say(self, kind: str, identifier: str, found: object) -> None:
+        """Stores what was said of a case."""
+        self._put(f"{kind}/{identifier}.json", found)
+
+    def _put(self, name: str, content: object) -> None:
+        path = self.path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(".part")
+        part.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        part.replace(path)

@@ -1,0 +1,159 @@
+"""The scored run: make cases, have every one diagnosed, judge what was said.
+
+Rules of this file: work runs on dask workers, each case a task; every result is stored before the next is asked for;
+a run that was broken off goes on where it was.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from distributed import Client, LocalCluster, as_completed
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from concealed import baselines, report, worker
+from concealed.cases import make
+from concealed.metrics import Judged, summary
+from concealed.oracle import NoOracleError, oracle
+from concealed.runfolder import RunFolder
+from concealed.seeds import is_tuning
+
+ROOT = Path(__file__).resolve().parents[2]
+DIAGNOSES, ORACLES = "diagnoses", "oracles"
+SEED = 1  # of `hoopd diagnose`
+
+
+@contextmanager
+def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
+    """Workers: this machine's, each one thread, on loopback; or a laboratory's, which get this package sent."""
+    if scheduler:
+        with Client(scheduler) as client:
+            client.upload_file(str(_package()))
+            yield client
+        return
+    paths = [str(ROOT), str(ROOT / "tools"), os.environ.get("PYTHONPATH", "")]
+    environment = {
+        "PYTHONPATH": os.pathsep.join(filter(None, paths)),
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+    }
+    os.environ.update(environment)  # the workers are started from here
+    with (
+        LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+        ) as local,
+        Client(local) as client,
+    ):
+        yield client
+
+
+def _package() -> Path:
+    """This package as a .zip that a worker can import."""
+    buffer, folder = io.BytesIO(), Path(__file__).parent
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for path in sorted(folder.glob("*.py")):
+            archive.write(path, f"concealed/{path.name}")
+    out = Path(os.environ.get("TMPDIR", "/tmp"), "concealed.zip")
+    out.write_bytes(buffer.getvalue())
+    return out
+
+
+def run(folder: RunFolder, client: Client, console: Console) -> None:
+    """Everything that is not there yet."""
+    asked = folder.asked()
+    kind = "tuning" if is_tuning(asked.seed) else "score"
+    console.print(f"{kind} seed {asked.seed}, {len(asked.wishes())} cases, folder {folder.path}")
+    with _progress(console) as progress:
+        chunks = folder.chunks()
+        _each(
+            client,
+            progress,
+            "cases made",
+            [(make, (wishes, asked.seed, first), first) for first, wishes in chunks],
+            folder.keep,
+        )
+        names = folder.identifiers()
+        jobs = [
+            (worker.diagnose, (folder.files(name), SEED), name) for name in names if not folder.has(DIAGNOSES, name)
+        ]
+        _each(client, progress, "diagnosed", jobs, lambda name, found: folder.say(DIAGNOSES, name, found))
+        for rival, said in baselines.RIVALS.items():
+            jobs = [(said, (folder.files(name),), name) for name in names if not folder.has(rival, name)]
+            _each(client, progress, rival, jobs, lambda name, found, rival=rival: folder.say(rival, name, found))
+    _ask_oracle(folder, client, console, names)
+
+
+Job = tuple[Callable[..., Any], tuple[Any, ...], Any]
+
+
+def _each(
+    client: Client, progress: Progress, title: str, jobs: Sequence[Job], keep: Callable[[Any, Any], None]
+) -> None:
+    """Runs the jobs and keeps each result under its key as soon as it is there."""
+    bar = progress.add_task(title, total=len(jobs))
+    waiting = {client.submit(call, *arguments, pure=False): key for call, arguments, key in jobs}
+    for future in as_completed(list(waiting)):
+        keep(waiting[future], future.result())
+        future.release()
+        progress.advance(bar)
+
+
+def _ask_oracle(folder: RunFolder, client: Client, console: Console, names: Sequence[str]) -> None:
+    """The oracle's fits of singles and compounds; says so when this hoopd has none."""
+    jobs: list[Job] = []
+    for name in names:
+        answer = folder.answer(name)
+        if answer["family"] in ("single", "compound") and not folder.has(ORACLES, name):
+            jobs.append((oracle, (folder.files(name), [effect["name"] for effect in answer["effects"]]), name))
+    try:
+        with _progress(console) as progress:
+            _each(client, progress, "oracle", jobs, lambda name, found: folder.say(ORACLES, name, found))
+    except NoOracleError as error:
+        console.print(f"[yellow]no oracle in this hoopd ({error}): its metric is left out[/]")
+
+
+def judged(folder: RunFolder) -> dict[str, Any]:
+    """All figures of what is there so far."""
+    cases, rivals = [], {name: [] for name in baselines.RIVALS}
+    for name in folder.identifiers():
+        answer, said = folder.answer(name), folder.said(DIAGNOSES, name)
+        if said is not None:
+            cases.append(Judged(answer, said["diagnosis"], said["seconds"], folder.said(ORACLES, name)))
+        for rival, found in rivals.items():
+            if (told := folder.said(rival, name)) is not None:
+                found.append(Judged(answer, told))
+    asked = folder.asked()
+    return {"seed": asked.seed, "tuning": is_tuning(asked.seed), **summary(cases, rivals)}
+
+
+def publish(folder: RunFolder, console: Console) -> dict[str, Any]:
+    """Writes report.json, report.md and power.png into the run's folder, and prints the tables."""
+    result = judged(folder)
+    text = json.dumps(result, indent=1, sort_keys=True, allow_nan=False)
+    (folder.path / "report.json").write_text(text + "\n", encoding="utf-8")
+    kind = "tuning" if result["tuning"] else "score"
+    shown = report.markdown(result, f"{result['cases']} cases, {kind} seed {result['seed']}")
+    (folder.path / "report.md").write_text(shown, encoding="utf-8")
+    if result["power"]:
+        report.draw_power(result, folder.path / "power.png")
+    console.print(shown, markup=False, highlight=False)
+    return result
+
+
+def _progress(console: Console) -> Progress:
+    columns = (
+        TextColumn("{task.description:>14}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    return Progress(*columns, console=console)
