@@ -40,7 +40,7 @@ AgeOption = Annotated[
 
 def register(app: typer.Typer) -> None:
     """Add every offline command to the program."""
-    for command in (convert, fit, simulate, linearize, design):
+    for command in (convert, fit, simulate, linearize, design, diagnose):
         app.command()(command)
 
 
@@ -316,6 +316,53 @@ def _progress() -> Iterator[Callable[[str], None]]:
     console = Console(stderr=True)
     with console.status("") as status:
         yield status.update
+
+
+def diagnose(
+    recordings: Annotated[
+        list[str],
+        typer.Argument(help="Recordings, or folders of them: FILE[:EXPERIMENT][@START:END].", metavar="REC..."),
+    ],
+    holdout: Annotated[
+        list[str],
+        typer.Option("--holdout", help="Recording that proves the gain, never fitted; repeatable.", metavar="REC"),
+    ] = [],  # noqa: B006
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", help="Model that is judged; without one the thesis's entries.", metavar="MODEL"),
+    ] = None,
+    columns: ColumnsOption = None,
+    age: AgeOption = "",
+    report: Annotated[
+        Path | None, typer.Option("--report", help="Write the whole report as one page.", metavar="FILE.html")
+    ] = None,
+    write: Annotated[
+        Path | None, typer.Option("--write", help="Write a model with what was found.", metavar="MODEL")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the search.")] = 0,
+    json_path: JsonOption = None,
+) -> None:
+    """Say where recordings and model differ and which physics was left out, and prove that it was."""
+    from rich.console import Console
+
+    from hoopd.bench.diagnose import run
+    from hoopd.diagnose.report import report_text
+
+    _check_files([*recordings, *holdout, model], report=report, write=write, json=json_path)
+    with _progress() as progress:
+        found = run(
+            recordings,
+            holdout,
+            model=model,
+            json_path=json_path,
+            report=report,
+            write=write,
+            columns=columns,
+            age=age,
+            seed=seed,
+            progress=progress,
+        )
+    report_text(found, Console())
 
 
 def _check_files(inputs: Sequence[Path | str | None], **outputs: Path | None) -> None:

@@ -20,7 +20,7 @@ from scipy.optimize import nnls
 
 from hoopd.diagnose.filtering import whitened
 from hoopd.diagnose.fitting import Fit
-from hoopd.diagnose.track import Track, composite_of
+from hoopd.diagnose.track import Track, composite_of, fitting_effects
 from hoopd.physics.effects.base import Effect, EffectParameter
 
 Array = NDArray[np.float64]
@@ -200,9 +200,10 @@ def change_of(track: Track, fit: Fit, effect: Effect, column: Column) -> tuple[A
     nothing = np.zeros((len(track.z) - 1, own.nz)), np.zeros((len(track.z), len(own.channels)))
     if column.recording not in (None, track.stretch.recording):
         return nothing
-    if effect.slot not in track.stretch.plant.slots:
+    fits = fitting_effects(track.stretch.plant, (effect,))
+    if not fits:
         return nothing
-    with_effect = Track.of(track.stretch, track.held, composite_of(track.stretch.plant, (*own.effects, effect)))
+    with_effect = Track.of(track.stretch, track.held, composite_of(track.stretch.plant, (*own.effects, *fits)))
     values = {**track.local(fit.values), **{effect.key(k): v for k, v in column.values}}
     z, w = _filled(with_effect, values, track)
     changed, readings = with_effect.after(values, z, w), with_effect.readings(values, z, w)
@@ -225,7 +226,7 @@ def _base(track: Track, fit: Fit, what: str, substeps: int) -> Array:
 def _filled(with_effect: Track, values: Mapping[str, float], track: Track) -> tuple[Array, Array]:
     """The reference with the states that the effect adds: what they do along it."""
     own, new = track.composite, with_effect.composite
-    w = np.zeros((len(track.w), new.nq))
+    w = np.zeros_like(track.w)
     if new.nz == own.nz:
         return track.z, w
     z = np.zeros((len(track.z), new.nz))

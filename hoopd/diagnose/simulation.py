@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.dataset import Held, Stretch
-from hoopd.diagnose.track import composite_of
+from hoopd.diagnose.track import composite_of, fitting_effects
 from hoopd.physics.composite import Composite
 from hoopd.physics.effects.base import Effect
 
@@ -65,7 +65,7 @@ class Simulator:
 
     def __init__(self, windows: Windows, effects: Sequence[Effect]) -> None:
         self.windows = windows
-        self.composite: Composite = composite_of(windows.stretch.plant, tuple(effects))
+        self.composite: Composite = composite_of(windows.stretch.plant, fitting_effects(windows.stretch.plant, effects))
         self.held = Held(windows.stretch.t, windows.stretch.u)
 
     def run(self, values: Mapping[str, float], start: Array) -> Array:
@@ -74,7 +74,14 @@ class Simulator:
         _, b, k = start.shape
         n, total = w.length, b * k
         torques, h, t = self._inputs(values)
-        z = np.repeat(np.stack([c.beginning(start[:, i, 0], self.held.u[min(w.first[i], len(self.held.u) - 1)]) for i in range(b)], axis=1)[:, :, None], k, axis=2)
+        z = np.repeat(
+            np.stack(
+                [c.beginning(start[:, i, 0], self.held.u[min(w.first[i], len(self.held.u) - 1)]) for i in range(b)],
+                axis=1,
+            )[:, :, None],
+            k,
+            axis=2,
+        )
         z[: c.nx] = start
         step = _Mapped(c.step_function, total)
         step.set(5, np.repeat(c.vector(values)[:, None], total, axis=1))

@@ -18,6 +18,7 @@ from hoopd.diagnose.filtering import Gains, Linear, Noise, Smoothed, gains, smoo
 from hoopd.physics.composite import Composite
 from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect
+from hoopd.physics.effects.catalogue import library
 
 Array = NDArray[np.float64]
 
@@ -39,10 +40,11 @@ class Track:
 
     def __init__(self, stretch: Stretch, effects: Sequence[Effect] = ()) -> None:
         self.stretch, self.held = stretch, Held(stretch.t, stretch.u)
-        self.composite = composite_of(stretch.plant, tuple(effects))
+        self.composite = composite_of(stretch.plant, fitting_effects(stretch.plant, effects))
         x = first_states(stretch)
         self.z = np.zeros((len(stretch.t), self.composite.nz))
-        self.w = np.zeros((len(stretch.t), self.composite.nq))
+        # disturbances act on the coordinates of the plant as declared, not on those that an effect adds
+        self.w = np.zeros((len(stretch.t), len(stretch.plant.coordinates)))
         self.z[:, : x.shape[1]] = x
         for k, state in enumerate(self.composite.plant.states[x.shape[1] :], start=x.shape[1]):
             self.z[:, k] = self.composite.plant.held.get(state, 0.0)
@@ -85,10 +87,21 @@ class Track:
         back = self.held.back(late, _sum(values, c.delays))
         return back.reshape(-1, back.shape[2])
 
+    def _wide(self, w: Array) -> Array:
+        """Disturbances with a column for every coordinate of the composite."""
+        return np.pad(w, ((0, 0), (0, self.composite.nq - w.shape[1])))
+
     def _step_inputs(self, values: Mapping[str, float], z: Array, w: Array) -> list[Array]:
         n = len(self.stretch.t) - 1
         p = np.repeat(self.composite.vector(values)[:, None], n, axis=1)
-        return [z[:-1].T, self.torques(values), w[:-1].T, self.stretch.h[None], self.stretch.t[None, :-1], p]
+        return [
+            z[:-1].T,
+            self.torques(values),
+            self._wide(w)[:-1].T,
+            self.stretch.h[None],
+            self.stretch.t[None, :-1],
+            p,
+        ]
 
     def _output_inputs(self, values: Mapping[str, float], z: Array, w: Array) -> list[Array]:
         p = np.repeat(self.composite.vector(values)[:, None], len(z), axis=1)
@@ -96,24 +109,24 @@ class Track:
         n, rows = len(z), len(self.composite.channels)
         # the function takes a (channels, BACK_STEPS) matrix a node: side by side
         wide = back.reshape(-1, rows, n).transpose(1, 2, 0).reshape(rows, -1)
-        return [z.T, wide, w.T, self.stretch.t[None], p]
+        return [z.T, wide, self._wide(w).T, self.stretch.t[None], p]
 
     def after(
         self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None, substeps: int = 0
     ) -> Array:
         """(n-1, nz) one-step map from every node of the reference."""
         values = self.local(values)
-        z, w = (self.z if z is None else z), (np.zeros_like(self.w) if w is None else w)
+        z, w = (self.z if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
         c = self.composite
         if substeps not in (0, c.substeps):
-            finer = Track.of(self.stretch, self.held, composite_of(c.plant, c.effects, substeps))
+            finer = Track.of(self.stretch, self.held, composite_of(c.declared, c.effects, substeps))
             return finer.after(values, z, w)
         return _mapped(c.step_function, len(z) - 1, self._step_inputs(values, z, w))[0]
 
     def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
         """(n, nc) what the sensors would show on the reference."""
         values = self.local(values)
-        z, w = (self.z if z is None else z), (np.zeros_like(self.w) if w is None else w)
+        z, w = (self.z if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
         return _mapped(self.composite.output_function, len(z), self._output_inputs(values, z, w))[0]
 
     # ------------------------------------------------------------------------------------------ linear
@@ -131,6 +144,7 @@ class Track:
         after, by_z, by_w, by_u, by_p = _mapped(step, n - 1, self._step_inputs(values, self.z, nothing))
         y, of_z, of_p = _mapped(output, n, self._output_inputs(values, self.z, nothing))
         by_z, by_w, by_u, by_p = (_matrices(one, c.nz) for one in (by_z, by_w, by_u, by_p))
+        by_w = by_w[:, :, : self.w.shape[1]]
         of_z, of_p = _matrices(of_z, len(c.channels)), _matrices(of_p, len(c.channels))
         for name in c.delays:
             if name in own:
@@ -161,6 +175,15 @@ class Track:
         return out.reshape(-1, out.shape[2])
 
 
+def fitting_effects(plant: DeclaredPlant, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The effects as this plant has them: an effect of a slot that it lacks is none of its."""
+    key = plant_key(plant)
+    if key not in _libraries:
+        _libraries[key] = library(plant)
+    own = _libraries[key]
+    return tuple(own.get(one.name, one) for one in effects if one.slot in plant.slots)
+
+
 def plant_key(plant: DeclaredPlant) -> str:
     """Equal for plants with equal equations and values."""
     return f"{plant.name} {sorted(plant.values.items())}"
@@ -170,8 +193,7 @@ def composite_of(plant: DeclaredPlant, effects: tuple[Effect, ...], substeps: in
     """One object for equal plants and effects: its functions are built once; `substeps`: other than its own."""
     key = (plant_key(plant), tuple(effect.name for effect in effects), substeps)
     if key not in _composites:
-        _composites[key] = Composite(plant, effects)
-        _composites[key].substeps = substeps or _composites[key].substeps
+        _composites[key] = Composite(plant, effects, substeps or None)
     return _composites[key]
 
 
@@ -184,6 +206,7 @@ def derivatives_of(composite: Composite, free: tuple[str, ...]) -> tuple[ca.Func
 
 
 # Composites live as long as the process: there are as many as sets of effects are tried, some hundred.
+_libraries: dict[str, dict[str, Effect]] = {}
 _composites: dict[tuple[str, tuple[str, ...], int], Composite] = {}
 _derivatives: dict[tuple[int, tuple[str, ...]], tuple[ca.Function, ca.Function]] = {}
 

@@ -1,0 +1,191 @@
+"""What the search found, as records of the diagnosis.
+
+Rules of this file: from fits to records; a verdict is a table, not a judgement made anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hoopd.diagnose.fitting import Fit
+from hoopd.diagnose.naming import NOT_EXCLUDED_NATS, Named, surprise_of
+from hoopd.diagnose.record import (
+    Ablation,
+    Alternative,
+    Base,
+    Candidate,
+    EffectFinding,
+    Evidence,
+    Fits,
+    Location,
+    Quantity,
+    Verdict,
+)
+from hoopd.diagnose.record import Fit as Percent
+from hoopd.diagnose.surprise import surprise
+from hoopd.diagnose.tables import noise_floor, nrmse, run_windows
+from hoopd.physics.effects.base import Effect
+
+Corruption = Mapping[str, tuple[float, tuple[float, float], float]]
+
+# Normal quantile of a 95 % interval.
+NORMAL95 = 1.959964
+
+
+def verdict_of(named: Named, effects: Sequence[EffectFinding], threshold: float) -> Verdict:
+    """consistent, parameters or missing_physics."""
+    if effects:
+        return "unknown_physics" if effects[0].name.startswith("unknown.") else "missing_physics"
+    gain = named.nominal.criterion - named.base.criterion
+    return "parameters" if surprise(gain, len(named.base.free)) > threshold else "consistent"
+
+
+def base_of(model: str, named: Named) -> Base:
+    """Re-estimated base parameters, beside the effects."""
+    final, units = named.final, _units(named.final)
+    return Base(
+        model=model,
+        parameters={
+            name: Quantity(
+                value=final.values[name], unit=units.get(name, ""), ci95=_interval(final, name),
+                nominal=named.nominal.values[name],
+            )
+            for name in final.free
+            if name in units
+        },
+    )  # fmt: skip
+
+
+def _units(found: Fit) -> dict[str, str]:
+    return {name: unit for track in found.tracks for name, unit in track.stretch.plant.units.items()}
+
+
+def _interval(found: Fit, name: str) -> tuple[float, float] | None:
+    if name not in found.free:
+        return None
+    value, half = found.values[name], NORMAL95 * found.deviation(name)
+    return value - half, value + half
+
+
+def parameters_of(effect: Effect, found: Fit) -> dict[str, Quantity]:
+    """Of one effect; what belongs to a recording is given for the first one, then by recording."""
+    out = {}
+    recordings = list(dict.fromkeys(track.stretch.recording for track in found.tracks))
+    for p in effect.parameters:
+        key = effect.key(p.name)
+        own = [f"{key}@{r}" for r in recordings if f"{key}@{r}" in found.values] if p.per_recording else []
+        neutral = p.neutral if np.isfinite(p.neutral) else None
+        names = {p.name: own[0] if own else key}
+        if len(own) > 1:
+            names |= {name.removeprefix(f"{effect.name}."): name for name in own}
+        for label, name in names.items():
+            out[label] = Quantity(
+                value=found.values.get(name, p.neutral), unit=p.unit, ci95=_interval(found, name), nominal=neutral
+            )
+    return out
+
+
+def effects_of(
+    named: Named, heldout: Mapping[str, Fit], threshold: float, corruption: Corruption
+) -> list[EffectFinding]:
+    """Named effects and faults of the camera, most evidence first."""
+    percents = {name: _mean_nrmse(one) for name, one in heldout.items()}
+    found = [_effect(named, name, percents, threshold) for name in named.final.names]
+    found += [_fault(name, *values) for name, values in corruption.items()]
+    return sorted(found, key=lambda one: -(one.evidence.log_likelihood_gain or 0.0))
+
+
+def _effect(named: Named, name: str, percents: Mapping[str, dict[str, float]], threshold: float) -> EffectFinding:
+    tried = next(one for one in named.accepted if one.effect.name == name)
+    effect, loss = tried.effect, named.losses[name]
+    gain, ablation = None, None
+    if percents:
+        with_it, without = percents["final"], percents[f"without {name}"]
+        gain = float(np.nanmean([with_it[c] - without[c] for c in with_it]))
+        ablation = Ablation(log_likelihood_loss=loss, heldout_with=with_it, heldout_without=without)
+    rivals = sorted((behind, rival) for rival, behind in named.rivals.get(name, []))
+    close = [rival for behind, rival in rivals if behind < NOT_EXCLUDED_NATS]
+    return EffectFinding(
+        name=name,
+        slot=effect.slot,
+        parameters=parameters_of(effect, named.final),
+        evidence=Evidence(log_likelihood_gain=loss, threshold=threshold, heldout_gain_percent=gain),
+        not_excluded=list(dict.fromkeys([*effect.same_as, *close])),
+        statement=effect.statement,
+        alternatives=[Alternative(name=rival, behind_nats=behind) for behind, rival in rivals],
+        ablation=ablation,
+    )
+
+
+def _fault(name: str, share: float, interval: tuple[float, float], gain: float) -> EffectFinding:
+    words = {"camera.late_frames": "repeats the picture before", "camera.outliers": "is a false detection"}
+    return EffectFinding(
+        name=name,
+        slot="camera",
+        parameters={"share": Quantity(value=share, unit="-", ci95=interval, nominal=0.0)},
+        evidence=Evidence(log_likelihood_gain=gain, threshold=None, heldout_gain_percent=None),
+        not_excluded=[],
+        statement=f"a share of the camera's samples {words[name]}",
+    )
+
+
+def candidates_of(named: Named, threshold: float) -> list[Candidate]:
+    """Every effect on its own over the base: refitted where it was, else as the screen saw it."""
+    refitted = {one.effect.name: one.gain for one in named.tried}
+    gains = {s.member.effect.name: s.gain for s in named.scores} | refitted
+    return [Candidate(name=name, log_likelihood_gain=gain, threshold=threshold) for name, gain in gains.items()]
+
+
+def location_of(named: Named) -> Location:
+    """Slot with most evidence of the first screen."""
+    stretches = [track.stretch for track in named.base.tracks]
+    evidence: dict[str, float | None] = {}
+    gains = {s.member.effect.name: (s.member.effect, s.gain) for s in named.scores}
+    gains |= {one.effect.name: (one.effect, one.gain) for one in named.tried}
+    for effect, gain in gains.values():
+        evidence[effect.slot] = max(evidence.get(effect.slot) or 0.0, surprise_of(effect, gain, stretches))
+    if not named.accepted:
+        return Location.nowhere(evidence)
+    first = max(named.accepted, key=lambda one: named.losses[one.effect.name]).effect
+    slot = named.base.tracks[0].stretch.plant.slots.get(first.slot)
+    channel = slot.channels[0] if slot and slot.channels else (slot.coordinate if slot else None)
+    return Location(
+        slot=first.slot, channel=channel, segments=None, depends_on=list(first.depends_on), evidence=evidence
+    )
+
+
+def fits_of(fits: Mapping[str, Fit]) -> Fits:
+    """NRMSE of nominal, base and final by recording and channel."""
+    figures = {name: _by_recording(one) for name, one in fits.items() if name in ("nominal", "base", "final")}
+    floors = _floors(fits["final"])
+    return {
+        recording: {
+            channel: Percent(
+                nominal=figures["nominal"][recording].get(channel), base_refit=value,
+                with_effects=figures["final"][recording].get(channel),
+                noise_floor=floors.get(recording, {}).get(channel),
+            )
+            for channel, value in channels.items()
+        }
+        for recording, channels in figures["base"].items()
+    }  # fmt: skip
+
+
+def _by_recording(found: Fit) -> dict[str, dict[str, float]]:
+    runs = run_windows(found)
+    names = dict.fromkeys(run.windows.stretch.recording for run in runs)
+    return {name: nrmse([run for run in runs if run.windows.stretch.recording == name]) for name in names}
+
+
+def _floors(found: Fit) -> dict[str, dict[str, float]]:
+    runs = run_windows(found)
+    names = dict.fromkeys(run.windows.stretch.recording for run in runs)
+    return {name: noise_floor([r for r in runs if r.windows.stretch.recording == name], found.noise) for name in names}
+
+
+def _mean_nrmse(found: Fit) -> dict[str, float]:
+    each = _by_recording(found).values()
+    channels = dict.fromkeys(channel for one in each for channel in one)
+    return {channel: float(np.nanmean([one.get(channel, np.nan) for one in each])) for channel in channels}
