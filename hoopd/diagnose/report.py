@@ -30,7 +30,10 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
     _table(reporttables.checks(diagnosis), console)
     _sentences(words.ablation_sentences(diagnosis.effects), console)
     _fits(diagnosis, console)
+    if diagnosis.verdict == "parameters":
+        _table(reporttables.parameters(diagnosis), console)
     _table(reporttables.alternatives(diagnosis), console)
+    _sentences([words.invisible_sentence(diagnosis.power)], console)
     _next(diagnosis, console)
     _quality(diagnosis, console)
     _sentences(diagnosis.notes, console)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from hoopd.diagnose.record import (
     DataQuality,
@@ -21,6 +21,7 @@ from hoopd.diagnose.record import (
     NextExperiment,
     Number,
     Quantity,
+    Visible,
 )
 
 TITLES = {
@@ -42,11 +43,18 @@ PLAIN_DIGITS = 4
 MIN_DECIMALS, MAX_DECIMALS = -3, 8
 # Above this many characters a list of names is no longer read.
 MANY = 6
+LONGEST = 60  # characters of a name beside a drawing
 
 
 def safe(text: object) -> str:
     """Text without control characters, directions of writing or bytes that are no text."""
     return "".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in str(text))
+
+
+def brief(text: object) -> str:
+    """Text that has room beside a drawing: the middle of a long one is left out."""
+    whole = safe(text)
+    return whole if len(whole) <= LONGEST else f"{whole[: LONGEST // 2]}…{whole[1 - LONGEST // 2 :]}"
 
 
 def unit_text(unit: str) -> str:
@@ -260,6 +268,12 @@ def ablation_sentences(effects: Iterable[EffectFinding]) -> list[str]:
         for channel, before in one.ablation.heldout_with.items()
         if (after := one.ablation.heldout_without.get(channel)) is not None
     ]  # fmt: skip
+
+
+def invisible_sentence(power: Mapping[str, Visible]) -> str:
+    """Effects of which these recordings show nothing, however large; empty when there is none."""
+    blind = [name for name, one in power.items() if one.smallest is None]
+    return f"Not visible in these recordings at any size expected: {listed(blind)}." if blind else ""
 
 
 def source_sentence(fit: FitTable) -> str:

@@ -6,6 +6,7 @@ Rules of this file: nothing here comes from a recording; sizes and noise are tho
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -33,6 +34,7 @@ from hoopd.diagnose.record import (
     Unexplained,
     Visible,
 )
+from hoopd.diagnose.reporthtml import page
 from hoopd.diagnose.shown import (
     Array,
     Binned,
@@ -316,14 +318,13 @@ def bad_data() -> tuple[Diagnosis, Shown]:
     return diagnosis, Shown(strips=strips("ball"))
 
 
-EXAMPLES: dict[str, Callable[[], tuple[Diagnosis, Shown]]] = {
-    "coulomb": coulomb,
-    "parameters": parameters,
-    "consistent": consistent,
-    "unknown": unknown,
-    "exact_class": exact_class,
-    "bad_data": bad_data,
-}
+def long_names() -> tuple[Diagnosis, Shown]:
+    """The first with names that no line holds, from files that somebody named badly."""
+    diagnosis, shown = coulomb()
+    name = f"data/{'very_long_' * 30}<b>&amp;[red]$x$.mcap"
+    comparisons = [Comparison(name, one.traces, one.how, one.ignored) for one in shown.comparisons]
+    strips = [Strip(name, one.slot, one.t_s, one.strength) for one in shown.strips if one.recording == HELDOUT]
+    return renamed(diagnosis, HELDOUT, name), Shown(comparisons, shown.forces, strips)
 
 
 def renamed(diagnosis: Diagnosis, old: str, new: str) -> Diagnosis:
@@ -331,3 +332,20 @@ def renamed(diagnosis: Diagnosis, old: str, new: str) -> Diagnosis:
     text = msgspec.json.encode(msgspec.to_builtins(diagnosis)).decode()
     quoted = msgspec.json.encode(old).decode(), msgspec.json.encode(new).decode()
     return msgspec.json.decode(text.replace(*quoted), type=Diagnosis)
+
+
+EXAMPLES: dict[str, Callable[[], tuple[Diagnosis, Shown]]] = {
+    "coulomb": coulomb,
+    "parameters": parameters,
+    "consistent": consistent,
+    "unknown": unknown,
+    "exact_class": exact_class,
+    "bad_data": bad_data,
+    "long_names": long_names,
+}
+
+
+@cache
+def made(name: str) -> bytes:
+    """The page of an example: drawn once."""
+    return page(*EXAMPLES[name]())

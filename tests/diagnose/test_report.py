@@ -7,7 +7,6 @@ import os
 import re
 import subprocess
 import sys
-from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, renamed, unknown
+from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, made, renamed, unknown
 from rich.console import Console
 
 from hoopd.diagnose import words
@@ -33,12 +32,6 @@ def printed(diagnosis: Diagnosis, width: int = 80) -> str:
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert isinstance(text, str)
     return text
-
-
-@cache
-def made(name: str) -> bytes:
-    """The page of an example."""
-    return page(*EXAMPLES[name]())
 
 
 class Page(HTMLParser):
@@ -155,8 +148,8 @@ def test_the_terminal_s_report_starts_with_the_verdict_and_fits_80_columns(name:
     assert text.startswith(words.TITLES[diagnosis.verdict] + "\n")
     assert squeezed(words.verdict_sentence(diagnosis)) in squeezed(text)
     assert max(map(len, text.splitlines())) <= 80
-    for number in (one for fit in diagnosis.fit.free_run[HELDOUT].values() for one in [fit.base_refit]):
-        assert words.percent(number) in text  # whole: never cut or folded
+    for _, _, fit in words.each_fit(diagnosis.fit.free_run):
+        assert words.percent(fit.base_refit) in text  # whole: never cut or folded
 
 
 def test_the_terminal_s_report_has_every_part_of_a_finding() -> None:
