@@ -222,6 +222,7 @@ def _diagnosis(**parts: Any) -> Diagnosis:
     return Diagnosis(**{**usual, **parts})
 
 
+@cache
 def coulomb() -> tuple[Diagnosis, Shown]:
     """Dry friction of the hoop; Stribeck's law cannot be excluded."""
     size = Quantity(value=FRICTION_NM, unit="N m", ci95=(4.87e-3, 5.33e-3), nominal=0.0)
@@ -263,6 +264,7 @@ def consistent() -> tuple[Diagnosis, Shown]:
     return _diagnosis(verdict="consistent", fit=table(97.0, 97.6, None), candidates=candidates()), Shown()
 
 
+@cache
 def unknown() -> tuple[Diagnosis, Shown]:
     """A detent that no row of the table describes."""
     x = np.linspace(0.0, 2.0 * np.pi, 40)
@@ -318,13 +320,14 @@ def bad_data() -> tuple[Diagnosis, Shown]:
     return diagnosis, Shown(strips=strips("ball"))
 
 
+@cache
 def long_names() -> tuple[Diagnosis, Shown]:
     """The first with names that no line holds, from files that somebody named badly."""
     diagnosis, shown = coulomb()
     name = f"data/{'very_long_' * 30}<b>&amp;[red]$x$.mcap"
     comparisons = [Comparison(name, one.traces, one.how, one.ignored) for one in shown.comparisons]
     strips = [Strip(name, one.slot, one.t_s, one.strength) for one in shown.strips if one.recording == HELDOUT]
-    return renamed(diagnosis, HELDOUT, name), Shown(comparisons, shown.forces, strips)
+    return renamed(diagnosis, HELDOUT, name), Shown(comparisons, (), strips)
 
 
 def renamed(diagnosis: Diagnosis, old: str, new: str) -> Diagnosis:

@@ -188,7 +188,7 @@ def test_a_recording_s_name_is_text_wherever_it_stands() -> None:
     assert "[red]<script>" in text and "\x1b" not in text and "\u202e" not in text
     strips = [Strip(NASTY, one.slot, one.t_s, one.strength) for one in shown.strips]
     comparisons = [Comparison(NASTY, one.traces) for one in shown.comparisons]
-    data = page(diagnosis, Shown(comparisons, shown.forces, strips))
+    data = page(diagnosis, Shown(comparisons, (), strips))
     seen = Page(data)
     assert not seen.all("script") and b"<script" not in data and b"\x1b" not in data
     assert "[red]<script>alert(1)<b>&\"'$x$\\x1b[31m\\u202egnp.\\udcff [bold] ${a}.mcap" in seen.text
