@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 
 from hoopd.diagnose import reporttables, words
 from hoopd.diagnose.pageparts import document, drawing, paragraph, section, table, text
+from hoopd.diagnose.readable import listed, nats
 from hoopd.diagnose.record import Diagnosis, Quantity, canonical
 from hoopd.diagnose.shown import Comparison, Harmonics, MissingForce, Shown
 from hoopd.plots import diagnosis as figures
@@ -42,8 +43,8 @@ def _header(diagnosis: Diagnosis) -> str:
 
 def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     return [
-        ("Fitted to", words.listed(diagnosis.fit.train)),
-        ("Held out", words.listed(diagnosis.fit.heldout)),
+        ("Fitted to", listed(diagnosis.fit.train)),
+        ("Held out", listed(diagnosis.fit.heldout)),
         ("Base model", diagnosis.base.model),
         ("Seed", str(diagnosis.seed)),
     ]
@@ -81,7 +82,7 @@ def _where(diagnosis: Diagnosis, shown: Shown) -> str:
 
 
 def _pairs(evidence: dict[str, float | None]) -> str:
-    return ", ".join(f"{slot} {words.nats(gain)} nats" for slot, gain in evidence.items())
+    return ", ".join(f"{slot} {nats(gain)} nats" for slot, gain in evidence.items())
 
 
 def _force(diagnosis: Diagnosis, shown: Shown) -> str:
@@ -97,9 +98,9 @@ def _force(diagnosis: Diagnosis, shown: Shown) -> str:
 
 def _one_force(index: int, force: MissingForce) -> str:
     laws = [one.law.label for one in force.regressors if one.law is not None]
-    over = words.listed(one.name for one in force.regressors)
+    over = listed(one.name for one in force.regressors)
     title = f"Missing force in slot {force.slot}" + (f" over {over}" if over else "")
-    drawn = f" The line is {words.listed(laws)} with its fitted parameters." if laws else ""
+    drawn = f" The line is {listed(laws)} with its fitted parameters." if laws else ""
     place = f" ({force.recording})" if force.recording else ""
     caption = f"What the re-fitted base needs in addition, smoothed, at every sample{place}.{drawn}"
     return drawing(curves.draw_force(force), f"force{index}", title, caption)

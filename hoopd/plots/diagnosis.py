@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from hoopd.diagnose.readable import amount, brief, nats, safe, value_text
 from hoopd.diagnose.record import Candidate, Ignored, Number, Quantity, Visible
 from hoopd.diagnose.shown import Strip
-from hoopd.diagnose.words import amount, brief, nats, safe, value_text
 from hoopd.plots import style
 
 WIDTH_IN, ROW_IN = 8.0, 0.28

@@ -172,10 +172,10 @@ def table(nominal: float, refit: float, effects: float | None) -> FitTable:
 def quality() -> DataQuality:
     hand = (12.0, 12.6, "a hand moved the ball")
     return DataQuality(
-        missing=0.012, late_frames=0.004, outliers=0.001, segments_ignored=[hand],
+        missing=62, late_frames=9, outliers=6, segments_ignored=[hand], samples=7500, frames=2500,
         recordings={
-            TRAIN: RecordingQuality(missing=0.015, late_frames=0.005, outliers=0.0),
-            HELDOUT: RecordingQuality(missing=0.008, late_frames=0.002, outliers=0.002, segments_ignored=[hand]),
+            TRAIN: RecordingQuality(missing=50, late_frames=7, outliers=0, samples=4500, frames=1500),
+            HELDOUT: RecordingQuality(missing=12, late_frames=2, outliers=6, segments_ignored=[hand]),
         },
     )  # fmt: skip
 
@@ -312,7 +312,7 @@ def bad_data() -> tuple[Diagnosis, Shown]:
         verdict="missing_physics", effects=[named], fit=table(70.0, 90.0, 95.0),
         location=Location(slot="camera", channel="psi", segments=[(20.0, 31.5)], depends_on=[],
                           evidence={"camera": 270.0, "ball": 30.0}),
-        data_quality=DataQuality(missing=0.061, late_frames=0.118, outliers=0.013, segments_ignored=set_aside,
+        data_quality=DataQuality(missing=457, late_frames=295, outliers=32, frames=2500, segments_ignored=set_aside,
                                  notes=notes),
         candidates=candidates(("camera.late_frames", 260.0)),
         notes=["The last third of every recording was held out."],

@@ -18,6 +18,7 @@ from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, co
 from rich.console import Console
 
 from hoopd.diagnose import words
+from hoopd.diagnose.readable import interval_text, percent, short_names, value_text
 from hoopd.diagnose.record import DataQuality, Diagnosis, FitTable, Quantity
 from hoopd.diagnose.report import report_text, write_html
 from hoopd.diagnose.reporthtml import page
@@ -93,12 +94,12 @@ def test_a_quantity_has_the_digits_that_its_interval_allows(
     value: float | None, unit: str, ci95: Any, expected: tuple[str, str]
 ) -> None:
     quantity = Quantity(value=value, unit=unit, ci95=ci95, nominal=None)
-    assert (words.value_text(quantity), words.interval_text(quantity)) == expected
+    assert (value_text(quantity), interval_text(quantity)) == expected
 
 
 def test_recordings_are_called_by_their_last_name_only_where_that_tells_them_apart() -> None:
     names = ["a/x.mcap", "b/x.mcap", "b/y.mcap"]
-    assert words.short_names(names) == {"a/x.mcap": "a/x.mcap", "b/x.mcap": "b/x.mcap", "b/y.mcap": "y.mcap"}
+    assert short_names(names) == {"a/x.mcap": "a/x.mcap", "b/x.mcap": "b/x.mcap", "b/y.mcap": "y.mcap"}
 
 
 # ------------------------------------------------------------------------------------------- sentences
@@ -149,7 +150,7 @@ def test_the_terminal_s_report_starts_with_the_verdict_and_fits_80_columns(name:
     assert squeezed(words.verdict_sentence(diagnosis)) in squeezed(text)
     assert max(map(len, text.splitlines())) <= 80
     for _, _, fit in words.each_fit(diagnosis.fit.free_run):
-        assert words.percent(fit.base_refit) in text  # whole: never cut or folded
+        assert percent(fit.base_refit) in text  # whole: never cut or folded
 
 
 def test_the_terminal_s_report_has_every_part_of_a_finding() -> None:
@@ -167,6 +168,13 @@ def test_intervals_set_aside_and_notes_on_the_data_are_printed() -> None:
     text = squeezed(printed(bad_data()[0]))
     assert "14.20 17.10 a hand moved the ball" in text
     assert "the derivative was used" in text and "The last third of every recording was held out." in text
+
+
+def test_bad_samples_are_counted_and_their_share_said_where_it_is_known() -> None:
+    text = squeezed(printed(coulomb()[0]))
+    assert "prbs_a.mcap 50 (1.1 %) 7 (0.47 %) 0" in text
+    assert "prbs_b.mcap 12 2 6" in text
+    assert "all 62 (0.83 %) 9 (0.36 %) 6 (0.08 %)" in text
 
 
 def test_a_placebo_that_gains_too_is_called_so() -> None:
