@@ -13,8 +13,8 @@ from importlib import resources
 
 from matplotlib.figure import Figure
 
+from hoopd.diagnose.readable import NOTHING, safe
 from hoopd.diagnose.reporttables import Table
-from hoopd.diagnose.words import NOTHING, safe
 from hoopd.plots import style
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"

@@ -166,22 +166,26 @@ Ignored = tuple[float, float, str]
 
 
 class RecordingQuality(_Part, frozen=True):
-    """Shares of one recording's samples, 0 to 1, what was set aside, and sentences about the rest."""
+    """Bad samples of one recording, counted over its channels, out of `samples`; late frames out of `frames`."""
 
-    missing: Number
-    late_frames: Number
-    outliers: Number
+    missing: int | None
+    late_frames: int | None
+    outliers: int | None
     segments_ignored: list[Ignored] = []
+    samples: int | None = None
+    frames: int | None = None
     notes: list[str] = []
 
 
 class DataQuality(_Part, frozen=True):
-    """Shares of all samples, 0 to 1, and what was set aside; additions: the same for each recording."""
+    """Bad samples counted over all recordings, and what was set aside; additions: the same for each recording."""
 
-    missing: Number
-    late_frames: Number
-    outliers: Number
+    missing: int | None
+    late_frames: int | None
+    outliers: int | None
     segments_ignored: list[Ignored]
+    samples: int | None = None
+    frames: int | None = None
     recordings: dict[str, RecordingQuality] = {}
     notes: list[str] = []
 

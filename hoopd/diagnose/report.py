@@ -14,6 +14,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from hoopd.diagnose import reporttables, words
+from hoopd.diagnose.readable import safe
 from hoopd.diagnose.record import Diagnosis, canonical
 from hoopd.diagnose.reporttables import Table
 from hoopd.diagnose.shown import Shown
@@ -30,7 +31,10 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
     _table(reporttables.checks(diagnosis), console)
     _sentences(words.ablation_sentences(diagnosis.effects), console)
     _fits(diagnosis, console)
+    if diagnosis.verdict == "parameters":
+        _table(reporttables.parameters(diagnosis), console)
     _table(reporttables.alternatives(diagnosis), console)
+    _sentences([words.invisible_sentence(diagnosis.power)], console)
     _next(diagnosis, console)
     _quality(diagnosis, console)
     _sentences(diagnosis.notes, console)
@@ -67,7 +71,7 @@ def _next(diagnosis: Diagnosis, console: Console) -> None:
     console.print(Text("Next experiment", style="bold"))
     _sentences([words.experiment_sentence(planned), planned.reason], console)
     if planned.command:
-        console.print(Text(f"  {words.safe(planned.command)}"), soft_wrap=True)
+        console.print(Text(f"  {safe(planned.command)}"), soft_wrap=True)
 
 
 def _quality(diagnosis: Diagnosis, console: Console) -> None:
@@ -79,7 +83,7 @@ def _quality(diagnosis: Diagnosis, console: Console) -> None:
 def _sentences(sentences: list[str], console: Console) -> None:
     for sentence in sentences:
         if sentence:
-            console.print(Text(words.safe(sentence)))
+            console.print(Text(safe(sentence)))
 
 
 def _table(table: Table, console: Console) -> None:

@@ -10,12 +10,14 @@ from collections.abc import Callable, Sequence
 
 from hoopd.diagnose import reporttables, words
 from hoopd.diagnose.pageparts import document, drawing, paragraph, section, table, text
+from hoopd.diagnose.readable import listed, nats
 from hoopd.diagnose.record import Diagnosis, Quantity, canonical
 from hoopd.diagnose.shown import Comparison, Harmonics, MissingForce, Shown
 from hoopd.plots import diagnosis as figures
 from hoopd.plots import diagnosiscurves as curves
 
 FITS = "NRMSE percent, 100 is perfect; each window of 2 s starts from its own estimated state."
+MOST_COMPARISONS = 6  # a page that is sent by mail has no room for more
 Part = Callable[[Diagnosis, Shown], str]
 
 
@@ -41,8 +43,8 @@ def _header(diagnosis: Diagnosis) -> str:
 
 def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     return [
-        ("Fitted to", words.listed(diagnosis.fit.train)),
-        ("Held out", words.listed(diagnosis.fit.heldout)),
+        ("Fitted to", listed(diagnosis.fit.train)),
+        ("Held out", listed(diagnosis.fit.heldout)),
         ("Base model", diagnosis.base.model),
         ("Seed", str(diagnosis.seed)),
     ]
@@ -69,22 +71,23 @@ def _where(diagnosis: Diagnosis, shown: Shown) -> str:
         body += drawing(
             drawn, "slots", title, "What a free disturbance in each slot would gain over the re-fitted base."
         )
-    if shown.strips:
+    strips = [one for one in shown.strips if len(one.t_s)]
+    if strips:
         caption = (
             "Smoothed disturbance over time, as a multiple of what noise alone would give. Hatched: set aside, with no "
             "part in the verdict."
         )
-        body += drawing(figures.draw_strips(shown.strips), "strips", "Where in time the mismatch sits", caption)
+        body += drawing(figures.draw_strips(strips), "strips", "Where in time the mismatch sits", caption)
     return body
 
 
 def _pairs(evidence: dict[str, float | None]) -> str:
-    return ", ".join(f"{slot} {words.nats(gain)} nats" for slot, gain in evidence.items())
+    return ", ".join(f"{slot} {nats(gain)} nats" for slot, gain in evidence.items())
 
 
 def _force(diagnosis: Diagnosis, shown: Shown) -> str:
     """What is missing, against what it depends on."""
-    body = "".join(_one_force(index, one) for index, one in enumerate(shown.forces))
+    body = "".join(_one_force(index, one) for index, one in enumerate(shown.forces) if len(one.t_s))
     body += "".join(_one_spectrum(index, one) for index, one in enumerate(shown.harmonics))
     rest = diagnosis.unexplained
     if rest is not None and rest.curve is not None:
@@ -95,9 +98,9 @@ def _force(diagnosis: Diagnosis, shown: Shown) -> str:
 
 def _one_force(index: int, force: MissingForce) -> str:
     laws = [one.law.label for one in force.regressors if one.law is not None]
-    over = words.listed(one.name for one in force.regressors)
+    over = listed(one.name for one in force.regressors)
     title = f"Missing force in slot {force.slot}" + (f" over {over}" if over else "")
-    drawn = f" The line is {words.listed(laws)} with its fitted parameters." if laws else ""
+    drawn = f" The line is {listed(laws)} with its fitted parameters." if laws else ""
     place = f" ({force.recording})" if force.recording else ""
     caption = f"What the re-fitted base needs in addition, smoothed, at every sample{place}.{drawn}"
     return drawing(curves.draw_force(force), f"force{index}", title, caption)
@@ -115,15 +118,19 @@ def _proof(diagnosis: Diagnosis, shown: Shown) -> str:
     body = paragraph(fit.how_heldout) + table(reporttables.fit("Held-out data", fit.heldout))
     body += paragraph(FITS, "note") if body else ""
     body += paragraph(words.source_sentence(fit), "note")
-    drawn = [one for one in shown.comparisons if one.traces]
-    body += "".join(_one_comparison(index, one) for index, one in enumerate(drawn))
+    drawn = [one for one in shown.comparisons if any(len(trace.t_s) for trace in one.traces)]
+    body += "".join(_one_comparison(index, one) for index, one in enumerate(drawn[:MOST_COMPARISONS]))
+    if len(drawn) > MOST_COMPARISONS:
+        body += paragraph(f"{len(drawn) - MOST_COMPARISONS} more are in the table only.", "note")
     body += table(reporttables.fit("One free run over the whole held-out record", fit.free_run))
     return body + table(reporttables.fit("Data fitted to", fit.train))
 
 
 def _one_comparison(index: int, comparison: Comparison) -> str:
     title = f"{comparison.recording}: measured and simulated, {comparison.how}"
-    caption = f"{comparison.recording}, {comparison.how}: simulated before and after, and below each what remains."
+    cut = curves.cut_s(comparison)
+    part = f", its first {cut:.0f} s" if cut is not None else ""
+    caption = f"{comparison.recording}, {comparison.how}{part}: simulated before and after, and below each the rest."
     return drawing(curves.draw_comparison(comparison), f"comparison{index}", title, caption)
 
 
@@ -168,6 +175,7 @@ def _power(diagnosis: Diagnosis, shown: Shown) -> str:
     if not diagnosis.power:
         return ""
     body = paragraph("An effect smaller than this could be there without these recordings showing it.")
+    body += paragraph(words.invisible_sentence(diagnosis.power))
     if any(one.largest for one in diagnosis.power.values()):
         caption = "From the smallest size that would have been seen to the largest that is expected."
         body += drawing(figures.draw_power(diagnosis.power), "visible", "Smallest visible size of each effect", caption)

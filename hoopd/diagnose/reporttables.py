@@ -1,7 +1,7 @@
 """Tables of a diagnosis, cell by cell as text: drawn on the terminal and on the page alike.
 
 Rules of this file: every cell is ready to be read; a table without rows is not shown. Nothing is rounded here that
-`words` does not round.
+`readable` does not round.
 """
 
 from __future__ import annotations
@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from hoopd.diagnose.record import DataQuality, Diagnosis, EffectFinding, Fit, Fits, Quantity, RecordingQuality, Visible
-from hoopd.diagnose.words import (
+from hoopd.diagnose.readable import (
     NOTHING,
     amount,
-    each_fit,
+    counted,
     interval_text,
     nats,
     percent,
@@ -22,6 +21,8 @@ from hoopd.diagnose.words import (
     short_names,
     value_text,
 )
+from hoopd.diagnose.record import DataQuality, Diagnosis, EffectFinding, Fit, Fits, Quantity, RecordingQuality, Visible
+from hoopd.diagnose.words import each_fit
 
 Row = tuple[str, ...]
 
@@ -141,13 +142,19 @@ def _visible(name: str, one: Visible) -> Row:
 
 
 def quality(diagnosis: Diagnosis) -> Table:
-    """Shares of bad samples: each recording where that is known, and all together."""
+    """Bad samples: each recording where that is known, and all together."""
     whole = diagnosis.data_quality
     names = short_names(whole.recordings)
     of_each = [(names[name], one) for name, one in whole.recordings.items()]
     parts: list[tuple[str, RecordingQuality | DataQuality]] = [*of_each, ("all", whole)]
-    rows: list[Row] = [(name, share(one.missing), share(one.late_frames), share(one.outliers)) for name, one in parts]
+    rows: list[Row] = [(name, *_bad(one)) for name, one in parts]
     return Table("Data quality", ("recording", "missing", "late frames", "outliers"), "lrrr", rows)
+
+
+def _bad(one: RecordingQuality | DataQuality) -> Row:
+    """Counts with their share, where it is known of how many."""
+    parts = ((one.missing, one.samples), (one.late_frames, one.frames), (one.outliers, one.samples))
+    return tuple(f"{counted(bad)} ({share(bad / of)})" if bad and of else counted(bad) for bad, of in parts)
 
 
 def ignored(diagnosis: Diagnosis) -> Table:

@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from hoopd.diagnose.readable import amount, brief, nats, safe, value_text
 from hoopd.diagnose.record import Candidate, Ignored, Number, Quantity, Visible
 from hoopd.diagnose.shown import Strip
-from hoopd.diagnose.words import amount, nats, safe, value_text
 from hoopd.plots import style
 
 WIDTH_IN, ROW_IN = 8.0, 0.28
@@ -62,7 +62,7 @@ def draw_strips(strips: Sequence[Strip]) -> Figure:
                           squeeze=False, height_ratios=heights)  # fmt: skip
     for axes, name, group in zip(figure.axes, recordings, groups, strict=True):
         image = _strip_rows(axes, group)
-        axes.set_title(plain(name), fontsize=style.NOTE_PT, loc="left")
+        axes.set_title(plain(brief(name)), fontsize=style.NOTE_PT, loc="left")
     figure.axes[-1].set_xlabel("time (s)")
     bar = figure.colorbar(image, ax=figure.axes, pad=0.01, aspect=12, extend="max")
     bar.set_label("disturbance / noise", fontsize=style.NOTE_PT)
@@ -185,7 +185,7 @@ def draw_power(power: Mapping[str, Visible]) -> Figure:
     figure = style.figure(WIDTH_IN, 0.9 + ROW_IN * len(shown))
     axes = figure.axes[0]
     axes.set_xscale("log")
-    axes.set_xlim(100.0 * LEAST_SHARE, 400.0)
+    axes.set_xlim(100.0 * LEAST_SHARE, 1500.0)
     axes.set_xticks([0.1, 1.0, 10.0, 100.0], ["0.1", "1", "10", "100"])
     _rows(axes, list(shown))
     for row, one in enumerate(shown.values()):
@@ -211,6 +211,6 @@ def _visible(axes: Axes, row: int, one: Visible) -> None:
 
 def _rows(axes: Axes, names: Sequence[str]) -> None:
     """A named row for each, the first on top."""
-    axes.set_yticks(range(len(names)), [plain(name) for name in names])
+    axes.set_yticks(range(len(names)), [plain(brief(name)) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.grid(False, axis="y")

@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from hoopd.diagnose.readable import unit_text
 from hoopd.diagnose.record import Curve
 from hoopd.diagnose.shown import Comparison, Harmonics, MissingForce, Regressor, Trace
-from hoopd.diagnose.words import unit_text
 from hoopd.plots import style
-from hoopd.plots.diagnosis import WIDTH_IN, plain, shade
+from hoopd.plots.diagnosis import LEAST_TIME_S, WIDTH_IN, plain, shade
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ def draw_force(force: MissingForce) -> Figure:
         _over(axes[name], force, regressor)
     for name in names[1:]:
         axes[name].sharey(axes[names[0]])
-    thin = slice(None, None, -(-len(force.t_s) // MOST_POINTS))
+    thin = slice(None, None, 1 + len(force.t_s) // MOST_POINTS)
     axes["time"].plot(force.t_s[thin], force.value[thin], color=style.BLUE, linewidth=0.7)
     axes["time"].margins(x=0.0)
     style.labelled(axes["time"], "time (s)", _label(force.unit, "missing", f"in {force.slot}"))
@@ -49,7 +49,7 @@ def draw_force(force: MissingForce) -> Figure:
 
 
 def _over(axes: Axes, force: MissingForce, regressor: Regressor) -> None:
-    thin = slice(None, None, -(-len(force.value) // MOST_DOTS))
+    thin = slice(None, None, 1 + len(force.value) // MOST_DOTS)
     axes.plot(regressor.value[thin], force.value[thin], ".", color=style.SKY, markersize=2.2, label="smoothed")
     if (bins := regressor.binned) is not None:
         error = [bins.mean - bins.low, bins.high - bins.mean]
@@ -89,22 +89,37 @@ def draw_harmonics(harmonics: Harmonics) -> Figure:
 
 def draw_comparison(comparison: Comparison) -> Figure:
     """Measured and simulated channels, and below each what remains of them."""
-    traces = comparison.traces
+    traces = [one for one in comparison.traces if len(one.t_s)]
     figure = style.figure(WIDTH_IN, 0.7 + 2.6 * len(traces), rows=2 * len(traces), sharex=True,
                           height_ratios=[1.7, 1.0] * len(traces))  # fmt: skip
     for index, trace in enumerate(traces):
         _simulated(figure.axes[2 * index], trace)
         _residual(figure.axes[2 * index + 1], trace)
     for axes in figure.axes:
-        shade(axes, comparison.ignored)
         axes.margins(x=0.0)
+        axes.set_xlim(*_span(comparison))
+        shade(axes, comparison.ignored)
     style.legend(figure.axes[0], loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=3, borderaxespad=0.1)
     figure.axes[-1].set_xlabel("time (s)")
     figure.align_ylabels(figure.axes)
     return figure
 
 
+def cut_s(comparison: Comparison) -> float | None:
+    """Seconds that are drawn of a comparison that is too long to be drawn whole; None for all others."""
+    longest = max((one.t_s for one in comparison.traces), key=len)
+    return float(longest[MOST_POINTS] - longest[0]) if len(longest) > MOST_POINTS else None
+
+
+def _span(comparison: Comparison) -> tuple[float, float]:
+    """Start and end of what is drawn [s]."""
+    times = [one.t_s for one in comparison.traces if len(one.t_s)]
+    start, end = min(float(t[0]) for t in times), max(float(t[min(len(t), MOST_POINTS) - 1]) for t in times)
+    return start, max(end, start + LEAST_TIME_S)
+
+
 def _simulated(axes: Axes, trace: Trace) -> None:
+    trace = _first(trace)
     axes.plot(trace.t_s, trace.measured, color="#B0B0B0", linewidth=3.0, label="measured")
     axes.plot(trace.t_s, trace.before, color=style.VERMILION, linewidth=0.9, label="before: base re-fitted")
     if trace.after is not None:
@@ -115,12 +130,20 @@ def _simulated(axes: Axes, trace: Trace) -> None:
 
 def _residual(axes: Axes, trace: Trace) -> None:
     """Measured less simulated."""
+    trace = _first(trace)
     rest = [(trace.before, style.VERMILION), (trace.after, style.BLUE)]
     for simulated, colour in rest:
         if simulated is not None:
             axes.plot(trace.t_s, trace.measured - simulated, color=colour, linewidth=0.7)
     _within(axes, trace.measured - trace.before)
     axes.set_ylabel(_label(trace.unit, "rest"))
+
+
+def _first(trace: Trace) -> Trace:
+    """As many samples as are drawn."""
+    part = slice(MOST_POINTS)
+    after = None if trace.after is None else trace.after[part]
+    return Trace(trace.name, trace.unit, trace.t_s[part], trace.measured[part], trace.before[part], after)
 
 
 def _within(axes: Axes, measured: Array) -> None:

@@ -6,6 +6,7 @@ Rules of this file: nothing here comes from a recording; sizes and noise are tho
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -33,6 +34,7 @@ from hoopd.diagnose.record import (
     Unexplained,
     Visible,
 )
+from hoopd.diagnose.reporthtml import page
 from hoopd.diagnose.shown import (
     Array,
     Binned,
@@ -170,10 +172,10 @@ def table(nominal: float, refit: float, effects: float | None) -> FitTable:
 def quality() -> DataQuality:
     hand = (12.0, 12.6, "a hand moved the ball")
     return DataQuality(
-        missing=0.012, late_frames=0.004, outliers=0.001, segments_ignored=[hand],
+        missing=62, late_frames=9, outliers=6, segments_ignored=[hand], samples=7500, frames=2500,
         recordings={
-            TRAIN: RecordingQuality(missing=0.015, late_frames=0.005, outliers=0.0),
-            HELDOUT: RecordingQuality(missing=0.008, late_frames=0.002, outliers=0.002, segments_ignored=[hand]),
+            TRAIN: RecordingQuality(missing=50, late_frames=7, outliers=0, samples=4500, frames=1500),
+            HELDOUT: RecordingQuality(missing=12, late_frames=2, outliers=6, segments_ignored=[hand]),
         },
     )  # fmt: skip
 
@@ -220,6 +222,7 @@ def _diagnosis(**parts: Any) -> Diagnosis:
     return Diagnosis(**{**usual, **parts})
 
 
+@cache
 def coulomb() -> tuple[Diagnosis, Shown]:
     """Dry friction of the hoop; Stribeck's law cannot be excluded."""
     size = Quantity(value=FRICTION_NM, unit="N m", ci95=(4.87e-3, 5.33e-3), nominal=0.0)
@@ -261,6 +264,7 @@ def consistent() -> tuple[Diagnosis, Shown]:
     return _diagnosis(verdict="consistent", fit=table(97.0, 97.6, None), candidates=candidates()), Shown()
 
 
+@cache
 def unknown() -> tuple[Diagnosis, Shown]:
     """A detent that no row of the table describes."""
     x = np.linspace(0.0, 2.0 * np.pi, 40)
@@ -308,12 +312,29 @@ def bad_data() -> tuple[Diagnosis, Shown]:
         verdict="missing_physics", effects=[named], fit=table(70.0, 90.0, 95.0),
         location=Location(slot="camera", channel="psi", segments=[(20.0, 31.5)], depends_on=[],
                           evidence={"camera": 270.0, "ball": 30.0}),
-        data_quality=DataQuality(missing=0.061, late_frames=0.118, outliers=0.013, segments_ignored=set_aside,
+        data_quality=DataQuality(missing=457, late_frames=295, outliers=32, frames=2500, segments_ignored=set_aside,
                                  notes=notes),
         candidates=candidates(("camera.late_frames", 260.0)),
         notes=["The last third of every recording was held out."],
     )  # fmt: skip
     return diagnosis, Shown(strips=strips("ball"))
+
+
+@cache
+def long_names() -> tuple[Diagnosis, Shown]:
+    """The first with names that no line holds, from files that somebody named badly."""
+    diagnosis, shown = coulomb()
+    name = f"data/{'very_long_' * 30}<b>&amp;[red]$x$.mcap"
+    comparisons = [Comparison(name, one.traces, one.how, one.ignored) for one in shown.comparisons]
+    strips = [Strip(name, one.slot, one.t_s, one.strength) for one in shown.strips if one.recording == HELDOUT]
+    return renamed(diagnosis, HELDOUT, name), Shown(comparisons, (), strips)
+
+
+def renamed(diagnosis: Diagnosis, old: str, new: str) -> Diagnosis:
+    """The same with another recording's name."""
+    text = msgspec.json.encode(msgspec.to_builtins(diagnosis)).decode()
+    quoted = msgspec.json.encode(old).decode(), msgspec.json.encode(new).decode()
+    return msgspec.json.decode(text.replace(*quoted), type=Diagnosis)
 
 
 EXAMPLES: dict[str, Callable[[], tuple[Diagnosis, Shown]]] = {
@@ -323,11 +344,11 @@ EXAMPLES: dict[str, Callable[[], tuple[Diagnosis, Shown]]] = {
     "unknown": unknown,
     "exact_class": exact_class,
     "bad_data": bad_data,
+    "long_names": long_names,
 }
 
 
-def renamed(diagnosis: Diagnosis, old: str, new: str) -> Diagnosis:
-    """The same with another recording's name."""
-    text = msgspec.json.encode(msgspec.to_builtins(diagnosis)).decode()
-    quoted = msgspec.json.encode(old).decode(), msgspec.json.encode(new).decode()
-    return msgspec.json.decode(text.replace(*quoted), type=Diagnosis)
+@cache
+def made(name: str) -> bytes:
+    """The page of an example: drawn once."""
+    return page(*EXAMPLES[name]())

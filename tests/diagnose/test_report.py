@@ -7,7 +7,6 @@ import os
 import re
 import subprocess
 import sys
-from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,11 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, renamed, unknown
+from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, made, renamed, unknown
 from rich.console import Console
 
 from hoopd.diagnose import words
+from hoopd.diagnose.readable import interval_text, percent, short_names, value_text
 from hoopd.diagnose.record import DataQuality, Diagnosis, FitTable, Quantity
 from hoopd.diagnose.report import report_text, write_html
 from hoopd.diagnose.reporthtml import page
@@ -33,12 +33,6 @@ def printed(diagnosis: Diagnosis, width: int = 80) -> str:
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert isinstance(text, str)
     return text
-
-
-@cache
-def made(name: str) -> bytes:
-    """The page of an example."""
-    return page(*EXAMPLES[name]())
 
 
 class Page(HTMLParser):
@@ -100,12 +94,12 @@ def test_a_quantity_has_the_digits_that_its_interval_allows(
     value: float | None, unit: str, ci95: Any, expected: tuple[str, str]
 ) -> None:
     quantity = Quantity(value=value, unit=unit, ci95=ci95, nominal=None)
-    assert (words.value_text(quantity), words.interval_text(quantity)) == expected
+    assert (value_text(quantity), interval_text(quantity)) == expected
 
 
 def test_recordings_are_called_by_their_last_name_only_where_that_tells_them_apart() -> None:
     names = ["a/x.mcap", "b/x.mcap", "b/y.mcap"]
-    assert words.short_names(names) == {"a/x.mcap": "a/x.mcap", "b/x.mcap": "b/x.mcap", "b/y.mcap": "y.mcap"}
+    assert short_names(names) == {"a/x.mcap": "a/x.mcap", "b/x.mcap": "b/x.mcap", "b/y.mcap": "y.mcap"}
 
 
 # ------------------------------------------------------------------------------------------- sentences
@@ -155,8 +149,8 @@ def test_the_terminal_s_report_starts_with_the_verdict_and_fits_80_columns(name:
     assert text.startswith(words.TITLES[diagnosis.verdict] + "\n")
     assert squeezed(words.verdict_sentence(diagnosis)) in squeezed(text)
     assert max(map(len, text.splitlines())) <= 80
-    for number in (one for fit in diagnosis.fit.free_run[HELDOUT].values() for one in [fit.base_refit]):
-        assert words.percent(number) in text  # whole: never cut or folded
+    for _, _, fit in words.each_fit(diagnosis.fit.free_run):
+        assert percent(fit.base_refit) in text  # whole: never cut or folded
 
 
 def test_the_terminal_s_report_has_every_part_of_a_finding() -> None:
@@ -174,6 +168,13 @@ def test_intervals_set_aside_and_notes_on_the_data_are_printed() -> None:
     text = squeezed(printed(bad_data()[0]))
     assert "14.20 17.10 a hand moved the ball" in text
     assert "the derivative was used" in text and "The last third of every recording was held out." in text
+
+
+def test_bad_samples_are_counted_and_their_share_said_where_it_is_known() -> None:
+    text = squeezed(printed(coulomb()[0]))
+    assert "prbs_a.mcap 50 (1.1 %) 7 (0.47 %) 0" in text
+    assert "prbs_b.mcap 12 2 6" in text
+    assert "all 62 (0.83 %) 9 (0.36 %) 6 (0.08 %)" in text
 
 
 def test_a_placebo_that_gains_too_is_called_so() -> None:
@@ -195,7 +196,7 @@ def test_a_recording_s_name_is_text_wherever_it_stands() -> None:
     assert "[red]<script>" in text and "\x1b" not in text and "\u202e" not in text
     strips = [Strip(NASTY, one.slot, one.t_s, one.strength) for one in shown.strips]
     comparisons = [Comparison(NASTY, one.traces) for one in shown.comparisons]
-    data = page(diagnosis, Shown(comparisons, shown.forces, strips))
+    data = page(diagnosis, Shown(comparisons, (), strips))
     seen = Page(data)
     assert not seen.all("script") and b"<script" not in data and b"\x1b" not in data
     assert "[red]<script>alert(1)<b>&\"'$x$\\x1b[31m\\u202egnp.\\udcff [bold] ${a}.mcap" in seen.text

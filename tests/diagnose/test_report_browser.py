@@ -21,10 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from diagnose.examples import EXAMPLES
+from diagnose.examples import EXAMPLES, made
 
 from hoopd.diagnose import words
-from hoopd.diagnose.reporthtml import page
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")
@@ -120,8 +119,8 @@ WIDTHS = [(f"{name}.html", width) for name in EXAMPLES for width in (PHONE, DESK
 def visit(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[dict[str, Any]], list[str]]:
     """Every example at both widths, and what was asked of the server."""
     with _served(tmp_path_factory.mktemp("visit")) as site:
-        for name, make in EXAMPLES.items():
-            (site.folder / f"{name}.html").write_bytes(page(*make()))
+        for name in EXAMPLES:
+            (site.folder / f"{name}.html").write_bytes(made(name))
         return site.measured(WIDTHS), site.asked
 
 
@@ -156,7 +155,7 @@ def test_on_a_desk_nothing_has_to_be_scrolled_sideways_and_on_a_phone_only_insid
 
 
 def test_a_page_that_did_ask_or_overflow_would_be_caught_and_its_policy_stops_the_request(site: Site) -> None:
-    whole = page(*EXAMPLES["consistent"]()).decode()
+    whole = made("consistent").decode()
     wide = '<div class="wide" style="width: 3000px">x</div><img src="/spy.png"><script src="/spy.js"></script></body>'
     spoiled = whole.replace("</body>", wide)
     assert spoiled != whole
