@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import log, pi
+from math import log
 
 import casadi as ca
 import numpy as np
@@ -57,7 +57,7 @@ class Adjoint:
         for columns, gains, part in zip(fit.columns, fit.gains, np.split(rows, ends), strict=True):
             n, nc, _ = columns.model.c.shape
             push = adjoint(columns.model, gains, part.reshape(n, nc, -1))
-            # of an addition to the model: what the residual loses
+            # what is added to the model is taken from the residual
             self.by_force.append(-np.einsum("nzq,nzm->nqm", columns.model.w, push))
 
     def to_effect(self, effect: Effect, values: Mapping[str, float]) -> list[Answer]:
@@ -80,14 +80,14 @@ class Adjoint:
 
 
 def adjoint(model: Linear, found: Gains, white: Array) -> Array:
-    """(n-1, nz, m): of rows' products with whitened innovations (n, nc, m), the derivatives by f of every step."""
+    """(n-1, nz, m) derivatives by f of the products of rows r (n, nc, m) with the whitened innovations of f."""
     n, _, nz = model.c.shape
     push, back = np.empty((n - 1, nz, white.shape[2])), np.zeros((model.size, white.shape[2]))
     for k in range(n - 1, -1, -1):
         if k < n - 1:
             push[k] = back[:nz]
             back = found.phi[k].T @ back
-        # e = eps - C d,  d+ = phi (d + K e) + f:  l = phi' l+ + C' (W' r - K' phi' l+) with the sign of d in e
+        # e = -C d,  d+ = phi (d + K e) + f,  product r' V e:  l = phi' l+ - C' (V' r + K' phi' l+)
         inner = found.whiten[k].T @ white[k] + found.gain[k].T @ back
         back[:nz] -= model.c[k].T @ inner
     return push
@@ -140,8 +140,3 @@ def independent(largest: Array, freedom: int) -> float:
 def looked_at(gain: float, candidates: float, freedom: int) -> float:
     """So many that exp(-gain) each are the chance of this gain among the candidates; not below one."""
     return float(np.exp(np.clip(gain + np.log(max(candidates, 1.0)) + log_chance(gain, freedom), 0.0, 700.0)))
-
-
-# Twice the gain of one free parameter has this median by chance, of two this.
-MEDIAN_GAIN = {1: 0.4549 / 2.0, 2: log(2.0)}
-FULL_TURN = 2.0 * pi

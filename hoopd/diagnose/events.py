@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from hoopd.diagnose.adjoint import Adjoint, looked_at
 from hoopd.diagnose.filtering import whitened
 from hoopd.diagnose.fitting import Fit
-from hoopd.diagnose.scan import Place, best_windows, lengths
+from hoopd.diagnose.pushes import best_windows, lengths
+from hoopd.diagnose.scanned import Place
 from hoopd.diagnose.screen import Screen
 
 Array = NDArray[np.float64]
@@ -73,7 +74,7 @@ def _candidates(screen: Screen, rest: Array) -> Iterator[tuple[Event, Array]]:
 
 def _scored(screen: Screen, rest: Array, coordinate: str, place: Place) -> tuple[Event, Array]:
     z = _pushed(screen, coordinate, place)
-    size = float(z @ rest / max(z @ z, 1e-300))
+    size = float(z @ rest) / max(float(z @ z), 1e-300)
     gain = float(z @ rest) * size / 2
     t0, t1 = place.shape["t0"], place.shape["t1"]
     return Event(str(place.recording), t0, t1, coordinate, size, gain), size * z
