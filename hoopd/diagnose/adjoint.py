@@ -11,15 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import log
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincc, gammaln, log_ndtr
 
 from hoopd.diagnose.filtering import Gains, Linear
 from hoopd.diagnose.screen import Screen
+from hoopd.diagnose.surprise import log_chance
 from hoopd.diagnose.track import Track
 from hoopd.physics.effects.base import Effect, Values
 
@@ -121,22 +120,6 @@ def _joined(recording: str, pieces: Sequence[tuple[Track, Array]]) -> Answer:
 # ---------------------------------------------------------------------------------------------- chance
 
 
-def log_chance(gain: float, freedom: int) -> float:
-    """log of the chance that a gain of `freedom` parameters reaches this: twice it is chi-square (Wilks 1938)."""
-    gain, a = max(gain, 0.0), freedom / 2.0
-    if freedom == 1:
-        return log(2.0) + float(log_ndtr(-np.sqrt(2.0 * gain)))
-    if gain < 500.0:
-        return float(np.log(gammaincc(a, gain)))
-    # Gamma(a, x) = x^(a-1) e^-x (1 + (a-1)/x + ...), Abramowitz and Stegun 6.5.32
-    return float((a - 1.0) * np.log(gain) - gain - gammaln(a) + np.log1p((a - 1.0) / gain))
-
-
 def independent(largest: Array, freedom: int) -> float:
     """How many independent candidates have a largest gain like these (draws,): by the median, N chance = log 2."""
-    return float(np.log(2.0) / np.exp(log_chance(float(np.median(largest)), freedom)))
-
-
-def looked_at(gain: float, candidates: float, freedom: int) -> float:
-    """So many that exp(-gain) each are the chance of this gain among the candidates; not below one."""
-    return float(np.exp(np.clip(gain + np.log(max(candidates, 1.0)) + log_chance(gain, freedom), 0.0, 700.0)))
+    return max(float(np.log(2.0) / np.exp(log_chance(float(np.median(largest)), freedom))), 1.0)

@@ -10,17 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import log
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.adjoint import Adjoint, looked_at
+from hoopd.diagnose.adjoint import Adjoint
 from hoopd.diagnose.filtering import whitened
 from hoopd.diagnose.fitting import Fit
 from hoopd.diagnose.pushes import best_windows, lengths
 from hoopd.diagnose.scanned import Place
 from hoopd.diagnose.screen import Screen
+from hoopd.diagnose.surprise import surprise
 
 Array = NDArray[np.float64]
 
@@ -67,8 +67,7 @@ def _candidates(screen: Screen, rest: Array) -> Iterator[tuple[Event, Array]]:
         for place in found:
             event, part = _scored(screen, rest, coordinate, place)
             # where the rest is rougher than the model's noise, a push must stand out of that
-            alone = event.gain / place.spread
-            if alone - log(looked_at(alone, candidates, 1)) > EVENT_NATS:
+            if surprise(event.gain / place.spread, 1, candidates) > EVENT_NATS:
                 yield event, part
 
 

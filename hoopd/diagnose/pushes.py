@@ -7,14 +7,14 @@ Rules of this file: a push belongs to one recording; in the others its ends stay
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from hoopd.diagnose.adjoint import Adjoint, Answer, independent, looked_at
+from hoopd.diagnose.adjoint import Adjoint, Answer, independent
 from hoopd.diagnose.scanned import Place, Scanned, scanned, usual_size
 from hoopd.diagnose.screen import Column, Member, Score, Screen, score_of
 from hoopd.physics.effects.base import Effect
@@ -26,7 +26,9 @@ SHORTEST_S, LONGEST_S, LENGTH_RATIO = 0.1, 3.0, 1.15
 # So many are scored exactly, and the best of them refined; two share less than this part of the time both cover.
 MOST_PUSHES, REFINED, MOST_SHARED = 5, 2, 0.5
 # Edges are moved by steps of at most so long, so many times; slopes by them are taken over a shorter step.
-EDGE_STEP_S, EDGE_STEPS, EDGE_SLOPE_S = 0.06, 4, 0.005
+EDGE_STEP_S, EDGE_STEPS, EDGE_SLOPE_S = 0.06, 5, 0.005
+# Gains of the same push, scored beside other ones, are this near.
+ROUNDING_NATS = 1e-6
 # A level below this share of the median is one of a window without readings.
 LEAST_LEVEL = 1e-3
 # Before and after every recording.
@@ -41,10 +43,10 @@ def pushes(screen: Screen, effect: Effect) -> list[Scanned]:
     if not answers:
         return []
     found, candidates = best_windows(answers, lengths(SHORTEST_S, LONGEST_S), MOST_PUSHES)
-    scored = [(one, push_score(screen, effect, str(one.recording), one.shape)) for one in found]
-    scored.sort(key=lambda pair: -pair[1].gain)
-    refined = [(place, _edges_moved(screen, one)) for place, one in scored[:REFINED]]
-    return [scanned(one, looked_at(one.gain, candidates, 1), place.spread) for place, one in refined + scored[REFINED:]]
+    members = [_member(effect, str(one.recording), one.shape) for one in found]
+    best = sorted(zip(_exact(screen, members), found, strict=True), key=lambda pair: -pair[0].gain)
+    every = [_edges_moved(screen, one) for one, _ in best[:REFINED]] + [one for one, _ in best[REFINED:]]
+    return [scanned(one, 1, candidates, place.spread) for one, (_, place) in zip(every, best, strict=True)]
 
 
 def lengths(shortest_s: float, longest_s: float) -> Array:
@@ -61,7 +63,7 @@ def best_windows(answers: Sequence[Answer], lengths_s: Array, most: int) -> tupl
         for length in lengths_s[lengths_s < one.length_s / 2]:
             t0, t1, gain = _windows(one, float(length))
             largest = np.maximum(largest, gain[:, 1:].max(axis=0))
-            spread = max(float(np.median(gain[:, 0]) / np.median(gain[:, 1:])), 1.0)
+            spread = max(float(np.median(gain[:, 0])) / max(float(np.median(gain[:, 1:])), 1e-12), 1.0)
             top = np.argsort(-gain[:, 0])[: 50 * most]
             found += [
                 Place(float(gain[i, 0]), spread, {"t0": float(t0[i]), "t1": float(t1[i])}, one.recording) for i in top
@@ -102,21 +104,24 @@ def _shared(a: Place, b: Place) -> float:
     return max(both, 0.0) / max(either, 1e-9)
 
 
-def _column(effect: Effect, recording: str, shape: dict[str, float]) -> Column:
+def _member(effect: Effect, recording: str, shape: dict[str, float]) -> Member:
     a = next(p for p in effect.parameters if p.role == "amplitude")
     name, usual, most = usual_size(effect)
-    return Column((*shape.items(), (name, usual)), recording, a.low >= a.neutral, most)
+    column = Column((*shape.items(), (name, usual)), recording, a.low >= a.neutral, most)
+    return Member(effect, shape, (column,))
 
 
-def push_score(screen: Screen, effect: Effect, recording: str, shape: dict[str, float]) -> Score:
-    """Exact score of a push in one recording; in the others its ends are where they start, so that there is none."""
-    member = Member(effect, shape, (_column(effect, recording, shape),))
-    z = screen.whitened([(effect, member.columns[0])])
-    return _placed(screen, score_of(member, z, screen.residual))
+def _exact(screen: Screen, members: Sequence[Member]) -> list[Score]:
+    z = _whitened(screen, members)
+    return [_placed(screen, score_of(one, z[:, i : i + 1], screen.residual)) for i, one in enumerate(members)]
+
+
+def _whitened(screen: Screen, members: Sequence[Member]) -> Array:
+    return screen.whitened([(one.effect, one.columns[0]) for one in members])
 
 
 def _placed(screen: Screen, score: Score) -> Score:
-    """With the times of every recording in place of the common ones."""
+    """With the times of every recording in place of the common ones; neutral where there is no push."""
     effect, own = score.member.effect, score.member.columns[0].recording
     start = {k: v for k, v in score.start.items() if k.rsplit(".", 1)[1] not in score.member.shape}
     for name, value in score.member.shape.items():
@@ -125,21 +130,24 @@ def _placed(screen: Screen, score: Score) -> Score:
     return replace(score, start=start)
 
 
-def _edges_moved(screen: Screen, score: Score) -> Score:
+def _edges_moved(screen: Screen, best: Score) -> Score:
     """Gauss-Newton on both edges: r = a z + a d0 dz/dt0 + a d1 dz/dt1."""
-    effect, recording = score.member.effect, str(score.member.columns[0].recording)
+    effect, recording, shape = best.member.effect, str(best.member.columns[0].recording), best.member.shape
     for _ in range(EDGE_STEPS):
-        shape = score.member.shape
         varied = [{**shape, name: shape[name] + EDGE_SLOPE_S} for name in ("t0", "t1")]
-        z = screen.whitened([(effect, _column(effect, recording, one)) for one in (shape, *varied)])
-        z[:, 1:] = (z[:, 1:] - z[:, :1]) / EDGE_SLOPE_S
-        a, *moves = np.linalg.lstsq(z, screen.residual, rcond=None)[0]
-        if a == 0.0:
+        members = [_member(effect, recording, one) for one in (shape, *varied)]
+        z = _whitened(screen, members)
+        score = _placed(screen, score_of(members[0], z[:, :1], screen.residual))
+        if score.gain < best.gain - ROUNDING_NATS:
             break
-        d0, d1 = (float(np.clip(move / a, -EDGE_STEP_S, EDGE_STEP_S)) for move in moves)
-        moved = {"t0": max(shape["t0"] + d0, 0.0), "t1": max(shape["t1"] + d1, shape["t0"] + d0 + EDGE_SLOPE_S)}
-        other = push_score(screen, effect, recording, moved)
-        if other.gain <= score.gain:
-            break
-        score = other
-    return score
+        best, shape = score, _moved(shape, z, screen.residual)
+    return best
+
+
+def _moved(shape: Mapping[str, float], z: Array, residual: Array) -> dict[str, float]:
+    """Times after a step; z (rows, 3): the push, and the same with either edge EDGE_SLOPE_S later."""
+    slopes = np.column_stack([z[:, 0], (z[:, 1:] - z[:, :1]) / EDGE_SLOPE_S])
+    a, *moves = np.linalg.lstsq(slopes, residual, rcond=None)[0]
+    d0, d1 = (float(np.clip(move / a, -EDGE_STEP_S, EDGE_STEP_S)) if a else 0.0 for move in moves)
+    t0 = max(shape["t0"] + d0, 0.0)
+    return {"t0": t0, "t1": max(shape["t1"] + d1, t0 + EDGE_SLOPE_S)}

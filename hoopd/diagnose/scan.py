@@ -15,7 +15,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hoopd.diagnose.adjoint import looked_at
 from hoopd.diagnose.pushes import pushes
 from hoopd.diagnose.scanned import Scanned, scanned
 from hoopd.diagnose.screen import Screen, members_of, score_of
@@ -52,6 +51,6 @@ def _grid(screen: Screen, effect: Effect) -> list[Scanned]:
     ends = np.cumsum([len(member.columns) for member in members])[:-1]
     scores = [score_of(m, part, screen.residual) for m, part in zip(members, np.split(z, ends, axis=1), strict=True)]
     return [
-        scanned(one, looked_at(one.gain, len(members), len(one.member.columns)))
+        scanned(one, len(one.member.columns), len(members))
         for one in scores if np.any(one.vector)
     ]  # fmt: skip

@@ -8,7 +8,7 @@ Rules of this file: names and ranges come from the effect.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import atan2, inf, pi
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from hoopd.diagnose.adjoint import Adjoint, Answer, independent, looked_at
+from hoopd.diagnose.adjoint import Adjoint, Answer, independent
 from hoopd.diagnose.scanned import Place, Scanned, scanned, usual_size
 from hoopd.diagnose.screen import Column, Member, Score, Screen
 from hoopd.physics.effects.base import Effect
@@ -29,6 +29,8 @@ FREQUENCIES_A_CELL = 8
 MODEL_CELLS, DATA_CELLS = 3, 31
 # So many peaks are scored exactly, and the best of them refined; peaks are apart by so many cells.
 MOST_PEAKS, REFINED, CELLS_APART = 6, 2, 1.5
+# Frequencies that are transformed at once.
+BLOCK = 64
 
 
 class Spectrum(NamedTuple):
@@ -47,13 +49,12 @@ def tones(screen: Screen, effect: Effect) -> list[Scanned]:
         return []
     spectrum, freedom = _spectrum(answers, effect), len(answers) + 1
     candidates = independent(spectrum.gain[:, 1:].max(axis=0), freedom)
-    frequency, score = _frequency(effect), _tone_scorer(screen, effect)
-    best = [(one, score(one.shape[frequency])) for one in _peaks(spectrum, frequency)]
-    best.sort(key=lambda pair: -pair[1].gain)
-    refined = [(place, _finest(score, one, frequency, spectrum.cell / 4)) for place, one in best[:REFINED]]
-    return [
-        scanned(one, looked_at(one.gain, candidates, freedom), place.spread) for place, one in refined + best[REFINED:]
-    ]
+    peaks = _peaks(spectrum, _frequency(effect))
+    exact = _exact(screen, effect, [one.shape[_frequency(effect)] for one in peaks])
+    best = sorted(zip(exact, peaks, strict=True), key=lambda pair: -pair[0].gain)
+    finer = _refined(screen, effect, [one for one, _ in best[:REFINED]], spectrum.cell / 4)
+    every = finer + [one for one, _ in best[REFINED:]]
+    return [scanned(one, freedom, candidates, place.spread) for one, (_, place) in zip(every, best, strict=True)]
 
 
 def _frequency(effect: Effect) -> str:
@@ -83,16 +84,16 @@ def _spectrum(answers: Sequence[Answer], effect: Effect) -> Spectrum:
         rho, level = rho + s, level + uniform_filter1d(own, MODEL_CELLS * FREQUENCIES_A_CELL, mode="nearest")
     gain = np.asarray(rho**2 / np.maximum(2 * level, 1e-300)[:, None])
     around = median_filter(gain[:, 0], min(DATA_CELLS * FREQUENCIES_A_CELL, len(w)), mode="nearest")
-    return Spectrum(w, cell, gain, np.maximum(around / np.median(gain[:, 1:]), 1.0))
+    return Spectrum(w, cell, gain, np.maximum(around / max(float(np.median(gain[:, 1:])), 1e-12), 1.0))
 
 
 def _transform(w: Array, t: Array, x: Array) -> Array:
-    """(nf, m) sums of e^(i w t) x over time, frequency by frequency."""
-    turn, step = np.exp(1j * w[0] * t), np.exp(1j * (w[1] - w[0]) * t)
+    """(nf, m) sums of e^(i w t) x over time, for frequencies in equal steps."""
     out = np.empty((len(w), x.shape[1]), dtype=complex)
-    for i in range(len(w)):
-        out[i] = turn.real @ x + 1j * (turn.imag @ x)
-        turn = turn * step
+    block = np.exp(1j * np.outer(w[:BLOCK] - w[0], t))
+    for first in range(0, len(w), BLOCK):
+        turned = block[: len(w) - first] * np.exp(1j * w[first] * t)
+        out[first : first + BLOCK] = turned.real @ x + 1j * (turned.imag @ x)
     return out
 
 
@@ -108,22 +109,26 @@ def _peaks(s: Spectrum, name: str) -> list[Place]:
     return [Place(float(s.gain[i, 0]), float(s.spread[i]), {name: float(s.w[i])}) for i in chosen]
 
 
-def _tone_scorer(screen: Screen, effect: Effect) -> Callable[[float], Score]:
-    name, usual, most = usual_size(effect)
-    frequency, phase = _frequency(effect), _phase(effect)
-
-    def score(w: float) -> Score:
-        fixed = ((frequency, w), (name, usual))
-        columns = tuple(Column((*fixed, (phase, at)), r) for r in screen.recordings for at in (0.0, pi / 2))
-        member = Member(effect, {frequency: w}, columns)
-        return _common(member, screen.whitened([(effect, c) for c in columns]), screen.residual, most)
-
-    return score
+def _exact(screen: Screen, effect: Effect, frequencies: Sequence[float]) -> list[Score]:
+    """Scores at some frequencies."""
+    members = [_member(screen, effect, w) for w in frequencies]
+    z = screen.whitened([(effect, column) for member in members for column in member.columns])
+    parts = np.split(z, max(len(members), 1), axis=1)
+    return [_common(member, part, screen.residual) for member, part in zip(members, parts, strict=False)]
 
 
-def _common(member: Member, z: Array, residual: Array, most: float) -> Score:
+def _member(screen: Screen, effect: Effect, w: float) -> Member:
+    """Sine and cosine for each recording."""
+    name, usual, _ = usual_size(effect)
+    fixed = ((_frequency(effect), w), (name, usual))
+    columns = (Column((*fixed, (_phase(effect), at)), r) for r in screen.recordings for at in (0.0, pi / 2))
+    return Member(effect, {_frequency(effect): w}, tuple(columns))
+
+
+def _common(member: Member, z: Array, residual: Array) -> Score:
     """Score of pairs of columns (sine, cosine) by recording with one amplitude and free phases."""
     effect, turns, change = member.effect, {}, np.zeros_like(residual)
+    name, usual, most = usual_size(effect)
     for i in range(0, z.shape[1], 2):
         pair = z[:, i : i + 2]
         if np.any(pair):
@@ -132,19 +137,25 @@ def _common(member: Member, z: Array, residual: Array, most: float) -> Score:
             change = change + pair @ [np.cos(phi), np.sin(phi)]
     size = float(np.clip(float(change @ residual) / max(float(change @ change), 1e-300), 0.0, most))
     change = size * change
-    name, usual, _ = usual_size(effect)
     start = {effect.key(k): v for k, v in member.shape.items()}
     start[effect.key(name)] = size * usual
     start.update({f"{effect.key(_phase(effect))}@{r}": phi for r, phi in turns.items()})
     return Score(member, float(change @ residual - change @ change / 2), start, change)
 
 
-def _finest(score: Callable[[float], Score], middle: Score, frequency: str, step: float) -> Score:
-    """The best of a frequency, its neighbours and the top of the parabola through the three gains."""
-    w = middle.member.shape[frequency]
-    low, high = score(w - step), score(w + step)
+def _refined(screen: Screen, effect: Effect, scores: Sequence[Score], step: float) -> list[Score]:
+    """Of each frequency, its neighbours and the top of the parabola through the three gains, the best."""
+    frequency = _frequency(effect)
+    middles = [one.member.shape[frequency] for one in scores]
+    sides = _exact(screen, effect, [w + d for w in middles for d in (-step, step)])
+    threes = [(low, middle, high) for low, middle, high in zip(sides[::2], scores, sides[1::2], strict=True)]
+    tops = _exact(screen, effect, [w + _top(*three) * step for w, three in zip(middles, threes, strict=True)])
+    return [max(*three, top, key=lambda one: one.gain) for three, top in zip(threes, tops, strict=True)]
+
+
+def _top(low: Score, middle: Score, high: Score) -> float:
+    """Where in -1 to 1 a parabola through three gains is largest."""
     bend = low.gain - 2 * middle.gain + high.gain
-    tried = [middle, low, high]
-    if bend < 0.0:
-        tried.append(score(w + float(np.clip(0.5 * (low.gain - high.gain) / bend, -1.0, 1.0)) * step))
-    return max(tried, key=lambda one: one.gain)
+    if bend >= 0.0:
+        return float(np.sign(high.gain - low.gain))
+    return float(np.clip(0.5 * (low.gain - high.gain) / bend, -1.0, 1.0))

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.adjoint import DRAW_SEED, DRAWS, Adjoint, independent, log_chance
+from hoopd.diagnose.adjoint import DRAW_SEED, DRAWS, Adjoint, independent
 from hoopd.diagnose.dataset import Stretch
 from hoopd.diagnose.events import events
 from hoopd.diagnose.filtering import Noise
 from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.scan import places, scan
 from hoopd.diagnose.screen import Column, Screen
+from hoopd.diagnose.surprise import log_chance
 from hoopd.physics.declared import DeclaredPlant, Slot
 from hoopd.physics.effects.base import Effect, EffectParameter, phase
 from hoopd.physics.effects.catalogue import library
@@ -67,7 +68,7 @@ def test_the_adjoint_scores_a_force_as_the_exact_way_does(null: Screen) -> None:
 def test_nothing_is_found_where_there_is_nothing(null: Screen) -> None:
     for effect in (TONE, PULSE):
         best = scan(null, effect)
-        assert best is not None and best.looked_at > 20.0
+        assert best is not None and best.candidates > 20.0
         assert best.threshold_equivalent < BY_CHANCE
     assert events(null.fit) == []
 
