@@ -83,10 +83,12 @@ def fit(
     if like is not None:
         tracks = [new.like(old) for new, old in zip(tracks, like.tracks, strict=True)]
     start = {name: value for track in tracks for name, value in track.composite.values.items()}
-    free = free_names(tracks) if free is None else tuple(free)
-    shared = {name.split("@")[0]: value for name, value in values.items()}
+    free = free_names(tracks, values) if free is None else tuple(free)
+    alone = {e.key(p.name) for e in effects for p in e.parameters if p.per_recording and p.role == "shape"}
+    shared = {name.split("@")[0]: value for name, value in values.items() if name.split("@")[0] not in alone}
     start.update({name: shared[name.split("@")[0]] for name in (*start, *free) if name.split("@")[0] in shared})
-    start.update({name: value for name, value in values.items() if name in start})
+    # what belongs to one recording stays there, fitted or not
+    start.update({name: value for name, value in values.items() if name.split("@")[0] in start})
     found = Fit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
     _linearise(found)
     if not move:
@@ -105,18 +107,25 @@ def fit(
     return found
 
 
-def free_names(tracks: Sequence[Track]) -> tuple[str, ...]:
+def free_names(tracks: Sequence[Track], values: Mapping[str, float]) -> tuple[str, ...]:
     """Base parameters that any of the plants leaves free, then those of the effects."""
     base = dict.fromkeys(name for track in tracks for name in track.stretch.plant.free)
-    extra = dict.fromkeys(name for track in tracks for name in _effect_names(track))
+    extra = dict.fromkeys(name for track in tracks for name in _effect_names(track, values))
     return (*base, *extra)
 
 
-def _effect_names(track: Track) -> list[str]:
-    """Of the effects' parameters that are searched continuously; what belongs to a recording carries its name."""
+def _effect_names(track: Track, values: Mapping[str, float]) -> list[str]:
+    """Of the effects' parameters that are searched continuously; what belongs to a recording carries its name.
+
+    A shape that belongs to a recording (the times of a push) and is neutral there stays so: nothing happened in it.
+    """
     own = f"@{track.stretch.recording}"
     every = [(e, p) for e in track.composite.effects for p in e.parameters if not p.discrete]
-    return [e.key(p.name) + (own if p.per_recording else "") for e, p in every]
+    return [
+        e.key(p.name) + (own if p.per_recording else "")
+        for e, p in every
+        if not (p.per_recording and p.role == "shape" and values.get(e.key(p.name) + own, p.neutral) == p.neutral)
+    ]
 
 
 def _search(found: Fit, most: int) -> None:

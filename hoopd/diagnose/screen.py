@@ -100,13 +100,15 @@ class Screen:
         self.recordings = tuple(dict.fromkeys(track.stretch.recording for track in fit.tracks))
         rows = fit.stacked()
         self._basis = _orthonormal(rows[:, 1:])
-        self.residual = self._projected(rows[:, :1])[:, 0]
+        self.residual = self.projected(rows[:, :1])[:, 0]
         wanted = [e for e in effects if e.name not in fit.names and e.found_by in ("screen",)]
         self.members = [m for e in wanted for m in members_of(e, self.recordings)]
         self.vectors = self.whitened([(m.effect, column) for m in self.members for column in m.columns])
 
     def whitened(self, changes: Sequence[tuple[Effect, Column]]) -> Array:
         """(rows, m) whitened projected changes."""
+        if not changes:
+            return np.zeros((len(self.residual), 0))
         out = []
         for track, columns, gains in zip(self.fit.tracks, self.fit.columns, self.fit.gains, strict=True):
             pairs = [change_of(track, self.fit, effect, column) for effect, column in changes]
@@ -114,7 +116,7 @@ class Screen:
             white = whitened(columns.model, gains, f, eps)
             out.append(white.reshape(-1, white.shape[2]))
         # what is added to the model is taken from the residual
-        return self._projected(-np.concatenate(out))
+        return self.projected(-np.concatenate(out))
 
     def scores(self) -> list[Score]:
         """Best member of every effect, largest gain first."""
@@ -128,7 +130,8 @@ class Screen:
                 best[member.effect.name] = score
         return sorted(best.values(), key=lambda one: -one.gain)
 
-    def _projected(self, x: Array) -> Array:
+    def projected(self, x: Array) -> Array:
+        """(rows, m) without the directions of the free parameters."""
         return np.asarray(x - self._basis @ (self._basis.T @ x))
 
 

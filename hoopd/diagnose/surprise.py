@@ -10,18 +10,29 @@ Rules of this file: numbers in, numbers out.
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincc, gammaln, log_ndtr
 
 # Surprise that a library of some forty effects reaches by chance in less than one of a hundred recordings; raised by
 # what disturbances that are no Ornstein-Uhlenbeck process add (measured on tuning cases, docs/diagnose.md).
 THRESHOLD = 12.0
+# Nats above which the tail of a chi-square comes near the smallest number there is.
+GAMMA_HOLDS = 500.0
 
 
-def surprise(gain: float, columns: int, looked_at: int = 1) -> float:
+def surprise(gain: float, columns: int, looked_at: float = 1) -> float:
     """Nats; 0 for a gain that chance gives."""
     if gain <= 0.0:
         return 0.0
-    log_p = float(chi2.logsf(2.0 * gain, max(columns, 1)))
-    if not np.isfinite(log_p):  # beyond the table: the tail's own law, -gain + (m/2 - 1) log gain
-        log_p = -gain + (columns / 2.0 - 1.0) * float(np.log(gain))
-    return max(0.0, -log_p - float(np.log(looked_at)))
+    return max(0.0, -log_chance(gain, max(columns, 1)) - float(np.log(looked_at)))
+
+
+def log_chance(gain: float, columns: int) -> float:
+    """log P(a chance gain of so many columns >= gain): twice that gain is chi-square (Wilks 1938)."""
+    gain, a = max(gain, 0.0), columns / 2.0
+    if columns == 1:
+        # P = 2 Phi(-sqrt(2 gain))
+        return float(np.log(2.0) + log_ndtr(-np.sqrt(2.0 * gain)))
+    if gain < GAMMA_HOLDS:
+        return float(np.log(gammaincc(a, gain)))
+    # Gamma(a, x) = x^(a-1) e^-x (1 + (a-1)/x + ...), Abramowitz and Stegun 6.5.32
+    return float((a - 1.0) * np.log(gain) - gain - gammaln(a) + np.log1p((a - 1.0) / gain))
