@@ -1,7 +1,7 @@
 """Gains of hypotheses with different numbers of columns on one scale, and what chance reaches on it.
 
-Of r ~ N(0, I) the gain r'Z (Z'Z)^-1 Z'r / 2 of m columns has the law chi2_m / 2. Its surprise is the gain at which one
-column alone is as improbable. The largest surprise of a whole library under the null is drawn from the same law with
+Of r ~ N(0, I) the gain r'Z (Z'Z)^-1 Z'r / 2 of m columns has the law chi2_m / 2; its surprise is -log of the chance of
+so large a gain. The largest surprise of a whole library under the null is drawn from the same law with
 the same columns, so that their correlations count: exact where the whitened innovations are white.
 
 Rules of this file: numbers in, numbers out.
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincc, ndtri_exp
+from scipy.special import gammaincc
 
 Array = NDArray[np.float64]
 
@@ -41,20 +41,9 @@ def log_chances(gains: Array, columns: int) -> Array:
     return np.where(chances > SMALLEST, np.log(np.maximum(chances, SMALLEST)), tail)
 
 
-def gains_of_chances(log_p: Array) -> Array:
-    """(...,) gain (nats) of one column with this chance: P(chi2_1 / 2 >= g) = 2 Phi(-sqrt(2 g))."""
-    log_p = np.asarray(log_p, dtype=float)
-    return np.asarray(np.where(log_p >= 0.0, 0.0, ndtri_exp(np.minimum(log_p, 0.0) - log(2.0)) ** 2 / 2.0))
-
-
 def surprises(gains: Array, columns: int) -> Array:
-    """(...,) the gains (nats) at which one column alone is as improbable as `gains` of so many."""
-    return gains if columns == 1 else gains_of_chances(log_chances(gains, columns))
-
-
-def surprise(gain: float, columns: int) -> float:
-    """Of one gain."""
-    return float(surprises(np.asarray(gain), columns))
+    """(...,) nats: -log of the chance of so large a gain; `surprise.surprise` of many."""
+    return -log_chances(gains, columns)
 
 
 class Group(NamedTuple):
@@ -114,11 +103,11 @@ class Null(NamedTuple):
 
     def threshold(self, chance: float) -> float:
         """Surprise (nats) that the best of all exceeds by chance with this probability."""
-        return float(gains_of_chances(np.log(-np.log1p(-chance)) - log(self.tries)))
+        return float(log(self.tries) - np.log(-np.log1p(-chance)))
 
 
 def null_of(groups: Sequence[Group], draws: int = 200, seed: int = 0) -> Null:
-    """Law of the largest surprise of all groups: -log p of the best of N tries is Gumbel about log N with mean + 0.577."""
+    """Law of the largest surprise of all groups: of the best of N tries -log p is Gumbel about log N, mean + 0.577."""
     if not groups:
         return Null(1.0)
     return Null(max(1.0, float(np.exp(-np.mean(drawn_maxima(groups, draws, seed)) - EULER))))

@@ -105,16 +105,16 @@ class Curve:
     @cached_property
     def effect(self) -> Effect:
         """The curve as an effect."""
-        acts: dict[str, Any] = {
-            "force": lambda: {"force": lambda s, e: self._spread(self._value(s, e))},
-            "torque": lambda: {"torque": lambda s, e: s.u + self._value(s, e), "order": TORQUE_ORDER},
-            "reading": lambda: {"sensor": lambda s, e: self._spread(self._value(s, e))},
-        }[self.site.acts]()
+        acts: dict[str, dict[str, Any]] = {
+            "force": {"force": lambda s, e: self._spread(self._value(s, e))},
+            "torque": {"torque": lambda s, e: s.u + self._value(s, e), "order": TORQUE_ORDER},
+            "reading": {"sensor": lambda s, e: self._spread(self._value(s, e))},
+        }
         count = len(self.knots) if self.basis is None else self.basis.shape[1]
         return Effect(
             self.name,
             tuple(self._parameter(i) for i in range(count)),
-            **acts,
+            **acts[self.site.acts],
             depends_on=self.depends_on,
             statement=f"a force or error that follows {' and '.join(self.depends_on)}, by no law of the library",
         )
@@ -144,7 +144,7 @@ class Curve:
 
 
 def curves(fit: Fit, plant: DeclaredPlant | None = None) -> list[Curve]:
-    """All curves that a plant's slots suggest, knots from the fit's reference; `plant`: other than the first track's."""
+    """All that a plant's slots suggest, knots from the fit's reference; `plant`: other than the first track's."""
     plant = plant or fit.tracks[0].stretch.plant
     tracks = [track for track in fit.tracks if track.stretch.plant.coordinates == plant.coordinates]
     several = len({track.stretch.recording for track in tracks}) > 1

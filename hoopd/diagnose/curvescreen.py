@@ -20,7 +20,8 @@ from hoopd.diagnose.filtering import whitened
 from hoopd.diagnose.fitting import Fit
 from hoopd.diagnose.hats import hats
 from hoopd.diagnose.screen import Column, Screen, change_of
-from hoopd.diagnose.chance import Group, Null, independent, null_of, surprise
+from hoopd.diagnose.chance import Group, Null, independent, null_of
+from hoopd.diagnose.surprise import surprise
 from hoopd.diagnose.track import Columns, Track
 from hoopd.physics.effects.base import Effect, Point
 
@@ -37,7 +38,7 @@ class CurveScore:
     curve: Curve
     gain: float  # nats
     columns: int  # directions that are not the base's
-    surprise: float  # nats of one column that is as improbable
+    surprise: float  # nats: -log of the chance of so large a gain
     values: Array  # (m,) or (recordings * m,) in the curve's unit
     covariance: Array  # of the values, without what the base's parameters share
     vector: Array  # (rows,) the change it makes, whitened and projected

@@ -1,7 +1,8 @@
 """Piecewise-linear hats over a variable: what any curve is made of that nobody has named.
 
-hat_i is 1 at knot i and 0 at its neighbours; beyond the outermost knots a curve keeps its last value, so that a free run
-that leaves the data does not run away. Over an angle that comes back after a turn the last knot's neighbour is the first.
+hat_i is 1 at knot i and 0 at its neighbours; beyond the outermost knots a curve keeps its last value, so that a free
+run that leaves the data does not run away. Over an angle that comes back after a turn the last knot's neighbour is the
+first.
 
 Rules of this file: knots and hats only; numbers and CasADi expressions of the same curve agree to rounding.
 """
