@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.chance import Group, Null, independent, null_of
 from hoopd.diagnose.curves import Curve, at_nodes, curves
 from hoopd.diagnose.filtering import whitened
 from hoopd.diagnose.fitting import Fit
 from hoopd.diagnose.hats import hats
 from hoopd.diagnose.screen import Column, Screen, change_of
-from hoopd.diagnose.chance import Group, Null, independent, null_of
 from hoopd.diagnose.surprise import surprise
 from hoopd.diagnose.track import Columns, Track
 from hoopd.physics.effects.base import Effect, Point
@@ -186,7 +186,7 @@ def _push(pushed: Array, shape: Array, track: Track, f: Array) -> None:
 
 def own_columns(track: Track, fit: Fit) -> Columns:
     """The fit's linear problem of one of its tracks."""
-    return fit.columns[next(i for i, one in enumerate(fit.tracks) if one is track)]
+    return next(own for one, own in zip(fit.tracks, fit.columns, strict=True) if one is track)
 
 
 def _add_exactly(effect: Effect, track: Track, fit: Fit, f: Array) -> None:
@@ -199,8 +199,8 @@ def _add_exactly(effect: Effect, track: Track, fit: Fit, f: Array) -> None:
 def _shape(curve: Curve, s: Point) -> Array:
     """(..., m) hats times factor."""
     x = np.asarray(curve.variable.of(s), dtype=float)
-    found = hats(x, curve.knots, curve.variable.period)
-    return found if curve.factor is None else found * np.asarray(curve.factor.of(s))[..., None]
+    found: Array = hats(x, curve.knots, curve.variable.period)
+    return found if curve.factor is None else np.asarray(found * np.asarray(curve.factor.of(s))[..., None])
 
 
 def _orthonormal(x: Array) -> Array:

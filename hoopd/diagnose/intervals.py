@@ -1,25 +1,26 @@
 """When something happened that does not belong to the rest of a recording: a hand, a push, a stuck camera.
 
-Two signals a recording tell it: the smoothed disturbance force on every coordinate, and the whitened innovations of every
+Two kinds of signals tell it: the smoothed disturbance force on every coordinate, and the whitened innovations of every
 channel. Both are Gaussian with one level all the time where the model holds; the level is the robust one of this very
 recording, so that what happened in a few seconds does not hide itself. An interval is where the energy of half a second
-is beyond what the signal's own correlation allows by chance, and far beyond its usual level.
+is beyond what the signal's own correlation allows by chance, and far beyond its usual level. What happened bends the fit
+it was found with: the worst is taken out first, the rest is looked at again with a new fit.
 
-Rules of this file: nothing is set aside here; whoever calls judges length and number.
+Rules of this file: what is usual comes from the recording itself, no level of a device stands here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from hoopd.diagnose.dataset import SHORTEST_S, Stretch
 from hoopd.diagnose.filtering import smoothed
 from hoopd.diagnose.fitting import Fit
-from hoopd.diagnose.track import Track
 
 Array = NDArray[np.float64]
 
@@ -35,8 +36,15 @@ GROWN_TO = 3.0
 CLIP = 3.0
 # At least so many samples before a level is known.
 FEWEST = 50
-# Seconds until the smoother has forgotten the wide start of a stretch.
-START_S = 0.3
+# Seconds at both ends of a stretch in which the smoother knows one side only.
+END_S = 0.3
+# What is taken out in one round has at least this part of the strongest one's strength.
+ROUND_PART = 0.5
+MOST_ROUNDS = 3
+# More of a recording than this is not set aside: what happens so often is how the plant behaves.
+MOST_SHARE = 0.25
+# Beyond what was seen of it, this much on either side goes too: its onset is below the noise.
+MARGIN_S = 0.1
 MAD = 1.4826
 
 
@@ -71,13 +79,14 @@ def signals_of(fit: Fit, index: int) -> Iterator[tuple[str, str, Array]]:
     """Name, kind and values (n,) of every signal of one track; NaN where nothing was read."""
     track, columns, found = fit.tracks[index], fit.columns[index], fit.gains[index]
     w = disturbance(fit, index)
-    begin = int(np.searchsorted(track.stretch.t, track.stretch.t[0] + START_S))
+    t = track.stretch.t
+    inner = (t >= t[0] + END_S) & (t <= t[-1] - END_S)
     for j, q in enumerate(track.composite.plant.coordinates):
-        yield q, "force", _after(w[:, j], begin)
+        yield q, "force", np.where(inner, w[:, j], np.nan)
     innovations = fit.rows[index][:, 0].reshape(len(track.z), -1)
     for j, channel in enumerate(track.composite.channels):
         seen = columns.model.seen[:, j] & (np.abs(found.whiten[:, j, j]) > 0.0)
-        yield channel, "channel", _after(np.where(seen, innovations[:, j], np.nan), begin)
+        yield channel, "channel", np.where(seen & (t >= t[0] + END_S), innovations[:, j], np.nan)
 
 
 def disturbance(fit: Fit, index: int) -> Array:
@@ -87,14 +96,53 @@ def disturbance(fit: Fit, index: int) -> Array:
     return last.d[:, track.composite.nz :]
 
 
-def _after(x: Array, begin: int) -> Array:
-    return np.concatenate([np.full(begin, np.nan), x[begin:]])
+# ---------------------------------------------------------------------------------------------- taken out
+
+
+def set_aside(
+    stretches: Sequence[Stretch], refit: Callable[[Sequence[Stretch]], Fit], first: Fit | None = None
+) -> tuple[list[Stretch], list[Interval], Fit]:
+    """Stretches without what does not belong to them, what that was, and the fit of the rest."""
+    found, current = refit(stretches) if first is None else first, list(stretches)
+    out: list[Interval] = []
+    total = {name: _seconds([s for s in stretches if s.recording == name]) for name in {s.recording for s in stretches}}
+    for _ in range(MOST_ROUNDS):
+        worst = _worst(intervals(found))
+        worst = [one for one in worst if _share([*out, *worst], one.recording, total) <= MOST_SHARE]
+        if not worst:
+            break
+        current = [piece for one in current for piece in _cut(one, worst)]
+        out += worst
+        found = refit(current)
+    return current, sorted(out, key=lambda one: (one.recording, one.t0)), found
+
+
+def _worst(found: Sequence[Interval]) -> list[Interval]:
+    most = max((one.strength for one in found), default=0.0)
+    return [one for one in found if one.strength >= ROUND_PART * most]
+
+
+def _share(out: Sequence[Interval], recording: str, total: Mapping[str, float]) -> float:
+    return sum(one.t1 - one.t0 for one in out if one.recording == recording) / max(total[recording], 1e-9)
+
+
+def _seconds(stretches: Sequence[Stretch]) -> float:
+    return float(sum(one.t[-1] - one.t[0] for one in stretches))
+
+
+def _cut(stretch: Stretch, out: Sequence[Interval]) -> list[Stretch]:
+    pieces = [stretch]
+    for one in out:
+        if one.recording == stretch.recording:
+            ends = (-np.inf, one.t0 - MARGIN_S), (one.t1 + MARGIN_S, np.inf)
+            pieces = [piece.seconds(*end) for piece in pieces for end in ends]
+    return [piece for piece in pieces if len(piece.t) > 1 and piece.t[-1] - piece.t[0] >= SHORTEST_S]
 
 
 # ---------------------------------------------------------------------------------------------- one signal
 
 
-def unusual(pieces: list[tuple[Array, Array]], chance_a_minute: float) -> list[tuple[float, float, float]]:
+def unusual(pieces: Sequence[tuple[Array, Array]], chance_a_minute: float) -> list[tuple[float, float, float]]:
     """(t0, t1, strength) of one signal in pieces (t (n,), x (n,)) of one recording."""
     known = np.concatenate([x[np.isfinite(x)] for _, x in pieces])
     if len(known) < FEWEST:
@@ -111,8 +159,8 @@ def robust_level(x: Array) -> float:
     return float(MAD * np.median(np.abs(x)))
 
 
-def threshold(pieces: list[Array], width: int, step: float, chance_a_minute: float) -> float:
-    """Mean square of a window that pure chance exceeds so seldom: chi2 with as many degrees as the correlation leaves."""
+def threshold(pieces: Sequence[Array], width: int, step: float, chance_a_minute: float) -> float:
+    """Mean square of a window that chance exceeds so seldom: chi2 with as many degrees as the correlation leaves."""
     rho = correlation(pieces, width)
     # var(mean of x^2) = 2/width^2 sum (width - |k|) rho_k^2 = 2/nu
     lags = np.arange(1, width)
@@ -122,7 +170,7 @@ def threshold(pieces: list[Array], width: int, step: float, chance_a_minute: flo
     return float(chi2.isf(chance_a_minute / tries, nu) / nu)
 
 
-def correlation(pieces: list[Array], width: int) -> Array:
+def correlation(pieces: Sequence[Array], width: int) -> Array:
     """(width-1,) autocorrelation of a signal of robust level 1 at lags 1, 2, ..., its far values clipped."""
     clipped = [np.clip(np.nan_to_num(x), -CLIP, CLIP) for x in pieces]
     energy = sum(float(x @ x) for x in clipped)
@@ -174,6 +222,3 @@ def _merged(found: list[Interval]) -> list[Interval]:
             one.recording, last.t0, max(last.t1, one.t1), strong.where, strong.kind, strong.strength
         )  # fmt: skip
     return kept
-
-
-__all__ = ["Interval", "Track", "disturbance", "intervals", "signals_of", "unusual"]

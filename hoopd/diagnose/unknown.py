@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.chance import Group, Null, projections
 from hoopd.diagnose.curves import Curve
 from hoopd.diagnose.curvescreen import CurveScore, CurveScreen, by_slot, library_groups, null_quantiles
 from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.screen import Score, Screen
-from hoopd.diagnose.chance import Group, Null, projections
 from hoopd.physics.effects.base import Effect
 
 Array = NDArray[np.float64]
