@@ -1,0 +1,113 @@
+"""Gains of hypotheses with different numbers of columns on one scale, and what chance reaches on it.
+
+Of r ~ N(0, I) the gain r'Z (Z'Z)^-1 Z'r / 2 of m columns has the law chi2_m / 2; its surprise is -log of the chance of
+so large a gain. The largest surprise of a whole library under the null is drawn from the same law with
+the same columns, so that their correlations count: exact where the whitened innovations are white.
+
+Rules of this file: numbers in, numbers out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import lgamma, log
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincc
+
+Array = NDArray[np.float64]
+
+EULER = 0.5772156649015329
+# gammaincc holds its digits above this; below it the continued fraction does.
+SMALLEST = 1e-200
+FRACTION_STEPS = 60
+
+
+def log_chances(gains: Array, columns: int) -> Array:
+    """(...,) log P(chi2_m / 2 >= gain): log of the regularised upper incomplete gamma function Q(m/2, gain)."""
+    gains = np.asarray(gains, dtype=float)
+    if columns <= 0:
+        return np.zeros(gains.shape)
+    a = columns / 2.0
+    chances = gammaincc(a, np.maximum(gains, 0.0))
+    far = np.maximum(gains, a + 2.0)
+    # Q(a, x) = e^-x x^a / Gamma(a) / (x+1-a- 1(1-a)/(x+3-a- 2(2-a)/(x+5-a- ...)))  (Abramowitz, Stegun 6.5.31)
+    value = far + 2 * FRACTION_STEPS + 1.0 - a
+    for k in range(FRACTION_STEPS, 0, -1):
+        value = far + 2 * k - 1.0 - a - k * (k - a) / value
+    tail = -far + a * np.log(far) - lgamma(a) - np.log(value)
+    return np.where(chances > SMALLEST, np.log(np.maximum(chances, SMALLEST)), tail)
+
+
+def surprises(gains: Array, columns: int) -> Array:
+    """(...,) nats: -log of the chance of so large a gain; `surprise.surprise` of many."""
+    return -log_chances(gains, columns)
+
+
+class Group(NamedTuple):
+    """Columns that are tried together, whitened and projected."""
+
+    vectors: Array  # (rows, m)
+    positive: bool = False  # one column of which only a positive multiple counts
+
+
+def independent(z: Array, size: Array | None = None, share: float = 1e-6) -> tuple[Array, Array, Array]:
+    """Directions of columns z (rows, m) that are more than rounding: size (m,), eigenvalues (k,), vectors (m, k).
+
+    size: the columns' norms before projection, against which `share` of the squared norm is measured.
+    """
+    size = np.sqrt(np.sum(z**2, axis=0)) if size is None else size
+    size = np.maximum(size, 1e-12)
+    values, vectors = np.linalg.eigh((z / size).T @ (z / size))
+    kept = values > share
+    return size, values[kept], vectors[:, kept]
+
+
+class Projections(NamedTuple):
+    """Gains of a group for many residuals."""
+
+    gains: Array  # (draws,)
+    columns: int
+
+    def surprises(self) -> Array:
+        """(draws,) nats"""
+        return surprises(self.gains, self.columns)
+
+
+def projections(group: Group, residuals: Array) -> Projections:
+    """Of projected or white residuals (rows, draws)."""
+    size, values, vectors = independent(group.vectors)
+    # U = Z D^-1 V L^-1/2 is orthonormal
+    along = (vectors / np.sqrt(np.maximum(values, 1e-300))).T @ ((group.vectors / size).T @ residuals)
+    if group.positive:
+        along = np.maximum(along, 0.0)
+    return Projections(np.sum(along**2, axis=0) / 2, len(values))
+
+
+def drawn_maxima(groups: Sequence[Group], draws: int, seed: int) -> Array:
+    """(draws,) log chance of the best group of pure noise."""
+    noise = np.random.default_rng([seed, 11]).standard_normal((groups[0].vectors.shape[0], draws))
+    best = np.zeros(draws)
+    for group in groups:
+        found = projections(group, noise)
+        best = np.minimum(best, log_chances(found.gains, found.columns))
+    return best
+
+
+class Null(NamedTuple):
+    """What the best of a library reaches by chance: a Gumbel law of log chance with this many independent tries."""
+
+    tries: float
+
+    def threshold(self, chance: float) -> float:
+        """Surprise (nats) that the best of all exceeds by chance with this probability."""
+        return float(log(self.tries) - np.log(-np.log1p(-chance)))
+
+
+def null_of(groups: Sequence[Group], draws: int = 200, seed: int = 0) -> Null:
+    """Law of the largest surprise of all groups: of the best of N tries -log p is Gumbel about log N, mean + 0.577."""
+    if not groups:
+        return Null(1.0)
+    return Null(max(1.0, float(np.exp(-np.mean(drawn_maxima(groups, draws, seed)) - EULER))))
