@@ -16,16 +16,19 @@ from hoopd.diagnose.record import (
     Alternative,
     Base,
     Candidate,
+    Curve,
     EffectFinding,
     Evidence,
     Fits,
     Location,
     Quantity,
+    Unexplained,
     Verdict,
 )
 from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.surprise import surprise
 from hoopd.diagnose.tables import noise_floor, nrmse, run_windows
+from hoopd.diagnose.unknown import Unknown
 from hoopd.physics.effects.base import Effect
 
 Corruption = Mapping[str, tuple[float, tuple[float, float], float]]
@@ -34,10 +37,12 @@ Corruption = Mapping[str, tuple[float, tuple[float, float], float]]
 NORMAL95 = 1.959964
 
 
-def verdict_of(named: Named, effects: Sequence[EffectFinding], threshold: float) -> Verdict:
-    """consistent, parameters or missing_physics."""
+def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown | None, threshold: float) -> Verdict:
+    """Unknown when what has no name is there at all; consistent when the nominal parameters are enough."""
+    if unknown is not None:
+        return "unknown_physics"
     if effects:
-        return "unknown_physics" if effects[0].name.startswith("unknown.") else "missing_physics"
+        return "missing_physics"
     gain = named.nominal.criterion - named.base.criterion
     return "parameters" if surprise(gain, len(named.base.free)) > threshold else "consistent"
 
@@ -138,19 +143,54 @@ def candidates_of(named: Named, threshold: float) -> list[Candidate]:
     return [Candidate(name=name, log_likelihood_gain=gain, threshold=threshold) for name, gain in gains.items()]
 
 
-def location_of(named: Named) -> Location:
+def unknown_finding(unknown: Unknown) -> EffectFinding:
+    """As an effect without a name."""
+    variables = " and ".join(unknown.curve.depends_on)
+    return EffectFinding(
+        name=unknown.name,
+        slot=unknown.curve.slot,
+        parameters={},
+        evidence=Evidence(log_likelihood_gain=unknown.gain, threshold=unknown.threshold, heldout_gain_percent=None),
+        not_excluded=[f"unknown.{slot}" for slot in unknown.not_excluded],
+        statement=f"something that is not in the library, at the {unknown.curve.slot}, follows {variables}",
+    )
+
+
+def unexplained_of(unknown: Unknown | None) -> Unexplained | None:
+    """The curve of what has no name."""
+    if unknown is None:
+        return None
+    shape, curve = unknown.shapes[0], unknown.curve
+    return Unexplained(
+        fires=True,
+        slot=curve.slot,
+        curve=Curve(
+            regressor=curve.depends_on[0], regressor_unit=curve.variable.unit, unit=curve.unit,
+            x=shape.x.tolist(), y=shape.y.tolist(), low=shape.low.tolist(), high=shape.high.tolist(),
+        ),
+        share=unknown.share,
+    )  # fmt: skip
+
+
+def location_of(named: Named, unknown: Unknown | None) -> Location:
     """Slot with most evidence of the first screen."""
     stretches = [track.stretch for track in named.base.tracks]
     evidence: dict[str, float | None] = {}
-    gains = {s.member.effect.name: (s.member.effect, s.gain) for s in named.scores}
-    gains |= {one.effect.name: (one.effect, one.gain) for one in named.tried}
-    for effect, gain in gains.values():
-        evidence[effect.slot] = max(evidence.get(effect.slot) or 0.0, surprise_of(effect, gain, stretches))
+    gains = {s.member.effect.name: (s, s.gain) for s in named.scores}
+    gains |= {one.effect.name: (one.score, one.gain) for one in named.tried}
+    for score, gain in gains.values():
+        slot = score.member.effect.slot
+        evidence[slot] = max(evidence.get(slot) or 0.0, surprise_of(score, gain, stretches))
+    if unknown is not None and not named.accepted:
+        channel = max(unknown.channels, key=lambda name: unknown.channels[name], default=None)
+        depends = list(unknown.curve.depends_on)
+        slot = unknown.curve.slot
+        return Location(slot=slot, channel=channel, segments=None, depends_on=depends, evidence=evidence)
     if not named.accepted:
         return Location.nowhere(evidence)
     first = max(named.accepted, key=lambda one: named.losses[one.effect.name]).effect
-    slot = named.base.tracks[0].stretch.plant.slots.get(first.slot)
-    channel = slot.channels[0] if slot and slot.channels else (slot.coordinate if slot else None)
+    place = named.base.tracks[0].stretch.plant.slots.get(first.slot)
+    channel = place.channels[0] if place and place.channels else (place.coordinate if place else None)
     return Location(
         slot=first.slot, channel=channel, segments=None, depends_on=list(first.depends_on), evidence=evidence
     )

@@ -100,14 +100,17 @@ def disturbance(fit: Fit, index: int) -> Array:
 
 
 def set_aside(
-    stretches: Sequence[Stretch], refit: Callable[[Sequence[Stretch]], Fit], first: Fit | None = None
+    stretches: Sequence[Stretch],
+    refit: Callable[[Sequence[Stretch]], Fit],
+    first: Fit | None = None,
+    belongs_not: Callable[[Interval], bool] = lambda one: True,
 ) -> tuple[list[Stretch], list[Interval], Fit]:
-    """Stretches without what does not belong to them, what that was, and the fit of the rest."""
+    """Stretches without what does not belong to them (of what is unusual), what that was, and the fit of the rest."""
     found, current = refit(stretches) if first is None else first, list(stretches)
     out: list[Interval] = []
     total = {name: _seconds([s for s in stretches if s.recording == name]) for name in {s.recording for s in stretches}}
     for _ in range(MOST_ROUNDS):
-        worst = _worst(intervals(found))
+        worst = _worst([one for one in intervals(found) if belongs_not(one)])
         worst = [one for one in worst if _share([*out, *worst], one.recording, total) <= MOST_SHARE]
         if not worst:
             break

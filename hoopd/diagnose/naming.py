@@ -16,6 +16,8 @@ import numpy as np
 
 from hoopd.diagnose.dataset import Stretch
 from hoopd.diagnose.fitting import Fit, fit
+from hoopd.diagnose.scan import scan
+from hoopd.diagnose.scanned import Scanned
 from hoopd.diagnose.screen import Score, Screen
 from hoopd.diagnose.surprise import THRESHOLD, surprise
 from hoopd.physics.effects.base import Effect
@@ -26,6 +28,7 @@ Progress = Callable[[str], None]
 MOST_EFFECTS = 3
 # Of a screen's proposals so many are refitted, and those that come this near to the best one.
 MOST_REFITS, NEAR_SHARE = 4, 0.4
+OTHER_STARTS = 2
 # A rival this many nats behind is not excluded (posterior odds 20 : 1).
 NOT_EXCLUDED_NATS = 3.0
 # The larger of two nested effects must gain this much more: nats, and share of the gain.
@@ -51,6 +54,7 @@ class Tried:
     fit: Fit
     gain: float  # nats over what was there before
     surprise: float
+    score: Score
     heldout_gain: float | None = None
 
 
@@ -75,14 +79,12 @@ def name_effects(
     train: Sequence[Stretch],
     heldout: Sequence[Stretch],
     library: Mapping[str, Effect],
-    values: Mapping[str, float],
+    nominal: Fit,
+    base: Fit,
     settings: Settings | None = None,
 ) -> Named:
-    """The search; `values`: nominal base parameters."""
+    """The search; `nominal`, `base`: fits of the training stretches with parameters as given and re-estimated."""
     settings = settings or Settings()
-    settings.progress("base parameters")
-    nominal = fit(train, (), values, move=False)
-    base = fit(train, (), values, like=nominal, noise=nominal.noise)
     found = Named(nominal, base, base)
     judge = _Judge(train, heldout, library, settings)
     while len(found.accepted) < settings.most:
@@ -107,16 +109,13 @@ class _Judge:
         self.train, self.heldout, self.library, self.settings = list(train), list(heldout), library, settings
         self._held: dict[int, float] = {}
 
-    def proposals(self, fits: Sequence[Fit], taken: Sequence[str]) -> list[Score]:
-        """Best score of every effect over the screens of some fits, most surprising first."""
+    def proposals(self, about: Fit, taken: Sequence[str]) -> list[Score]:
+        """Best score of every effect beside a fit, most surprising first."""
         wanted = [e for name, e in self.library.items() if name not in taken]
-        best: dict[str, Score] = {}
-        for one in fits:
-            for score in Screen(one, wanted).scores():
-                name = score.member.effect.name
-                if name not in best or score.gain > best[name].gain:
-                    best[name] = replace(score, origin=one)
-        return sorted(best.values(), key=lambda s: -surprise_of(s.member.effect, s.gain, self.train))
+        screen = Screen(about, wanted)
+        scans = (scan(screen, effect) for effect in wanted if effect.found_by == "scan")
+        scores = [*screen.scores(), *(found for found in scans if found is not None)]
+        return sorted((replace(one, origin=about) for one in scores), key=lambda s: -surprise_of(s, s.gain, self.train))
 
     def tried(self, before: Fit, score: Score) -> Tried:
         """The proposed effect fitted together with everything that was there."""
@@ -124,8 +123,12 @@ class _Judge:
         origin = score.origin or before
         start = {**origin.values, **before_effects(before), **score.start}
         new = fit(self.train, (*before.effects, effect), start, like=origin, noise=before.noise)
+        if new.criterion > before.criterion and origin is not before:
+            # lost on the way from far off: once more from where the fit before was
+            start = {**before.values, **score.start}
+            new = fit(self.train, (*before.effects, effect), start, like=before, noise=before.noise)
         gain = before.criterion - new.criterion
-        return Tried(effect, new, gain, surprise_of(effect, gain, self.train))
+        return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
 
     def on_heldout(self, found: Fit) -> float:
         """Criterion on the held-out data: parameters frozen, what belongs to a recording fitted again."""
@@ -162,9 +165,11 @@ def columns_of(effect: Effect, stretches: Sequence[Stretch]) -> tuple[int, int]:
     return columns, int(np.prod(grids)) if grids else 1
 
 
-def surprise_of(effect: Effect, gain: float, stretches: Sequence[Stretch]) -> float:
-    """Of a gain by this effect."""
-    return surprise(gain, *columns_of(effect, stretches))
+def surprise_of(score: Score, gain: float, stretches: Sequence[Stretch]) -> float:
+    """Of a gain by the effect of a score: as many columns and choices as it had."""
+    if isinstance(score, Scanned):
+        return max(0.0, replace(score, gain=max(gain, 0.0)).threshold_equivalent)
+    return surprise(gain, *columns_of(score.member.effect, stretches))
 
 
 # ---------------------------------------------------------------------------------------------- forward
@@ -174,11 +179,11 @@ def _next(found: Named, judge: _Judge) -> Tried | None:
     """The effect that the recordings ask for most, beside what was found; None when they ask for none."""
     settings, first = judge.settings, not found.accepted
     settings.progress("screening the library")
-    fits = [found.final, found.nominal] if first else [found.final]
-    scores = judge.proposals(fits, found.final.names)
+    scores = judge.proposals(found.final, found.final.names)
+    chosen = _chosen(scores, judge)
     if first:
         found.scores = scores
-    chosen = _chosen(scores, judge)
+        chosen += _other_starts(chosen, judge.proposals(found.nominal, ()), judge)
     tried = []
     for score in chosen:
         settings.progress(f"fitting {score.member.effect.name}")
@@ -200,7 +205,7 @@ def _next(found: Named, judge: _Judge) -> Tried | None:
 
 def _chosen(scores: Sequence[Score], judge: _Judge) -> list[Score]:
     """Proposals worth a fit: those above half the threshold and near the best, and the simpler form of each."""
-    surprises = {s.member.effect.name: surprise_of(s.member.effect, s.gain, judge.train) for s in scores}
+    surprises = {s.member.effect.name: surprise_of(s, s.gain, judge.train) for s in scores}
     best = max(surprises.values(), default=0.0)
     least = max(judge.settings.threshold / 2.0, NEAR_SHARE * best)
     chosen = [s for s in scores if surprises[s.member.effect.name] >= least][:MOST_REFITS]
@@ -212,6 +217,12 @@ def _chosen(scores: Sequence[Score], judge: _Judge) -> list[Score]:
         if not any(score.member.effect.name in one.member.effect.same_as for one in kept):
             kept.append(score)
     return kept
+
+
+def _other_starts(chosen: Sequence[Score], scores: Sequence[Score], judge: _Judge) -> list[Score]:
+    """The best proposals from the nominal parameters: a base bent by a large effect may hide it from its own screen."""
+    taken = {score.member.effect.name for score in chosen}
+    return [score for score in _chosen(scores, judge) if score.member.effect.name not in taken][:OTHER_STARTS]
 
 
 def _in_order(tried: Sequence[Tried]) -> list[Tried]:
@@ -236,7 +247,7 @@ def _reconsider(found: Named, judge: _Judge) -> None:
         judge.settings.progress(f"reconsidering {one.effect.name}")
         without = fit(judge.train, rest, found.final.values, like=found.final, noise=found.final.noise)
         loss = without.criterion - found.final.criterion
-        if surprise_of(one.effect, loss, judge.train) < judge.settings.threshold:
+        if surprise_of(one.score, loss, judge.train) < judge.settings.threshold:
             found.accepted.remove(one)
             found.final = without
             continue
@@ -247,12 +258,12 @@ def _reconsider(found: Named, judge: _Judge) -> None:
 
 
 def _better(found: Named, judge: _Judge, one: Tried, without: Fit, loss: float) -> Tried | None:
-    scores = judge.proposals([without], (*without.names, one.effect.name))
+    scores = judge.proposals(without, (*without.names, one.effect.name))
     for score in scores[:2]:
         if score.gain < 0.8 * loss:
             return None
         other = judge.tried(without, score)
-        if other.surprise > surprise_of(one.effect, loss, judge.train) + OCCAM_NATS:
+        if other.surprise > surprise_of(one.score, loss, judge.train) + OCCAM_NATS:
             return other
     return None
 

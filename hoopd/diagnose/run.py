@@ -11,18 +11,31 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hoopd.diagnose.dataset import Stretch
-from hoopd.diagnose.findings import base_of, candidates_of, effects_of, fits_of, location_of, verdict_of
+from hoopd.diagnose.findings import (
+    base_of,
+    candidates_of,
+    effects_of,
+    fits_of,
+    location_of,
+    unexplained_of,
+    unknown_finding,
+    verdict_of,
+)
 from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.inputs import Source
+from hoopd.diagnose.intervals import Interval, set_aside
 from hoopd.diagnose.naming import Named, Settings, free_of_recordings, name_effects
 from hoopd.diagnose.quality import corruption_findings
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality
 from hoopd.diagnose.shown import Shown
+from hoopd.diagnose.unknown import Unknown, judge_unknown, survey
 from hoopd.physics.effects.base import Effect
 
 Progress = Callable[[str], None]
 
 LAST_SHARE = 1.0 / 3.0
+# A disturbance of the drive's coordinate that began within these seconds is a start-up.
+START_UP_S = 0.3
 
 
 @dataclass
@@ -64,30 +77,86 @@ def last_third(sources: Sequence[Source]) -> tuple[list[Source], list[Source]]:
 def diagnose(case: Case) -> Outcome:
     """The whole chain."""
     train, held = _stretches(case.train), _stretches(case.heldout)
-    named = name_effects(train, held, case.library, case.values, case.settings)
+    case.progress("base parameters")
+    nominal = fit(train, (), case.values, move=False)
+    train, aside, nominal, base = _without_events(case, train, nominal)
+    held, aside_held = _heldout_without_events(case, held, base)
+    named = name_effects(train, held, case.library, nominal, base, case.settings)
+    case.progress("what no name explains")
+    unknown = unknown_of(case, named)
     case.progress("proof on held-out data")
+    if unknown is not None and not unknown.beside_names:
+        drop_names(named)
     fits = heldout_fits(named, held)
     table = FitTable(
         train=fits_of({"nominal": named.nominal, "base": named.base, "final": named.final}),
         heldout=fits_of(fits) if fits else {},
         how_heldout=case.held_out_how,
     )
-    found = corruption(case.train)
-    effects = effects_of(named, fits, case.settings.threshold, found)
+    effects = effects_of(named, fits, case.settings.threshold, corruption(case.train))
+    if unknown is not None:
+        effects = sorted([*effects, unknown_finding(unknown)], key=lambda e: -(e.evidence.log_likelihood_gain or 0.0))
     diagnosis = Diagnosis(
         schema=SCHEMA,
-        verdict=verdict_of(named, effects, case.settings.threshold),
+        verdict=verdict_of(named, effects, unknown, case.settings.threshold),
         base=base_of(case.model, named),
-        location=location_of(named),
+        location=location_of(named, unknown),
         effects=effects,
         fit=table,
-        unexplained=None,
+        unexplained=unexplained_of(unknown),
         next_experiment=None,
-        data_quality=quality_of([*case.train, *case.heldout]),
+        data_quality=quality_of([*case.train, *case.heldout], [*aside, *aside_held]),
         seed=case.seed,
         candidates=candidates_of(named, case.settings.threshold),
     )
     return Outcome(diagnosis, Shown(), named, fits)
+
+
+def _without_events(case: Case, train: list[Stretch], nominal: Fit) -> tuple[list[Stretch], list[Interval], Fit, Fit]:
+    """Stretches without what does not belong to them, and the fits of the rest."""
+
+    def refit(stretches: Sequence[Stretch]) -> Fit:
+        return fit(stretches, (), case.values)
+
+    base = fit(train, (), case.values, like=nominal, noise=nominal.noise)
+    kept, aside, base = set_aside(train, refit, base, lambda one: does_not_belong(one, train))
+    if aside:
+        nominal = fit(kept, (), case.values, move=False)
+    return kept, aside, nominal, base
+
+
+def _heldout_without_events(case: Case, held: list[Stretch], base: Fit) -> tuple[list[Stretch], list[Interval]]:
+    def refit(stretches: Sequence[Stretch]) -> Fit:
+        return fit(stretches, (), base.values, free=())
+
+    if not held:
+        return held, []
+    kept, aside, _ = set_aside(held, refit, None, lambda one: does_not_belong(one, held))
+    return (kept, aside) if kept else (held, [])
+
+
+def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:
+    """A hand, a lost camera, a start-up: a push on the driven coordinate later than that is an effect."""
+    mine = [s for s in stretches if s.recording == one.recording]
+    if one.kind == "force" and mine and one.where == mine[0].plant.driven:
+        return one.t0 < mine[0].t[0] + START_UP_S
+    return True
+
+
+def unknown_of(case: Case, named: Named) -> Unknown | None:
+    """What the library has no name for."""
+    effects = list(case.library.values())
+    first = survey(named.base, effects, seed=case.seed)
+    second = survey(named.final, effects, seed=case.seed) if named.accepted else None
+    return judge_unknown(first, second, seed=case.seed)
+
+
+def drop_names(named: Named) -> None:
+    """Names that explain nothing which a curve does not."""
+    named.accepted.clear()
+    named.losses.clear()
+    named.without.clear()
+    named.final = named.base
 
 
 def heldout_fits(named: Named, held: Sequence[Stretch]) -> dict[str, Fit]:
@@ -121,31 +190,26 @@ def corruption(sources: Sequence[Source]) -> dict[str, tuple[float, tuple[float,
     }
 
 
-def quality_of(sources: Sequence[Source]) -> DataQuality:
-    """Shares over all recordings, and of each."""
-    each, notes = {}, []
-    unique = {source.name: source for source in sources}
-    for name, source in unique.items():
-        counts, rows = source.quality.data_quality(), max(len(source.recording), 1)
-        each[name] = RecordingQuality(
-            missing=counts["missing"] / rows,
-            late_frames=counts["late_frames"] / rows,
-            outliers=counts["outliers"] / rows,
-            segments_ignored=[tuple(one) for one in counts["segments_ignored"]],
+def quality_of(sources: Sequence[Source], aside: Sequence[Interval]) -> DataQuality:
+    """Numbers of samples over all recordings, and of each."""
+    each: dict[str, RecordingQuality] = {}
+    for source in {source.name: source for source in sources}.values():
+        counts = source.quality.data_quality()
+        own = [(i.t0, i.t1, f"{i.where}: does not belong to the rest") for i in aside if i.recording == source.name]
+        segments = [(a - source.start_s, b - source.start_s, why) for a, b, why in counts["segments_ignored"]]
+        each[source.name] = RecordingQuality(
+            missing=counts["missing"],
+            late_frames=counts["late_frames"],
+            outliers=counts["outliers"],
+            segments_ignored=sorted([*segments, *own]),
             notes=list(source.quality.notes),
         )
-    total = sum(len(s.recording) for s in unique.values())
-
-    def mean(key: str) -> float:
-        return sum(getattr(each[n], key) * len(s.recording) for n, s in unique.items()) / max(total, 1)
-
     return DataQuality(
-        missing=mean("missing"),
-        late_frames=mean("late_frames"),
-        outliers=mean("outliers"),
+        missing=sum(one.missing or 0 for one in each.values()),
+        late_frames=sum(one.late_frames or 0 for one in each.values()),
+        outliers=sum(one.outliers or 0 for one in each.values()),
         segments_ignored=[one for part in each.values() for one in part.segments_ignored],
         recordings=each,
-        notes=notes,
     )
 
 
