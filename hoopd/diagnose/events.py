@@ -54,7 +54,7 @@ def events(fit: Fit) -> list[Event]:
             break
         found.append(best[0])
         rest = rest - best[1]
-    return found
+    return sorted(found, key=lambda one: -one.gain)
 
 
 def _candidates(screen: Screen, rest: Array) -> Iterator[tuple[Event, Array]]:

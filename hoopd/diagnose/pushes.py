@@ -29,6 +29,8 @@ MOST_PUSHES, REFINED, MOST_SHARED = 5, 2, 0.5
 EDGE_STEP_S, EDGE_STEPS, EDGE_SLOPE_S = 0.06, 5, 0.005
 # Gains of the same push, scored beside other ones, are this near.
 ROUNDING_NATS = 1e-6
+# A push shows in the readings of so long after it began: later ones are no more than bad last readings.
+LATEST_S = 0.2
 # A level below this share of the median is one of a window without readings.
 LEAST_LEVEL = 1e-3
 # Before and after every recording.
@@ -75,7 +77,7 @@ def _windows(one: Answer, length: float) -> tuple[Array, Array, Array]:
     """Starts and ends (n,) of all windows of this length, and their gains (n, 1+draws)."""
     total = np.concatenate([np.zeros((1, one.slope.shape[1])), np.cumsum(one.slope, axis=0)])
     edges = np.append(one.t, one.t[-1] + one.h[-1])
-    first = np.arange(np.searchsorted(edges, edges[-1] - length) + 1)
+    first = np.arange(np.searchsorted(edges, edges[-1] - max(length, LATEST_S)) + 1)
     # the edge nearest to the end of the window
     last = np.searchsorted(edges, edges[first] + length - float(np.median(one.h)) / 2)
     first, last = first[last < len(edges)], last[last < len(edges)]

@@ -110,6 +110,8 @@ def test_a_push_is_found_in_its_recording_and_the_fit_keeps_it_there(pushed: Scr
 
 def test_a_push_on_the_ball_is_an_event() -> None:
     made = [_with_push(stretch_with(PLANT, name, 40 + i, 8.0), at) for i, (name, at) in enumerate((("a", 0), ("b", 5)))]
+    # what is wrong with a last reading is no push
+    made[0].y[-1, 2] += 0.05
     found = events(fitted(made))
     assert [(one.recording, one.coordinate) for one in found] == [("b", "psi")]
     assert found[0].t0 == pytest.approx(5.0, abs=0.06) and found[0].t1 == pytest.approx(5.2, abs=0.06)
