@@ -56,8 +56,8 @@ def _encoder(history: Array, newest: int, slow: Array | None, effects: Effects) 
         dtheta = np.where(effects["encoder.speed_lag"]["T"] > 0, slow, dtheta)
     if "encoder.eccentricity" in effects:
         p = effects["encoder.eccentricity"]
-        # `derived`: 1 when the driver differentiates the angle it sees, 0 when the speed has a sensor of its own
-        dtheta = dtheta * (1 + p["derived"] * p["a"] * np.cos(theta + p["phi"]))
+        # `follows`: 1 when the driver differentiates the angle it sees, 0 when the speed has a sensor of its own
+        dtheta = dtheta * (1 + p["follows"] * p["a"] * np.cos(theta + p["phi"]))
         theta = theta + p["a"] * np.sin(theta + p["phi"])
     return theta, dtheta
 
