@@ -270,6 +270,18 @@ def test_sizes_are_found_and_coarse_steps_see_the_same(short: None) -> None:
     assert fine == pytest.approx([next(iter(recipe.nats.values())) for recipe in made], rel=0.05)
 
 
+def test_an_effect_that_cannot_be_seen_keeps_its_cap_and_says_so(short: None, tmp_path: Path) -> None:
+    (case,) = cases.make([Wish("single", ("ball.coulomb_friction",), small=True)], 6)
+    (hidden,) = case.answer["effects"]
+    search = sizing.Search(draw(Wish("single", ("frame.tilt",)), (1, 1)), "frame.tilt", size=ALL["frame.tilt"].cap)
+    search.take(1.0)
+    assert search.done
+    assert search.capped is True
+    cases.write([case], tmp_path / "cases", tmp_path / "answers")
+    assert hidden["capped"] in (True, False)
+    assert hidden["parameters"]["Fc"] <= ALL["ball.coulomb_friction"].cap
+
+
 def test_same_seed_same_bytes_and_another_seed_other_ones(short: None) -> None:
     wishes = [Wish("null"), Wish("single", ("camera.late_frames",)), Wish("null", closed=True)]
     first, again, other = (cases.make(wishes, seed) for seed in (3, 3, 4))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +18,6 @@ sys.path.append(str(ROOT / "tools"))
 from concealed import baselines, cases, cli, metrics, recipes, report, runfolder, score, seeds, worker  # noqa: E402
 from concealed.metrics import Judged  # noqa: E402
 from concealed.recipes import Wish  # noqa: E402
-
-
-def has_diagnose() -> bool:
-    """Does this hoopd have the command?"""
-    asked = subprocess.run(
-        [sys.executable, "-m", "hoopd", "diagnose", "--help"], capture_output=True, check=False, cwd=ROOT
-    )
-    return asked.returncode == 0
 
 
 def effect(name: str, nats: float = 100.0, **values: float) -> dict[str, Any]:
@@ -195,23 +187,24 @@ def test_command_line_of_a_case() -> None:
     ]
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> runfolder.RunFolder:
-    """A run with two short nulls that are made already."""
-    for name in recipes.RECORDINGS:
-        monkeypatch.setitem(recipes.LENGTH_S, name, 5.0)
-    asked = runfolder.Asked(1, 0, 2, 0, 0, 0, 0, ("null",))
-    made = runfolder.RunFolder(tmp_path / "run")
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[runfolder.RunFolder]:
+    """A run with three short nulls that are made already."""
+    asked = runfolder.Asked(1, 0, 3, 0, 0, 0, 0, ("null",))
+    made = runfolder.RunFolder(tmp_path_factory.mktemp("concealed") / "run")
     made.start(asked)
     ((first, wishes),) = made.chunks()
-    made.keep(first, cases.make(wishes, asked.seed, first))
-    return made
+    with pytest.MonkeyPatch.context() as patch:
+        for name in recipes.RECORDINGS:
+            patch.setitem(recipes.LENGTH_S, name, 5.0)
+        made.keep(first, cases.make(wishes, asked.seed, first))
+    yield made
 
 
 def test_what_is_made_is_not_made_again(folder: runfolder.RunFolder) -> None:
     assert folder.chunks() == []
-    assert len(folder.identifiers()) == 2
-    assert folder.asked().wishes() == [Wish("null"), Wish("null")]
+    assert len(folder.identifiers()) == 3
+    assert [wish.family for wish in folder.asked().wishes()] == ["null"] * 3
     assert {path.parent.name for path in folder.path.rglob("*.csv")} == set(folder.identifiers())
 
 
@@ -242,29 +235,27 @@ def test_bic_finds_what_is_plain_to_see(monkeypatch: pytest.MonkeyPatch) -> None
     assert "camera.center_offset" in [one["name"] for one in baselines.bic(files)["effects"]]
 
 
-def test_a_run_on_dask_is_judged_and_can_go_on(folder: runfolder.RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.timeout(300)
+def test_a_run_on_dask_is_diagnosed_judged_and_can_go_on(
+    folder: runfolder.RunFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
     console = Console(file=sys.stdout, width=100)
-    done, left = folder.identifiers()
+    done, *left = folder.identifiers()
     folder.say(score.DIAGNOSES, done, {"diagnosis": said("parameters"), "seconds": 2.0, "code": 0, "error": ""})
+    folder.say(score.DIAGNOSES, left[0], {"diagnosis": None, "seconds": 0.1, "code": 1, "error": "broken off"})
     before = (folder.path / score.DIAGNOSES / f"{done}.json").read_bytes()
-    with score.cluster(None, 1) as client:
+    with score.cluster(None, 2) as client:
         score.run(folder, client, console)
     assert (folder.path / score.DIAGNOSES / f"{done}.json").read_bytes() == before
-    assert folder.has(score.DIAGNOSES, left)
+    for name in left:
+        found = folder.said(score.DIAGNOSES, name)
+        assert found is not None
+        assert found["code"] == 0, found["error"]
+        assert found["diagnosis"]["schema"] == "hoopd.diagnosis/1"
+        assert found["diagnosis"]["verdict"] in (*metrics.SILENT, *metrics.ALARMS)
     result = score.publish(folder, console)
-    assert result["rates"]["false_alarms"]["n"] == 2
+    assert result["rates"]["false_alarms"]["n"] == 3
     assert result["baselines"]["re-fit"]["false_alarms"]["k"] == 0
-    assert result["baselines"]["nominal"]["false_alarms"]["n"] == 2
-    assert json.loads((folder.path / "report.json").read_text())["cases"] == 2
+    assert result["baselines"]["nominal"]["false_alarms"]["n"] == 3
+    assert json.loads((folder.path / "report.json").read_text())["cases"] == 3
     assert "false alarms" in capsys.readouterr().out
-
-
-@pytest.mark.timeout(300)
-def test_diagnose_answers_concealed_cases(folder: runfolder.RunFolder) -> None:
-    if not has_diagnose():
-        pytest.skip("this hoopd has no command `diagnose`")
-    for name in folder.identifiers():
-        done = worker.diagnose(folder.files(name), 1)
-        assert done["code"] == 0, done["error"]
-        assert done["diagnosis"]["schema"] == "hoopd.diagnosis/1"
-        assert done["diagnosis"]["verdict"] in (*metrics.SILENT, *metrics.ALARMS)

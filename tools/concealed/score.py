@@ -6,9 +6,9 @@ a run that was broken off goes on where it was.
 
 from __future__ import annotations
 
-import io
 import json
 import os
+import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -36,8 +36,8 @@ SEED = 1  # of `hoopd diagnose`
 def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
     """Workers: this machine's, each one thread, on loopback; or a laboratory's, which get this package sent."""
     if scheduler:
-        with Client(scheduler) as client:
-            client.upload_file(str(_package()))
+        with Client(scheduler) as client, tempfile.TemporaryDirectory() as scratch:
+            client.upload_file(str(_package(Path(scratch))))
             yield client
         return
     paths = [str(ROOT), str(ROOT / "tools"), os.environ.get("PYTHONPATH", "")]
@@ -56,14 +56,12 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
         yield client
 
 
-def _package() -> Path:
+def _package(scratch: Path) -> Path:
     """This package as a .zip that a worker can import."""
-    buffer, folder = io.BytesIO(), Path(__file__).parent
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for path in sorted(folder.glob("*.py")):
+    out = scratch / "concealed.zip"
+    with zipfile.ZipFile(out, "w") as archive:
+        for path in sorted(Path(__file__).parent.glob("*.py")):
             archive.write(path, f"concealed/{path.name}")
-    out = Path(os.environ.get("TMPDIR", "/tmp"), "concealed.zip")
-    out.write_bytes(buffer.getvalue())
     return out
 
 

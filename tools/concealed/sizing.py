@@ -46,7 +46,7 @@ class Search:
             self.done = True
             return
         cap = ALL[self.name].cap
-        self.capped = self.size >= cap * (1 - 1e-9) and self.tried[-1][1] < target
+        self.capped = bool(self.size >= cap * (1 - 1e-9) and self.tried[-1][1] < target)
         if self.capped:
             self.done = True
             return
