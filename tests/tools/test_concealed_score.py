@@ -189,8 +189,8 @@ def test_command_line_of_a_case() -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[runfolder.RunFolder]:
-    """A run with three short nulls that are made already."""
-    asked = runfolder.Asked(1, 0, 3, 0, 0, 0, 0, ("null",))
+    """A run with two short nulls that are made already."""
+    asked = runfolder.Asked(1, 0, 2, 0, 0, 0, 0, ("null",))
     made = runfolder.RunFolder(tmp_path_factory.mktemp("concealed") / "run")
     made.start(asked)
     ((first, wishes),) = made.chunks()
@@ -203,8 +203,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[runfolder.RunFo
 
 def test_what_is_made_is_not_made_again(folder: runfolder.RunFolder) -> None:
     assert folder.chunks() == []
-    assert len(folder.identifiers()) == 3
-    assert [wish.family for wish in folder.asked().wishes()] == ["null"] * 3
+    assert len(folder.identifiers()) == 2
+    assert [wish.family for wish in folder.asked().wishes()] == ["null"] * 2
     assert {path.parent.name for path in folder.path.rglob("*.csv")} == set(folder.identifiers())
 
 
@@ -240,22 +240,21 @@ def test_a_run_on_dask_is_diagnosed_judged_and_can_go_on(
     folder: runfolder.RunFolder, capsys: pytest.CaptureFixture[str]
 ) -> None:
     console = Console(file=sys.stdout, width=100)
-    done, *left = folder.identifiers()
+    done, left = folder.identifiers()
     folder.say(score.DIAGNOSES, done, {"diagnosis": said("parameters"), "seconds": 2.0, "code": 0, "error": ""})
-    folder.say(score.DIAGNOSES, left[0], {"diagnosis": None, "seconds": 0.1, "code": 1, "error": "broken off"})
+    folder.say(score.DIAGNOSES, left, {"diagnosis": None, "seconds": 0.1, "code": 1, "error": "broken off"})
     before = (folder.path / score.DIAGNOSES / f"{done}.json").read_bytes()
-    with score.cluster(None, 2) as client:
+    with score.cluster(None, 1) as client:
         score.run(folder, client, console)
     assert (folder.path / score.DIAGNOSES / f"{done}.json").read_bytes() == before
-    for name in left:
-        found = folder.said(score.DIAGNOSES, name)
-        assert found is not None
-        assert found["code"] == 0, found["error"]
-        assert found["diagnosis"]["schema"] == "hoopd.diagnosis/1"
-        assert found["diagnosis"]["verdict"] in (*metrics.SILENT, *metrics.ALARMS)
+    found = folder.said(score.DIAGNOSES, left)
+    assert found is not None
+    assert found["code"] == 0, found["error"]
+    assert found["diagnosis"]["schema"] == "hoopd.diagnosis/1"
+    assert found["diagnosis"]["verdict"] in (*metrics.SILENT, *metrics.ALARMS)
     result = score.publish(folder, console)
-    assert result["rates"]["false_alarms"]["n"] == 3
+    assert result["rates"]["false_alarms"]["n"] == 2
     assert result["baselines"]["re-fit"]["false_alarms"]["k"] == 0
-    assert result["baselines"]["nominal"]["false_alarms"]["n"] == 3
-    assert json.loads((folder.path / "report.json").read_text())["cases"] == 3
+    assert result["baselines"]["nominal"]["false_alarms"]["n"] == 2
+    assert json.loads((folder.path / "report.json").read_text())["cases"] == 2
     assert "false alarms" in capsys.readouterr().out
