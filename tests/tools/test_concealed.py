@@ -50,7 +50,7 @@ def one(name: str, size: float | None = None, seed: int = 5, **flags: bool) -> R
 
 def ready(recipe: Recipe, name: str, size: float | None = None) -> None:
     """Gives the effect a size, and its place in the first recording."""
-    recipe.fixed[name] |= {"peak": recipe.reached[0][2], "fastest": recipe.reached[0][1]}
+    recipe.fixed[name] |= sizing.scale(recipe, name)
     recipe.fixed[name] |= {"t0": 1.0, "t1": 2.0} if name == "external.disturbance" else {}
     recipe.fixed[name] |= {"recording": 0.0} if "recording" in recipe.fixed[name] else {}
     recipe.sizes[name] = ALL[name].first if size is None else size
@@ -255,6 +255,21 @@ def test_the_integrator_is_not_visible(short: None) -> None:
     sigmas = nats.sigmas_of(np.full(3, 0.05), np.full(3, 1e-3))
     grams = nats.gram(trace, batch, [item.recipe.colour for item in wanted], sigmas, [change])
     assert max(nats.gain(g) for g in grams) < 0.01
+
+
+def test_an_effect_of_no_size_is_not_visible(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing but the effect tells a tiny one from the plain device: nats grow with the square of the size."""
+    for recording in recipes.RECORDINGS:
+        monkeypatch.setitem(recipes.LENGTH_S, recording, 2.0)
+    names = [name for name in (*SINGLES, *UNKNOWN) if not ALL[name].drawn]
+    made = drawn(*[Wish("single", (name,)) for name in names])
+    for recipe, name in zip(made, names, strict=True):
+        ready(recipe, name)
+    usual, tiny = (
+        sizing.visible([(r, {n: ALL[n].first * factor}) for r, n in zip(made, names, strict=True)])
+        for factor in (1.0, 1e-3)
+    )
+    assert [n for n, a, b in zip(names, usual, tiny, strict=True) if b > 1e-4 * a + 1e-4] == []
 
 
 def test_sizes_are_found_and_coarse_steps_see_the_same(short: None) -> None:

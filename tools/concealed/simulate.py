@@ -115,7 +115,7 @@ class _Run:
         x.theta, x.psi = x.theta + h / 2 * x.dtheta, x.psi + h / 2 * x.dpsi
         if "encoder.speed_lag" in self.effects:
             time_s = self.effects["encoder.speed_lag"]["T"]
-            _, self.slow = actuators.lag(time_s, (before + x.dtheta) / 2, self.slow, h)
+            self.slow = sensors.low_passed(time_s, self.slow, before, x.dtheta, h)
 
     def _moment(self, demanded: Array, t: float) -> forces.Moment:
         x, m = self.x, self.moment
