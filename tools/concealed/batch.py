@@ -168,8 +168,9 @@ def scale_inputs(recipes: Sequence[Recipe], recording: int) -> None:
                 recipe.most_speed[recording] / speed[i],
                 recipe.most_torque[recording] / torque[i],
             )
-            recipe.gains[recording] *= float(np.clip(min(room), 0.2, 5.0))
-            recipe.reached[recording] = (float(psi[i]), float(speed[i]), float(torque[i]))
+            factor = float(np.clip(min(room), 0.2, 5.0))
+            recipe.gains[recording] *= factor
+            recipe.reached[recording] = (factor * float(psi[i]), factor * float(speed[i]), factor * float(torque[i]))
 
 
 def _reached(batch: Columns) -> tuple[Array, Array, Array]:

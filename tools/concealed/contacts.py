@@ -56,12 +56,18 @@ def rub(rubs: tuple[Rub, ...], dtheta: Array, dpsi: Array, limits: tuple[Array, 
 
 
 def slide(
-    device: Body, v: Array, forces: tuple[Array, Array, Array], grip_n: Array, hoop: Array, roll: Array, h: float
+    device: Body,
+    v: Array,
+    forces: tuple[Array, Array, Array],
+    grip_n: Array,
+    dry: tuple[Array | None, Array | None],
+    h: float,
 ) -> Array:
     """(theta', psi', w) (3, B) one substep later when the contact carries no more than `grip_n` = mu N.
 
     Newton and Euler with the contact force F on the ball: Ih theta'' = .. - F Ro, m R^2 psi'' = .. + F R,
-    Ib w' = .. + F Rb; rolling is the F that keeps Ro theta' - R psi' - Rb w at 0. forces: on theta, on psi, on phi'.
+    Ib w' = .. + F Rb; rolling is the F that keeps Ro theta' - R psi' - Rb w at 0. forces: on theta, on psi, on phi';
+    dry: limits of friction against theta' and phi' in N m, None where there is none.
     """
     p = device.given
     radius = p["Ro"] - p["Rb"]
@@ -70,14 +76,15 @@ def slide(
     # phi' = w - psi'
     v = v + h * inverse * np.stack((on_theta, on_psi - on_roll, on_roll))
     zero, one = np.zeros_like(grip_n), np.ones_like(grip_n)
-    contact = np.stack((p["Ro"], -radius, -p["Rb"]))
-    along = (contact, np.stack((one, zero, zero)), np.stack((zero, -one, one)))
-    limits = (grip_n * h, hoop * h, roll * h)
-    given = [zero, zero, zero]
-    for _ in range(SLIDING_SWEEPS):
-        for index, (line, limit) in enumerate(zip(along, limits, strict=True)):
-            answer = inverse * line
-            stop = given[index] - (line * v).sum(0) / (line * answer).sum(0)
-            now = clip(stop, limit)
-            v, given[index] = v + answer * (now - given[index]), now
+    along = ((p["Ro"], -radius, -p["Rb"]), (one, zero, zero), (zero, -one, one))
+    limits = (grip_n, *dry)
+    given = [
+        (line, inverse * line, limit * h, [zero])
+        for line, limit in zip((np.stack(each) for each in along), limits, strict=True)
+        if limit is not None
+    ]
+    for _ in range(SLIDING_SWEEPS if len(given) > 1 else 1):
+        for line, answer, most, impulse in given:
+            now = clip(impulse[0] - (line * v).sum(0) / (line * answer).sum(0), most)
+            v, impulse[0] = v + answer * (now - impulse[0]), now
     return v

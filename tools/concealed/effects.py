@@ -83,7 +83,7 @@ def _stribeck(rng: np.random.Generator) -> Values:
 
 
 def _eccentric(rng: np.random.Generator) -> Values:
-    return {"phi": _phase(rng), "derived": float(rng.integers(2))}
+    return {"phi": _phase(rng), "follows": float(rng.integers(2))}
 
 
 def _pulse(rng: np.random.Generator) -> Values:
@@ -154,7 +154,7 @@ _TABLE: tuple[Hidden, ...] = (
     _plain("camera.late_frames", "share", 0.1, 0.25, drawn=(0.03, 0.2)),
     _plain("camera.outliers", "share", 0.1, 0.25, drawn=(0.03, 0.2)),
     Hidden(
-        "encoder.eccentricity", {"a": 0.0, "phi": 0.0, "derived": 0.0}, _eccentric,
+        "encoder.eccentricity", {"a": 0.0, "phi": 0.0, "follows": 0.0}, _eccentric,
         lambda z, f: {**f, "a": z}, 5e-3, 0.1, sized=("a",),
     ),
     _plain("encoder.latency", "d", 1e-3, 0.06),

@@ -17,6 +17,7 @@ from concealed.effects import alike, exact
 CONFIDENCE = 0.95
 BINS = (25.0, 50.0, 100.0, 200.0, 400.0)  # nats
 ALARMS = ("missing_physics", "unknown_physics")
+SILENT = ("consistent", "parameters")  # right for a null; a diagnosis that failed is not
 NO_EFFECT = "actuator.torque_gain"  # a base parameter of `entries`: "parameters" is the right verdict
 CHANNELS = ("theta_rate", "psi")  # of the held-out gain
 LEAST_GAIN = 0.1  # percent points that the oracle must gain for a share of it to mean anything
@@ -50,6 +51,11 @@ class Judged:
     def alarm(self) -> bool:
         """Was physics said to be missing?"""
         return self.verdict in ALARMS
+
+    @property
+    def silent(self) -> bool:
+        """Was it said that nothing is missing?"""
+        return self.verdict in SILENT
 
     @property
     def nats(self) -> float | None:
@@ -94,12 +100,10 @@ def rates(cases: Sequence[Judged]) -> dict[str, Any]:
     pairs = [case for case in cases if case.family("compound") and len(case.truth) == 2]
     unknown = [case for case in cases if case.family("unknown")]
     return {
-        "false_alarms": rate(case.alarm for case in cases if case.family("null", "decoy")),
-        "false_alarms_null": rate(case.alarm for case in cases if case.family("null")),
-        "false_alarms_decoy": rate(case.alarm for case in cases if case.family("decoy")),
-        "gain_is_parameters": rate(
-            not case.alarm and case.verdict != "failed" for case in cases if case.family("single") and not case.truth
-        ),
+        "false_alarms": rate(not case.silent for case in cases if case.family("null", "decoy")),
+        "false_alarms_null": rate(not case.silent for case in cases if case.family("null")),
+        "false_alarms_decoy": rate(not case.silent for case in cases if case.family("decoy")),
+        "gain_is_parameters": rate(case.silent for case in cases if case.family("single") and not case.truth),
         "detected": rate(case.alarm for case in single),
         "first_name": rate(case.right for case in single),
         "first_class": rate(case.in_class for case in single),
@@ -231,7 +235,7 @@ def _row(name: str, cases: Sequence[Judged]) -> dict[str, Any]:
         "named": sum(case.right for case in cases),
         "class": sum(case.in_class for case in cases),
         "unknown": sum(case.verdict == "unknown_physics" for case in cases),
-        "nothing": sum(not case.alarm for case in cases),
+        "nothing": sum(case.silent for case in cases),
         "median_nats": median(sizes) if sizes else None,
         "median_relative_error": median(errors) if errors else None,
         "instead": max(set(others), key=others.count) if others else None,

@@ -6,12 +6,13 @@ a run that was broken off goes on where it was.
 
 from __future__ import annotations
 
-import io
 import json
 import os
+import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,8 @@ SEED = 1  # of `hoopd diagnose`
 def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
     """Workers: this machine's, each one thread, on loopback; or a laboratory's, which get this package sent."""
     if scheduler:
-        with Client(scheduler) as client:
-            client.upload_file(str(_package()))
+        with Client(scheduler) as client, tempfile.TemporaryDirectory() as scratch:
+            client.upload_file(str(_package(Path(scratch))))
             yield client
         return
     paths = [str(ROOT), str(ROOT / "tools"), os.environ.get("PYTHONPATH", "")]
@@ -55,14 +56,12 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
         yield client
 
 
-def _package() -> Path:
+def _package(scratch: Path) -> Path:
     """This package as a .zip that a worker can import."""
-    buffer, folder = io.BytesIO(), Path(__file__).parent
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for path in sorted(folder.glob("*.py")):
+    out = scratch / "concealed.zip"
+    with zipfile.ZipFile(out, "w") as archive:
+        for path in sorted(Path(__file__).parent.glob("*.py")):
             archive.write(path, f"concealed/{path.name}")
-    out = Path(os.environ.get("TMPDIR", "/tmp"), "concealed.zip")
-    out.write_bytes(buffer.getvalue())
     return out
 
 
@@ -72,23 +71,38 @@ def run(folder: RunFolder, client: Client, console: Console) -> None:
     kind = "tuning" if is_tuning(asked.seed) else "score"
     console.print(f"{kind} seed {asked.seed}, {len(asked.wishes())} cases, folder {folder.path}")
     with _progress(console) as progress:
-        chunks = folder.chunks()
-        _each(
-            client,
-            progress,
-            "cases made",
-            [(make, (wishes, asked.seed, first), first) for first, wishes in chunks],
-            folder.keep,
-        )
-        names = folder.identifiers()
-        jobs = [
-            (worker.diagnose, (folder.files(name), SEED), name) for name in names if not folder.has(DIAGNOSES, name)
-        ]
-        _each(client, progress, "diagnosed", jobs, lambda name, found: folder.say(DIAGNOSES, name, found))
-        for rival, said in baselines.RIVALS.items():
-            jobs = [(said, (folder.files(name),), name) for name in names if not folder.has(rival, name)]
-            _each(client, progress, rival, jobs, lambda name, found, rival=rival: folder.say(rival, name, found))
-    _ask_oracle(folder, client, console, names)
+        made: list[Job] = [(make, (wishes, asked.seed, first), first) for first, wishes in folder.chunks()]
+        _each(client, progress, "cases made", made, folder.keep)
+        for kind, (call, more) in _speakers().items():
+            jobs = [
+                (call, (folder.files(name), *more), name)
+                for name in folder.identifiers()
+                if not _done(folder, kind, name)
+            ]
+            _each(client, progress, kind, jobs, partial(folder.say, kind))
+    _tell_failures(folder, console)
+    _ask_oracle(folder, client, console)
+
+
+def _speakers() -> dict[str, tuple[Callable[..., Any], tuple[Any, ...]]]:
+    """Who says something of every case, and what beside the files it is given."""
+    rivals = {name: (said, ()) for name, said in baselines.RIVALS.items()}
+    return {DIAGNOSES: (worker.diagnose, (SEED,)), **rivals}
+
+
+def _done(folder: RunFolder, kind: str, name: str) -> bool:
+    """Has it been said? A diagnosis that failed is asked for again."""
+    said = folder.said(kind, name)
+    return said is not None and (kind != DIAGNOSES or said["diagnosis"] is not None)
+
+
+def _tell_failures(folder: RunFolder, console: Console) -> None:
+    """How many diagnoses failed, and the last words of one."""
+    told = [folder.said(DIAGNOSES, name) for name in folder.identifiers()]
+    failed = [said for said in told if said and said["diagnosis"] is None]
+    if failed:
+        console.print(f"[red]{len(failed)} diagnoses failed[/]; one said:")
+        console.print(failed[0]["error"].strip(), markup=False)
 
 
 Job = tuple[Callable[..., Any], tuple[Any, ...], Any]
@@ -106,16 +120,16 @@ def _each(
         progress.advance(bar)
 
 
-def _ask_oracle(folder: RunFolder, client: Client, console: Console, names: Sequence[str]) -> None:
+def _ask_oracle(folder: RunFolder, client: Client, console: Console) -> None:
     """The oracle's fits of singles and compounds; says so when this hoopd has none."""
     jobs: list[Job] = []
-    for name in names:
+    for name in folder.identifiers():
         answer = folder.answer(name)
         if answer["family"] in ("single", "compound") and not folder.has(ORACLES, name):
             jobs.append((oracle, (folder.files(name), [effect["name"] for effect in answer["effects"]]), name))
     try:
         with _progress(console) as progress:
-            _each(client, progress, "oracle", jobs, lambda name, found: folder.say(ORACLES, name, found))
+            _each(client, progress, "oracle", jobs, partial(folder.say, ORACLES))
     except NoOracleError as error:
         console.print(f"[yellow]no oracle in this hoopd ({error}): its metric is left out[/]")
 
@@ -144,7 +158,7 @@ def publish(folder: RunFolder, console: Console) -> dict[str, Any]:
     (folder.path / "report.md").write_text(shown, encoding="utf-8")
     if result["power"]:
         report.draw_power(result, folder.path / "power.png")
-    console.print(shown, markup=False, highlight=False)
+    console.print(shown, markup=False, highlight=False, soft_wrap=True)
     return result
 
 

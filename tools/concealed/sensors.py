@@ -43,6 +43,14 @@ def at(history: Array, newest: int, age_s: Array, position: int) -> tuple[Array,
     return x0 + s * (v0 + s * (c2 + s * c3)), (v0 + s * (2 * c2 + 3 * s * c3)) / PIECE_S
 
 
+def low_passed(time_s: Array, reading: Array, before: Array, after: Array, h: float) -> Array:
+    """Reading m a step later of T m' = y - m, y going in a straight line from `before` to `after`; T = 0 is y."""
+    slow = np.maximum(time_s, 1e-9)
+    run = (after - before) / h * slow
+    # m(h) = y_1 - s T + (m_0 - y_0 + s T) e^(-h/T),  s = (y_1 - y_0)/h
+    return after - run + (reading - before + run) * np.exp(-h / slow)
+
+
 def seen(history: Array, newest: int, slow: Array | None, effects: Effects) -> Array:
     """(theta, theta', psi) (3, B) as sensors without noise say them at row `newest`; slow: theta' low-passed."""
     return np.stack((*_encoder(history, newest, slow, effects), _camera(history, newest, effects)))
@@ -56,8 +64,8 @@ def _encoder(history: Array, newest: int, slow: Array | None, effects: Effects) 
         dtheta = np.where(effects["encoder.speed_lag"]["T"] > 0, slow, dtheta)
     if "encoder.eccentricity" in effects:
         p = effects["encoder.eccentricity"]
-        # `derived`: 1 when the driver differentiates the angle it sees, 0 when the speed has a sensor of its own
-        dtheta = dtheta * (1 + p["derived"] * p["a"] * np.cos(theta + p["phi"]))
+        # `follows`: 1 when the driver differentiates the angle it sees, 0 when the speed has a sensor of its own
+        dtheta = dtheta * (1 + p["follows"] * p["a"] * np.cos(theta + p["phi"]))
         theta = theta + p["a"] * np.sin(theta + p["phi"])
     return theta, dtheta
 

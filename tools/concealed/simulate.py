@@ -63,6 +63,7 @@ class _Run:
         self.lagged, self.slow = np.zeros(size), dtheta.copy()
         p = self.device.given
         self.spin = (p["Ro"] * dtheta - (p["Ro"] - p["Rb"]) * dpsi) / p["Rb"]
+        self.twist = np.zeros(size)  # the last w'
         self.moment = forces.Moment(
             0.0, theta, dtheta, psi, dpsi, np.zeros(size), self.device,
             {"turned": np.zeros(size), "torque": np.zeros(size), "heat": dtheta**2}, self.h,
@@ -114,7 +115,7 @@ class _Run:
         x.theta, x.psi = x.theta + h / 2 * x.dtheta, x.psi + h / 2 * x.dpsi
         if "encoder.speed_lag" in self.effects:
             time_s = self.effects["encoder.speed_lag"]["T"]
-            _, self.slow = actuators.lag(time_s, (before + x.dtheta) / 2, self.slow, h)
+            self.slow = sensors.low_passed(time_s, self.slow, before, x.dtheta, h)
 
     def _moment(self, demanded: Array, t: float) -> forces.Moment:
         x, m = self.x, self.moment
@@ -140,7 +141,7 @@ class _Run:
         return on_theta, on_psi, on_roll
 
     def _rolling(self, m: forces.Moment) -> Array:
-        return self.spin - m.dpsi if "ball.slip" in self.effects else m.rolling
+        return self.spin + self.h / 2 * self.twist - m.dpsi if "ball.slip" in self.effects else m.rolling
 
     def _rub(self, limits: list[Array | float]) -> None:
         """Dry friction: both kinds at once where both are there, else the one."""
@@ -154,10 +155,12 @@ class _Run:
             x.dtheta, x.dpsi = contacts.rub(rubs, x.dtheta, x.dpsi, bounds, self.h)
 
     def _slide(self, on: tuple[Array, Array, Array], limits: list[Array | float], m: forces.Moment) -> None:
-        x, none = self.x, np.zeros_like(self.spin)
+        x = self.x
         grip = self.effects["ball.slip"]["mu"] * m.normal_n
         v = np.stack((x.dtheta, x.dpsi, self.spin))
-        after = contacts.slide(self.device, v, on, grip, none + limits[0], none + limits[1], self.h)
+        hoop, roll = (limit if dry else None for limit, dry in zip(limits, self.dry, strict=True))
+        after = contacts.slide(self.device, v, on, grip, (hoop, roll), self.h)
+        self.twist = (after[2] - v[2]) / self.h
         x.kick = tuple((after[:2] - v[:2]) / self.h)
         x.dtheta, x.dpsi, self.spin = after
 

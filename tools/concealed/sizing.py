@@ -46,7 +46,7 @@ class Search:
             self.done = True
             return
         cap = ALL[self.name].cap
-        self.capped = self.size >= cap * (1 - 1e-9) and self.tried[-1][1] < target
+        self.capped = bool(self.size >= cap * (1 - 1e-9) and self.tried[-1][1] < target)
         if self.capped:
             self.done = True
             return
@@ -80,7 +80,7 @@ def find_sizes(recipes: Sequence[Recipe], say: Callable[[str], None] = lambda te
             if ALL[name].drawn:
                 recipe.sizes[name], recipe.nats[name] = recipe.targets[name], float("nan")
                 continue
-            recipe.fixed[name] |= _scale(recipe, name)
+            recipe.fixed[name] |= scale(recipe, name)
             searches.append(Search(recipe, name, ALL[name].first))
     for _ in CLOSE:
         waiting = [search for search in searches if not search.done]
@@ -96,7 +96,7 @@ def find_sizes(recipes: Sequence[Recipe], say: Callable[[str], None] = lambda te
         search.recipe.capped[search.name] = search.capped
 
 
-def _scale(recipe: Recipe, name: str) -> dict[str, float]:
+def scale(recipe: Recipe, name: str) -> dict[str, float]:
     """What the case's inputs decide for effects that are limits."""
     reached = [recipe.reached[index] for index in TRAINING]
     if name == "actuator.saturation":
