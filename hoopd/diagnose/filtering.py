@@ -55,7 +55,7 @@ class Linear(NamedTuple):
     @property
     def size(self) -> int:
         """Of the deviation with the disturbances."""
-        return self.a.shape[1] + self.w.shape[2]
+        return int(self.a.shape[1] + self.w.shape[2])
 
 
 class Gains(NamedTuple):
@@ -169,8 +169,8 @@ def _elements(x: Array, pattern: Pattern) -> Array:
 
 def _symbol(name: str, pattern: Pattern) -> ca.SX:
     mask = np.array(pattern)
-    rows, cols = np.nonzero(mask.T)[::-1]
-    return ca.SX.sym(name, ca.Sparsity.triplet(*mask.shape, rows.tolist(), cols.tolist()))
+    cols, rows = np.nonzero(mask.T)
+    return ca.SX.sym(name, ca.Sparsity.triplet(mask.shape[0], mask.shape[1], rows.tolist(), cols.tolist()))
 
 
 @lru_cache(maxsize=32)

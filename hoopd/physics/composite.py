@@ -184,13 +184,18 @@ class Composite:
         """(z, torque, w, d, t, p) -> z after d seconds, one of the parts of a step."""
         s = self._symbols
         ins = [s["z"], s["torques"][0], s["w"], s["h"], s["t"], s["p"]]
-        return ca.Function("substep", ins, [ca.densify(self._substep(*ins[:5], self._named(s["p"])))], _CSE)
+        return ca.Function(
+            "substep",
+            ins,
+            [ca.densify(self._substep(ins[0], ins[1], ins[2], ins[3], ins[4], self._named(s["p"])))],
+            _CSE,
+        )
 
     def substep_derivatives(self, free: Sequence[str]) -> ca.Function:
         """(z, torque, w, d, t, p) -> z after d seconds; its derivatives by z, w, torque and free parameters."""
         s = self._symbols
         ins = [s["z"], s["torques"][0], s["w"], s["h"], s["t"], s["p"]]
-        after = self._substep(*ins[:5], self._named(s["p"]))
+        after = self._substep(ins[0], ins[1], ins[2], ins[3], ins[4], self._named(s["p"]))
         by = ca.vertcat(ins[0], ins[2], ins[1], *(s["p"][self.names.index(name)] for name in free))
         return ca.Function("derivatives", ins, [ca.densify(after), ca.densify(ca.jacobian(after, by))], _CSE)
 
