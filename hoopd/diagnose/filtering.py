@@ -8,7 +8,7 @@ coordinate is an Ornstein-Uhlenbeck process, so that
 where f_k is what the one-step map misses of the reference and eps_k what the readings miss. Whatever else changes the
 one-step map or the readings (a parameter, an effect) is one more column of (f, eps); the gains are the same for all of
 them, and the whitened innovations of all columns are an ordinary least-squares problem: generalised least squares
-(Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 3.4; de Jong, The diffuse Kalman filter, 1991).
+(Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 3.4; de Jong, Diffuse Kalman filter, 1991).
 
 Rules of this file: numbers in, numbers out; noise levels are given.
 """
@@ -22,13 +22,16 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.calls import Recursion, flat
+
 Array = NDArray[np.float64]
+# Which elements of a matrix are not zero at all nodes, row by row.
+Pattern = tuple[tuple[bool, ...], ...]
 
 # Standard deviations of the first deviation from the reference: wide against what a first idea of a state misses.
 START_POSITION, START_RATE = 0.3, 5.0
 # Process noise beside the disturbance, standard deviation of a rate over one step: the rounding of a linearisation.
 RATE_FLOOR = 1e-5
-UNSEEN = 1e30
 
 
 class Noise(NamedTuple):
@@ -40,7 +43,7 @@ class Noise(NamedTuple):
 
 
 class Linear(NamedTuple):
-    """The linear model along a reference, n nodes; columns of f and eps: the residual first, then what may change it."""
+    """The linear model along a reference of n nodes; of f and eps the first column is the residual."""
 
     a: Array  # (n-1, nz, nz)
     w: Array  # (n-1, nz, nq)
@@ -52,7 +55,7 @@ class Linear(NamedTuple):
     @property
     def size(self) -> int:
         """Of the deviation with the disturbances."""
-        return self.a.shape[1] + self.w.shape[2]
+        return int(self.a.shape[1] + self.w.shape[2])
 
 
 class Gains(NamedTuple):
@@ -62,38 +65,60 @@ class Gains(NamedTuple):
     gain: Array  # (n, size, nc)
     before: Array  # (n, size, size): covariance before the node's readings
     phi: Array  # (n-1, size, size)
+    closed: Array  # (n-1, size, size): phi (I - gain C)
     logdet: float  # sum of log S over all readings
 
 
 def gains(model: Linear, noise: Noise) -> Gains:
     """One pass of the covariance."""
-    n, nc, nz = model.c.shape
-    nq, size = model.w.shape[2], model.size
-    f = _covariance_pass(nz, nq, nc, model.nx).mapaccum(n)
-    out = f(ca.DM(_start(model, noise)), *_per_node(model), np.repeat(_levels(noise)[:, None], n, axis=1))
-    whiten = _columns(out[1], n, nc, nc)
-    gain = _columns(out[2], n, size, nc)
-    before = _columns(out[3], n, size, size)
-    decay = np.exp(-model.h[:, None] / noise.time_s)
+    n, _, nz = model.c.shape
+    size, decay = model.size, np.exp(-model.h[:, None] / noise.time_s)
     phi = np.zeros((n - 1, size, size))
     phi[:, :nz, :nz], phi[:, :nz, nz:] = model.a, model.w
     phi[:, range(nz, size), range(nz, size)] = decay
-    return Gains(whiten, gain, before, phi, float(out[4].full().sum()))
+    dynamic, seen = _pattern(phi), _pattern(model.c)
+    step = _covariance_step(dynamic, seen)
+    lower = np.tril_indices(size)
+    start = start_covariance(model, noise)
+    added = _process_noise(model, noise, decay)
+    last = np.concatenate([phi, np.eye(size)[None]])
+    after, whiten, gain = step(
+        start[lower],
+        _elements(last, dynamic),
+        np.concatenate([added, added[-1:]]),
+        _elements(model.c, seen),
+        model.seen.astype(float),
+        np.repeat(noise.reading[None] ** 2, n, axis=0),
+    )
+    before = np.empty((n, size, size))
+    before[0] = start
+    before[1:, lower[0], lower[1]] = before[1:, lower[1], lower[0]] = after[:-1, :, 0]
+    # phi (I - K C)
+    closed = phi.copy()
+    closed[:, :, :nz] -= phi @ (gain[:-1] @ model.c[:-1])
+    logdet = -2.0 * float(np.sum(np.log(np.einsum("nii->ni", whiten)[model.seen])))
+    return Gains(whiten, gain, before, phi, closed, logdet)
+
+
+def predicted(model: Linear, found: Gains, f: Array, eps: Array) -> tuple[Array, Array]:
+    """Deviations before each node's readings (n, size, m) and innovations (n, nc, m) of f (n-1, nz, m), eps (n, nc, m).
+
+    eps is finite also where nothing was read; its value there does not matter.
+    """
+    n, nz = len(model.c), model.c.shape[2]
+    # d_k+1 = phi (I - K C) d_k + phi K eps_k + f_k
+    drive = (found.phi @ found.gain[:-1]) @ eps[:-1]
+    drive[:, :nz] += f
+    d = np.zeros((n, model.size, eps.shape[2]))
+    for k, closed in enumerate(found.closed):
+        np.matmul(closed, d[k], out=d[k + 1])
+        d[k + 1] += drive[k]
+    return d, eps - model.c @ d[:, :nz]
 
 
 def whitened(model: Linear, found: Gains, f: Array, eps: Array) -> Array:
-    """Whitened innovations (n, nc, m) of columns f (n-1, nz, m) and eps (n, nc, m)."""
-    n, nc, m = eps.shape
-    nz, d = f.shape[1], np.zeros((model.size, m))
-    out = np.empty((n, nc, m))
-    eps = np.where(model.seen[:, :, None], eps, 0.0)
-    for k in range(n):
-        e = eps[k] - model.c[k] @ d[:nz]
-        out[k] = found.whiten[k] @ e
-        if k < n - 1:
-            d = found.phi[k] @ (d + found.gain[k] @ e)
-            d[:nz] += f[k]
-    return out
+    """Whitened innovations (n, nc, m) of columns f (n-1, nz, m) and eps (n, nc, m), finite also where not read."""
+    return np.asarray(found.whiten @ predicted(model, found, f, eps)[1])
 
 
 class Smoothed(NamedTuple):
@@ -106,144 +131,81 @@ class Smoothed(NamedTuple):
 def smoothed(model: Linear, found: Gains, f: Array, eps: Array) -> Smoothed:
     """Fixed-interval smoother of one column f (n-1, nz), eps (n, nc) (Bryson and Frazier's adjoint form)."""
     n, _, nz = model.c.shape
-    size, d = model.size, np.zeros(model.size)
-    eps = np.where(model.seen, eps, 0.0)
-    before, e = np.empty((n, size)), np.empty_like(eps)
-    for k in range(n):
-        before[k] = d
-        e[k] = eps[k] - model.c[k] @ d[:nz]
-        if k < n - 1:
-            d = found.phi[k] @ (d + found.gain[k] @ e[k])
-            d[:nz] += f[k]
-    out, push, adjoint = np.empty((n, size)), np.empty((n - 1, nz)), np.zeros(size)
-    whitest = np.einsum("nij,nj->ni", found.whiten, e)
-    for k in range(n - 1, -1, -1):
-        if k < n - 1:
-            push[k] = -adjoint[:nz]
-            adjoint = found.phi[k].T @ adjoint
-        # l~ = -C' S^-1 e + (I - K C)' l
-        adjoint = adjoint.copy()
-        inner = found.gain[k].T @ adjoint + found.whiten[k].T @ whitest[k]
-        adjoint[:nz] -= model.c[k].T @ inner
-        out[k] = before[k] - found.before[k] @ adjoint
-    return Smoothed(out, push)
+    d, e = predicted(model, found, f[:, :, None], eps[:, :, None])
+    # r_k-1 = (phi (I - K C))' r_k + C' S^-1 e
+    adjoint = np.zeros((n + 1, model.size, 1))
+    adjoint[:-1, :nz] = (found.whiten @ model.c).transpose(0, 2, 1) @ (found.whiten @ e)
+    for k in range(n - 2, -1, -1):
+        adjoint[k] += found.closed[k].T @ adjoint[k + 1]
+    return Smoothed((d + found.before @ adjoint[:-1])[:, :, 0], adjoint[1:-1, :nz, 0])
 
 
-class Criterion:
-    """The likelihood of the noise levels, given one residual f (n-1, nz), eps (n, nc)."""
-
-    def __init__(self, model: Linear, f: Array, eps: Array) -> None:
-        self.model = model
-        n, nc, nz = model.c.shape
-        self._pass = _likelihood_pass(nz, model.w.shape[2], nc, model.nx).mapaccum(n)
-        eps = np.where(model.seen, eps, 0.0)
-        f = np.concatenate([f, np.zeros((1, nz))])
-        self._fixed, self._n = [*_per_node(model), ca.DM(f.T), ca.DM(eps.T)], n
-
-    def value(self, noise: Noise) -> float:
-        """Negative log-likelihood without its constant."""
-        first = np.concatenate([_start(self.model, noise), np.zeros(self.model.size + 1)])
-        levels = np.repeat(_levels(noise)[:, None], self._n, axis=1)
-        return float(self._pass(first, *self._fixed, levels)[-1, -1]) / 2
+# ---------------------------------------------------------------------------------------------- covariance
 
 
-# ---------------------------------------------------------------------------------------------- CasADi
-
-
-def _rows(x: Array) -> Array:
-    """(n, r, c) as (r c, n), column-major per node: how CasADi takes a matrix a step."""
-    return np.ascontiguousarray(x.transpose(2, 1, 0).reshape(-1, len(x)))
-
-
-def _columns(out: ca.DM, n: int, rows: int, cols: int) -> Array:
-    return np.asarray(out.full()).T.reshape(n, cols, rows).transpose(0, 2, 1)
-
-
-def _per_node(model: Linear) -> list[ca.DM]:
-    """A, W, h of the step that follows the node (none after the last), C and what was seen there."""
-    size = model.a.shape[1]
-    a = np.concatenate([model.a, np.eye(size)[None]])
-    w = np.concatenate([model.w, np.zeros((1, *model.w.shape[1:]))])
-    h = np.append(model.h, 0.0)[None]
-    return [ca.DM(one) for one in (_rows(a), _rows(w), h, _rows(model.c), model.seen.T.astype(float))]
-
-
-def _levels(noise: Noise) -> Array:
-    return np.concatenate([noise.force, noise.time_s, noise.reading])
-
-
-def _start(model: Linear, noise: Noise) -> Array:
-    """Covariance of the first deviation, as a column."""
-    nz = model.a.shape[1]
-    spread = np.full(nz, START_RATE)
+def start_covariance(model: Linear, noise: Noise) -> Array:
+    """(size, size) of the first deviation."""
+    spread = np.full(model.a.shape[1], START_RATE)
     spread[: model.nx : 2] = START_POSITION
-    return np.diag(np.concatenate([spread, noise.force]) ** 2).ravel()
+    return np.diag(np.concatenate([spread, noise.force]) ** 2)
 
 
-def _symbols(nz: int, nq: int, nc: int) -> dict[str, ca.SX]:
-    shapes = {"a": (nz, nz), "w": (nz, nq), "h": (1, 1), "c": (nc, nz), "seen": (nc, 1), "s": (2 * nq + nc, 1)}
-    return {name: ca.SX.sym(name, *shape) for name, shape in shapes.items()}
+def _process_noise(model: Linear, noise: Noise, decay: Array) -> Array:
+    """(n-1, size) variances added in each step."""
+    added = np.zeros((len(model.h), model.size))
+    added[:, 1 : model.nx : 2] = RATE_FLOOR**2
+    added[:, model.a.shape[1] :] = noise.force**2 * (1.0 - decay**2)
+    return added
 
 
-def _update(p: ca.SX, s: dict[str, ca.SX], nq: int, nc: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Covariance after the readings, taken one after the other; whitening (nc, nc), gain (size, nc), log det."""
-    size, nz = p.size1(), s["c"].size2()
-    whiten, gain, logdet = ca.SX.zeros(nc, nc), ca.SX.zeros(size, nc), ca.SX(0)
+def _pattern(x: Array) -> Pattern:
+    return tuple(tuple(bool(one) for one in row) for row in np.any(x != 0.0, axis=0))
+
+
+def _elements(x: Array, pattern: Pattern) -> Array:
+    """(n, nonzeros), column after column."""
+    return flat(x)[:, np.array(pattern).T.ravel()]
+
+
+def _symbol(name: str, pattern: Pattern) -> ca.SX:
+    mask = np.array(pattern)
+    cols, rows = np.nonzero(mask.T)
+    return ca.SX.sym(name, ca.Sparsity.triplet(mask.shape[0], mask.shape[1], rows.tolist(), cols.tolist()))
+
+
+@lru_cache(maxsize=32)
+def _covariance_step(dynamic: Pattern, seen: Pattern) -> Recursion:
+    """(lower half of P, phi, process variances, C, seen, reading variances) -> lower half after, whitening, gain."""
+    phi, c = _symbol("phi", dynamic), _symbol("c", seen)
+    size, nc = phi.size1(), c.size1()
+    half = ca.SX.sym("p", size * (size + 1) // 2)
+    q, present, r = ca.SX.sym("q", size), ca.SX.sym("seen", nc), ca.SX.sym("r", nc)
+    # numpy lists a lower half row by row, CasADi the upper one of its transpose column by column: the same order
+    p, whiten, gain = _update(_whole(ca.SX(ca.Sparsity.upper(size), half).T), c, present, r)
+    after = _whole(ca.tril(ca.mtimes(ca.mtimes(phi, p), phi.T) + ca.diag(q)))
+    order = [after[i, j] for i in range(size) for j in range(i + 1)]
+    out = [ca.vertcat(*order), ca.densify(whiten), ca.densify(gain)]
+    return Recursion(ca.Function("covariance", [half, phi, q, c, present, r], out, {"cse": True}))
+
+
+def _whole(lower: ca.SX) -> ca.SX:
+    return ca.densify(ca.tril2symm(lower))
+
+
+def _update(p: ca.SX, c: ca.SX, seen: ca.SX, r: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Covariance after the readings, taken one after the other; whitening (nc, nc), gain (size, nc)."""
+    (nc, nz), size = c.shape, p.size1()
+    whiten, gain = ca.SX(nc, nc), ca.SX(size, nc)
     for i in range(nc):
-        row = ca.horzcat(s["c"][i, :], ca.SX.zeros(1, size - nz))
-        pc = ca.mtimes(p, row.T)
-        var = ca.mtimes(row, pc) + s["s"][2 * nq + i] ** 2
+        row = ca.horzcat(c[i, :], ca.SX(1, size - nz))
+        pc = ca.densify(ca.mtimes(p, row.T))
+        var = ca.mtimes(row, pc) + r[i]
         # the innovation of reading i after those before it: e_i - c_i (gain so far) e
-        own = ca.SX.zeros(1, nc)
+        own = ca.SX(1, nc)
         own[i] = 1
-        own = s["seen"][i] * (own - ca.mtimes(row, gain))
+        own = seen[i] * (own - ca.mtimes(row, gain))
         whiten[i, :] = own / ca.sqrt(var)
-        k = s["seen"][i] * pc / var
+        k = seen[i] * pc / var
         gain = gain + ca.mtimes(k, own)
-        p = p - ca.mtimes(k, pc.T)
-        logdet += s["seen"][i] * ca.log(var)
-    return p, whiten, gain, logdet
-
-
-def _predict(p: ca.SX, s: dict[str, ca.SX], nq: int, nx: int) -> tuple[ca.SX, ca.SX]:
-    nz, size = s["a"].size1(), p.size1()
-    decay = ca.exp(-s["h"] / s["s"][nq : 2 * nq])
-    phi = ca.vertcat(ca.horzcat(s["a"], s["w"]), ca.horzcat(ca.SX.zeros(nq, nz), ca.diag(decay)))
-    floor = [RATE_FLOOR**2 if i < nx and i % 2 else 0.0 for i in range(nz)]
-    q = ca.diag(ca.vertcat(ca.DM(floor), s["s"][:nq] ** 2 * (1 - decay**2)))
-    half = ca.mtimes(phi, p)
-    # the lower half is computed, the upper one is the same
-    lower = ca.tril(
-        ca.vertcat(
-            *(ca.horzcat(*(ca.dot(half[i, :], phi[j, :]) if j <= i else 0 for j in range(size))) for i in range(size))
-        )
-    )
-    return ca.tril2symm(lower) + q, phi
-
-
-@lru_cache(maxsize=16)
-def _covariance_pass(nz: int, nq: int, nc: int, nx: int) -> ca.Function:
-    size, s = nz + nq, _symbols(nz, nq, nc)
-    vec = ca.SX.sym("p", size * size)
-    before = ca.reshape(vec, size, size)
-    p, whiten, gain, logdet = _update(before, s, nq, nc)
-    after, _ = _predict(p, s, nq, nx)
-    out = [ca.vec(after), ca.vec(whiten), ca.vec(gain), ca.vec(before), logdet]
-    ins = [vec, *(ca.vec(s[k]) for k in ("a", "w", "h", "c", "seen", "s"))]
-    return ca.Function("covariance", ins, out, {"cse": True})
-
-
-@lru_cache(maxsize=16)
-def _likelihood_pass(nz: int, nq: int, nc: int, nx: int) -> ca.Function:
-    """State: covariance, deviation, sum of e^2/S + log S."""
-    size, s = nz + nq, _symbols(nz, nq, nc)
-    first = ca.SX.sym("state", size * size + size + 1)
-    f, eps = ca.SX.sym("f", nz), ca.SX.sym("eps", nc)
-    before, d = ca.reshape(first[: size * size], size, size), first[size * size : -1]
-    p, whiten, gain, logdet = _update(before, s, nq, nc)
-    e = eps - ca.mtimes(s["c"], d[:nz])
-    after, phi = _predict(p, s, nq, nx)
-    d = ca.mtimes(phi, d + ca.mtimes(gain, e)) + ca.vertcat(f, ca.SX.zeros(nq))
-    last = ca.vertcat(ca.vec(after), d, first[-1] + logdet + ca.sumsqr(ca.mtimes(whiten, e)))
-    ins = [first, *(ca.vec(s[k]) for k in ("a", "w", "h", "c", "seen")), f, eps, s["s"]]
-    return ca.Function("likelihood", ins, [last], {"cse": True})
+        p = _whole(ca.tril(p - ca.mtimes(k, pc.T)))
+    return p, whiten, gain

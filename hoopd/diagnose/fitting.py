@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from hoopd.diagnose.dataset import Stretch
-from hoopd.diagnose.filtering import Criterion, Gains, Noise, gains, smoothed
+from hoopd.diagnose.filtering import Gains, Noise, gains, smoothed
+from hoopd.diagnose.noise import Criterion, first_noise, tuned
 from hoopd.diagnose.track import Columns, Track
 from hoopd.physics.effects.base import Effect
 
@@ -25,12 +25,6 @@ Array = NDArray[np.float64]
 # Gauss-Newton ends when no parameter moves by more than this share of its standard error.
 SETTLED = 0.1
 FIRST_STEPS, MOST_STEPS, LAST_STEPS = 3, 8, 2
-# Noise levels are searched within these factors of their first guess; a disturbance slower than a second is physics.
-FORCE_FACTOR, READING_FACTOR = 300.0, (0.4, 30.0)
-TIMES_S = (0.03, 1.0)
-FIRST_TIME_S = 0.15
-# First guess of a disturbance: so many rad/s^2 (m/s^2) on every coordinate.
-FIRST_ACCELERATION = 1.0
 # Prior of a base parameter: this many times its nominal size, so that data without information leave it there.
 PRIOR_SIZE = 3.0
 
@@ -102,7 +96,7 @@ def fit(
         tuned_noise(found)
     _search(found, MOST_STEPS)
     if tune_noise:
-        tuned_noise(found)
+        tuned_noise(found, near=True)
         _search(found, LAST_STEPS)
     return found
 
@@ -224,71 +218,13 @@ def _move_references(found: Fit, delta: Array) -> None:
         track.w = d[:, track.composite.nz :]
 
 
-# ---------------------------------------------------------------------------------------------- noise
-
-
-def first_noise(tracks: Sequence[Track], values: Mapping[str, float]) -> dict[str, Noise]:
-    """By recording: readings from their roughness, disturbances of a usual size."""
-    found = {}
-    for track in tracks:
-        if track.stretch.recording not in found:
-            same = [t.stretch for t in tracks if t.stretch.recording == track.stretch.recording]
-            reading = np.array([roughness([s.y[:, i] for s in same]) for i in range(same[0].y.shape[1])])
-            force = FIRST_ACCELERATION / _mobility(track, values)
-            found[track.stretch.recording] = Noise(force, np.full(len(force), FIRST_TIME_S), reading)
-    return found
-
-
-def _mobility(track: Track, values: Mapping[str, float]) -> Array:
-    """(nq,) acceleration per force at the first node, by the one-step map: dq' = M^-1 f h."""
-    c = track.columns(values, ()).model
-    return np.array([abs(c.w[0, 2 * i + 1, i]) / c.h[0] for i in range(c.w.shape[2])])
-
-
-def roughness(parts: Sequence[Array]) -> float:
-    """Standard deviation of a reading's noise without a model: fourth differences, whose variance is 70 sigma^2.
-
-    Not below the spread 1/sqrt(12) of the smallest step between two values, which is a sensor's count.
-    """
-    seen = [part[np.isfinite(part)] for part in parts]
-    fourth = np.concatenate([np.diff(part, 4) for part in seen if len(part) > 4] or [np.zeros(1)])
-    steps = np.concatenate([np.abs(np.diff(part)) for part in seen if len(part) > 1] or [np.zeros(1)])
-    count = float(np.min(steps[steps > 1e-9], initial=np.inf))
-    spread = float(1.4826 * np.median(np.abs(fourth)) / np.sqrt(70.0))
-    least = count / np.sqrt(12.0) if np.isfinite(count) and np.mean(steps < 1e-9) > 0.02 else 1e-9
-    return max(spread, least, 1e-9)
-
-
-def tuned_noise(found: Fit) -> None:
-    """Noise levels of highest profile likelihood, recording by recording."""
+def tuned_noise(found: Fit, *, near: bool = False) -> None:
+    """Noise levels of highest profile likelihood, recording by recording; `near`: they are almost those already."""
     first = first_noise(found.tracks, found.values)
     for recording in dict.fromkeys(track.stretch.recording for track in found.tracks):
-        parts = [i for i, track in enumerate(found.tracks) if track.stretch.recording == recording]
-        criteria = [_criterion(found.columns[i]) for i in parts]
-        found.noise[recording] = _tuned(criteria, found.noise[recording], first[recording])
+        parts = [
+            one for one, track in zip(found.columns, found.tracks, strict=True) if track.stretch.recording == recording
+        ]
+        criteria = [Criterion(one.model, one.f[:, :, 0], one.eps[:, :, 0]) for one in parts]
+        found.noise[recording] = tuned(criteria, found.noise[recording], first[recording], near=near)
     _whiten(found)
-
-
-def _criterion(columns: Columns) -> Criterion:
-    return Criterion(columns.model, columns.f[:, :, 0], columns.eps[:, :, 0])
-
-
-def _tuned(criteria: Sequence[Criterion], start: Noise, first: Noise) -> Noise:
-    nq, nc = len(start.force), len(start.reading)
-    low = np.concatenate([first.force / FORCE_FACTOR, np.full(nq, TIMES_S[0]), first.reading * READING_FACTOR[0]])
-    high = np.concatenate([first.force * FORCE_FACTOR, np.full(nq, TIMES_S[1]), first.reading * READING_FACTOR[1]])
-
-    def split(v: Array) -> Noise:
-        levels = np.exp(v)
-        return Noise(levels[:nq], levels[nq : 2 * nq], levels[2 * nq :])
-
-    def value(v: Array) -> float:
-        total = sum(one.value(split(v)) for one in criteria)
-        return total if np.isfinite(total) else 1e12
-
-    begin = np.clip(np.log(np.concatenate(start)), np.log(low), np.log(high))
-    bounds = list(zip(np.log(low), np.log(high), strict=True))
-    options = {"maxiter": 15, "ftol": 1e-6, "eps": 1e-3}
-    best = minimize(value, begin, method="L-BFGS-B", bounds=bounds, options=options)
-    assert nc == len(split(best.x).reading)
-    return split(best.x)

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.calls import mapped
 from hoopd.diagnose.dataset import Held, Stretch, first_states
 from hoopd.diagnose.filtering import Gains, Linear, Noise, Smoothed, gains, smoothed, whitened
 from hoopd.physics.composite import Composite
@@ -81,35 +82,18 @@ class Track:
         return self.held.substeps(self.composite.substeps, _sum(values, self.composite.delays))
 
     def _back(self, values: Mapping[str, float]) -> Array:
-        """(channels * BACK_STEPS, n)"""
+        """(n, BACK_STEPS * channels)"""
         c = self.composite
         late = [max(float(values.get(c.latencies.get(name, ""), 0.0)), 0.0) for name in c.channels]
         back = self.held.back(late, _sum(values, c.delays))
-        return back.reshape(-1, back.shape[2])
+        return back.reshape(-1, back.shape[2]).T
 
     def _wide(self, w: Array) -> Array:
         """Disturbances with a column for every coordinate of the composite."""
         return np.pad(w, ((0, 0), (0, self.composite.nq - w.shape[1])))
 
-    def _step_inputs(self, values: Mapping[str, float], z: Array, w: Array) -> list[Array]:
-        n = len(self.stretch.t) - 1
-        p = np.repeat(self.composite.vector(values)[:, None], n, axis=1)
-        return [
-            z[:-1].T,
-            self.torques(values),
-            self._wide(w)[:-1].T,
-            self.stretch.h[None],
-            self.stretch.t[None, :-1],
-            p,
-        ]
-
     def _output_inputs(self, values: Mapping[str, float], z: Array, w: Array) -> list[Array]:
-        p = np.repeat(self.composite.vector(values)[:, None], len(z), axis=1)
-        back = self._back(values)
-        n, rows = len(z), len(self.composite.channels)
-        # the function takes a (channels, BACK_STEPS) matrix a node: side by side
-        wide = back.reshape(-1, rows, n).transpose(1, 2, 0).reshape(rows, -1)
-        return [z.T, wide, self._wide(w).T, self.stretch.t[None], p]
+        return [z, self._back(values), self._wide(w), self.stretch.t, self.composite.vector(values)]
 
     def after(
         self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None, substeps: int = 0
@@ -121,13 +105,28 @@ class Track:
         if substeps not in (0, c.substeps):
             finer = Track.of(self.stretch, self.held, composite_of(c.declared, c.effects, substeps))
             return finer.after(values, z, w)
-        return _mapped(c.step_function, len(z) - 1, self._step_inputs(values, z, w))[0]
+        call, d = mapped(c.substep_function, len(z) - 1, (5,)), self.stretch.h / c.substeps
+        torques, p = self.torques(values), c.vector(values)
+        z, w = z[:-1], self._wide(w)[:-1]
+        for j in range(c.substeps):
+            z = call(z, torques[j], w, d, self.stretch.t[:-1] + j * d, p)[0][:, :, 0]
+        return z
 
     def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
         """(n, nc) what the sensors would show on the reference."""
         values = self.local(values)
         z, w = (self.z if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
-        return _mapped(self.composite.output_function, len(z), self._output_inputs(values, z, w))[0]
+        call = mapped(self.composite.output_function, len(z), (4,))
+        return call(*self._output_inputs(values, z, w))[0][:, :, 0]
+
+    def mobility(self, values: Mapping[str, float]) -> Array:
+        """(coordinates,) acceleration of each by a force on it at the first node; effects hold nothing."""
+        plant, values = self.stretch.plant, self.local(values)
+        force = ca.SX.sym("force", len(plant.coordinates))
+        point = plant.point(ca.SX(self.z[0]), values, float(self.stretch.u[0]), float(self.stretch.t[0]))
+        by_force = ca.jacobian(ca.densify(plant.accelerations(point, force)), force)
+        here = ca.Function("mobility", [force], [ca.densify(by_force)])(0.0)
+        return np.abs(np.diag(here.full()))
 
     # ------------------------------------------------------------------------------------------ linear
 
@@ -137,27 +136,40 @@ class Track:
         values, mark = self.local(values), f"@{self.stretch.recording}"
         mine = {name: name.removesuffix(mark) for name in free if name.endswith(mark) or "@" not in name}
         mine = {name: local for name, local in mine.items() if local in c.names}
-        own = tuple(mine.values())
-        step, output = derivatives_of(c, own)
-        # at no disturbance: a parameter that scales it would otherwise be fitted to what the smoother thinks of it
-        nothing = np.zeros_like(self.w)
-        after, by_z, by_w, by_u, by_p = _mapped(step, n - 1, self._step_inputs(values, self.z, nothing))
-        y, of_z, of_p = _mapped(output, n, self._output_inputs(values, self.z, nothing))
-        by_z, by_w, by_u, by_p = (_matrices(one, c.nz) for one in (by_z, by_w, by_u, by_p))
-        by_w = by_w[:, :, : self.w.shape[1]]
-        of_z, of_p = _matrices(of_z, len(c.channels)), _matrices(of_p, len(c.channels))
-        for name in c.delays:
-            if name in own:
-                slope = self.held.substeps_by_delay(c.substeps, _sum(values, c.delays))
-                by_p[:, :, own.index(name)] += np.einsum("nzs,sn->nz", by_u, slope)
-        # f = F(z, 0) - z_next: the disturbance is a state of the filter
-        residual = after - self.z[1:]
+        after, by_z, by_w, by_p = self._step_derivatives(values, tuple(mine.values()))
+        y, of_z, of_p = self._reading_derivatives(values, tuple(mine.values()))
         f, eps = np.zeros((n - 1, c.nz, 1 + len(free))), np.zeros((n, len(c.channels), 1 + len(free)))
-        f[:, :, 0], eps[:, :, 0] = residual, np.nan_to_num(self.stretch.y) - y
+        # f = F(z, 0) - z_next: the disturbance is a state of the filter
+        f[:, :, 0], eps[:, :, 0] = after - self.z[1:], np.nan_to_num(self.stretch.y) - y
         where = [1 + list(free).index(name) for name in mine]
         f[:, :, where], eps[:, :, where] = by_p, -of_p
-        seen = np.isfinite(self.stretch.y)
-        return Columns(Linear(by_z, by_w, of_z, self.stretch.h, seen, c.nx), f, eps)
+        return Columns(Linear(by_z, by_w, of_z, self.stretch.h, np.isfinite(self.stretch.y), c.nx), f, eps)
+
+    def _step_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> tuple[Array, ...]:
+        """One-step map (n-1, nz), and its derivatives (n-1, nz, ...) by z, w and parameters, at no disturbance."""
+        # a parameter that scales the disturbance would otherwise be fitted to what the smoother thinks of it
+        c, n, z = self.composite, len(self.stretch.t) - 1, self.z[:-1]
+        call, d = mapped(derivatives_of(c, free)[0], n, (5,)), self.stretch.h / c.substeps
+        torques, slope = self.torques(values), self.held.substeps_by_delay(c.substeps, _sum(values, c.delays))
+        late = [c.nz + c.nq + free.index(name) for name in c.delays if name in free]
+        nothing, p, nu = np.zeros((n, c.nq)), c.vector(values), c.nz + c.nq
+        total = np.zeros((n, c.nz, nu + len(free)))
+        total[:, range(c.nz), range(c.nz)] = 1.0
+        for j in range(c.substeps):
+            z, by = call(z, torques[j], nothing, d, self.stretch.t[:-1] + j * d, p)
+            z = z[:, :, 0]
+            # the chain rule through the substeps: S+ = F_z S + [0, F_w, F_p]
+            total = by[:, :, : c.nz] @ total
+            total[:, :, c.nz : nu] += by[:, :, c.nz : nu]
+            total[:, :, nu:] += by[:, :, nu + 1 :]
+            total[:, :, late] += by[:, :, nu, None] * slope[j][:, None, None]
+        return z, total[:, :, : c.nz], total[:, :, c.nz : c.nz + self.w.shape[1]], total[:, :, nu:]
+
+    def _reading_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> list[Array]:
+        """Readings (n, nc) and their derivatives (n, nc, ...) by z and parameters."""
+        call = mapped(derivatives_of(self.composite, free)[1], len(self.z), (4,))
+        y, by_z, by_p = call(*self._output_inputs(values, self.z, np.zeros_like(self.w)))
+        return [y[:, :, 0], by_z, by_p]
 
     def smooth(self, values: Mapping[str, float], noise: Noise, passes: int = SMOOTHING_PASSES) -> Smoothed:
         """Moves the reference to the smoothed trajectory."""
@@ -198,10 +210,10 @@ def composite_of(plant: DeclaredPlant, effects: tuple[Effect, ...], substeps: in
 
 
 def derivatives_of(composite: Composite, free: tuple[str, ...]) -> tuple[ca.Function, ca.Function]:
-    """Of step and readings, built once."""
+    """Of a substep and of the readings, built once."""
     key = (id(composite), free)
     if key not in _derivatives:
-        _derivatives[key] = composite.step_derivatives(free), composite.output_derivatives(free)
+        _derivatives[key] = composite.substep_derivatives(free), composite.output_derivatives(free)
     return _derivatives[key]
 
 
@@ -213,15 +225,3 @@ _derivatives: dict[tuple[int, tuple[str, ...]], tuple[ca.Function, ca.Function]]
 
 def _sum(values: Mapping[str, float], names: Sequence[str]) -> float:
     return float(sum(values.get(name, 0.0) for name in names))
-
-
-def _matrices(flat: Array, rows: int) -> Array:
-    """(n, rows * cols), column-major, as (n, rows, cols)."""
-    return flat.reshape(len(flat), -1, rows).transpose(0, 2, 1).copy()
-
-
-def _mapped(function: ca.Function, count: int, inputs: Sequence[Array]) -> list[Array]:
-    """Every result as (count, elements column-major)."""
-    out = function.map(count)(*inputs)
-    out = out if isinstance(out, tuple) else (out,)
-    return [np.asarray(one.full()).T.reshape(count, -1) for one in out]

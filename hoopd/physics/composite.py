@@ -179,13 +179,25 @@ class Composite:
         y = [self.reading(channel, s["z"], s["t"], self._named(s["p"])) for channel in self.channels]
         return ca.Function("readings", [s[k] for k in ("z", "t", "p")], [ca.densify(ca.vertcat(*y))], _CSE)
 
-    def step_derivatives(self, free: Sequence[str]) -> ca.Function:
-        """(z, torques, w, h, t, p) -> after, by z, by w, by torques, by the free parameters."""
-        s, keys = self._symbols, ("z", "torques", "w", "h", "t", "p")
-        after = self.step_expression(s["z"], s["torques"], s["w"], s["h"], s["t"], self._named(s["p"]))
-        by_p = ca.jacobian(after, s["p"])[:, [self.names.index(name) for name in free]]
-        parts = [after, *(ca.jacobian(after, s[k]) for k in ("z", "w", "torques")), by_p]
-        return ca.Function("derivatives", [s[k] for k in keys], [ca.densify(one) for one in parts], _CSE)
+    @cached_property
+    def substep_function(self) -> ca.Function:
+        """(z, torque, w, d, t, p) -> z after d seconds, one of the parts of a step."""
+        s = self._symbols
+        ins = [s["z"], s["torques"][0], s["w"], s["h"], s["t"], s["p"]]
+        return ca.Function(
+            "substep",
+            ins,
+            [ca.densify(self._substep(ins[0], ins[1], ins[2], ins[3], ins[4], self._named(s["p"])))],
+            _CSE,
+        )
+
+    def substep_derivatives(self, free: Sequence[str]) -> ca.Function:
+        """(z, torque, w, d, t, p) -> z after d seconds; its derivatives by z, w, torque and free parameters."""
+        s = self._symbols
+        ins = [s["z"], s["torques"][0], s["w"], s["h"], s["t"], s["p"]]
+        after = self._substep(ins[0], ins[1], ins[2], ins[3], ins[4], self._named(s["p"]))
+        by = ca.vertcat(ins[0], ins[2], ins[1], *(s["p"][self.names.index(name)] for name in free))
+        return ca.Function("derivatives", ins, [ca.densify(after), ca.densify(ca.jacobian(after, by))], _CSE)
 
     def output_derivatives(self, free: Sequence[str]) -> ca.Function:
         """(z, back, w, t, p) -> readings, by z, by the free parameters."""
