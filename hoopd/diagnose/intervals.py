@@ -3,8 +3,8 @@
 Two kinds of signals tell it: the smoothed disturbance force on every coordinate, and the whitened innovations of every
 channel. Both are Gaussian with one level all the time where the model holds; the level is the robust one of this very
 recording, so that what happened in a few seconds does not hide itself. An interval is where the energy of half a second
-is beyond what the signal's own correlation allows by chance, and far beyond its usual level. What happened bends the fit
-it was found with: the worst is taken out first, the rest is looked at again with a new fit.
+is beyond what the signal's own correlation allows by chance, and far beyond its usual level. What happened bends the
+fit it was found with: the worst is taken out first, the rest is looked at again with a new fit.
 
 Rules of this file: what is usual comes from the recording itself, no level of a device stands here.
 """
