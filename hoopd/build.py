@@ -58,7 +58,7 @@ def model_path(config: Config, config_path: Path | None) -> Path:
 
 
 def without_places(config: Config) -> Config:
-    """The configuration without folders and devices of this machine: what a recording may tell."""
+    """The configuration without folders and devices of this machine, nor what the rig hides: what a recording may tell."""
     change = msgspec.structs.replace
     control, device = config.control, config.device
     return change(
@@ -66,7 +66,7 @@ def without_places(config: Config) -> Config:
         device=change(device, model=_name(device.model)),
         control=change(control, file=_name(control.file), law=_name(control.law)),
         recording=change(config.recording, directory=""),
-        sim=change(config.sim, model=_name(config.sim.model), directory=""),
+        sim=change(config.sim, model=_name(config.sim.model), directory="", effects=[]),
     )
 
 
