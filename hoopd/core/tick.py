@@ -12,10 +12,20 @@ from math import isfinite, nan, tau
 from typing import Any, NamedTuple, Protocol
 
 from hoopd.core.controllers import DONE, Controller, Measurement
+from hoopd.core.feedforward import FeedForward
 from hoopd.core.health import BY_NAME, Action, Health, Sent, Thresholds
 from hoopd.core.limits import Limiter
 from hoopd.core.modes import ENERGISED, Event, Mode, next_mode
-from hoopd.core.records import CameraSample, Command, DriverSample, Estimate, Inputs, TickRecord, TorqueCommand
+from hoopd.core.records import (
+    CameraSample,
+    Command,
+    DriverSample,
+    Estimate,
+    Inputs,
+    TickRecord,
+    TorqueCommand,
+    Vector,
+)
 
 # What the board itself has latched goes only by a clearing request, so that an arm may wait this long for it.
 WISH_TICKS = 10
@@ -103,12 +113,15 @@ class Tick:
         estimator: Estimator,
         controller: Controller,
         limiter: Limiter,
+        feedforward: FeedForward | None = None,
     ) -> None:
         self.settings, self.estimator, self.controller, self.limiter = settings, estimator, controller, limiter
+        self.feedforward = feedforward or FeedForward()
         self.health = Health(thresholds, settings.period_s)
         self.mode = Mode.DISARMED
         self.reference = 0.0
         self._sent = Sent(0.0, 0.0, 0)
+        self._added = 0.0  # N m, what feed-forward added to the torque that was sent last
         self._faults: tuple[str, ...] = ()
         self._seq = -1
         self._stopping_since = 0.0
@@ -240,10 +253,13 @@ class Tick:
         self._note("mode", level, mode=str(self.mode), was=str(before), because=causes)
 
     def _torque(self, inputs: Inputs, estimate: Estimate) -> float:
+        self._added = 0.0
         if self.mode is Mode.RUNNING:
             wanted = self._ask_law(inputs, estimate)
             if self._over and isfinite(wanted):
                 wanted = self._end_law(inputs)
+            elif isfinite(wanted):
+                wanted = self._feed_forward(estimate, wanted)
         elif self.mode is Mode.STOPPING:
             wanted = self._brake(inputs)
         else:
@@ -255,6 +271,12 @@ class Tick:
             self._move(frozenset({Event.CUT}))
             return 0.0
         return self.limiter.apply(wanted)
+
+    def _feed_forward(self, estimate: Estimate, wanted: float) -> float:
+        """The torque that moves the hoop as the wanted one would without missing physics."""
+        demanded = self.feedforward.demand(_acted_on(estimate), wanted) if estimate.ready else wanted
+        self._added = demanded - wanted
+        return demanded
 
     def _ask_law(self, inputs: Inputs, estimate: Estimate) -> float:
         """The law's torque; a law that fails (a user's own may) is one whose torque is not a number."""
@@ -290,16 +312,17 @@ class Tick:
 
     def _measurement(self, inputs: Inputs, estimate: Estimate) -> Measurement:
         camera, driver = inputs.camera, inputs.driver
-        estimate.x.flags.writeable = False  # the record shows it, too
+        x = _acted_on(estimate)
+        x.flags.writeable = False  # the record shows it, too
         return Measurement(
             t=inputs.t,
-            x=estimate.x,
+            x=x,
             ready=estimate.ready,
             psi_measured=nan if camera is None else camera.psi,
             psi_fresh=camera is not None and estimate.psi_accepted,
             dtheta_measured=nan if driver is None else driver.dtheta,
             reference=self.reference,
-            torque_previous=self._sent.torque_nm,
+            torque_previous=self._sent.torque_nm - self._added,  # a law knows the plant without missing physics
             dt=self.settings.period_s,
         )
 
@@ -346,6 +369,11 @@ class Tick:
 
     def _note(self, name: str, level: str, **fields: Any) -> None:
         self._notes.append(Note(name, level, fields))
+
+
+def _acted_on(estimate: Estimate) -> Vector:
+    """The state on which this tick's torque will act."""
+    return estimate.x if estimate.ahead is None else estimate.ahead
 
 
 def _near(angle: float, other: float) -> float:

@@ -116,6 +116,7 @@ class Control(Strict, frozen=True):
 
     file: str = "controllers/lqg.yaml"
     law: str = ""  # a Python file with a class `Law`; the file above still gives estimator and limits
+    feedforward: bool = True  # of the effects in the filter's model
 
 
 class Limits(Strict, frozen=True):
