@@ -21,7 +21,15 @@ from hoopd.core.hooponly import HoopOnly
 from hoopd.core.limits import Limiter
 from hoopd.core.tick import Tick
 from hoopd.files import InputError, read_text
-from hoopd.modelfiles import ControllerFile, controller_of, effects_of, parse_controller, parse_model, settings_of
+from hoopd.modelfiles import (
+    ControllerFile,
+    controller_of,
+    effects_of,
+    levels_of,
+    parse_controller,
+    parse_model,
+    settings_of,
+)
 from hoopd.physics.found import Found
 from hoopd.shell.config import Config, dump, find
 from hoopd.writeback import FEEDFORWARD_SHARE, estimator_with, feedforward_parts
@@ -99,7 +107,8 @@ def build_tick(config: Config, texts: Texts) -> Tick:
         _watches_the_ball(config, law)
         found, settings = effects_of(model), settings_of(file)
         feedforward = _feed_forward(config, found, settings, law, limiter)
-        return Tick(config.loop, config.faults, estimator_with(found, settings), law, limiter, feedforward)
+        estimator, levels = estimator_with(found, settings), levels_of(file)
+        return Tick(config.loop, config.faults, estimator, law, limiter, feedforward, levels)
     _needs_no_ball(config, file, law)
     return Tick(config.loop, config.faults, HoopOnly(), law, limiter)
 

@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 
 from hoopd.core.controllers import Controller, LinearGains, Lqg, LqgGains, LqgLinear, TransferFunctionController
+from hoopd.core.drift import CHANNELS, Level
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
 from hoopd.excitationfile import excitation_entry, excitation_of
@@ -200,6 +201,8 @@ class EstimatorEntry(_Strict, frozen=True):
     gate_nis: float = 25.0
     reacquire_after: int = 5
     horizon_s: float = 0.25
+    # of theta, dtheta, psi: [all, slow] of the innovations on a device that is as the model says (`core.drift`)
+    innovations: dict[str, tuple[float, float]] = {}
 
 
 class ControllerLimits(_Strict, frozen=True):
@@ -239,7 +242,7 @@ def parse_controller(text: str, path: object) -> ControllerFile:
     _between(path, "limits.slew_nm_per_tick", file.limits.slew_nm_per_tick, 0.0, math.inf)
     _between(path, "sample_time_s", file.sample_time_s, 0.0, 1.0)
     _checked(path, "gains", lambda: controller_of(file))
-    _checked(path, "estimator", lambda: settings_of(file))
+    _checked(path, "estimator", lambda: (settings_of(file), levels_of(file)))
     return file
 
 
@@ -271,7 +274,17 @@ def _excitation(file: ControllerFile) -> Controller:
 
 def settings_of(file: ControllerFile) -> EkfSettings:
     """The filter's settings in a controller file."""
-    return EkfSettings(**msgspec.structs.asdict(file.estimator))
+    numbers = msgspec.structs.asdict(file.estimator)
+    del numbers["innovations"]
+    return EkfSettings(**numbers)
+
+
+def levels_of(file: ControllerFile) -> dict[str, Level]:
+    """What is normal of the filter's innovations; ValueError for a channel or a number that cannot be."""
+    for name, pair in file.estimator.innovations.items():
+        if name not in CHANNELS or not all(0.0 < value < math.inf for value in pair):
+            raise ValueError(f"innovations: two numbers above 0 of {', '.join(CHANNELS)}, not {name}: {list(pair)}")
+    return {name: Level(*pair) for name, pair in file.estimator.innovations.items()}
 
 
 def estimator_of(file: ControllerFile, plant: Plant) -> DelayedEkf:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf, isfinite, nan, tau
+from math import copysign, inf, isfinite, nan, sqrt, tau
 
 import numpy as np
 
@@ -128,7 +128,8 @@ class DelayedEkf:
             return Estimate(np.full(4, nan), False, nan, nan, False, nan)
         accepted, innovation_psi, nis = judged
         ready = self._hoop_seen and self._ball_seen
-        return Estimate(x, ready, innovation_psi, hoop[0], accepted, nis, hoop[1], hoop[2])
+        surprise = (hoop[1], hoop[2], copysign(sqrt(nis), innovation_psi))
+        return Estimate(x, ready, innovation_psi, hoop[0], accepted, nis, surprise)
 
     # ------------------------------------------------------------------------------------------ nodes
 
@@ -175,20 +176,22 @@ class DelayedEkf:
     # ------------------------------------------------------------------------------------------ samples
 
     def _fuse_driver(self, driver: DriverSample) -> tuple[float, float, float]:
-        """Put the board's sample in its place; innovation of theta, NIS of theta and dtheta, NaN when it is refused."""
+        """Put the board's sample in its place; innovation of theta, those of theta and dtheta over
+        what is expected, NaN when it is refused."""
         if not self._usable(driver.t, driver.theta, driver.dtheta):
             return nan, nan, nan
         node = self._nodes[self._index_before(min(self._t, driver.t + SAME_INSTANT_S))]
         if abs(node.t - driver.t) > SAME_INSTANT_S or isfinite(node.theta) or isfinite(node.psi):
             node = self._insert(driver.t)
         innovation, off = driver.theta - float(node.x[0]), driver.dtheta - float(node.x[1])
-        nis_theta = innovation * innovation / (float(node.p[0, 0]) + self.settings.r_theta)
-        nis_dtheta = off * off / (float(node.p[1, 1]) + self.settings.r_dtheta)
+        # e / sqrt(S)
+        theta = innovation / sqrt(float(node.p[0, 0]) + self.settings.r_theta)
+        dtheta = off / sqrt(float(node.p[1, 1]) + self.settings.r_dtheta)
         node.theta, node.dtheta = driver.theta, driver.dtheta
         node.start_hoop = not self._hoop_seen or abs(innovation) > THETA_JUMP_RAD
         self._hoop_seen = True
         self._rerun(node)
-        return innovation, nis_theta, nis_dtheta
+        return innovation, theta, dtheta
 
     def _fuse_camera(self, camera: CameraSample) -> tuple[bool, float, float]:
         """Put the picture's angle in its place if it passes the gate; returns accepted, innovation, NIS."""

@@ -87,8 +87,8 @@ class Estimate(NamedTuple):
     innovation_theta: float  # rad, NaN without a new sample
     psi_accepted: bool  # a new psi passed the innovation gate
     nis: float  # normalised innovation squared of psi, NaN without one
-    nis_theta: float = nan  # the same of theta and of dtheta
-    nis_dtheta: float = nan
+    # innovations of theta, dtheta and psi over what the filter expects of them (1: its own), NaN without a sample
+    surprise: tuple[float, float, float] = (nan, nan, nan)
     ahead: Vector | None = None  # (4,) where the plant will be when this tick's torque acts; None: at once
 
 

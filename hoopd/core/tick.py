@@ -7,11 +7,13 @@ unless the mode is RUNNING or STOPPING, and every torque passes the limiter last
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite, nan, tau
 from typing import Any, NamedTuple, Protocol
 
 from hoopd.core.controllers import DONE, Controller, Measurement
+from hoopd.core.drift import Level
 from hoopd.core.feedforward import FeedForward
 from hoopd.core.health import BY_NAME, Action, Health, Sent, Thresholds
 from hoopd.core.limits import Limiter
@@ -31,6 +33,10 @@ from hoopd.core.records import (
 WISH_TICKS = 10
 BOARD_LATCHES = frozenset({"board_fault", "board_timeout", "board_reset"})
 
+
+DRIFT_SAYS = (
+    "for half a minute the device has not moved as the model says: run `hoopd diagnose` on the recording of this run"
+)
 
 # A single missing picture is no news; a cut is.
 LEVELS = {
@@ -114,10 +120,11 @@ class Tick:
         controller: Controller,
         limiter: Limiter,
         feedforward: FeedForward | None = None,
+        levels: Mapping[str, Level] | None = None,
     ) -> None:
         self.settings, self.estimator, self.controller, self.limiter = settings, estimator, controller, limiter
         self.feedforward = feedforward or FeedForward()
-        self.health = Health(thresholds, settings.period_s)
+        self.health = Health(thresholds, settings.period_s, levels)
         self.mode = Mode.DISARMED
         self.reference = 0.0
         self._sent = Sent(0.0, 0.0, 0)
@@ -161,6 +168,7 @@ class Tick:
         asked = self._take_commands(inputs.commands)
         self._move(asked | self._own_events(inputs, estimate))
         torque = self._torque(inputs, estimate)
+        self._watch(inputs.t, estimate)
         self._report_faults()
         command = self._command(inputs, torque)
         return Output(command, self._record(inputs, estimate, command), tuple(self._notes))
@@ -325,6 +333,11 @@ class Tick:
             torque_previous=self._sent.torque_nm - self._added,  # a law knows the plant without missing physics
             dt=self.settings.period_s,
         )
+
+    def _watch(self, t: float, estimate: Estimate) -> None:
+        """One fact when the innovations say that the model is not the device; control goes on."""
+        if channels := self.health.watch(t, estimate, acting=self.mode is Mode.RUNNING):
+            self._note("model_drift", "warning", channels=list(channels), says=DRIFT_SAYS)
 
     def _report_faults(self) -> None:
         active = {fault.name: fault for fault in self.health.active()}

@@ -15,6 +15,7 @@ import numpy as np
 
 from hoopd.core.controllers import Controller, Measurement
 from hoopd.core.estimator import DelayedEkf
+from hoopd.core.late import LateEstimator
 from hoopd.core.limits import Limiter
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Vector
 from hoopd.physics.plant import Plant, zero_order_hold
@@ -160,9 +161,14 @@ class _World:
 
 
 def simulate(
-    plant: Moving, controller: Controller, estimator: DelayedEkf, limiter: Limiter, scenario: Scenario | None = None
+    plant: Moving,
+    controller: Controller,
+    estimator: DelayedEkf | LateEstimator,
+    limiter: Limiter,
+    scenario: Scenario | None = None,
+    watch: Callable[[float, Estimate], object] = lambda t, estimate: None,
 ) -> Run:
-    """Run one scenario; the ball is held until `start_s`, where the rows' time begins."""
+    """Run one scenario; the ball is held until `start_s`, where the rows' time begins; `watch` sees every estimate."""
     s = scenario or Scenario()
     world, answer = _World(plant, s), None
     controller.reset()
@@ -181,6 +187,7 @@ def simulate(
         wanted = 0.0
         before = torque
         if not world.held:
+            watch(t, estimate)
             wanted, _ = controller.update(_measurement(t, s, estimate, (answer, camera), before))
         torque, applied = limiter.apply(wanted), t + WIRE_S
         if not world.held:
