@@ -23,6 +23,8 @@ from hoopd.physics.truereadings import correction
 NO_WEIGHT = 1e6
 # Of the torque limit, what feed-forward may add: the law keeps the rest.
 FEEDFORWARD_SHARE = 0.5
+# A limit of the drive is no force: the law is told of it.
+SATURATION = "actuator.saturation"
 # Where the feed-forward finds what a region bounds.
 PLACES = {**{name: index for index, name in enumerate(REGION_NAMES)}, "u": WANTED}
 
@@ -43,6 +45,11 @@ def delays_of(found: Found) -> Delays:
         camera += values[effect.latency["psi"]] if "psi" in effect.latency else 0.0
         encoder += values[effect.latency["theta"]] if "theta" in effect.latency else 0.0
     return Delays(torque, camera, encoder)
+
+
+def limits_of(found: Found) -> tuple[float, ...]:
+    """Torques (N m) that the drive does not give more of, for the limit of a law."""
+    return tuple(one.parameters["s"] for one in found.entries if one.name == SATURATION)
 
 
 def unused(found: Found) -> tuple[Unused, ...]:

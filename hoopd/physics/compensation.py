@@ -30,6 +30,8 @@ POINTS = 3
 # Of a friction's level, the wanted torque at rest at which three quarters of it are given: less would turn a law's noise
 # into a rattle, more would leave the hoop stuck.
 REST_SHARE = 0.5
+# So many standard deviations of the estimated speed are a motion: at rest its noise must not rattle the drive.
+MOTION_SIGMAS = 3.0
 
 
 def cancels(found: Found, effect: Effect) -> bool:
@@ -75,7 +77,7 @@ def _one(found: Found, effect: Effect, s: Point, noise_rad_s: float) -> Any:
 def _friction(plant: DeclaredPlant, friction: DryFriction, s: Point, e: Any, noise_rad_s: float) -> Any:
     """level * direction: of the motion beyond the estimate's noise, of the wanted torque at rest."""
     level = friction.level(s, e)
-    motion = ca.tanh(getattr(s, f"d{plant.driven}") / noise_rad_s)
+    motion = ca.tanh(getattr(s, f"d{plant.driven}") / (MOTION_SIGMAS * noise_rad_s))
     torque = ca.tanh(s.u / (REST_SHARE * ca.fmax(level, 1e-9)))
     return level * (motion + (1 - ca.fabs(motion)) * torque)
 
