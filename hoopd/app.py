@@ -140,8 +140,7 @@ def check_device(path: Path | None, sets: list[str], *, sim: bool, json_path: Pa
 def _plant(config: Config, path: Path | None) -> dict[str, Any]:
     from hoopd.sim.parts import plant_arguments
 
-    model = load_model(configuration.find(config.sim.model, path))
-    return plant_arguments(config, model.structure, model.values())
+    return plant_arguments(config, load_model(configuration.find(config.sim.model, path)))
 
 
 @contextmanager

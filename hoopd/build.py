@@ -14,13 +14,25 @@ from typing import Any, NamedTuple, cast
 import msgspec
 
 from hoopd.core.controllers import Controller
+from hoopd.core.estimator import EkfSettings
 from hoopd.core.excitation import Excitation
+from hoopd.core.feedforward import FeedForward
 from hoopd.core.hooponly import HoopOnly
 from hoopd.core.limits import Limiter
 from hoopd.core.tick import Tick
 from hoopd.files import InputError, read_text
-from hoopd.modelfiles import ControllerFile, controller_of, estimator_of, parse_controller, parse_model, plant_of
+from hoopd.modelfiles import (
+    ControllerFile,
+    controller_of,
+    effects_of,
+    levels_of,
+    parse_controller,
+    parse_model,
+    settings_of,
+)
+from hoopd.physics.found import Found
 from hoopd.shell.config import Config, dump, find
+from hoopd.writeback import FEEDFORWARD_SHARE, estimator_with, feedforward_parts
 
 # The line of a controller file that names its model, when the way there leads through folders of this machine.
 _MODEL_FOLDERS = re.compile(r"(?m)^(model: +[\"']?)(?:/|~|\.\.).*/(?=[^/\n]+$)")
@@ -58,7 +70,7 @@ def model_path(config: Config, config_path: Path | None) -> Path:
 
 
 def without_places(config: Config) -> Config:
-    """The configuration without folders and devices of this machine: what a recording may tell."""
+    """What a recording may tell: no folders and devices of this machine, nothing that the rig hides."""
     change = msgspec.structs.replace
     control, device = config.control, config.device
     return change(
@@ -66,7 +78,7 @@ def without_places(config: Config) -> Config:
         device=change(device, model=_name(device.model)),
         control=change(control, file=_name(control.file), law=_name(control.law)),
         recording=change(config.recording, directory=""),
-        sim=change(config.sim, model=_name(config.sim.model), directory=""),
+        sim=change(config.sim, model=_name(config.sim.model), directory="", effects=[]),
     )
 
 
@@ -93,9 +105,23 @@ def build_tick(config: Config, texts: Texts) -> Tick:
     )
     if config.faults.ball_expected:
         _watches_the_ball(config, law)
-        return Tick(config.loop, config.faults, estimator_of(file, plant_of(model)), law, limiter)
+        found, settings = effects_of(model), settings_of(file)
+        feedforward = _feed_forward(config, found, settings, law, limiter)
+        estimator, levels = estimator_with(found, settings), levels_of(file)
+        return Tick(config.loop, config.faults, estimator, law, limiter, feedforward, levels)
     _needs_no_ball(config, file, law)
     return Tick(config.loop, config.faults, HoopOnly(), law, limiter)
+
+
+def _feed_forward(
+    config: Config, found: Found, settings: EkfSettings, law: Controller, limiter: Limiter
+) -> FeedForward:
+    """Nothing is added to a test signal: it is played as it was asked for."""
+    if not config.control.feedforward or isinstance(law, Excitation):
+        return FeedForward()
+    loop = config.loop
+    parts = feedforward_parts(found, loop.period_s, loop.wire_s, settings.r_dtheta**0.5)
+    return FeedForward(parts, FEEDFORWARD_SHARE * limiter.torque_nm)
 
 
 def _watches_the_ball(config: Config, law: Controller) -> None:

@@ -14,10 +14,15 @@ import numpy as np
 import yaml
 
 from hoopd.core.controllers import Controller, LinearGains, Lqg, LqgGains, LqgLinear, TransferFunctionController
+from hoopd.core.drift import CHANNELS, Level
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
 from hoopd.excitationfile import excitation_entry, excitation_of
 from hoopd.files import InputError, parse_yaml, read_text, to_struct
+from hoopd.physics.declared import DeclaredPlant, hoop_plant
+from hoopd.physics.effects.base import Effect
+from hoopd.physics.effects.catalogue import library
+from hoopd.physics.found import EffectError, Found, FoundEffect, check_region, checked, weak_end
 from hoopd.physics.parameters import PARAMETER_UNITS, ParameterError, check_parameters
 from hoopd.physics.plant import Plant
 
@@ -59,10 +64,12 @@ class Parameter(_Strict, frozen=True):
 
 
 class EffectEntry(_Strict, frozen=True):
-    """A found effect (vocabulary of effects, `slot.name`) with its parameters."""
+    """A found effect (vocabulary of effects, `slot.name`) with its parameters, and where it was seen."""
 
     name: str
     parameters: dict[str, Parameter] = {}
+    # by theta, dtheta, psi, dpsi or u: [lowest, highest] of what was recorded; nothing is fed forward outside
+    valid: dict[str, tuple[float, float]] = {}
 
 
 class ModelFile(_Strict, frozen=True):
@@ -107,20 +114,38 @@ def parse_model(text: str, path: object) -> ModelFile:
     _between(path, "device.torque_limit_nm", model.device.torque_limit_nm, 0.0, 100.0)
     _between(path, "device.encoder_counts", model.device.encoder_counts, 0, 2**26)
     _between(path, "sample_time_s", model.sample_time_s, 0.0, 1.0)
+    _check_effects(path, model)
     return model
+
+
+def _check_effects(path: object, model: ModelFile) -> None:
+    """InputError for an effect that the plant does not know, twice, or with numbers that cannot be meant."""
+    known = library(effects_plant(model))
+    seen: set[str] = set()
+    for index, entry in enumerate(model.effects):
+        key = f"effects[{index}]"
+        if entry.name in seen:
+            raise InputError(path, f"{key}.name", f"{entry.name} stands twice")
+        seen.add(entry.name)
+        try:
+            checked(effects_plant(model), entry.name, {name: one.value for name, one in entry.parameters.items()})
+            check_region(entry.valid)
+        except EffectError as error:
+            raise InputError(path, f"{key}.{error.key}", error.reason) from None
+        for name, one in entry.parameters.items():
+            _check_parameter(path, f"{key}.parameters.{name}", one, known[entry.name].parameter(name).unit)
 
 
 def model_text(model: ModelFile) -> str:
     """The text of a model file, every number to its last bit."""
-    data = msgspec.to_builtins(model)
-    lines = []
-    for key, value in data.items():
-        nested = isinstance(value, dict) and all(isinstance(one, dict) for one in value.values())
-        lines += (
-            [f"{key}:"] + [f"  {name}: {_flow(one)}" for name, one in value.items()]
-            if nested
-            else [f"{key}: {_flow(value)}"]
-        )
+    lines: list[str] = []
+    for key, value in msgspec.to_builtins(model).items():
+        if isinstance(value, dict) and all(isinstance(one, dict) for one in value.values()):
+            lines += [f"{key}:"] + [f"  {name}: {_flow(one)}" for name, one in value.items()]
+        elif isinstance(value, list) and value:
+            lines += [f"{key}:"] + [f"  - {_flow(one)}" for one in value]
+        else:
+            lines += [f"{key}: {_flow(value)}"]
     return "\n".join(lines) + "\n"
 
 
@@ -131,8 +156,27 @@ def _flow(value: Any) -> str:
 
 
 def plant_of(model: ModelFile) -> Plant:
-    """The plant that a model file describes; its effects are not part of it."""
+    """The plant that a model file describes; its effects are not part of it (`effects_of`)."""
     return Plant(model.structure, model.values())
+
+
+def effects_plant(model: ModelFile) -> DeclaredPlant:
+    """The same plant, declared for effects."""
+    return hoop_plant(model.structure, model.values(), limit=model.device.torque_limit_nm)
+
+
+def effects_of(model: ModelFile) -> Found:
+    """The effects of a model file with their numbers, and what is sure of them."""
+    known = library(effects_plant(model))
+    entries = tuple(_found(known[entry.name], entry) for entry in model.effects)
+    return Found(model.structure, model.values(), entries, model.device.torque_limit_nm)
+
+
+def _found(effect: Effect, entry: EffectEntry) -> FoundEffect:
+    given = entry.parameters.items()
+    values = {**effect.neutral(), **{name: one.value for name, one in given}}
+    weak = {name: weak_end(effect.parameter(name), one.value, one.ci95) for name, one in given}
+    return FoundEffect(entry.name, values, weak, check_region(entry.valid))
 
 
 def _check_parameter(path: object, key: str, entry: Parameter, unit: str | None) -> None:
@@ -157,6 +201,8 @@ class EstimatorEntry(_Strict, frozen=True):
     gate_nis: float = 25.0
     reacquire_after: int = 5
     horizon_s: float = 0.25
+    # of theta, dtheta, psi: [all, slow] of the innovations on a device that is as the model says (`core.drift`)
+    innovations: dict[str, tuple[float, float]] = {}
 
 
 class ControllerLimits(_Strict, frozen=True):
@@ -196,7 +242,7 @@ def parse_controller(text: str, path: object) -> ControllerFile:
     _between(path, "limits.slew_nm_per_tick", file.limits.slew_nm_per_tick, 0.0, math.inf)
     _between(path, "sample_time_s", file.sample_time_s, 0.0, 1.0)
     _checked(path, "gains", lambda: controller_of(file))
-    _checked(path, "estimator", lambda: settings_of(file))
+    _checked(path, "estimator", lambda: (settings_of(file), levels_of(file)))
     return file
 
 
@@ -228,7 +274,17 @@ def _excitation(file: ControllerFile) -> Controller:
 
 def settings_of(file: ControllerFile) -> EkfSettings:
     """The filter's settings in a controller file."""
-    return EkfSettings(**msgspec.structs.asdict(file.estimator))
+    numbers = msgspec.structs.asdict(file.estimator)
+    del numbers["innovations"]
+    return EkfSettings(**numbers)
+
+
+def levels_of(file: ControllerFile) -> dict[str, Level]:
+    """What is normal of the filter's innovations; ValueError for a channel or a number that cannot be."""
+    for name, pair in file.estimator.innovations.items():
+        if name not in CHANNELS or not all(0.0 < value < math.inf for value in pair):
+            raise ValueError(f"innovations: two numbers above 0 of {', '.join(CHANNELS)}, not {name}: {list(pair)}")
+    return {name: Level(*pair) for name, pair in file.estimator.innovations.items()}
 
 
 def estimator_of(file: ControllerFile, plant: Plant) -> DelayedEkf:

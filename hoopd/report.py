@@ -80,6 +80,7 @@ def status(loop: Loop, recorder: RecorderSink | None) -> dict[str, Any]:
     statistics = loop.statistics
     return {
         "faults": loop.tick.faults,
+        "innovations": {name: level._asdict() for name, level in loop.tick.health.drift.latest().items()},
         "missed_ticks": statistics.missed,
         "lateness_p99_s": statistics.lateness.quantile(0.99),
         "execution_p99_s": statistics.execution.quantile(0.99),

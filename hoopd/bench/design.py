@@ -6,6 +6,7 @@ Rules of this file: from files to a file and a result, no mathematics; an unstab
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import degrees, isfinite, pi
 from pathlib import Path
 from typing import Any
@@ -14,21 +15,25 @@ import numpy as np
 
 from hoopd.bench.inputs import read_recording
 from hoopd.bench.targets import check_results
+from hoopd.core.estimator import EkfSettings
 from hoopd.design.arxlaw import design_arx
 from hoopd.design.closedloop import Run
 from hoopd.design.controllerfile import controller_data, controller_text
 from hoopd.design.gangoffour import GangOfFour, gang_of_four, noise_gain, nyquist_gain, peaks
-from hoopd.design.laws import LAWS, Law, Spec
+from hoopd.design.laws import LAWS, Law, Spec, SpecError
+from hoopd.design.levels import innovation_levels
 from hoopd.design.margins import Margins, margins
 from hoopd.design.poles import Pole, closed_loop_poles, unstable
 from hoopd.design.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
 from hoopd.files import InputError
-from hoopd.modelfiles import ControllerFile, ModelFile, load_model, parse_controller, plant_of
+from hoopd.modelfiles import ControllerFile, ModelFile, effects_of, load_model, parse_controller, plant_of
+from hoopd.physics.found import Found
 from hoopd.physics.plant import Plant
 from hoopd.plots import style
 from hoopd.plots.loops import draw_design
 from hoopd.recording.bytesof import replace_file
 from hoopd.shipped import or_shipped, way_to
+from hoopd.writeback import cancelled, delays_of, filter_effects, limits_of, unused
 
 KINDS = (*LAWS, "arx")
 HEAD = "Made by `hoopd design {law}` from {model}."
@@ -52,13 +57,15 @@ def run(
     _check_disturbance(disturbance_rad)
     model_path = or_shipped(model_path)
     model = load_model(model_path)
-    plant = plant_of(model)
+    plant, found_effects = plant_of(model), effects_of(model)
+    spec = _with_delays(spec, found_effects)
     designed = _designed(law, plant, spec, recording)
     poles = _poles_of(law, designed)
     _refuse_unstable(law, poles, spec)
     text = _text(law, designed, spec, model, model_path, out)
     file = parse_controller(text, out or law)
-    found, runs = margins(designed.loop), trial(file, plant, disturbance_rad, spec.delay_s)
+    age_s = spec.delay_s - delays_of(found_effects).camera_s
+    found, runs = margins(designed.loop), trial(file, plant, disturbance_rad, age_s, found=found_effects)
     _refuse_runaway(law, runs)
     if figure is not None:
         drawn = draw_design(_gang(designed), runs, disturbance_rad, title=_title(law, found, spec))
@@ -68,7 +75,8 @@ def run(
         "model": model_path.name,
         "controller": "" if out is None else out.name,
         **_result(law, file, designed, spec, poles, found, runs),
-        "warnings": [*designed.notes, *_poor(found, spec), *_restless(runs), *_left_out(model)],
+        **({"effects": _effects(found_effects)} if found_effects else {}),
+        "warnings": [*designed.notes, *_poor(found, spec), *_restless(runs), *_left_out(law, found_effects)],
     }
 
 
@@ -135,9 +143,31 @@ def _restless(runs: Trial) -> list[str]:
     return [f"ball not at rest at the end of the nonlinear run {n!r}" for n in names if not at_rest(getattr(runs, n))]
 
 
-def _left_out(model: ModelFile) -> list[str]:
-    names = ", ".join(entry.name for entry in model.effects)
-    return [f"designed without the model's effects: {names}"] if names else []
+def _left_out(law: str, found: Found) -> list[str]:
+    """What the model's effects leave to be wished for."""
+    notes = [f"nothing is done about {one.name}: {one.reason}" for one in unused(found)]
+    if law == "arx" and cancelled(found):
+        notes.append("the law's own model is from a recording: was it taken with the feed-forward of these effects?")
+    return notes
+
+
+def _with_delays(spec: Spec, found: Found) -> Spec:
+    """The specification for what is later than usual; InputError when that is more than the filter remembers."""
+    late = delays_of(found)
+    try:
+        return replace(spec, delay_s=spec.delay_s + late.camera_s, torque_delay_s=late.torque_s)
+    except SpecError as error:
+        raise InputError("--delay", "", f"with the model's effects: {error.reason}") from None
+
+
+def _effects(found: Found) -> dict[str, Any]:
+    """What becomes of the model's effects: the law is designed on what feed-forward leaves."""
+    return {
+        "fed_forward": list(cancelled(found)),
+        "in_the_filter": [*filter_effects(found).names],
+        "delays_s": delays_of(found)._asdict(),
+        "left_out": [one._asdict() for one in unused(found)],
+    }
 
 
 # ---------------------------------------------------------------------------------------------- files
@@ -151,9 +181,16 @@ def _text(law: str, designed: Law, spec: Spec, model: ModelFile, model_path: Pat
         model=way_to(model_path, out),
         notes=f"designed as {law} for pictures {1e3 * spec.delay_s:g} ms old",
         sample_time_s=spec.sample_time_s,
-        torque_nm=min(0.7, model.device.torque_limit_nm),
+        torque_nm=min(0.7, model.device.torque_limit_nm, *limits_of(effects_of(model))),
+        innovations=_levels(model, spec),
     )
     return controller_text(data, HEAD.format(law=law, model=model_path.name))
+
+
+def _levels(model: ModelFile, spec: Spec) -> dict[str, list[float]]:
+    """What the filter's innovations are while the device is as the model says."""
+    age_s = spec.delay_s - delays_of(effects_of(model)).camera_s
+    return innovation_levels(plant_of(model), EkfSettings(), age_s, spec.sample_time_s)
 
 
 def _write(out: Path | None, text: str) -> None:

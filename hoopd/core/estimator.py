@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf, isfinite, nan, tau
+from math import copysign, inf, isfinite, nan, sqrt, tau
 
 import numpy as np
 
@@ -110,7 +110,7 @@ class DelayedEkf:
         `held`: nobody controls the ball, so that a hand may hold it or carry it round against the model.
         """
         self._open(t)
-        innovation_theta, judged = nan, (False, nan, nan)
+        hoop, judged = (nan, nan, nan), (False, nan, nan)
         switch = max(min(t, t_applied), self._nodes[0].t)
         late = camera is not None and camera.t < switch
         # a late picture first: then the newest instants run once, not twice
@@ -119,7 +119,7 @@ class DelayedEkf:
         node = self._insert(switch)
         node.u, node.q = torque_previous if isfinite(torque_previous) else 0.0, self._q_held if held else self._q_free
         if driver is not None:
-            innovation_theta = self._fuse_driver(driver)
+            hoop = self._fuse_driver(driver)
         if camera is not None and not late:
             judged = self._fuse_camera(camera)
         x = self._at(t)
@@ -127,7 +127,9 @@ class DelayedEkf:
             self.reset()  # the caller sees that it is lost, and the next samples begin anew
             return Estimate(np.full(4, nan), False, nan, nan, False, nan)
         accepted, innovation_psi, nis = judged
-        return Estimate(x, self._hoop_seen and self._ball_seen, innovation_psi, innovation_theta, accepted, nis)
+        ready = self._hoop_seen and self._ball_seen
+        surprise = (hoop[1], hoop[2], copysign(sqrt(nis), innovation_psi))
+        return Estimate(x, ready, innovation_psi, hoop[0], accepted, nis, surprise)
 
     # ------------------------------------------------------------------------------------------ nodes
 
@@ -173,19 +175,23 @@ class DelayedEkf:
 
     # ------------------------------------------------------------------------------------------ samples
 
-    def _fuse_driver(self, driver: DriverSample) -> float:
-        """Put the board's sample in its place; returns the innovation of theta, NaN when it is refused."""
+    def _fuse_driver(self, driver: DriverSample) -> tuple[float, float, float]:
+        """Put the board's sample in its place; innovation of theta, those of theta and dtheta over
+        what is expected, NaN when it is refused."""
         if not self._usable(driver.t, driver.theta, driver.dtheta):
-            return nan
+            return nan, nan, nan
         node = self._nodes[self._index_before(min(self._t, driver.t + SAME_INSTANT_S))]
         if abs(node.t - driver.t) > SAME_INSTANT_S or isfinite(node.theta) or isfinite(node.psi):
             node = self._insert(driver.t)
-        innovation = driver.theta - float(node.x[0])
+        innovation, off = driver.theta - float(node.x[0]), driver.dtheta - float(node.x[1])
+        # e / sqrt(S)
+        theta = innovation / sqrt(float(node.p[0, 0]) + self.settings.r_theta)
+        dtheta = off / sqrt(float(node.p[1, 1]) + self.settings.r_dtheta)
         node.theta, node.dtheta = driver.theta, driver.dtheta
         node.start_hoop = not self._hoop_seen or abs(innovation) > THETA_JUMP_RAD
         self._hoop_seen = True
         self._rerun(node)
-        return innovation
+        return innovation, theta, dtheta
 
     def _fuse_camera(self, camera: CameraSample) -> tuple[bool, float, float]:
         """Put the picture's angle in its place if it passes the gate; returns accepted, innovation, NIS."""

@@ -13,6 +13,7 @@ from enum import IntEnum
 from math import isfinite, isinf
 from typing import NamedTuple
 
+from hoopd.core.drift import Drift, Level
 from hoopd.core.frames import (
     ERROR_ENCODER,
     ERROR_OVERCURRENT,
@@ -84,6 +85,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault("not_finite", Action.CUT, 1, 1, True, "an estimate or a command was not a finite number"),
     Fault("recorder_trouble", Action.FLAG, 1, 1, False, "rows were lost or cannot be written"),
     Fault("telemetry_trouble", Action.FLAG, 1, SECOND, False, "telemetry rows were dropped"),
+    # `core.drift`: half a minute in which the innovations last; once in a run, the model does not change while it runs.
+    Fault("model_drift", Action.NOTE, 1, 1, True, "the device does not move as the model says: run `hoopd diagnose`"),
 )
 CAMERA_FAULTS = ("camera_late", "camera_lost", "ball_missing", "ball_lost", "ball_implausible")
 BY_NAME: Mapping[str, Fault] = {fault.name: fault for fault in FAULTS}
@@ -154,8 +157,10 @@ class _Count:
 class Health:
     """Judges every tick's inputs by the table; deterministic, knows no clock."""
 
-    def __init__(self, thresholds: Thresholds, period_s: float) -> None:
+    def __init__(self, thresholds: Thresholds, period_s: float, levels: Mapping[str, Level] | None = None) -> None:
+        """`levels`: what the filter's innovations are while the device is as the model says."""
         self.thresholds, self.period_s = thresholds, period_s
+        self.drift = Drift(levels)
         self._counts = {fault.name: _Count(fault) for fault in FAULTS}
         self._active: tuple[Fault, ...] = ()
         self._driver: DriverSample | None = None
@@ -174,6 +179,18 @@ class Health:
         if inputs.driver is not None:
             self._driver = inputs.driver
         self._id = inputs.id
+
+    def watch(self, t: float, estimate: Estimate, *, acting: bool) -> tuple[str, ...]:
+        """Follow the innovations while the law acts; the channels that drift, in the tick in which that is found."""
+        if not acting:
+            self.drift.pause()
+            return ()
+        if self._counts["model_drift"].active:
+            return ()
+        channels = self.drift.watch(t, estimate.surprise)
+        if channels:
+            self.raise_now("model_drift")
+        return channels
 
     def raise_now(self, name: str) -> None:
         """Make a fault active that was found after this tick's update (a command that is not finite)."""

@@ -6,6 +6,7 @@ the daemon's start (monotonic), missing numbers are NaN, angles in radians. Noth
 
 from __future__ import annotations
 
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +87,9 @@ class Estimate(NamedTuple):
     innovation_theta: float  # rad, NaN without a new sample
     psi_accepted: bool  # a new psi passed the innovation gate
     nis: float  # normalised innovation squared of psi, NaN without one
+    # innovations of theta, dtheta and psi over what the filter expects of them (1: its own), NaN without a sample
+    surprise: tuple[float, float, float] = (nan, nan, nan)
+    ahead: Vector | None = None  # (4,) where the plant will be when this tick's torque acts; None: at once
 
 
 class TorqueCommand(NamedTuple):

@@ -7,20 +7,36 @@ unless the mode is RUNNING or STOPPING, and every torque passes the limiter last
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite, nan, tau
 from typing import Any, NamedTuple, Protocol
 
 from hoopd.core.controllers import DONE, Controller, Measurement
+from hoopd.core.drift import Level
+from hoopd.core.feedforward import FeedForward
 from hoopd.core.health import BY_NAME, Action, Health, Sent, Thresholds
 from hoopd.core.limits import Limiter
 from hoopd.core.modes import ENERGISED, Event, Mode, next_mode
-from hoopd.core.records import CameraSample, Command, DriverSample, Estimate, Inputs, TickRecord, TorqueCommand
+from hoopd.core.records import (
+    CameraSample,
+    Command,
+    DriverSample,
+    Estimate,
+    Inputs,
+    TickRecord,
+    TorqueCommand,
+    Vector,
+)
 
 # What the board itself has latched goes only by a clearing request, so that an arm may wait this long for it.
 WISH_TICKS = 10
 BOARD_LATCHES = frozenset({"board_fault", "board_timeout", "board_reset"})
 
+
+DRIFT_SAYS = (
+    "for half a minute the device has not moved as the model says: run `hoopd diagnose` on the recording of this run"
+)
 
 # A single missing picture is no news; a cut is.
 LEVELS = {
@@ -103,12 +119,16 @@ class Tick:
         estimator: Estimator,
         controller: Controller,
         limiter: Limiter,
+        feedforward: FeedForward | None = None,
+        levels: Mapping[str, Level] | None = None,
     ) -> None:
         self.settings, self.estimator, self.controller, self.limiter = settings, estimator, controller, limiter
-        self.health = Health(thresholds, settings.period_s)
+        self.feedforward = feedforward or FeedForward()
+        self.health = Health(thresholds, settings.period_s, levels)
         self.mode = Mode.DISARMED
         self.reference = 0.0
         self._sent = Sent(0.0, 0.0, 0)
+        self._added = 0.0  # N m, what feed-forward added to the torque that was sent last
         self._faults: tuple[str, ...] = ()
         self._seq = -1
         self._stopping_since = 0.0
@@ -148,6 +168,7 @@ class Tick:
         asked = self._take_commands(inputs.commands)
         self._move(asked | self._own_events(inputs, estimate))
         torque = self._torque(inputs, estimate)
+        self._watch(inputs.t, estimate)
         self._report_faults()
         command = self._command(inputs, torque)
         return Output(command, self._record(inputs, estimate, command), tuple(self._notes))
@@ -240,10 +261,13 @@ class Tick:
         self._note("mode", level, mode=str(self.mode), was=str(before), because=causes)
 
     def _torque(self, inputs: Inputs, estimate: Estimate) -> float:
+        self._added = 0.0
         if self.mode is Mode.RUNNING:
             wanted = self._ask_law(inputs, estimate)
             if self._over and isfinite(wanted):
                 wanted = self._end_law(inputs)
+            elif isfinite(wanted):
+                wanted = self._feed_forward(estimate, wanted)
         elif self.mode is Mode.STOPPING:
             wanted = self._brake(inputs)
         else:
@@ -255,6 +279,12 @@ class Tick:
             self._move(frozenset({Event.CUT}))
             return 0.0
         return self.limiter.apply(wanted)
+
+    def _feed_forward(self, estimate: Estimate, wanted: float) -> float:
+        """The torque that moves the hoop as the wanted one would without missing physics."""
+        demanded = self.feedforward.demand(_acted_on(estimate), wanted) if estimate.ready else wanted
+        self._added = demanded - wanted
+        return demanded
 
     def _ask_law(self, inputs: Inputs, estimate: Estimate) -> float:
         """The law's torque; a law that fails (a user's own may) is one whose torque is not a number."""
@@ -290,18 +320,24 @@ class Tick:
 
     def _measurement(self, inputs: Inputs, estimate: Estimate) -> Measurement:
         camera, driver = inputs.camera, inputs.driver
-        estimate.x.flags.writeable = False  # the record shows it, too
+        x = _acted_on(estimate)
+        x.flags.writeable = False  # the record shows it, too
         return Measurement(
             t=inputs.t,
-            x=estimate.x,
+            x=x,
             ready=estimate.ready,
             psi_measured=nan if camera is None else camera.psi,
             psi_fresh=camera is not None and estimate.psi_accepted,
             dtheta_measured=nan if driver is None else driver.dtheta,
             reference=self.reference,
-            torque_previous=self._sent.torque_nm,
+            torque_previous=self._sent.torque_nm - self._added,  # a law knows the plant without missing physics
             dt=self.settings.period_s,
         )
+
+    def _watch(self, t: float, estimate: Estimate) -> None:
+        """One fact when the innovations say that the model is not the device; control goes on."""
+        if channels := self.health.watch(t, estimate, acting=self.mode is Mode.RUNNING):
+            self._note("model_drift", "warning", channels=list(channels), says=DRIFT_SAYS)
 
     def _report_faults(self) -> None:
         active = {fault.name: fault for fault in self.health.active()}
@@ -346,6 +382,11 @@ class Tick:
 
     def _note(self, name: str, level: str, **fields: Any) -> None:
         self._notes.append(Note(name, level, fields))
+
+
+def _acted_on(estimate: Estimate) -> Vector:
+    """The state on which this tick's torque will act."""
+    return estimate.x if estimate.ahead is None else estimate.ahead
 
 
 def _near(angle: float, other: float) -> float:

@@ -6,15 +6,18 @@ board (sampled WIRE_S after t_k-1) and the newest picture delivered, its torque 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import pi, tau
+from math import inf, pi, tau
 from typing import Protocol
 
 import numpy as np
 
 from hoopd.core.controllers import Controller, Measurement
 from hoopd.core.estimator import DelayedEkf
+from hoopd.core.feedforward import FeedForward
+from hoopd.core.late import LateEstimator
 from hoopd.core.limits import Limiter
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Vector
 from hoopd.physics.plant import Plant, zero_order_hold
@@ -55,6 +58,7 @@ class Scenario:
     duration_s: float = 6.0
     psi0_rad: float = 0.0
     period_s: float = 0.02
+    latency_s: float = 0.0  # the picture shows psi so much before its stamp
     delay_frames: int = 2  # picture delivered so long after the middle of its exposure
     phase_s: float = 0.006  # the camera's clock against the tick's: the first exposure's middle
     psi_noise_rad: float = 0.002
@@ -155,14 +159,21 @@ class _World:
         psi = (psi + pi) % tau - pi
         self._frame += 1
         if not s.psi_missing(t - s.start_s):
-            arrival = t + s.delay_frames * s.period_s
-            self._pictures.append(CameraSample(self._frame, t, arrival, psi, 1.0, 0.0, 0.0))
+            stamp = t + s.latency_s
+            arrival = stamp + s.delay_frames * s.period_s
+            self._pictures.append(CameraSample(self._frame, stamp, arrival, psi, 1.0, 0.0, 0.0))
 
 
 def simulate(
-    plant: Moving, controller: Controller, estimator: DelayedEkf, limiter: Limiter, scenario: Scenario | None = None
+    plant: Moving,
+    controller: Controller,
+    estimator: DelayedEkf | LateEstimator,
+    limiter: Limiter,
+    scenario: Scenario | None = None,
+    watch: Callable[[float, Estimate], object] = lambda t, estimate: None,
+    feedforward: FeedForward | None = None,
 ) -> Run:
-    """Run one scenario; the ball is held until `start_s`, where the rows' time begins."""
+    """Run one scenario; the ball is held until `start_s`, where the rows' time begins; `watch` sees every estimate."""
     s = scenario or Scenario()
     world, answer = _World(plant, s), None
     controller.reset()
@@ -170,7 +181,8 @@ def simulate(
     limiter.reset()
     ticks = round((s.start_s + s.duration_s) / s.period_s)
     rows: list[tuple[float, ...]] = []
-    torque, applied, psi_last = 0.0, -s.period_s + WIRE_S, float("nan")
+    forward = feedforward or FeedForward()
+    torque, added, applied, psi_last = 0.0, 0.0, -s.period_s + WIRE_S, float("nan")
     for k in range(ticks):
         t = k * s.period_s
         world.run_to(t)
@@ -178,11 +190,13 @@ def simulate(
         estimate = estimator.update(t, torque, applied, answer, camera, held=world.held)
         psi_last = psi_last if camera is None else camera.psi
         world.held = t < s.start_s - 1e-9
-        wanted = 0.0
-        before = torque
+        wanted = demanded = 0.0
+        before = torque - added
         if not world.held:
+            watch(t, estimate)
             wanted, _ = controller.update(_measurement(t, s, estimate, (answer, camera), before))
-        torque, applied = limiter.apply(wanted), t + WIRE_S
+            demanded = forward.demand(_acted_on(estimate), wanted) if estimate.ready else wanted
+        torque, added, applied = limiter.apply(demanded), demanded - wanted, t + WIRE_S
         if not world.held:
             rows.append((t - s.start_s, *world.x, torque, psi_last, *estimate.x))
         world.run_to(applied)
@@ -192,13 +206,39 @@ def simulate(
     return Run(table[:, 0], table[:, 1:5], table[:, 5], table[:, 6], table[:, 7:11])
 
 
+def _acted_on(estimate: Estimate) -> Vector:
+    """The state on which this tick's torque will act."""
+    return estimate.x if estimate.ahead is None else estimate.ahead
+
+
+class LateTorque:
+    """A plant whose torque acts `delay_s` late; for one run."""
+
+    def __init__(self, plant: Moving, delay_s: float) -> None:
+        self._plant, self._delay_s, self._t = plant, delay_s, 0.0
+        self._torques: deque[tuple[float, float]] = deque([(-inf, 0.0)])  # since when it acts
+
+    def advance(self, x: Vector, u: float, h: float) -> Vector:
+        """State (4,) after `h` seconds in which `u` is demanded."""
+        self._torques.append((self._t + self._delay_s, u))
+        end = self._t + h
+        while end - self._t > 1e-12:
+            while len(self._torques) > 1 and self._torques[1][0] <= self._t + 1e-12:
+                self._torques.popleft()
+            following = self._torques[1][0] if len(self._torques) > 1 else inf
+            until = min(end, following)
+            x = self._plant.advance(x, self._torques[0][1], until - self._t)
+            self._t = until
+        return x
+
+
 def _measurement(
     t: float, s: Scenario, estimate: Estimate, samples: tuple[DriverSample | None, CameraSample | None], before: float
 ) -> Measurement:
     answer, camera = samples
     return Measurement(
         t=t,
-        x=estimate.x,
+        x=_acted_on(estimate),
         ready=estimate.ready,
         psi_measured=float("nan") if camera is None else camera.psi,
         psi_fresh=camera is not None and estimate.psi_accepted,

@@ -37,9 +37,12 @@ def controller_data(
     sample_time_s: float,
     torque_nm: float = 0.7,
     settings: EkfSettings | None = None,
+    innovations: Mapping[str, list[float]] | None = None,
 ) -> dict[str, Any]:
-    """The content of a controller file; gains as they stand, the estimator with few digits."""
+    """The content of a controller file; gains as they stand, the estimator with few digits; `innovations`: normal
+    levels (`levels`)."""
     estimator = asdict(settings or EkfSettings())
+    levels = {"innovations": dict(innovations)} if innovations else {}
     return {
         "schema": "hoopd.controller/1",
         "name": name,
@@ -48,7 +51,7 @@ def controller_data(
         "model": model,
         "sample_time_s": sample_time_s,
         "limits": {"torque_nm": torque_nm, "slew_nm_per_tick": 2.0 * torque_nm},
-        "estimator": {key: plain(estimator[key]) for key in ESTIMATOR_KEYS},
+        "estimator": {**{key: plain(estimator[key]) for key in ESTIMATOR_KEYS}, **levels},
         "gains": dict(gains),
     }
 

@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from hoopd.core.estimator import EkfSettings
 from hoopd.core.records import PICTURE_AGE_S
 from hoopd.design.arx import ArxModel, arx_lqg, fit_arx
 from hoopd.design.controllerfile import controller_data, controller_text, plain
+from hoopd.design.levels import innovation_levels
 from hoopd.design.lqg import Weights, lqg_gains
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.physics.plant import Plant
@@ -60,12 +62,14 @@ def make_defaults(config: Path) -> dict[str, dict[str, Any]]:
     plant = plant_of(load_model(config / "models" / "hoop.yaml"))
     arx = plain(arx_lqg(fitted(plant), Weights(), TICK_S)._asdict())
     lqg = plain(asdict(lqg_gains(plant, Weights(), TICK_S)))
-    return {
-        "lqg": _file("lqg", "lqg", lqg, "state feedback on the filter's estimate; hoop speed regulated"),
-        "arx": _file("arx", "lqg_linear", arx, "LQG on an ARX model identified from a simulated run"),
-        "pid": _file("pid", "pid", {"b": PID_B, "a": PID_A}, "the thesis's PID; sees psi alone"),
-        "lead": _file("lead", "lead", {"b": LEAD_B, "a": LEAD_A}, "the thesis's lead link; sees psi alone"),
+    levels = innovation_levels(plant, EkfSettings(), PICTURE_AGE_S, TICK_S)
+    laws = {
+        "lqg": ("lqg", lqg, "state feedback on the filter's estimate; hoop speed regulated"),
+        "arx": ("lqg_linear", arx, "LQG on an ARX model identified from a simulated run"),
+        "pid": ("pid", {"b": PID_B, "a": PID_A}, "the thesis's PID; sees psi alone"),
+        "lead": ("lead", {"b": LEAD_B, "a": LEAD_A}, "the thesis's lead link; sees psi alone"),
     }
+    return {name: _file(name, *law, levels) for name, law in laws.items()}
 
 
 def write_defaults(config: Path, folder: Path) -> None:
@@ -75,8 +79,9 @@ def write_defaults(config: Path, folder: Path) -> None:
         (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
 
 
-def _file(name: str, kind: str, gains: dict[str, Any], notes: str) -> dict[str, Any]:
-    return controller_data(name, kind, gains, model="models/hoop.yaml", notes=notes, sample_time_s=TICK_S)
+def _file(name: str, kind: str, gains: dict[str, Any], notes: str, levels: dict[str, list[float]]) -> dict[str, Any]:
+    model = "models/hoop.yaml"
+    return controller_data(name, kind, gains, model=model, notes=notes, sample_time_s=TICK_S, innovations=levels)
 
 
 if __name__ == "__main__":

@@ -79,6 +79,7 @@ class Spec:
     poles: tuple[complex, ...] = (-5 + 7j, -5 - 7j, -4)  # rad/s, of hoop speed and ball together
     weights: Weights = field(default_factory=Weights)
     delay_s: float = PICTURE_AGE_S
+    torque_delay_s: float = 0.0  # by which the drive acts late
     sample_time_s: float = 0.02
     method: str = "tustin"
 
@@ -90,6 +91,10 @@ class Spec:
                 raise SpecError(name, f"must be above {low:g} and at most {high:g}, not {value:g}")
         if not 0.0 <= self.delay_s <= LONGEST_DELAY_S:
             raise SpecError("delay_s", f"must be from 0 to {LONGEST_DELAY_S:g} s, not {self.delay_s:g}")
+        if not 0.0 <= self.torque_delay_s <= LONGEST_DELAY_S - self.delay_s:
+            raise SpecError(
+                "delay_s", f"with {self.torque_delay_s:g} s of the drive it is more than {LONGEST_DELAY_S:g} s"
+            )
         if not SMALLEST_GAIN <= abs(self.gain) <= LARGEST_GAIN:
             raise SpecError("gain", f"must be {SMALLEST_GAIN:g} to {LARGEST_GAIN:g}, of either sign, not {self.gain:g}")
         if self.lead is not None and not all(0.0 < value <= 1e3 for value in self.lead):
@@ -103,9 +108,19 @@ class Spec:
         return ceil(self.delay_s / self.sample_time_s - 1e-9)
 
     @property
+    def torque_ticks(self) -> int:
+        """Ticks by which the drive acts late, rounded up."""
+        return ceil(self.torque_delay_s / self.sample_time_s - 1e-9)
+
+    @property
+    def round_trip_s(self) -> float:
+        """From a torque that is sent to a picture of what it did, the loop's own tick apart."""
+        return self.delay_s + self.torque_delay_s
+
+    @property
     def loop_delay_s(self) -> float:
         """What a continuous design has to bear: the pictures' age, and half a tick of the held torque."""
-        return self.delay_s + self.sample_time_s / 2.0 if self.delay_s > 0.0 else 0.0
+        return self.round_trip_s + self.sample_time_s / 2.0 if self.round_trip_s > 0.0 else 0.0
 
 
 class Law(NamedTuple):
@@ -130,7 +145,7 @@ def ball_angle(plant: Plant) -> control.StateSpace:
 
 def design_pid(plant: Plant, spec: Spec) -> Law:
     """PID tangent to |T| = mt at omega, derivative filtered; shaped against the delay (none: the thesis's way)."""
-    late = spec.delay_s > 0.0
+    late = spec.round_trip_s > 0.0
     omega = spec.omega_rad_s or (LATE_OMEGA_RAD_S if late else 10.0)
     mt, angle = spec.mt or (LATE_MT if late else 1.25), 50.0 if spec.phase_deg is None else spec.phase_deg
     model = ball_angle(plant)
@@ -203,7 +218,7 @@ def _on_psi(
     """A law on measured psi alone, sampled, its coefficients as the daemon takes them."""
     sampled = c2d(c, spec.sample_time_s, spec.method)
     gains = plain({"b": sampled.num[0][0], "a": sampled.den[0][0]}, TRANSFER_DIGITS)
-    late = held(ball_angle(plant), spec.sample_time_s, spec.delay_s)
+    late = held(ball_angle(plant), spec.sample_time_s, spec.round_trip_s)
     law = control.ss(control.tf(gains["b"], gains["a"], spec.sample_time_s))
     return Law(kind, gains, law, late, late * law, numbers, tuple(notes or ()))
 
@@ -242,9 +257,9 @@ def design_placement(plant: Plant, spec: Spec) -> Law:
 
 
 def _on_estimate(plant: Plant, k: Array, spec: Spec, numbers: dict[str, Any]) -> Law:
-    h, ticks = spec.sample_time_s, spec.delay_ticks
-    law = lqg_law(plant, k, EkfSettings(), h=h, delay_ticks=ticks)
-    return on_both("lqg", plain(asdict(state_feedback(plant, k))), law, seen_plant(plant, h, ticks), numbers)
+    h, ticks, late = spec.sample_time_s, spec.delay_ticks, spec.torque_ticks
+    law = lqg_law(plant, k, EkfSettings(), h=h, delay_ticks=ticks, torque_ticks=late)
+    return on_both("lqg", plain(asdict(state_feedback(plant, k))), law, seen_plant(plant, h, ticks, late), numbers)
 
 
 def on_both(

@@ -97,19 +97,21 @@ def state_feedback(plant: Plant, k: Array, hoop_speed_limit: float = 30.0) -> Lq
 # ---------------------------------------------------------------------------------------------- the loop
 
 
-def seen_plant(plant: Plant, h: float, delay_ticks: int) -> control.StateSpace:
+def seen_plant(plant: Plant, h: float, delay_ticks: int, torque_ticks: int = 0) -> control.StateSpace:
     """Torque to (dtheta, psi) as a tick sees them: dtheta one tick old, psi `delay_ticks` old.
 
-    State: (dtheta, psi, dpsi)_k, dtheta_k-1, psi_k-1 ... psi_k-d.
+    State: (dtheta, psi, dpsi)_k, dtheta_k-1 ..., psi_k-1 ... psi_k-d. A torque that arrives `torque_ticks` late is, for
+    the loop, a state seen so much later: (dtheta, psi, dpsi) are then those on which this tick's torque will act.
     """
     a, b = reduced_model(plant, h)
-    n = 3 + 1 + delay_ticks
+    first, second = 1 + torque_ticks, delay_ticks + torque_ticks
+    n = 3 + first + second
     big, inp, out = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((2, n))
     big[:3, :3], inp[:3] = a, b
-    big[3, 0] = 1.0
-    for index in range(4, n):
-        big[index, 1 if index == 4 else index - 1] = 1.0
-    out[0, 3], out[1, n - 1 if delay_ticks else 1] = 1.0, 1.0
+    for begin, count, state in ((3, first, 0), (3 + first, second, 1)):
+        for index in range(begin, begin + count):
+            big[index, state if index == begin else index - 1] = 1.0
+    out[0, 2 + first], out[1, n - 1 if second else 1] = 1.0, 1.0
     return control.ss(big, inp, out, 0, h)
 
 
@@ -122,13 +124,15 @@ def observer_law(model: control.StateSpace, m: Array, k: Array) -> control.State
     return control.ss(after, m, k @ after, k @ m, model.dt)
 
 
-def lqg_law(model: Plant, k: Array, settings: EkfSettings, *, h: float, delay_ticks: int) -> control.StateSpace:
+def lqg_law(
+    model: Plant, k: Array, settings: EkfSettings, *, h: float, delay_ticks: int, torque_ticks: int = 0
+) -> control.StateSpace:
     """`Lqg` and its filter at rest, from (dtheta, psi) as seen to -u.
 
     A filter that fuses late samples at their own time is the one on the state with the delays in it: the same
     estimate, one Riccati equation.
     """
-    seen = seen_plant(model, h, delay_ticks)
+    seen = seen_plant(model, h, delay_ticks, torque_ticks)
     q = np.zeros_like(seen.A)
     q[:3, :3] = np.diag(settings.q[1:]) * h
     m = kalman_gain(seen.A, seen.C, q, np.diag([settings.r_dtheta, settings.r_psi]))

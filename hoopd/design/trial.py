@@ -13,9 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hoopd.core.estimator import DelayedEkf
-from hoopd.design.closedloop import LinearPlant, Moving, Run, Scenario, picture_timing, simulate
+from hoopd.core.feedforward import FeedForward
+from hoopd.design.closedloop import WIRE_S, LateTorque, LinearPlant, Moving, Run, Scenario, picture_timing, simulate
 from hoopd.modelfiles import ControllerFile, controller_of, limiter_of, settings_of
+from hoopd.physics.effectplant import acts_now
+from hoopd.physics.found import Found
 from hoopd.physics.plant import Plant
+from hoopd.writeback import FEEDFORWARD_SHARE, delays_of, estimator_with, feedforward_parts, filter_plant
 
 # When the loop is at rest: the ball within 3 degrees, the hoop slower than a turn in six seconds.
 BALL_RAD, HOOP_RAD_S = 0.05, 1.0
@@ -34,28 +38,66 @@ class Trial(NamedTuple):
     wrong_zero: Run  # the camera's zero is one degree off
 
 
-def trial(file: ControllerFile, plant: Plant, disturbance_rad: float, delay_s: float, duration_s: float = 6.0) -> Trial:
-    """The runs of a controller file on the plant, with pictures `delay_s` old, noise, quantisation and limits."""
-    base = Scenario(duration_s=duration_s, period_s=file.sample_time_s, **picture_timing(delay_s, file.sample_time_s))  # type: ignore[arg-type]
+def trial(
+    file: ControllerFile,
+    plant: Plant,
+    disturbance_rad: float,
+    delay_s: float,
+    duration_s: float = 6.0,
+    found: Found | None = None,
+) -> Trial:
+    """The runs of a controller file on the plant, with pictures `delay_s` old, noise, quantisation and limits.
+
+    With effects beside the plant the nonlinear runs have them, known to filter and feed-forward as in the daemon; the
+    linear ones have their delays.
+    """
+    found = found or Found(plant.structure, plant.parameters)
+    base = Scenario(
+        duration_s=duration_s,
+        period_s=file.sample_time_s,
+        latency_s=delays_of(found).camera_s,
+        **picture_timing(delay_s, file.sample_time_s),  # type: ignore[arg-type]
+    )
     disturbed = replace(base, disturbance_rad=disturbance_rad, disturbance_at_s=0.0)
     released = replace(base, psi0_rad=disturbance_rad)
     wrong = replace(base, duration_s=3 * duration_s, angle_offset_rad=ZERO_ANGLE_ERROR_RAD)
-    linear = LinearPlant(plant)
+    linear, late = LinearPlant(plant), found.only(lambda effect: not acts_now(effect) and effect.sensor is None)
+    acting = found.only(lambda effect: effect.shift is None and effect.sensor is None)
+    true = filter_plant(found) if found else plant
     return Trial(
-        run(file, plant, plant, disturbed, believe=True),
-        run(file, plant, linear, disturbed, believe=True),
-        run(file, plant, plant, released),
-        run(file, plant, linear, released),
-        run(file, plant, plant, wrong),
+        run(file, plant, true, disturbed, believe=True, known=acting),
+        run(file, plant, linear, disturbed, believe=True, known=late),
+        run(file, plant, true, released, known=acting),
+        run(file, plant, linear, released, known=late),
+        run(file, plant, true, wrong, known=acting),
     )
 
 
-def run(file: ControllerFile, model: Plant, true: Moving, scenario: Scenario, *, believe: bool = False) -> Run:
-    """One run of a controller file whose filter knows `model`; `believe`: the filter refuses no picture."""
+def run(
+    file: ControllerFile,
+    model: Plant,
+    true: Moving,
+    scenario: Scenario,
+    *,
+    believe: bool = False,
+    known: Found | None = None,
+) -> Run:
+    """One run of a controller file whose filter knows `model`; `believe`: the filter refuses no picture; `known`:
+    effects beside the model that filter and feed-forward know, and whose delays there are."""
     settings = settings_of(file)
     settings = replace(settings, gate_nis=OPEN_GATE) if believe else settings
+    if not known:
+        estimator = DelayedEkf(model.step_and_jacobian, settings)
+        return simulate(true, controller_of(file), estimator, limiter_of(file), scenario)
+    limiter, delay_s = limiter_of(file), delays_of(known).torque_s
+    parts = feedforward_parts(known, scenario.period_s, WIRE_S, settings.r_dtheta**0.5)
     return simulate(
-        true, controller_of(file), DelayedEkf(model.step_and_jacobian, settings), limiter_of(file), scenario
+        LateTorque(true, delay_s) if delay_s > 0.0 else true,
+        controller_of(file),
+        estimator_with(known, settings),
+        limiter,
+        scenario,
+        feedforward=FeedForward(parts, FEEDFORWARD_SHARE * limiter.torque_nm),
     )
 
 

@@ -68,6 +68,10 @@ class Composite:
             z = self._substep(z, torques[j], w, d, t + j * d, p)
         return z
 
+    def rate_expression(self, x: Any, torque: Any, t: Any, p: Mapping[str, Any]) -> Any:
+        """dx/dt of the plant's own state under a demanded torque; dry friction not among the effects."""
+        return self._motion.rate(x, torque, t, p)
+
     def output_expressions(self, z: Any, back: Any, w: Any, t: Any, p: Mapping[str, Any]) -> Any:
         """Readings (channels,); back (channels, BACK_STEPS): torque on the way back, the youngest first."""
         found = []

@@ -64,6 +64,12 @@ class Motion:
         values = self._vector(p)
         return _runge_kutta(lambda y, at: self._smooth_rate(y, torque, w, at, values), x, -d, t)
 
+    def rate(self, x: Any, torque: Any, t: Any, p: Mapping[str, Any]) -> Any:
+        """dx/dt without a disturbance; ValueError with dry friction, whose force belongs to a step."""
+        if self._frictions:
+            raise ValueError("dry friction has no rate of its own")
+        return self._rate(x, torque, ca.SX.zeros(self._nq), t, self._vector(p), ca.SX(0, 1))
+
     def drifted(self, x: Any, d: Any) -> Any:
         """The state d seconds later if no force acted."""
         return ca.vertcat(*(one for i in range(self._nq) for one in (x[2 * i] + d * x[2 * i + 1], x[2 * i + 1])))

@@ -28,7 +28,7 @@ ADVANCE_STEPS = 20
 FILTER_STEPS = 2
 
 
-class _Call:
+class Call:
     """A CasADi function behind preallocated buffers: a call costs a copy and the arithmetic, a few microseconds."""
 
     def __init__(self, function: ca.Function) -> None:
@@ -76,12 +76,12 @@ class Plant:
         x, u, h = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("h")
         p = {name: ca.SX(value) for name, value in self._parameters.items()}
         f = ca.Function("f", [x, u], [rate(structure, x, u, p, extra_forces)])
-        self._rate = _Call(ca.Function("rate", [x, u], [ca.densify(f(x, u))]))
+        self._rate = Call(ca.Function("rate", [x, u], [ca.densify(f(x, u))]))
         self._jacobians = ca.Function("jacobians", [x, u], [ca.jacobian(f(x, u), x), ca.jacobian(f(x, u), u)])
         self._energy = ca.Function("energy", [x], [self._energy_of(x, u, p)])
         after = runge_kutta(lambda z: f(z, u), x, h, ADVANCE_STEPS)
-        self._advance = _Call(ca.Function("advance", [x, u, h], [after], {"cse": True}))
-        self._step = _Call(self._step_function(f, x, u, h, FILTER_STEPS))
+        self._advance = Call(ca.Function("advance", [x, u, h], [after], {"cse": True}))
+        self._step = Call(self._step_function(f, x, u, h, FILTER_STEPS))
 
     @property
     def structure(self) -> str:

@@ -116,6 +116,7 @@ class Control(Strict, frozen=True):
 
     file: str = "controllers/lqg.yaml"
     law: str = ""  # a Python file with a class `Law`; the file above still gives estimator and limits
+    feedforward: bool = True  # of the effects in the filter's model
 
 
 class Limits(Strict, frozen=True):
@@ -167,6 +168,13 @@ class SimCommand(Strict, frozen=True):
     key: str = ""
 
 
+class SimEffect(Strict, frozen=True):
+    """Physics of the rig's plant that no model file tells: an effect by its name, its parameters in SI units."""
+
+    name: str
+    parameters: dict[str, float] = {}
+
+
 class Sim(Strict, frozen=True):
     """The simulated rig."""
 
@@ -184,6 +192,7 @@ class Sim(Strict, frozen=True):
     torque_constant_nm_per_a: Annotated[float, Meta(ge=1e-3, le=1000)] = 0.37
     disturbance_rad: Moderate = 0.0  # added to psi of one picture
     disturbance_at_s: NotNegative = 0.0
+    effects: list[SimEffect] = []  # beside those of the rig's model; no recording tells of them
     faults: list[SimFault] = []
     commands: list[SimCommand] = []
 

@@ -103,7 +103,7 @@ class BoardProcess:
         while self._t_row <= now:
             self._board.advance(self._t_row)
             if self._ring:
-                self._ring.push(self._t_row + self._t_start, self._plant.state)
+                self._ring.push(self._t_row + self._t_start, shown(self._plant))
             self._t_row += ROW_S
         if self._board.next_event() <= now:
             self._board.advance(now)
@@ -124,6 +124,12 @@ class BoardProcess:
 
     def _write_row(self, row: TorqueRow) -> None:
         self._log(row._replace(t=row.t + self._t_start))
+
+
+def shown(plant: Plant) -> tuple[float, float, float, float]:
+    """What the camera sees of a plant: its state, unless the plant says otherwise."""
+    state: tuple[float, float, float, float] = getattr(plant, "shown", plant.state)
+    return state
 
 
 def _make_plant(config: ProcessConfig) -> Plant:

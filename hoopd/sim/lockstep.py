@@ -13,7 +13,6 @@ from typing import Protocol
 
 from hoopd.core.records import CameraSample, DriverSample, LinkCounts, TorqueCommand
 from hoopd.sim.faults import FaultScript
-from hoopd.sim.plant import RigPlant
 from hoopd.sim.watchers import Watcher
 from hoopd.sim.wiredboard import WiredBoard
 
@@ -37,12 +36,22 @@ class TruthSink(Protocol):
     def __call__(self, t: float, state: tuple[float, float, float, float], /) -> None: ...
 
 
+class Moved(Protocol):
+    """What the rig looks at (`hoopd.sim.plant`, `hoopd.sim.hidden`); states in rad and rad/s."""
+
+    @property
+    def state(self) -> tuple[float, float, float, float]: ...
+
+    @property
+    def shown(self) -> tuple[float, float, float, float]: ...
+
+
 class LockstepRig:
     """Clock, drive and camera of a loop that runs in virtual time."""
 
     def __init__(
         self,
-        plant: RigPlant,
+        plant: Moved,
         board: WiredBoard,
         codec: Codec,
         watcher: Watcher,
@@ -134,7 +143,7 @@ class LockstepRig:
         if self._script.active(now, "camera_stall"):
             return
         self._board.advance(now)
-        sample = self._watcher.see(self._frames, now, self._plant.state)
+        sample = self._watcher.see(self._frames, now, self._plant.shown)
         late = self._script.active(now, "late_pictures")
         delay = self._delay_s + (float(late["delay_s"]) if late else 0.0)
         self._at(now + delay, lambda at: self._deliver(at, sample))

@@ -13,7 +13,10 @@ from typing import Any
 from hoopd.core.layout import Layout, layout_to_table
 from hoopd.eye import Analyser
 from hoopd.files import InputError
+from hoopd.modelfiles import ModelFile, effects_of, effects_plant
+from hoopd.physics.effects.catalogue import library
 from hoopd.physics.equations import without_ball
+from hoopd.physics.found import EffectError, checked
 from hoopd.shell.config import Config
 from hoopd.shell.link import BITS_PER_BYTE
 from hoopd.sim.boardprocess import ProcessConfig
@@ -27,16 +30,36 @@ TORQUE_LOG = "torque.jsonl"
 TRUTH_LOG = "truth.csv"  # of lock-step alone
 
 
-def plant_arguments(config: Config, structure: str, parameters: dict[str, float]) -> dict[str, Any]:
-    """What the rig's plant is made of."""
-    sim = config.sim
+def plant_arguments(config: Config, model: ModelFile) -> dict[str, Any]:
+    """What the rig's plant is made of: the model with its effects, and those that the configuration hides in it."""
+    sim, parameters = config.sim, model.values()
     return {
-        "structure": structure,
-        "parameters": parameters if config.faults.ball_expected else without_ball(structure, parameters),
+        "structure": model.structure,
+        "parameters": parameters if config.faults.ball_expected else without_ball(model.structure, parameters),
         "x0": [0.0, 0.0, sim.psi_rad, 0.0],
         "held": sim.held,
         "hold_s": sim.hold_s,
+        "effects": rig_effects(config, model),
     }
+
+
+def rig_effects(config: Config, model: ModelFile) -> dict[str, dict[str, float]]:
+    """Parameters by `slot.effect` of all that the rig's plant has and that do something; InputError."""
+    plant = effects_plant(model)
+    told = {one.name: dict(one.parameters) for one in effects_of(model).entries}
+    for index, entry in enumerate(config.sim.effects):
+        key = f"sim.effects[{index}]"
+        if entry.name in told:
+            raise InputError("configuration", f"{key}.name", f"{entry.name} is in the rig's plant already")
+        try:
+            told[entry.name] = checked(plant, entry.name, entry.parameters)
+        except EffectError as error:
+            raise InputError("configuration", f"{key}.{error.key}", error.reason) from None
+    known = library(plant)
+    for name in told:
+        if known[name].found_by == "quality":
+            raise InputError("configuration", "sim.effects", f"{name} is no physics of a plant: see sim.faults")
+    return {name: values for name, values in told.items() if values != known[name].neutral()}
 
 
 def fault_list(config: Config) -> list[Fault]:

@@ -8,11 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import nan
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hoopd.core.records import Vector
+from hoopd.physics.found import Found, FoundEffect
 from hoopd.physics.plant import Plant
+
+if TYPE_CHECKING:
+    from hoopd.sim.hidden import HiddenPlant
 
 # One call of the model integrates at most this long (its sub-steps are then 1 ms).
 SEGMENT_S = 0.02
@@ -45,6 +50,11 @@ class RigPlant:
         x = self._x
         return (float(x[0]), float(x[1]), float(x[2]), float(x[3]))
 
+    @property
+    def shown(self) -> tuple[float, float, float, float]:
+        """The state that a picture taken now shows."""
+        return self.state
+
     def sample(self) -> tuple[float, float, float]:
         """theta, dtheta and no current of its own: the board takes torque over torque constant."""
         return (float(self._x[0]), float(self._x[1]), nan)
@@ -67,7 +77,13 @@ def make_plant(
     x0: list[float],
     held: bool = False,
     hold_s: float = 0.0,
-) -> RigPlant:
-    """Plant from plain data: what the board's process is told on its command line."""
+    effects: dict[str, dict[str, float]] | None = None,
+) -> RigPlant | HiddenPlant:
+    """Plant from plain data: what the board's process is told on its command line; effects by name."""
+    if effects:
+        from hoopd.sim.hidden import HiddenPlant
+
+        entries = tuple(FoundEffect(name, values) for name, values in effects.items())
+        return HiddenPlant(Found(structure, parameters, entries), np.array(x0, float), held=held, hold_s=hold_s)
     model = Plant(structure, parameters)
     return RigPlant(model.advance, np.array(x0, float), held=held, hold_s=hold_s)

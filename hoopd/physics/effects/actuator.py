@@ -19,6 +19,8 @@ from hoopd.physics.effects.slots import force_scale, named, of_kind, scaled, spe
 # Harmonics of a turn that a motor's poles and slots may make; the first is the imbalance of what it turns.
 COGGING_HARMONICS = tuple(float(n) for n in range(2, 37))
 RIPPLE_HARMONICS = tuple(float(n) for n in range(1, 37))
+# Of a dead zone, the demand within which its inverse rises to the whole of it.
+JUMP_SHARE = 0.5
 # A harmonic is followed at 2 ms: 36 a turn at 20 rad/s are 1.4 rad a step, a Runge-Kutta error of 0.2 %.
 HARMONIC_SUBSTEPS = 10
 # A torque that switches within a substep enters by its mean: that moves an angle by 4e-5 rad at 2.5 ms, 2e-4 at 5 ms.
@@ -53,6 +55,7 @@ def _gain(slot: str) -> Effect:
         (EffectParameter("k", "-", 1.0, 0.2, 3.0, grid=(0.1,)),),
         # tau = k u
         torque=lambda s, e: e.k * s.u,
+        undo=lambda s, e: s.u / e.k,
         order=3,
         found_by="base",
         depends_on=("u",),
@@ -71,6 +74,7 @@ def _bias(plant: DeclaredPlant, slot: str) -> Effect:
         (EffectParameter("b", units(plant).force, 0.0, -0.1 * size, 0.1 * size, grid=(0.005 * size,)),),
         # tau = u + b
         torque=lambda s, e: s.u + e.b,
+        undo=lambda s, e: s.u - e.b,
         order=4,
         statement="the drive adds a constant torque to what is demanded",
         signature="a constant missing force on the driven body, also at zero demand",
@@ -88,6 +92,8 @@ def _deadzone(plant: DeclaredPlant, slot: str) -> Effect:
         (EffectParameter("d", units(plant).force, 0.0, 0.0, 0.1 * size, "shape", grid),),
         # tau = u - d sign(u), 0 for |u| < d
         torque=lambda s, e: s.u - ca.fmin(ca.fmax(s.u, -e.d), e.d),
+        # the jump of the inverse at zero as a slope: a law's noise must not become a rattle of +-d
+        undo=lambda s, e: s.u + ca.fmin(ca.fmax(s.u / JUMP_SHARE, -e.d), e.d),
         order=1,
         depends_on=("u",),
         near=(f"{slot}.saturation", f"{slot}.torque_gain"),
@@ -163,6 +169,7 @@ def _cogging(plant: DeclaredPlant, slot: str, q: str) -> Effect:
         ),
         # tau += A sin(n theta + phi)
         torque=lambda s, e: s.u + e.A * ca.sin(e.n * getattr(s, q) + e.phi),
+        undo=lambda s, e: s.u - e.A * ca.sin(e.n * getattr(s, q) + e.phi),
         order=4,
         substeps=HARMONIC_SUBSTEPS,
         depends_on=(q,),
@@ -185,6 +192,7 @@ def _ripple(slot: str, q: str) -> Effect:
         ),
         # tau = u (1 + a sin(n theta + phi))
         torque=lambda s, e: s.u * (1 + e.a * ca.sin(e.n * getattr(s, q) + e.phi)),
+        undo=lambda s, e: s.u / (1 + e.a * ca.sin(e.n * getattr(s, q) + e.phi)),
         order=3,
         substeps=HARMONIC_SUBSTEPS,
         depends_on=("u", q),

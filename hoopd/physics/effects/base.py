@@ -101,6 +101,7 @@ class Effect:
     parameters: tuple[EffectParameter, ...]
     delay: str | None = None  # the parameter (s) by which the demanded torque is late
     torque: Callable[[Point, Values], Any] | None = None  # s.u -> torque
+    undo: Callable[[Point, Values], Any] | None = None  # the inverse of that map: s.u wanted -> torque to demand
     order: int = 0  # among the maps of the torque: dead zone 1, limits 2, ripple and gain 3, bias and cogging 4
     lag: str | None = None  # the parameter (s) of T tau' = u - tau
     force: Callable[[Point, Values], Mapping[str, Any]] | None = None  # generalised forces by coordinate

@@ -1,0 +1,58 @@
+"""Feed-forward of named forces: from the torque that the law wants on the hoop to the torque that gives it.
+
+Rules of this file: a pure function of state and wanted torque; equations come in as callables (as the estimator's
+step); a part outside the region in which its effect was seen does nothing; the sum is bounded, and the limiter still
+comes after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import isfinite
+from typing import NamedTuple
+
+from hoopd.core.records import Vector
+
+# (x (4,), wanted torque N m) -> torque to demand, N m.
+Demand = Callable[[Vector, float], float]
+# Index of the wanted torque among what a region bounds, after the four states.
+WANTED = 4
+
+
+class Bound(NamedTuple):
+    """One side of a region: a state (0 to 3) or the wanted torque (`WANTED`) between two numbers."""
+
+    place: int
+    low: float
+    high: float
+
+
+class Part(NamedTuple):
+    """What one effect needs."""
+
+    name: str  # slot.effect
+    demand: Demand
+    region: tuple[Bound, ...] = ()
+
+
+class FeedForward:
+    """All parts, against the signal path: forces on the hoop first, then the maps of the drive from its end."""
+
+    def __init__(self, parts: Sequence[Part] = (), limit_nm: float = 0.0) -> None:
+        """`limit_nm`: how far the demanded torque may be from the wanted one."""
+        if not limit_nm >= 0.0:
+            raise ValueError(f"the limit of a feed-forward must not be negative, not {limit_nm}")
+        self.parts, self.limit_nm = tuple(parts), limit_nm
+
+    def demand(self, x: Vector, wanted_nm: float) -> float:
+        """Torque to demand so that the hoop gets `wanted_nm`; the wanted one where no part is sure."""
+        if not self.parts:
+            return wanted_nm
+        torque = wanted_nm
+        values = (*x.tolist(), wanted_nm)
+        for part in self.parts:
+            if all(bound.low <= values[bound.place] <= bound.high for bound in part.region):
+                torque = part.demand(x, torque)
+        if not isfinite(torque):
+            return wanted_nm
+        return wanted_nm + min(self.limit_nm, max(-self.limit_nm, torque - wanted_nm))

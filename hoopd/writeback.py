@@ -1,0 +1,106 @@
+"""What a daemon makes of the effects of a model file: its filter's model, delays and corrections, its feed-forward.
+
+Rules of this file: it sorts effects by what they do and hands callables to the core; no equation and no number of an
+effect stands here. What the daemon cannot use is named with the reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from hoopd.core.estimator import DelayedEkf, EkfSettings
+from hoopd.core.feedforward import WANTED, Bound, Part
+from hoopd.core.late import Delays, LateEstimator
+from hoopd.physics.compensation import cancels, demands
+from hoopd.physics.effectplant import EffectPlant, acts_now
+from hoopd.physics.effects.base import Effect
+from hoopd.physics.found import REGION_NAMES, Found, Region
+from hoopd.physics.plant import Plant
+from hoopd.physics.truereadings import correction
+
+# A rate that comes through a filter of its own says what the angle says, later: it gets no weight.
+NO_WEIGHT = 1e6
+# Of the torque limit, what feed-forward may add: the law keeps the rest.
+FEEDFORWARD_SHARE = 0.5
+# A limit of the drive is no force: the law is told of it.
+SATURATION = "actuator.saturation"
+# Where the feed-forward finds what a region bounds.
+PLACES = {**{name: index for index, name in enumerate(REGION_NAMES)}, "u": WANTED}
+
+
+class Unused(NamedTuple):
+    """An effect of the model file that the daemon leaves out."""
+
+    name: str
+    reason: str
+
+
+def delays_of(found: Found) -> Delays:
+    """By how much torque, pictures and the encoder's readings are late; a lag counts as a delay of its time."""
+    torque = camera = encoder = 0.0
+    for effect in found.effects():
+        values = vars(effect.values(found.values))
+        torque += sum(values[name] for name in (effect.delay, effect.lag) if name is not None)
+        camera += values[effect.latency["psi"]] if "psi" in effect.latency else 0.0
+        encoder += values[effect.latency["theta"]] if "theta" in effect.latency else 0.0
+    return Delays(torque, camera, encoder)
+
+
+def limits_of(found: Found) -> tuple[float, ...]:
+    """Torques (N m) that the drive does not give more of, for the limit of a law."""
+    return tuple(one.parameters["s"] for one in found.entries if one.name == SATURATION)
+
+
+def unused(found: Found) -> tuple[Unused, ...]:
+    """What neither filter nor feed-forward can do anything with."""
+    return tuple(Unused(effect.name, reason) for effect in found.effects() if (reason := _reason(effect)))
+
+
+def _reason(effect: Effect) -> str:
+    if effect.plant is not None:
+        return "the filter has no state for it"
+    if effect.found_by == "quality":
+        return "it is a matter of single pictures: the filter's gate refuses them"
+    if (effect.force or effect.friction) and "t" in effect.depends_on:
+        return "it follows the time of the recording in which it was found"
+    return ""
+
+
+def filter_effects(found: Found) -> Found:
+    """Those that the filter's model has; a lean of the frame is a camera's zero to it (they are never told apart)."""
+    return found.only(lambda one: acts_now(one) and one.shift is None)
+
+
+def cancelled(found: Found) -> tuple[str, ...]:
+    """Those that feed-forward takes away."""
+    return tuple(effect.name for effect in found.effects() if cancels(found, effect))
+
+
+def filter_plant(found: Found) -> Plant | EffectPlant:
+    """The filter's model."""
+    inside = filter_effects(found)
+    return EffectPlant(inside) if inside else Plant(found.structure, found.base)
+
+
+def estimator_with(found: Found, settings: EkfSettings) -> DelayedEkf | LateEstimator:
+    """The filter on the model with its effects."""
+    plant, delays, correct = filter_plant(found), delays_of(found), correction(found)
+    if any(effect.sensor_lag for effect in found.effects()):
+        settings = replace(settings, r_dtheta=NO_WEIGHT)
+    settings = replace(settings, horizon_s=settings.horizon_s + max(delays.camera_s, delays.encoder_s))
+    inner = DelayedEkf(plant.step_and_jacobian, settings)
+    if correct is None and not any(delays):
+        return inner
+    return LateEstimator(inner, plant.step_and_jacobian, delays, correct)
+
+
+def feedforward_parts(found: Found, tick_s: float, wire_s: float, speed_noise_rad_s: float) -> tuple[Part, ...]:
+    """Parts of the feed-forward, each with no more than its effect has at least."""
+    regions = {one.name: _region(one.valid) for one in found.entries}
+    sure = found.weakened()
+    return tuple(Part(name, demand, regions[name]) for name, demand in demands(sure, tick_s, wire_s, speed_noise_rad_s))
+
+
+def _region(valid: Region) -> tuple[Bound, ...]:
+    return tuple(Bound(PLACES[name], low, high) for name, (low, high) in valid.items())
