@@ -106,7 +106,9 @@ def checked(plant: DeclaredPlant, name: str, parameters: Mapping[str, float]) ->
     """All parameters of an effect of the plant (those left out neutral); EffectError."""
     effect = library(plant).get(name)
     if effect is None:
-        known = [one for one in library(plant) if one.split(".")[0] == name.split(".")[0]] or [*library(plant)]
+        known = [one for one in library(plant) if one.split(".")[0] == name.split(".", maxsplit=1)[0]] or [
+            *library(plant)
+        ]
         raise EffectError("name", f"unknown effect {name!r}; known: {', '.join(known)}")
     for key, value in parameters.items():
         _check(effect, key, value)
