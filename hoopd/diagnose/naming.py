@@ -70,6 +70,7 @@ class Named:
     losses: dict[str, float] = field(default_factory=dict)  # nats lost without each accepted effect
     without: dict[str, Fit] = field(default_factory=dict)
     scores: list[Score] = field(default_factory=list)  # first screen, best first
+    screens: dict[int, Screen] = field(default_factory=dict)  # by the fit they are about (its id)
     left: list[Score] = field(default_factory=list)  # screen of the final fit
     rivals: dict[str, list[tuple[str, float]]] = field(default_factory=dict)  # accepted -> (name, nats behind)
     heldout: dict[str, float] = field(default_factory=dict)  # criterion of nominal, base, final on the held-out data
@@ -96,6 +97,7 @@ def name_effects(
         if len(found.accepted) > 1:
             _reconsider(found, judge)
     _ablate(found, judge)
+    found.screens = {id(one): judge.screens[id(one)] for one in (base, found.final) if id(one) in judge.screens}
     found.heldout = {"base": judge.on_heldout(base), "final": judge.on_heldout(found.final)}
     return found
 
@@ -108,11 +110,12 @@ class _Judge:
     ) -> None:
         self.train, self.heldout, self.library, self.settings = list(train), list(heldout), library, settings
         self._held: dict[int, float] = {}
+        self.screens: dict[int, Screen] = {}
 
     def proposals(self, about: Fit, taken: Sequence[str]) -> list[Score]:
         """Best score of every effect beside a fit, most surprising first."""
         wanted = [e for name, e in self.library.items() if name not in taken]
-        screen = Screen(about, wanted)
+        screen = self.screens[id(about)] = Screen(about, wanted)
         scans = (scan(screen, effect) for effect in wanted if effect.found_by == "scan")
         scores = [*screen.scores(), *(found for found in scans if found is not None)]
         return sorted((replace(one, origin=about) for one in scores), key=lambda s: -surprise_of(s, s.gain, self.train))

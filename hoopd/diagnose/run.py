@@ -28,7 +28,7 @@ from hoopd.diagnose.naming import Named, Settings, free_of_recordings, name_effe
 from hoopd.diagnose.quality import corruption_findings
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality
 from hoopd.diagnose.shown import Shown
-from hoopd.diagnose.unknown import Unknown, judge_unknown, survey
+from hoopd.diagnose.unknown import Survey, Unknown, judge_unknown, survey
 from hoopd.physics.effects.base import Effect
 
 Progress = Callable[[str], None]
@@ -146,8 +146,11 @@ def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:
 def unknown_of(case: Case, named: Named) -> Unknown | None:
     """What the library has no name for."""
     effects = list(case.library.values())
-    first = survey(named.base, effects, seed=case.seed)
-    second = survey(named.final, effects, seed=case.seed) if named.accepted else None
+
+    def of(found: Fit) -> Survey:
+        return survey(found, effects, seed=case.seed, screen=named.screens.get(id(found)))
+
+    first, second = of(named.base), of(named.final) if named.accepted else None
     return judge_unknown(first, second, seed=case.seed)
 
 
