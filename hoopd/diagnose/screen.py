@@ -11,16 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import groupby, product
 from math import atan2, hypot
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from hoopd.diagnose.changes import changes_of
 from hoopd.diagnose.filtering import whitened
 from hoopd.diagnose.fitting import Fit
-from hoopd.diagnose.track import Track, composite_of, fitting_effects
+from hoopd.diagnose.track import Track
 from hoopd.physics.effects.base import Effect, EffectParameter
 
 Array = NDArray[np.float64]
@@ -107,16 +108,17 @@ class Screen:
 
     def whitened(self, changes: Sequence[tuple[Effect, Column]]) -> Array:
         """(rows, m) whitened projected changes."""
-        if not changes:
-            return np.zeros((len(self.residual), 0))
-        out = []
+        out = np.zeros((len(self.residual), len(changes)))
+        first = 0
         for track, columns, gains in zip(self.fit.tracks, self.fit.columns, self.fit.gains, strict=True):
-            pairs = [change_of(track, self.fit, effect, column) for effect, column in changes]
-            f, eps = np.stack([f for f, _ in pairs], axis=2), np.stack([e for _, e in pairs], axis=2)
+            mine = [i for i, (_, column) in enumerate(changes) if column.recording in (None, track.stretch.recording)]
+            f, eps = changed(track, self.fit, [changes[i] for i in mine])
             white = whitened(columns.model, gains, f, eps)
-            out.append(white.reshape(-1, white.shape[2]))
-        # what is added to the model is taken from the residual
-        return self.projected(-np.concatenate(out))
+            rows = white.shape[0] * white.shape[1]
+            # what is added to the model is taken from the residual
+            out[first : first + rows, mine] = -white.reshape(rows, -1)
+            first += rows
+        return self.projected(out)
 
     def scores(self) -> list[Score]:
         """Best member of every effect, largest gain first."""
@@ -133,6 +135,25 @@ class Screen:
     def projected(self, x: Array) -> Array:
         """(rows, m) without the directions of the free parameters."""
         return np.asarray(x - self._basis @ (self._basis.T @ x))
+
+
+def changed(track: Track, fit: Fit, changes: Sequence[tuple[Effect, Column]]) -> tuple[Array, Array]:
+    """Changes of the one-step map (n-1, nz, m) and of the innovations (n, nc, m) of a track that they all touch."""
+    n, c, first = len(track.z), track.composite, 0
+    f, eps = np.zeros((n - 1, c.nz, len(changes))), np.zeros((n, len(c.channels), len(changes)))
+    for _, group in groupby(changes, key=lambda one: one[0].name):
+        same = list(group)
+        part = slice(first, first + len(same))
+        f[:, :, part], eps[:, :, part] = changes_of(track, fit).of(same[0][0], [column.values for _, column in same])
+        first += len(same)
+    return f, eps
+
+
+def change_of(track: Track, fit: Fit, effect: Effect, column: Column) -> tuple[Array, Array]:
+    """Change of the one-step map (n-1, nz), and of the innovations (n, nc), along a reference."""
+    values = [column.values] if column.recording in (None, track.stretch.recording) else []
+    f, eps = changes_of(track, fit).of(effect, values)
+    return f.sum(axis=2), eps.sum(axis=2)
 
 
 def score_of(member: Member, z: Array, residual: Array) -> Score:
@@ -192,57 +213,3 @@ def _orthonormal(x: Array) -> Array:
     unit = x[:, size > 1e-9] / size[size > 1e-9]
     q, r = np.linalg.qr(unit)
     return np.asarray(q[:, np.abs(np.diag(r)) > 1e-7])
-
-
-# ---------------------------------------------------------------------------------------------- changes
-
-
-def change_of(track: Track, fit: Fit, effect: Effect, column: Column) -> tuple[Array, Array]:
-    """Change of the one-step map (n-1, nz), and of the innovations (n, nc), along a reference."""
-    own = track.composite
-    nothing = np.zeros((len(track.z) - 1, own.nz)), np.zeros((len(track.z), len(own.channels)))
-    if column.recording not in (None, track.stretch.recording):
-        return nothing
-    fits = fitting_effects(track.stretch.plant, (effect,))
-    if not fits:
-        return nothing
-    with_effect = Track.of(track.stretch, track.held, composite_of(track.stretch.plant, (*own.effects, *fits)))
-    values = {**track.local(fit.values), **{effect.key(k): v for k, v in column.values}}
-    z, w = _filled(with_effect, values, track)
-    changed, readings = with_effect.after(values, z, w), with_effect.readings(values, z, w)
-    nx = own.nx
-    f = np.zeros_like(nothing[0])
-    f[:, :nx] = changed[:, :nx] - _base(track, fit, "after", with_effect.composite.substeps)[:, :nx]
-    # innovations lose what the readings gain
-    return f, _base(track, fit, "readings", 0) - readings
-
-
-def _base(track: Track, fit: Fit, what: str, substeps: int) -> Array:
-    """One-step map or readings without the change, with as many substeps as the change has."""
-    cache = track.__dict__.setdefault("_without", {})
-    key = (what, substeps, id(fit.values), float(track.z[-1, 0]))
-    if key not in cache:
-        cache[key] = track.after(fit.values, substeps=substeps) if what == "after" else track.readings(fit.values)
-    return np.asarray(cache[key])
-
-
-def _filled(with_effect: Track, values: Mapping[str, float], track: Track) -> tuple[Array, Array]:
-    """The reference with the states that the effect adds: what they do along it."""
-    own, new = track.composite, with_effect.composite
-    w = np.zeros_like(track.w)
-    if new.nz == own.nz:
-        return track.z, w
-    z = np.zeros((len(track.z), new.nz))
-    z[:, : own.nx] = track.z[:, : own.nx]
-    begin = new.beginning(z[0, : new.nx], float(track.stretch.u[0]) if len(track.stretch.u) else 0.0)
-    z[:, new.nx :] = begin[new.nx :]
-    # each added state is linear in itself: z+ = g z + c
-    for k in range(own.nx, new.nz):
-        z[:, k] = 0.0
-        c = with_effect.after(values, z, w)[:, k]
-        z[:, k] = 1.0
-        g = with_effect.after(values, z, w)[:, k] - c
-        z[0, k] = begin[k]
-        for i in range(len(c)):
-            z[i + 1, k] = g[i] * z[i, k] + c[i]
-    return z, w

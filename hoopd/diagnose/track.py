@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.calls import mapped
+from hoopd.diagnose.calls import KEPT, Recursion, mapped
 from hoopd.diagnose.dataset import Held, Stretch, first_states
 from hoopd.diagnose.filtering import Gains, Linear, Noise, Smoothed, gains, smoothed, whitened
 from hoopd.physics.composite import Composite
@@ -105,12 +106,21 @@ class Track:
         if substeps not in (0, c.substeps):
             finer = Track.of(self.stretch, self.held, composite_of(c.declared, c.effects, substeps))
             return finer.after(values, z, w)
-        call, d = mapped(c.substep_function, len(z) - 1, (5,)), self.stretch.h / c.substeps
-        torques, p = self.torques(values), c.vector(values)
-        z, w = z[:-1], self._wide(w)[:-1]
-        for j in range(c.substeps):
-            z = call(z, torques[j], w, d, self.stretch.t[:-1] + j * d, p)[0][:, :, 0]
-        return z
+        call = mapped(c.step_function, len(z) - 1, (5,))
+        inputs = self.torques(values).T, self._wide(w)[:-1], self.stretch.h, self.stretch.t[:-1], c.vector(values)
+        return call(z[:-1], *inputs)[0][:, :, 0]
+
+    def carried(self, values: Mapping[str, float], x: Array) -> tuple[Array, Array]:
+        """States (n, nz) with what this composite adds to given ones (n, nx), from its beginning; all one step later.
+
+        The given states are those of `x` at every node, the added ones follow their own steps; no disturbance.
+        """
+        values, c, n = self.local(values), self.composite, len(x)
+        begin = c.beginning(np.pad(x[0], (0, c.nx - x.shape[1])), float(self.stretch.u[0]))[x.shape[1] :]
+        p = np.broadcast_to(c.vector(values), (n - 1, len(c.names)))
+        run = carrying(c, x.shape[1])
+        own, after = run(begin, x[:-1], self.torques(values).T, self.stretch.h, self.stretch.t[:-1], p)
+        return np.hstack([x, np.vstack([begin, own[:, :, 0]])]), after[:, :, 0]
 
     def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
         """(n, nc) what the sensors would show on the reference."""
@@ -215,6 +225,17 @@ def derivatives_of(composite: Composite, free: tuple[str, ...]) -> tuple[ca.Func
     if key not in _derivatives:
         _derivatives[key] = composite.substep_derivatives(free), composite.output_derivatives(free)
     return _derivatives[key]
+
+
+@lru_cache(maxsize=KEPT)
+def carrying(composite: Composite, given: int) -> Recursion:
+    """(added states, given ones, torques, h, t, p) -> added states one step later, all states one step later."""
+    symbols = {k: ca.SX.sym(k, composite.step_function.nnz_in(i)) for i, k in enumerate(("z", "u", "w", "h", "t", "p"))}
+    x, own = symbols["z"][:given], symbols["z"][given:]
+    ins = [own, x, *(symbols[k] for k in ("u", "h", "t", "p"))]
+    still = {"w": ca.SX.zeros(composite.nq)}
+    after = composite.step_function(*(({**symbols, **still})[k] for k in ("z", "u", "w", "h", "t", "p")))
+    return Recursion(ca.Function("carried", [ca.vertcat(own), ca.vertcat(x), *ins[2:]], [after[given:], after]))
 
 
 # Composites live as long as the process: there are as many as sets of effects are tried, some hundred.

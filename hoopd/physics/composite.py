@@ -183,18 +183,6 @@ class Composite:
         y = [self.reading(channel, s["z"], s["t"], self._named(s["p"])) for channel in self.channels]
         return ca.Function("readings", [s[k] for k in ("z", "t", "p")], [ca.densify(ca.vertcat(*y))], _CSE)
 
-    @cached_property
-    def substep_function(self) -> ca.Function:
-        """(z, torque, w, d, t, p) -> z after d seconds, one of the parts of a step."""
-        s = self._symbols
-        ins = [s["z"], s["torques"][0], s["w"], s["h"], s["t"], s["p"]]
-        return ca.Function(
-            "substep",
-            ins,
-            [ca.densify(self._substep(ins[0], ins[1], ins[2], ins[3], ins[4], self._named(s["p"])))],
-            _CSE,
-        )
-
     def substep_derivatives(self, free: Sequence[str]) -> ca.Function:
         """(z, torque, w, d, t, p) -> z after d seconds; its derivatives by z, w, torque and free parameters."""
         s = self._symbols
