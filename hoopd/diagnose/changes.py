@@ -48,7 +48,7 @@ class Changes:
     """Of one track about one fit; what all effects need is evaluated once."""
 
     def __init__(self, track: Track, values: Mapping[str, float]) -> None:
-        self.track, self.z, self.values = track, track.z, values
+        self.track, self.z, self.values = track, track.filtered, values
         self._local = track.local(values)
         self._after: dict[int, Array] = {}
         self._inside: dict[int, Inside] = {}
@@ -140,16 +140,17 @@ class Changes:
         composite = composite_of(track.stretch.plant, (*own.effects, effect))
         new = Track.of(track.stretch, track.held, composite)
         values = {**self._local, **{effect.key(name): value for name, value in column}}
-        z, after = self.z, None
+        z, seen, after = self.z, track.predicted, None
         if composite.nz > own.nz:
             # what the effect adds to the state follows the reference
             z, after = new.carried(values, self.z[:, : own.nx])
+            seen = np.hstack([track.predicted[:, : own.nx], z[:, own.nx :]])
         f: Any = 0.0
         if step and _moves(effect):
             after = new.after(values, z, np.zeros_like(track.w)) if after is None else after
             f = after[:, : own.nx] - self._without(composite.substeps)
         # innovations lose what the readings gain
-        return f, (self._readings - new.readings(values, z, np.zeros_like(track.w)) if reading else 0.0)
+        return f, (self._readings - new.readings(values, seen, np.zeros_like(track.w)) if reading else 0.0)
 
     def _without(self, substeps: int) -> Array:
         """One-step map (n-1, nx) without the change, with as many substeps as the change has."""
@@ -165,7 +166,7 @@ class Changes:
 def changes_of(track: Track, fit: Fit) -> Changes:
     """The same object as long as neither the fit's values nor the reference change."""
     kept = track.__dict__.get("_changes")
-    if not isinstance(kept, Changes) or kept.z is not track.z or kept.values is not fit.values:
+    if not isinstance(kept, Changes) or kept.z is not track.filtered or kept.values is not fit.values:
         kept = track.__dict__["_changes"] = Changes(track, fit.values)
     return kept
 

@@ -158,9 +158,9 @@ def curves(fit: Fit, plant: DeclaredPlant | None = None) -> list[Curve]:
 
 
 def at_nodes(track: Track, fit: Fit) -> Point:
-    """Everything a variable may read, arrays (n,) at the nodes of a reference."""
+    """Everything a variable may read, arrays (n,) at the nodes, as the filter predicts them."""
     u = track.torques(track.local(fit.values)).mean(axis=0)
-    return track.stretch.plant.point(track.z.T, track.local(fit.values), np.append(u, u[-1]), track.stretch.t)
+    return track.stretch.plant.point(track.predicted.T, track.local(fit.values), np.append(u, u[-1]), track.stretch.t)
 
 
 def _knot_sets(variable: Variable, x: Array) -> list[Array]:

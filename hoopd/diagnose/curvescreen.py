@@ -136,7 +136,7 @@ def within(track: Track, fit: Fit) -> Point:
     parts, h = torques.shape[0], track.stretch.h
     share = (np.arange(parts)[:, None] + 0.5) / parts
     # the step as the model takes it, without a disturbance: from z_k to F(z_k), not to z_k+1
-    begin, end = track.z[:-1], track.z[1:] + own_columns(track, fit).f[:, :, 0]
+    begin, end = track.filtered[:-1], track.after(fit.values)
     states = {}
     for i, q in enumerate(track.composite.plant.coordinates):
         x, v = (begin[:, 2 * i], end[:, 2 * i]), (begin[:, 2 * i + 1], end[:, 2 * i + 1])

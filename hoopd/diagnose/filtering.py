@@ -126,6 +126,8 @@ class Smoothed(NamedTuple):
 
     d: Array  # (n, size)
     push: Array  # (n-1, nz): derivative of the log-likelihood by an addition to the one-step map
+    filtered: Array  # (n, size) deviation given the readings up to each node
+    predicted: Array  # (n, size) and up to the one before
 
 
 def smoothed(model: Linear, found: Gains, f: Array, eps: Array) -> Smoothed:
@@ -137,7 +139,8 @@ def smoothed(model: Linear, found: Gains, f: Array, eps: Array) -> Smoothed:
     adjoint[:-1, :nz] = (found.whiten @ model.c).transpose(0, 2, 1) @ (found.whiten @ e)
     for k in range(n - 2, -1, -1):
         adjoint[k] += found.closed[k].T @ adjoint[k + 1]
-    return Smoothed((d + found.before @ adjoint[:-1])[:, :, 0], adjoint[1:-1, :nz, 0])
+    filtered = (d + found.gain @ e)[:, :, 0]
+    return Smoothed((d + found.before @ adjoint[:-1])[:, :, 0], adjoint[1:-1, :nz, 0], filtered, d[:, :, 0])
 
 
 # ---------------------------------------------------------------------------------------------- covariance

@@ -213,9 +213,7 @@ def _move_references(found: Fit, delta: Array) -> None:
     for track, columns, gain in zip(found.tracks, found.columns, found.gains, strict=True):
         f = columns.f[:, :, 0] + columns.f[:, :, 1:] @ delta
         eps = columns.eps[:, :, 0] + columns.eps[:, :, 1:] @ delta
-        d = smoothed(columns.model, gain, f, eps).d
-        track.z = track.z + d[:, : track.composite.nz]
-        track.w = d[:, track.composite.nz :]
+        track.follow(smoothed(columns.model, gain, f, eps))
 
 
 def tuned_noise(found: Fit, *, near: bool = False) -> None:

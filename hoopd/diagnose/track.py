@@ -56,6 +56,16 @@ class Track:
                 self.composite.nx :
             ]
 
+        self._at_reference()
+
+    def _at_reference(self) -> None:
+        """Before a filter has run, its states are the reference's."""
+        self.filtered, self.predicted = self.z, self.z
+
+    def moved(self, z: Array, w: Array, filtered: Array, predicted: Array) -> None:
+        """To another reference, and the filter's own states there."""
+        self.z, self.w, self.filtered, self.predicted = z, w, filtered, predicted
+
     @classmethod
     def of(cls, stretch: Stretch, held: Held, composite: Composite) -> Track:
         """With a composite of its own and no reference yet."""
@@ -66,7 +76,10 @@ class Track:
     def like(self, other: Track) -> Track:
         """Takes over the reference of a track of the same stretch with other effects."""
         nx = min(self.composite.nx, other.composite.nx)
-        self.z[:, :nx] = other.z[:, :nx]
+        added = self.z[:, nx:]
+        self.z = np.hstack([other.z[:, :nx], added])
+        self.filtered = np.hstack([other.filtered[:, :nx], added])
+        self.predicted = np.hstack([other.predicted[:, :nx], added])
         self.w[:, : min(self.w.shape[1], other.w.shape[1])] = other.w[:, : self.w.shape[1]]
         return self
 
@@ -99,9 +112,9 @@ class Track:
     def after(
         self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None, substeps: int = 0
     ) -> Array:
-        """(n-1, nz) one-step map from every node of the reference."""
+        """(n-1, nz) one-step map from the filter's state at every node."""
         values = self.local(values)
-        z, w = (self.z if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
+        z, w = (self.filtered if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
         c = self.composite
         if substeps not in (0, c.substeps):
             finer = Track.of(self.stretch, self.held, composite_of(c.declared, c.effects, substeps))
@@ -123,9 +136,9 @@ class Track:
         return np.hstack([x, np.vstack([begin, own[:, :, 0]])]), after[:, :, 0]
 
     def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
-        """(n, nc) what the sensors would show on the reference."""
+        """(n, nc) what the sensors would show of the filter's prediction at every node."""
         values = self.local(values)
-        z, w = (self.z if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
+        z, w = (self.predicted if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
         call = mapped(self.composite.output_function, len(z), (4,))
         return call(*self._output_inputs(values, z, w))[0][:, :, 0]
 
@@ -141,7 +154,11 @@ class Track:
     # ------------------------------------------------------------------------------------------ linear
 
     def columns(self, values: Mapping[str, float], free: Sequence[str]) -> Columns:
-        """The model linear about the reference; `free` parameters it does not have get columns of zeros."""
+        """The model linear about the filter's states; `free` parameters it does not have get columns of zeros.
+
+        Not about the smoothed reference: what is multiplied with a state that knows the reading, or the disturbance,
+        that it helps to explain is correlated with it, and everything that resembles a scale would be named.
+        """
         c, n = self.composite, len(self.stretch.t)
         values, mark = self.local(values), f"@{self.stretch.recording}"
         mine = {name: name.removesuffix(mark) for name in free if name.endswith(mark) or "@" not in name}
@@ -149,8 +166,10 @@ class Track:
         after, by_z, by_w, by_p = self._step_derivatives(values, tuple(mine.values()))
         y, of_z, of_p = self._reading_derivatives(values, tuple(mine.values()))
         f, eps = np.zeros((n - 1, c.nz, 1 + len(free))), np.zeros((n, len(c.channels), 1 + len(free)))
-        # f = F(z, 0) - z_next: the disturbance is a state of the filter
-        f[:, :, 0], eps[:, :, 0] = after - self.z[1:], np.nan_to_num(self.stretch.y) - y
+        # f = F(z_f, 0) + A (z - z_f) - z_next: the disturbance is a state of the filter
+        step = (by_z @ (self.z - self.filtered)[:-1, :, None])[:, :, 0]
+        reading = (of_z @ (self.z - self.predicted)[:, :, None])[:, :, 0]
+        f[:, :, 0], eps[:, :, 0] = after + step - self.z[1:], np.nan_to_num(self.stretch.y) - y - reading
         where = [1 + list(free).index(name) for name in mine]
         f[:, :, where], eps[:, :, where] = by_p, -of_p
         return Columns(Linear(by_z, by_w, of_z, self.stretch.h, np.isfinite(self.stretch.y), c.nx), f, eps)
@@ -158,7 +177,7 @@ class Track:
     def _step_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> tuple[Array, ...]:
         """One-step map (n-1, nz), and its derivatives (n-1, nz, ...) by z, w and parameters, at no disturbance."""
         # a parameter that scales the disturbance would otherwise be fitted to what the smoother thinks of it
-        c, n, z = self.composite, len(self.stretch.t) - 1, self.z[:-1]
+        c, n, z = self.composite, len(self.stretch.t) - 1, self.filtered[:-1]
         call, d = mapped(derivatives_of(c, free)[0], n, (5,)), self.stretch.h / c.substeps
         torques, slope = self.torques(values), self.held.substeps_by_delay(c.substeps, _sum(values, c.delays))
         late = [c.nz + c.nq + free.index(name) for name in c.delays if name in free]
@@ -178,7 +197,7 @@ class Track:
     def _reading_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> list[Array]:
         """Readings (n, nc) and their derivatives (n, nc, ...) by z and parameters."""
         call = mapped(derivatives_of(self.composite, free)[1], len(self.z), (4,))
-        y, by_z, by_p = call(*self._output_inputs(values, self.z, np.zeros_like(self.w)))
+        y, by_z, by_p = call(*self._output_inputs(values, self.predicted, np.zeros_like(self.w)))
         return [y[:, :, 0], by_z, by_p]
 
     def smooth(self, values: Mapping[str, float], noise: Noise, passes: int = SMOOTHING_PASSES) -> Smoothed:
@@ -187,9 +206,14 @@ class Track:
             columns = self.columns(values, ())
             found = gains(columns.model, noise)
             last = smoothed(columns.model, found, columns.f[:, :, 0], columns.eps[:, :, 0])
-            self.z = self.z + last.d[:, : self.composite.nz]
-            self.w = last.d[:, self.composite.nz :]
+            self.follow(last)
         return last
+
+    def follow(self, found: Smoothed) -> None:
+        """Moves the reference, and the filter's states, by what a smoother found about it."""
+        nz = self.composite.nz
+        states = [self.z + part[:, :nz] for part in (found.d, found.filtered, found.predicted)]
+        self.moved(states[0], found.d[:, nz:], states[1], states[2])
 
     def whitened(self, columns: Columns, found: Gains) -> Array:
         """(n * nc, 1+m) rows of the least-squares problem."""
