@@ -18,7 +18,7 @@ from hoopd.diagnose.dataset import Stretch
 from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.scan import scan
 from hoopd.diagnose.scanned import Scanned
-from hoopd.diagnose.screen import Score, Screen
+from hoopd.diagnose.screen import TOUCHED, Score, Screen
 from hoopd.diagnose.surprise import THRESHOLD, surprise
 from hoopd.physics.effects.base import Effect
 
@@ -163,7 +163,8 @@ def columns_of(effect: Effect, stretches: Sequence[Stretch]) -> tuple[int, int]:
     phases = [p for p in effect.parameters if p.role == "phase"]
     grids = [max(len(p.grid), 1) for p in effect.parameters if p.role == "shape"]
     if not amplitudes:
-        return 1, 1  # sizes of one thing
+        # sizes of one thing; of a limit, other samples at each size
+        return 1, len(TOUCHED) if any(p.touched for p in effect.parameters) else 1
     columns = 2 * (recordings if phases[0].per_recording else 1) if phases else amplitudes
     return columns, int(np.prod(grids)) if grids else 1
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from itertools import groupby, product
 from math import atan2, hypot
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
@@ -28,6 +29,8 @@ Array = NDArray[np.float64]
 
 # A change tried at one value of a parameter that is not proportional may be stretched by up to this.
 MOST_STRETCH = 1.5
+# A limit is tried where it cuts off these shares of the samples.
+TOUCHED = (0.002, 0.005, 0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8)
 
 
 @dataclass(frozen=True)
@@ -60,16 +63,39 @@ class Score:
     origin: Fit | None = None  # the fit about which it was screened
 
 
-def members_of(effect: Effect, recordings: Sequence[str]) -> list[Member]:
-    """All choices of the shape parameters' grids."""
+def members_of(
+    effect: Effect, recordings: Sequence[str], grids: Mapping[str, Sequence[float]] | None = None
+) -> list[Member]:
+    """All choices of the shape parameters' grids; `grids`: others, by the parameter's name."""
+    grids = grids or {}
     shapes = [p for p in effect.parameters if p.role == "shape"]
     amplitudes = [p for p in effect.parameters if p.role == "amplitude"]
     phases = [p for p in effect.parameters if p.role == "phase"]
     found = []
-    for values in product(*(p.grid or (p.neutral,) for p in shapes)):
+    for values in product(*(grids.get(p.name) or p.grid or (p.neutral,) for p in shapes)):
         shape = {p.name: float(v) for p, v in zip(shapes, values, strict=True)}
         found.append(Member(effect, shape, _columns(shape, amplitudes, phases, recordings)))
     return found
+
+
+def touched_grids(effect: Effect, fit: Fit) -> dict[str, list[float]]:
+    """For limits: values that shares TOUCHED of the samples reach."""
+    limits = {p.name: p for p in effect.parameters if p.touched is not None}
+    tracks = [track for track in fit.tracks if effect.slot in track.stretch.plant.slots]
+    return {name: _touched(p, fit, tracks) for name, p in limits.items()} if tracks else {}
+
+
+def _touched(parameter: EffectParameter, fit: Fit, tracks: Sequence[Track]) -> list[float]:
+    parts = []
+    for track in tracks:
+        plant, values = track.stretch.plant, track.local(fit.values)
+        x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u")
+        assert parameter.touched is not None
+        function = ca.Function("touched", [x, u], [parameter.touched(plant.point(x, values, u))])
+        demand = track.torques(values).mean(axis=0)
+        parts.append(function(track.filtered[:-1, : len(plant.states)].T, demand[None]).full().ravel())
+    found = np.quantile(np.concatenate(parts), 1.0 - np.array(TOUCHED))
+    return sorted({float(v) for v in found if parameter.low < v < parameter.high})
 
 
 def _columns(
@@ -103,7 +129,7 @@ class Screen:
         self._basis = _orthonormal(rows[:, 1:])
         self.residual = self.projected(rows[:, :1])[:, 0]
         wanted = [e for e in effects if e.name not in fit.names and e.found_by in ("screen",)]
-        self.members = [m for e in wanted for m in members_of(e, self.recordings)]
+        self.members = [m for e in wanted for m in members_of(e, self.recordings, touched_grids(e, fit))]
         self.vectors = self.whitened([(m.effect, column) for m in self.members for column in m.columns])
 
     def whitened(self, changes: Sequence[tuple[Effect, Column]]) -> Array:

@@ -26,6 +26,9 @@ HARMONIC_SUBSTEPS = 10
 # A torque that switches within a substep enters by its mean: that moves an angle by 4e-5 rad at 2.5 ms, 2e-4 at 5 ms.
 SWITCH_SUBSTEPS = 8
 
+# Of the drive's limit, what a demand leaves at least where it is asked which speed would touch it.
+LEAST_LEFT = 1e-3
+
 
 def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
     """Those of every actuator."""
@@ -110,7 +113,18 @@ def _saturation(plant: DeclaredPlant, slot: str) -> Effect:
     grid = scaled((*geometric(0.02, 0.5, 12), 0.6, 0.69), size)
     return Effect(
         f"{slot}.saturation",
-        (EffectParameter("s", units(plant).force, NO_LIMIT, 0.01 * size, plant.limit, "shape", grid),),
+        (
+            EffectParameter(
+                "s",
+                units(plant).force,
+                NO_LIMIT,
+                0.01 * size,
+                plant.limit,
+                "shape",
+                grid,
+                touched=lambda s: ca.fabs(s.u),
+            ),
+        ),
         # |tau| <= s
         torque=lambda s, e: ca.fmin(ca.fmax(s.u, -e.s), e.s),
         order=2,
@@ -211,10 +225,15 @@ def _back_emf(plant: DeclaredPlant, slot: str, q: str, speed: float) -> Effect:
         most = ca.fmax(0.0, plant.limit * (1 - ca.fabs(getattr(s, f"d{q}")) / e.w0))
         return ca.fmin(ca.fmax(s.u, -most), most)
 
+    def touched(s: Any) -> Any:
+        # |u| = limit (1 - |theta'| / w0)
+        return ca.fabs(getattr(s, f"d{q}")) / ca.fmax(1 - ca.fabs(s.u) / plant.limit, LEAST_LEFT)
+
     grid = scaled(geometric(8.0, 80.0, 8), speed)
+    w0 = EffectParameter("w0", units(plant).rate, NO_LIMIT, 5.0 * speed, 200.0 * speed, "shape", grid, touched=touched)
     return Effect(
         f"{slot}.back_emf_limit",
-        (EffectParameter("w0", units(plant).rate, NO_LIMIT, 5.0 * speed, 200.0 * speed, "shape", grid),),
+        (w0,),
         torque=limited,
         order=2,
         substeps=SWITCH_SUBSTEPS,

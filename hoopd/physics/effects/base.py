@@ -58,6 +58,8 @@ class EffectParameter:
     grid: tuple[float, ...] = ()  # what a search tries; of an amplitude, its usual size alone
     per_recording: bool = False  # a phase or a time that no other recording shares
     discrete: bool = False  # only the values of the grid make sense: never refined between them
+    # of a limit: its value that the plant just touches at a point, so that a search tries those that the data reach
+    touched: Callable[[Point], Any] | None = None
 
     def __post_init__(self) -> None:
         if self.role not in ROLES or not self.low <= self.high:
