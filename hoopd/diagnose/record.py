@@ -237,7 +237,7 @@ def canonical(diagnosis: Diagnosis) -> Diagnosis:
 
 def to_json_bytes(diagnosis: Diagnosis) -> bytes:
     """The file: UTF-8, indented, keys of mappings in alphabetical order; ValueError as in `canonical`."""
-    plain = _plain(msgspec.to_builtins(canonical(diagnosis), enc_hook=_unwrapped))
+    plain = to_plain(msgspec.to_builtins(canonical(diagnosis), enc_hook=_unwrapped))
     return msgspec.json.format(msgspec.json.encode(plain, order="deterministic"), indent=2) + b"\n"
 
 
@@ -261,12 +261,12 @@ def _unwrapped(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no place in a diagnosis")
 
 
-def _plain(value: Any) -> Any:
+def to_plain(value: Any) -> Any:
     """Without what JSON has no word for: numbers that are none, file names that are no text."""
     if isinstance(value, dict):
-        return {_text(str(key)): _plain(item) for key, item in value.items()}
+        return {_text(str(key)): to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [to_plain(item) for item in value]
     if isinstance(value, str):
         return _text(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
