@@ -122,6 +122,20 @@ def test_the_smoother_is_the_conditional_mean() -> None:
     assert np.abs(found.d - expected).max() < 1e-8 * np.abs(expected).max()
 
 
+def test_filtered_and_predicted_states_know_no_later_reading() -> None:
+    m = model()
+    f, eps = data(m, 1)
+    whole = smoothed(m, gains(m, LEVELS), f[:, :, 0], eps[:, :, 0])
+    for k in (1, 17):
+        part = Linear(m.a[:k], m.w[:k], m.c[: k + 1], m.h[:k], m.seen[: k + 1].copy(), m.nx)
+        last = smoothed(part, gains(part, LEVELS), f[:k, :, 0], eps[: k + 1, :, 0])
+        assert np.allclose(whole.filtered[k], last.d[k])
+        part.seen[k] = False
+        assert np.allclose(
+            whole.predicted[k], smoothed(part, gains(part, LEVELS), f[:k, :, 0], eps[: k + 1, :, 0]).d[k]
+        )
+
+
 def test_push_is_the_derivative_of_the_log_likelihood() -> None:
     m = model()
     f, eps = data(m, 1)

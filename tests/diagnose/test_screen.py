@@ -99,7 +99,8 @@ def test_a_column_of_one_recording_leaves_the_others_alone(base: Fit) -> None:
 def test_changes_follow_a_reference_that_moved() -> None:
     own, effect, column = fitted(), LIBRARY["hoop.quadratic_drag"], Column((("c", 2e-5),))
     before = change_of(own.tracks[0], own, effect, column)[0]
-    own.tracks[0].z = 2.0 * own.tracks[0].z
+    far = 2.0 * own.tracks[0].filtered
+    own.tracks[0].moved(far, own.tracks[0].w, far, far)
     after = change_of(own.tracks[0], own, effect, column)[0]
     # a drag goes with the square of the speed
     assert np.linalg.norm(after - 4.0 * before) < 0.05 * np.linalg.norm(after)

@@ -35,7 +35,8 @@ SETS = [
 def track_with(names: tuple[str, ...], seconds: float = 1.0) -> Track:
     track = Track(stretch_with(PLANT, "a", 3, seconds), [LIBRARY[name] for name in names])
     random = np.random.default_rng(1)
-    track.z = track.z + 0.01 * random.normal(size=track.z.shape)
+    z, filtered, predicted = (track.z + 0.01 * random.normal(size=track.z.shape) for _ in range(3))
+    track.moved(z, track.w, filtered, predicted)
     return track
 
 
@@ -53,8 +54,11 @@ def test_columns_are_derivatives_by_the_parameters(names: tuple[str, ...]) -> No
     values = {**track.composite.values, **{k: v for k, v in VALUES.items() if k in track.composite.names}}
     free = (*PLANT.free, *(name for name in VALUES if name in track.composite.names))
     found = track.columns(values, free)
-    assert np.allclose(found.f[:, :, 0], track.after(values) - track.z[1:], rtol=0, atol=1e-12)
-    assert np.allclose(found.eps[:, :, 0], track.stretch.y - track.readings(values), rtol=0, atol=1e-12)
+    # the residual is that of the reference, to first order from the filter's states
+    step = np.einsum("nij,nj->ni", found.model.a, (track.z - track.filtered)[:-1])
+    reading = np.einsum("nij,nj->ni", found.model.c, track.z - track.predicted)
+    assert np.allclose(found.f[:, :, 0], track.after(values) + step - track.z[1:], rtol=0, atol=1e-12)
+    assert np.allclose(found.eps[:, :, 0], track.stretch.y - track.readings(values) - reading, rtol=0, atol=1e-12)
     for i, name in enumerate(free, start=1):
         f, y = moved(track, values, name, 1e-6 * max(abs(values[name]), 0.1))
         assert np.abs(found.f[:, :, i] - f).max() < 1e-5 * np.abs(f).max() + 1e-8
@@ -71,8 +75,8 @@ def test_matrices_are_derivatives_by_state_and_disturbance(names: tuple[str, ...
     for i in range(track.composite.nz):
         step = np.zeros_like(track.z)
         step[:, i] = 1e-6
-        f = (track.after(values, track.z + step) - track.after(values, track.z - step)) / 2e-6
-        y = (track.readings(values, track.z + step) - track.readings(values, track.z - step)) / 2e-6
+        f = (track.after(values, track.filtered + step) - track.after(values, track.filtered - step)) / 2e-6
+        y = (track.readings(values, track.predicted + step) - track.readings(values, track.predicted - step)) / 2e-6
         assert np.allclose(model.a[:, :, i], f, atol=1e-6) and np.allclose(model.c[:, :, i], y, atol=1e-6)
     for i in range(track.w.shape[1]):
         w = np.zeros_like(track.w)
