@@ -58,7 +58,7 @@ class Changes:
         own, n = self.track.composite, len(self.z)
         f, eps = np.zeros((n - 1, own.nz, len(columns))), np.zeros((n, len(own.channels), len(columns)))
         fits = fitting_effects(self.track.stretch.plant, (effect,))
-        if not fits:
+        if not fits or not columns:
             return f, eps
         sampled = self._is_sampled(fits[0])
         if sampled:
@@ -79,7 +79,8 @@ class Changes:
         if effect.torque is None and effect.force is None:
             return False
         small = any(one.role == "amplitude" for one in effect.parameters)
-        return small or not _force_function(self.track.composite.plant, effect)[0].jac_sparsity(0, 0).nnz()
+        function = _force_function(self.track.composite.plant, effect)
+        return function is not None and (small or not function.jac_sparsity(0, 0).nnz())
 
     # ------------------------------------------------------------------------------------------ a sampled force
 
@@ -122,7 +123,9 @@ class Changes:
     def _pushes_at_once(self, effect: Effect, columns: Sequence[Values]) -> Array:
         inside = self._points(effect.substeps or SMOOTH_SUBSTEPS)
         n, points = inside.u.shape
-        function, names = _force_function(self.track.composite.plant, effect, n * points)
+        function = _force_function(self.track.composite.plant, effect, n * points)
+        assert function is not None
+        names = _names(self.track.composite.plant, effect)
         forces, call = np.empty((len(inside.push[0, 0]), n, points, len(columns))), mapped(function, 1)
         states, u, t = inside.x.reshape(n * points, -1).T, inside.u.reshape(1, -1), inside.t.reshape(1, -1)
         for i, column in enumerate(columns):
@@ -192,25 +195,39 @@ def _between(begin: Array, end: Array, d: Array) -> Array:
     return x
 
 
-def _force_function(plant: DeclaredPlant, effect: Effect, n: int = 1) -> tuple[ca.Function, tuple[str, ...]]:
-    """(x (n, states), u (n,), t (n,), p) -> what an effect adds to the forces (n, coordinates); names of p."""
+def _names(plant: DeclaredPlant, effect: Effect) -> tuple[str, ...]:
+    return (*plant.values, *(effect.key(one.name) for one in effect.parameters))
+
+
+def _force_function(plant: DeclaredPlant, effect: Effect, n: int = 1) -> ca.Function | None:
+    """(x (n, states), u (n,), t (n,), p by `_names`) -> what an effect adds to the forces (n, coordinates).
+
+    None for an effect whose functions do not take a whole column of points.
+    """
     key = (plant_key(plant), effect.name, n)
     if key not in _forces:
-        names = (*plant.values, *(effect.key(one.name) for one in effect.parameters))
-        sizes = {"x": (n, len(plant.states)), "u": (n, 1), "t": (n, 1), "p": (len(names), 1)}
-        # matrices take a function element by element, which is five times as fast as scalars point by point
-        x, u, t, p = (ca.MX.sym(name, *size) for name, size in sizes.items())
-        values = {name: p[i] for i, name in enumerate(names)}
-        demand = ca.fmin(ca.fmax(u, -plant.limit), plant.limit)
-        point, force = plant.point(ca.horzsplit(x), values, demand, t), dict.fromkeys(plant.coordinates, ca.MX.zeros(n))
-        if effect.torque is not None and plant.driven is not None:
-            force[plant.driven] += effect.torque(point, effect.values(values)) - demand
-        for q, more in (effect.force(point, effect.values(values)) if effect.force else {}).items():
-            force[q] += more
-        out = ca.densify(ca.horzcat(*force.values()))
-        _forces[key] = ca.Function("force", [x, u, t, p], [out]), names
+        try:
+            _forces[key] = _made_force_function(plant, effect, n)
+        except (TypeError, NotImplementedError, RuntimeError):
+            _forces[key] = None
     return _forces[key]
 
 
+def _made_force_function(plant: DeclaredPlant, effect: Effect, n: int) -> ca.Function:
+    names = _names(plant, effect)
+    sizes = {"x": (n, len(plant.states)), "u": (n, 1), "t": (n, 1), "p": (len(names), 1)}
+    # matrices take a function element by element, which is five times as fast as scalars point by point
+    x, u, t, p = (ca.MX.sym(name, *size) for name, size in sizes.items())
+    values = {name: p[i] for i, name in enumerate(names)}
+    demand = ca.fmin(ca.fmax(u, -plant.limit), plant.limit)
+    point, force = plant.point(ca.horzsplit(x), values, demand, t), dict.fromkeys(plant.coordinates, ca.MX.zeros(n))
+    if effect.torque is not None and plant.driven is not None:
+        force[plant.driven] += effect.torque(point, effect.values(values)) - demand
+    for q, more in (effect.force(point, effect.values(values)) if effect.force else {}).items():
+        if q in force:
+            force[q] += more
+    return ca.Function("force", [x, u, t, p], [ca.densify(ca.horzcat(*force.values()))])
+
+
 # As many as effects of a library, for each plant and length.
-_forces: dict[tuple[str, str, int], tuple[ca.Function, tuple[str, ...]]] = {}
+_forces: dict[tuple[str, str, int], ca.Function | None] = {}

@@ -2,7 +2,7 @@
 
 An effect changes the one-step map and the readings along the smoothed trajectory; whitened by the fit's own filter and
 freed of the directions of all free parameters, these changes are the columns of an ordinary regression of the whitened
-innovations, whose gain for any set of columns is r'Z (Z'Z)^-1 Z'r / 2 nats (score and Lagrange-multiplier tests; Rao 1948).
+innovations, whose gain for any set of columns is r'Z (Z'Z)^-1 Z'r / 2 nats (score tests; Rao 1948).
 
 Rules of this file: a screen proposes, a fit decides.
 """
@@ -218,7 +218,8 @@ def _start(member: Member, weights: Array) -> dict[str, float]:
     phases = [p for p in effect.parameters if p.role == "phase"]
     if not amplitudes:
         for p in effect.parameters:
-            if np.isfinite(p.neutral) and not p.discrete:
+            # a limit that is neutral beyond its range is not approached in a straight line
+            if p.low <= p.neutral <= p.high and not p.discrete:
                 start[effect.key(p.name)] = p.neutral + weights[0] * (member.shape[p.name] - p.neutral)
         return start
     if not phases:

@@ -1,0 +1,200 @@
+"""The filter, its smoother and its likelihood against one big Gaussian, and the noise levels' gradient."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.stats import multivariate_normal
+
+from hoopd.diagnose.filtering import (
+    RATE_FLOOR,
+    START_POSITION,
+    START_RATE,
+    Array,
+    Linear,
+    Noise,
+    gains,
+    smoothed,
+    whitened,
+)
+from hoopd.diagnose.noise import Criterion, roughness, tuned
+
+N, NZ, NQ, NC = 40, 5, 2, 3
+LEVELS = Noise(np.array([0.3, 0.05]), np.array([0.1, 0.3]), np.array([0.02, 0.1, 0.05]))
+
+
+class Dense(NamedTuple):
+    """All deviations as one linear map of what is drawn at random, written down without any recursion of the filter."""
+
+    state: Array  # (n size, n size): covariance of all deviations
+    eps: Array  # (seen, seen): covariance of what was read
+    cross: Array  # (n size, seen)
+    of_f: Array  # (n size, (n-1) nz): deviations by additions to the one-step map
+    c: Array  # (seen, n size)
+    rows: Array  # (n, nc) whether read
+
+
+def model(seed: int = 1, n: int = N) -> Linear:
+    random = np.random.default_rng(seed)
+    a = np.eye(NZ) + 0.1 * random.normal(size=(n - 1, NZ, NZ))
+    # a stable model: the whole stretch stays of one size
+    a *= 0.95 / np.maximum(0.95, np.abs(np.linalg.eigvals(a)).max(axis=1))[:, None, None]
+    seen = random.random((n, NC)) > 0.2
+    h = random.uniform(0.01, 0.03, n - 1)
+    return Linear(a, 0.3 * random.normal(size=(n - 1, NZ, NQ)), random.normal(size=(n, NC, NZ)), h, seen, 4)
+
+
+def data(m: Linear, columns: int, seed: int = 2) -> tuple[Array, Array]:
+    random = np.random.default_rng(seed)
+    n = len(m.c)
+    return 0.01 * random.normal(size=(n - 1, NZ, columns)), 0.3 * random.normal(size=(n, NC, columns))
+
+
+def dense(m: Linear, noise: Noise) -> Dense:
+    n, size = len(m.c), NZ + NQ
+    phi = [
+        np.block([[a, w], [np.zeros((NQ, NZ)), np.diag(np.exp(-h / noise.time_s))]])
+        for a, w, h in zip(m.a, m.w, m.h, strict=True)
+    ]
+    # d_k = phi_k-1 ... phi_j v_j summed over j <= k, with v_0 the start and v_j+1 what step j adds
+    reach = np.zeros((n * size, n * size))
+    for j in range(n):
+        block = np.eye(size)
+        for k in range(j, n):
+            reach[k * size : (k + 1) * size, j * size : (j + 1) * size] = block
+            block = phi[k] @ block if k < n - 1 else block
+    start = [START_POSITION, START_RATE, START_POSITION, START_RATE, START_RATE, *noise.force]
+    floor = [0.0, RATE_FLOOR, 0.0, RATE_FLOOR, 0.0]
+    added = [np.diag([*np.square(floor), *(noise.force**2 * (1 - np.exp(-2 * h / noise.time_s)))]) for h in m.h]
+    state = reach @ block_diag(np.diag(np.square(start)), *added) @ reach.T
+    rows = m.seen.ravel()
+    c = block_diag(*(np.hstack([one, np.zeros((NC, NQ))]) for one in m.c))[rows]
+    eps = c @ state @ c.T + np.diag(np.tile(noise.reading**2, n)[rows])
+    columns = [(k + 1) * size + i for k in range(n - 1) for i in range(NZ)]
+    return Dense(state, eps, state @ c.T, reach[:, columns], c, m.seen)
+
+
+def observed(big: Dense, f: Array, eps: Array) -> Array:
+    """(seen, m) what the readings miss, freed of what f does to them."""
+    m = f.shape[2]
+    return eps.reshape(-1, m)[big.rows.ravel()] - big.c @ big.of_f @ f.reshape(-1, m)
+
+
+def test_whitened_columns_have_the_gram_matrix_of_generalised_least_squares() -> None:
+    m = model()
+    f, eps = data(m, 4)
+    white = whitened(m, gains(m, LEVELS), f, eps).reshape(-1, 4)
+    big = dense(m, LEVELS)
+    y = observed(big, f, eps)
+    expected = y.T @ np.linalg.solve(big.eps, y)
+    assert np.abs(white.T @ white - expected).max() < 1e-8 * np.abs(expected).max()
+
+
+def test_what_was_not_read_does_not_matter() -> None:
+    m = model()
+    f, eps = data(m, 2)
+    found = gains(m, LEVELS)
+    white = whitened(m, found, f, eps)
+    other = whitened(m, found, f, np.where(m.seen[:, :, None], eps, 1e3))
+    assert np.array_equal(white, other) and not white[~m.seen].any()
+
+
+def test_the_criterion_is_the_gaussian_log_likelihood() -> None:
+    m = model()
+    f, eps = data(m, 1)
+    big = dense(m, LEVELS)
+    y = observed(big, f, eps)[:, 0]
+    expected = multivariate_normal.logpdf(y, cov=big.eps, allow_singular=False)
+    value = Criterion(m, f[:, :, 0], eps[:, :, 0]).value(LEVELS)
+    assert -value - len(y) / 2 * np.log(2 * np.pi) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_smoother_is_the_conditional_mean() -> None:
+    m = model()
+    f, eps = data(m, 1)
+    big = dense(m, LEVELS)
+    y = observed(big, f, eps)
+    expected = (big.of_f @ f.reshape(-1, 1) + big.cross @ np.linalg.solve(big.eps, y)).reshape(N, -1)
+    found = smoothed(m, gains(m, LEVELS), f[:, :, 0], eps[:, :, 0])
+    assert np.abs(found.d - expected).max() < 1e-8 * np.abs(expected).max()
+
+
+def test_filtered_and_predicted_states_know_no_later_reading() -> None:
+    m = model()
+    f, eps = data(m, 1)
+    whole = smoothed(m, gains(m, LEVELS), f[:, :, 0], eps[:, :, 0])
+    for k in (1, 17):
+        part = Linear(m.a[:k], m.w[:k], m.c[: k + 1], m.h[:k], m.seen[: k + 1].copy(), m.nx)
+        last = smoothed(part, gains(part, LEVELS), f[:k, :, 0], eps[: k + 1, :, 0])
+        assert np.allclose(whole.filtered[k], last.d[k])
+        part.seen[k] = False
+        assert np.allclose(
+            whole.predicted[k], smoothed(part, gains(part, LEVELS), f[:k, :, 0], eps[: k + 1, :, 0]).d[k]
+        )
+
+
+def test_push_is_the_derivative_of_the_log_likelihood() -> None:
+    m = model()
+    f, eps = data(m, 1)
+    criterion = lambda f: Criterion(m, f[:, :, 0], eps[:, :, 0]).value(LEVELS)  # noqa: E731
+    push = smoothed(m, gains(m, LEVELS), f[:, :, 0], eps[:, :, 0]).push
+    for k, i in ((0, 0), (7, 1), (20, 4), (N - 2, 3)):
+        more, less = f.copy(), f.copy()
+        more[k, i], less[k, i] = f[k, i] + 1e-4, f[k, i] - 1e-4
+        assert push[k, i] == pytest.approx((criterion(less) - criterion(more)) / 2e-4, rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize("n", [2, 40, 130])
+def test_the_gradient_by_the_noise_levels(n: int) -> None:
+    m = model(3, n)
+    f, eps = data(m, 1)
+    criterion = Criterion(m, f[:, :, 0], eps[:, :, 0])
+    value, slope = criterion.gradient(LEVELS)
+    assert value == pytest.approx(criterion.value(LEVELS), rel=1e-12)
+    for i in range(len(slope)):
+        step = np.zeros(len(slope))
+        step[i] = 1e-5
+        ends = [np.exp(np.log(np.concatenate(LEVELS)) + sign * step) for sign in (1, -1)]
+        high, low = (criterion.value(Noise(v[:NQ], v[NQ : 2 * NQ], v[2 * NQ :])) for v in ends)
+        assert slope[i] == pytest.approx((high - low) / 2e-5, rel=1e-5, abs=1e-4)
+
+
+def test_levels_are_recovered_from_far_and_from_near() -> None:
+    m = model(4, 900)
+    random = np.random.default_rng(5)
+    d, eps = np.zeros(NZ + NQ), np.zeros((900, NC))
+    found = gains(m, LEVELS)
+    for k in range(900):
+        eps[k] = m.c[k] @ d[:NZ] + LEVELS.reading * random.normal(size=NC)
+        if k < 899:
+            d = found.phi[k] @ d
+            d[NZ:] += LEVELS.force * np.sqrt(1 - np.exp(-2 * m.h[k] / LEVELS.time_s)) * random.normal(size=NQ)
+    criterion = Criterion(m, np.zeros((899, NZ)), eps)
+    first = Noise(LEVELS.force * 8, np.full(NQ, 0.15), LEVELS.reading * 2)
+    far = tuned([criterion], first, first)
+    near = tuned([criterion], far, first, near=True)
+    # seven fitted numbers gain some chi2_7 / 2 over the true ones: above 12 nats once in a thousand
+    assert 0.0 <= criterion.value(LEVELS) - criterion.value(far) < 12.0
+    assert criterion.value(near) == pytest.approx(criterion.value(far), abs=0.02)
+    assert np.allclose(np.log(near.force), np.log(LEVELS.force), atol=0.3)
+    assert np.allclose(near.reading, LEVELS.reading, rtol=0.2)
+
+
+def test_levels_stay_within_their_bounds() -> None:
+    m = model(6, 200)
+    criterion = Criterion(m, np.zeros((199, NZ)), np.zeros((200, NC)))
+    first = Noise(np.ones(NQ), np.full(NQ, 0.15), np.ones(NC))
+    found = tuned([criterion], first, first)
+    # nothing is left to explain: every level goes to its lowest
+    assert np.allclose(found.reading, 0.4) and np.all(found.force < 0.1)
+
+
+def test_roughness_is_the_noise_of_a_smooth_reading() -> None:
+    t, random = np.arange(2000) * 0.02, np.random.default_rng(1)
+    assert roughness([np.sin(t) + 0.01 * random.normal(size=2000)]) == pytest.approx(0.01, rel=0.1)
+    count = 2 * np.pi / 4096
+    slow = np.round(0.001 * np.arange(2000) / count) * count
+    assert roughness([slow]) >= 0.99 * count / np.sqrt(12.0)

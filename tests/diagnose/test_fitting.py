@@ -1,0 +1,90 @@
+"""A fit finds the parameters and noise levels that made-up recordings were made with, within its own intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnose.madeup import NOISE, shipped_plant, stretch_with
+
+from hoopd.diagnose.fitting import Fit, fit, tuned_noise
+from hoopd.physics.effects.catalogue import library
+
+PLANT = shipped_plant()
+LIBRARY = library(PLANT)
+KNOWN = dict.fromkeys("ab", NOISE)
+# 1 in 15,000 of a normal error
+FAR = 4.0
+
+
+@pytest.fixture(scope="module")
+def base() -> Fit:
+    stretches = [stretch_with(PLANT, name, 3 + i, 10.0) for i, name in enumerate("ab")]
+    off = {name: value * (1.1 if name in PLANT.free else 1.0) for name, value in PLANT.values.items()}
+    return fit(stretches, (), off)
+
+
+def errors(found: Fit, truth: dict[str, float]) -> np.ndarray:
+    """In standard errors."""
+    return np.array([(found.values[name] - truth[name]) / found.deviation(name) for name in found.free])
+
+
+def test_parameters_are_recovered_from_wrong_ones(base: Fit) -> None:
+    found = errors(base, dict(PLANT.values))
+    assert np.abs(found).max() < FAR
+    # and the intervals are no wider than the errors: eight standard normal numbers
+    assert 0.3 < np.sqrt(np.mean(found**2)) < 2.0
+
+
+def test_noise_levels_are_recovered(base: Fit) -> None:
+    for noise in base.noise.values():
+        assert np.allclose(noise.reading, NOISE.reading, rtol=0.25)
+        assert np.allclose(np.log(noise.force), np.log(NOISE.force), atol=0.5)
+
+
+def test_whitened_residuals_are_white_and_of_unit_size(base: Fit) -> None:
+    e = base.rows[0][:, 0].reshape(-1, 3)
+    assert np.allclose(np.std(e, axis=0), 1.0, atol=0.15)
+    lag_one = np.mean(e[1:] * e[:-1], axis=0)
+    assert np.abs(lag_one).max() < 4.0 / np.sqrt(len(e))
+
+
+def test_gradient_of_the_criterion_vanishes_at_the_fit(base: Fit) -> None:
+    rows = base.stacked()
+    by = rows[:, 1:].T @ rows[:, 0]
+    # what is left of a Gauss-Newton step: less than the tenth of a standard error at which it ends
+    assert np.abs(base.covariance @ by / np.sqrt(np.diag(base.covariance))).max() < 0.2
+
+
+def test_a_second_tuning_stays_where_the_first_ended(base: Fit) -> None:
+    before = {name: np.concatenate(noise) for name, noise in base.noise.items()}
+    tuned_noise(base, near=True)
+    for name, noise in base.noise.items():
+        assert np.allclose(np.log(np.concatenate(noise)), np.log(before[name]), atol=0.1)
+
+
+def test_an_effect_is_refitted_within_its_interval_and_a_neutral_one_gains_nothing() -> None:
+    truth = {"hoop.coulomb_friction.Fc": 0.004}
+    friction = LIBRARY["hoop.coulomb_friction"]
+    stretches = [stretch_with(PLANT, name, 5 + i, 10.0, [friction], truth) for i, name in enumerate("ab")]
+    without = fit(stretches, (), PLANT.values, noise=KNOWN, tune_noise=False)
+    start = {**without.values, "hoop.coulomb_friction.Fc": 0.002}
+    found = fit(stretches, [friction], start, like=without, noise=KNOWN, tune_noise=False)
+    assert without.criterion - found.criterion > 20.0
+    assert np.abs(errors(found, {**PLANT.values, **truth})).max() < FAR
+    held = fit(
+        stretches, [LIBRARY["hoop.quadratic_drag"]], without.values, like=without, noise=KNOWN, free=without.free,
+        tune_noise=False,
+    )  # fmt: skip
+    assert held.criterion == pytest.approx(without.criterion, abs=0.02)
+
+
+def test_a_phase_belongs_to_its_recording() -> None:
+    imbalance = LIBRARY["hoop.imbalance"]
+    phases = {"a": 0.5, "b": -1.5}
+    made = {name: {"hoop.imbalance.A": 0.01, "hoop.imbalance.phi": phi} for name, phi in phases.items()}
+    stretches = [stretch_with(PLANT, name, 9 + i, 10.0, [imbalance], made[name]) for i, name in enumerate("ab")]
+    start = {**PLANT.values, "hoop.imbalance.A": 0.008, "hoop.imbalance.phi@a": 0.3, "hoop.imbalance.phi@b": -1.2}
+    found = fit(stretches, [imbalance], start, noise=KNOWN, tune_noise=False)
+    assert found.free[-3:] == ("hoop.imbalance.A", "hoop.imbalance.phi@a", "hoop.imbalance.phi@b")
+    truth = {**PLANT.values, "hoop.imbalance.A": 0.01, **{f"hoop.imbalance.phi@{k}": v for k, v in phases.items()}}
+    assert np.abs(errors(found, truth)).max() < FAR
