@@ -206,7 +206,7 @@ def _shape(curve: Curve, s: Point) -> Array:
 def _orthonormal(x: Array) -> Array:
     """(rows, k) basis of the directions of the free parameters that the data know."""
     size = np.sqrt(np.sum(x**2, axis=0))
-    unit = x[:, size > 1e-9] / size[size > 1e-9]
+    unit: Array = x[:, size > 1e-9] / size[size > 1e-9]
     if not unit.shape[1]:
         return unit
     u, s, _ = np.linalg.svd(unit, full_matrices=False)

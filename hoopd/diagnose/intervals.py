@@ -203,7 +203,7 @@ def _found(t: Array, x: Array, width: int, needed: float) -> list[tuple[float, f
 
 def _trimmed(x: Array, a: int, b: int) -> tuple[int, int]:
     """Without the half windows at both ends in which the signal itself is usual."""
-    loud = np.flatnonzero(np.nan_to_num(np.abs(x[a:b])) > 2.0)
+    loud = np.flatnonzero(np.nan_to_num(np.abs(x[a:b])) > CLIP)
     return (a, b - 1) if len(loud) == 0 else (a + int(loud[0]), a + int(loud[-1]))
 
 
