@@ -232,7 +232,7 @@ def library_groups(screen: Screen) -> list[Group]:
     return found
 
 
-def null_quantiles(screen: Screen | None, of: CurveScreen | None, draws: int = 200, seed: int = 0) -> Null:
+def null_quantiles(screen: Screen | None, of: CurveScreen | None, draws: int = 100, seed: int = 0) -> Null:
     """What the best of a library and all curves reaches by chance on these very data."""
     groups = [*(library_groups(screen) if screen else []), *(of.groups() if of else [])]
     return null_of(groups, draws, seed)

@@ -42,7 +42,7 @@ def cart() -> DeclaredPlant:
 def clean() -> Fit:
     """The base fitted to two recordings without any effect."""
     plant = shipped_plant()
-    return fit([stretch_with(plant, f"r{seed}", seed, 15.0) for seed in (1, 2)], (), plant.values)
+    return fit([stretch_with(plant, f"r{seed}", seed, 8.0) for seed in (1, 2)], (), plant.values)
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +141,7 @@ def test_a_map_of_the_torque_is_found_where_it_sits() -> None:
 
     plant = shipped_plant()
     hidden = Effect("actuator.cubic", (EffectParameter("k", "-", 0, 0, 9),), torque=map_of_torque, order=3)
-    made = stretch_with(plant, "r", 3, 15.0, [hidden], {"actuator.cubic.k": 3.0})
+    made = stretch_with(plant, "r", 3, 10.0, [hidden], {"actuator.cubic.k": 3.0})
     scores = CurveScreen(fit([made], (), plant.values)).scores()
     assert (scores[0].curve.slot, scores[0].curve.depends_on) == ("actuator", ("u",))
     assert max(one.surprise for slot, one in by_slot(scores).items() if slot != "actuator") < scores[0].surprise / 2
