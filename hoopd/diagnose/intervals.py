@@ -12,7 +12,7 @@ Rules of this file: what is usual comes from the recording itself, no level of a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,9 @@ Array = NDArray[np.float64]
 WINDOW_S = 0.5
 # False alarms in 60 s of clean data, all signals of a recording together.
 CHANCE_A_MINUTE = 0.005
-# Mean square over the usual one: what is less belongs to tails that real disturbances have without a hand.
-FAR_BEYOND = 12.0
+# Root of mean square over the usual one: what is less is no candidate, and what is less once it does not bend the fit
+# any more belongs to the tails that disturbances and laws left out have without a hand (measured on tuning cases).
+CANDIDATE, FAR_BEYOND = 2.5, 5.0
 # An interval grows from where it was found to where the energy is this near to the usual one.
 GROWN_TO = 3.0
 # Larger values do not count for the level and its correlation, in robust standard deviations.
@@ -58,10 +59,11 @@ class Interval:
     where: str
     kind: str  # "force", "channel"
     strength: float  # largest mean square over the usual one, as a root
+    level: float  # the usual one, in the unit of the force or the channel
 
 
 def intervals(fit: Fit) -> list[Interval]:
-    """All unusual stretches of all recordings, in the order of time; of overlapping ones the strongest names it."""
+    """All candidates of all recordings, in the order of time; of overlapping ones the strongest names it."""
     found: list[Interval] = []
     for recording in dict.fromkeys(track.stretch.recording for track in fit.tracks):
         parts = [i for i, track in enumerate(fit.tracks) if track.stretch.recording == recording]
@@ -69,10 +71,31 @@ def intervals(fit: Fit) -> list[Interval]:
         for k, (where, kind, _) in enumerate(signals[0]):
             pieces = [(fit.tracks[i].stretch.t, own[k][2]) for i, own in zip(parts, signals, strict=True)]
             chance = CHANCE_A_MINUTE / len(signals[0])
+            level = _level(fit, parts[0], k, [x for _, x in pieces])
             found += [
-                Interval(recording, t0, t1, where, kind, strength) for t0, t1, strength in unusual(pieces, chance)
+                Interval(recording, t0, t1, where, kind, strength, level)
+                for t0, t1, strength in unusual(pieces, chance)
             ]
     return _merged(found)
+
+
+def _level(fit: Fit, index: int, k: int, values: Sequence[Array]) -> float:
+    """Robust level of the k-th signal; of innovations in the channel's unit."""
+    known = np.concatenate([x[np.isfinite(x)] for x in values])
+    level = robust_level(known) if len(known) else 0.0
+    channel = k - fit.tracks[index].composite.nq
+    return level if channel < 0 else level * float(fit.noise[fit.tracks[index].stretch.recording].reading[channel])
+
+
+def levels_of(fit: Fit) -> dict[tuple[str, str, str], float]:
+    """Level of every signal by recording, where and kind."""
+    found = {}
+    for recording in dict.fromkeys(track.stretch.recording for track in fit.tracks):
+        parts = [i for i, track in enumerate(fit.tracks) if track.stretch.recording == recording]
+        signals = [list(signals_of(fit, i)) for i in parts]
+        for k, (where, kind, _) in enumerate(signals[0]):
+            found[recording, where, kind] = _level(fit, parts[0], k, [own[k][2] for own in signals])
+    return found
 
 
 def signals_of(fit: Fit, index: int) -> Iterator[tuple[str, str, Array]]:
@@ -112,12 +135,33 @@ def set_aside(
     for _ in range(MOST_ROUNDS):
         worst = _worst([one for one in intervals(found) if belongs_not(one)])
         worst = [one for one in worst if _share([*out, *worst], one.recording, total) <= MOST_SHARE]
-        if not worst:
+        kept, trial = _without(current, worst, refit) if worst else (current, found)
+        confirmed = _confirmed(worst, trial)
+        if not confirmed:
             break
-        current = [piece for one in current for piece in _cut(one, worst)]
-        out += worst
-        found = refit(current)
+        if len(confirmed) < len(worst):
+            kept, trial = _without(current, confirmed, refit)
+        current, found, out = kept, trial, [*out, *confirmed]
     return current, sorted(out, key=lambda one: (one.recording, one.t0)), found
+
+
+def _without(
+    stretches: Sequence[Stretch], out: Sequence[Interval], refit: Callable[[Sequence[Stretch]], Fit]
+) -> tuple[list[Stretch], Fit]:
+    kept = [piece for one in stretches for piece in _cut(one, out)]
+    return kept, refit(kept)
+
+
+def _confirmed(candidates: Sequence[Interval], without: Fit) -> list[Interval]:
+    """Those far beyond the level of a fit that they do not bend, with their strength against that level."""
+    now = levels_of(without)
+    found = []
+    for one in candidates:
+        level = max(now.get((one.recording, one.where, one.kind), one.level), 1e-300)
+        strength = one.strength * one.level / level
+        if strength >= FAR_BEYOND:
+            found.append(replace(one, strength=strength))
+    return found
 
 
 def _worst(found: Sequence[Interval]) -> list[Interval]:
@@ -137,7 +181,9 @@ def _cut(stretch: Stretch, out: Sequence[Interval]) -> list[Stretch]:
     pieces = [stretch]
     for one in out:
         if one.recording == stretch.recording:
-            ends = (-np.inf, one.t0 - MARGIN_S), (one.t1 + MARGIN_S, np.inf)
+            # what is unusual right from the start has been so before
+            begin = one.t0 - MARGIN_S if one.t0 > stretch.t[0] + 2 * END_S else -np.inf
+            ends = (-np.inf, begin), (one.t1 + MARGIN_S, np.inf)
             pieces = [piece.seconds(*end) for piece in pieces for end in ends]
     return [piece for piece in pieces if len(piece.t) > 1 and piece.t[-1] - piece.t[0] >= SHORTEST_S]
 
@@ -153,7 +199,7 @@ def unusual(pieces: Sequence[tuple[Array, Array]], chance_a_minute: float) -> li
     level = max(robust_level(known), 1e-300)
     step = float(np.median(np.concatenate([np.diff(t) for t, _ in pieces])))
     width = max(3, round(WINDOW_S / step))
-    needed = max(FAR_BEYOND, threshold([x / level for _, x in pieces], width, step, chance_a_minute))
+    needed = max(CANDIDATE**2, threshold([x / level for _, x in pieces], width, step, chance_a_minute))
     return [one for t, x in pieces for one in _found(t, x / level, width, needed)]
 
 
@@ -221,7 +267,5 @@ def _merged(found: list[Interval]) -> list[Interval]:
             kept.append(one)
             continue
         strong = max(last, one, key=lambda i: i.strength)
-        kept[-1] = Interval(
-            one.recording, last.t0, max(last.t1, one.t1), strong.where, strong.kind, strong.strength
-        )  # fmt: skip
+        kept[-1] = replace(strong, t0=last.t0, t1=max(last.t1, one.t1))
     return kept

@@ -66,7 +66,9 @@ def test_knots_of_a_two_level_signal_are_its_levels() -> None:
 
 
 def test_a_curve_beyond_its_knots_keeps_its_last_value() -> None:
-    assert hats(np.array([-50.0, 50.0]), np.array([-1.0, 0.0, 2.0])) == pytest.approx(np.array([[1, 0, 0], [0, 0, 1.0]]))
+    assert hats(np.array([-50.0, 50.0]), np.array([-1.0, 0.0, 2.0])) == pytest.approx(
+        np.array([[1, 0, 0], [0, 0, 1.0]])
+    )
 
 
 @pytest.mark.parametrize("columns", [1, 2, 6, 41])
