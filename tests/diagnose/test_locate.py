@@ -64,7 +64,7 @@ def test_a_hand_is_found_when_it_came_and_went(pushed: Stretch) -> None:
     assert (out[0].where, out[0].recording) == ("psi", "r")
     assert out[0].t0 == pytest.approx(6.0, abs=0.4) and out[0].t1 == pytest.approx(7.5, abs=0.8)
     assert len(kept) == 2 and kept[0].t[-1] < 6.2 and kept[1].t[0] > 7.2
-    assert intervals(found) == []
+    assert not [one for one in intervals(found) if one.strength > 5.0]
 
 
 def test_a_clean_recording_stays_whole(clean: Fit) -> None:
