@@ -106,7 +106,7 @@ class Null(NamedTuple):
         return float(log(self.tries) - np.log(-np.log1p(-chance)))
 
 
-def null_of(groups: Sequence[Group], draws: int = 200, seed: int = 0) -> Null:
+def null_of(groups: Sequence[Group], draws: int = 100, seed: int = 0) -> Null:
     """Law of the largest surprise of all groups: of the best of N tries -log p is Gumbel about log N, mean + 0.577."""
     if not groups:
         return Null(1.0)

@@ -206,7 +206,7 @@ def _shape(curve: Curve, s: Point) -> Array:
 def _orthonormal(x: Array) -> Array:
     """(rows, k) basis of the directions of the free parameters that the data know."""
     size = np.sqrt(np.sum(x**2, axis=0))
-    unit = x[:, size > 1e-9] / size[size > 1e-9]
+    unit: Array = x[:, size > 1e-9] / size[size > 1e-9]
     if not unit.shape[1]:
         return unit
     u, s, _ = np.linalg.svd(unit, full_matrices=False)
@@ -232,7 +232,7 @@ def library_groups(screen: Screen) -> list[Group]:
     return found
 
 
-def null_quantiles(screen: Screen | None, of: CurveScreen | None, draws: int = 200, seed: int = 0) -> Null:
+def null_quantiles(screen: Screen | None, of: CurveScreen | None, draws: int = 100, seed: int = 0) -> Null:
     """What the best of a library and all curves reaches by chance on these very data."""
     groups = [*(library_groups(screen) if screen else []), *(of.groups() if of else [])]
     return null_of(groups, draws, seed)

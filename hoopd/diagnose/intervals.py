@@ -12,7 +12,8 @@ Rules of this file: what is usual comes from the recording itself, no level of a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,9 @@ Array = NDArray[np.float64]
 WINDOW_S = 0.5
 # False alarms in 60 s of clean data, all signals of a recording together.
 CHANCE_A_MINUTE = 0.005
-# Mean square over the usual one: what is less belongs to tails that real disturbances have without a hand.
-FAR_BEYOND = 12.0
+# Root of mean square over the usual one: what is less is no candidate, and what is less once it does not bend the fit
+# any more belongs to the tails that disturbances and laws left out have without a hand (measured on tuning cases).
+CANDIDATE, FAR_BEYOND = 2.5, 5.0
 # An interval grows from where it was found to where the energy is this near to the usual one.
 GROWN_TO = 3.0
 # Larger values do not count for the level and its correlation, in robust standard deviations.
@@ -48,31 +50,92 @@ MARGIN_S = 0.1
 MAD = 1.4826
 
 
+class Signal(NamedTuple):
+    """How a stretch of time looks in one signal: `where` is a coordinate (a force on it) or a channel."""
+
+    where: str
+    kind: str  # "force", "channel"
+    strength: float  # root of the largest mean square over the usual one
+    level: float  # the usual one, in the unit of the force or the channel
+
+
 @dataclass(frozen=True)
 class Interval:
-    """An unusual stretch: `where` is a coordinate (a force on it) or a channel."""
+    """An unusual stretch of time; the signal in which it is strongest names it."""
 
     recording: str
     t0: float
     t1: float
-    where: str
-    kind: str  # "force", "channel"
-    strength: float  # largest mean square over the usual one, as a root
+    signals: tuple[Signal, ...]  # all of the recording, the strongest first
+
+    @property
+    def where(self) -> str:
+        """Coordinate or channel."""
+        return self.signals[0].where
+
+    @property
+    def kind(self) -> str:
+        """ "force" or "channel"."""
+        return self.signals[0].kind
+
+    @property
+    def strength(self) -> float:
+        """Over the usual level."""
+        return self.signals[0].strength
 
 
 def intervals(fit: Fit) -> list[Interval]:
-    """All unusual stretches of all recordings, in the order of time; of overlapping ones the strongest names it."""
+    """All candidates of all recordings, in the order of time."""
     found: list[Interval] = []
     for recording in dict.fromkeys(track.stretch.recording for track in fit.tracks):
-        parts = [i for i, track in enumerate(fit.tracks) if track.stretch.recording == recording]
-        signals = [list(signals_of(fit, i)) for i in parts]
-        for k, (where, kind, _) in enumerate(signals[0]):
-            pieces = [(fit.tracks[i].stretch.t, own[k][2]) for i, own in zip(parts, signals, strict=True)]
-            chance = CHANCE_A_MINUTE / len(signals[0])
-            found += [
-                Interval(recording, t0, t1, where, kind, strength) for t0, t1, strength in unusual(pieces, chance)
-            ]
-    return _merged(found)
+        every = signals_by_name(fit, recording)
+        chance = CHANCE_A_MINUTE / len(every)
+        spans = merged([span for one in every.values() for span in unusual(one, chance)])
+        found += [Interval(recording, *span, _strongest(fit, recording, every, span)) for span in spans]
+    return found
+
+
+Pieces = list[tuple[Array, Array]]
+
+
+def signals_by_name(fit: Fit, recording: str) -> dict[tuple[str, str], Pieces]:
+    """(where, kind) -> (t (n,), x (n,)) of each stretch of a recording."""
+    found: dict[tuple[str, str], Pieces] = {}
+    for index, track in enumerate(fit.tracks):
+        if track.stretch.recording == recording:
+            for where, kind, x in signals_of(fit, index):
+                found.setdefault((where, kind), []).append((track.stretch.t, x))
+    return found
+
+
+def levels_of(fit: Fit, recording: str) -> dict[tuple[str, str], float]:
+    """Usual level of every signal, in the unit of the force or the channel."""
+    every = signals_by_name(fit, recording)
+    return {name: level_of(pieces) * _unit(fit, recording, *name) for name, pieces in every.items()}
+
+
+def _unit(fit: Fit, recording: str, where: str, kind: str) -> float:
+    """Innovations are in standard deviations of their reading."""
+    if kind == "force":
+        return 1.0
+    channels = next(t.composite.channels for t in fit.tracks if t.stretch.recording == recording)
+    return float(fit.noise[recording].reading[channels.index(where)])
+
+
+def _strongest(
+    fit: Fit, recording: str, every: Mapping[tuple[str, str], Pieces], span: tuple[float, float]
+) -> tuple[Signal, ...]:
+    found = []
+    for (where, kind), pieces in every.items():
+        level = level_of(pieces)
+        within = [_peak(t, x / max(level, 1e-300), *span) for t, x in pieces]
+        found.append(Signal(where, kind, max(within), level * _unit(fit, recording, where, kind)))
+    return tuple(sorted(found, key=lambda one: -one.strength))
+
+
+def _peak(t: Array, x: Array, t0: float, t1: float) -> float:
+    inside = (t >= t0) & (t <= t1)
+    return float(np.sqrt(mean_squares(x, _width(t))[inside].max(initial=0.0)))
 
 
 def signals_of(fit: Fit, index: int) -> Iterator[tuple[str, str, Array]]:
@@ -110,14 +173,45 @@ def set_aside(
     out: list[Interval] = []
     total = {name: _seconds([s for s in stretches if s.recording == name]) for name in {s.recording for s in stretches}}
     for _ in range(MOST_ROUNDS):
-        worst = _worst([one for one in intervals(found) if belongs_not(one)])
+        worst = _worst([one for one in intervals(found) if _may_not_belong(one, belongs_not)])
         worst = [one for one in worst if _share([*out, *worst], one.recording, total) <= MOST_SHARE]
-        if not worst:
+        kept, trial = _without(current, worst, refit) if worst else (current, found)
+        confirmed = [one for one in _confirmed(worst, trial) if belongs_not(one)]
+        if not confirmed:
             break
-        current = [piece for one in current for piece in _cut(one, worst)]
-        out += worst
-        found = refit(current)
+        if len(confirmed) < len(worst):
+            kept, trial = _without(current, confirmed, refit)
+        current, found, out = kept, trial, [*out, *confirmed]
     return current, sorted(out, key=lambda one: (one.recording, one.t0)), found
+
+
+def _without(
+    stretches: Sequence[Stretch], out: Sequence[Interval], refit: Callable[[Sequence[Stretch]], Fit]
+) -> tuple[list[Stretch], Fit]:
+    kept = [piece for one in stretches for piece in _cut(one, out)]
+    return kept, refit(kept)
+
+
+def _may_not_belong(one: Interval, belongs_not: Callable[[Interval], bool]) -> bool:
+    """Whether any of the signals in which it shows would say so."""
+    named = [replace(one, signals=(signal,)) for signal in one.signals if signal.strength >= CANDIDATE]
+    return any(belongs_not(each) for each in named)
+
+
+def _confirmed(candidates: Sequence[Interval], without: Fit) -> list[Interval]:
+    """Those far beyond the level of a fit that they do not bend, as they look against that level."""
+    found = []
+    for one in candidates:
+        now = levels_of(without, one.recording)
+        signals = [
+            s._replace(strength=s.strength * s.level / max(level, 1e-300), level=level)
+            for s in one.signals
+            if (level := now.get((s.where, s.kind), s.level)) > 0.0
+        ]
+        again = replace(one, signals=tuple(sorted(signals, key=lambda s: -s.strength)))
+        if again.strength >= FAR_BEYOND:
+            found.append(again)
+    return found
 
 
 def _worst(found: Sequence[Interval]) -> list[Interval]:
@@ -137,7 +231,9 @@ def _cut(stretch: Stretch, out: Sequence[Interval]) -> list[Stretch]:
     pieces = [stretch]
     for one in out:
         if one.recording == stretch.recording:
-            ends = (-np.inf, one.t0 - MARGIN_S), (one.t1 + MARGIN_S, np.inf)
+            # what is unusual right from the start has been so before
+            begin = one.t0 - MARGIN_S if one.t0 > stretch.t[0] + 2 * END_S else -np.inf
+            ends = (-np.inf, begin), (one.t1 + MARGIN_S, np.inf)
             pieces = [piece.seconds(*end) for piece in pieces for end in ends]
     return [piece for piece in pieces if len(piece.t) > 1 and piece.t[-1] - piece.t[0] >= SHORTEST_S]
 
@@ -145,16 +241,26 @@ def _cut(stretch: Stretch, out: Sequence[Interval]) -> list[Stretch]:
 # ---------------------------------------------------------------------------------------------- one signal
 
 
-def unusual(pieces: Sequence[tuple[Array, Array]], chance_a_minute: float) -> list[tuple[float, float, float]]:
-    """(t0, t1, strength) of one signal in pieces (t (n,), x (n,)) of one recording."""
-    known = np.concatenate([x[np.isfinite(x)] for _, x in pieces])
-    if len(known) < FEWEST:
+def unusual(pieces: Sequence[tuple[Array, Array]], chance_a_minute: float) -> list[tuple[float, float]]:
+    """(t0, t1) of one signal in pieces (t (n,), x (n,)) of one recording."""
+    level = level_of(pieces)
+    if level <= 0.0:
         return []
-    level = max(robust_level(known), 1e-300)
     step = float(np.median(np.concatenate([np.diff(t) for t, _ in pieces])))
-    width = max(3, round(WINDOW_S / step))
-    needed = max(FAR_BEYOND, threshold([x / level for _, x in pieces], width, step, chance_a_minute))
+    width = _width(pieces[0][0])
+    needed = max(CANDIDATE**2, threshold([x / level for _, x in pieces], width, step, chance_a_minute))
     return [one for t, x in pieces for one in _found(t, x / level, width, needed)]
+
+
+def _width(t: Array) -> int:
+    """Samples of a window."""
+    return max(3, round(WINDOW_S / float(np.median(np.diff(t)))))
+
+
+def level_of(pieces: Sequence[tuple[Array, Array]]) -> float:
+    """Robust level of a signal in pieces; 0 when there is too little of it."""
+    known = np.concatenate([x[np.isfinite(x)] for _, x in pieces])
+    return robust_level(known) if len(known) >= FEWEST else 0.0
 
 
 def robust_level(x: Array) -> float:
@@ -189,21 +295,20 @@ def mean_squares(x: Array, width: int) -> Array:
     return np.where(count >= width / 3, total / np.maximum(count, 1.0), 0.0)
 
 
-def _found(t: Array, x: Array, width: int, needed: float) -> list[tuple[float, float, float]]:
+def _found(t: Array, x: Array, width: int, needed: float) -> list[tuple[float, float]]:
     if len(x) < width:
         return []
-    energy = mean_squares(x, width)
-    found = []
+    energy, found = mean_squares(x, width), []
     for a, b in _runs(energy > GROWN_TO):
         if energy[a:b].max() > needed:
             first, last = _trimmed(x, a, b)
-            found.append((float(t[first]), float(t[last]), float(np.sqrt(energy[a:b].max()))))
+            found.append((float(t[first]), float(t[last])))
     return found
 
 
 def _trimmed(x: Array, a: int, b: int) -> tuple[int, int]:
     """Without the half windows at both ends in which the signal itself is usual."""
-    loud = np.flatnonzero(np.nan_to_num(np.abs(x[a:b])) > 2.0)
+    loud = np.flatnonzero(np.nan_to_num(np.abs(x[a:b])) > CLIP)
     return (a, b - 1) if len(loud) == 0 else (a + int(loud[0]), a + int(loud[-1]))
 
 
@@ -212,16 +317,12 @@ def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _merged(found: list[Interval]) -> list[Interval]:
-    """One for each stretch of time; the strongest signal names it."""
-    kept: list[Interval] = []
-    for one in sorted(found, key=lambda i: (i.recording, i.t0, i.where)):
-        last = kept[-1] if kept else None
-        if last is None or last.recording != one.recording or one.t0 > last.t1 + WINDOW_S:
-            kept.append(one)
-            continue
-        strong = max(last, one, key=lambda i: i.strength)
-        kept[-1] = Interval(
-            one.recording, last.t0, max(last.t1, one.t1), strong.where, strong.kind, strong.strength
-        )  # fmt: skip
+def merged(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Spans nearer than a window are one."""
+    kept: list[tuple[float, float]] = []
+    for t0, t1 in sorted(spans):
+        if kept and t0 <= kept[-1][1] + WINDOW_S:
+            kept[-1] = (kept[-1][0], max(kept[-1][1], t1))
+        else:
+            kept.append((t0, t1))
     return kept

@@ -55,7 +55,7 @@ def _value(fit: Fit, index: int, slot: str) -> tuple[Array, str]:
         channel = own.channels[0]
         column = list(plant.channels).index(channel)
         left = np.where(columns.model.seen[:, column], columns.eps[:, column, 0], np.nan)
-        return left, next(site.unit for site, _, _ in wanted(plant) if channel in site.on)
+        return left, next(s.unit for s, _, _ in wanted(plant) if s.acts == "reading" and channel in s.on)
     q = own.coordinate if own.coordinate in plant.coordinates else plant.coordinates[0]
     return disturbance(fit, index)[:, plant.coordinates.index(q)], plant.force_unit
 

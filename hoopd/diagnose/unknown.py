@@ -61,7 +61,7 @@ class Survey:
 
 
 def survey(
-    found: Fit, library: Sequence[Effect], *, draws: int = 200, seed: int = 0, screen: Screen | None = None
+    found: Fit, library: Sequence[Effect], *, draws: int = 100, seed: int = 0, screen: Screen | None = None
 ) -> Survey:
     """All of a library and all curves beside a fit; `screen`: of the same fit, where there is one already."""
     screen = Screen(found, library) if screen is None else screen
@@ -111,7 +111,7 @@ class Unknown:
         return f"unknown.{self.curve.slot}"
 
 
-def judge_unknown(base: Survey, named: Survey | None = None, *, draws: int = 400, seed: int = 0) -> Unknown | None:
+def judge_unknown(base: Survey, named: Survey | None = None, *, draws: int = 200, seed: int = 0) -> Unknown | None:
     """None when names (or chance) are enough; `named`: beside the best accepted set, None when nothing was accepted."""
     if not base.curves:
         return None

@@ -1,0 +1,137 @@
+"""Intervals that do not belong to a recording, and the picture of a missing force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnose.madeup import shipped_plant, stretch_with
+from shared import shared_path
+
+from hoopd.diagnose.dataset import Stretch
+from hoopd.diagnose.fitting import Fit, fit
+from hoopd.diagnose.inputs import hoop_source
+from hoopd.diagnose.intervals import CHANCE_A_MINUTE, intervals, set_aside, unusual
+from hoopd.diagnose.locate import whiteness
+from hoopd.diagnose.missingforce import binned, law_of_effect, missing_force, points, strips
+from hoopd.physics.effects.base import Effect, EffectParameter
+from hoopd.physics.effects.catalogue import library
+from hoopd.recording import load
+
+PLANT = shipped_plant()
+STEP_S = 0.02
+
+
+def refit(stretches: list[Stretch]) -> Fit:
+    return fit(stretches, (), PLANT.values)
+
+
+@pytest.fixture(scope="module")
+def clean() -> Fit:
+    return refit([stretch_with(PLANT, "r", 10, 12.0)])
+
+
+@pytest.fixture(scope="module")
+def pushed() -> Stretch:
+    """A hand moves the ball between 6 and 7.5 s."""
+    hand = Effect(
+        "ball.hand",
+        (EffectParameter("A", "N m", 0, 0, 1),),
+        force=lambda s, e: {"psi": e.A * (s.t > 6.0) * (s.t < 7.5) * (s.psi - 0.8) * -1.0},
+    )
+    return stretch_with(PLANT, "r", 7, 15.0, [hand], {"ball.hand.A": 0.1})
+
+
+def coloured(seed: int, seconds: float, time_s: float) -> np.ndarray:
+    random, keep = np.random.default_rng(seed), np.exp(-STEP_S / time_s)
+    white, x = random.normal(size=int(seconds / STEP_S)), np.zeros(int(seconds / STEP_S))
+    for k in range(1, len(x)):
+        x[k] = keep * x[k - 1] + np.sqrt(1 - keep**2) * white[k]
+    return x
+
+
+@pytest.mark.parametrize("time_s", [1e-3, 0.15, 0.6])
+def test_coloured_noise_hardly_ever_has_an_interval(time_s: float) -> None:
+    t = np.arange(3000) * STEP_S
+    found = sum(len(unusual([(t, coloured(seed, 60.0, time_s))], CHANCE_A_MINUTE)) for seed in range(150))
+    assert found <= 4  # of 150 minutes: below one in a hundred is expected
+
+
+def test_a_hand_is_found_when_it_came_and_went(pushed: Stretch) -> None:
+    kept, out, found = set_aside([pushed], refit)
+    assert len(out) == 1
+    assert (out[0].where, out[0].recording) == ("psi", "r")
+    assert out[0].t0 == pytest.approx(6.0, abs=0.4) and out[0].t1 == pytest.approx(7.5, abs=0.8)
+    assert len(kept) == 2 and kept[0].t[-1] < 6.2 and kept[1].t[0] > 7.2
+    assert not [one for one in intervals(found) if one.strength > 5.0]
+
+
+def test_a_clean_recording_stays_whole(clean: Fit) -> None:
+    made = clean.tracks[0].stretch
+    kept, out, found = set_aside([made], refit, clean)
+    assert (out, kept) == ([], [made])
+    assert found is clean
+
+
+def test_a_stuck_camera_is_an_interval_of_its_channel_or_of_the_ball() -> None:
+    made = stretch_with(PLANT, "r", 9, 12.0)
+    y = made.y.copy()
+    y[300:340, 2] = y[300, 2]
+    found = intervals(refit([replace(made, y=y)]))
+    assert [one.where for one in found] == ["psi"]
+    assert found[0].t0 == pytest.approx(6.0, abs=0.4) and found[0].t1 == pytest.approx(6.8, abs=0.5)
+
+
+def test_the_hand_in_a_real_recording_is_set_aside_unasked() -> None:
+    path = shared_path("recordings/meas_ballOnly01.mat")
+    source = hoop_source(path.name, load(path), "entries", PLANT.values)
+    before = refit(list(source.stretches))
+    kept, out, found = set_aside(source.stretches, refit, before)
+    assert any(one.t0 < 14.5 and one.t1 > 16.5 for one in out)
+    assert sum(one.t[-1] - one.t[0] for one in kept) > 20.0
+    # what is left is told by far less noise
+    assert found.noise[path.name].force[0] < 0.1 * before.noise[path.name].force[0]
+
+
+def test_innovations_of_a_clean_fit_are_white_those_of_a_wrong_one_are_not(clean: Fit) -> None:
+    for one in whiteness(clean).values():
+        assert one.mean_square == pytest.approx(1.0, abs=0.15)
+        assert abs(one.correlation) < 5.0
+    # a camera of another scale: the noise levels of before do not explain it
+    track = clean.tracks[0]
+    wrong = replace(track.stretch, y=track.stretch.y * [1.0, 1.0, 1.5])
+    found = fit([wrong], (), clean.values, free=(), noise=clean.noise, tune_noise=False)
+    assert max(one.correlation for one in whiteness(found).values()) > 10.0
+
+
+def test_the_missing_force_is_drawn_against_the_rate_with_its_law() -> None:
+    friction, plant = library(PLANT)["hoop.coulomb_friction"], PLANT
+    values = {**plant.values, "hoop.coulomb_friction.Fc": 6e-3}
+    found = refit([stretch_with(plant, "r", 11, 12.0, [friction], values)])
+    drawn = missing_force(found, 0, "hoop", ["dtheta", "theta"])
+    assert [one.name for one in drawn.regressors] == ["dtheta", "theta"]
+    assert np.ptp(drawn.regressors[1].value) <= 2 * np.pi
+    shown = drawn.regressors[0].binned
+    assert shown is not None
+    # what a viscous base cannot take of a jump at rest
+    near = np.abs(shown.x) < 3.0
+    assert np.corrcoef(shown.mean[near], -np.sign(shown.x[near]))[0, 1] > 0.7
+    law = law_of_effect(friction, plant, values, "dtheta", points(drawn.regressors[0].value))
+    assert law is not None
+    assert law.y[0] == pytest.approx(6e-3) and law.y[-1] == pytest.approx(-6e-3)
+    assert {one.slot for one in strips(found)} == {"hoop", "ball"}
+
+
+def test_bins_hold_the_mean_within_their_band() -> None:
+    random = np.random.default_rng(3)
+    x = random.uniform(-1.0, 1.0, 4000)
+    found = binned(x, x**2 + 0.1 * random.normal(size=4000))
+    inside = (found.low < found.x**2 + 1e-3) & (found.x**2 - 1e-3 < found.high)
+    assert inside.mean() > 0.85
+
+
+def test_an_error_of_the_camera_is_drawn_as_an_angle(clean: Fit) -> None:
+    drawn = missing_force(clean, 0, "camera", ["psi"])
+    assert drawn.unit == "rad"
+    assert np.nanstd(drawn.value) < 0.01
