@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.intervals import Interval, set_aside
 from hoopd.diagnose.naming import Named, Settings, free_of_recordings, name_effects
+from hoopd.diagnose.pictures import shown_of
 from hoopd.diagnose.quality import corruption_findings
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality
 from hoopd.diagnose.shown import Shown
@@ -58,9 +60,16 @@ class Outcome:
     """The diagnosis, the curves behind it, and the fits for who writes a model."""
 
     diagnosis: Diagnosis
-    shown: Shown
     named: Named
     heldout: Mapping[str, Fit]
+    unknown: Unknown | None = None
+
+    @cached_property
+    def shown(self) -> Shown:
+        """The curves of the report."""
+        each = self.diagnosis.data_quality.recordings
+        ignored = {name: one.segments_ignored for name, one in each.items()}
+        return shown_of(self.named, self.heldout, self.unknown, ignored)
 
 
 def last_third(sources: Sequence[Source]) -> tuple[list[Source], list[Source]]:
@@ -109,7 +118,7 @@ def diagnose(case: Case) -> Outcome:
         seed=case.seed,
         candidates=candidates_of(named, case.settings.threshold),
     )
-    return Outcome(diagnosis, Shown(), named, fits)
+    return Outcome(diagnosis, named, fits, unknown)
 
 
 def _without_events(case: Case, train: list[Stretch], nominal: Fit) -> tuple[list[Stretch], list[Interval], Fit, Fit]:
