@@ -48,7 +48,8 @@ CHANCE, MOST_ORDERS, SAMPLES_AN_ORDER = 0.01, 24, 20
 
 def shown_of(named: Named, heldout: Mapping[str, Fit], unknown: Unknown | None, ignored: Ignoreds) -> Shown:
     """Everything that can be drawn of a search; `heldout`: base and final on held-out data; ignored: by recording."""
-    found = [missing for effect in named.final.effects if (missing := _missing(named, effect.name)) is not None]
+    own = [name for name in named.final.names if name not in named.base.names]
+    found = [missing for name in own if (missing := _missing(named, name)) is not None]
     forces = [force_of(slot, label, missing) for slot, label, missing in found]
     spectra = [harmonics_of(slot, missing) for slot, _, missing in found]
     return Shown(

@@ -49,6 +49,7 @@ class Case:
     train: Sequence[Source]
     heldout: Sequence[Source]
     library: Mapping[str, Effect]
+    effects: Sequence[Effect] = ()  # that the judged model has already; their values are among `values`
     seed: int = 0
     held_out_how: str = ""
     progress: Progress = lambda text: None
@@ -87,7 +88,7 @@ def diagnose(case: Case) -> Outcome:
     """The whole chain."""
     train, held = _stretches(case.train), _stretches(case.heldout)
     case.progress("base parameters")
-    nominal = fit(train, (), case.values, move=False)
+    nominal = fit(train, case.effects, case.values, move=False)
     train, aside, nominal, base = _without_events(case, train, nominal)
     held, aside_held = _heldout_without_events(case, held, base)
     named = name_effects(train, held, case.library, nominal, base, case.settings)
@@ -125,18 +126,18 @@ def _without_events(case: Case, train: list[Stretch], nominal: Fit) -> tuple[lis
     """Stretches without what does not belong to them, and the fits of the rest."""
 
     def refit(stretches: Sequence[Stretch]) -> Fit:
-        return fit(stretches, (), case.values)
+        return fit(stretches, case.effects, case.values)
 
-    base = fit(train, (), case.values, like=nominal, noise=nominal.noise)
+    base = fit(train, case.effects, case.values, like=nominal, noise=nominal.noise)
     kept, aside, base = set_aside(train, refit, base, lambda one: does_not_belong(one, train))
     if aside:
-        nominal = fit(kept, (), case.values, move=False)
+        nominal = fit(kept, case.effects, case.values, move=False)
     return kept, aside, nominal, base
 
 
 def _heldout_without_events(case: Case, held: list[Stretch], base: Fit) -> tuple[list[Stretch], list[Interval]]:
     def refit(stretches: Sequence[Stretch]) -> Fit:
-        return fit(stretches, (), base.values, free=())
+        return fit(stretches, base.effects, base.values, free=free_of_recordings(base.effects, stretches))
 
     if not held:
         return held, []
