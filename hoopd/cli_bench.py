@@ -310,12 +310,15 @@ def design(
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str], None]]:
-    """What a long command is doing, on one line of standard error that goes with it; nothing where no one looks."""
+    """What a long command is doing and since when, on a line of standard error; nothing where no one looks."""
     from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    with console.status("") as status:
-        yield status.update
+    columns = SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+        task = shown.add_task("")
+        yield lambda text: shown.update(task, description=text)
 
 
 def diagnose(
@@ -331,6 +334,9 @@ def diagnose(
         Path | None,
         typer.Option("--model", help="Model that is judged; without one the thesis's entries.", metavar="MODEL"),
     ] = None,
+    effects: Annotated[
+        Path | None, typer.Option("--effects", help="Effects of your own beside the library.", metavar="FILE.py")
+    ] = None,
     columns: ColumnsOption = None,
     age: AgeOption = "",
     report: Annotated[
@@ -342,18 +348,18 @@ def diagnose(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the search.")] = 0,
     json_path: JsonOption = None,
 ) -> None:
-    """Say where recordings and model differ and which physics was left out, and prove that it was."""
+    """Say where recordings and model differ, name the physics that was left out, prove it (docs/diagnose.md)."""
     from rich.console import Console
 
     from hoopd.bench.diagnose import run
     from hoopd.diagnose.report import report_text
 
-    _check_files([*recordings, *holdout, model], report=report, write=write, json=json_path)
     with _progress() as progress:
         found = run(
             recordings,
             holdout,
             model=model,
+            effects=effects,
             json_path=json_path,
             report=report,
             write=write,

@@ -10,17 +10,27 @@ from pathlib import Path
 
 import msgspec
 
-from hoopd.bench.inputs import read_recording
-from hoopd.diagnose.inputs import Source, hoop_source
+from hoopd.bench.diagnose_inputs import (
+    check_distinct,
+    check_lengths,
+    check_motion,
+    expanded,
+    richest,
+    source_of,
+)
+from hoopd.bench.foundmodel import found_model, left_out
+from hoopd.bench.targets import check_targets
+from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.naming import Settings
 from hoopd.diagnose.record import Diagnosis, to_json_bytes
-from hoopd.diagnose.report import write_html
 from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
+from hoopd.effectsfile import load_effects
 from hoopd.files import InputError
-from hoopd.modelfiles import EffectEntry, ModelFile, Parameter, load_model, model_text
+from hoopd.modelfiles import ModelFile, effects_of, load_model, model_text, parse_model
 from hoopd.physics.declared import DeclaredPlant
+from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library
-from hoopd.recording.bytesof import check_target, replace_file
+from hoopd.recording.bytesof import replace_file
 from hoopd.shipped import or_shipped
 
 Progress = Callable[[str], None]
@@ -33,6 +43,7 @@ def run(
     holdout: Sequence[str] = (),
     *,
     model: Path | None = None,
+    effects: Path | None = None,
     json_path: Path | None = None,
     report: Path | None = None,
     write: Path | None = None,
@@ -42,66 +53,81 @@ def run(
     progress: Progress = lambda text: None,
 ) -> Diagnosis:
     """Diagnose and write; InputError when anything cannot be used or written."""
-    for path, option in ((json_path, "--json"), (report, "--report"), (write, "--write")):
-        if path is not None:
-            check_target(path, option)
+    texts, held_texts = expanded(recordings), expanded(holdout)
+    inputs: list[Path | str] = [*texts, *held_texts, *(one for one in (model, effects) if one is not None)]
+    check_targets(inputs, {"--json": json_path, "--report": report, "--write": write})
+    check_distinct(texts, held_texts)
     base = load_model(or_shipped(model or DEFAULT_MODEL))
-    progress("reading")
-    train = [_source(text, base, columns, age) for text in recordings]
-    held = [_source(text, base, columns, age) for text in holdout]
+    progress("reading the recordings")
+    train = [source_of(text, base, columns, age) for text in texts]
+    held = [source_of(text, base, columns, age) for text in held_texts]
+    check_motion(train, held)
+    train, held, how = _parts(train, held)
+    known = _library(richest([*train, *held]), effects)
+    own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
+    outcome = diagnose(
+        Case(
+            model=base.name,
+            values=effects_of(base).values,
+            train=train,
+            heldout=held,
+            library=known,
+            effects=own,
+            seed=seed,
+            held_out_how=how,
+            progress=progress,
+            settings=Settings(progress=progress),
+        )
+    )
+    progress("drawing and writing")
+    return _written(outcome, base, json_path, report, write)
+
+
+def _parts(train: Sequence[Source], held: Sequence[Source]) -> tuple[list[Source], list[Source], str]:
+    """What is fitted, what is held out, and how: the last third where nothing else is."""
     how = ", ".join(one.name for one in held)
-    if not held:
+    own = not held
+    if own:
         train, held = last_third(train)
         how = "the last third of every recording"
-        if not all(one.stretches for one in (*train, *held)):
-            raise InputError(train[0].name, "", "too short to hold its last third out: give --holdout")
-    plant = _richest([*train, *held])
-    case = Case(base.name, base.values(), train, held, library(plant), seed, how, progress, Settings(progress=progress))
-    outcome = diagnose(case)
-    _write(outcome, base, json_path, report, write)
-    return outcome.diagnosis
+    train, held = [one for one in train if one.stretches], [one for one in held if one.stretches]
+    check_lengths(train, held, given=not own)
+    return train, held, how
 
 
-def _source(text: str, base: ModelFile, columns: str | None, age: str) -> Source:
-    device = base.device
-    return hoop_source(
-        text,
-        read_recording(text, columns, age),
-        base.structure,
-        base.values(),
-        encoder_counts=device.encoder_counts,
-        torque_limit=device.torque_limit_nm,
-    )
+def _library(plant: DeclaredPlant, effects: Path | None) -> dict[str, Effect]:
+    """Effects by name; a user's file may add some and replace none."""
+    extra = () if effects is None else load_effects(effects, plant)
+    try:
+        return library(plant, extra)
+    except ValueError as error:
+        raise InputError(effects, "", str(error)) from None
 
 
-def _richest(sources: Sequence[Source]) -> DeclaredPlant:
-    """The plant in which most moves: its library holds the others'."""
-    plants = [stretch.plant for source in sources for stretch in source.stretches]
-    return max(plants, key=lambda plant: len(plant.slots))
+def _in_fits(effect: Effect) -> bool:
+    """Whether a fit simulates it: faults of a sensor are counted, a lost contact is no smooth map."""
+    return effect.found_by not in ("quality", "switch")
 
 
-def _write(outcome: Outcome, base: ModelFile, json_path: Path | None, report: Path | None, write: Path | None) -> None:
+def _written(
+    outcome: Outcome, base: ModelFile, json_path: Path | None, report: Path | None, write: Path | None
+) -> Diagnosis:
+    """The diagnosis; every file is made before the first one is written."""
+    diagnosis, files = outcome.diagnosis, list[tuple[Path, bytes]]()
     if write is not None:
-        replace_file(write, model_text(found_model(outcome, base, write.stem)).encode())
+        own = [
+            f"{name} is not in the model: a model file holds effects of the library only" for name in left_out(outcome)
+        ]
+        diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *own])
+        text = model_text(found_model(outcome, base, write.stem))
+        parse_model(text, write)
+        files.append((write, text.encode()))
     if report is not None:
-        write_html(outcome.diagnosis, outcome.shown, report)
+        from hoopd.diagnose.reporthtml import page
+
+        files.append((report, page(diagnosis, outcome.shown)))
     if json_path is not None:
-        replace_file(json_path, to_json_bytes(outcome.diagnosis))
-
-
-def found_model(outcome: Outcome, base: ModelFile, name: str) -> ModelFile:
-    """The base with re-estimated parameters and the effects that were named."""
-    diagnosis = outcome.diagnosis
-    parameters = {key: _parameter(one) for key, one in diagnosis.base.parameters.items()}
-    effects = [
-        EffectEntry(name=one.name, parameters={k: _parameter(v) for k, v in one.parameters.items() if "@" not in k})
-        for one in diagnosis.effects
-        if not one.name.startswith("unknown.")
-    ]
-    return msgspec.structs.replace(base, name=name, parameters={**base.parameters, **parameters}, effects=effects)
-
-
-def _parameter(one: object) -> Parameter:
-    value, low_high = one.value, one.ci95  # type: ignore[attr-defined]
-    interval = None if low_high is None or None in low_high else tuple(low_high)
-    return Parameter(value=value, unit=one.unit, ci95=interval, nominal=one.nominal)  # type: ignore[attr-defined]
+        files.append((json_path, to_json_bytes(diagnosis)))
+    for path, data in files:
+        replace_file(path, data)
+    return diagnosis

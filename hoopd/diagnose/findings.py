@@ -48,8 +48,9 @@ def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown 
 
 
 def base_of(model: str, named: Named) -> Base:
-    """Re-estimated base parameters, beside the effects."""
-    final, units = named.final, _units(named.final)
+    """Re-estimated base parameters, beside the effects; those of effects that the base has as `slot.effect.name`."""
+    final = named.final
+    units = _units(final) | {e.key(p.name): p.unit for e in named.base.effects for p in e.parameters}
     return Base(
         model=model,
         parameters={
@@ -97,7 +98,7 @@ def effects_of(
 ) -> list[EffectFinding]:
     """Named effects and faults of the camera, most evidence first."""
     percents = {name: _mean_nrmse(one) for name, one in heldout.items()}
-    found = [_effect(named, name, percents, threshold) for name in named.final.names]
+    found = [_effect(named, one.effect.name, percents, threshold) for one in named.accepted]
     found += [_fault(name, *values) for name, values in corruption.items()]
     return sorted(found, key=lambda one: -(one.evidence.log_likelihood_gain or 0.0))
 

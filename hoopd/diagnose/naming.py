@@ -187,7 +187,7 @@ def _next(found: Named, judge: _Judge) -> Tried | None:
     chosen = _chosen(scores, judge)
     if first:
         found.scores = scores
-        chosen += _other_starts(chosen, judge.proposals(found.nominal, ()), judge)
+        chosen += _other_starts(chosen, judge.proposals(found.nominal, found.nominal.names), judge)
     tried = []
     for score in chosen:
         settings.progress(f"fitting {score.member.effect.name}")
@@ -247,7 +247,7 @@ def _in_order(tried: Sequence[Tried]) -> list[Tried]:
 def _reconsider(found: Named, judge: _Judge) -> None:
     """Each earlier effect against being left out, and against another in its place."""
     for one in list(found.accepted[:-1]):
-        rest = [t.effect for t in found.accepted if t is not one]
+        rest = _others(found, one)
         judge.settings.progress(f"reconsidering {one.effect.name}")
         without = fit(judge.train, rest, found.final.values, like=found.final, noise=found.final.noise)
         loss = without.criterion - found.final.criterion
@@ -259,6 +259,11 @@ def _reconsider(found: Named, judge: _Judge) -> None:
         if rival is not None:
             found.accepted[found.accepted.index(one)] = rival
             found.final = rival.fit
+
+
+def _others(found: Named, one: Tried) -> list[Effect]:
+    """The base's effects and all accepted ones but one."""
+    return [*found.base.effects, *(other.effect for other in found.accepted if other is not one)]
 
 
 def _better(found: Named, judge: _Judge, one: Tried, without: Fit, loss: float) -> Tried | None:
@@ -275,8 +280,8 @@ def _better(found: Named, judge: _Judge, one: Tried, without: Fit, loss: float) 
 def _ablate(found: Named, judge: _Judge) -> None:
     """What each accepted effect is worth beside the others."""
     for one in found.accepted:
-        rest = [t.effect for t in found.accepted if t is not one]
-        if not rest:
+        rest = _others(found, one)
+        if len(found.accepted) == 1:
             without = found.base
         else:
             judge.settings.progress(f"without {one.effect.name}")

@@ -102,7 +102,7 @@ def _one_force(index: int, force: MissingForce) -> str:
     title = f"Missing force in slot {force.slot}" + (f" over {over}" if over else "")
     drawn = f" The line is {listed(laws)} with its fitted parameters." if laws else ""
     place = f" ({force.recording})" if force.recording else ""
-    caption = f"What the re-fitted base needs in addition, smoothed, at every sample{place}.{drawn}"
+    caption = f"What the model without the effect needs in addition, smoothed, at every sample{place}.{drawn}"
     return drawing(curves.draw_force(force), f"force{index}", title, caption)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.intervals import Interval, set_aside
 from hoopd.diagnose.naming import Named, Settings, free_of_recordings, name_effects
+from hoopd.diagnose.pictures import shown_of
 from hoopd.diagnose.quality import corruption_findings
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality
 from hoopd.diagnose.shown import Shown
@@ -47,6 +49,7 @@ class Case:
     train: Sequence[Source]
     heldout: Sequence[Source]
     library: Mapping[str, Effect]
+    effects: Sequence[Effect] = ()  # that the judged model has already; their values are among `values`
     seed: int = 0
     held_out_how: str = ""
     progress: Progress = lambda text: None
@@ -58,9 +61,16 @@ class Outcome:
     """The diagnosis, the curves behind it, and the fits for who writes a model."""
 
     diagnosis: Diagnosis
-    shown: Shown
     named: Named
     heldout: Mapping[str, Fit]
+    unknown: Unknown | None = None
+
+    @cached_property
+    def shown(self) -> Shown:
+        """The curves of the report."""
+        each = self.diagnosis.data_quality.recordings
+        ignored = {name: one.segments_ignored for name, one in each.items()}
+        return shown_of(self.named, self.heldout, self.unknown, ignored)
 
 
 def last_third(sources: Sequence[Source]) -> tuple[list[Source], list[Source]]:
@@ -78,7 +88,7 @@ def diagnose(case: Case) -> Outcome:
     """The whole chain."""
     train, held = _stretches(case.train), _stretches(case.heldout)
     case.progress("base parameters")
-    nominal = fit(train, (), case.values, move=False)
+    nominal = fit(train, case.effects, case.values, move=False)
     train, aside, nominal, base = _without_events(case, train, nominal)
     held, aside_held = _heldout_without_events(case, held, base)
     named = name_effects(train, held, case.library, nominal, base, case.settings)
@@ -109,25 +119,25 @@ def diagnose(case: Case) -> Outcome:
         seed=case.seed,
         candidates=candidates_of(named, case.settings.threshold),
     )
-    return Outcome(diagnosis, Shown(), named, fits)
+    return Outcome(diagnosis, named, fits, unknown)
 
 
 def _without_events(case: Case, train: list[Stretch], nominal: Fit) -> tuple[list[Stretch], list[Interval], Fit, Fit]:
     """Stretches without what does not belong to them, and the fits of the rest."""
 
     def refit(stretches: Sequence[Stretch]) -> Fit:
-        return fit(stretches, (), case.values)
+        return fit(stretches, case.effects, case.values)
 
-    base = fit(train, (), case.values, like=nominal, noise=nominal.noise)
+    base = fit(train, case.effects, case.values, like=nominal, noise=nominal.noise)
     kept, aside, base = set_aside(train, refit, base, lambda one: does_not_belong(one, train))
     if aside:
-        nominal = fit(kept, (), case.values, move=False)
+        nominal = fit(kept, case.effects, case.values, move=False)
     return kept, aside, nominal, base
 
 
 def _heldout_without_events(case: Case, held: list[Stretch], base: Fit) -> tuple[list[Stretch], list[Interval]]:
     def refit(stretches: Sequence[Stretch]) -> Fit:
-        return fit(stretches, (), base.values, free=())
+        return fit(stretches, base.effects, base.values, free=free_of_recordings(base.effects, stretches))
 
     if not held:
         return held, []

@@ -1,0 +1,127 @@
+"""What `hoopd diagnose` is given: recordings and folders of them as text, checked sources of the search.
+
+Rules of this file: from text to checked objects; everything unusable is one `InputError`; a recording is called by the
+text that names it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from hoopd.bench.inputs import read_recording
+from hoopd.diagnose.inputs import Source, hoop_source
+from hoopd.files import InputError
+from hoopd.modelfiles import ModelFile
+from hoopd.physics.declared import DeclaredPlant
+from hoopd.recording.formats import EXTENSIONS, HDF5, split_path
+from hoopd.recording.slices import split_slice
+
+# Seconds of usable data: two windows of a fit and one of what is held out; less says nothing about a model.
+LEAST_TRAIN_S, LEAST_HELD_S = 4.0, 2.0
+
+
+class Given(NamedTuple):
+    """Where a recording's text points: file, experiment and seconds."""
+
+    file: Path
+    experiment: str | None
+    start_s: float
+    end_s: float
+
+    def overlaps(self, other: Given) -> bool:
+        """Whether both hold some of the same samples."""
+        same = self.file == other.file and (self.experiment == other.experiment or None in (self[1], other[1]))
+        return same and self.start_s < other.end_s and other.start_s < self.end_s
+
+
+def expanded(texts: Sequence[str]) -> list[str]:
+    """Every folder replaced by the recordings in it, by name; InputError for a folder without one."""
+    return [one for text in texts for one in (_in_folder(Path(text)) if Path(text).is_dir() else [text])]
+
+
+def _in_folder(folder: Path) -> list[str]:
+    """Recordings of a folder; of an .h5 file every experiment."""
+    files = sorted(one for one in folder.iterdir() if one.is_file() and one.suffix.lower() in EXTENSIONS)
+    if not files:
+        raise InputError(folder, "", f"no recording in this folder ({', '.join(EXTENSIONS)})")
+    return [text for file in files for text in _experiments(file)]
+
+
+def _experiments(file: Path) -> Iterator[str]:
+    if file.suffix.lower() not in HDF5:
+        yield str(file)
+        return
+    from hoopd.recording import hdf5
+
+    yield from (f"{file}:{name}" for name in hdf5.experiments(file))
+
+
+def check_distinct(train: Sequence[str], held: Sequence[str]) -> None:
+    """InputError when samples are given twice: they would count twice, or prove a model that was fitted to them."""
+    given = [(text, _given(text)) for text in (*train, *held)]
+    for index, (text, one) in enumerate(given):
+        for other, before in given[:index]:
+            if not one.overlaps(before):
+                continue
+            if index >= len(train) and given.index((other, before)) < len(train):
+                raise InputError(text, "--holdout", f"is fitted, too, as {other}: it proves nothing")
+            raise InputError(text, "", "is given twice" if text == other else f"holds some of the same data as {other}")
+
+
+def _given(text: str) -> Given:
+    path, span = split_slice(text)
+    file, experiment = split_path(path)
+    start, end = (None, None) if span is None else span
+    return Given(file.resolve(), experiment, -np.inf if start is None else start, np.inf if end is None else end)
+
+
+# ---------------------------------------------------------------------------------------------- sources
+
+
+def source_of(text: str, base: ModelFile, columns: str | None, age: str) -> Source:
+    """One recording, judged and cut for a search."""
+    device = base.device
+    return hoop_source(
+        text,
+        read_recording(text, columns, age),
+        base.structure,
+        base.values(),
+        encoder_counts=device.encoder_counts,
+        torque_limit=device.torque_limit_nm,
+    )
+
+
+def check_lengths(train: Sequence[Source], held: Sequence[Source], *, given: bool) -> None:
+    """InputError when there is too little to fit or to prove with; `given`: what is held out was given."""
+    fitted, proves = (sum(one.seconds for one in part) for part in (train, held))
+    if given:
+        for sources, seconds, least in ((train, fitted, LEAST_TRAIN_S), (held, proves, LEAST_HELD_S)):
+            if seconds < least:
+                name = sources[0].name if sources else "--holdout"
+                raise InputError(name, "", f"too short: {seconds:.1f} s of usable samples, {least:g} s are needed")
+    elif fitted < LEAST_TRAIN_S or proves < LEAST_HELD_S:
+        name, total = (train or held)[0].name if train or held else "recordings", fitted + proves
+        least = LEAST_TRAIN_S + LEAST_HELD_S
+        reason = f"too short to hold a third out: {total:.1f} s of usable samples, {least:g} s are needed"
+        raise InputError(name, "", reason)
+
+
+def check_motion(train: Sequence[Source], held: Sequence[Source]) -> None:
+    """InputError for a held-out recording in which something moves that moves in none of the fitted ones."""
+    fitted = {q for source in train for stretch in source.stretches for q in stretch.plant.coordinates}
+    names: Mapping[str, str] = {"theta": "the hoop", "psi": "the ball"}
+    for source in held:
+        for q in dict.fromkeys(q for stretch in source.stretches for q in stretch.plant.coordinates):
+            if q not in fitted:
+                who = names.get(q, q)
+                raise InputError(source.name, "--holdout", f"{who} moves in it, and in nothing that is fitted")
+
+
+def richest(sources: Sequence[Source]) -> DeclaredPlant:
+    """The plant in which most moves: its library holds the others'."""
+    plants = [stretch.plant for source in sources for stretch in source.stretches]
+    return max(plants, key=lambda plant: len(plant.slots))
