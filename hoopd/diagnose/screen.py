@@ -99,7 +99,7 @@ class Screen:
         self.fit = fit
         self.recordings = tuple(dict.fromkeys(track.stretch.recording for track in fit.tracks))
         rows = fit.stacked()
-        self._basis = _orthonormal(rows[:, 1:])
+        self._basis = orthonormal(rows[:, 1:])
         self.residual = self.projected(rows[:, :1])[:, 0]
         wanted = [e for e in effects if e.name not in fit.names and e.found_by in ("screen",)]
         self.members = [m for e in wanted for m in members_of(e, self.recordings)]
@@ -107,16 +107,7 @@ class Screen:
 
     def whitened(self, changes: Sequence[tuple[Effect, Column]]) -> Array:
         """(rows, m) whitened projected changes."""
-        if not changes:
-            return np.zeros((len(self.residual), 0))
-        out = []
-        for track, columns, gains in zip(self.fit.tracks, self.fit.columns, self.fit.gains, strict=True):
-            pairs = [change_of(track, self.fit, effect, column) for effect, column in changes]
-            f, eps = np.stack([f for f, _ in pairs], axis=2), np.stack([e for _, e in pairs], axis=2)
-            white = whitened(columns.model, gains, f, eps)
-            out.append(white.reshape(-1, white.shape[2]))
-        # what is added to the model is taken from the residual
-        return self.projected(-np.concatenate(out))
+        return self.projected(whitened_changes(self.fit, changes))
 
     def scores(self) -> list[Score]:
         """Best member of every effect, largest gain first."""
@@ -186,7 +177,7 @@ def _start(member: Member, weights: Array) -> dict[str, float]:
     return start
 
 
-def _orthonormal(x: Array) -> Array:
+def orthonormal(x: Array) -> Array:
     """(rows, k) basis of the directions of the free parameters that the data know."""
     size = np.sqrt(np.sum(x**2, axis=0))
     unit = x[:, size > 1e-9] / size[size > 1e-9]
@@ -195,6 +186,20 @@ def _orthonormal(x: Array) -> Array:
 
 
 # ---------------------------------------------------------------------------------------------- changes
+
+
+def whitened_changes(fit: Fit, changes: Sequence[tuple[Effect, Column]]) -> Array:
+    """(rows, m) what changes of the model would add to the whitened residuals' explanation, not projected."""
+    if not changes:
+        return np.zeros((sum(len(rows) for rows in fit.rows), 0))
+    out = []
+    for track, columns, gains in zip(fit.tracks, fit.columns, fit.gains, strict=True):
+        pairs = [change_of(track, fit, effect, column) for effect, column in changes]
+        f, eps = np.stack([f for f, _ in pairs], axis=2), np.stack([e for _, e in pairs], axis=2)
+        white = whitened(columns.model, gains, f, eps)
+        out.append(white.reshape(-1, white.shape[2]))
+    # what is added to the model is taken from the residual
+    return -np.concatenate(out)
 
 
 def change_of(track: Track, fit: Fit, effect: Effect, column: Column) -> tuple[Array, Array]:
