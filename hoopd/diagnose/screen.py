@@ -126,7 +126,7 @@ class Screen:
         self.fit = fit
         self.recordings = tuple(dict.fromkeys(track.stretch.recording for track in fit.tracks))
         rows = fit.stacked()
-        self._basis = _orthonormal(rows[:, 1:])
+        self._basis = orthonormal(rows[:, 1:])
         self.residual = self.projected(rows[:, :1])[:, 0]
         wanted = [e for e in effects if e.name not in fit.names and e.found_by in ("screen",)]
         self.members = [m for e in wanted for m in members_of(e, self.recordings, touched_grids(e, fit))]
@@ -134,17 +134,7 @@ class Screen:
 
     def whitened(self, changes: Sequence[tuple[Effect, Column]]) -> Array:
         """(rows, m) whitened projected changes."""
-        out = np.zeros((len(self.residual), len(changes)))
-        first = 0
-        for track, columns, gains in zip(self.fit.tracks, self.fit.columns, self.fit.gains, strict=True):
-            mine = [i for i, (_, column) in enumerate(changes) if column.recording in (None, track.stretch.recording)]
-            f, eps = changed(track, self.fit, [changes[i] for i in mine])
-            white = whitened(columns.model, gains, f, eps)
-            rows = white.shape[0] * white.shape[1]
-            # what is added to the model is taken from the residual
-            out[first : first + rows, mine] = -white.reshape(rows, -1)
-            first += rows
-        return self.projected(out)
+        return self.projected(whitened_changes(self.fit, changes))
 
     def scores(self) -> list[Score]:
         """Best member of every effect, largest gain first."""
@@ -234,9 +224,24 @@ def _start(member: Member, weights: Array) -> dict[str, float]:
     return start
 
 
-def _orthonormal(x: Array) -> Array:
+def orthonormal(x: Array) -> Array:
     """(rows, k) basis of the directions of the free parameters that the data know."""
     size = np.sqrt(np.sum(x**2, axis=0))
     unit = x[:, size > 1e-9] / size[size > 1e-9]
     q, r = np.linalg.qr(unit)
     return np.asarray(q[:, np.abs(np.diag(r)) > 1e-7])
+
+
+def whitened_changes(fit: Fit, changes: Sequence[tuple[Effect, Column]]) -> Array:
+    """(rows, m) what changes of the model would add to the whitened residuals' explanation, not projected."""
+    out = np.zeros((sum(len(rows) for rows in fit.rows), len(changes)))
+    first = 0
+    for track, columns, gains in zip(fit.tracks, fit.columns, fit.gains, strict=True):
+        mine = [i for i, (_, column) in enumerate(changes) if column.recording in (None, track.stretch.recording)]
+        f, eps = changed(track, fit, [changes[i] for i in mine])
+        white = whitened(columns.model, gains, f, eps)
+        rows = white.shape[0] * white.shape[1]
+        # what is added to the model is taken from the residual
+        out[first : first + rows, mine] = -white.reshape(rows, -1)
+        first += rows
+    return out

@@ -1,0 +1,116 @@
+"""How far two explanations lie apart on given data, in nats.
+
+    D(i, j) = min_w |v_i - Z_j w|^2 / 2
+
+v_i is the whitened change that a fitted effect makes, Z_j the changes that a rival may make (its amplitudes and phases,
+of admissible sign), both freed of all directions of the free parameters: the log-likelihood ratio that is expected
+between the two when the first is true and both are re-fitted (T-optimality; Atkinson and Fedorov 1975).
+
+Rules of this file: geometry only; what follows from it stands in `separate` and `nextexperiment`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.filtering import Noise, gains
+from hoopd.diagnose.fitting import Fit
+from hoopd.diagnose.screen import Column, Member, members_of, orthonormal, score_of, whitened_changes
+from hoopd.diagnose.track import Track
+from hoopd.physics.effects.base import Effect
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Whitened changes along some tracks, not yet projected: they may be stacked on those of other tracks."""
+
+    base: Array  # (rows, m) of the free parameters
+    effect: Array  # (rows,) of the fitted effect
+    rivals: tuple[tuple[Member, Array], ...]  # (rows, k) of every choice of a rival's shape
+
+
+def linear(
+    tracks: Sequence[Track],
+    effects: Sequence[Effect],
+    values: Mapping[str, float],
+    free: Sequence[str],
+    noise: Mapping[str, Noise],
+) -> Fit:
+    """The model linear and whitened along references as they are; nothing is fitted."""
+    columns = [track.columns(values, free) for track in tracks]
+    pairs = list(zip(tracks, columns, strict=True))
+    found = [gains(one.model, noise[track.stretch.recording]) for track, one in pairs]
+    rows = [track.whitened(one, gain) for (track, one), gain in zip(pairs, found, strict=True)]
+    return Fit(tuple(effects), dict(values), tuple(free), list(tracks), dict(noise), columns, found, rows)
+
+
+def without_effect(final: Fit, effect: Effect, ablated: Fit, free: Sequence[str] = ()) -> Fit:
+    """The final fit's parameters, noise and trajectories in a model without one effect; `ablated`: the fit without it.
+
+    `free`: names beyond those of the ablated fit.
+    """
+    own = {name: value for name, value in final.values.items() if not name.startswith(f"{effect.name}.")}
+    tracks = [_moved(old, new) for old, new in zip(ablated.tracks, final.tracks, strict=True)]
+    return linear(tracks, ablated.effects, {**ablated.values, **own}, (*ablated.free, *free), final.noise)
+
+
+def _moved(track: Track, to: Track) -> Track:
+    """A track's model along another reference; states that only one of the two has stay."""
+    found = Track.of(track.stretch, track.held, track.composite)
+    found.z, found.w = track.z.copy(), to.w.copy()
+    nx = min(track.composite.nx, to.composite.nx)
+    found.z[:, :nx] = to.z[:, :nx]
+    return found
+
+
+def rows_of(
+    about: Fit, effect: Effect, values: Mapping[str, float], rivals: Sequence[Effect], recordings: Sequence[str]
+) -> Rows:
+    """Changes by an effect at `values` (names of the whole model) and by rivals, beside a fit that has none of them.
+
+    `recordings`: all that the rows will be stacked over; each may have a phase of its own.
+    """
+    members = [member for rival in rivals for member in members_of(rival, recordings)]
+    own = own_columns(about, effect, values)
+    changes = [(effect, column) for column in own] + [(m.effect, column) for m in members for column in m.columns]
+    white = whitened_changes(about, changes)
+    ends = len(own) + np.cumsum([0, *(len(member.columns) for member in members)])
+    parts = [white[:, a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    base = -np.concatenate([rows[:, 1:] for rows in about.rows])
+    return Rows(base, white[:, : len(own)].sum(axis=1), tuple(zip(members, parts, strict=True)))
+
+
+def own_columns(about: Fit, effect: Effect, values: Mapping[str, float]) -> list[Column]:
+    """An effect as fitted, recording by recording."""
+    recordings = dict.fromkeys(track.stretch.recording for track in about.tracks)
+    return [Column(tuple(values_in(effect, values, name).items()), name) for name in recordings]
+
+
+def values_in(effect: Effect, values: Mapping[str, float], recording: str) -> dict[str, float]:
+    """An effect's parameters by its own names, as they are in one recording."""
+    return {
+        p.name: values.get(f"{effect.key(p.name)}@{recording}", values.get(effect.key(p.name), p.neutral))
+        for p in effect.parameters
+    }
+
+
+def nats_apart(parts: Sequence[Rows]) -> dict[str, float]:
+    """Expected nats between the effect and each rival, the nearest choice of its shape, over all parts together."""
+    known = orthonormal(np.concatenate([part.base for part in parts]))
+    v = _freed(known, np.concatenate([part.effect for part in parts])[:, None])[:, 0]
+    found: dict[str, float] = {}
+    for k, (member, _) in enumerate(parts[0].rivals):
+        z = _freed(known, np.concatenate([part.rivals[k][1] for part in parts]))
+        left = max(float(v @ v) / 2.0 - score_of(member, z, v).gain, 0.0)
+        found[member.effect.name] = min(left, found.get(member.effect.name, np.inf))
+    return found
+
+
+def _freed(known: Array, x: Array) -> Array:
+    return np.asarray(x - known @ (known.T @ x))

@@ -1,0 +1,197 @@
+"""The experiment that would tell two explanations apart best: T-optimal among those of `menu`.
+
+Each experiment is simulated with the final model; along it the changes of both explanations are whitened with the
+noise levels of the fit, and stacked on those of the recordings that are there already, so that base and rival are
+re-fitted to both together. What the new recording brings is the difference in expected nats.
+
+Rules of this file: it proposes and says what to expect; nothing runs here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hoopd.diagnose.apart import Rows, linear, nats_apart, rows_of, without_effect
+from hoopd.diagnose.dataset import Held, Stretch
+from hoopd.diagnose.filtering import Noise
+from hoopd.diagnose.fitting import Fit
+from hoopd.diagnose.menu import Entry, command, entries, is_hoop
+from hoopd.diagnose.naming import NOT_EXCLUDED_NATS, Named
+from hoopd.diagnose.record import NextExperiment, Quantity
+from hoopd.diagnose.separate import Separation
+from hoopd.diagnose.track import Track, composite_of, fitting_effects
+from hoopd.physics.effects.base import Effect
+
+# What the recording to come is called.
+NEXT = "the next recording"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A named effect and the rival that it is to be told from, beside the final fit."""
+
+    final: Fit
+    effect: Effect
+    rival: Effect
+    ablated: Fit  # the fit without the effect
+
+
+@dataclass(frozen=True)
+class Expected:
+    """An entry of the menu and the nats that it adds to what the recordings say already."""
+
+    entry: Entry
+    nats: float
+
+
+def next_experiment(
+    named: Named, found: Mapping[str, Separation], library: Mapping[str, Effect], seed: int = 0
+) -> NextExperiment | None:
+    """For the pair that is hardest to tell apart; None where there is nothing to tell."""
+    pair = _pair(named, found, library)
+    if pair is None:
+        return _change_of_hardware(found, library)
+    best = max(expectations(pair, seed), key=lambda one: one.nats, default=None)
+    return _by_hand(pair) if best is None else _told(pair, best, found[pair.effect.name])
+
+
+def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
+    """Every entry of the menu, in its order."""
+    track = pair.final.tracks[0]
+    period = float(np.median(track.stretch.h))
+    values = _values_of_next(pair.final)
+    known = rows_of_recordings(pair)
+    before = nats_apart([known])[pair.rival.name]
+    every = entries(track.composite, {**track.composite.values, **_local(values)}, period, seed)
+    return [Expected(one, nats_apart([known, rows_of_entry(pair, one)])[pair.rival.name] - before) for one in every]
+
+
+def rows_of_recordings(pair: Pair) -> Rows:
+    """Both explanations along the recordings that are there."""
+    about = without_effect(pair.final, pair.effect, pair.ablated, _free_of_next(pair))
+    return rows_of(about, pair.effect, pair.final.values, [pair.rival], _recordings(pair.final))
+
+
+def rows_of_entry(pair: Pair, entry: Entry) -> Rows:
+    """The same along an experiment that was not made."""
+    final, rest = pair.final, pair.ablated.effects
+    like = final.tracks[0].stretch
+    seen = np.resize(np.isfinite(like.y), (len(entry.t), like.y.shape[1]))
+    stretch = Stretch(NEXT, like.plant, entry.t, entry.u, np.where(seen, 0.0, np.nan))
+    about = linear(
+        [_simulated(stretch, rest, entry)], rest, _values_of_next(final), (*pair.ablated.free, *_free_of_next(pair)),
+        {NEXT: _usual_noise(final)},
+    )  # fmt: skip
+    return rows_of(about, pair.effect, _values_of_next(final), [pair.rival], _recordings(final))
+
+
+# ---------------------------------------------------------------------------------------------- the pair
+
+
+def _pair(named: Named, found: Mapping[str, Separation], library: Mapping[str, Effect]) -> Pair | None:
+    """The nearest of the alternatives that a recording may exclude; where there is none, the nearest rival at all."""
+    first = [(one.nats[name], one.effect, name) for one in found.values() for name in one.open if name in one.nats]
+    other = [(nats, one.effect, name) for one in found.values() for name, nats in one.nats.items()]
+    exact = {name for one in found.values() for name in one.never}
+    choice = first or ([] if exact else other)
+    usable = [(nats, e, library[name]) for nats, e, name in choice if name in library]
+    if not usable:
+        return None
+    _, effect, rival = min(usable, key=lambda one: (one[0], one[1].name, one[2].name))
+    return Pair(named.final, effect, rival, named.without[effect.name])
+
+
+def _recordings(final: Fit) -> tuple[str, ...]:
+    return (*dict.fromkeys(track.stretch.recording for track in final.tracks), NEXT)
+
+
+def _free_of_next(pair: Pair) -> tuple[str, ...]:
+    """Phases that the next recording has for itself."""
+    own = [(e, p) for e in pair.ablated.effects for p in e.parameters if p.per_recording and p.role == "phase"]
+    return tuple(f"{e.key(p.name)}@{NEXT}" for e, p in own)
+
+
+def _values_of_next(final: Fit) -> dict[str, float]:
+    """What belongs to a recording, for the next one as for the first."""
+    mark = f"@{final.tracks[0].stretch.recording}"
+    own = {name.removesuffix(mark): v for name, v in final.values.items() if name.endswith(mark)}
+    return {**final.values, **{f"{name}@{NEXT}": value for name, value in own.items()}}
+
+
+def _local(values: Mapping[str, float]) -> dict[str, float]:
+    mark = f"@{NEXT}"
+    own = {name.removesuffix(mark): value for name, value in values.items() if name.endswith(mark)}
+    return {**{name: value for name, value in values.items() if "@" not in name}, **own}
+
+
+def _usual_noise(final: Fit) -> Noise:
+    """Geometric mean over the recordings."""
+    every = [final.noise[name] for name in dict.fromkeys(track.stretch.recording for track in final.tracks)]
+    same = [one for one in every if all(len(a) == len(b) for a, b in zip(one, every[0], strict=True))]
+    return Noise(*(np.exp(np.mean(np.log(np.stack(part)), axis=0)) for part in zip(*same, strict=True)))
+
+
+def _simulated(stretch: Stretch, rest: Sequence[Effect], entry: Entry) -> Track:
+    """A model without the effect along the run of the model that has it."""
+    composite = composite_of(stretch.plant, fitting_effects(stretch.plant, rest))
+    track = Track.of(stretch, Held(stretch.t, stretch.u), composite)
+    nx, u = composite.nx, np.append(stretch.u, stretch.u[-1])
+    own = min(nx, entry.z.shape[1])
+    x = np.zeros((len(entry.t), nx))
+    x[:, :own] = entry.z[:, :own]
+    # what lags is taken as settled
+    track.z = np.array([composite.beginning(x[k], float(u[k])) for k in range(len(x))])
+    track.w = np.zeros((len(x), len(stretch.plant.coordinates)))
+    return track
+
+
+# ---------------------------------------------------------------------------------------------- in words
+
+
+def _told(pair: Pair, best: Expected, separation: Separation) -> NextExperiment:
+    plan, apart = best.entry.plan, separation.nats[pair.rival.name]
+    plant = pair.final.tracks[0].stretch.plant
+    numbers = {
+        "amplitude": (plan.amplitude_nm, plant.force_unit),
+        "duration": (float(best.entry.t[-1]), "s"),
+        **({"low": (plan.low_hz, "Hz"), "high": (plan.high_hz, "Hz")} if plan.kind in ("chirp", "multisine") else {}),
+        **({"hold": (plan.hold_s, "s")} if plan.kind == "steps" else {}),
+        **({"kick": (plan.kick_s, "s"), "rest": (plan.rest_s, "s")} if plan.kind == "decay" else {}),
+    }
+    return NextExperiment(
+        signal=best.entry.words,
+        parameters={name: Quantity(value=v, unit=unit, ci95=None, nominal=None) for name, (v, unit) in numbers.items()},
+        tells_apart=(pair.effect.name, pair.rival.name),
+        expected_nats=best.nats,
+        reason=_reason(apart, best.nats),
+        command=command(plan) if is_hoop(plant) else "",
+    )
+
+
+def _reason(apart: float, more: float) -> str:
+    before = f"These recordings tell the two apart by {apart:.1f} nats"
+    if apart + more < NOT_EXCLUDED_NATS:
+        return f"{before}; of the safe signals none brings enough, this one brings most: repeat it."
+    return f"{before}; of the safe signals this one is expected to bring most."
+
+
+def _by_hand(pair: Pair) -> NextExperiment:
+    """Nothing drives the plant."""
+    return NextExperiment(
+        signal=pair.effect.best_experiment, parameters={}, tells_apart=(pair.effect.name, pair.rival.name),
+        expected_nats=None, reason="The drive does not move what was recorded: by hand.",
+    )  # fmt: skip
+
+
+def _change_of_hardware(found: Mapping[str, Separation], library: Mapping[str, Effect]) -> NextExperiment | None:
+    """For explanations that are the same for every sensor."""
+    for one in found.values():
+        for name in one.never:
+            return NextExperiment(
+                signal=library[name].best_experiment, parameters={}, tells_apart=(one.effect.name, name),
+                expected_nats=None, reason="No torque tells these two apart: something has to be changed by hand.",
+            )  # fmt: skip
+    return None
