@@ -152,7 +152,7 @@ def ball_channel(recording: Recording, drives: Array, ignored: Mask) -> tuple[Ch
 
 
 def _judged(whole: Channel, found: Split, short: Mask, fresh: Mask, t: Array, values: Array) -> Channel:
-    moved = np.diff(found.course, prepend=found.course[0])
+    moved = _moved(found.course, fresh)
     candidates = int(whole.counts.sum())
     again = repeated_frames(short, candidates, moved, found.sigma, resolution(values))
     late, false = (found.late > SURE) | (again.probability > SURE), found.false > SURE
@@ -171,6 +171,13 @@ def _judged(whole: Channel, found: Split, short: Mask, fresh: Mask, t: Array, va
         late_share=late_share,
         outlier_share=_false_share(found, whole.counts),
     )
+
+
+def _moved(course: Array, fresh: Mask) -> Array:
+    """(n,) how far the ball went since the row before; after the last new angle, as far as there."""
+    moved, last = np.diff(course, prepend=course[0]), int(np.flatnonzero(fresh)[-1])
+    moved[last + 1 :] = moved[last]
+    return np.asarray(moved)
 
 
 def _ball_paths(t: Array, drives: Array) -> Callable[[Array], Array]:

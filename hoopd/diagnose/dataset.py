@@ -6,7 +6,7 @@ Rules of this file: nothing is judged here; what was not measured is NaN, and a 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,12 @@ class Stretch:
     t: Array  # (n,) s from the recording's start, steps of at most LONGEST_STEP_S
     u: Array  # (n-1,) torque held between the nodes
     y: Array  # (n, channels) readings in the plant's order, NaN: none
+    # (n, channels) a reading's noise over its channel's level; not given: 1
+    scatter: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        if self.scatter.shape != self.y.shape:
+            object.__setattr__(self, "scatter", np.ones(self.y.shape))
 
     @property
     def h(self) -> Array:
@@ -45,7 +51,17 @@ class Stretch:
     def seconds(self, first_s: float, last_s: float) -> Stretch:
         """The nodes within these times."""
         a, b = np.searchsorted(self.t, [first_s - 1e-9, last_s + 1e-9])
-        return replace(self, t=self.t[a:b], u=self.u[a : max(b - 1, a)], y=self.y[a:b])
+        return replace(self, t=self.t[a:b], u=self.u[a : max(b - 1, a)], y=self.y[a:b], scatter=self.scatter[a:b])
+
+    def unevenly_sampled(self, channel: str, jitter_s: float, sigma: float) -> Stretch:
+        """The same with a channel whose instants are uneven: s^2 = sigma^2 + (jitter rate)^2."""
+        column = list(self.plant.channels).index(channel)
+        if not jitter_s > 0.0 or np.isfinite(self.y[:, column]).sum() < PARABOLA:
+            return self
+        rate = _parabolas(self.t, self.y[:, column])[1]
+        scatter = self.scatter.copy()
+        scatter[:, column] = np.sqrt(1.0 + (jitter_s * rate / sigma) ** 2)
+        return replace(self, scatter=scatter)
 
     def without(self, rows: NDArray[np.bool_], channels: Sequence[str] | None = None) -> Stretch:
         """The same with some readings set aside."""

@@ -39,7 +39,7 @@ class Noise(NamedTuple):
 
     force: Array  # standard deviation, in the force's unit
     time_s: Array  # correlation time
-    reading: Array  # standard deviation of each channel
+    reading: Array  # standard deviation of each channel, at scatter 1
 
 
 class Linear(NamedTuple):
@@ -51,6 +51,7 @@ class Linear(NamedTuple):
     h: Array  # (n-1,)
     seen: NDArray[np.bool_]  # (n, nc)
     nx: int  # how many of the nz are positions and rates, alternating
+    scatter: Array  # (n, nc) a reading's noise over its channel's level
 
     @property
     def size(self) -> int:
@@ -88,7 +89,7 @@ def gains(model: Linear, noise: Noise) -> Gains:
         np.concatenate([added, added[-1:]]),
         _elements(model.c, seen),
         model.seen.astype(float),
-        np.repeat(noise.reading[None] ** 2, n, axis=0),
+        (noise.reading * model.scatter) ** 2,
     )
     before = np.empty((n, size, size))
     before[0] = start

@@ -65,7 +65,7 @@ def hoop_source(
     except ValueError as error:
         raise InputError(name, "u", str(error)) from None
     begin = float(recording.t[0])
-    stretches = tuple(one for part in parts if _enough(one := _stretch(name, plant, part, begin)))
+    stretches = tuple(one for part in parts if _enough(one := _stretch(name, plant, part, begin, quality)))
     if sum(one.samples for one in stretches) < FEWEST_READINGS:
         raise InputError(name, ", ".join(plant.channels), f"fewer than {FEWEST_READINGS} readings to judge a model by")
     return Source(name, recording, quality, stretches)
@@ -79,16 +79,22 @@ def without_seconds(source: Source, spans: Sequence[tuple[float, float]]) -> Sou
     return source
 
 
-def _stretch(name: str, plant: DeclaredPlant, part: Timeline, begin: float) -> Stretch:
+def _stretch(name: str, plant: DeclaredPlant, part: Timeline, begin: float, quality: Quality) -> Stretch:
     readings = {}
     for channel in plant.channels:
+        if channel == "dtheta" and quality.speed.wrong:
+            continue  # whatever it is, it is not the rate of theta
         nodes, values = part.channels[channel]
         if channel == "theta" and len(values):
             # at rest an encoder's error is one and the same: it counts once
             once = once_at_rest(values)
             nodes, values = nodes[once], values[once]
         readings[channel] = (nodes, values)
-    return stretch_of(name, plant, part.t - begin, part.u, readings)
+    found = stretch_of(name, plant, part.t - begin, part.u, readings)
+    for channel, one in quality.channels.items():
+        if channel in plant.channels and np.isfinite(one.quantum):
+            found = found.unevenly_sampled(channel, one.jitter_s, one.quantum / np.sqrt(12.0))
+    return found
 
 
 def _enough(stretch: Stretch) -> bool:

@@ -55,7 +55,7 @@ class Criterion:
         found = []
         for first in range(0, n - min(BLOCK, n) + 1, BLOCK * EVERY):
             nodes, steps = slice(first, first + BLOCK), slice(first, first + BLOCK - 1)
-            model = Linear(m.a[steps], m.w[steps], m.c[nodes], m.h[steps], m.seen[nodes], m.nx)
+            model = Linear(m.a[steps], m.w[steps], m.c[nodes], m.h[steps], m.seen[nodes], m.nx, m.scatter[nodes])
             found.append(Criterion(model, self._f[steps, :, 0], self._eps[nodes, :, 0]))
         return found
 
@@ -70,7 +70,7 @@ class Criterion:
         d, e = predicted(self.model, found, self._f, self._eps)
         r, n = _adjoint(self.model, found, e)
         by_force, by_time = _by_disturbance(self.model, found, noise, d, r, n)
-        by_reading = _by_reading(found, noise, e, r, n)
+        by_reading = _by_reading(found, self.model.scatter * noise.reading, e, r, n)
         return self._value(found, e), -np.concatenate([by_force, by_time, by_reading])
 
     @staticmethod
@@ -108,14 +108,14 @@ def _by_disturbance(model: Linear, found: Gains, noise: Noise, d: Array, r: Arra
     return by_force, np.sum((by_decay - 2 * variance * decay * by_variance[1:-1]) * slope, axis=0)
 
 
-def _by_reading(found: Gains, noise: Noise, e: Array, r: Array, n: Array) -> Array:
-    """Of the log-likelihood by the logarithms of the readings' levels (nc,)."""
+def _by_reading(found: Gains, level: Array, e: Array, r: Array, n: Array) -> Array:
+    """Of the log-likelihood by the logarithms of the readings' levels (nc,); level (n, nc): of every reading."""
     lift = np.zeros_like(found.gain)
     lift[:-1] = found.phi @ found.gain[:-1]
     back = found.whiten.transpose(0, 2, 1)
     u = (back @ (found.whiten @ e))[:, :, 0] - np.einsum("kic,ki->kc", lift, r[1:])
     d = np.einsum("kic,kic->kc", found.whiten, found.whiten) + np.einsum("kic,kic->kc", lift, n[1:] @ lift)
-    return np.asarray(noise.reading**2 * np.sum(u**2 - d, axis=0))
+    return np.asarray(np.sum(level**2 * (u**2 - d), axis=0))
 
 
 @lru_cache(maxsize=16)
@@ -229,19 +229,24 @@ def first_noise(tracks: Sequence[Track], values: Mapping[str, float]) -> dict[st
     for track in tracks:
         if track.stretch.recording not in found:
             same = [t.stretch for t in tracks if t.stretch.recording == track.stretch.recording]
-            reading = np.array([roughness([s.y[:, i] for s in same]) for i in range(same[0].y.shape[1])])
+            reading = np.array([roughness([s.y[:, i] for s in same], [s.scatter[:, i] for s in same]) for i in range(same[0].y.shape[1])])
             force = FIRST_ACCELERATION / track.mobility(values)
             found[track.stretch.recording] = Noise(force, np.full(len(force), FIRST_TIME_S), reading)
     return found
 
 
-def roughness(parts: Sequence[Array]) -> float:
+def roughness(parts: Sequence[Array], scatter: Sequence[Array] | None = None) -> float:
     """Standard deviation of a reading's noise without a model: fourth differences, whose variance is 70 sigma^2.
+
+    scatter: of every reading, the noise over the level that is asked for; 1 without it.
 
     Not below the spread 1/sqrt(12) of the smallest step between two values, which is a sensor's count.
     """
     seen = [part[np.isfinite(part)] for part in parts]
-    fourth = np.concatenate([np.diff(part, 4) for part in seen if len(part) > 4] or [np.zeros(1)])
+    over = [np.ones(len(part)) for part in parts] if scatter is None else scatter
+    wide = [one[np.isfinite(part)] for part, one in zip(parts, over, strict=True)]
+    each = [np.diff(part, 4) / one[2:-2] for part, one in zip(seen, wide, strict=True) if len(part) > 4]
+    fourth = np.concatenate(each or [np.zeros(1)])
     steps = np.concatenate([np.abs(np.diff(part)) for part in seen if len(part) > 1] or [np.zeros(1)])
     count = float(np.min(steps[steps > 1e-9], initial=np.inf))
     spread = float(1.4826 * np.median(np.abs(fourth)) / np.sqrt(70.0))

@@ -21,7 +21,7 @@ from hoopd.diagnose.outliers import bursts, inside, spread_share, stretches
 from hoopd.diagnose.speed import Speed, speed
 from hoopd.diagnose.stops import Clock, clock, saturated_share, unanswered
 from hoopd.diagnose.turns import turned
-from hoopd.ident.experiments import moving_of
+from hoopd.ident.experiments import HELD_COUNTS, moving_of
 from hoopd.recording.recording import Recording
 from hoopd.recording.suspicions import ball_is_current, suspicions
 
@@ -35,6 +35,8 @@ EFFECT_SHARE, EFFECT_NATS = 0.02, 25.0
 STUCK_S = 0.2
 # Unevenness of sampling that is worth a line: at 20 rad/s more than an encoder's count.
 JITTER_S = 1e-4
+# A ball that was at rest is seen, when it begins to move, within this of where it was.
+RESTED_SIGMAS = 8.0
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,7 @@ def assess(recording: Recording, encoder_counts: int = 4096) -> Quality:
     segments = [(*_span(whole, a, b), "the hoop does not answer the torque") for a, b in silent]
     judged = _judged(whole, moving, inside(len(whole), silent), encoder_counts)
     channels = {name: _without_bursts(whole, channel, segments) for name, channel in judged.items()}
+    channels["psi"] = _rested(whole, channels["psi"], moving, encoder_counts)
     segments += _stuck(whole, channels["psi"])
     return Quality(
         recording.source,
@@ -175,6 +178,19 @@ def _stuck(recording: Recording, psi: Channel) -> list[tuple[float, float, str]]
         return []
     spans = [_span(recording, max(a - 1, 0), b) for a, b in stretches(psi.stuck)]
     return [(*span, "psi: the camera repeats itself") for span in spans if span[1] - span[0] >= STUCK_S]
+
+
+def _rested(recording: Recording, psi: Channel, moving: str, encoder_counts: int) -> Channel:
+    """The last of equal angles counts where the hoop is still too and the ball goes on from there: it was at rest."""
+    counts, stuck = psi.counts.copy(), psi.stuck.copy()
+    for first, last in stretches(psi.stuck) if moving == "both" and psi.counts.any() else []:
+        after = recording.psi[last + 1 : last + 2]
+        near = len(after) > 0 and abs(float(after[0]) - float(recording.psi[last])) < RESTED_SIGMAS * psi.sigma
+        moved = np.abs(recording.theta[first : last + 1] - recording.theta[first])
+        still = int(np.argmin(np.append(moved < HELD_COUNTS * 2.0 * np.pi / encoder_counts, False)))
+        if near and still > 1:
+            counts[first + still - 1], stuck[first + still - 1] = True, False
+    return replace(psi, counts=counts, stuck=stuck)
 
 
 def _uneven(theta: Channel) -> list[str]:

@@ -6,7 +6,7 @@ windows is shared but the parameters.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -19,6 +19,8 @@ from hoopd.physics.composite import Composite
 from hoopd.physics.effects.base import Effect
 
 Array = NDArray[np.float64]
+# Parameters of all columns, or of each.
+Columns = Mapping[str, float] | Sequence[Mapping[str, float]]
 
 WINDOW_S = 2.0
 # A window shorter than this share of the others is left to none.
@@ -68,51 +70,53 @@ class Simulator:
         self.composite: Composite = composite_of(windows.stretch.plant, fitting_effects(windows.stretch.plant, effects))
         self.held = Held(windows.stretch.t, windows.stretch.u)
 
-    def run(self, values: Mapping[str, float], start: Array) -> Array:
-        """States (n, nz, b, k) from starts (nx, b, k)."""
+    def run(self, values: Columns, start: Array) -> Array:
+        """States (n, nz, b, k) from starts (nx, b, k); `values`: one for all k columns, or one for each."""
         c, w = self.composite, self.windows
         _, b, k = start.shape
         n, total = w.length, b * k
-        torques, h, t = self._inputs(values)
-        z = np.repeat(
-            np.stack(
-                [c.beginning(start[:, i, 0], self.held.u[min(w.first[i], len(self.held.u) - 1)]) for i in range(b)],
-                axis=1,
-            )[:, :, None],
-            k,
-            axis=2,
-        )
-        z[: c.nx] = start
+        each = _each(values, k)
+        torques, h, t = self._inputs(each)
         step = _Mapped(c.step_function, total)
-        step.set(5, np.repeat(c.vector(values)[:, None], total, axis=1))
+        step.set(5, np.tile(np.stack([c.vector(one) for one in each], axis=1), (1, b)))
         step.set(2, np.zeros((c.nq, total)))
         out = np.empty((n, c.nz, total))
-        out[0] = z.reshape(c.nz, total)
+        out[0] = self._beginning(start).reshape(c.nz, total)
+        h, t = np.repeat(h, k, axis=1), np.repeat(t, k, axis=1)
         for i in range(n - 1):
             step.set(0, out[i])
-            step.set(1, np.repeat(torques[i], k, axis=1))
-            step.set(3, np.repeat(h[i][None], k, axis=1))
-            step.set(4, np.repeat(t[i][None], k, axis=1))
+            step.set(1, torques[i])
+            step.set(3, h[i][None])
+            step.set(4, t[i][None])
             out[i + 1] = np.clip(np.nan_to_num(step(), nan=LARGEST), -1e6, 1e6)
         return out.reshape(n, c.nz, b, k)
 
-    def readings(self, values: Mapping[str, float], states: Array) -> Array:
+    def _beginning(self, start: Array) -> Array:
+        """(nz, b, k) what lags behind the state has settled at the start."""
+        c, (_, b, k) = self.composite, start.shape
+        u = [self.held.u[min(first, len(self.held.u) - 1)] for first in self.windows.first]
+        columns = [[c.beginning(start[:, i, j], u[i]) for j in range(k)] for i in range(b)]
+        return np.array(columns).transpose(2, 0, 1)
+
+    def readings(self, values: Columns, states: Array) -> Array:
         """(n, nc, b, k) what the sensors show of states (n, nz, b, k)."""
         c, w = self.composite, self.windows
         n, nz, b, k = states.shape
-        late = [max(float(values.get(c.latencies.get(name, ""), 0.0)), 0.0) for name in c.channels]
-        delay = float(sum(values.get(name, 0.0) for name in c.delays))
-        back = self.held.back(late, delay)  # (steps, nc, nodes)
-        nodes = self._nodes()
-        wide = back.transpose(1, 0, 2)[:, :, nodes]  # (nc, steps, n, b)
-        wide = np.repeat(wide[..., None], k, axis=-1).reshape(len(c.channels), back.shape[0], -1)
-        count = n * b * k
+        nodes, count, each = self._nodes(), n * b * k, _each(values, k)
+        # (k, steps, nc, n, b): the function takes a (nc, steps) matrix a column, side by side
+        back = np.stack([one[:, :, nodes] for one in _by_value(each, self._back)])
+        side = back.transpose(2, 3, 4, 0, 1).reshape(len(c.channels), -1)
         z = states.transpose(1, 0, 2, 3).reshape(nz, count)
         t = np.repeat(w.stretch.t[nodes][..., None], k, axis=-1).reshape(1, count)
-        p = np.repeat(c.vector(values)[:, None], count, axis=1)
-        side = wide.transpose(0, 2, 1).reshape(len(c.channels), -1)
+        p = np.tile(np.stack([c.vector(one) for one in each], axis=1), (1, n * b))
         y = np.asarray(c.output_function.map(count)(z, side, np.zeros((c.nq, count)), t, p).full())
         return y.reshape(len(c.channels), n, b, k).transpose(1, 0, 2, 3)
+
+    def _back(self, values: Mapping[str, float]) -> Array:
+        """(steps, nc, nodes) torques on the way back to each channel's latency."""
+        c = self.composite
+        late = [max(float(values.get(c.latencies.get(name, ""), 0.0)), 0.0) for name in c.channels]
+        return self.held.back(late, c.delay_s(values))
 
     def _nodes(self) -> NDArray[np.int64]:
         """(n, b) node of the stretch; past a window's end its last."""
@@ -120,14 +124,28 @@ class Simulator:
         within = np.minimum(np.arange(w.length)[:, None], w.count - 1)
         return np.asarray(w.first + within)
 
-    def _inputs(self, values: Mapping[str, float]) -> tuple[Array, Array, Array]:
-        """Torques (n-1, substeps, b), steps (n-1, b), times (n-1, b); past a window's end steps of no length."""
-        w, nodes = self.windows, self._nodes()
-        delay = float(sum(values.get(name, 0.0) for name in self.composite.delays))
-        torques = self.held.substeps(self.composite.substeps, delay)
-        at = np.minimum(nodes[:-1], torques.shape[1] - 1)
+    def _inputs(self, each: Sequence[Mapping[str, float]]) -> tuple[Array, Array, Array]:
+        """Torques (n-1, substeps, b k), steps (n-1, b), times (n-1, b); past a window's end steps of no length."""
+        w, nodes, c = self.windows, self._nodes(), self.composite
+        at = np.minimum(nodes[:-1], len(self.held.u) - 1)
+        torques = np.stack(_by_value(each, lambda one: self.held.substeps(c.substeps, c.delay_s(one))[:, at]), axis=-1)
         h = np.where(np.arange(w.length - 1)[:, None] < w.count - 1, w.stretch.h[at], 0.0)
-        return torques[:, at].transpose(1, 0, 2), h, w.stretch.t[nodes[:-1]]
+        wide = torques.transpose(1, 0, 2, 3).reshape(len(at), c.substeps, -1)
+        return wide, h, w.stretch.t[nodes[:-1]]
+
+
+def _each(values: Columns, k: int) -> list[Mapping[str, float]]:
+    """One set of values for each of k columns."""
+    return [values] * k if isinstance(values, Mapping) else list(values)
+
+
+def _by_value(each: Sequence[Mapping[str, float]], make: Callable[[Mapping[str, float]], Array]) -> list[Array]:
+    """`make` of every column; of columns that are one object once."""
+    made: dict[int, Array] = {}
+    for one in each:
+        if id(one) not in made:
+            made[id(one)] = make(one)
+    return [made[id(one)] for one in each]
 
 
 class _Mapped:

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 # A speed that is off by more than this is no measurement of the speed.
 GAIN_TOLERANCE = 0.02
 LAG_STEPS = 0.25
+# Over a second a lag of 0.1 s takes less than this from a speed that comes and goes within two.
+WRONG_GAIN, SLOW_S = 0.1, 1.0
 REACH = 5  # rows to each side among which the best delay is looked for
 FEWEST = 30
 
@@ -31,6 +33,12 @@ class Speed(NamedTuple):
     lag_s: float  # of dtheta
     noise: float  # rad/s, what is left between the two at best gain and delay
     rate_noise: float  # rad/s, of the slope of theta
+    slow_gain: float = float("nan")  # against the slope, both over a second: what a lag or an uneven turn cannot change
+
+    @property
+    def wrong(self) -> bool:
+        """dtheta is another quantity than the rate of theta: no sensor's lag or delay makes it that."""
+        return abs(self.slow_gain - 1.0) > WRONG_GAIN
 
 
 def speed(recording: Recording, theta_sigma: float) -> Speed:
@@ -48,7 +56,18 @@ def speed(recording: Recording, theta_sigma: float) -> Speed:
         return Speed("theta_rate", "the hoop hardly moves: theta is the finer of the two", *nothing[:3], rate_noise)
     gain, lag, noise = _compared(slope, dtheta)
     found = gain, lag * float(np.median(np.diff(t))), noise, rate_noise
-    return Speed(*_verdict(gain, lag, noise, rate_noise), *found)
+    return Speed(*_verdict(gain, lag, noise, rate_noise), *found, _slow_gain(t, slope, dtheta))
+
+
+def _slow_gain(t: Array, slope: Array, dtheta: Array) -> float:
+    """Of dtheta against the slope, means over SLOW_S of both, their own means taken off; NaN: too little to tell."""
+    both = np.isfinite(slope) & np.isfinite(dtheta)
+    width = max(1, round(SLOW_S / float(np.median(np.diff(t)))))
+    if both.sum() < 3 * width:
+        return float("nan")
+    kernel = np.ones(width) / width
+    x, y = (np.convolve(one[both], kernel, "valid") for one in (slope, dtheta))
+    return _line(x - x.mean(), y - y.mean(), 0)[0]
 
 
 def _compared(slope: Array, dtheta: Array) -> tuple[float, float, float]:
