@@ -8,7 +8,7 @@ No step crosses a change of the torque, late as it may come, and every late read
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hoopd.physics.composite import BACK_STEPS, LONGEST_STEP_S, Composite
+from hoopd.physics.equations import ExtraForce
 from hoopd.physics.found import Found
 from hoopd.physics.freerun import Chunks
 from hoopd.physics.held import SAME_S, mean_torque
-from hoopd.physics.simulate import CHUNK, Trajectory, node_axis
+from hoopd.physics.simulate import CHUNK, STEP_S, Model, Trajectory, node_axis
 
 Array = NDArray[np.float64]
 
@@ -30,11 +31,12 @@ STATES = ("theta", "dtheta", "psi", "dpsi")
 class EffectModel:
     """The interface of `simulate.Model`; `free`: base parameters that a run is told anew."""
 
-    def __init__(self, found: Found, free: Sequence[str] = (), *, moving: str = "both", step_s: float = 0.02) -> None:
+    def __init__(self, found: Found, free: Sequence[str] = (), *, moving: str = "both", step_s: float = STEP_S) -> None:
         """`moving`: both, hoop or ball; effects that what moves does not feel are left out."""
         plant = found.plant_of(moving)
-        self.free, self.step_s = tuple(free), min(step_s, LONGEST_STEP_S)
         self._composite = c = Composite(plant, found.effects(plant))
+        # a step of the composite is so many Runge-Kutta steps
+        self.free, self.step_s = tuple(free), min(step_s * c.substeps, LONGEST_STEP_S)
         self._values = {name: found.values.get(name, value) for name, value in c.values.items()}
         self._columns = [STATES.index(name) for name in plant.states if name in STATES]
 
@@ -186,6 +188,25 @@ class EffectModel:
     def _after(self, z: Any, u: Any, h: Any, t: Any, p: Any) -> Any:
         c = self._composite
         return c.step_function(z, ca.repmat(u, c.substeps, 1), ca.SX.zeros(c.nq), h, t, p)
+
+
+def model_of(
+    structure: str,
+    values: Mapping[str, float],
+    free: Sequence[str] = (),
+    extra_forces: tuple[ExtraForce, ...] = (),
+    effects: Found | None = None,
+    *,
+    moving: str = "both",
+    step_s: float = STEP_S,
+) -> Model | EffectModel:
+    """What simulates a plant again and again, with effects where there are some; ValueError for both kinds of forces."""
+    if not effects:
+        return Model(structure, values, free, extra_forces, moving=moving, step_s=step_s)
+    if extra_forces:
+        raise ValueError("forces are either effects or functions, not both")
+    found = effects.on(structure, values)
+    return EffectModel(found, free, moving=moving, step_s=step_s)
 
 
 def _union(t: Array, u: Array, delay_s: float, late: Sequence[float]) -> Array:
