@@ -172,9 +172,7 @@ def simulate(
     moving: Annotated[
         str, typer.Option("--moving", help="What moves: both, hoop, ball, or auto: as the recording shows.")
     ] = "auto",
-    without_effects: Annotated[
-        bool, typer.Option("--without-effects", help="Leave the model's effects out instead of refusing them.")
-    ] = False,
+    without_effects: Annotated[bool, typer.Option("--without-effects", help="Leave the model's effects out.")] = False,
     out: Annotated[
         Path | None,
         typer.Option("--out", help="Write the simulated run (.csv, .mcap, .mat or .h5).", metavar="FILE"),

@@ -93,5 +93,6 @@ def _write(found: Fit, base: ModelFile, train: Sequence[Recording], out: Path | 
         from hoopd.plots.simulation import draw_simulation
         from hoopd.plots.style import save
 
-        whole = score(Subject(found.structure, found.values), train[0], encoder_counts=found.settings.encoder_counts)
+        subject = Subject(found.structure, found.values, effects=found.settings.effects)
+        whole = score(subject, train[0], encoder_counts=found.settings.encoder_counts)
         save(draw_simulation(whole, train[0], out.stem if out else found.structure), figure)

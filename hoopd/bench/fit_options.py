@@ -9,15 +9,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from hoopd.bench.inputs import read_model, read_values
+from hoopd.bench.inputs import read_values
 from hoopd.files import InputError
 from hoopd.ident.experiments import CHANNELS
 from hoopd.ident.fit import METHODS, Settings, nominal_values
 from hoopd.ident.gaussnewton import LOSSES
 from hoopd.ident.parameters import Prior, scale_of
-from hoopd.modelfiles import ModelFile
+from hoopd.modelfiles import ModelFile, effects_of, load_model
 from hoopd.physics.parameters import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
-from hoopd.shipped import START_MODELS, defaults_folder
+from hoopd.shipped import START_MODELS, defaults_folder, or_shipped
 
 
 class Wish(NamedTuple):
@@ -42,7 +42,9 @@ def settings_of(wish: Wish) -> tuple[ModelFile, Settings]:
     _one_of("--structure", wish.structure, STRUCTURES)
     _one_of("--loss", wish.loss, LOSSES)
     _one_of("--method", wish.method, METHODS)
-    base = read_model(wish.model or defaults_folder() / START_MODELS[wish.structure])
+    base = load_model(or_shipped(wish.model or defaults_folder() / START_MODELS[wish.structure]))
+    if wish.kinematics and base.effects:
+        raise InputError("--kinematics", "", "compares models without effects, and this one has some")
     nominal = nominal_values(base, wish.structure)
     names = tuple(PARAMETER_UNITS[wish.structure])
     if wish.window_s is not None and not 0.2 <= wish.window_s <= 1e4:
@@ -57,6 +59,7 @@ def settings_of(wish: Wish) -> tuple[ModelFile, Settings]:
         loss=wish.loss,
         method=wish.method,
         encoder_counts=base.device.encoder_counts,
+        effects=effects_of(base).on(wish.structure, nominal) if base.effects else None,
     )
 
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from hoopd.bench.fit_options import Wish
-from hoopd.bench.inputs import read_model
 from hoopd.bench.simulate import number, off_words
 from hoopd.files import InputError
 from hoopd.ident.constraints import constraint_words
@@ -28,7 +27,7 @@ from hoopd.ident.prediction import PredictionSolution
 from hoopd.ident.score import WINDOW_S, score
 from hoopd.ident.thesis import table_words
 from hoopd.ident.uncertainty import Z95
-from hoopd.modelfiles import ModelFile
+from hoopd.modelfiles import ModelFile, load_model
 from hoopd.physics.entries import ENTRIES
 from hoopd.physics.parameters import PARAMETER_UNITS, ParameterError
 from hoopd.recording.edit import has_times
@@ -111,18 +110,17 @@ def _judged(found: Fit, train: Mapping[str, Recording], held: Mapping[str, Recor
     judged: dict[str, Any] = {}
     for part, recordings in (("train", train), ("holdout", held)):
         if recordings:
-            counts = found.settings.encoder_counts
-            judged[part] = {name: _scores(found.structure, subjects, one, counts) for name, one in recordings.items()}
+            judged[part] = {name: _scores(found, subjects, one) for name, one in recordings.items()}
     return judged
 
 
-def _scores(
-    structure: str, subjects: Mapping[str, Mapping[str, float]], recording: Recording, encoder_counts: int
-) -> dict[str, Any]:
+def _scores(fitted: Fit, subjects: Mapping[str, Mapping[str, float]], recording: Recording) -> dict[str, Any]:
     columns: dict[str, dict[str, Any]] = {}
+    settings = fitted.settings
     for label, values in subjects.items():
         for suffix, window_s in (("", None), (f"_{WINDOW_S:g}s", WINDOW_S)):
-            found = score(Subject(structure, values), recording, window_s=window_s, encoder_counts=encoder_counts)
+            subject = Subject(fitted.structure, values, effects=settings.effects)
+            found = score(subject, recording, window_s=window_s, encoder_counts=settings.encoder_counts)
             for channel, one in found.channels.items():
                 row = columns.setdefault(channel, {})
                 row[label + suffix] = number(one.nrmse_percent)
@@ -156,6 +154,8 @@ def _notes(found: Fit, recordings: Sequence[Recording]) -> list[str]:
     notes += [
         f"{rec}: {n} samples of {name} repeat the last one and do not count" for (rec, name), n in aside.items() if n
     ]
+    if found.settings.effects:
+        notes.append(f"the model's effects are held as they are: {', '.join(found.settings.effects.names)}")
     if "theta_rate" in found.channels and not found.settings.channels:
         notes.append("the model does not follow the hoop's angle to the encoder's counts: its rate was fitted instead")
     if any(found.uncertainty.memory.values()):
@@ -225,7 +225,7 @@ def _known(base: ModelFile, device: Mapping[str, float]) -> tuple[Known, ...]:
 def _device(base: ModelFile, fixed: Mapping[str, float]) -> dict[str, float]:
     """What the device is believed to be before any data: the model it started from, where that is physical, else the
     shipped one with its geometry; what the user fixed is as he said."""
-    shipped = nominal_values(read_model(defaults_folder() / START_MODELS["rolling"]), "rolling")
+    shipped = nominal_values(load_model(defaults_folder() / START_MODELS["rolling"]), "rolling")
     own = {**base.values(), **fixed}
     return {name: own.get(name, value) for name, value in shipped.items()}
 

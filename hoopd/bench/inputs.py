@@ -1,19 +1,15 @@
-"""What a command of the bench is given as text: recordings with a slice, models, starting states.
+"""What a command of the bench is given as text: recordings with a slice, starting states.
 
 Rules of this file: from text to checked objects; everything unusable is one `InputError`; no mathematics.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from hoopd.files import InputError
-from hoopd.modelfiles import ModelFile, load_model
 from hoopd.recording.edit import aged
 from hoopd.recording.recording import Recording
 from hoopd.recording.slices import finite
 from hoopd.recording.slices import read_recording as read_slice
-from hoopd.shipped import or_shipped
 
 AGES = ("psi", "y")  # of the ball's angle, of the board's readings
 
@@ -46,12 +42,3 @@ def read_values(option: str, text: str, names: tuple[str, ...]) -> dict[str, flo
             raise InputError(option, name, "stands twice")
         values[name] = finite(option, name, value)
     return values
-
-
-def read_model(path: Path, *, without_effects: bool = False) -> ModelFile:
-    """A model that the plant can play in full: one with effects is refused unless it shall go without them."""
-    model = load_model(or_shipped(path))
-    if model.effects and not without_effects:
-        names = ", ".join(entry.name for entry in model.effects)
-        raise InputError(path, "effects", f"the plant does not play {names} yet; --without-effects leaves them out")
-    return model

@@ -17,9 +17,10 @@ import numpy as np
 from hoopd.bench.linearrecord import report
 from hoopd.design.analysis import STATES, channel, linear_model
 from hoopd.design.delay import held
+from hoopd.design.effectsnear import Near, effects_near
 from hoopd.design.operating import NoEquilibriumError, OperatingPoint, operating_point
 from hoopd.files import InputError
-from hoopd.modelfiles import ModelFile, load_model, plant_of
+from hoopd.modelfiles import ModelFile, effects_of, load_model, plant_of
 from hoopd.shipped import or_shipped
 
 # Beyond this a chain of delays is no delay of a controller but a mistake in the command.
@@ -59,8 +60,8 @@ def run(
     _check_figure(figure, plot)
     file = load_model(or_shipped(model))
     try:
-        point, system = linearized(file, request)
-        result = report(file, point, system, (sample_time_s, delay_samples))
+        point, system, near = linearized(file, request)
+        result = report(file, point, system, (sample_time_s, delay_samples), near)
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise InputError(model, "parameters", f"the linear model leaves the computer's range ({error})") from None
     if figure is not None:
@@ -71,10 +72,12 @@ def run(
     return result
 
 
-def linearized(file: ModelFile, request: Request) -> tuple[OperatingPoint, control.StateSpace]:
-    """Operating point and linear system; InputError where there is none."""
-    plant = plant_of(file)
+def linearized(file: ModelFile, request: Request) -> tuple[OperatingPoint, control.StateSpace, Near]:
+    """Operating point, linear system and what became of the model's effects; InputError where there is no point."""
     psi = math.pi if request.top else request.psi_rad
+    turning = bool(request.dtheta_rad_s) or (psi is not None and psi != 0.0 and not request.top)
+    near = effects_near(plant_of(file), effects_of(file), request.outputs, turning=turning)
+    plant = near.plant
     try:
         point = operating_point(
             plant, psi_rad=psi, dtheta_rad_s=request.dtheta_rad_s, torque_limit_nm=file.device.torque_limit_nm
@@ -83,10 +86,11 @@ def linearized(file: ModelFile, request: Request) -> tuple[OperatingPoint, contr
         raise InputError("--hoop-speed" if request.dtheta_rad_s is not None else "--psi", "", str(error)) from None
     system = linear_model(plant, point.x, point.u, request.outputs)
     if request.sample_time_s is not None:
-        system = held(system, request.sample_time_s, request.delay_samples * request.sample_time_s)
+        delay_s = request.delay_samples * request.sample_time_s + near.delay_s
+        system = held(system, request.sample_time_s, delay_s)
         if not np.abs(system.A).max() < MOST_GROWTH:
             raise InputError("--sample-time", "", "the plant runs away within one sample: shorten it")
-    return point, system
+    return point, system, near
 
 
 # ---------------------------------------------------------------------------------------------- checks

@@ -15,6 +15,7 @@ import numpy as np
 
 from hoopd.design import visibility
 from hoopd.design.analysis import STATES, channel, minimal, numerator_and_denominator, transfer_function, zeros
+from hoopd.design.effectsnear import Near
 from hoopd.design.margins import Margins, margins
 from hoopd.design.operating import OperatingPoint
 from hoopd.design.speed import Bandwidth, bandwidth, sampling_advice, step_info
@@ -25,11 +26,15 @@ NEAR = 0.05
 
 
 def report(
-    file: ModelFile, point: OperatingPoint, system: control.StateSpace, sampling: tuple[float | None, int]
+    file: ModelFile,
+    point: OperatingPoint,
+    system: control.StateSpace,
+    sampling: tuple[float | None, int],
+    near: Near,
 ) -> dict[str, Any]:
     """The result record."""
     first, *others = [channel(system, name) for name in system.output_labels]
-    notes = [*_left_out(file), *point.notes, *visibility.in_words(system)]
+    notes = [*_effects_in_words(near, sampled=sampling[0] is not None), *point.notes, *visibility.in_words(system)]
     result = {
         "model": file.name,
         "structure": file.structure,
@@ -43,14 +48,25 @@ def report(
         "observability": {"measured": list(system.output_labels), **_rank(visibility.observability(system))},
         "detectability": _detectability(visibility.detectability(system)),
     }
+    if file.effects:
+        result["effects"] = {
+            "included": list(near.included),
+            "left_out": [{"name": name, "reason": reason} for name, reason in near.left_out],
+            "delay_s": near.delay_s,
+        }
     if others:
         result["further_outputs"] = {one.output_labels[0]: _channel(one, notes) for one in others}
     return {**result, "notes": list(dict.fromkeys(notes))}
 
 
-def _left_out(file: ModelFile) -> list[str]:
-    names = ", ".join(effect.name for effect in file.effects)
-    return [f"not part of the linear model: the effects {names}"] if names else []
+def _effects_in_words(near: Near, *, sampled: bool) -> list[str]:
+    notes = [f"{name} is not part of the linear model: {reason}" for name, reason in near.left_out]
+    if near.delay_s and not sampled:
+        notes.append(
+            f"the model's {1e3 * near.delay_s:.4g} ms of delay are no part of a continuous model: they turn the phase "
+            f"by -{math.degrees(near.delay_s):.3g} deg a rad/s; with --sample-time they are in it exactly"
+        )
+    return [*notes, *near.notes]
 
 
 def _channel(system: control.StateSpace, notes: list[str]) -> dict[str, Any]:

@@ -13,19 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.bench.inputs import read_ages, read_model, read_recording, read_values
+from hoopd.bench.inputs import read_ages, read_recording, read_values
 from hoopd.bench.targets import check_results
 from hoopd.files import InputError
 from hoopd.ident.experiments import moving_of
 from hoopd.ident.freerun import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.ident.score import WINDOW_S, Score, score
-from hoopd.modelfiles import ModelFile
+from hoopd.modelfiles import ModelFile, effects_of, load_model
 from hoopd.physics.simulate import STEP_S
 from hoopd.recording import Recording, save
 from hoopd.recording.formats import extension_of
 from hoopd.recording.slices import MAX_VALUE
 from hoopd.recording.suspicions import suspicions
 from hoopd.recording.timeline import driven
+from hoopd.shipped import or_shipped
 
 MOVING = ("auto", "both", "hoop", "ball")
 # Below, a run of seconds takes minutes and nothing changes; above, a step is longer than any tick.
@@ -53,11 +54,12 @@ def run(
     if out is not None:
         extension_of(out)  # said before the work, not after it
     check_results(out, figure)
-    file = read_model(model, without_effects=without_effects)
+    file = load_model(or_shipped(model))
+    effects = None if without_effects or not file.effects else effects_of(file)
     _check_step(step_s)
     found = read_recording(recording, columns, age)
     start = None if x0 is None else read_values("--x0", x0, STATES)
-    subject = Subject(file.structure, file.values(), step_s=step_s)
+    subject = Subject(file.structure, file.values(), step_s=step_s, effects=effects)
     what = _moving(found, moving, file.device.encoder_counts)
     _check_start(what, start)
     whole = score(subject, found, start=start if start is not None else _rest(found), moving=what)
@@ -66,7 +68,8 @@ def run(
     _write(subject, found, whole, file, out, figure)
     result = _result(file, found, whole, windows, start is not None, step_s)
     result |= {"age_s": read_ages(age)} if age else {}
-    result["notes"] = _notes(file, found, whole)
+    result["effects"] = [*effects.names] if effects else []
+    result["notes"] = _notes(file, found, whole, without_effects=without_effects)
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
 
 
@@ -168,12 +171,12 @@ def number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _notes(file: ModelFile, recording: Recording, whole: Score) -> list[str]:
+def _notes(file: ModelFile, recording: Recording, whole: Score, *, without_effects: bool) -> list[str]:
     notes = [*suspicions(recording), *off_words(recording)]
     for name, one in whole.channels.items():
         if one.set_aside:
             notes.append(f"{name}: {one.set_aside} samples that repeat the last value do not count")
-    if file.effects:
+    if file.effects and without_effects:
         notes.append(f"left out of the model: {', '.join(entry.name for entry in file.effects)}")
     if not whole.traces:
         notes.append("the recording has a torque and no measurement: nothing to compare with")

@@ -18,7 +18,7 @@ from statistics import median
 from typing import NamedTuple
 
 CHANNELS = ("theta", "dtheta", "psi")
-# Of a tenth of a second: longer than a sensor's noise, shorter than a swing of the ball or seven cogs at a turn a second.
+# A tenth of a second: longer than a sensor's noise, shorter than a swing of the ball or a cog at a turn a second.
 SLOW_SAMPLES = 5
 BLOCK_S = 5.0
 # The median of six blocks: a push or two, or a burst of false pictures, is in less than half of them.

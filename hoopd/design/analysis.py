@@ -16,6 +16,7 @@ import control
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hoopd.physics.effectplant import EffectPlant
 from hoopd.physics.plant import Plant
 
 Array = NDArray[Any]
@@ -29,7 +30,7 @@ ROUNDING = 1e-12
 
 
 def linear_model(
-    plant: Plant, x0: ArrayLike = (0.0, 0.0, 0.0, 0.0), u0: float = 0.0, outputs: Sequence[str] = ("psi",)
+    plant: Plant | EffectPlant, x0: ArrayLike = (0.0, 0.0, 0.0, 0.0), u0: float = 0.0, outputs: Sequence[str] = ("psi",)
 ) -> control.StateSpace:
     """dx/dt = A x + B u, y = C x for small deviations from (x0 (4,), u0), exact; ValueError: unknown output."""
     unknown = [name for name in outputs if name not in STATES]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
+from hoopd.physics.effectplant import EffectPlant
 from hoopd.physics.plant import Plant
 
 Array = NDArray[Any]
@@ -39,7 +40,11 @@ class OperatingPoint(NamedTuple):
 
 
 def operating_point(
-    plant: Plant, *, psi_rad: float | None = None, dtheta_rad_s: float | None = None, torque_limit_nm: float = math.inf
+    plant: Plant | EffectPlant,
+    *,
+    psi_rad: float | None = None,
+    dtheta_rad_s: float | None = None,
+    torque_limit_nm: float = math.inf,
 ) -> OperatingPoint:
     """Equilibrium with the ball at `psi_rad` or the hoop turning at `dtheta_rad_s` (ball on the lower half).
 
@@ -55,10 +60,10 @@ def operating_point(
     return OperatingPoint(x, u, tuple(_notes(x, u, torque_limit_nm)))
 
 
-def _at_angle(plant: Plant, psi: float) -> tuple[Array, float]:
+def _at_angle(plant: Plant | EffectPlant, psi: float) -> tuple[Array, float]:
     """theta''(w, u) = psi''(w, u) = 0 solved for hoop speed and torque by Newton's method."""
     if math.sin(psi) == 0.0 or abs(psi) == math.pi:
-        return np.array([0.0, 0.0, psi, 0.0]), 0.0
+        return _at_rest(plant, psi)
     none = (
         f"no steady turning holds the ball at {psi:g} rad: at constant speed rolling friction alone carries it, and "
         "the model has none"
@@ -69,7 +74,19 @@ def _at_angle(plant: Plant, psi: float) -> tuple[Array, float]:
     return np.array([0.0, w, psi, 0.0]), u
 
 
-def _at_speed(plant: Plant, w: float) -> tuple[Array, float]:
+def _at_rest(plant: Plant | EffectPlant, psi: float) -> tuple[Array, float]:
+    """At the bottom or the top; where an effect pushes at rest, where it and the torque that holds it leave the ball."""
+    x = np.array([0.0, 0.0, psi, 0.0])
+    if _vanishes(plant, x, 0.0):
+        return x, 0.0
+    none = "the model's effects leave no rest near there"
+    moved, u = _solved(plant, lambda z: (np.array([0.0, 0.0, psi + z[0], 0.0]), z[1]), 2, none)
+    # the search ends somewhere near nothing where there is nothing
+    psi, u = psi + (moved if abs(moved) > RESIDUAL else 0.0), u if abs(u) > RESIDUAL else 0.0
+    return np.array([0.0, 0.0, psi, 0.0]), u
+
+
+def _at_speed(plant: Plant | EffectPlant, w: float) -> tuple[Array, float]:
     """The same with the speed given, solved for the ball's angle and the torque."""
     if w == 0.0:
         return np.zeros(4), 0.0
@@ -82,7 +99,7 @@ def _at_speed(plant: Plant, w: float) -> tuple[Array, float]:
     return np.array([0.0, w, psi, 0.0]), u
 
 
-def _solved(plant: Plant, place: Any, unknown: int, none: str) -> tuple[float, float]:
+def _solved(plant: Plant | EffectPlant, place: Any, unknown: int, none: str) -> tuple[float, float]:
     """The unknown state entry and the torque for which both accelerations vanish."""
 
     def accelerations(z: Array) -> Array:
@@ -99,14 +116,14 @@ def _solved(plant: Plant, place: Any, unknown: int, none: str) -> tuple[float, f
     return float(found.x[0]), float(found.x[1])
 
 
-def _vanishes(plant: Plant, x: Array, u: float) -> bool:
+def _vanishes(plant: Plant | EffectPlant, x: Array, u: float) -> bool:
     a, b = plant.linearize(x, u)
     size = np.abs(a) @ np.abs(x) + np.abs(b[:, 0] * u) + abs(plant.derivative(np.array([0, 0, x[2], 0.0]), 0.0))
     rate = plant.derivative(x, u)
     return bool((np.abs(rate[[1, 3]]) <= RESIDUAL * (size[[1, 3]] + 1.0)).all())
 
 
-def _check(plant: Plant, x: Array, u: float) -> None:
+def _check(plant: Plant | EffectPlant, x: Array, u: float) -> None:
     if not _vanishes(plant, x, u):
         raise NoEquilibriumError(f"the plant does not stay at {x[2]:g} rad: its accelerations are not zero there")
 

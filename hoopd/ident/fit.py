@@ -20,6 +20,7 @@ from hoopd.ident.prediction import fit_prediction_error
 from hoopd.ident.uncertainty import Uncertainty, intervals, uncertainty
 from hoopd.ident.whiteness import PredictionUncertainty, prediction_uncertainty
 from hoopd.modelfiles import ModelFile, Parameter
+from hoopd.physics.found import Found
 from hoopd.physics.parameters import PARAMETER_UNITS
 from hoopd.recording.recording import Recording
 
@@ -48,6 +49,7 @@ class Settings:
     loss: str = "linear"
     method: str = "output"  # or prediction
     encoder_counts: int = 4096  # of the hoop's turn
+    effects: Found | None = None  # beside the base, held as they are
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,9 @@ def _fit_prediction(
     recordings: Sequence[Recording], nominal: Mapping[str, float], settings: Settings, progress: Progress
 ) -> Fit:
     """The likelihood of a filter's innovations, begun where free runs end."""
+    if settings.effects:
+        names = ", ".join(settings.effects.names)
+        raise InputError("--method", "prediction", f"its filter does not know {names}: take --method output")
     if "theta_rate" in settings.channels:
         raise InputError("--channels", "theta_rate", "the filter takes measurements, not their differences: use theta")
     first = fit(recordings, nominal, replace(settings, method="output", channels=(), loss="linear"), progress)
@@ -181,6 +186,7 @@ def model_file(fitted: Fit, base: ModelFile, name: str) -> ModelFile:
         structure=fitted.structure,  # type: ignore[arg-type]
         device=base.device,
         parameters=parameters,
+        effects=base.effects if fitted.settings.effects else [],
         sample_time_s=base.sample_time_s,
     )
 
@@ -208,6 +214,7 @@ def _near(
         loss="soft_l1",
         rounds=1,
         smallest_gain=NEAR_GAIN,
+        effects=settings.effects,
         progress=progress,
     )
     return found.values
@@ -222,14 +229,28 @@ def _solve(
     progress: Progress,
 ) -> Solution:
     return fit_output_error(
-        settings.structure, values, names, runs, priors=priors, loss=settings.loss, progress=progress
+        settings.structure,
+        values,
+        names,
+        runs,
+        priors=priors,
+        loss=settings.loss,
+        effects=settings.effects,
+        progress=progress,
     )
 
 
 def _follows(solution: Solution, runs: Sequence[Run], settings: Settings) -> bool:
     """Whether the model's hoop stays near the encoder's reading, once each run starts at its best angle."""
     trial = fit_output_error(
-        settings.structure, solution.values, (), runs, loss=settings.loss, rounds=1, smallest_gain=NEAR_GAIN
+        settings.structure,
+        solution.values,
+        (),
+        runs,
+        loss=settings.loss,
+        effects=settings.effects,
+        rounds=1,
+        smallest_gain=NEAR_GAIN,
     )
     errors = np.concatenate([e["theta"] for e in trial.residuals if "theta" in e])
     return bool(np.std(errors) < NEARLY_COUNTS * tau / settings.encoder_counts)

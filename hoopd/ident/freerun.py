@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from hoopd.files import InputError
 from hoopd.ident.experiments import Run, channels_of, pieces, run_of
 from hoopd.ident.outputerror import Solution, fit_output_error
+from hoopd.physics.effectmodel import EffectModel, model_of
 from hoopd.physics.equations import ExtraForce
+from hoopd.physics.found import Found
 from hoopd.physics.parameters import PARAMETER_UNITS
 from hoopd.physics.plant import Plant
 from hoopd.physics.simulate import STEP_S, Model
@@ -44,10 +46,13 @@ class Subject:
     values: Mapping[str, float]
     extra_forces: tuple[ExtraForce, ...] = ()
     step_s: float = STEP_S
+    effects: Found | None = None  # beside the base; what is simulated are then the sensors' readings
 
-    def model(self, moving: str) -> Model:
+    def model(self, moving: str) -> Model | EffectModel:
         """Nothing left free; `moving`: both, hoop or ball."""
-        return Model(self.structure, self.values, (), self.extra_forces, moving=moving, step_s=self.step_s)
+        return model_of(
+            self.structure, self.values, (), self.extra_forces, self.effects, moving=moving, step_s=self.step_s
+        )
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ def free_runs(
     starts = estimated_starts(subject, [run for _, run in ready], search=window_s is None)
     runs = run_from(subject, [part for part, _ in ready], starts, moving)
     # a force may depend on theta: then a turned run would be another run
-    return runs if subject.extra_forces else [_through_first_theta(run) for run in runs]
+    return runs if subject.extra_forces or subject.effects else [_through_first_theta(run) for run in runs]
 
 
 def _through_first_theta(run: FreeRun) -> FreeRun:
@@ -129,7 +134,9 @@ def estimated_starts(subject: Subject, runs: Sequence[Run], *, search: bool = Tr
 
 
 def _fitted(subject: Subject, runs: Sequence[Run]) -> Solution:
-    return fit_output_error(subject.structure, subject.values, (), runs, extra_forces=subject.extra_forces)
+    return fit_output_error(
+        subject.structure, subject.values, (), runs, extra_forces=subject.extra_forces, effects=subject.effects
+    )
 
 
 def _badness(solution: Solution) -> float:
@@ -161,7 +168,7 @@ def _swing_rad_s(subject: Subject) -> float:
     return float(np.sqrt(max(stiffness, 1.0)))
 
 
-def _misfit(model: Model, run: Run, start: Array) -> float:
+def _misfit(model: Model | EffectModel, run: Run, start: Array) -> float:
     """Squared errors of all channels, each by the spread of its samples."""
     states = model.run((), start, run.t, run.u)
     parts = [

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from hoopd.ident.experiments import STATES, Run
 from hoopd.ident.gaussnewton import SMALLEST_GAIN, Block, minimise
 from hoopd.ident.parameters import Prior, Scale, scale_of
+from hoopd.physics.effectmodel import model_of
 from hoopd.physics.equations import ExtraForce
-from hoopd.physics.simulate import Model
+from hoopd.physics.found import Found
 
 Array = NDArray[np.float64]
 
@@ -64,10 +65,11 @@ class Problem:
         runs: Sequence[Run],
         scale: Scale,
         extra_forces: tuple[ExtraForce, ...] = (),
+        effects: Found | None = None,
     ) -> None:
         self.runs, self.scale = list(runs), scale
         kinds = {run.moving for run in runs}
-        self.models = {m: Model(structure, values, scale.names, extra_forces, moving=m) for m in kinds}
+        self.models = {m: model_of(structure, values, scale.names, extra_forces, effects, moving=m) for m in kinds}
         self.free = [free_starts(run) for run in runs]
         self.sigma = {name: _first_sigma(name, runs) for name in _channels(runs)}
 
@@ -146,16 +148,17 @@ def fit_output_error(
     priors: Mapping[str, Prior] | None = None,
     loss: str = "linear",
     extra_forces: tuple[ExtraForce, ...] = (),
+    effects: Found | None = None,
     rounds: int = SIGMA_ROUNDS,
     smallest_gain: float = SMALLEST_GAIN,
     progress: Progress = lambda text: None,
 ) -> Solution:
     """Parameters `names` (start: `values`) and the runs' initial states; loss: linear, huber, soft_l1 or cauchy.
 
-    The search ends where a step gains less than `smallest_gain` of the cost.
+    `effects`: what the plant has beside its equations, held at its numbers. The search ends where a step gains less than `smallest_gain` of the cost.
     """
     priors = {name: prior for name, prior in (priors or {}).items() if name in names}
-    problem = Problem(structure, values, runs, scale_of(structure, names, values), extra_forces)
+    problem = Problem(structure, values, runs, scale_of(structure, names, values), extra_forces, effects)
     prior = prior_of(problem.scale, priors)
     z, starts, steps, change = np.zeros(len(names)), problem.first_starts(), 0, np.inf
     for number in range(1, rounds + 1):

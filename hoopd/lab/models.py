@@ -95,7 +95,11 @@ def model(name: Path | str) -> Model:
     file = load_model(path)
     if file.effects:
         names = ", ".join(entry.name for entry in file.effects)
-        raise InputError(path, "effects", f"the plant does not play {names} yet")
+        raise InputError(
+            path,
+            "effects",
+            f"the lab takes models without effects, and this one has {names}: use `hoopd simulate`, `fit`, `design`",
+        )
     return Model(file, path)
 
 

@@ -13,6 +13,7 @@ from math import isfinite
 from hoopd.physics.declared import DeclaredPlant, hoop_plant
 from hoopd.physics.effects.base import Effect, EffectParameter
 from hoopd.physics.effects.catalogue import library
+from hoopd.physics.parameters import PARAMETER_UNITS
 
 Region = Mapping[str, tuple[float, float]]
 # What a region of validity may bound: the state, and the torque that is demanded.
@@ -87,9 +88,9 @@ class Found:
         """Every amplitude at the end of its interval that is nearest to no effect."""
         return self._with(tuple(one.weakened() for one in self.entries))
 
-    def based_on(self, base: Mapping[str, float]) -> Found:
-        """The same effects on other base parameters."""
-        return Found(self.structure, dict(base), self.entries, self.limit_nm)
+    def on(self, structure: str, base: Mapping[str, float]) -> Found:
+        """The same effects on another base."""
+        return Found(structure, {name: base[name] for name in PARAMETER_UNITS[structure]}, self.entries, self.limit_nm)
 
     def _with(self, entries: tuple[FoundEffect, ...]) -> Found:
         return Found(self.structure, self.base, entries, self.limit_nm)

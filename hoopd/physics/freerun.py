@@ -50,9 +50,9 @@ class FreeRun:
         p = ca.SX.sym("p", len(c.names))
         step = ca.Function("step", [z, torques, h, t, p], [c.step_function(z, torques, ca.SX.zeros(c.nq), h, t, p)])
         seen = ca.Function("seen", [z, t, p], [c.reading_function(z, t, p)])
-        self._accumulate = _Chunks(step.mapaccum("run", CHUNK), accumulates=True)
-        self._step = _Chunks(step.map(CHUNK))
-        self._seen = _Chunks(seen.map(CHUNK))
+        self._accumulate = Chunks(step.mapaccum("run", CHUNK), accumulates=True)
+        self._step = Chunks(step.map(CHUNK))
+        self._seen = Chunks(seen.map(CHUNK))
 
     def run(self, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Array:
         """States z (n, nz) at the nodes t (n,) s from x0 (the plant's state, or a whole z) under u (n-1,) N m.
@@ -135,7 +135,7 @@ class FreeRun:
         return x0 if len(x0) == self._composite.nz else self._composite.beginning(x0, u)
 
 
-class _Chunks:
+class Chunks:
     """A function of many columns, a chunk at a time, on memory of its own; parameters last, for all the same."""
 
     def __init__(self, function: ca.Function, *, accumulates: bool = False) -> None:
