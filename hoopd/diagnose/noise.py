@@ -229,7 +229,12 @@ def first_noise(tracks: Sequence[Track], values: Mapping[str, float]) -> dict[st
     for track in tracks:
         if track.stretch.recording not in found:
             same = [t.stretch for t in tracks if t.stretch.recording == track.stretch.recording]
-            reading = np.array([roughness([s.y[:, i] for s in same], [s.scatter[:, i] for s in same]) for i in range(same[0].y.shape[1])])
+            reading = np.array(
+                [
+                    roughness([s.y[:, i] for s in same], [s.scatter[:, i] for s in same])
+                    for i in range(same[0].y.shape[1])
+                ]
+            )
             force = FIRST_ACCELERATION / track.mobility(values)
             found[track.stretch.recording] = Noise(force, np.full(len(force), FIRST_TIME_S), reading)
     return found

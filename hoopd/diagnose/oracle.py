@@ -42,7 +42,9 @@ def oracle(recordings: Sequence[Recording], holdout: Recording, names: Sequence[
         final = _with(final, known[name])
     frozen = {"nominal": nominal, "base": base, "final": final}
     on_held = {k: fit(held, f.effects, f.values, free=free_of_recordings(f.effects, held)) for k, f in frozen.items()}
-    return {name: to_plain(msgspec.to_builtins(fits_of(one))) for name, one in (("train", frozen), ("heldout", on_held))}
+    return {
+        name: to_plain(msgspec.to_builtins(fits_of(one))) for name, one in (("train", frozen), ("heldout", on_held))
+    }
 
 
 def _with(before: Fit, effect: Any) -> Fit:

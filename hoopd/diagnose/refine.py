@@ -135,7 +135,12 @@ def _signal(t: Array, y: Array, turns: bool) -> Array:
 
 
 def _part(
-    stretch: Stretch, reference: Array, effects: Sequence[Effect], weight: Array, free: Sequence[str], length: float | None
+    stretch: Stretch,
+    reference: Array,
+    effects: Sequence[Effect],
+    weight: Array,
+    free: Sequence[str],
+    length: float | None,
 ) -> _Part:
     windows = windows_of(stretch, length)
     simulator = Simulator(windows, effects)
