@@ -93,7 +93,7 @@ def fit(
     if tune_noise:
         # levels are tuned on the residual of fitted parameters, so that these come first
         _search(found, FIRST_STEPS)
-        tuned_noise(found)
+        tuned_noise(found, near=noise is not None)
     _search(found, MOST_STEPS)
     if tune_noise:
         tuned_noise(found, near=True)
