@@ -44,7 +44,15 @@ def model(seed: int = 1, n: int = N) -> Linear:
     a *= 0.95 / np.maximum(0.95, np.abs(np.linalg.eigvals(a)).max(axis=1))[:, None, None]
     seen = random.random((n, NC)) > 0.2
     h = random.uniform(0.01, 0.03, n - 1)
-    return Linear(a, 0.3 * random.normal(size=(n - 1, NZ, NQ)), random.normal(size=(n, NC, NZ)), h, seen, 4)
+    return Linear(
+        a,
+        0.3 * random.normal(size=(n - 1, NZ, NQ)),
+        random.normal(size=(n, NC, NZ)),
+        h,
+        seen,
+        4,
+        random.uniform(0.5, 2.0, (n, NC)),
+    )
 
 
 def data(m: Linear, columns: int, seed: int = 2) -> tuple[Array, Array]:
@@ -72,7 +80,7 @@ def dense(m: Linear, noise: Noise) -> Dense:
     state = reach @ block_diag(np.diag(np.square(start)), *added) @ reach.T
     rows = m.seen.ravel()
     c = block_diag(*(np.hstack([one, np.zeros((NC, NQ))]) for one in m.c))[rows]
-    eps = c @ state @ c.T + np.diag(np.tile(noise.reading**2, n)[rows])
+    eps = c @ state @ c.T + np.diag(((noise.reading * m.scatter) ** 2).ravel()[rows])
     columns = [(k + 1) * size + i for k in range(n - 1) for i in range(NZ)]
     return Dense(state, eps, state @ c.T, reach[:, columns], c, m.seen)
 
@@ -127,7 +135,7 @@ def test_filtered_and_predicted_states_know_no_later_reading() -> None:
     f, eps = data(m, 1)
     whole = smoothed(m, gains(m, LEVELS), f[:, :, 0], eps[:, :, 0])
     for k in (1, 17):
-        part = Linear(m.a[:k], m.w[:k], m.c[: k + 1], m.h[:k], m.seen[: k + 1].copy(), m.nx)
+        part = Linear(m.a[:k], m.w[:k], m.c[: k + 1], m.h[:k], m.seen[: k + 1].copy(), m.nx, m.scatter[: k + 1])
         last = smoothed(part, gains(part, LEVELS), f[:k, :, 0], eps[: k + 1, :, 0])
         assert np.allclose(whole.filtered[k], last.d[k])
         part.seen[k] = False
@@ -168,7 +176,7 @@ def test_levels_are_recovered_from_far_and_from_near() -> None:
     d, eps = np.zeros(NZ + NQ), np.zeros((900, NC))
     found = gains(m, LEVELS)
     for k in range(900):
-        eps[k] = m.c[k] @ d[:NZ] + LEVELS.reading * random.normal(size=NC)
+        eps[k] = m.c[k] @ d[:NZ] + LEVELS.reading * m.scatter[k] * random.normal(size=NC)
         if k < 899:
             d = found.phi[k] @ d
             d[NZ:] += LEVELS.force * np.sqrt(1 - np.exp(-2 * m.h[k] / LEVELS.time_s)) * random.normal(size=NQ)
