@@ -12,14 +12,24 @@ Rules of this file: geometry only; what follows from it stands in `separate` and
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.filtering import Noise, gains
 from hoopd.diagnose.fitting import Fit
-from hoopd.diagnose.screen import Column, Member, members_of, orthonormal, score_of, whitened_changes
+from hoopd.diagnose.screen import (
+    MOST_STRETCH,
+    Column,
+    Member,
+    Score,
+    members_of,
+    orthonormal,
+    score_of,
+    whitened_changes,
+)
 from hoopd.diagnose.track import Track
 from hoopd.physics.effects.base import Effect
 
@@ -69,21 +79,48 @@ def _moved(track: Track, to: Track) -> Track:
     return found
 
 
-def rows_of(
-    about: Fit, effect: Effect, values: Mapping[str, float], rivals: Sequence[Effect], recordings: Sequence[str]
-) -> Rows:
-    """Changes by an effect at `values` (names of the whole model) and by rivals, beside a fit that has none of them.
-
-    `recordings`: all that the rows will be stacked over; each may have a phase of its own.
-    """
-    members = [member for rival in rivals for member in members_of(rival, recordings)]
+def rows_of(about: Fit, effect: Effect, values: Mapping[str, float], members: Sequence[Member]) -> Rows:
+    """Changes by an effect at `values` (names of the whole model) and by rivals, beside a fit that has none of them."""
     own = own_columns(about, effect, values)
     changes = [(effect, column) for column in own] + [(m.effect, column) for m in members for column in m.columns]
     white = whitened_changes(about, changes)
     ends = len(own) + np.cumsum([0, *(len(member.columns) for member in members)])
-    parts = [white[:, a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    parts = [white[:, a:b] for a, b in pairwise(ends)]
     base = -np.concatenate([rows[:, 1:] for rows in about.rows])
     return Rows(base, white[:, : len(own)].sum(axis=1), tuple(zip(members, parts, strict=True)))
+
+
+def rows_beside(
+    about: Fit, effect: Effect, values: Mapping[str, float], rivals: Sequence[Effect], recordings: Sequence[str]
+) -> Rows:
+    """The same for all shapes of rivals, and for each rival at the size at which it comes nearest.
+
+    A friction that sticks is not proportional to its level: a rival is compared at its own size, not at a usual one.
+    `recordings`: all that the rows will be stacked over; each may have a phase of its own.
+    """
+    members = [member for rival in rivals for member in members_of(rival, recordings)]
+    rows = rows_of(about, effect, values, members)
+    best = _best([rows], *_known([rows])).values()
+    more = rows_of(about, effect, values, [_at(one) for one in best if not _has_phase(one.member.effect)])
+    return replace(rows, rivals=(*rows.rivals, *more.rivals))
+
+
+def _has_phase(effect: Effect) -> bool:
+    return any(p.role == "phase" for p in effect.parameters)
+
+
+def _at(score: Score) -> Member:
+    """A rival at the size that its score starts from, a column for each amplitude as ever."""
+    effect, start = score.member.effect, score.start
+    amplitudes = [p for p in effect.parameters if p.role == "amplitude"]
+    shape = {p.name: start.get(effect.key(p.name), p.neutral) for p in effect.parameters if p.role == "shape"}
+    fixed = tuple(shape.items())
+    if not amplitudes:
+        return Member(effect, shape, (Column(fixed, signed=True, most=MOST_STRETCH),))
+    sizes = [start.get(effect.key(a.name), a.neutral) for a in amplitudes]
+    found = [value if value != a.neutral else a.neutral + a.size for a, value in zip(amplitudes, sizes, strict=True)]
+    columns = [Column((*fixed, (a.name, v)), signed=a.low >= a.neutral) for a, v in zip(amplitudes, found, strict=True)]
+    return Member(effect, shape, tuple(columns))
 
 
 def own_columns(about: Fit, effect: Effect, values: Mapping[str, float]) -> list[Column]:
@@ -102,14 +139,25 @@ def values_in(effect: Effect, values: Mapping[str, float], recording: str) -> di
 
 def nats_apart(parts: Sequence[Rows]) -> dict[str, float]:
     """Expected nats between the effect and each rival, the nearest choice of its shape, over all parts together."""
-    known = orthonormal(np.concatenate([part.base for part in parts]))
-    v = _freed(known, np.concatenate([part.effect for part in parts])[:, None])[:, 0]
-    found: dict[str, float] = {}
+    known, v = _known(parts)
+    return {name: max(float(v @ v) / 2.0 - one.gain, 0.0) for name, one in _best(parts, known, v).items()}
+
+
+def _best(parts: Sequence[Rows], known: Array, v: Array) -> dict[str, Score]:
+    """Of every rival the choice that explains most of the effect's change v."""
+    found: dict[str, Score] = {}
     for k, (member, _) in enumerate(parts[0].rivals):
         z = _freed(known, np.concatenate([part.rivals[k][1] for part in parts]))
-        left = max(float(v @ v) / 2.0 - score_of(member, z, v).gain, 0.0)
-        found[member.effect.name] = min(left, found.get(member.effect.name, np.inf))
+        score = score_of(member, z, v)
+        if member.effect.name not in found or score.gain > found[member.effect.name].gain:
+            found[member.effect.name] = score
     return found
+
+
+def _known(parts: Sequence[Rows]) -> tuple[Array, Array]:
+    """Basis of the free parameters, and the effect's change without it."""
+    known = orthonormal(np.concatenate([part.base for part in parts]))
+    return known, _freed(known, np.concatenate([part.effect for part in parts])[:, None])[:, 0]
 
 
 def _freed(known: Array, x: Array) -> Array:

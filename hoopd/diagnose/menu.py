@@ -57,15 +57,14 @@ def entries(composite: Composite, values: Mapping[str, float], period_s: float, 
     """The menu for a plant with effects, sizes chosen; none for a plant without a drive."""
     if composite.declared.driven is None:
         return
-    for words, plan in MENU:
-        plan = plan._replace(seed=seed, ball=_ball(composite.declared) is not None)
+    for words, usual in MENU:
+        plan = usual._replace(seed=seed, ball=_ball(composite.declared) is not None)
         large = _largest(words, plan, composite, values, period_s)
         if large is None:
             continue
         yield large
         small = plan._replace(amplitude_nm=_rounded(SMALL_SHARE * (large.plan.amplitude_nm or 0.0)))
-        quieter = _played(words, small, 0, composite, values, period_s)
-        yield quieter
+        yield _played(words, small, 0, composite, values, period_s)
 
 
 def command(plan: Plan) -> str:

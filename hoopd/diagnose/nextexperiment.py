@@ -14,13 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoopd.diagnose.apart import Rows, linear, nats_apart, rows_of, without_effect
+from hoopd.diagnose.apart import Rows, linear, nats_apart, rows_beside, rows_of, without_effect
 from hoopd.diagnose.dataset import Held, Stretch
 from hoopd.diagnose.filtering import Noise
 from hoopd.diagnose.fitting import Fit
 from hoopd.diagnose.menu import Entry, command, entries, is_hoop
 from hoopd.diagnose.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.diagnose.record import NextExperiment, Quantity
+from hoopd.diagnose.screen import Member
 from hoopd.diagnose.separate import Separation
 from hoopd.diagnose.track import Track, composite_of, fitting_effects
 from hoopd.physics.effects.base import Effect
@@ -66,17 +67,20 @@ def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
     known = rows_of_recordings(pair)
     before = nats_apart([known])[pair.rival.name]
     every = entries(track.composite, {**track.composite.values, **_local(values)}, period, seed)
-    return [Expected(one, nats_apart([known, rows_of_entry(pair, one)])[pair.rival.name] - before) for one in every]
+    members = [member for member, _ in known.rivals]
+    return [
+        Expected(one, nats_apart([known, rows_of_entry(pair, one, members)])[pair.rival.name] - before) for one in every
+    ]
 
 
 def rows_of_recordings(pair: Pair) -> Rows:
     """Both explanations along the recordings that are there."""
     about = without_effect(pair.final, pair.effect, pair.ablated, _free_of_next(pair))
-    return rows_of(about, pair.effect, pair.final.values, [pair.rival], _recordings(pair.final))
+    return rows_beside(about, pair.effect, pair.final.values, [pair.rival], _recordings(pair.final))
 
 
-def rows_of_entry(pair: Pair, entry: Entry) -> Rows:
-    """The same along an experiment that was not made."""
+def rows_of_entry(pair: Pair, entry: Entry, members: Sequence[Member]) -> Rows:
+    """The same along an experiment that was not made; `members`: the choices of the rival."""
     final, rest = pair.final, pair.ablated.effects
     like = final.tracks[0].stretch
     seen = np.resize(np.isfinite(like.y), (len(entry.t), like.y.shape[1]))
@@ -85,7 +89,7 @@ def rows_of_entry(pair: Pair, entry: Entry) -> Rows:
         [_simulated(stretch, rest, entry)], rest, _values_of_next(final), (*pair.ablated.free, *_free_of_next(pair)),
         {NEXT: _usual_noise(final)},
     )  # fmt: skip
-    return rows_of(about, pair.effect, _values_of_next(final), [pair.rival], _recordings(final))
+    return rows_of(about, pair.effect, _values_of_next(final), members)
 
 
 # ---------------------------------------------------------------------------------------------- the pair

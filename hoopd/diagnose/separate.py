@@ -11,8 +11,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from math import hypot
 
-from hoopd.diagnose.apart import nats_apart, rows_of, without_effect
+from hoopd.diagnose.apart import nats_apart, rows_beside, without_effect
+from hoopd.diagnose.fitting import Fit
 from hoopd.diagnose.naming import NOT_EXCLUDED_NATS, Named, Tried
 from hoopd.diagnose.record import Alternative
 from hoopd.physics.effects.base import Effect
@@ -59,7 +61,7 @@ def _separation(named: Named, one: Tried, library: Mapping[str, Effect]) -> Sepa
     effect = one.effect
     refitted = {name: behind for name, behind in named.rivals.get(effect.name, []) if name not in named.final.names}
     expected = _expected(named, one, [e for e in _candidates(named, one, library) if e.name not in refitted])
-    exact = [*_equal(effect, library), *_late_together(named, effect, library)]
+    exact = [*_equal(effect, library), *late_together(named.final, effect, library)]
     found = [*exact, *_refitted(effect, refitted, library), *_parallel(expected)]
     found += _equals_of(found, library)
     alternatives = {other.name: other for other in reversed(found) if other.name != effect.name}
@@ -85,17 +87,17 @@ def _equals_of(found: Sequence[Alternative], library: Mapping[str, Effect]) -> l
     ]  # fmt: skip
 
 
-def _late_together(named: Named, effect: Effect, library: Mapping[str, Effect]) -> list[Alternative]:
+def late_together(final: Fit, effect: Effect, library: Mapping[str, Effect]) -> list[Alternative]:
     """A late torque is all sensors late by the same time."""
-    channels = set(named.final.tracks[0].composite.channels)
+    channels = set(final.tracks[0].composite.channels)
     late = [one for one in library.values() if one.latency]
     for group in _covering(late, channels):
         reason = "a late torque and every sensor late by the same time are one and the same"
         if effect.delay:
-            names = [one.name for one in group if one.name not in named.final.names]
+            names = [one.name for one in group if one.name not in final.names]
             return [Alternative(name=name, behind_nats=0.0, reason=f"{_with(name, group)}: {reason}") for name in names]
-        if effect in group and _same_time(named, group):
-            delays = [one.name for one in library.values() if one.delay and one.name not in named.final.names]
+        if effect in group and _same_time(final, group):
+            delays = [one.name for one in library.values() if one.delay and one.name not in final.names]
             return [Alternative(name=name, behind_nats=0.0, reason=reason) for name in delays]
     return []
 
@@ -114,15 +116,13 @@ def _with(name: str, group: Sequence[Effect]) -> str:
     return f"together with {' and '.join(others)} of the same time" if others else "alone"
 
 
-def _same_time(named: Named, group: Sequence[Effect]) -> bool:
+def _same_time(final: Fit, group: Sequence[Effect]) -> bool:
     """Whether all of a group were named, with times that agree within their errors."""
     keys = [one.key(next(iter(one.latency.values()))) for one in group]
-    final = named.final
     if any(key not in final.free for key in keys):
         return False
     return all(
-        abs(final.values[a] - final.values[b])
-        < SAME_ERRORS * (final.deviation(a) ** 2 + final.deviation(b) ** 2) ** 0.5
+        abs(final.values[a] - final.values[b]) < SAME_ERRORS * hypot(final.deviation(a), final.deviation(b))
         for a, b in combinations(keys, 2)
     )
 
@@ -169,4 +169,4 @@ def _expected(named: Named, one: Tried, rivals: Sequence[Effect]) -> dict[str, f
         return {}
     about = without_effect(named.final, one.effect, named.without[one.effect.name])
     recordings = tuple(dict.fromkeys(track.stretch.recording for track in about.tracks))
-    return nats_apart([rows_of(about, one.effect, named.final.values, rivals, recordings)])
+    return nats_apart([rows_beside(about, one.effect, named.final.values, rivals, recordings)])

@@ -1,7 +1,7 @@
 """Power: the smallest size of every effect that these recordings would have shown.
 
-An effect of which a size s0 changes the whitened readings by v is expected to gain (s/s0)^2 |v|^2 / 2 nats at size s: it
-is seen (every second time) where that is what its threshold asks for. Of an effect that is not proportional the grid
+An effect of which a size s0 changes the whitened readings by v is expected to gain (s/s0)^2 |v|^2 / 2 nats at size s:
+it is seen (every second time) where that is what its threshold asks for. Of an effect that is not proportional the grid
 says where the gain crosses the threshold.
 
 Rules of this file: where an effect has a shape or phases that nobody knows, the size is one that would be seen at every
@@ -35,7 +35,7 @@ MOST_SHAPES = 9
 
 
 def visible(named: Named, library: Mapping[str, Effect], threshold: float = THRESHOLD) -> dict[str, Visible]:
-    """Of every effect of a library about the final fit, in the library's order; those that were named by what they gain."""
+    """Of every effect of a library about the final fit, in the library's order; of those named, by what they gain."""
     screen = Screen(named.final, ())
     slots = {slot for track in named.final.tracks for slot in track.stretch.plant.slots}
     looked_at = {s.member.effect.name: s.candidates for s in named.scores if isinstance(s, Scanned)}

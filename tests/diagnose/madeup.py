@@ -35,11 +35,13 @@ def stretch_with(
     values: Mapping[str, float] | None = None,
     torque: float = 0.15,
     noise: Noise = NOISE,
+    u: Array | None = None,
 ) -> Stretch:
-    """A torque of several levels, each held for 0.12 s, from a random angle at rest."""
-    random, n = np.random.default_rng(seed), int(seconds / STEP_S) + 1
+    """A torque of several levels, each held for 0.12 s (or `u`), from a random angle at rest."""
+    random, n = np.random.default_rng(seed), (int(seconds / STEP_S) if u is None else len(u)) + 1
     t, composite = np.arange(n) * STEP_S, Composite(plant, effects)
-    u = np.repeat(random.choice([-1.0, -0.6, -0.4, 0.4, 0.6, 1.0], n // 6 + 1), 6)[: n - 1] * torque
+    levels = np.repeat(random.choice([-1.0, -0.6, -0.4, 0.4, 0.6, 1.0], n // 6 + 1), 6)[: n - 1] * torque
+    u = levels if u is None else u
     x = random.uniform(-0.4, 0.4, composite.nx) * [1.0 - i % 2 for i in range(composite.nx)]
     w = _coloured(random, n, noise)
     z = _run(composite, composite.beginning(x, u[0]), t, u, w, {**composite.values, **(values or {})})
