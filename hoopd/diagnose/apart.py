@@ -28,6 +28,7 @@ from hoopd.diagnose.screen import (
     members_of,
     orthonormal,
     score_of,
+    touched_grids,
     whitened_changes,
 )
 from hoopd.diagnose.track import Track
@@ -73,10 +74,8 @@ def without_effect(final: Fit, effect: Effect, ablated: Fit, free: Sequence[str]
 def _moved(track: Track, to: Track) -> Track:
     """A track's model along another reference; states that only one of the two has stay."""
     found = Track.of(track.stretch, track.held, track.composite)
-    found.z, found.w = track.z.copy(), to.w.copy()
-    nx = min(track.composite.nx, to.composite.nx)
-    found.z[:, :nx] = to.z[:, :nx]
-    return found
+    found.moved(track.z, track.w.copy(), track.filtered, track.predicted)
+    return found.like(to)
 
 
 def rows_of(about: Fit, effect: Effect, values: Mapping[str, float], members: Sequence[Member]) -> Rows:
@@ -98,7 +97,7 @@ def rows_beside(
     A friction that sticks is not proportional to its level: a rival is compared at its own size, not at a usual one.
     `recordings`: all that the rows will be stacked over; each may have a phase of its own.
     """
-    members = [member for rival in rivals for member in members_of(rival, recordings)]
+    members = [member for rival in rivals for member in members_of(rival, recordings, touched_grids(rival, about))]
     rows = rows_of(about, effect, values, members)
     best = _best([rows], *_known([rows])).values()
     more = rows_of(about, effect, values, [_at(one) for one in best if not _has_phase(one.member.effect)])

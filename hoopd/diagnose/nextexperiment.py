@@ -61,9 +61,10 @@ def next_experiment(
 
 def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
     """Every entry of the menu, in its order."""
-    track = pair.final.tracks[0]
-    period = float(np.median(track.stretch.h))
-    values = _values_of_next(pair.final)
+    track = _stage(pair)
+    if track is None:
+        return []
+    period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
     known = rows_of_recordings(pair)
     before = nats_apart([known])[pair.rival.name]
     every = entries(track.composite, {**track.composite.values, **_local(values)}, period, seed)
@@ -81,15 +82,16 @@ def rows_of_recordings(pair: Pair) -> Rows:
 
 def rows_of_entry(pair: Pair, entry: Entry, members: Sequence[Member]) -> Rows:
     """The same along an experiment that was not made; `members`: the choices of the rival."""
-    final, rest = pair.final, pair.ablated.effects
-    like = final.tracks[0].stretch
+    rest, track = pair.ablated.effects, _stage(pair)
+    assert track is not None
+    like = track.stretch
     seen = np.resize(np.isfinite(like.y), (len(entry.t), like.y.shape[1]))
     stretch = Stretch(NEXT, like.plant, entry.t, entry.u, np.where(seen, 0.0, np.nan))
     about = linear(
-        [_simulated(stretch, rest, entry)], rest, _values_of_next(final), (*pair.ablated.free, *_free_of_next(pair)),
-        {NEXT: _usual_noise(final)},
+        [_simulated(stretch, rest, entry)], rest, _values_of_next(pair), (*pair.ablated.free, *_free_of_next(pair)),
+        {NEXT: _usual_noise(pair.final, like)},
     )  # fmt: skip
-    return rows_of(about, pair.effect, _values_of_next(final), members)
+    return rows_of(about, pair.effect, _values_of_next(pair), members)
 
 
 # ---------------------------------------------------------------------------------------------- the pair
@@ -118,9 +120,17 @@ def _free_of_next(pair: Pair) -> tuple[str, ...]:
     return tuple(f"{e.key(p.name)}@{NEXT}" for e, p in own)
 
 
-def _values_of_next(final: Fit) -> dict[str, float]:
-    """What belongs to a recording, for the next one as for the first."""
-    mark = f"@{final.tracks[0].stretch.recording}"
+def _stage(pair: Pair) -> Track | None:
+    """The first track of a driven plant that has both slots."""
+    slots = {pair.effect.slot, pair.rival.slot}
+    plants = ((track.stretch.plant, track) for track in pair.final.tracks)
+    return next((t for plant, t in plants if plant.driven is not None and slots <= set(plant.slots)), None)
+
+
+def _values_of_next(pair: Pair) -> dict[str, float]:
+    """What belongs to a recording, for the next one as for the one that it is like."""
+    track, final = _stage(pair), pair.final
+    mark = f"@{(track or final.tracks[0]).stretch.recording}"
     own = {name.removesuffix(mark): v for name, v in final.values.items() if name.endswith(mark)}
     return {**final.values, **{f"{name}@{NEXT}": value for name, value in own.items()}}
 
@@ -131,11 +141,11 @@ def _local(values: Mapping[str, float]) -> dict[str, float]:
     return {**{name: value for name, value in values.items() if "@" not in name}, **own}
 
 
-def _usual_noise(final: Fit) -> Noise:
-    """Geometric mean over the recordings."""
-    every = [final.noise[name] for name in dict.fromkeys(track.stretch.recording for track in final.tracks)]
-    same = [one for one in every if all(len(a) == len(b) for a, b in zip(one, every[0], strict=True))]
-    return Noise(*(np.exp(np.mean(np.log(np.stack(part)), axis=0)) for part in zip(*same, strict=True)))
+def _usual_noise(final: Fit, like: Stretch) -> Noise:
+    """Geometric mean over the recordings of the same plant."""
+    names = dict.fromkeys(t.stretch.recording for t in final.tracks if t.stretch.plant.channels == like.plant.channels)
+    every = [final.noise[name] for name in names]
+    return Noise(*(np.exp(np.mean(np.log(np.stack(part)), axis=0)) for part in zip(*every, strict=True)))
 
 
 def _simulated(stretch: Stretch, rest: Sequence[Effect], entry: Entry) -> Track:
@@ -147,8 +157,8 @@ def _simulated(stretch: Stretch, rest: Sequence[Effect], entry: Entry) -> Track:
     x = np.zeros((len(entry.t), nx))
     x[:, :own] = entry.z[:, :own]
     # what lags is taken as settled
-    track.z = np.array([composite.beginning(x[k], float(u[k])) for k in range(len(x))])
-    track.w = np.zeros((len(x), len(stretch.plant.coordinates)))
+    z = np.array([composite.beginning(x[k], float(u[k])) for k in range(len(x))])
+    track.moved(z, np.zeros((len(x), len(stretch.plant.coordinates))), z, z)
     return track
 
 
@@ -156,11 +166,12 @@ def _simulated(stretch: Stretch, rest: Sequence[Effect], entry: Entry) -> Track:
 
 
 def _told(pair: Pair, best: Expected, separation: Separation) -> NextExperiment:
-    plan, apart = best.entry.plan, separation.nats[pair.rival.name]
-    plant = pair.final.tracks[0].stretch.plant
+    plan, apart, track = best.entry.plan, separation.nats[pair.rival.name], _stage(pair)
+    assert track is not None
+    plant = track.stretch.plant
     numbers = {
         "amplitude": (plan.amplitude_nm, plant.force_unit),
-        "duration": (float(best.entry.t[-1]), "s"),
+        "duration": (plan.duration_s, "s"),
         **({"low": (plan.low_hz, "Hz"), "high": (plan.high_hz, "Hz")} if plan.kind in ("chirp", "multisine") else {}),
         **({"hold": (plan.hold_s, "s")} if plan.kind == "steps" else {}),
         **({"kick": (plan.kick_s, "s"), "rest": (plan.rest_s, "s")} if plan.kind == "decay" else {}),

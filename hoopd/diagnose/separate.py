@@ -89,7 +89,7 @@ def _equals_of(found: Sequence[Alternative], library: Mapping[str, Effect]) -> l
 
 def late_together(final: Fit, effect: Effect, library: Mapping[str, Effect]) -> list[Alternative]:
     """A late torque is all sensors late by the same time."""
-    channels = set(final.tracks[0].composite.channels)
+    channels = {channel for track in final.tracks for channel in track.composite.channels}
     late = [one for one in library.values() if one.latency]
     for group in _covering(late, channels):
         reason = "a late torque and every sensor late by the same time are one and the same"

@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from hoopd.diagnose.naming import Named, columns_of
 from hoopd.diagnose.record import Visible
 from hoopd.diagnose.scanned import Scanned
-from hoopd.diagnose.screen import Column, Member, Screen, members_of
+from hoopd.diagnose.screen import Column, Member, Screen, members_of, touched_grids
 from hoopd.diagnose.surprise import THRESHOLD, log_chance, surprise
 from hoopd.physics.effects.base import Effect, EffectParameter
 
@@ -43,7 +43,7 @@ def visible(named: Named, library: Mapping[str, Effect], threshold: float = THRE
     for name, effect in library.items():
         if name in named.losses:
             found[name] = _of_named(effect, named, threshold)
-        elif effect.found_by in ("screen", "scan") and effect.slot in slots:
+        elif name not in named.final.names and effect.found_by in ("screen", "scan") and effect.slot in slots:
             found[name] = of_effect(screen, effect, threshold, looked_at.get(name, PLACES))
     return found
 
@@ -84,7 +84,7 @@ def needed_nats(columns: int, looked_at: float, threshold: float) -> float:
 def _members(screen: Screen, effect: Effect) -> list[Member]:
     shapes = {p.name: p.unit for p in effect.parameters if p.role == "shape"}
     if shapes != {"t0": "s", "t1": "s"}:
-        every = members_of(effect, screen.recordings)
+        every = members_of(effect, screen.recordings, touched_grids(effect, screen.fit))
         few = np.unique(np.linspace(0, len(every) - 1, min(len(every), MOST_SHAPES)).round().astype(int))
         return [every[k] for k in few]
     longest = max((track.stretch for track in screen.fit.tracks), key=lambda s: float(s.t[-1] - s.t[0]))

@@ -96,7 +96,7 @@ def swing(start_rad: float) -> float:
     values = {**composite.values, DRY.key("Fc"): 1e-4}
     z = freerun.run(composite, values, [0.0, 0.0, start_rad, 0.0], t, u)
     track = Track.of(Stretch("a", PLANT, t, u, np.zeros((len(t), 3))), Held(t, u), Composite(PLANT))
-    track.z, track.w = z[:, :4], np.zeros((len(t), 2))
+    track.moved(z[:, :4], np.zeros((len(t), 2)), z[:, :4], z[:, :4])
     about = linear([track], (), PLANT.values, PLANT.free, {"a": NOISE})
     return nats_apart([rows_beside(about, DRY, values, [ROLLING], ["a"])])[ROLLING.name]
 
