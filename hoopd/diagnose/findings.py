@@ -10,10 +10,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hoopd.diagnose.fitting import Fit
-from hoopd.diagnose.naming import NOT_EXCLUDED_NATS, Named, surprise_of
+from hoopd.diagnose.naming import Named, surprise_of
 from hoopd.diagnose.record import (
     Ablation,
-    Alternative,
     Base,
     Candidate,
     Curve,
@@ -21,11 +20,13 @@ from hoopd.diagnose.record import (
     Evidence,
     Fits,
     Location,
+    Placebo,
     Quantity,
     Unexplained,
     Verdict,
 )
 from hoopd.diagnose.record import Fit as Percent
+from hoopd.diagnose.separate import Separation
 from hoopd.diagnose.surprise import surprise
 from hoopd.diagnose.tables import noise_floor, nrmse, run_windows
 from hoopd.diagnose.unknown import Unknown
@@ -94,16 +95,31 @@ def parameters_of(effect: Effect, found: Fit) -> dict[str, Quantity]:
 
 
 def effects_of(
-    named: Named, heldout: Mapping[str, Fit], threshold: float, corruption: Corruption
+    named: Named,
+    heldout: Mapping[str, Fit],
+    threshold: float,
+    corruption: Corruption,
+    apart: Mapping[str, Separation],
+    placebos: Mapping[str, Placebo],
 ) -> list[EffectFinding]:
     """Named effects and faults of the camera, most evidence first."""
     percents = {name: _mean_nrmse(one) for name, one in heldout.items()}
-    found = [_effect(named, one.effect.name, percents, threshold) for one in named.accepted]
+    found = [
+        _effect(named, name, percents, threshold, apart[name], placebos.get(name))
+        for name in (one.effect.name for one in named.accepted)
+    ]
     found += [_fault(name, *values) for name, values in corruption.items()]
     return sorted(found, key=lambda one: -(one.evidence.log_likelihood_gain or 0.0))
 
 
-def _effect(named: Named, name: str, percents: Mapping[str, dict[str, float]], threshold: float) -> EffectFinding:
+def _effect(
+    named: Named,
+    name: str,
+    percents: Mapping[str, dict[str, float]],
+    threshold: float,
+    apart: Separation,
+    placebo: Placebo | None,
+) -> EffectFinding:
     tried = next(one for one in named.accepted if one.effect.name == name)
     effect, loss = tried.effect, named.losses[name]
     gain, ablation = None, None
@@ -111,17 +127,16 @@ def _effect(named: Named, name: str, percents: Mapping[str, dict[str, float]], t
         with_it, without = percents["final"], percents[f"without {name}"]
         gain = float(np.nanmean([with_it[c] - without[c] for c in with_it]))
         ablation = Ablation(log_likelihood_loss=loss, heldout_with=with_it, heldout_without=without)
-    rivals = sorted((behind, rival) for rival, behind in named.rivals.get(name, []))
-    close = [rival for behind, rival in rivals if behind < NOT_EXCLUDED_NATS]
     return EffectFinding(
         name=name,
         slot=effect.slot,
         parameters=parameters_of(effect, named.final),
         evidence=Evidence(log_likelihood_gain=loss, threshold=threshold, heldout_gain_percent=gain),
-        not_excluded=list(dict.fromkeys([*effect.same_as, *close])),
+        not_excluded=apart.not_excluded,
         statement=effect.statement,
-        alternatives=[Alternative(name=rival, behind_nats=behind) for behind, rival in rivals],
+        alternatives=list(apart.alternatives),
         ablation=ablation,
+        placebo=placebo,
     )
 
 

@@ -10,7 +10,7 @@ Rules of this file: it proposes and says what to expect; nothing runs here.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,18 +26,21 @@ from hoopd.diagnose.separate import Separation
 from hoopd.diagnose.track import Track, composite_of, fitting_effects
 from hoopd.physics.effects.base import Effect
 
+# An interval reaches this many standard errors.
+ERRORS = 2.0
 # What the recording to come is called.
 NEXT = "the next recording"
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A named effect and the rival that it is to be told from, beside the final fit."""
+    """An effect that is taken for true, the rival that it is to be told from, and the fits with and without it."""
 
     final: Fit
     effect: Effect
     rival: Effect
-    ablated: Fit  # the fit without the effect
+    ablated: Fit
+    apart: float = 0.0  # nats by which the recordings tell them apart
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ def next_experiment(
     if pair is None:
         return _change_of_hardware(found, library)
     best = max(expectations(pair, seed), key=lambda one: one.nats, default=None)
-    return _by_hand(pair) if best is None else _told(pair, best, found[pair.effect.name])
+    return _by_hand(pair) if best is None else _told(pair, best)
 
 
 def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
@@ -101,13 +104,31 @@ def _pair(named: Named, found: Mapping[str, Separation], library: Mapping[str, E
     """The nearest of the alternatives that a recording may exclude; where there is none, the nearest rival at all."""
     first = [(one.nats[name], one.effect, name) for one in found.values() for name in one.open if name in one.nats]
     other = [(nats, one.effect, name) for one in found.values() for name, nats in one.nats.items()]
-    exact = {name for one in found.values() for name in one.never}
-    choice = first or ([] if exact else other)
-    usable = [(nats, e, library[name]) for nats, e, name in choice if name in library]
-    if not usable:
+    never = any(one.never for one in found.values())
+    choice = sorted(first or ([] if never else other), key=lambda one: (one[0], one[1].name, one[2]))
+    pairs = (_of(named, effect, library[name], max(nats, 0.0)) for nats, effect, name in choice if name in library)
+    return next((pair for pair in pairs if pair is not None), None)
+
+
+def _of(named: Named, effect: Effect, rival: Effect, apart: float) -> Pair | None:
+    if effect.name not in rival.contains:
+        return Pair(named.final, effect, rival, named.without[effect.name], apart)
+    # what contains the effect explains no less: the question is how much more than the effect it is
+    fitted = next((one.fit for one in named.tried if one.effect.name == rival.name), None)
+    if fitted is None or len(named.accepted) > 1:
         return None
-    _, effect, rival = min(usable, key=lambda one: (one[0], one[1].name, one[2].name))
-    return Pair(named.final, effect, rival, named.without[effect.name])
+    return Pair(_as_large_as_it_may_be(fitted, rival, effect), rival, effect, named.base, apart)
+
+
+def _as_large_as_it_may_be(fitted: Fit, larger: Effect, effect: Effect) -> Fit:
+    """What a larger effect has beyond the one that it contains, at the end of its interval: the fit may have none."""
+    own = {p.name for p in effect.parameters}
+    values = dict(fitted.values)
+    for p in larger.parameters:
+        key = larger.key(p.name)
+        if p.role == "amplitude" and p.name not in own and key in fitted.free:
+            values[key] = min(values[key] + ERRORS * fitted.deviation(key), p.high)
+    return replace(fitted, values=values)
 
 
 def _recordings(final: Fit) -> tuple[str, ...]:
@@ -165,8 +186,8 @@ def _simulated(stretch: Stretch, rest: Sequence[Effect], entry: Entry) -> Track:
 # ---------------------------------------------------------------------------------------------- in words
 
 
-def _told(pair: Pair, best: Expected, separation: Separation) -> NextExperiment:
-    plan, apart, track = best.entry.plan, separation.nats[pair.rival.name], _stage(pair)
+def _told(pair: Pair, best: Expected) -> NextExperiment:
+    plan, track = best.entry.plan, _stage(pair)
     assert track is not None
     plant = track.stretch.plant
     numbers = {
@@ -181,7 +202,7 @@ def _told(pair: Pair, best: Expected, separation: Separation) -> NextExperiment:
         parameters={name: Quantity(value=v, unit=unit, ci95=None, nominal=None) for name, (v, unit) in numbers.items()},
         tells_apart=(pair.effect.name, pair.rival.name),
         expected_nats=best.nats,
-        reason=_reason(apart, best.nats),
+        reason=_reason(pair.apart, best.nats),
         command=command(plan) if is_hoop(plant) else "",
     )
 

@@ -26,11 +26,15 @@ from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.intervals import Interval, set_aside
 from hoopd.diagnose.naming import Named, Settings, free_of_recordings, name_effects
+from hoopd.diagnose.nextexperiment import next_experiment
 from hoopd.diagnose.pictures import shown_of
+from hoopd.diagnose.placebo import placebos
 from hoopd.diagnose.quality import corruption_findings
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality
+from hoopd.diagnose.separate import parameter_notes, separations
 from hoopd.diagnose.shown import Shown
 from hoopd.diagnose.unknown import Survey, Unknown, judge_unknown, survey
+from hoopd.diagnose.visible import visible
 from hoopd.physics.effects.base import Effect
 
 Progress = Callable[[str], None]
@@ -103,21 +107,27 @@ def diagnose(case: Case) -> Outcome:
         heldout=fits_of(fits) if fits else {},
         how_heldout=case.held_out_how,
     )
-    effects = effects_of(named, fits, case.settings.threshold, corruption(case.train))
+    case.progress("what else could explain it")
+    threshold, apart = case.settings.threshold, separations(named, case.library)
+    proofs = placebos(named, case.seed, threshold)
+    effects = effects_of(named, fits, threshold, corruption(case.train), apart, proofs)
     if unknown is not None:
         effects = sorted([*effects, unknown_finding(unknown)], key=lambda e: -(e.evidence.log_likelihood_gain or 0.0))
+    verdict = verdict_of(named, effects, unknown, threshold)
     diagnosis = Diagnosis(
         schema=SCHEMA,
-        verdict=verdict_of(named, effects, unknown, case.settings.threshold),
+        verdict=verdict,
         base=base_of(case.model, named),
         location=location_of(named, unknown),
         effects=effects,
         fit=table,
         unexplained=unexplained_of(unknown),
-        next_experiment=None,
+        next_experiment=next_experiment(named, apart, case.library, case.seed),
         data_quality=quality_of([*case.train, *case.heldout], [*aside, *aside_held]),
         seed=case.seed,
-        candidates=candidates_of(named, case.settings.threshold),
+        candidates=candidates_of(named, threshold),
+        power=visible(named, case.library, threshold),
+        notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )
     return Outcome(diagnosis, named, fits, unknown)
 

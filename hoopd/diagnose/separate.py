@@ -52,9 +52,10 @@ def separations(named: Named, library: Mapping[str, Effect]) -> dict[str, Separa
     return {one.effect.name: _separation(named, one, library) for one in named.accepted}
 
 
-def base_equivalents(library: Mapping[str, Effect]) -> list[str]:
-    """Effects that the base's own parameters can do: never told from these."""
-    return [name for name, effect in library.items() if effect.found_by == "base"]
+def parameter_notes(library: Mapping[str, Effect]) -> list[str]:
+    """What is to be said when other parameters are enough: effects that do the same, never told from these."""
+    names = [name for name, effect in library.items() if effect.found_by == "base"]
+    return [f"{name} does the same as other parameters: these recordings do not tell which it is" for name in names]
 
 
 def _separation(named: Named, one: Tried, library: Mapping[str, Effect]) -> Separation:

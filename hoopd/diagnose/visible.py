@@ -44,12 +44,19 @@ def visible(named: Named, library: Mapping[str, Effect], threshold: float = THRE
         if name in named.losses:
             found[name] = _of_named(effect, named, threshold)
         elif name not in named.final.names and effect.found_by in ("screen", "scan") and effect.slot in slots:
-            found[name] = of_effect(screen, effect, threshold, looked_at.get(name, PLACES))
+            inner = [p.name for one in effect.contains if one in library for p in library[one].parameters]
+            found[name] = of_effect(screen, effect, threshold, looked_at.get(name, PLACES), inner)
     return found
 
 
-def of_effect(screen: Screen, effect: Effect, threshold: float = THRESHOLD, places: float = PLACES) -> Visible:
-    """Of an effect that the fit does not have."""
+def of_effect(
+    screen: Screen,
+    effect: Effect,
+    threshold: float = THRESHOLD,
+    places: float = PLACES,
+    inner: Sequence[str] = (),
+) -> Visible:
+    """Of an effect that the fit does not have; `inner`: parameters that a simpler effect has too, and speaks for."""
     stretches = [track.stretch for track in screen.fit.tracks]
     columns, choices = columns_of(effect, stretches)
     needed = needed_nats(columns, places if effect.found_by == "scan" else choices, threshold)
@@ -62,8 +69,9 @@ def of_effect(screen: Screen, effect: Effect, threshold: float = THRESHOLD, plac
         return _of_shape(effect, members, [float(one[0]) for one in nats], needed)
     phased = any(p.role == "phase" for p in effect.parameters)
     # an average phase: half of what the two quarters show together
-    rows = [np.array([float(one.sum()) / 2.0]) if phased else one for one in nats]
-    return _of_amplitudes(amplitudes, np.min(rows, axis=0), needed)
+    rows = np.min([np.array([float(one.sum()) / 2.0]) if phased else one for one in nats], axis=0)
+    told = [i for i, a in enumerate(amplitudes) if a.name not in inner] or [0]
+    return _of_amplitudes([amplitudes[i] for i in told], rows[told], needed)
 
 
 def needed_nats(columns: int, looked_at: float, threshold: float) -> float:
