@@ -36,6 +36,8 @@ MENU: tuple[tuple[str, Plan], ...] = (
 )
 # Effects at rest and near rest show at small torques: each signal is tried as large as it may be, and at this share.
 SMALL_SHARE = 0.3
+# Of a signal's random variants; the command itself looks at more of them when it is played.
+MOST_VARIANTS = 4
 # Limits of a command hold for the hoop; another plant's follow its drive and its usual rates.
 HOOP_LIMIT_NM, HOOP_SPEED = 0.7, 10.0
 # The model is run to its end: its speed is judged afterwards.
@@ -64,7 +66,9 @@ def entries(composite: Composite, values: Mapping[str, float], period_s: float, 
             continue
         yield large
         small = plan._replace(amplitude_nm=_rounded(SMALL_SHARE * (large.plan.amplitude_nm or 0.0)))
-        yield _played(words, small, 0, composite, values, period_s)
+        quiet = _played(words, small, 0, composite, values, period_s)
+        if _use(quiet, composite.declared) <= COMFORT:
+            yield quiet
 
 
 def command(plan: Plan) -> str:
@@ -95,7 +99,7 @@ def _largest(
     """The first that leaves room to every limit, as the command itself chooses."""
     scale = composite.declared.limit / HOOP_LIMIT_NM
     for amplitude in AMPLITUDES_NM:
-        for variant in range(VARIANTS.get(plan.kind, 1)):
+        for variant in range(min(VARIANTS.get(plan.kind, 1), MOST_VARIANTS)):
             tried = plan._replace(amplitude_nm=_rounded(amplitude * scale))
             found = _played(words, tried, variant, composite, values, period_s)
             if _use(found, composite.declared) <= COMFORT:

@@ -122,7 +122,8 @@ def _of_shape(effect: Effect, members: Sequence[Member], nats: Sequence[float], 
             parameter=p.name, unit=p.unit, smallest=None if size is None else p.neutral + size, largest=p.high
         )
     size = _crossing(1.0 / at, np.array(nats), needed, 1.0 / p.low)
-    return Visible(parameter=p.name, unit=p.unit, smallest=None if size is None else 1.0 / max(size, 1.0 / at.max()))
+    limit = None if size is None else float(1.0 / max(size, 1.0 / at.max()))
+    return Visible(parameter=p.name, unit=p.unit, smallest=limit)
 
 
 def _is_limit(p: EffectParameter) -> bool:

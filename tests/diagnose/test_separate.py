@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import typer
 from diagnose.madeup import NOISE, STEP_S, shipped_plant, stretch_with
 
+from hoopd.cli import app
 from hoopd.diagnose.apart import Rows, linear, nats_apart, rows_beside
 from hoopd.diagnose.dataset import Array, Held, Stretch
 from hoopd.diagnose.fitting import Fit, fit
-from hoopd.diagnose.menu import entries
+from hoopd.diagnose.menu import command, entries
 from hoopd.diagnose.naming import NOT_EXCLUDED_NATS, Named, Tried
 from hoopd.diagnose.nextexperiment import Expected, Pair, expectations, next_experiment, rows_of_recordings
 from hoopd.diagnose.placebo import changes_along, gain_of, placebos, shuffled
@@ -198,10 +200,17 @@ def test_whether_it_is_more_than_the_simpler_effect_is_asked_of_the_larger_one(r
 
 
 def test_every_entry_keeps_the_limits_and_is_a_command(menu: list[Expected]) -> None:
+    experiment = typer.main.get_command(app).commands["experiment"]  # type: ignore[attr-defined]
     for one in menu:
         plan, z = one.entry.plan, one.entry.z
         assert np.abs(one.entry.u).max() <= plan.torque_limit_nm
         assert np.abs(z[:, 1]).max() <= plan.speed_limit_rad_s and np.abs(z[:, 2]).max() <= plan.angle_limit_rad
+        words = command(plan).split()
+        asked = experiment.make_context("experiment", words[2:]).params
+        assert words[:2] == ["hoopd", "experiment"] and asked["kind"] == plan.kind
+        assert asked["amplitude"] == plan.amplitude_nm
+        for option, name in (("clock", "clock_ticks"), ("low", "low_hz"), ("hold", "hold_s"), ("kick", "kick_s")):
+            assert asked[option] == getattr(plan, name)
 
 
 def test_a_plant_without_a_drive_has_no_menu() -> None:
