@@ -17,6 +17,7 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from hoopd.files import InputError
 from hoopd.recording.bytesof import check_target, replace_file
@@ -49,6 +50,20 @@ EXTENSIONS = tuple(_METADATA)
 _FILE_SETTINGS: Any = {"svg.hashsalt": "hoopd", "svg.fonttype": "none", "pdf.fonttype": 42, "savefig.bbox": None}
 
 
+class _Steady(ConstrainedLayoutEngine):
+    """Matplotlib's layout to 1e-6 of the figure: its solver rounds by the order of addresses in memory."""
+
+    def execute(self, fig: Figure) -> Any:
+        """As the layout does, then rounded."""
+        found = super().execute(fig)
+        for axes in fig.axes:
+            x, y, width, height = (round(float(one), 6) for one in axes.get_position(original=True).bounds)
+            axes.set_position((x, y, width, height))
+            # a position that was set is otherwise left out of the next layout
+            axes.set_in_layout(True)
+        return found
+
+
 def figure(
     width_in: float = 7.0,
     height_in: float = 4.5,
@@ -61,7 +76,7 @@ def figure(
 ) -> Figure:
     """A figure with `rows` x `columns` styled axes (`.axes`, row by row), or a `mosaic` of named ones (`named`);
     `grid` goes to `Figure.subplots` or `Figure.subplot_mosaic`."""
-    made = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained", facecolor="white")
+    made = Figure(figsize=(width_in, height_in), dpi=DPI, layout=_Steady(), facecolor="white")
     FigureCanvasAgg(made)
     if mosaic is None:
         made.subplots(rows, columns, **grid)
