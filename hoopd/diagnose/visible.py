@@ -39,11 +39,13 @@ def visible(named: Named, library: Mapping[str, Effect], threshold: float = THRE
     screen = Screen(named.final, ())
     slots = {slot for track in named.final.tracks for slot in track.stretch.plant.slots}
     looked_at = {s.member.effect.name: s.candidates for s in named.scores if isinstance(s, Scanned)}
+    # what is the same as an effect of the fit has nothing left to show
+    taken = {name for one in named.final.effects for name in (one.name, *one.same_as)}
     found = {}
     for name, effect in library.items():
         if name in named.losses:
             found[name] = _of_named(effect, named, threshold)
-        elif name not in named.final.names and effect.found_by in ("screen", "scan") and effect.slot in slots:
+        elif name not in taken and effect.found_by in ("screen", "scan") and effect.slot in slots:
             inner = [p.name for one in effect.contains if one in library for p in library[one].parameters]
             found[name] = of_effect(screen, effect, threshold, looked_at.get(name, PLACES), inner)
     return found

@@ -272,6 +272,11 @@ def test_what_cannot_be_seen_has_no_size() -> None:
     assert of_effect(Screen(at_rest, ()), LIBRARY["actuator.back_emf_limit"]).smallest is None
 
 
+def test_power_is_silent_about_what_is_the_same_as_a_named_effect(leaning: Named) -> None:
+    few = {name: LIBRARY[name] for name in ("frame.tilt", "camera.angle_offset")}
+    assert list(visible(leaning, few)) == ["frame.tilt"]
+
+
 def test_power_of_the_whole_library(rubbing: Named) -> None:
     few = {name: LIBRARY[name] for name in ("actuator.delay", "hoop.coulomb_friction", "external.disturbance")}
     found = visible(rubbing, few)
