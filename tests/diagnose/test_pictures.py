@@ -10,6 +10,7 @@ from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
 from hoopd.diagnose.dataset import Array, Stretch
 from hoopd.diagnose.effectforce import Missing, Variable
+from hoopd.diagnose.findings import parameters_of
 from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.naming import Named
 from hoopd.diagnose.pictures import harmonics_of, law_over, shown_of
@@ -133,3 +134,10 @@ def test_a_law_that_jumps_at_rest_is_lifted_there() -> None:
 def test_what_follows_no_angle_has_no_harmonics() -> None:
     t = np.arange(100.0)
     assert harmonics_of("hoop", Missing("a", "N m", t, t, t, (Variable("dtheta", "rad/s", t),))) is None
+
+
+def test_a_neutral_value_that_stands_for_infinity_is_no_number_of_a_report() -> None:
+    final = Fit((), {}, (), [], {})
+    limits = ("actuator.saturation", "actuator.back_emf_limit", "ball.slip")
+    assert [one.nominal for name in limits for one in parameters_of(LIBRARY[name], final).values()] == [None] * 3
+    assert parameters_of(IMBALANCE, final)["A"].nominal == 0.0
