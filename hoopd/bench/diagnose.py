@@ -61,7 +61,7 @@ def run(
     progress("reading the recordings")
     train = [source_of(text, base, columns, age) for text in texts]
     held = [source_of(text, base, columns, age) for text in held_texts]
-    check_motion(train, held)
+    check_motion(train, held, base.structure)
     train, held, how = _parts(train, held)
     known = _library(richest([*train, *held]), effects)
     own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]

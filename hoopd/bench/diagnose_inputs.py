@@ -6,7 +6,7 @@ text that names it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -110,15 +110,28 @@ def check_lengths(train: Sequence[Source], held: Sequence[Source], *, given: boo
         raise InputError(name, "", reason)
 
 
-def check_motion(train: Sequence[Source], held: Sequence[Source]) -> None:
-    """InputError for a held-out recording in which something moves that moves in none of the fitted ones."""
-    fitted = {q for source in train for stretch in source.stretches for q in stretch.plant.coordinates}
-    names: Mapping[str, str] = {"theta": "the hoop", "psi": "the ball"}
-    for source in held:
-        for q in dict.fromkeys(q for stretch in source.stretches for q in stretch.plant.coordinates):
-            if q not in fitted:
-                who = names.get(q, q)
-                raise InputError(source.name, "--holdout", f"{who} moves in it, and in nothing that is fitted")
+def check_motion(train: Sequence[Source], held: Sequence[Source], structure: str) -> None:
+    """InputError when recordings say nothing about one another: something moves in one of them only.
+
+    Under `entries` all must be of one kind: the entries of a bare hoop are other numbers than those of hoop and ball.
+    """
+    fitted = {q for source in train for q in _moving(source)}
+    for source in (*train, *held):
+        own = _moving(source)
+        if structure == "entries" and own != _moving(train[0]):
+            reason = f"{_words(own)} moves in it, {_words(_moving(train[0]))} in {train[0].name}"
+            raise InputError(source.name, "", f"{reason}: entries differ; a physical structure takes both (--model)")
+        if new := own - fitted:
+            raise InputError(source.name, "--holdout", f"{_words(new)} moves in it, and in nothing that is fitted")
+
+
+def _moving(source: Source) -> set[str]:
+    return {q for stretch in source.stretches for q in stretch.plant.coordinates}
+
+
+def _words(coordinates: set[str]) -> str:
+    names = {"theta": "the hoop", "psi": "the ball"}
+    return " and ".join(names.get(q, q) for q in sorted(coordinates, reverse=True))
 
 
 def richest(sources: Sequence[Source]) -> DeclaredPlant:

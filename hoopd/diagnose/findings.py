@@ -83,7 +83,8 @@ def parameters_of(effect: Effect, found: Fit) -> dict[str, Quantity]:
     for p in effect.parameters:
         key = effect.key(p.name)
         own = [f"{key}@{r}" for r in recordings if f"{key}@{r}" in found.values] if p.per_recording else []
-        neutral = p.neutral if np.isfinite(p.neutral) else None
+        # outside of its range a neutral value stands for infinity
+        neutral = p.neutral if p.low <= p.neutral <= p.high else None
         names = {p.name: own[0] if own else key}
         if len(own) > 1:
             names |= {name.removeprefix(f"{effect.name}."): name for name in own}

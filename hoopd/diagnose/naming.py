@@ -109,7 +109,8 @@ class _Judge:
         self, train: Sequence[Stretch], heldout: Sequence[Stretch], library: Mapping[str, Effect], settings: Settings
     ) -> None:
         self.train, self.heldout, self.library, self.settings = list(train), list(heldout), library, settings
-        self._held: dict[int, float] = {}
+        # with the fits themselves: the address of one that is gone is soon another's
+        self._held: dict[int, tuple[Fit, float]] = {}
         self.screens: dict[int, Screen] = {}
 
     def proposals(self, about: Fit, taken: Sequence[str]) -> list[Score]:
@@ -139,8 +140,8 @@ class _Judge:
             return float("nan")
         if id(found) not in self._held:
             own = tuple(n for n in free_of_recordings(found.effects, self.heldout))
-            self._held[id(found)] = fit(self.heldout, found.effects, found.values, free=own).criterion
-        return self._held[id(found)]
+            self._held[id(found)] = found, fit(self.heldout, found.effects, found.values, free=own).criterion
+        return self._held[id(found)][1]
 
 
 def before_effects(found: Fit) -> dict[str, float]:

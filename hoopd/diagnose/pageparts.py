@@ -27,7 +27,7 @@ _VIEW = re.compile(r'viewBox="[^"]*"')
 _COMMENTS = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
 # Names inside a drawing, where they stand and where they are used.
-_NAMES = re.compile(r'( id="| xlink:href="#|url\(#)')
+_NAMES = re.compile(r'( id="| xlink:href="#|url\(#)([^")]*)')
 # A rule about everything would reach out of the drawing.
 _LOOSE_STYLE = re.compile(r"<defs>\s*<style type=\"text/css\">\*\{[^<]*</style>\s*</defs>\s*")
 
@@ -88,10 +88,19 @@ def svg(figure: Figure) -> str:
 
 
 def _inner(drawn: str, name: str) -> str:
-    """Without prologue, metadata and rules of its own; its names differ from those of every other drawing."""
+    """Without prologue, metadata and rules of its own; its names differ from those of every other drawing.
+
+    They are numbers in the order of their appearance: matplotlib makes them of all digits of a layout, whose last
+    ones follow the order of addresses in memory.
+    """
     for noise in (_PROLOGUE, _METADATA, _LOOSE_STYLE, _COMMENTS):
         drawn = noise.sub("", drawn)
-    return _TAG.sub(lambda tag: _NAMES.sub(rf"\g<1>{name}-", tag.group()), drawn)
+    numbers: dict[str, int] = {}
+
+    def numbered(found: re.Match[str]) -> str:
+        return f"{found[1]}{name}-{numbers.setdefault(found[2], len(numbers))}"
+
+    return _TAG.sub(lambda tag: _NAMES.sub(numbered, tag.group()), drawn)
 
 
 def _labelled(drawn: str, name: str, title: str) -> str:

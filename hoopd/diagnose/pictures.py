@@ -128,7 +128,9 @@ def _bins(x: Array, y: Array) -> Binned | None:
 
 def law_over(label: str, over: Variable, law: Array) -> Law | None:
     """The law as a curve: its median where the variable has a value, whatever else it depends on."""
-    x, y = _known(over.value, law)
+    # a step in which the variable changes its sign is a mean of both sides
+    one_sided = np.append(over.value[1:] * over.value[:-1] > 0.0, False)
+    x, y = _known(over.value[one_sided], law[one_sided])
     points = min(LAW_POINTS, len(x) // LAW_SAMPLES)
     if points < 3:
         return None

@@ -74,8 +74,8 @@ def _where(diagnosis: Diagnosis, shown: Shown) -> str:
     strips = [one for one in shown.strips if len(one.t_s)]
     if strips:
         caption = (
-            "Smoothed disturbance over time, as a multiple of what noise alone would give. Hatched: set aside, with no "
-            "part in the verdict."
+            "Smoothed disturbance that the re-fitted base needs, as a multiple of what is usual with the effects. "
+            "Hatched: set aside, with no part in the verdict."
         )
         body += drawing(figures.draw_strips(strips), "strips", "Where in time the mismatch sits", caption)
     return body

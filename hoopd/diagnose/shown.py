@@ -89,7 +89,7 @@ class MissingForce:
 
 @dataclass(frozen=True)
 class Strip:
-    """Smoothed disturbance of one slot in one recording, (n,), divided by what noise alone would give."""
+    """Smoothed disturbance of one slot in one recording, (n,), divided by what is usual with the effects."""
 
     recording: str
     slot: str

@@ -233,8 +233,8 @@ def fitting_effects(plant: DeclaredPlant, effects: Sequence[Effect]) -> tuple[Ef
 
 
 def plant_key(plant: DeclaredPlant) -> str:
-    """Equal for plants with equal equations and values."""
-    return f"{plant.name} {sorted(plant.values.items())}"
+    """Equal for plants with equal equations and values; an effect may have given one a state more."""
+    return f"{plant.name} {plant.states} {sorted(plant.values.items())}"
 
 
 def composite_of(plant: DeclaredPlant, effects: tuple[Effect, ...], substeps: int = 0) -> Composite:

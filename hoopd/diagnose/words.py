@@ -18,6 +18,7 @@ from hoopd.diagnose.record import (
     FitTable,
     Location,
     NextExperiment,
+    Number,
     Visible,
 )
 
@@ -126,13 +127,18 @@ def experiment_sentence(planned: NextExperiment) -> str:
 
 
 def ablation_sentences(effects: Iterable[EffectFinding]) -> list[str]:
-    """What the held-out data lose when a finding is taken out again."""
+    """What becomes of the held-out data when a finding is taken out again."""
     return [
-        f"Without {one.name} the fit of held-out {channel} falls from {percent(before)} to {percent(after)} %."
+        f"Without {one.name} the fit of held-out {channel} {_goes(before, after)}."
         for one in effects if one.ablation is not None
         for channel, before in one.ablation.heldout_with.items()
         if (after := one.ablation.heldout_without.get(channel)) is not None
     ]  # fmt: skip
+
+
+def _goes(before: Number, after: Number) -> str:
+    rises = before is not None and after is not None and after > before
+    return f"{'rises' if rises else 'falls'} from {percent(before)} to {percent(after)} %"
 
 
 def invisible_sentence(power: Mapping[str, Visible]) -> str:

@@ -20,7 +20,7 @@ from hoopd.plots import style
 
 WIDTH_IN, ROW_IN = 8.0, 0.28
 MOST_CANDIDATES = 14
-# A disturbance of this many times the noise is drawn as dark as any larger one.
+# A disturbance of this many times the usual one is drawn as dark as any larger one.
 DARKEST = 6.0
 LEAST_TIME_S = 1e-3  # an axis has two ends even where there is one sample
 # Columns of a strip: more than a page can show apart are averaged.
@@ -65,7 +65,7 @@ def draw_strips(strips: Sequence[Strip]) -> Figure:
         axes.set_title(plain(brief(name)), fontsize=style.NOTE_PT, loc="left")
     figure.axes[-1].set_xlabel("time (s)")
     bar = figure.colorbar(image, ax=figure.axes, pad=0.01, aspect=12, extend="max")
-    bar.set_label("disturbance / noise", fontsize=style.NOTE_PT)
+    bar.set_label("disturbance / usual", fontsize=style.NOTE_PT)
     bar.ax.tick_params(labelsize=style.NOTE_PT)
     return figure
 

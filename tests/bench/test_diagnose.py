@@ -25,6 +25,7 @@ from hoopd.recording import load, save
 
 FRICTION_NM = 6e-3
 NAME = "hoop.coulomb_friction"
+MODELS = Path(__file__).resolve().parents[2] / "config" / "models"
 
 
 class Page(HTMLParser):
@@ -187,6 +188,16 @@ def _still_ball(run: Path, tmp: Path) -> list[Any]:
     return [tmp / "hoop.csv", "--holdout", run]
 
 
+def _still_ball_of_entries(run: Path, tmp: Path) -> list[Any]:
+    """Half of the recordings are of a bare hoop, whose entries are other ones."""
+    return [run, _still_ball(run, tmp)[0]]
+
+
+def _still_ball_of_masses(run: Path, tmp: Path) -> list[Any]:
+    """Nothing that is fitted moves the ball; masses and radii would be the same."""
+    return [*_still_ball(run, tmp), "--model", MODELS / "hoop.yaml"]
+
+
 REFUSED: dict[Callable[[Path, Path], list[Any]], str] = {
     _empty_folder: "no recording in this folder",
     _too_short: "too short to hold a third out",
@@ -200,7 +211,9 @@ REFUSED: dict[Callable[[Path, Path], list[Any]], str] = {
     _one_target: "is already where --json goes",
     _no_effects: "an Effect is expected",
     _taken_name: "there is an effect of this name already",
-    _still_ball: "the ball moves in it",
+    _still_ball: "entries differ",
+    _still_ball_of_entries: "entries differ",
+    _still_ball_of_masses: "the ball moves in it, and in nothing that is fitted",
 }
 
 
@@ -266,4 +279,3 @@ def test_a_models_own_effects_are_part_of_what_is_judged(made: Path) -> None:
         diagnose.run([str(made / "train")], [str(made / "held.csv")], model=made / "found.yaml")
     assert [effect.name for effect in cases[0].effects] == [NAME]
     assert cases[0].values[f"{NAME}.Fc"] == load_model(made / "found.yaml").effects[0].parameters["Fc"].value
-

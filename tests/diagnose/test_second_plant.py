@@ -13,9 +13,12 @@ import numpy as np
 import pytest
 
 from hoopd.diagnose.dataset import Stretch, stretch_of
+from hoopd.diagnose.findings import NORMAL95
 from hoopd.diagnose.fitting import fit
+from hoopd.diagnose.locate import locate
 from hoopd.diagnose.naming import Named, name_effects
 from hoopd.diagnose.pictures import shown_of
+from hoopd.diagnose.unknown import judge_unknown, survey
 from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library
@@ -82,8 +85,16 @@ def test_its_dry_friction_is_named_with_its_value(rubbing: Named) -> None:
     assert found.heldout_gain is not None
     assert found.heldout_gain > 10.0
     for name, truth in ((f"{NAME}.Fc", FRICTION_N), ("m", MASS_KG), ("b", VISCOUS_N_S_M)):
-        assert final.values[name] == pytest.approx(truth, abs=2.5 * final.deviation(name))
+        assert final.values[name] == pytest.approx(truth, abs=NORMAL95 * final.deviation(name))
         assert final.deviation(name) < 0.2 * truth
+
+
+def test_it_is_located_and_no_curve_is_asked_for_beside_it(rubbing: Named) -> None:
+    effects = list(LIBRARY.values())
+    before = survey(rubbing.base, effects)
+    place = locate(before)
+    assert (place.slot, place.channel, place.depends_on) == ("slide", "x", ("dx",))
+    assert judge_unknown(before, survey(rubbing.final, effects)) is None
 
 
 def test_nothing_is_named_without_it() -> None:

@@ -11,7 +11,7 @@ from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.diagnose.calls import CHUNK, Mapped, Recursion, flat
 from hoopd.diagnose.dataset import Array
-from hoopd.diagnose.track import Track, fitting_effects
+from hoopd.diagnose.track import Track, fitting_effects, plant_key
 from hoopd.physics.effects.catalogue import library
 
 PLANT = shipped_plant()
@@ -143,3 +143,10 @@ def test_a_call_refuses_arguments_of_another_length() -> None:
     x = ca.SX.sym("x", 2)
     with pytest.raises(ValueError, match="expected"):
         Mapped(ca.Function("f", [x], [x]), 3)(np.zeros((4, 2)))
+
+
+def test_a_plant_to_which_an_effect_adds_a_state_is_another_one() -> None:
+    slip = LIBRARY["ball.slip"]
+    assert slip.plant is not None
+    assert plant_key(slip.plant(PLANT)) != plant_key(PLANT)
+    assert plant_key(shipped_plant()) == plant_key(PLANT)

@@ -1,0 +1,143 @@
+"""The curves of a report show the effect that made the data, in its own unit, over what it follows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnose.madeup import NOISE, shipped_plant, stretch_with
+
+from hoopd.diagnose.dataset import Array, Stretch
+from hoopd.diagnose.effectforce import Missing, Variable
+from hoopd.diagnose.findings import parameters_of
+from hoopd.diagnose.fitting import Fit, fit
+from hoopd.diagnose.naming import Named
+from hoopd.diagnose.pictures import harmonics_of, law_over, shown_of
+from hoopd.diagnose.shown import MissingForce, Shown
+from hoopd.physics.effects.catalogue import library
+
+PLANT = shipped_plant()
+LIBRARY = library(PLANT)
+IMBALANCE, LATENCY = LIBRARY["hoop.imbalance"], LIBRARY["camera.latency"]
+SIZE_NM, LATE_S = 0.01, 0.03
+
+
+def fitted(
+    stretch: Stretch, effects: tuple = (), values: dict[str, float] | None = None, like: Fit | None = None
+) -> Fit:
+    start = {**PLANT.values, **(values or {})}
+    return fit([stretch], effects, start, noise={stretch.recording: NOISE}, like=like, tune_noise=False)
+
+
+def named(stretch: Stretch, effect: object, values: dict[str, float]) -> Named:
+    base = fitted(stretch)
+    final = fitted(stretch, (effect,), {**base.values, **values}, base)
+    # as if tuned: the base's disturbance has to hold the effect
+    noise = {stretch.recording: NOISE._replace(force=NOISE.force * 4.0)}
+    return Named(base, base, final, without={final.names[0]: replace(base, noise=noise)})
+
+
+@pytest.fixture(scope="module")
+def swinging() -> tuple[Named, Shown]:
+    """Two pieces of one recording with a mass on the hoop's rim; held out is the second one."""
+    size = {"hoop.imbalance.A": SIZE_NM, "hoop.imbalance.phi": 0.7}
+    made = stretch_with(PLANT, "a", 1, 9.0, [IMBALANCE], size)
+    found = named(made.seconds(0.0, 6.0), IMBALANCE, {"hoop.imbalance.A": SIZE_NM, "hoop.imbalance.phi@a": 0.5})
+    rest = replace(made.seconds(6.0, 9.0), recording="b")
+    own = {**found.final.values, "hoop.imbalance.phi@b": 0.7}
+    held = {"base": fitted(rest, (), found.base.values), "final": fitted(rest, (IMBALANCE,), own)}
+    return found, shown_of(found, held, None, {"a": [(1.0, 2.0, "a hand")]})
+
+
+@pytest.fixture(scope="module")
+def late() -> MissingForce:
+    made = stretch_with(PLANT, "a", 2, 6.0)
+    y = made.y.copy()
+    y[:, 2] = np.interp(made.t - LATE_S, made.t, y[:, 2])
+    found = named(replace(made, y=y), LATENCY, {"camera.latency.d": LATE_S})
+    (force,) = shown_of(found, {}, None, {}).forces
+    return force
+
+
+def _law(force: MissingForce, x: Array) -> Array:
+    law = force.regressors[0].law
+    assert law is not None
+    return np.interp(x, law.x[np.isfinite(law.y)], law.y[np.isfinite(law.y)])
+
+
+def test_a_force_of_the_angle_is_drawn_in_one_turn_with_its_law(swinging: tuple[Named, Shown]) -> None:
+    (force,) = swinging[1].forces
+    (over,) = force.regressors
+    assert (force.slot, force.unit, over.name, over.unit) == ("hoop", "N m", "theta", "rad")
+    assert over.value.min() >= 0.0
+    assert over.value.max() <= 2.0 * np.pi
+    assert over.binned is not None
+    truth = -SIZE_NM * np.sin(over.binned.x + 0.7)
+    assert _law(force, over.binned.x) == pytest.approx(truth, abs=0.2 * SIZE_NM)
+    # the dots know nothing of the law, and follow it
+    assert np.corrcoef(over.binned.mean, truth)[0, 1] > 0.95
+    assert np.std(over.binned.mean - truth) < 0.35 * SIZE_NM
+
+
+def test_its_harmonics_stand_out_at_the_first_order_alone(swinging: tuple[Named, Shown]) -> None:
+    (spectrum,) = swinging[1].harmonics
+    assert spectrum.threshold is not None
+    assert spectrum.amplitude[0] == pytest.approx(SIZE_NM, rel=0.25)
+    assert spectrum.amplitude[0] > 3.0 * spectrum.threshold[0]
+    assert (spectrum.amplitude[1:] < 1.5 * spectrum.threshold[1:]).all()
+
+
+def test_held_out_windows_are_lifted_apart_and_nearer_with_the_effect(swinging: tuple[Named, Shown]) -> None:
+    (comparison,) = swinging[1].comparisons
+    traces = {trace.name: trace for trace in comparison.traces}
+    assert list(traces) == ["theta_rate", "dtheta", "psi"]
+    assert [one.unit for one in traces.values()] == ["rad/s", "rad/s", "rad"]
+    for name, trace in traces.items():
+        assert trace.after is not None
+        assert np.isfinite(trace.t_s).all()
+        assert (np.diff(trace.t_s) >= 0.0).all()
+        assert np.isnan(trace.before).sum() == 1  # two windows in 3 s
+        worse, better = (float(np.nanstd(trace.measured - one)) for one in (trace.before, trace.after))
+        assert better < (0.95 if name == "psi" else 0.7) * worse  # the ball feels the hoop's rim at second hand
+
+
+def test_strips_are_multiples_of_what_is_left_with_the_effect(swinging: tuple[Named, Shown]) -> None:
+    strips = {strip.slot: strip for strip in swinging[1].strips}
+    assert list(strips) == ["hoop", "ball"]
+    assert np.median(strips["hoop"].strength) > 1.5 * np.median(strips["ball"].strength)
+    assert strips["hoop"].ignored == [(1.0, 2.0, "a hand")]
+
+
+def test_the_error_of_a_late_reading_is_drawn_over_the_rate(late: MissingForce) -> None:
+    (over,) = late.regressors
+    assert (late.slot, late.unit, over.name, over.unit) == ("camera", "rad", "dpsi", "rad/s")
+    assert over.binned is not None
+    slope = np.polyfit(over.binned.x, over.binned.mean, 1)[0]
+    assert slope == pytest.approx(-LATE_S, rel=0.15)
+    assert np.polyfit(over.binned.x, _law(late, over.binned.x), 1)[0] == pytest.approx(-LATE_S, rel=0.15)
+
+
+def test_a_law_that_jumps_at_rest_is_lifted_there() -> None:
+    x = np.random.default_rng(1).normal(size=2000)
+    law = law_over("dry", Variable("dx", "m/s", x), -np.sign(x))
+    assert law is not None
+    (gap,) = np.flatnonzero(np.isnan(law.y))
+    assert law.x[gap] == 0.0
+    assert set(law.y[:gap]) == {1.0}
+    assert set(law.y[gap + 1 :]) == {-1.0}
+    smooth = law_over("drag", Variable("dx", "m/s", x), -x)
+    assert smooth is not None
+    assert np.isfinite(smooth.y).all()
+
+
+def test_what_follows_no_angle_has_no_harmonics() -> None:
+    t = np.arange(100.0)
+    assert harmonics_of("hoop", Missing("a", "N m", t, t, t, (Variable("dtheta", "rad/s", t),))) is None
+
+
+def test_a_neutral_value_that_stands_for_infinity_is_no_number_of_a_report() -> None:
+    final = Fit((), {}, (), [], {})
+    limits = ("actuator.saturation", "actuator.back_emf_limit", "ball.slip")
+    assert [one.nominal for name in limits for one in parameters_of(LIBRARY[name], final).values()] == [None] * 3
+    assert parameters_of(IMBALANCE, final)["A"].nominal == 0.0
