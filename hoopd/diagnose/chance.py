@@ -102,7 +102,7 @@ def colour(unit: Array, residual: Array, lengths: Sequence[int], channels: int) 
         r = np.fft.fft(rest[rows].reshape(n, channels, 1), axis=0)
         # mean over shifts of (sum_t u_t-s r_t)^2, by Parseval
         total += float(np.sum(np.abs(np.sum(np.conj(u) * r, axis=1)) ** 2)) / n**2
-    return max(1.0, total / unit.shape[1])
+    return float(max(1.0, total / unit.shape[1]))
 
 
 def drawn_maxima(groups: Sequence[Group], draws: int, seed: int) -> Array:

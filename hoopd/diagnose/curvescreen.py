@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 # A direction counts as a curve's own when at least this share of its squared length is not the base's. What is nearly
 # the base's (a scale of the camera at small angles is) would be decided by how well the disturbance's spectrum is
-# known, because the angles answer to the disturbance: 3 of 26 clean tuning cases then had a false scale, none with this.
+# known, because the angles answer to the disturbance: 3 of 26 clean tuning cases had a false scale, with this none.
 OWN_SHARE = 0.01
 
 
@@ -201,7 +201,8 @@ def own_columns(track: Track, fit: Fit) -> Columns:
 def _add_exactly(effect: Effect, track: Track, fit: Fit, f: Array) -> None:
     """By the one-step map itself, where a lag stands between torque and force."""
     for i, parameter in enumerate(effect.parameters):
-        column = Column(((parameter.name, parameter.size),))
+        values = {**effect.neutral(), parameter.name: parameter.size}
+        column = Column(tuple(values.items()))
         f[:, :, i] += change_of(track, fit, effect, column)[0] / parameter.size
 
 
