@@ -86,6 +86,25 @@ def projections(group: Group, residuals: Array) -> Projections:
     return Projections(np.sum(along**2, axis=0) / 2, len(values))
 
 
+def colour(unit: Array, residual: Array, lengths: Sequence[int], channels: int) -> float:
+    """By how much the residual's colour inflates gains along orthonormal directions (rows, k); at least 1.
+
+    Innovations are white where disturbances are as modelled; where they are not, their spectrum is what counts. The
+    same directions shifted in time see the same spectrum and nothing else: the mean square of their products with the
+    residual, over all shifts of each stretch, is the variance that chance has (a long-run variance; Andrews 1991). What
+    the directions themselves explain is taken out first. rows: stretch after stretch of (n, channels).
+    """
+    rest, total, first = residual - unit @ (unit.T @ residual), 0.0, 0
+    for n in lengths:
+        rows = slice(first, first + n * channels)
+        first += n * channels
+        u = np.fft.fft(unit[rows].reshape(n, channels, -1), axis=0)
+        r = np.fft.fft(rest[rows].reshape(n, channels, 1), axis=0)
+        # mean over shifts of (sum_t u_t-s r_t)^2, by Parseval
+        total += float(np.sum(np.abs(np.sum(np.conj(u) * r, axis=1)) ** 2)) / n**2
+    return float(max(1.0, total / unit.shape[1]))
+
+
 def drawn_maxima(groups: Sequence[Group], draws: int, seed: int) -> Array:
     """(draws,) log chance of the best group of pure noise."""
     noise = np.random.default_rng([seed, 11]).standard_normal((groups[0].vectors.shape[0], draws))

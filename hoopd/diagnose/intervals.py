@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 
 # Energy is taken over windows of this length; what is nearer than this to its neighbour is one interval.
 WINDOW_S = 0.5
-# False alarms in 60 s of clean data, all signals of a recording together.
+# Candidates in 60 s of clean data by the law below, all signals of a recording together; its tails are longer, ten
+# times as many are met, and a candidate costs a fit: an alarm it is beyond FAR_BEYOND only.
 CHANCE_A_MINUTE = 0.005
 # Root of mean square over the usual one: what is less is no candidate, and what is less once it does not bend the fit
 # any more belongs to the tails that disturbances and laws left out have without a hand (measured on tuning cases).

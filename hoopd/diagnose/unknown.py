@@ -152,7 +152,7 @@ def chance_of_lead(base: Survey, name: Score, draws: int, seed: int) -> float:
 
     Leads are in surprise (nats); the truth's change is the one the name makes at its best, the noise is white.
     """
-    seen = base.curves[0].surprise - _best_named(base)
+    seen = _best_seen(base.screen.groups(), base) - _best_seen(library_groups(base.library), base)
     noise = np.random.default_rng([seed, 13]).standard_normal((len(name.vector), draws))
     made = name.vector[:, None] + noise
     lead = _best(base.screen.groups(), made) - _best(library_groups(base.library), made)
@@ -167,8 +167,8 @@ def _best(groups: Sequence[Group], residuals: Array) -> Array:
     return found
 
 
-def _best_named(base: Survey) -> float:
-    return float(_best(library_groups(base.library), base.library.residual[:, None])[0])
+def _best_seen(groups: Sequence[Group], base: Survey) -> float:
+    return float(_best(groups, base.library.residual[:, None])[0])
 
 
 def _unknown(at: Survey, share: float, beside_names: bool, reason: str) -> Unknown:

@@ -12,7 +12,15 @@ from shared import shared_path
 from hoopd.diagnose.dataset import Stretch
 from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.inputs import hoop_source
-from hoopd.diagnose.intervals import CHANCE_A_MINUTE, intervals, set_aside, unusual
+from hoopd.diagnose.intervals import (
+    CHANCE_A_MINUTE,
+    FAR_BEYOND,
+    intervals,
+    level_of,
+    mean_squares,
+    set_aside,
+    unusual,
+)
 from hoopd.diagnose.locate import whiteness
 from hoopd.diagnose.missingforce import binned, law_of_effect, missing_force, points, strips
 from hoopd.physics.effects.base import Effect, EffectParameter
@@ -52,10 +60,14 @@ def coloured(seed: int, seconds: float, time_s: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("time_s", [1e-3, 0.15, 0.6])
-def test_coloured_noise_hardly_ever_has_an_interval(time_s: float) -> None:
-    t = np.arange(3000) * STEP_S
-    found = sum(len(unusual([(t, coloured(seed, 60.0, time_s))], CHANCE_A_MINUTE)) for seed in range(150))
-    assert found <= 4  # of 150 minutes: below one in a hundred is expected
+def test_coloured_noise_has_few_candidates_and_no_alarm(time_s: float) -> None:
+    t, candidates, alarms = np.arange(3000) * STEP_S, 0, 0
+    for seed in range(150):
+        x = coloured(seed, 60.0, time_s)
+        candidates += len(unusual([(t, x)], CHANCE_A_MINUTE))
+        alarms += int(mean_squares(x / level_of([(t, x)]), 25).max() > FAR_BEYOND**2)
+    assert candidates <= 12  # of 150 minutes: each costs a fit
+    assert alarms <= 1  # below one in a hundred
 
 
 def test_a_hand_is_found_when_it_came_and_went(pushed: Stretch) -> None:
