@@ -19,6 +19,7 @@ from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.scan import scan
 from hoopd.diagnose.scanned import Scanned
 from hoopd.diagnose.screen import TOUCHED, Score, Screen
+from hoopd.diagnose.stiff import deflated, far_beyond, stiffened
 from hoopd.diagnose.surprise import THRESHOLD, surprise
 from hoopd.physics.effects.base import Effect
 
@@ -26,6 +27,8 @@ Progress = Callable[[str], None]
 
 # Effects in one explanation.
 MOST_EFFECTS = 3
+# While the disturbances that are left are far beyond the usual, more is missing.
+MOST_WHERE_FAR = 6
 # Of a screen's proposals so many are refitted, and those that come this near to the best one.
 MOST_REFITS, NEAR_SHARE = 4, 0.4
 OTHER_STARTS = 2
@@ -88,7 +91,7 @@ def name_effects(
     settings = settings or Settings()
     found = Named(nominal, base, base)
     judge = _Judge(train, heldout, library, settings)
-    while len(found.accepted) < settings.most:
+    while len(found.accepted) < (MOST_WHERE_FAR if far_beyond(found.final) else settings.most):
         best = _next(found, judge)
         if best is None:
             break
@@ -189,6 +192,10 @@ def _next(found: Named, judge: _Judge) -> Tried | None:
     if first:
         found.scores = scores
         chosen += _other_starts(chosen, judge.proposals(found.nominal, found.nominal.names), judge)
+    if far_beyond(found.final):
+        settings.progress("screening with usual disturbances")
+        held = stiffened(found.final)
+        chosen += _other_starts(chosen, deflated(judge.proposals(held, found.final.names), held), judge)
     tried = []
     for score in chosen:
         settings.progress(f"fitting {score.member.effect.name}")
@@ -200,11 +207,11 @@ def _next(found: Named, judge: _Judge) -> Tried | None:
     for one in _in_order(tried):
         if one.surprise < settings.threshold:
             continue
-        held = judge.on_heldout(found.final) - judge.on_heldout(one.fit)
-        if np.isnan(held) or held > -HELD_OUT_LOSS:
+        better = judge.on_heldout(found.final) - judge.on_heldout(one.fit)
+        if np.isnan(better) or better > -HELD_OUT_LOSS:
             gap = [(other.effect.name, one.gain - other.gain) for other in tried if other is not one]
             found.rivals[one.effect.name] = gap
-            return replace(one, heldout_gain=None if np.isnan(held) else float(held))
+            return replace(one, heldout_gain=None if np.isnan(better) else float(better))
     return None
 
 

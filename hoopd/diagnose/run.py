@@ -33,6 +33,7 @@ from hoopd.diagnose.quality import corruption_findings
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality
 from hoopd.diagnose.separate import parameter_notes, separations
 from hoopd.diagnose.shown import Shown
+from hoopd.diagnose.stiff import likeliest
 from hoopd.diagnose.unknown import Survey, Unknown, judge_unknown, survey
 from hoopd.diagnose.visible import visible
 from hoopd.physics.effects.base import Effect
@@ -136,9 +137,9 @@ def _without_events(case: Case, train: list[Stretch], nominal: Fit) -> tuple[lis
     """Stretches without what does not belong to them, and the fits of the rest."""
 
     def refit(stretches: Sequence[Stretch]) -> Fit:
-        return fit(stretches, case.effects, case.values)
+        return likeliest(fit(stretches, case.effects, case.values))
 
-    base = fit(train, case.effects, case.values, like=nominal, noise=nominal.noise)
+    base = likeliest(fit(train, case.effects, case.values, like=nominal, noise=nominal.noise))
     kept, aside, base = set_aside(train, refit, base, lambda one: does_not_belong(one, train))
     if aside:
         nominal = fit(kept, case.effects, case.values, move=False)

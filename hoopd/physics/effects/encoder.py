@@ -12,7 +12,11 @@ import casadi as ca
 from hoopd.physics.declared import DeclaredPlant, Slot
 from hoopd.physics.effects.base import Effect, EffectParameter, Point, Values, geometric, phase
 from hoopd.physics.effects.camera import latency
-from hoopd.physics.effects.slots import of_kind, units
+from hoopd.physics.effects.slots import named, of_kind, units
+
+
+# A disc that is no circle, poles and gaps of a magnetic scale, the gain and phase of its two tracks.
+UNEVEN_HARMONICS = tuple(float(n) for n in range(2, 13))
 
 
 def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
@@ -31,7 +35,7 @@ def _of_slot(plant: DeclaredPlant, name: str, slot: Slot) -> tuple[Effect, ...]:
     rates = tuple(c for c in slot.channels if plant.channels.get(c) == f"d{q}")
     found = []
     if slot.turns and angles:
-        found.append(_eccentricity(name, q, angles, rates))
+        found += [_eccentricity(name, q, angles, rates), _harmonic(plant, name, q, angles, rates)]
     found.append(latency(name, slot))
     if rates:
         found.append(_speed_lag(name, rates))
@@ -62,6 +66,33 @@ def _eccentricity(name: str, q: str, angles: tuple[str, ...], rates: tuple[str, 
         sign="a >= 0, the phase takes the sign",
         best_experiment="whole turns at constant speed",
         write_back="subtract a sin(theta + phi) from the reading; phi belongs to the encoder's zero",
+    )
+
+
+def _harmonic(plant: DeclaredPlant, name: str, q: str, angles: tuple[str, ...], rates: tuple[str, ...]) -> Effect:
+    def seen(s: Point, e: Values) -> dict[str, Any]:
+        angle = e.n * getattr(s, q) + e.phi
+        # theta + a sin(n theta + phi);  of the rate its derivative, theta' (1 + n a cos(n theta + phi)), or nothing
+        by_angle, by_rate = e.a * ca.sin(angle), e.follows * e.n * e.a * ca.cos(angle) * getattr(s, f"d{q}")
+        return {**dict.fromkeys(angles, by_angle), **dict.fromkeys(rates, by_rate)}
+
+    follows = EffectParameter("follows", "-", 0.0, 0.0, 1.0, "shape", (0.0, 1.0), discrete=True)
+    return Effect(
+        f"{name}.harmonic",
+        (
+            EffectParameter("a", "rad", 0.0, 0.0, 0.2, grid=(0.01,)),
+            EffectParameter("n", "-", 2.0, 2.0, max(UNEVEN_HARMONICS), "shape", UNEVEN_HARMONICS, discrete=True),
+            phase(per_recording=True),
+            *((follows,) if rates else ()),
+        ),
+        sensor=seen,
+        depends_on=(q,),
+        near=(f"{name}.eccentricity", *named(plant, "actuator", "cogging", q)),
+        statement="its scale is uneven: the angle is wrong by a sine n times a turn",
+        signature="the rate of the angle ripples n times a turn, in proportion to the speed",
+        sign="a >= 0, the phase takes the sign; n = 1 is the eccentricity",
+        best_experiment="whole turns at several constant speeds: the ripple of a torque falls with speed, this one grows",
+        write_back="subtract a sin(n theta + phi) from the reading; phi belongs to the encoder's zero",
     )
 
 
