@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hoopd.modelfiles import load_model
-from hoopd.physics.compensation import demands
+from hoopd.physics.compensation import demand_of, in_order
 from hoopd.physics.effectmodel import EffectModel
 from hoopd.physics.effectplant import EffectPlant
 from hoopd.physics.found import EffectError, Found, FoundEffect, check_region, checked, weak_end
@@ -51,16 +51,27 @@ MOVING = np.array([0.7, 3.0, 0.2, 1.0])
 def test_feed_forward_leaves_the_base(name: str, direction: float) -> None:
     """Over a tick the hoop moves as the base under the wanted torque; without it is five times as far off."""
     plant, wanted, x = EffectPlant(CANCELLED[name]), 0.05 * direction, MOVING * (1.0, direction, 1.0, 1.0)
-    torque = wanted
-    for _, demand in demands(CANCELLED[name], 0.02, 0.0, 0.05):
-        torque = demand(x, torque)
+    torque = demand_of(CANCELLED[name], 0.02, 0.0, 0.05)(x, wanted, (1.0,) * len(CANCELLED[name].entries))
     aim = BASE.advance(x, wanted, 0.02)
     off, without = (abs(plant.advance(x, u, 0.02)[1] - aim[1]) for u in (torque, wanted))
     assert off < 0.2 * without
 
 
+def test_every_part_acts_by_its_own_flag_and_against_the_signal_path() -> None:
+    names = [effect.name for effect in in_order(CANCELLED["three"])]
+    assert names == ["hoop.coulomb_friction", "actuator.cogging", "actuator.torque_gain"]
+    demand = demand_of(CANCELLED["three"], 0.02, 0.0, 0.05)
+    assert demand(MOVING, 0.05, (0.0, 0.0, 0.0)) == 0.05
+    assert demand(MOVING, 0.05, (0.0, 0.0, 1.0)) == pytest.approx(0.05 / 0.6)
+    assert demand(MOVING, 0.05, (1.0, 0.0, 1.0)) == pytest.approx(0.058 / 0.6)
+
+
 def test_friction_at_rest_goes_with_the_torque() -> None:
-    ((_, demand),) = demands(CANCELLED["friction"], 0.02, 0.0, 0.05)
+    whole = demand_of(CANCELLED["friction"], 0.02, 0.0, 0.05)
+
+    def demand(x: np.ndarray, wanted: float) -> float:
+        return whole(x, wanted, (1.0,))
+
     rest = np.zeros(4)
     assert demand(rest, 0.0) == 0.0
     assert demand(rest, 0.02) == pytest.approx(0.028, rel=1e-3) and demand(rest, -0.02) == pytest.approx(
@@ -73,7 +84,7 @@ def test_friction_at_rest_goes_with_the_torque() -> None:
 
 def test_what_no_torque_on_the_hoop_can_undo_is_left() -> None:
     left = found(ball__coulomb_friction={"Fc": 1e-4}, frame__tilt={"d": 0.03}, camera__latency={"d": 0.04})
-    assert demands(left, 0.02, 0.0, 0.05) == []
+    assert in_order(left) == ()
 
 
 def test_no_effects_are_the_base_bit_for_bit() -> None:
