@@ -30,8 +30,8 @@ Demand = Callable[[Array, float, Sequence[float]], float]
 LAST_ORDER = 100
 # Points of the mean over a tick: 7 times a turn at 20 rad/s, 2.8 rad a tick, is met within 4 %.
 POINTS = 3
-# Of a friction's level, the wanted torque at rest at which three quarters of it are given: less would turn a law's noise
-# into a rattle, more would leave the hoop stuck.
+# Of a friction's level, the wanted torque at rest at which three quarters of it are given: less would turn a law's
+# noise into a rattle, more would leave the hoop stuck.
 REST_SHARE = 0.5
 # So many standard deviations of the estimated speed are a motion: at rest its noise must not rattle the drive.
 MOTION_SIGMAS = 3.0

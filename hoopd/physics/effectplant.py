@@ -1,7 +1,7 @@
 """The plant with found effects and all numbers: what `Plant` is, for a model file that names missing physics.
 
-State (theta, dtheta, psi, dpsi); the torque of a call is what is demanded of the drive. Delays, lags and sensors are not
-part of it (`writeback`), nor what depends on a time of its own.
+State (theta, dtheta, psi, dpsi); the torque of a call is what is demanded of the drive. Delays, lags and sensors are
+not part of it (`writeback`), nor what depends on a time of its own.
 
 Rules of this file: equations come from `composite`; the call buffers of one object belong to one thread.
 """

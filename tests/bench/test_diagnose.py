@@ -266,4 +266,3 @@ def test_a_models_own_effects_are_part_of_what_is_judged(made: Path) -> None:
         diagnose.run([str(made / "train")], [str(made / "held.csv")], model=made / "found.yaml")
     assert [effect.name for effect in cases[0].effects] == [NAME]
     assert cases[0].values[f"{NAME}.Fc"] == load_model(made / "found.yaml").effects[0].parameters["Fc"].value
-

@@ -1,4 +1,4 @@
-"""The rig's plant with hidden physics: late torque, late pictures, friction that holds; nothing hidden is today's rig."""
+"""The rig's plant with hidden physics: late torque, late pictures, friction that holds; nothing hidden: no change."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hoopd.files import InputError
 from hoopd.modelfiles import load_model
 from hoopd.physics.found import Found, FoundEffect
 from hoopd.physics.plant import Plant
 from hoopd.shell import config as configuration
-from hoopd.files import InputError
 from hoopd.sim import parts
 from hoopd.sim.hidden import HiddenPlant
 from hoopd.sim.plant import RigPlant, make_plant
@@ -44,9 +44,8 @@ def test_a_late_torque_arrives_when_it_should_whatever_the_steps() -> None:
     for t, u in ((0.020, 0.0), (0.027, 0.1), (0.040, 0.1), (0.061, -0.1), (0.10, -0.1)):
         late.advance(t, u)
     x = START
-    for until, u in ((0.0333, 0.0), (0.0533, 0.1), (0.10, -0.1)):
-        begin = {0.0333: 0.0, 0.0533: 0.0333, 0.10: 0.0533}[until]
-        for k in range(10):
+    for begin, until, u in ((0.0, 0.0333, 0.0), (0.0333, 0.0533, 0.1), (0.0533, 0.10, -0.1)):
+        for _ in range(10):
             x = BASE.advance(x, u, (until - begin) / 10)
     assert late.state == pytest.approx(tuple(x), abs=1e-6)
 
