@@ -17,7 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
-from hoopd.build import Texts, build_tick, mismatch, read_texts
+from hoopd.build import Texts, build_tick, mismatch, read_texts, unused_effects
 from hoopd.core.records import Command
 from hoopd.core.tick import Note, Tick
 from hoopd.files import InputError
@@ -97,6 +97,8 @@ def perform(options: Options, config: Config, texts: Texts, guest: Guest | None 
         reporter = log.Reporter(notifier.status)
         if reason := mismatch(config, texts):
             reporter.note(0.0, Note("controller_mismatch", "warning", {"reason": reason}))
+        for name, reason in unused_effects(config, texts):
+            reporter.note(0.0, Note("effect_unused", "warning", {"effect": name, "reason": reason}))
         world = stack.enter_context(_world(options, config, _say(reporter)))
         summary = asyncio.run(_run(options, config, texts, tick, world, notifier, reporter, guest))
         signals.ignore()

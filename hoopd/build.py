@@ -32,7 +32,7 @@ from hoopd.modelfiles import (
 )
 from hoopd.physics.found import Found
 from hoopd.shell.config import Config, dump, find
-from hoopd.writeback import FEEDFORWARD_SHARE, estimator_with, feedforward_parts
+from hoopd.writeback import Unused, estimator_with, feedforward_of, unused
 
 # The line of a controller file that names its model, when the way there leads through folders of this machine.
 _MODEL_FOLDERS = re.compile(r"(?m)^(model: +[\"']?)(?:/|~|\.\.).*/(?=[^/\n]+$)")
@@ -119,9 +119,13 @@ def _feed_forward(
     """Nothing is added to a test signal: it is played as it was asked for."""
     if not config.control.feedforward or isinstance(law, Excitation):
         return FeedForward()
-    loop = config.loop
-    parts = feedforward_parts(found, loop.period_s, loop.wire_s, settings.r_dtheta**0.5)
-    return FeedForward(parts, FEEDFORWARD_SHARE * limiter.torque_nm)
+    return feedforward_of(
+        found,
+        limiter.torque_nm,
+        tick_s=config.loop.period_s,
+        wire_s=config.loop.wire_s,
+        speed_noise_rad_s=settings.r_dtheta**0.5,
+    )
 
 
 def _watches_the_ball(config: Config, law: Controller) -> None:
@@ -143,6 +147,11 @@ def mismatch(config: Config, texts: Texts) -> str:
     if not config.device.model or Path(designed_on).name == Path(config.device.model).name:
         return ""
     return f"{config.control.file} was designed on {designed_on}, the filter uses {config.device.model}"
+
+
+def unused_effects(config: Config, texts: Texts) -> tuple[Unused, ...]:
+    """Effects of the model that neither filter nor feed-forward can do anything with."""
+    return unused(effects_of(parse_model(texts.model, config.device.model)))
 
 
 def _same_period(config: Config, sample_time_s: float) -> None:

@@ -10,9 +10,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from hoopd.core.estimator import DelayedEkf, EkfSettings
-from hoopd.core.feedforward import WANTED, Bound, Part
+from hoopd.core.feedforward import WANTED, Bound, FeedForward, Part
 from hoopd.core.late import Delays, LateEstimator
-from hoopd.physics.compensation import cancels, demands
+from hoopd.physics.compensation import cancels, demand_of, in_order
 from hoopd.physics.effectplant import EffectPlant, acts_now
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.found import REGION_NAMES, Found, Region
@@ -95,11 +95,18 @@ def estimator_with(found: Found, settings: EkfSettings) -> DelayedEkf | LateEsti
     return LateEstimator(inner, plant.step_and_jacobian, delays, correct)
 
 
-def feedforward_parts(found: Found, tick_s: float, wire_s: float, speed_noise_rad_s: float) -> tuple[Part, ...]:
-    """Parts of the feed-forward, each with no more than its effect has at least."""
-    regions = {one.name: _region(one.valid) for one in found.entries}
+def feedforward_of(
+    found: Found, limit_nm: float, *, tick_s: float, wire_s: float, speed_noise_rad_s: float
+) -> FeedForward:
+    """Feed-forward of all effects that a torque can cancel, of each no more than it has at least; `limit_nm`: of the
+    drive."""
     sure = found.weakened()
-    return tuple(Part(name, demand, regions[name]) for name, demand in demands(sure, tick_s, wire_s, speed_noise_rad_s))
+    effects, regions = in_order(sure), {one.name: _region(one.valid) for one in found.entries}
+    if not effects:
+        return FeedForward()
+    parts = [Part(effect.name, regions[effect.name]) for effect in effects]
+    demand = demand_of(sure, tick_s, wire_s, speed_noise_rad_s)
+    return FeedForward(parts, demand, FEEDFORWARD_SHARE * limit_nm)
 
 
 def _region(valid: Region) -> tuple[Bound, ...]:

@@ -11,10 +11,12 @@ from hoopd.core.excitation import Excitation
 from hoopd.files import InputError
 from hoopd.modelfiles import (
     controller_of,
+    effects_of,
     estimator_of,
     limiter_of,
     load_controller,
     load_model,
+    model_text,
     parse_controller,
     parse_model,
     plant_of,
@@ -144,3 +146,39 @@ def check(parse: object, text: str, keys: tuple[str, ...], value: object, messag
         parse(yaml.safe_dump(data), "x.yaml")  # type: ignore[operator]
     assert str(error.value).startswith("x.yaml: ") and message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+# ------------------------------------------------------------------------------------------ effects
+
+FRICTION = "{name: hoop.coulomb_friction, parameters: {Fc: {value: 0.008, unit: N m}}}"
+
+
+@pytest.mark.parametrize(
+    ("entries", "key"),
+    [
+        ("{name: hoop.rust}", "effects[0].name"),
+        (f"{FRICTION}, {FRICTION}", "effects[1].name"),
+        (FRICTION.replace("0.008", "8"), "effects[0].parameters.Fc"),
+        (FRICTION.replace("N m", "N"), "effects[0].parameters.Fc.unit"),
+        (FRICTION.replace("Fc", "F"), "effects[0].parameters.F"),
+        ("{name: hoop.coulomb_friction}", "effects[0].parameters"),
+        (FRICTION.replace("N m}}", "N m, ci95: [0.1, 0.2]}}"), "effects[0].parameters.Fc.ci95"),
+        (FRICTION.replace("N m}}", "N m}}, valid: {speed: [0, 1]}"), "effects[0].valid.speed"),
+        (FRICTION.replace("N m}}", "N m}}, valid: {dtheta: [1, 0]}"), "effects[0].valid.dtheta"),
+    ],
+)
+def test_an_effect_that_cannot_be_meant_is_one_line(entries: str, key: str) -> None:
+    text = (CONFIG / "models" / "hoop.yaml").read_text().replace("effects: []", f"effects: [{entries}]")
+    with pytest.raises(InputError) as raised:
+        parse_model(text, "m.yaml")
+    assert raised.value.key == key and "\n" not in str(raised.value)
+
+
+def test_effects_keep_their_numbers_and_what_is_sure_of_them() -> None:
+    entry = FRICTION.replace("N m}}", "N m, ci95: [0.006, 0.01]}}, valid: {dtheta: [-5, 5]}")
+    text = (CONFIG / "models" / "hoop.yaml").read_text().replace("effects: []", f"effects: [{entry}]")
+    model = parse_model(text, "m.yaml")
+    assert parse_model(model_text(model), "again") == model
+    (one,) = effects_of(model).entries
+    assert one.parameters == {"Fc": 0.008} and one.weakened().parameters == {"Fc": 0.006}
+    assert one.valid == {"dtheta": (-5.0, 5.0)}

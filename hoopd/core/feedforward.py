@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from hoopd.core.records import Vector
 
-# (x (4,), wanted torque N m) -> torque to demand, N m.
-Demand = Callable[[Vector, float], float]
+# (x (4,), wanted torque N m, 1 or 0 for every part: it acts or not) -> torque to demand, N m.
+Demand = Callable[[Vector, float, tuple[float, ...]], float]
 # Index of the wanted torque among what a region bounds, after the four states.
 WANTED = 4
 
@@ -28,31 +28,35 @@ class Bound(NamedTuple):
 
 
 class Part(NamedTuple):
-    """What one effect needs."""
+    """One effect: it acts where every bound holds."""
 
     name: str  # slot.effect
-    demand: Demand
     region: tuple[Bound, ...] = ()
 
 
 class FeedForward:
-    """All parts, against the signal path: forces on the hoop first, then the maps of the drive from its end."""
+    """All parts in one call."""
 
-    def __init__(self, parts: Sequence[Part] = (), limit_nm: float = 0.0) -> None:
+    def __init__(
+        self,
+        parts: Sequence[Part] = (),
+        demand: Demand = lambda x, wanted_nm, acting: wanted_nm,
+        limit_nm: float = 0.0,
+    ) -> None:
         """`limit_nm`: how far the demanded torque may be from the wanted one."""
         if not limit_nm >= 0.0:
             raise ValueError(f"the limit of a feed-forward must not be negative, not {limit_nm}")
-        self.parts, self.limit_nm = tuple(parts), limit_nm
+        self.parts, self.limit_nm, self._demand = tuple(parts), limit_nm, demand
 
     def demand(self, x: Vector, wanted_nm: float) -> float:
         """Torque to demand so that the hoop gets `wanted_nm`; the wanted one where no part is sure."""
         if not self.parts:
             return wanted_nm
-        torque = wanted_nm
         values = (*x.tolist(), wanted_nm)
-        for part in self.parts:
-            if all(bound.low <= values[bound.place] <= bound.high for bound in part.region):
-                torque = part.demand(x, torque)
+        acting = tuple(
+            float(all(low <= values[place] <= high for place, low, high in part.region)) for part in self.parts
+        )
+        torque = self._demand(x, wanted_nm, acting)
         if not isfinite(torque):
             return wanted_nm
         return wanted_nm + min(self.limit_nm, max(-self.limit_nm, torque - wanted_nm))

@@ -75,7 +75,7 @@ def _at_angle(plant: Plant | EffectPlant, psi: float) -> tuple[Array, float]:
 
 
 def _at_rest(plant: Plant | EffectPlant, psi: float) -> tuple[Array, float]:
-    """At the bottom or the top; where an effect pushes at rest, where it and the torque that holds it leave the ball."""
+    """The bottom or the top; with an effect that pushes at rest, where it and the torque against it leave the ball."""
     x = np.array([0.0, 0.0, psi, 0.0])
     if _vanishes(plant, x, 0.0):
         return x, 0.0

@@ -13,13 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hoopd.core.estimator import DelayedEkf
-from hoopd.core.feedforward import FeedForward
 from hoopd.design.closedloop import WIRE_S, LateTorque, LinearPlant, Moving, Run, Scenario, picture_timing, simulate
 from hoopd.modelfiles import ControllerFile, controller_of, limiter_of, settings_of
 from hoopd.physics.effectplant import acts_now
 from hoopd.physics.found import Found
 from hoopd.physics.plant import Plant
-from hoopd.writeback import FEEDFORWARD_SHARE, delays_of, estimator_with, feedforward_parts, filter_plant
+from hoopd.writeback import delays_of, estimator_with, feedforward_of, filter_plant
 
 # When the loop is at rest: the ball within 3 degrees, the hoop slower than a turn in six seconds.
 BALL_RAD, HOOP_RAD_S = 0.05, 1.0
@@ -90,14 +89,20 @@ def run(
         estimator = DelayedEkf(model.step_and_jacobian, settings)
         return simulate(true, controller_of(file), estimator, limiter_of(file), scenario)
     limiter, delay_s = limiter_of(file), delays_of(known).torque_s
-    parts = feedforward_parts(known, scenario.period_s, WIRE_S, settings.r_dtheta**0.5)
+    forward = feedforward_of(
+        known,
+        limiter.torque_nm,
+        tick_s=scenario.period_s,
+        wire_s=WIRE_S,
+        speed_noise_rad_s=settings.r_dtheta**0.5,
+    )
     return simulate(
         LateTorque(true, delay_s) if delay_s > 0.0 else true,
         controller_of(file),
         estimator_with(known, settings),
         limiter,
         scenario,
-        feedforward=FeedForward(parts, FEEDFORWARD_SHARE * limiter.torque_nm),
+        feedforward=forward,
     )
 
 

@@ -155,7 +155,8 @@ def fit_output_error(
 ) -> Solution:
     """Parameters `names` (start: `values`) and the runs' initial states; loss: linear, huber, soft_l1 or cauchy.
 
-    `effects`: what the plant has beside its equations, held at its numbers. The search ends where a step gains less than `smallest_gain` of the cost.
+    `effects`: what the plant has beside its equations, held. The search ends where a step gains less than
+    `smallest_gain` of the cost.
     """
     priors = {name: prior for name, prior in (priors or {}).items() if name in names}
     problem = Problem(structure, values, runs, scale_of(structure, names, values), extra_forces, effects)

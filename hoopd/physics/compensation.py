@@ -9,7 +9,7 @@ Rules of this file: equations come from the effects' declarations, whatever they
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -23,12 +23,15 @@ from hoopd.physics.found import Found
 from hoopd.physics.plant import Call
 
 Array = NDArray[np.float64]
-Demand = Callable[[Array, float], float]
+# (x (4,), wanted torque N m, 1 or 0 for every effect: it is cancelled or not) -> torque to demand, N m
+Demand = Callable[[Array, float, Sequence[float]], float]
 
+# Beyond the order of any map of the torque.
+LAST_ORDER = 100
 # Points of the mean over a tick: 7 times a turn at 20 rad/s, 2.8 rad a tick, is met within 4 %.
 POINTS = 3
-# Of a friction's level, the wanted torque at rest at which three quarters of it are given: less would turn a law's noise
-# into a rattle, more would leave the hoop stuck.
+# Of a friction's level, the wanted torque at rest at which three quarters of it are given: less would turn a law's
+# noise into a rattle, more would leave the hoop stuck.
 REST_SHARE = 0.5
 # So many standard deviations of the estimated speed are a motion: at rest its noise must not rattle the drive.
 MOTION_SIGMAS = 3.0
@@ -46,21 +49,25 @@ def cancels(found: Found, effect: Effect) -> bool:
     return effect.force is not None and set(effect.force(_anywhere(found), effect.values(found.values))) == {driven}
 
 
-def demands(found: Found, tick_s: float, wire_s: float, speed_noise_rad_s: float) -> list[tuple[str, Demand]]:
-    """(effect, its demand), against the signal path; `speed_noise_rad_s`: of the estimate that they are given."""
+def in_order(found: Found) -> tuple[Effect, ...]:
+    """Those that can be cancelled, against the signal path: forces on the body first, then the drive's maps from its
+    end."""
     chosen = [effect for effect in found.effects() if cancels(found, effect)]
-    # forces on the body first, then the drive's maps from the last one back
-    chosen.sort(key=lambda one: -one.order if one.torque is not None else -100)
-    return [(one.name, _demand(found, one, tick_s, wire_s, speed_noise_rad_s)) for one in chosen]
+    return tuple(sorted(chosen, key=lambda one: -one.order if one.torque is not None else -LAST_ORDER))
 
 
-def _demand(found: Found, effect: Effect, tick_s: float, wire_s: float, noise_rad_s: float) -> Demand:
-    plant, x, wanted = found.plant, ca.SX.sym("x", 4), ca.SX.sym("wanted")
+def demand_of(found: Found, tick_s: float, wire_s: float, speed_noise_rad_s: float) -> Demand:
+    """All effects of `in_order` in one call; `speed_noise_rad_s`: of the estimate that it is given."""
+    effects, x, wanted = in_order(found), ca.SX.sym("x", 4), ca.SX.sym("wanted")
     ages = [wire_s + tick_s * (index + 0.5) / POINTS for index in range(POINTS)]
-    points = [plant.point(_moved(x, age), _constants(found), wanted) for age in ages]
-    mean = sum(_one(found, effect, s, noise_rad_s) for s in points) / POINTS
-    call = Call(ca.Function("demand", [x, wanted], [ca.densify(mean)], {"cse": True}))
-    return lambda state, torque: float(call.vector(state, torque)[0])
+    states, constants = [_moved(x, age) for age in ages], _constants(found)
+    flags, torque = [ca.SX.sym(f"on{index}") for index in range(len(effects))], wanted
+    for effect, on in zip(effects, flags, strict=True):
+        points = [found.plant.point(state, constants, torque) for state in states]
+        mean = sum(_one(found, effect, s, speed_noise_rad_s) for s in points) / POINTS
+        torque = ca.if_else(on > 0.5, mean, torque)
+    call = Call(ca.Function("demand", [x, wanted, *flags], [ca.densify(torque)], {"cse": True}))
+    return lambda state, wanted_nm, on: float(call.vector(state, wanted_nm, *on)[0])
 
 
 def _one(found: Found, effect: Effect, s: Point, noise_rad_s: float) -> Any:

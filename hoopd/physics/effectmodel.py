@@ -200,7 +200,7 @@ def model_of(
     moving: str = "both",
     step_s: float = STEP_S,
 ) -> Model | EffectModel:
-    """What simulates a plant again and again, with effects where there are some; ValueError for both kinds of forces."""
+    """What simulates a plant again and again, with effects where there are some; ValueError for two kinds of forces."""
     if not effects:
         return Model(structure, values, free, extra_forces, moving=moving, step_s=step_s)
     if extra_forces:

@@ -145,10 +145,56 @@ def test_a_file_without_arrival_times_is_made_late() -> None:
         arriving(from_columns({"t": 2 * t, "u": t}), Spec())
 
 
-def test_effects_of_a_model_are_named_as_left_out(tmp_path: Path) -> None:
-    model = tmp_path / "m.yaml"
-    model.write_text(HOOP.read_text().replace("effects: []", "effects: [{name: friction.coulomb}]"))
-    assert run("lqg", model, Spec())["warnings"] == ["designed without the model's effects: friction.coulomb"]
+def with_effect(folder: Path, *entries: str) -> Path:
+    model = folder / "m.yaml"
+    model.write_text(HOOP.read_text().replace("effects: []", f"effects: [{', '.join(entries)}]"))
+    return model
+
+
+FRICTION = "{name: hoop.coulomb_friction, parameters: {Fc: {value: 0.008, unit: N m}}}"
+LATE_CAMERA = "{name: camera.latency, parameters: {d: {value: 0.04, unit: s}}}"
+LATE_DRIVE = "{name: actuator.delay, parameters: {d: {value: 0.03, unit: s}}}"
+SLIP = "{name: ball.slip, parameters: {mu: {value: 0.1, unit: '-'}}}"
+
+
+def test_a_law_is_designed_on_what_feed_forward_leaves(tmp_path: Path) -> None:
+    plain, found = run("lqg", HOOP, Spec()), run("lqg", with_effect(tmp_path, FRICTION), Spec())
+    assert found["gains"] == plain["gains"] and found["margins"] == plain["margins"]
+    assert found["effects"]["fed_forward"] == found["effects"]["in_the_filter"] == ["hoop.coulomb_friction"]
+    released = found["closed_loop"]["released"]
+    assert released["psi_settled_s"] < 1.5 and abs(released["end_psi_rad"]) < 0.005
+    assert "effects" not in plain
+
+
+def count_poles(result: dict[str, Any]) -> int:
+    return int(result["delay_poles"]) + len(result["closed_loop_poles"])
+
+
+def test_delays_of_a_model_are_in_the_loop(tmp_path: Path) -> None:
+    plain = run("lqg", HOOP, Spec())
+    late = run("lqg", with_effect(tmp_path, LATE_CAMERA, LATE_DRIVE), Spec())
+    assert late["delay_s"] == pytest.approx(plain["delay_s"] + 0.04)
+    # torques on their way: two ticks in what is seen of the hoop, two and two more in what is seen of the ball
+    assert count_poles(late) > count_poles(plain) + 6 and late["margins"]["delay_ms"] > 20.0
+    assert late["effects"]["delays_s"] == {"torque_s": 0.03, "camera_s": 0.04, "encoder_s": 0.0}
+    assert late["closed_loop"]["released"]["psi_settled_s"] < 1.5
+
+
+def test_delays_that_no_filter_remembers_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="effects"):
+        run("lqg", with_effect(tmp_path, LATE_CAMERA.replace("0.04", "0.2"), LATE_DRIVE), Spec())
+
+
+def test_effects_that_a_daemon_cannot_use_are_named(tmp_path: Path) -> None:
+    (warning,) = run("lqg", with_effect(tmp_path, SLIP), Spec())["warnings"]
+    assert "ball.slip" in warning and "no state" in warning
+
+
+def test_a_limit_of_the_drive_limits_the_law(tmp_path: Path) -> None:
+    limit = "{name: actuator.saturation, parameters: {s: {value: 0.3, unit: N m}}}"
+    out = tmp_path / "c.yaml"
+    run("lqg", with_effect(tmp_path, limit), Spec(), out=out)
+    assert load_controller(out).limits.torque_nm == 0.3
 
 
 # ------------------------------------------------------------------------------------------ the thesis's figures

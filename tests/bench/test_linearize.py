@@ -109,10 +109,45 @@ def test_operating_point_with_a_turning_hoop() -> None:
     assert "rolling friction" in result["notes"][0]
 
 
-def test_effects_that_are_left_out_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "m.yaml"
-    path.write_text(THESIS.read_text().replace("effects: []", "effects: [{name: friction.coulomb}]"))
-    assert run(path)["notes"][0] == "not part of the linear model: the effects friction.coulomb"
+def with_effects(folder: Path, *entries: str) -> Path:
+    path = folder / "m.yaml"
+    path.write_text(THESIS.read_text().replace("effects: []", f"effects: [{', '.join(entries)}]"))
+    return path
+
+
+def test_dry_friction_is_left_out_and_its_describing_value_told(tmp_path: Path) -> None:
+    friction = "{name: hoop.coulomb_friction, parameters: {Fc: {value: 0.008, unit: N m}}}"
+    result = run(with_effects(tmp_path, friction))
+    assert result["effects"]["included"] == [] and result["poles"] == run(THESIS)["poles"]
+    assert "hoop.coulomb_friction" in result["notes"][0] and "0.0102 N m s at 1 rad/s" in result["notes"][0]
+
+
+def test_smooth_effects_enter_the_linear_model(tmp_path: Path) -> None:
+    imbalance = "{name: hoop.imbalance, parameters: {A: {value: 0.008, unit: N m}, phi: {value: 0.7, unit: rad}}}"
+    gain = "{name: actuator.torque_gain, parameters: {k: {value: 0.5, unit: '-'}}}"
+    base, result = run(THESIS)["state_space"], run(with_effects(tmp_path, imbalance, gain))
+    point, space = result["operating_point"], result["state_space"]
+    # the drive holds it: 0.5 u = A sin phi
+    assert point["torque"] == pytest.approx(0.008 * math.sin(0.7) / 0.5)
+    assert space["B"][1][0] == pytest.approx(0.5 * base["B"][1][0])
+    # d theta''/d theta = -L1 A cos phi
+    assert space["A"][1][0] == pytest.approx(-base["B"][1][0] * 0.008 * math.cos(0.7))
+    assert space["A"][1][1:] == pytest.approx(base["A"][1][1:])
+
+
+def test_a_latency_is_a_delay_where_the_model_is_sampled(tmp_path: Path) -> None:
+    late = with_effects(tmp_path, "{name: camera.latency, parameters: {d: {value: 0.04, unit: s}}}")
+    sampled = run(late, sample_time_s=0.02)
+    assert sampled["poles"] == run(THESIS, sample_time_s=0.02, delay_samples=2)["poles"]
+    assert any("40 ms of delay" in note for note in run(late)["notes"])
+    assert run(late, sample_time_s=0.02, outputs=("dtheta",))["effects"]["delay_s"] == 0.0
+
+
+def test_what_turns_with_the_hoop_has_no_mean(tmp_path: Path) -> None:
+    imbalance = "{name: hoop.imbalance, parameters: {A: {value: 0.008, unit: N m}, phi: {value: 0.7, unit: rad}}}"
+    result = run(with_effects(tmp_path, imbalance), dtheta_rad_s=10.0)
+    assert result["state_space"] == run(THESIS, dtheta_rad_s=10.0)["state_space"]
+    assert "mean over the turns" in result["effects"]["left_out"][0]["reason"]
 
 
 def test_the_page_s_python_runs(capsys: pytest.CaptureFixture[str]) -> None:

@@ -23,7 +23,7 @@ from hoopd.recording.slices import Span, read_recording, split_slice
 
 MODELS = Path(__file__).resolve().parents[2] / "config" / "models"
 DEVICE = MODELS / "hoop.yaml"
-EFFECT = "effects: [{name: friction.coulomb, parameters: {}}]"
+EFFECT = "effects: [{name: hoop.coulomb_friction, parameters: {Fc: {value: 0.01, unit: N m}}}]"
 
 
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -123,13 +123,18 @@ def test_torque_alone_runs_both_from_rest(tmp_path: Path, monkeypatch: pytest.Mo
     assert abs(dtheta[49]) < dtheta[25]
 
 
-def test_a_model_with_effects_is_refused_or_said(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    model = tmp_path / "model.yaml"
+def test_a_model_with_effects_plays_them(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, out = tmp_path / "model.yaml", tmp_path / "with.csv"
     model.write_text(DEVICE.read_text().replace("effects: []", EFFECT))
     assert EFFECT in model.read_text()
-    assert command(monkeypatch, "--model", model, "--input", made) == 2
-    found = result_of(monkeypatch, tmp_path, "--model", model, "--input", made, "--without-effects")
-    assert any("friction.coulomb" in note for note in found["notes"])
+    start = ("--x0", "psi=0,dpsi=0,dtheta=0,theta=0")
+    result_of(monkeypatch, tmp_path, "--model", model, "--input", made, *start, "--out", out)
+    fits = {}
+    for label, more in (("with", ()), ("without", ("--without-effects",))):
+        found = result_of(monkeypatch, tmp_path, "--model", model, "--input", out, *start, *more)
+        fits[label] = found["free_run"]["theta_rate"]["nrmse_percent"]
+        assert any("hoop.coulomb_friction" in note for note in found["notes"]) == (label == "without")
+    assert fits["with"] > 99.9 > fits["without"] + 1.0
 
 
 def test_what_is_doubtful_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

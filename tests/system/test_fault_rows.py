@@ -260,7 +260,8 @@ def armed_again(name: str, case: Case, found: Run) -> None:
 
 
 def test_every_row_has_a_test() -> None:
-    assert set(CASES) == {fault.name for fault in FAULTS}
+    # drift takes half a minute: test_writeback
+    assert set(CASES) == {fault.name for fault in FAULTS} - {"model_drift"}
 
 
 EXPECTED_OUTCOME: dict[Action, set[Outcome]] = {

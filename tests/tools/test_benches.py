@@ -112,3 +112,11 @@ def test_simulate_prints_every_way_and_the_bound() -> None:
     out = run_bench("simulate.py", "--runs", "5", "--slow", "1")
     assert out.count("scipy") == 4 and out.count("hoopd, steps") == 2
     assert "the bound is 5 ms" in out
+
+
+def test_writeback_shows_that_the_error_falls(tmp_path: Path) -> None:
+    path = tmp_path / "figures.json"
+    out = run_bench("writeback.py", "--seeds", "1", "--only", "imbalance", "--json", str(path))
+    assert "written back" in out
+    rows = json.loads(path.read_text())["errors"]["imbalance"]
+    assert rows["written back"]["psi_settled_mrad"] < 0.1 * rows["base"]["psi_settled_mrad"]

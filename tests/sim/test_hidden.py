@@ -1,0 +1,110 @@
+"""The rig's plant with hidden physics: late torque, late pictures, friction that holds; nothing hidden: no change."""
+
+from __future__ import annotations
+
+from math import isnan
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoopd.files import InputError
+from hoopd.modelfiles import load_model
+from hoopd.physics.found import Found, FoundEffect
+from hoopd.physics.plant import Plant
+from hoopd.shell import config as configuration
+from hoopd.sim import parts
+from hoopd.sim.hidden import HiddenPlant
+from hoopd.sim.plant import RigPlant, make_plant
+
+FILE = load_model(Path(__file__).resolve().parents[2] / "config" / "models" / "hoop.yaml")
+BASE = Plant(FILE.structure, FILE.values())
+START = np.array([0.0, 0.0, 0.3, 0.0])
+
+
+def hidden(held: bool = False, hold_s: float = 0.0, **effects: dict[str, float]) -> HiddenPlant:
+    entries = tuple(FoundEffect(name.replace("__", "."), values) for name, values in effects.items())
+    return HiddenPlant(Found(FILE.structure, FILE.values(), entries), START, held=held, hold_s=hold_s)
+
+
+def test_without_effects_the_rig_is_the_one_it_was() -> None:
+    assert type(make_plant(FILE.structure, FILE.values(), START.tolist(), effects={})) is RigPlant
+
+
+def test_a_neutral_effect_moves_as_the_base() -> None:
+    plant, base = hidden(hoop__coulomb_friction={"Fc": 0.0}), RigPlant(BASE.advance, START)
+    for k in range(1, 60):
+        for one in (plant, base):
+            one.advance(0.013 * k, 0.05 * (-1) ** (k // 7))
+    assert plant.state == pytest.approx(base.state, abs=1e-8)
+
+
+def test_a_late_torque_arrives_when_it_should_whatever_the_steps() -> None:
+    late = hidden(actuator__delay={"d": 0.0133})
+    for t, u in ((0.020, 0.0), (0.027, 0.1), (0.040, 0.1), (0.061, -0.1), (0.10, -0.1)):
+        late.advance(t, u)
+    x = START
+    for begin, until, u in ((0.0, 0.0333, 0.0), (0.0333, 0.0533, 0.1), (0.0533, 0.10, -0.1)):
+        for _ in range(10):
+            x = BASE.advance(x, u, (until - begin) / 10)
+    assert late.state == pytest.approx(tuple(x), abs=1e-6)
+
+
+def test_a_late_camera_shows_the_past_and_the_state_is_the_present() -> None:
+    late, plain = hidden(camera__latency={"d": 0.04}), RigPlant(BASE.advance, START)
+    past = {}
+    for k in range(1, 300):
+        t = 0.002 * k
+        late.advance(t, 0.05)
+        plain.advance(t, 0.05)
+        past[k] = plain.state
+    assert late.state == pytest.approx(plain.state, abs=1e-8)
+    assert late.shown[2] == pytest.approx(past[299 - 20][2], abs=1e-8)
+    theta, dtheta, current = late.sample()
+    assert (theta, dtheta) == pytest.approx(plain.state[:2], abs=1e-8) and isnan(current)
+
+
+def test_sensors_err_as_they_are_told() -> None:
+    wrong = hidden(encoder__eccentricity={"a": 0.1, "phi": 0.3, "follows": 0.0}, camera__angle_offset={"d": 0.02})
+    wrong.advance(0.3, 0.05)
+    theta, _, psi, _ = wrong.state
+    assert wrong.sample()[0] == pytest.approx(theta + 0.1 * np.sin(theta + 0.3))
+    assert wrong.shown[2] == pytest.approx(psi + 0.02)
+
+
+def test_friction_holds_the_hoop_and_a_hand_holds_both() -> None:
+    stuck = hidden(hoop__coulomb_friction={"Fc": 0.02})
+    for k in range(1, 100):
+        stuck.advance(0.01 * k, 0.005)
+    assert abs(stuck.state[1]) < 1e-4
+    held = hidden(held=True, hold_s=0.5, hoop__coulomb_friction={"Fc": 0.02})
+    held.advance(0.3, 0.1)
+    assert held.state == tuple(START)
+    held.advance(0.6, 0.0)
+    held.advance(0.7, 0.1)
+    assert held.state != tuple(START)
+
+
+def effects_in(*sets: str) -> dict[str, dict[str, float]]:
+    config = configuration.load(None, sim=True, overrides=list(sets))
+    return parts.rig_effects(config, FILE)
+
+
+def test_neutral_effects_are_none_and_phases_may_be_left_out() -> None:
+    assert effects_in("sim.effects=[{name: hoop.coulomb_friction, parameters: {Fc: 0}}]") == {}
+    told = effects_in("sim.effects=[{name: actuator.cogging, parameters: {A: 0.01, n: 7}}]")
+    assert told == {"actuator.cogging": {"A": 0.01, "n": 7.0, "phi": 0.0}}
+
+
+@pytest.mark.parametrize(
+    ("entry", "key"),
+    [
+        ("{name: hoop.rust}", "sim.effects[0].name"),
+        ("{name: hoop.coulomb_friction, parameters: {Fc: 1}}", "sim.effects[0].parameters.Fc"),
+        ("{name: camera.late_frames, parameters: {share: 0.1}}", "sim.effects"),
+    ],
+)
+def test_what_cannot_be_hidden_is_one_line(entry: str, key: str) -> None:
+    with pytest.raises(InputError) as raised:
+        effects_in(f"sim.effects=[{entry}]")
+    assert raised.value.key == key
