@@ -14,7 +14,6 @@ from hoopd.physics.effects.base import Effect, EffectParameter, Point, Values, g
 from hoopd.physics.effects.camera import latency
 from hoopd.physics.effects.slots import named, of_kind, units
 
-
 # A disc that is no circle, poles and gaps of a magnetic scale, the gain and phase of its two tracks.
 UNEVEN_HARMONICS = tuple(float(n) for n in range(2, 13))
 
