@@ -72,8 +72,8 @@ class Adjoint:
         """By recording, to a unit force on a coordinate."""
         parts: dict[str, list[tuple[Track, Array]]] = {}
         for track, slopes in zip(self.screen.fit.tracks, self.by_force, strict=True):
-            if coordinate in track.composite.plant.coordinates:
-                q = track.composite.plant.coordinates.index(coordinate)
+            if coordinate in track.stretch.plant.coordinates:
+                q = track.stretch.plant.coordinates.index(coordinate)
                 parts.setdefault(track.stretch.recording, []).append((track, slopes[:, q]))
         return [_joined(recording, pieces) for recording, pieces in parts.items()]
 
@@ -98,7 +98,8 @@ def force_along(track: Track, fitted: Mapping[str, float], effect: Effect, value
     plant, n = track.composite.plant, len(track.z) - 1
     z, u, t = ca.SX.sym("z", track.composite.nz), ca.SX.sym("u"), ca.SX.sym("t")
     force = effect.force(plant.point(z, track.local(fitted), u, t), Values(**{**effect.neutral(), **values}))
-    expression = ca.vertcat(*(ca.SX(force.get(q, 0.0)) for q in plant.coordinates))
+    # disturbances act on the coordinates of the plant as declared
+    expression = ca.vertcat(*(ca.SX(force.get(q, 0.0)) for q in track.stretch.plant.coordinates))
     middle, stretch = (track.z[1:] + track.z[:-1]) / 2, track.stretch
     function = ca.Function("force", [z, u, t], [ca.densify(expression)])
     found = function.map(n)(middle.T, stretch.u[None], (stretch.t[:-1] + stretch.h / 2)[None])

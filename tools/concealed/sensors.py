@@ -32,7 +32,8 @@ class Noise:
 
 def at(history: Array, newest: int, age_s: Array, position: int) -> tuple[Array, Array]:
     """Position and velocity (B,) `age_s` before row `newest` of the history (rows, 4, B); cubic between rows."""
-    place = np.maximum(newest - age_s / PIECE_S, 0.0)
+    # a run that left every bound has no age: it is refused by its size elsewhere
+    place = np.maximum(newest - np.nan_to_num(age_s) / PIECE_S, 0.0)
     row = np.minimum(place.astype(np.int64), max(newest - 1, 0))
     s, column = place - row, np.arange(history.shape[2])
     x0, v0 = history[row, position, column], history[row, position + 1, column] * PIECE_S
