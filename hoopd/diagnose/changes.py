@@ -204,7 +204,7 @@ def _force_function(plant: DeclaredPlant, effect: Effect, n: int = 1) -> ca.Func
 
     None for an effect whose functions do not take a whole column of points.
     """
-    key = (plant_key(plant), effect.name, n)
+    key = (plant_key(plant), plant.states, effect.name, n)
     if key not in _forces:
         try:
             _forces[key] = _made_force_function(plant, effect, n)
@@ -230,4 +230,4 @@ def _made_force_function(plant: DeclaredPlant, effect: Effect, n: int) -> ca.Fun
 
 
 # As many as effects of a library, for each plant and length.
-_forces: dict[tuple[str, str, int], ca.Function | None] = {}
+_forces: dict[tuple[str, tuple[str, ...], str, int], ca.Function | None] = {}

@@ -28,7 +28,7 @@ Progress = Callable[[str], None]
 # Effects in one explanation.
 MOST_EFFECTS = 3
 # While the disturbances that are left are far beyond the usual, more is missing.
-MOST_WHERE_FAR = 6
+MOST_WHERE_FAR = 5
 # Of a screen's proposals so many are refitted, and those that come this near to the best one.
 MOST_REFITS, NEAR_SHARE = 4, 0.4
 OTHER_STARTS = 2

@@ -23,6 +23,7 @@ from hoopd.diagnose.findings import (
     verdict_of,
 )
 from hoopd.diagnose.fitting import Fit, fit
+from hoopd.diagnose.freeruns import free_runs
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.intervals import Interval, set_aside
 from hoopd.diagnose.naming import Named, Settings, free_of_recordings, name_effects
@@ -34,6 +35,7 @@ from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, Reco
 from hoopd.diagnose.separate import parameter_notes, separations
 from hoopd.diagnose.shown import Shown
 from hoopd.diagnose.stiff import likeliest
+from hoopd.diagnose.tables import channel_source
 from hoopd.diagnose.unknown import Survey, Unknown, judge_unknown, survey
 from hoopd.diagnose.visible import visible
 from hoopd.physics.effects.base import Effect
@@ -55,6 +57,7 @@ class Case:
     heldout: Sequence[Source]
     library: Mapping[str, Effect]
     effects: Sequence[Effect] = ()  # that the judged model has already; their values are among `values`
+    free_run: bool = True  # one run over each whole stretch too, the parameters refined on it
     seed: int = 0
     held_out_how: str = ""
     progress: Progress = lambda text: None
@@ -106,7 +109,9 @@ def diagnose(case: Case) -> Outcome:
     table = FitTable(
         train=fits_of({"nominal": named.nominal, "base": named.base, "final": named.final}),
         heldout=fits_of(fits) if fits else {},
+        free_run=free_runs(named.nominal, named.base, named.final, held) if case.free_run else {},
         how_heldout=case.held_out_how,
+        channel_source=channel_source([*train, *held]),
     )
     case.progress("what else could explain it")
     threshold, apart = case.settings.threshold, separations(named, case.library)

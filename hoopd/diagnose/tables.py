@@ -112,3 +112,14 @@ def noise_floor(runs: Sequence[Simulated], noise: Mapping[str, Noise]) -> dict[s
         spread = float(np.linalg.norm(y - y.mean()))
         found[name] = 100.0 * (1.0 - sigma * np.sqrt(len(y)) / spread) if spread > 1e-9 else float("nan")
     return found
+
+
+def channel_source(stretches: Sequence[Stretch]) -> dict[str, str]:
+    """What stands for a measured rate that is no measurement of it."""
+    out = {}
+    for one in stretches:
+        for column, (channel, state) in enumerate(one.plant.channels.items()):
+            angle = next((c for c, s in one.plant.channels.items() if f"d{s}" == state), None)
+            if angle is not None and not np.isfinite(one.y[:, column]).any():
+                out[channel] = f"the derivative of {angle}: the measured column is no rate of it"
+    return out

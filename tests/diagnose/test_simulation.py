@@ -1,0 +1,52 @@
+"""Free runs of many windows and many parameters at once, against one run at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoopd.diagnose.simulation import Simulator, fitted_starts, windows_of
+from hoopd.diagnose.tables import channel_source, nrmse, start_weights
+from hoopd.diagnose.track import Track
+from hoopd.physics.effects.catalogue import library
+from tests.diagnose.madeup import shipped_plant, stretch_with
+
+PLANT = shipped_plant()
+EFFECTS = [library(PLANT)[name] for name in ("camera.latency", "actuator.delay", "hoop.coulomb_friction")]
+VALUES = {**PLANT.values, "camera.latency.d": 0.03, "actuator.delay.d": 0.004, "hoop.coulomb_friction.Fc": 0.004}
+OTHER = {**VALUES, "camera.latency.d": 0.011, "actuator.delay.d": 0.009, "L1": 500.0}
+
+
+def test_each_column_has_its_own_parameters() -> None:
+    windows = windows_of(stretch_with(PLANT, "a", 1, 6.0), 2.0)
+    simulator, start = Simulator(windows, EFFECTS), np.zeros((4, 3, 2))
+    start[2] = 0.3
+    both = simulator.run([VALUES, OTHER], start)
+    seen = simulator.readings([VALUES, OTHER], both)
+    for column, values in enumerate((VALUES, OTHER)):
+        alone = simulator.run(values, start[:, :, :1])
+        np.testing.assert_allclose(both[..., column], alone[..., 0], atol=1e-12)
+        np.testing.assert_allclose(seen[..., column], simulator.readings(values, alone)[..., 0], atol=1e-12)
+    assert np.max(np.abs(seen[..., 0] - seen[..., 1])) > 0.01
+
+
+def test_windows_hold_every_reading_once() -> None:
+    stretch = stretch_with(PLANT, "a", 2, 7.3)
+    for length in (2.0, None):
+        windows = windows_of(stretch, length)
+        assert np.isfinite(windows.y).sum() == np.isfinite(stretch.y).sum()
+
+
+def test_the_true_model_repeats_its_own_data() -> None:
+    friction, values = EFFECTS[2:], {**PLANT.values, "hoop.coulomb_friction.Fc": 0.006}
+    stretch = stretch_with(PLANT, "a", 3, 8.0, friction, values, torque=0.05)
+    run = fitted_starts(windows_of(stretch), friction, values, Track(stretch).z, start_weights(stretch))
+    without = fitted_starts(windows_of(stretch), (), PLANT.values, Track(stretch).z, start_weights(stretch))
+    assert nrmse([run])["theta_rate"] > nrmse([without])["theta_rate"] + 5.0
+    assert nrmse([run])["psi"] > 90.0
+
+
+def test_a_rate_that_is_no_rate_is_said_to_be_replaced() -> None:
+    stretch = stretch_with(PLANT, "a", 4, 3.0)
+    assert channel_source([stretch]) == {}
+    blind = stretch.without(np.ones(len(stretch.t), bool), ["dtheta"])
+    assert list(channel_source([blind])) == ["dtheta"]
