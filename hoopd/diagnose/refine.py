@@ -82,7 +82,7 @@ def refine(
     lengths_s: Sequence[float | None] = LENGTHS_S,
 ) -> Refined:
     """The hypothesis with the free parameters that simulate best; references (nodes, nx or more): a smoother's."""
-    here, starts = dict(values), [reference for reference in references]
+    here, starts = dict(values), list(references)
     weights = channel_weights(stretches)
     parts: list[_Part] = []
     for length in lengths_s:
@@ -265,7 +265,7 @@ class _Blocks:
 
 
 def _blocks(part: _Part, values: Mapping[str, float], free: Sequence[str], scale: Array) -> _Blocks:
-    nx, b = part.start.shape
+    nx = len(part.start)
     local, m = part.local(values), len(free)
     mine = [(i, part.names[name]) for i, name in enumerate(free) if name in part.names]
     columns = [local] * (1 + nx) + [{**local, own: local[own] + DIFFERENCE * scale[i]} for i, own in mine]
@@ -307,7 +307,7 @@ def _step(
         right = right + one.p - np.einsum("bim,bi->m", one.xp, gain[..., m])
     normal = (normal + normal.T) / 2
     delta = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), right) if m else np.zeros(0)
-    moves = [(gain[..., m] - gain[..., :m] @ delta).T for gain in solved]
+    moves: list[Array] = [np.asarray((gain[..., m] - gain[..., :m] @ delta).T) for gain in solved]
     return delta * scale, moves, normal
 
 

@@ -51,7 +51,7 @@ def start_weights(stretch: Stretch) -> Array:
 
 
 def nrmse(runs: Sequence[Simulated]) -> dict[str, float]:
-    """Percent by channel over all windows; `<angle>_rate` for each measured angle that has a measured rate beside it."""
+    """Percent by channel over all windows; `<angle>_rate` for an angle that has a measured rate beside it."""
     found = {}
     for name, parts in series(runs).items():
         y, yhat = (np.concatenate([part[i] for part in parts]) for i in (1, 2))
