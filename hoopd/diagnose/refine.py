@@ -82,7 +82,7 @@ def refine(
     lengths_s: Sequence[float | None] = LENGTHS_S,
 ) -> Refined:
     """The hypothesis with the free parameters that simulate best; references (nodes, nx or more): a smoother's."""
-    here, starts = dict(values), [reference for reference in references]
+    here, starts = dict(values), list(references)
     weights = channel_weights(stretches)
     parts: list[_Part] = []
     for length in lengths_s:
@@ -265,7 +265,7 @@ class _Blocks:
 
 
 def _blocks(part: _Part, values: Mapping[str, float], free: Sequence[str], scale: Array) -> _Blocks:
-    nx, b = part.start.shape
+    nx = len(part.start)
     local, m = part.local(values), len(free)
     mine = [(i, part.names[name]) for i, name in enumerate(free) if name in part.names]
     columns = [local] * (1 + nx) + [{**local, own: local[own] + DIFFERENCE * scale[i]} for i, own in mine]
@@ -298,10 +298,10 @@ def _step(
     off = (np.array([values[name] for name in free]) - centre) / scale
     normal = np.eye(m) * PRIOR_WEIGHT / PRIOR_SIZE**2
     right = -PRIOR_WEIGHT / PRIOR_SIZE**2 * off
-    solved = []
+    solved: list[Array] = []
     for one in blocks:
         damped = one.xx + damping * _diagonals(one.xx)
-        gain = np.linalg.solve(damped, np.concatenate([one.xp, one.x[..., None]], axis=2))
+        gain: Array = np.linalg.solve(damped, np.concatenate([one.xp, one.x[..., None]], axis=2))
         solved.append(gain)
         normal = normal + one.pp - np.einsum("bim,bin->mn", one.xp, gain[..., :m])
         right = right + one.p - np.einsum("bim,bi->m", one.xp, gain[..., m])

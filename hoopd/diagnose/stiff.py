@@ -1,9 +1,9 @@
-"""A hypothesis held to disturbances of a usual size, where the likeliest ones are so large that they explain everything.
+"""A hypothesis held to disturbances of a usual size, where the likeliest ones are large enough to explain everything.
 
 An effect that is left out (a late camera, an uneven scale) makes the likeliest disturbance so large and fast that the
 model may do what it likes between two readings: the base's parameters run away, and no screen about them sees the
-effect, because the disturbance follows the readings just as well. Held to disturbances of a usual size the fit is nearly
-one of simulation error; what it proposes is judged by the likelihood afterwards, like every proposal.
+effect, because the disturbance follows the readings just as well. Held to disturbances of a usual size the fit is
+nearly one of simulation error; what it proposes is judged by the likelihood afterwards, like every proposal.
 
 Rules of this file: it proposes and decides nothing.
 """

@@ -47,11 +47,12 @@ def start_weights(stretch: Stretch) -> Array:
         judged = state.removeprefix("d") in plant.coordinates and state not in plant.coordinates
         # a measured rate beside its angle is data to be judged and gets no vote
         out.append(np.inf if judged and state.removeprefix("d") in plant.channels.values() else SPREAD_SHARE * spread)
-    return np.maximum(np.array(out), 1e-12)
+    weights: Array = np.maximum(np.array(out), 1e-12)
+    return weights
 
 
 def nrmse(runs: Sequence[Simulated]) -> dict[str, float]:
-    """Percent by channel over all windows; `<angle>_rate` for each measured angle that has a measured rate beside it."""
+    """Percent by channel over all windows; `<angle>_rate` for each measured angle beside a measured rate."""
     found = {}
     for name, parts in series(runs).items():
         y, yhat = (np.concatenate([part[i] for part in parts]) for i in (1, 2))

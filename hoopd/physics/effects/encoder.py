@@ -90,7 +90,7 @@ def _harmonic(plant: DeclaredPlant, name: str, q: str, angles: tuple[str, ...], 
         statement="its scale is uneven: the angle is wrong by a sine n times a turn",
         signature="the rate of the angle ripples n times a turn, in proportion to the speed",
         sign="a >= 0, the phase takes the sign; n = 1 is the eccentricity",
-        best_experiment="whole turns at several constant speeds: the ripple of a torque falls with speed, this one grows",
+        best_experiment="whole turns at several constant speeds: a torque's ripple falls with speed, this one grows",
         write_back="subtract a sin(n theta + phi) from the reading; phi belongs to the encoder's zero",
     )
 
