@@ -46,6 +46,7 @@ SIZES: dict[str, dict[str, float]] = {
     "camera.late_frames": {"share": 0.1},
     "camera.outliers": {"share": 0.05},
     "encoder.eccentricity": {"a": 0.05, "phi": 0.2, "follows": 1.0},
+    "encoder.harmonic": {"a": 0.03, "n": 3.0, "phi": -0.5, "follows": 1.0},
     "encoder.latency": {"d": 0.011},
     "encoder.speed_lag": {"T": 0.06},
 }

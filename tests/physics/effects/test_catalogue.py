@@ -38,6 +38,7 @@ TABLE = {
     "camera.late_frames": {"share": "-"},
     "camera.outliers": {"share": "-"},
     "encoder.eccentricity": {"a": "rad", "phi": "rad"},
+    "encoder.harmonic": {"a": "rad", "n": "-", "phi": "rad"},
     "encoder.latency": {"d": "s"},
     "encoder.speed_lag": {"T": "s"},
     "external.disturbance": {"t0": "s", "t1": "s", "A": "N m"},

@@ -245,6 +245,14 @@ def test_eccentricity_in_both_ways() -> None:
         assert np.abs(y["dtheta"] - Z[:, 1] * (1 + follows * 0.05 * np.cos(angle))).max() < 1e-14
 
 
+def test_an_uneven_scale_in_both_ways() -> None:
+    angle = 3 * Z[:, 0] - 0.5
+    for follows in (0.0, 1.0):
+        y = seen("encoder.harmonic", follows=follows)
+        assert np.abs(y["theta"] - (Z[:, 0] + 0.03 * np.sin(angle))).max() < 1e-15
+        assert np.abs(y["dtheta"] - Z[:, 1] * (1 + follows * 3 * 0.03 * np.cos(angle))).max() < 1e-14
+
+
 @pytest.mark.parametrize(("name", "late"), [("camera.latency", 0.033), ("encoder.latency", 0.011)])
 def test_latency_is_the_state_of_an_earlier_time(name: str, late: float) -> None:
     y = seen(name)
