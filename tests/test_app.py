@@ -18,7 +18,12 @@ from hoopd.files import InputError
 from hoopd.shell.config import defaults_folder, load
 from hoopd.shell.signals import unwinding
 
-HEAVY = ("scipy", "matplotlib", "control", "h5py", "hoopd.design", "hoopd.sim")
+HEAVY = ("scipy", "matplotlib", "control", "h5py", "hoopd.design", "hoopd.ident", "hoopd.diagnose", "hoopd.sim")
+FOUND = (
+    "{name: hoop.imbalance, parameters: {A: {value: 0.008, unit: N m}, phi: {value: 0.7, unit: rad}}}, "
+    "{name: hoop.coulomb_friction, parameters: {Fc: {value: 0.004, unit: N m}}}, "
+    "{name: camera.latency, parameters: {d: {value: 0.02, unit: s}}}"
+)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -33,13 +38,17 @@ def test_asked_to_end_before_the_loop_listens_everything_open_is_closed(number: 
     assert signal.getsignal(number) is before
 
 
-def test_the_path_of_the_daemon_imports_nothing_heavy() -> None:
+@pytest.mark.parametrize("effects", ["", FOUND])
+def test_the_path_of_the_daemon_imports_nothing_heavy(effects: str) -> None:
     program = (
         "import sys, hoopd.cli, hoopd.app, hoopd.shell.telemetry, hoopd.shell.videodevices\n"
-        "from hoopd.build import build_tick, read_texts\n"
+        "from hoopd.build import build_tick, read_texts, unused_effects\n"
         "from hoopd.shell.config import load\n"
         "config = load(None, sim=False, overrides=[])\n"
-        "build_tick(config, read_texts(config, None))\n"
+        "texts = read_texts(config, None)\n"
+        f"model = texts.model.replace('effects: []', 'effects: [{effects}]')\n"
+        f"assert model.count('name: ') == {1 + effects.count('name: ')}\n"
+        "build_tick(config, texts._replace(model=model)), unused_effects(config, texts._replace(model=model))\n"
         f"print([m for m in sys.modules if m.startswith({HEAVY!r})])\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)

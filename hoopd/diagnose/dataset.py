@@ -66,13 +66,13 @@ class Stretch:
     def without(self, rows: NDArray[np.bool_], channels: Sequence[str] | None = None) -> Stretch:
         """The same with some readings set aside."""
         y = self.y.copy()
-        columns = [list(self.plant.channels).index(c) for c in channels or self.plant.channels]
-        y[np.ix_(rows, columns)] = np.nan
+        for channel in channels or self.plant.channels:
+            y[rows, list(self.plant.channels).index(channel)] = np.nan
         return replace(self, y=y)
 
 
 def stretch_of(
-    recording: str, plant: DeclaredPlant, t: Array, u: Array, readings: Mapping[str, tuple[Array, Array]]
+    recording: str, plant: DeclaredPlant, t: Array, u: Array, readings: Mapping[str, tuple[NDArray[np.int_], Array]]
 ) -> Stretch:
     """From nodes t (n,), torque held between them (n-1,) and (nodes, values) of every channel."""
     cut = _cut(t)
@@ -129,10 +129,11 @@ class Held:
         h = np.diff(self.t)
         starts = self.t[:-1] + np.arange(count)[:, None] * h / count - delay
         length = np.broadcast_to(np.maximum(h / count, 1e-9), starts.shape)
-        return -(self.at(starts + length) - self.at(starts)) / length
+        slope: Array = -(self.at(starts + length) - self.at(starts)) / length
+        return slope
 
     def back(self, late: Sequence[float], delay: float = 0.0) -> Array:
-        """(channels * BACK_STEPS, n) column-major: mean torque on the way back to `late` seconds ago, youngest first."""
+        """(channels * BACK_STEPS, n) column-major: mean torque on the way to `late` seconds ago, youngest first."""
         found = np.empty((BACK_STEPS, len(late), len(self.t)))
         for row, d in enumerate(late):
             part = d / BACK_STEPS

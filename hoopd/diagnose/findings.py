@@ -127,7 +127,7 @@ def _effect(
     if percents:
         with_it, without = percents["final"], percents[f"without {name}"]
         gain = float(np.nanmean([with_it[c] - without[c] for c in with_it]))
-        ablation = Ablation(log_likelihood_loss=loss, heldout_with=with_it, heldout_without=without)
+        ablation = Ablation(log_likelihood_loss=loss, heldout_with={**with_it}, heldout_without={**without})
     return EffectFinding(
         name=name,
         slot=effect.slot,

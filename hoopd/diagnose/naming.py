@@ -36,8 +36,9 @@ OTHER_STARTS = 2
 NOT_EXCLUDED_NATS = 3.0
 # The larger of two nested effects must gain this much more: nats, and share of the gain.
 OCCAM_NATS, OCCAM_SHARE = 4.0, 0.02
-# Held-out data may lose so many nats by chance before an effect is refused; a recording's own phase costs one.
-HELD_OUT_LOSS = 3.0
+# Held-out data may lose so many nats, or this share of the gain, before an effect is refused: by chance, or by another
+# effect that is not found yet. What is no effect loses a good part of what it gained.
+HELD_OUT_LOSS, HELD_OUT_SHARE = 3.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,7 @@ def _next(found: Named, judge: _Judge) -> Tried | None:
         if one.surprise < settings.threshold:
             continue
         better = judge.on_heldout(found.final) - judge.on_heldout(one.fit)
-        if np.isnan(better) or better > -HELD_OUT_LOSS:
+        if np.isnan(better) or better > -max(HELD_OUT_LOSS, HELD_OUT_SHARE * one.gain):
             gap = [(other.effect.name, one.gain - other.gain) for other in tried if other is not one]
             found.rivals[one.effect.name] = gap
             return replace(one, heldout_gain=None if np.isnan(better) else float(better))

@@ -27,7 +27,7 @@ DEFAULT_MODEL = Path("models/thesis.yaml")
 
 
 def oracle(recordings: Sequence[Recording], holdout: Recording, names: Sequence[str]) -> Mapping[str, Any]:
-    """`fit` of a diagnosis (train and heldout, NRMSE percent) with the effects `names`; ValueError for an unknown one."""
+    """`fit` of a diagnosis (train and heldout, NRMSE percent) with the effects `names`; ValueError for one unknown."""
     model = load_model(or_shipped(DEFAULT_MODEL))
     train = [_source(one, model) for one in recordings]
     stretches = [part for source in train for part in source.stretches]

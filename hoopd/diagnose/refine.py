@@ -298,10 +298,10 @@ def _step(
     off = (np.array([values[name] for name in free]) - centre) / scale
     normal = np.eye(m) * PRIOR_WEIGHT / PRIOR_SIZE**2
     right = -PRIOR_WEIGHT / PRIOR_SIZE**2 * off
-    solved = []
+    solved: list[Array] = []
     for one in blocks:
         damped = one.xx + damping * _diagonals(one.xx)
-        gain = np.linalg.solve(damped, np.concatenate([one.xp, one.x[..., None]], axis=2))
+        gain: Array = np.linalg.solve(damped, np.concatenate([one.xp, one.x[..., None]], axis=2))
         solved.append(gain)
         normal = normal + one.pp - np.einsum("bim,bin->mn", one.xp, gain[..., :m])
         right = right + one.p - np.einsum("bim,bi->m", one.xp, gain[..., m])

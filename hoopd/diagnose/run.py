@@ -165,7 +165,7 @@ def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:
     """A hand, a lost camera, a start-up: a push on the driven coordinate later than that is an effect."""
     mine = [s for s in stretches if s.recording == one.recording]
     if one.kind == "force" and mine and one.where == mine[0].plant.driven:
-        return one.t0 < mine[0].t[0] + START_UP_S
+        return one.t0 < float(mine[0].t[0]) + START_UP_S
     return True
 
 

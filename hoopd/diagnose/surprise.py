@@ -1,8 +1,8 @@
 """How much of a gain in log-likelihood is left when it is told how often, and how freely, was looked.
 
 A change of m columns gains chi2_m / 2 nats by chance, the best of k such changes more: the surprise of a gain is
--log P(best of k chance gains >= gain), so that an effect with one number, one with phases and a grid, and a curve with a
-dozen knots stand on one scale (nats).
+-log P(best of k chance gains >= gain), so that an effect with one number, one with phases and a grid, and a curve with
+a dozen knots stand on one scale (nats).
 
 Rules of this file: numbers in, numbers out.
 """
