@@ -47,7 +47,8 @@ def start_weights(stretch: Stretch) -> Array:
         judged = state.removeprefix("d") in plant.coordinates and state not in plant.coordinates
         # a measured rate beside its angle is data to be judged and gets no vote
         out.append(np.inf if judged and state.removeprefix("d") in plant.channels.values() else SPREAD_SHARE * spread)
-    return np.maximum(np.array(out), 1e-12)
+    weights: Array = np.maximum(np.array(out), 1e-12)
+    return weights
 
 
 def nrmse(runs: Sequence[Simulated]) -> dict[str, float]:
