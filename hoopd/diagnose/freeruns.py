@@ -40,22 +40,19 @@ def refined(found: Fit, free: Sequence[str] | None = None) -> Refined:
     """The fit's hypothesis with the parameters that simulate its stretches best.
 
     A long run leads the angle away from the measured one, and with it the phase of whatever follows the angle: once
-    more from where those effects vanish, the better one counts.
+    more with those effects held where they vanish, the better one counts.
     """
     stretches, free = [track.stretch for track in found.tracks], found.free if free is None else tuple(free)
     references = [track.z for track in found.tracks]
     best = refine(stretches, references, found.effects, found.values, free)
-    vanished = without_phases(found)
-    if free and vanished:
-        other = refine(stretches, references, found.effects, {**found.values, **vanished}, free)
-        best = min(best, other, key=lambda one: one.cost)
-    return best
-
-
-def without_phases(found: Fit) -> dict[str, float]:
-    """Neutral amplitudes of the effects that have a phase."""
     waves = [e for e in found.effects if any(p.role == "phase" for p in e.parameters)]
-    return {e.key(p.name): p.neutral for e in waves for p in e.parameters if p.role == "amplitude"}
+    if not free or not waves:
+        return best
+    own = tuple(f"{e.name}." for e in waves)
+    vanished = {e.key(p.name): p.neutral for e in waves for p in e.parameters if p.role == "amplitude"}
+    rest = [name for name in free if not name.startswith(own)]
+    other = refine(stretches, references, found.effects, {**found.values, **vanished}, rest)
+    return min(best, other, key=lambda one: one.cost)
 
 
 def frozen(found: Refined, about: Fit, stretches: Sequence[Stretch]) -> Refined:
