@@ -1,6 +1,8 @@
 """The laboratory's recordings: what the steps of a diagnosis find in them by themselves, and the fits that are reached.
 
-Figures are one free run, NRMSE in percent of theta's slope and of psi, with the effects that `hoopd diagnose` names.
+Figures are one free run, NRMSE in percent of theta's slope and of psi. The search itself takes minutes on these files
+and is not run here: the sets are written down. Hoop and ball: camera.latency and Coulomb are named by it, the bias of
+the torque is not; of the ball's two, the centre's offset is named, the resistance is not (docs/diagnose_real.md).
 """
 
 from __future__ import annotations
@@ -103,11 +105,13 @@ def test_the_hand_is_set_aside_and_both_decays_repeat() -> None:
 
 def test_one_free_run_of_hoop_and_ball() -> None:
     stretch = source(BOTH).stretches[0]
-    names = ("camera.latency", "hoop.coulomb_friction", "actuator.torque_bias")
+    names = ("camera.latency", "hoop.coulomb_friction")
     start = {"camera.latency.d": 0.02, "hoop.coulomb_friction.Fc": 0.004}
     found, base = refined([stretch], names, start), refined([stretch], (), {})
     figures, before = nrmse(found.runs), nrmse(base.runs)
-    assert figures["theta_rate"] > 92.3 and figures["psi"] > 91.0
+    assert figures["theta_rate"] > 92.0 and figures["psi"] > 90.8
+    more = nrmse(refined([stretch], (*names, "actuator.torque_bias"), found.values).runs)
+    assert more["theta_rate"] > 92.8 and more["psi"] > 91.0
     assert before["theta_rate"] < 82.0 and before["psi"] < 82.0
     assert found.values["camera.latency.d"] == pytest.approx(0.033, abs=0.004)
     half = refined([stretch.seconds(0.0, 10.0)], names, start)
