@@ -177,8 +177,22 @@ def test_any_plant_and_any_names(effect: Effect, true: dict[str, float]) -> None
     base = fit([made], (), CART.values, noise={"a": CART_NOISE}, tune_noise=False)
     best = scan(Screen(base, ()), effect)
     assert best is not None and best.threshold_equivalent > NAMED
+    # a start is one step from a base without the effect; how well an amplitude is known, its gain says: z^2 = 2 gain
+    share = {"floor.power.c": 2.0 / np.sqrt(2.0 * best.gain)}
     for name, value in true.items():
-        assert best.start[name] == pytest.approx(value, rel=0.15, abs=0.03), name
+        assert best.start[name] == pytest.approx(value, rel=max(0.15, share.get(name, 0.0)), abs=0.03), name
+
+
+def test_the_fit_from_a_start_is_right_within_its_interval() -> None:
+    # the start of a strong effect falls short: the base without it takes part of it up and bends the filter's states
+    true, z = {"floor.power.c": 0.6, "floor.power.n": 3.0}, []
+    for seed in range(50, 58):
+        made = stretch_with(CART, "a", seed, 10.0, [POWER], true, torque=1.0, noise=CART_NOISE)
+        start = {**CART.values, **true, "floor.power.c": 0.45}
+        whole = fit([made], [POWER], start, noise={"a": CART_NOISE}, tune_noise=False, free=("m", "b", "floor.power.c"))
+        z.append((whole.values["floor.power.c"] - 0.6) / whole.deviation("floor.power.c"))
+    assert np.max(np.abs(z)) < 3.0
+    assert abs(np.mean(z)) < 3.0 / np.sqrt(len(z)) and 0.3 < np.std(z) < 1.6
 
 
 def test_an_effect_that_no_recording_can_show_or_that_is_in_already_has_no_place(null: Screen) -> None:
