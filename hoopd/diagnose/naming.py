@@ -193,10 +193,12 @@ def _next(found: Named, judge: _Judge) -> Tried | None:
     if first:
         found.scores = scores
         chosen += _other_starts(chosen, judge.proposals(found.nominal, found.nominal.names), judge)
-    if far_beyond(found.final):
-        settings.progress("screening with usual disturbances")
-        held = stiffened(found.final)
-        chosen += _other_starts(chosen, deflated(judge.proposals(held, found.final.names), held), judge)
+    # about the parameters as given, too: where the disturbances explain everything, no way may lead back from the base's
+    for about in (found.nominal, found.final) if first else (found.final,):
+        if far_beyond(about):
+            settings.progress("screening with usual disturbances")
+            held = stiffened(about)
+            chosen += _other_starts(chosen, deflated(judge.proposals(held, about.names), held), judge)
     tried = []
     for score in chosen:
         settings.progress(f"fitting {score.member.effect.name}")
