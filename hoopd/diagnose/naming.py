@@ -193,7 +193,7 @@ def _next(found: Named, judge: _Judge) -> Tried | None:
     if first:
         found.scores = scores
         chosen += _other_starts(chosen, judge.proposals(found.nominal, found.nominal.names), judge)
-    # about the parameters as given, too: where the disturbances explain everything, no way may lead back from the base's
+    # about the parameters as given, too: where disturbances explain everything, no way may lead back from the base's
     for about in (found.nominal, found.final) if first else (found.final,):
         if far_beyond(about):
             settings.progress("screening with usual disturbances")

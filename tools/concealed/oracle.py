@@ -1,6 +1,6 @@
 """The oracle: told which effects there are, it only fits them. What a perfect namer would reach on held-out data.
 
-Rules of this file: an adapter; the fit is `hoopd.diagnose.oracle(recordings, holdout, names)`, imported when called.
+Rules of this file: an adapter; the fit is `hoopd.diagnose.oracle.oracle(recordings, holdout, names)`, imported when called.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ class NoOracleError(RuntimeError):
 def oracle(files: Mapping[str, bytes], names: Sequence[str]) -> dict[str, Any]:
     """Fits of a case whose effects are known, with the keys of the diagnosis's `fit`; NoOracleError without one."""
     try:
-        from hoopd.diagnose import oracle as fitted  # type: ignore[import-not-found, unused-ignore]
+        from hoopd.diagnose.oracle import oracle as fitted
     except ImportError as error:
         raise NoOracleError(str(error)) from None
     from hoopd.recording.formats import load
