@@ -1,6 +1,6 @@
 """The oracle: told which effects there are, it only fits them. What a perfect namer would reach on held-out data.
 
-Rules of this file: an adapter; the fit is `hoopd.diagnose.oracle.oracle(recordings, holdout, names)`, imported when called.
+Rules of this file: an adapter; the fit is `hoopd.diagnose.oracle.oracle`, imported when called.
 """
 
 from __future__ import annotations
