@@ -1,6 +1,6 @@
 """Write-back in the rig: physics hidden in the plant, the daemon without and with a model file that names it.
 
-python tools/bench/writeback.py [--seeds N] [--only NAME ...] [--alarms N] [--json FILE] [--figure FILE]
+python tools/bench/writeback.py [--seeds N] [--only NAME ...] [--alarms N] [--by-hand] [--json FILE] [--figure FILE]
 
 Every run is the whole daemon in lock-step: the ball is let go at 0.4 rad, comes to rest, and follows steps of the
 reference from the sixth second on. Judged by the plant's true state. `--alarms N`: how often half a minute of a rig
@@ -14,6 +14,8 @@ import argparse
 import contextlib
 import io
 import json
+import os
+import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -30,7 +32,10 @@ from hoopd.modelfiles import EffectEntry, Parameter, load_model, model_text
 from hoopd.recording.mcap import read_run
 from hoopd.sim import truth
 
-CONFIG = Path(__file__).resolve().parents[2] / "config"
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = ROOT / "config"
+# What a chain is measured on; the others by hand.
+CHAIN = ("coulomb", "cogging", "imbalance", "latency")
 # At these sizes a model without them is plainly wrong; 8 mN m is a hundredth of what the drive gives.
 HIDDEN: dict[str, tuple[str, dict[str, tuple[float, str]]]] = {
     "coulomb": ("hoop.coulomb_friction", {"Fc": (0.008, "N m")}),
@@ -105,6 +110,81 @@ def written_back(name: str, folder: Path) -> str:
     return f"device.model={path}"
 
 
+@dataclass(frozen=True)
+class Chain:
+    """What the commands made of one recording."""
+
+    diagnosis: dict[str, Any]
+    found: str  # the setting of the controller for the model with what was named
+    fitted: str | None  # the same with the parameters alone fitted; None: no controller was to be had
+    steps: dict[str, int]  # command -> exit code
+
+
+def command(folder: Path, *words: str, may_fail: bool = False) -> int:
+    """One `hoopd` command as a user types it, in its folder."""
+    done = subprocess.run(
+        [sys.executable, "-m", "hoopd", *words],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=900.0,
+    )
+    if done.returncode and not may_fail:
+        raise SystemExit(f"hoopd {' '.join(words)}: {done.returncode}: {done.stderr.strip().splitlines()[-1]}")
+    return done.returncode
+
+
+def chained(name: str, seed: int, folder: Path) -> Chain:
+    """Record from the rig, diagnose, design; and beside it: fit the parameters alone, design."""
+    rig = ("--sim", "--speed", "max", "--camera", "direct", "--seed", str(seed))
+    model, steps = ("--model", "models/hoop.yaml"), {}
+    # the daemon's own checks may end it early (a camera that is 40 ms late looks implausible): the recording is whole
+    steps["experiment"] = command(
+        folder, "experiment", "prbs", *rig, "--set", hide(name), "--out", "rec.mcap", may_fail=True
+    )
+    steps["diagnose"] = command(
+        folder,
+        "diagnose",
+        "rec.mcap",
+        *model,
+        "--json",
+        "found.json",
+        "--write",
+        "found.yaml",
+        "--report",
+        "found.html",
+    )
+    steps["design"] = command(folder, "design", "lqg", "--model", "found.yaml", "--out", "lqg.yaml")
+    steps["fit"] = command(
+        folder, "fit", "rec.mcap", "--structure", "rolling", *model, "--out", "fitted.yaml", may_fail=True
+    )
+    steps["design fitted"] = command(
+        folder, "design", "lqg", "--model", "fitted.yaml", "--out", "fitted_lqg.yaml", may_fail=True
+    )
+    fitted = folder / "fitted_lqg.yaml"
+    return Chain(
+        json.loads((folder / "found.json").read_text()),
+        f"control.file={folder / 'lqg.yaml'}",
+        f"control.file={fitted}" if fitted.exists() else None,
+        steps,
+    )
+
+
+def named(name: str, chain: Chain) -> list[dict[str, Any]]:
+    """What was named: numbers, intervals, and the truth beside them."""
+    effect, numbers = HIDDEN[name]
+    rows = []
+    for one in chain.diagnosis["effects"]:
+        true = numbers if one["name"] == effect else {}
+        for key, quantity in one["parameters"].items():
+            if "@" not in key:
+                truth_value = true.get(key, (None, ""))[0]
+                rows.append({"effect": one["name"], "parameter": key, "true": truth_value, **quantity})
+    return rows
+
+
 def rms(values: Column) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))
@@ -137,6 +217,29 @@ def compared(names: Sequence[str], seeds: int) -> dict[str, Any]:
             ]
         found[name] = {"base": _mean([row[0] for row in rows]), "written back": _mean([row[1] for row in rows])}
     return found
+
+
+def through_chain(names: Sequence[str], seeds: int) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Errors by effect as in `compared`, of the controllers that the commands made; and what they named, by seed."""
+    errors: dict[str, Any] = {}
+    found: dict[str, Any] = {}
+    healthy = [run((), seed) for seed in range(seeds)]
+    errors["nothing hidden"] = {"base": _mean([judged(one, one) for one in healthy])}
+    for name in names:
+        rows: dict[str, list[dict[str, float]]] = {}
+        for seed, good in enumerate(healthy):
+            with tempfile.TemporaryDirectory() as folder:
+                chain = chained(name, seed, Path(folder))
+                found.setdefault(name, []).append({"named": named(name, chain), "exit": chain.steps})
+                settings = {"base": (), "fitted": chain.fitted, "written back": chain.found}
+                for which, setting in settings.items():
+                    if setting is not None:
+                        own = (setting,) if isinstance(setting, str) else setting
+                        rows.setdefault(which, []).append(judged(run((hide(name), *own), seed), good))
+        errors[name] = {which: _mean(each) for which, each in rows.items()}
+        show({name: errors[name]})
+        show_named({name: found[name]})
+    return errors, found
 
 
 def _mean(rows: Sequence[dict[str, float]]) -> dict[str, float]:
@@ -197,25 +300,40 @@ def show(found: dict[str, Any]) -> None:
             print(f"{name:16}{which:14}" + "".join(f"{value:7.2f} {unit:4}" for value, unit in units))
 
 
+def show_named(found: dict[str, Any]) -> None:
+    """Values against the truth."""
+    for name, seeds in found.items():
+        for seed, one in enumerate(seeds):
+            print(f"{name:16}seed {seed}: exit codes {one['exit']}")
+            for row in one["named"]:
+                ci = "-" if row["ci95"] is None else "{:.5g} to {:.5g}".format(*row["ci95"])
+                value = f"{row['value']:.5g} {row['unit']} ({ci}); true {row['true']}"
+                print(f"{'':16}{row['effect']}.{row['parameter']} = {value}")
+
+
 def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--only", nargs="+", choices=HIDDEN, default=list(HIDDEN))
+    parser.add_argument("--only", nargs="+", choices=HIDDEN, default=None)
     parser.add_argument("--alarms", type=int, default=0)
+    parser.add_argument("--by-hand", action="store_true")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--figure", type=Path)
     options = parser.parse_args()
     found: dict[str, Any] = {}
+    names = options.only or (list(HIDDEN) if options.alarms or options.by_hand else list(CHAIN))
     if options.alarms:
-        found["alarms"] = alarms(options.alarms, options.only)
+        found["alarms"] = alarms(options.alarms, names)
         for name, (count, of) in found["alarms"].items():
             print(f"{name:28} {count:3} of {of:3} raise model_drift")
-    else:
-        found["errors"] = compared(options.only, options.seeds)
+    elif options.by_hand:
+        found["errors"] = compared(names, options.seeds)
         show(found["errors"])
+    elif options.figure is None:
+        found["errors"], found["named"] = through_chain(names, options.seeds)
     if options.figure is not None:
-        draw(options.only[0], options.figure)
+        draw(names[0], options.figure)
     if options.json is not None:
         options.json.write_text(json.dumps(found, indent=1) + "\n")
     return 0
