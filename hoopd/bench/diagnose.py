@@ -56,8 +56,27 @@ def run(
     texts, held_texts = expanded(recordings), expanded(holdout)
     inputs: list[Path | str] = [*texts, *held_texts, *(one for one in (model, effects) if one is not None)]
     check_targets(inputs, {"--json": json_path, "--report": report, "--write": write})
-    check_distinct(texts, held_texts)
     base = load_model(or_shipped(model or DEFAULT_MODEL))
+    outcome = outcome_of(
+        texts, held_texts, base, effects=effects, columns=columns, age=age, seed=seed, progress=progress
+    )
+    progress("drawing and writing")
+    return _written(outcome, base, json_path, report, write)
+
+
+def outcome_of(
+    texts: Sequence[str],
+    held_texts: Sequence[str],
+    base: ModelFile,
+    *,
+    effects: Path | None = None,
+    columns: str | None = None,
+    age: str = "",
+    seed: int = 0,
+    progress: Progress = lambda text: None,
+) -> Outcome:
+    """The diagnosis with the curves and fits behind it; nothing is written."""
+    check_distinct(texts, held_texts)
     progress("reading the recordings")
     train = [source_of(text, base, columns, age) for text in texts]
     held = [source_of(text, base, columns, age) for text in held_texts]
@@ -65,7 +84,7 @@ def run(
     train, held, how = _parts(train, held)
     known = _library(richest([*train, *held]), effects)
     own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
-    outcome = diagnose(
+    return diagnose(
         Case(
             model=base.name,
             values=effects_of(base).values,
@@ -79,8 +98,6 @@ def run(
             settings=Settings(progress=progress),
         )
     )
-    progress("drawing and writing")
-    return _written(outcome, base, json_path, report, write)
 
 
 def _parts(train: Sequence[Source], held: Sequence[Source]) -> tuple[list[Source], list[Source], str]:

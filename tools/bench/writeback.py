@@ -25,10 +25,14 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from hoopd.app import Options, run_daemon
+from hoopd.bench.diagnose import outcome_of
+from hoopd.diagnose.shown import MissingForce
 from hoopd.modelfiles import EffectEntry, Parameter, load_model, model_text
+from hoopd.plots import style
 from hoopd.recording.mcap import read_run
 from hoopd.sim import truth
 
@@ -268,26 +272,41 @@ def alarms(count: int, names: Sequence[str]) -> dict[str, Any]:
 
 
 def draw(name: str, path: Path) -> None:
-    """Ball and hoop with the base model and with the effect written back."""
-    from hoopd.plots import style
-
+    """What the diagnosis saw, and the ball's error without and with it in the model."""
     with tempfile.TemporaryDirectory() as folder:
-        runs = {
-            "model without it": run((hide(name),), 0),
-            "effect written back": run((hide(name), written_back(name, Path(folder))), 0),
-        }
-    figure = style.figure(7.0, 4.5, rows=2, sharex=True, title=f"{HIDDEN[name][0]} hidden in the rig")
-    angle, speed = figure.axes
-    for label, made in runs.items():
-        angle.plot(made.t, made.psi, label=label)
-        speed.plot(made.t, made.dtheta)
-    angle.plot(made.t, made.reference, color="black", linewidth=0.8, label="reference")
-    angle.set_ylim(-0.14, 0.14)
-    angle.set_xlim(0.0, END_S)
-    style.labelled(angle, "", "ball psi in rad")
-    style.labelled(speed, "t in s", "hoop speed in rad/s")
-    style.legend(angle, loc="upper right", ncols=3)
+        chain = chained(name, 0, Path(folder))
+        force = missing_force(Path(folder) / "rec.mcap", HIDDEN[name][0])
+        runs = {"model without it": run((hide(name),), 0), "written back": run((hide(name), chain.found), 0)}
+    figure = style.figure(9.0, 3.6, columns=2, title=f"{HIDDEN[name][0]} hidden in the rig: found, and written back")
+    _draw_force(figure.axes[0], force)
+    for (label, made), colour in zip(runs.items(), (style.VERMILION, style.BLUE), strict=True):
+        error = 1e3 * (made.psi - made.reference)
+        figure.axes[1].plot(made.t, error, color=colour, linewidth=1.0, label=label)
+    figure.axes[1].set(xlim=(0.0, END_S), ylim=(-90.0, 110.0))
+    style.labelled(figure.axes[1], "t in s", "ball psi less its reference in mrad")
+    style.legend(figure.axes[1], loc="upper right", ncols=2)
     style.save(figure, path)
+
+
+def missing_force(recording: Path, effect: str) -> MissingForce:
+    """The smoothed force that the model without the effect lacks, with the named law."""
+    outcome = outcome_of([str(recording)], [], load_model(CONFIG / "models" / "hoop.yaml"))
+    return next(
+        one for one in outcome.shown.forces if any(r.law is not None and effect in r.law.label for r in one.regressors)
+    )
+
+
+def _draw_force(axes: Axes, force: MissingForce) -> None:
+    over = next(one for one in force.regressors if one.law is not None)
+    assert over.law is not None
+    axes.plot(over.value, 1e3 * force.value, ".", color="0.75", markersize=2.5, label="smoothed, every sample")
+    if over.binned is not None:
+        low, high = over.binned.mean - over.binned.low, over.binned.high - over.binned.mean
+        axes.errorbar(over.binned.x, 1e3 * over.binned.mean, 1e3 * np.array([low, high]), fmt="o", color="black",
+                      markersize=3, markerfacecolor="white", linewidth=0.8, label="means with 95 %")  # fmt: skip
+    axes.plot(over.law.x, 1e3 * over.law.y, label=over.law.label)
+    style.labelled(axes, f"{over.name} in {over.unit}", f"missing in slot {force.slot}, m{force.unit}")
+    style.legend(axes, loc="lower left")
 
 
 def show(found: dict[str, Any]) -> None:
