@@ -23,6 +23,9 @@ from hoopd.recording.slices import split_slice
 # Seconds of usable data: two windows of a fit and one of what is held out; less says nothing about a model.
 LEAST_TRAIN_S, LEAST_HELD_S = 4.0, 2.0
 
+# Characters of an impossible name that a message repeats.
+LONGEST_TOLD = 200
+
 
 class Given(NamedTuple):
     """Where a recording's text points: file, experiment and seconds."""
@@ -40,7 +43,14 @@ class Given(NamedTuple):
 
 def expanded(texts: Sequence[str]) -> list[str]:
     """Every folder replaced by the recordings in it, by name; InputError for a folder without one."""
-    return [one for text in texts for one in (_in_folder(Path(text)) if Path(text).is_dir() else [text])]
+    return [one for text in texts for one in _of_text(text)]
+
+
+def _of_text(text: str) -> list[str]:
+    try:
+        return _in_folder(Path(text)) if Path(text).is_dir() else [text]
+    except (OSError, RuntimeError) as error:  # a name too long, a folder that may not be read, links in a circle
+        raise InputError(text[:LONGEST_TOLD], "", f"cannot be read: {error}"[:LONGEST_TOLD]) from None
 
 
 def _in_folder(folder: Path) -> list[str]:
@@ -76,7 +86,11 @@ def _given(text: str) -> Given:
     path, span = split_slice(text)
     file, experiment = split_path(path)
     start, end = (None, None) if span is None else span
-    return Given(file.resolve(), experiment, -np.inf if start is None else start, np.inf if end is None else end)
+    try:
+        file = file.resolve()
+    except (OSError, RuntimeError) as error:
+        raise InputError(text[:LONGEST_TOLD], "", f"cannot be read: {error}"[:LONGEST_TOLD]) from None
+    return Given(file, experiment, -np.inf if start is None else start, np.inf if end is None else end)
 
 
 # ---------------------------------------------------------------------------------------------- sources

@@ -158,7 +158,7 @@ def _settle(found: Fit) -> None:
 def _moved(found: Fit, delta: Array) -> dict[str, float]:
     """Values after a step, effects within their ranges."""
     values = dict(found.values)
-    ranges = {e.key(p.name): (p.low, p.high) for e in found.effects for p in e.parameters if p.role != "phase"}
+    ranges = _ranges(found)
     for name, step in zip(found.free, delta, strict=True):
         low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))
         values[name] = float(np.clip(values[name] + step, low, high))
@@ -183,15 +183,39 @@ def _solution(found: Fit) -> Array:
     weight, centre = _prior(found)
     information = x.T @ x + np.diag(weight)
     right = x.T @ r + weight * centre
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    covariance = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-12, hermitian=True) * np.outer(
-        scale, scale
-    )
-    delta = covariance @ right
-    found.covariance = covariance
+    found.covariance = _inverse(information)
+    delta = found.covariance @ right
+    held = np.zeros(len(delta), dtype=bool)
+    # a parameter on the end of its range that wants to leave it stays, and the others make the best of it
+    while (leaving := _leaving(found, delta) & ~held).any():
+        held |= leaving
+        delta = np.zeros(len(right))
+        delta[~held] = _inverse(information[np.ix_(~held, ~held)]) @ right[~held]
     logdet = sum(gain.logdet for gain in found.gains)
     found.criterion = float(r @ r - right @ delta + logdet) / 2
     return np.asarray(delta)
+
+
+def _inverse(information: Array) -> Array:
+    """Of a symmetric matrix (m, m) of numbers of very different sizes; 0 in directions without information."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    sizes = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(information * sizes, rcond=1e-12, hermitian=True) * sizes)
+
+
+def _leaving(found: Fit, delta: Array) -> NDArray[np.bool_]:
+    """(m,) parameters that are on a bound and whose step points outwards."""
+    ranges = _ranges(found)
+    out = np.zeros(len(delta), dtype=bool)
+    for i, name in enumerate(found.free):
+        low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))
+        value = found.values[name]
+        out[i] = (value <= low and delta[i] < 0.0) or (value >= high and delta[i] > 0.0)
+    return out
+
+
+def _ranges(found: Fit) -> dict[str, tuple[float, float]]:
+    return {e.key(p.name): (p.low, p.high) for e in found.effects for p in e.parameters if p.role != "phase"}
 
 
 def _prior(found: Fit) -> tuple[Array, Array]:

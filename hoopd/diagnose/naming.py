@@ -29,6 +29,8 @@ Progress = Callable[[str], None]
 MOST_EFFECTS = 3
 # While the disturbances that are left are far beyond the usual, more is missing.
 MOST_WHERE_FAR = 5
+# An effect that was dropped may be proposed again; so often at most is anything added.
+MOST_ROUNDS = 8
 # Of a screen's proposals so many are refitted, and those that come this near to the best one.
 MOST_REFITS, NEAR_SHARE = 4, 0.4
 OTHER_STARTS = 2
@@ -92,7 +94,9 @@ def name_effects(
     settings = settings or Settings()
     found = Named(nominal, base, base)
     judge = _Judge(train, heldout, library, settings)
-    while len(found.accepted) < (MOST_WHERE_FAR if far_beyond(found.final) else settings.most):
+    for _ in range(MOST_ROUNDS):
+        if len(found.accepted) >= (MOST_WHERE_FAR if far_beyond(found.final) else settings.most):
+            break
         best = _next(found, judge)
         if best is None:
             break
@@ -211,7 +215,7 @@ def _next(found: Named, judge: _Judge) -> Tried | None:
         if one.surprise < settings.threshold:
             continue
         better = judge.on_heldout(found.final) - judge.on_heldout(one.fit)
-        if np.isnan(better) or better > -max(HELD_OUT_LOSS, HELD_OUT_SHARE * one.gain):
+        if not judge.heldout or better > -max(HELD_OUT_LOSS, HELD_OUT_SHARE * one.gain):
             gap = [(other.effect.name, one.gain - other.gain) for other in tried if other is not one]
             found.rivals[one.effect.name] = gap
             return replace(one, heldout_gain=None if np.isnan(better) else float(better))
@@ -246,7 +250,9 @@ def _in_order(tried: Sequence[Tried]) -> list[Tried]:
     for one in tried:
         for name in one.effect.contains:
             simple = next((t for t in out if t.effect.name == name), None)
-            if simple is not None and one.gain - simple.gain < max(OCCAM_NATS, OCCAM_SHARE * one.gain):
+            if simple is None or out.index(simple) < out.index(one):
+                continue
+            if one.gain - simple.gain < max(OCCAM_NATS, OCCAM_SHARE * one.gain):
                 out.remove(simple)
                 out.insert(out.index(one), simple)
     return out

@@ -17,7 +17,7 @@ from bench.devicerun import written
 
 from hoopd import cli
 from hoopd.bench import diagnose
-from hoopd.bench.diagnose_inputs import expanded
+from hoopd.bench.diagnose_inputs import check_distinct, expanded
 from hoopd.diagnose.record import Diagnosis, parse
 from hoopd.files import InputError
 from hoopd.modelfiles import effects_of, load_model
@@ -279,3 +279,11 @@ def test_a_models_own_effects_are_part_of_what_is_judged(made: Path) -> None:
         diagnose.run([str(made / "train")], [str(made / "held.csv")], model=made / "found.yaml")
     assert [effect.name for effect in cases[0].effects] == [NAME]
     assert cases[0].values[f"{NAME}.Fc"] == load_model(made / "found.yaml").effects[0].parameters["Fc"].value
+
+
+@pytest.mark.parametrize("kind", ["a name too long", "links in a circle"])
+def test_a_path_that_cannot_be_looked_at_is_one_line(kind: str, tmp_path: Path) -> None:
+    circle = tmp_path / "circle.csv"
+    circle.symlink_to(circle)
+    with pytest.raises(InputError):
+        check_distinct(expanded(["a" * 5000 if kind == "a name too long" else str(circle)]), [])

@@ -88,3 +88,13 @@ def test_a_phase_belongs_to_its_recording() -> None:
     assert found.free[-3:] == ("hoop.imbalance.A", "hoop.imbalance.phi@a", "hoop.imbalance.phi@b")
     truth = {**PLANT.values, "hoop.imbalance.A": 0.01, **{f"hoop.imbalance.phi@{k}": v for k, v in phases.items()}}
     assert np.abs(errors(found, truth)).max() < FAR
+
+
+def test_a_parameter_on_the_end_of_its_range_gains_nothing_by_wanting_to_leave_it() -> None:
+    """Data that ask for a negative drag, which there is not: without it they are explained exactly as well."""
+    drag = LIBRARY["hoop.quadratic_drag"]
+    data = [stretch_with(PLANT, "a", 5, 10.0, (drag,), {"hoop.quadratic_drag.c": -5e-6})]
+    base = fit(data, (), PLANT.values, noise=KNOWN, tune_noise=False)
+    with_it = fit(data, (drag,), base.values, noise=KNOWN, tune_noise=False, like=base)
+    assert with_it.values["hoop.quadratic_drag.c"] == 0.0
+    assert abs(base.criterion - with_it.criterion) < 0.1
