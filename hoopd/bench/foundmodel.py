@@ -14,7 +14,7 @@ import numpy as np
 from hoopd.diagnose.curves import at_nodes
 from hoopd.diagnose.findings import parameters_of
 from hoopd.diagnose.fitting import Fit
-from hoopd.diagnose.record import Quantity
+from hoopd.diagnose.record import Quantity, to_digits
 from hoopd.diagnose.run import Outcome
 from hoopd.modelfiles import EffectEntry, ModelFile, Parameter
 from hoopd.physics.effects.base import Effect
@@ -106,6 +106,7 @@ def _parameters(quantities: Mapping[str, Quantity]) -> dict[str, Parameter]:
 
 def _parameter(one: Quantity) -> Parameter:
     assert one.value is not None
-    interval = None if one.ci95 is None or None in one.ci95 else (float(one.ci95[0]), float(one.ci95[1]))  # type: ignore[arg-type]
+    low, high = one.ci95 or (None, None)
+    interval = None if low is None or high is None else (to_digits(low), to_digits(high))
     nominal = one.nominal if one.nominal is not None and np.isfinite(one.nominal) else None
-    return Parameter(value=one.value, unit=one.unit, ci95=interval, nominal=nominal)
+    return Parameter(value=to_digits(one.value), unit=one.unit, ci95=interval, nominal=nominal)

@@ -19,6 +19,8 @@ from hoopd.files import InputError
 SCHEMA: Literal["hoopd.diagnosis/1"] = "hoopd.diagnosis/1"
 
 Verdict = Literal["consistent", "parameters", "missing_physics", "unknown_physics"]
+# Far more than any interval leaves open.
+DIGITS = 7
 VERDICTS_WITHOUT_EFFECTS = ("consistent", "parameters")
 # A number that may not be determined; NaN and infinities become None on the way out.
 Number = float | None
@@ -239,6 +241,24 @@ def to_json_bytes(diagnosis: Diagnosis) -> bytes:
     """The file: UTF-8, indented, keys of mappings in alphabetical order; ValueError as in `canonical`."""
     plain = to_plain(msgspec.to_builtins(canonical(diagnosis), enc_hook=_unwrapped))
     return msgspec.json.format(msgspec.json.encode(plain, order="deterministic"), indent=2) + b"\n"
+
+
+def rounded(diagnosis: Diagnosis) -> Diagnosis:
+    """Numbers to DIGITS digits: arithmetic on differently aligned memory differs in the last ones, and says nothing."""
+    return msgspec.convert(_rounded(msgspec.to_builtins(diagnosis, enc_hook=_unwrapped)), Diagnosis)
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    return to_digits(value) if isinstance(value, float) else value
+
+
+def to_digits(value: float) -> float:
+    """Without the digits that nothing determines."""
+    return float(f"{value:.{DIGITS}g}")
 
 
 def parse(data: bytes, path: object) -> Diagnosis:

@@ -31,7 +31,7 @@ from hoopd.diagnose.nextexperiment import next_experiment
 from hoopd.diagnose.pictures import shown_of
 from hoopd.diagnose.placebo import placebos
 from hoopd.diagnose.quality import corruption_findings
-from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality
+from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality, rounded
 from hoopd.diagnose.separate import parameter_notes, separations
 from hoopd.diagnose.shown import Shown
 from hoopd.diagnose.stiff import likeliest
@@ -135,7 +135,7 @@ def diagnose(case: Case) -> Outcome:
         power=visible(named, case.library, threshold),
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )
-    return Outcome(diagnosis, named, fits, unknown)
+    return Outcome(rounded(diagnosis), named, fits, unknown)
 
 
 def _without_events(case: Case, train: list[Stretch], nominal: Fit) -> tuple[list[Stretch], list[Interval], Fit, Fit]:
