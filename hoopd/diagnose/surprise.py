@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import gammaincc, gammaln, log_ndtr
 
-# A library of some forty effects and a chance of 1 in 100 ask for log(40 / 0.01) = 8.3 nats; the rest is for disturbances
-# that are no Ornstein-Uhlenbeck process (docs/concealed.md says how often nulls are called something).
+# A library of some forty effects and a chance of 1 in 100 ask for log(40 / 0.01) = 8.3 nats; the rest is for
+# disturbances that are no Ornstein-Uhlenbeck process (docs/concealed.md: how often nulls are called something).
 THRESHOLD = 12.0
 # Nats above which the tail of a chi-square comes near the smallest number there is.
 GAMMA_HOLDS = 500.0
