@@ -176,7 +176,19 @@ def _found(effect: Effect, entry: EffectEntry) -> FoundEffect:
     given = entry.parameters.items()
     values = {**effect.neutral(), **{name: one.value for name, one in given}}
     weak = {name: weak_end(effect.parameter(name), one.value, one.ci95) for name, one in given}
+    if _has_no_common_phase(effect, entry):
+        weak |= {p.name: p.neutral for p in effect.parameters if p.role == "amplitude"}
     return FoundEffect(entry.name, values, weak, check_region(entry.valid))
+
+
+def _has_no_common_phase(effect: Effect, entry: EffectEntry) -> bool:
+    """Measured, but with a phase that was another one in each recording: what is fed forward could add to it."""
+    own = entry.parameters
+    measured = any(p.role == "amplitude" and p.name in own and own[p.name].ci95 for p in effect.parameters)
+    lost = any(
+        p.role == "phase" and p.per_recording and p.name in own and own[p.name].ci95 is None for p in effect.parameters
+    )
+    return measured and lost
 
 
 def _check_parameter(path: object, key: str, entry: Parameter, unit: str | None) -> None:

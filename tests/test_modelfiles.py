@@ -182,3 +182,16 @@ def test_effects_keep_their_numbers_and_what_is_sure_of_them() -> None:
     (one,) = effects_of(model).entries
     assert one.parameters == {"Fc": 0.008} and one.weakened().parameters == {"Fc": 0.006}
     assert one.valid == {"dtheta": (-5.0, 5.0)}
+
+
+@pytest.mark.parametrize(("interval", "sure"), [(None, 0.0), ([0.3, 0.5], 0.007)])
+def test_nothing_is_sure_of_an_effect_whose_phase_was_another_one_in_each_recording(
+    interval: list[float] | None, sure: float
+) -> None:
+    phase = {"value": 0.4, "unit": "rad", "ci95": interval}
+    size = {"value": 0.008, "unit": "N m", "ci95": [0.007, 0.009]}
+    file = yaml.safe_load((CONFIG / "models" / "hoop.yaml").read_text())
+    file["effects"] = [{"name": "hoop.imbalance", "parameters": {"A": size, "phi": phase}}]
+    (one,) = effects_of(parse_model(yaml.safe_dump(file), "m.yaml")).entries
+    assert one.parameters["A"] == 0.008
+    assert one.weakened().parameters["A"] == sure
