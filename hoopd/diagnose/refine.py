@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.dataset import Stretch
-from hoopd.diagnose.simulation import Simulated, Simulator, Windows, windows_of
+from hoopd.diagnose.simulation import LARGEST, Simulated, Simulator, Windows, windows_of
 from hoopd.physics.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -210,7 +210,9 @@ def _moved(
 
 def _errors(part: _Part, y: Array) -> Array:
     """(n, nc, b) weighted; 0 where nothing was measured."""
-    return np.asarray(np.nan_to_num(_compared(part, part.windows.y) - _compared(part, y)))
+    # a run that left every bound is as bad as can be, not as good as none
+    finite = np.clip(np.nan_to_num(y, nan=LARGEST), -1e6, 1e6)
+    return np.asarray(np.nan_to_num(_compared(part, part.windows.y) - _compared(part, finite)))
 
 
 def _compared(part: _Part, y: Array) -> Array:
