@@ -86,16 +86,16 @@ def projections(group: Group, residuals: Array) -> Projections:
     return Projections(np.sum(along**2, axis=0) / 2, len(values))
 
 
-def colour(unit: Array, residual: Array, lengths: Sequence[int], channels: int) -> float:
+def colour(unit: Array, residual: Array, shapes: Sequence[tuple[int, int]]) -> float:
     """By how much the residual's colour inflates gains along orthonormal directions (rows, k); at least 1.
 
     Innovations are white where disturbances are as modelled; where they are not, their spectrum is what counts. The
     same directions shifted in time see the same spectrum and nothing else: the mean square of their products with the
     residual, over all shifts of each stretch, is the variance that chance has (a long-run variance; Andrews 1991). What
-    the directions themselves explain is taken out first. rows: stretch after stretch of (n, channels).
+    the directions themselves explain is taken out first. rows: stretch after stretch of `shapes`, (n, channels) each.
     """
     rest, total, first = residual - unit @ (unit.T @ residual), 0.0, 0
-    for n in lengths:
+    for n, channels in shapes:
         rows = slice(first, first + n * channels)
         first += n * channels
         u = np.fft.fft(unit[rows].reshape(n, channels, -1), axis=0)

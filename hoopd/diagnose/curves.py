@@ -78,6 +78,7 @@ class Curve:
     factor: Factor | None = None
     per_recording: bool = False
     basis: Array | None = None
+    coordinates: tuple[str, ...] = ()  # of the plant that it was made for
 
     @property
     def slot(self) -> str:
@@ -139,13 +140,13 @@ class Curve:
         return replace(self, basis=basis)
 
     def fits(self, plant: DeclaredPlant) -> bool:
-        """Whether a plant has its slot."""
-        return self.slot in plant.slots
+        """Whether a plant has its slot, and everything that moves where it was made."""
+        return self.slot in plant.slots and all(q in plant.coordinates for q in self.coordinates)
 
 
 def curves(fit: Fit, plant: DeclaredPlant | None = None) -> list[Curve]:
-    """All that a plant's slots suggest, knots from the fit's reference; `plant`: other than the first track's."""
-    plant = plant or fit.tracks[0].stretch.plant
+    """All that the slots of a plant suggest (default: the one in which most moves), knots from the fit's reference."""
+    plant = plant or max((track.stretch.plant for track in fit.tracks), key=lambda one: len(one.coordinates))
     tracks = [track for track in fit.tracks if track.stretch.plant.coordinates == plant.coordinates]
     several = len({track.stretch.recording for track in tracks}) > 1
     found = []
@@ -153,7 +154,10 @@ def curves(fit: Fit, plant: DeclaredPlant | None = None) -> list[Curve]:
         x = np.concatenate([np.ravel(variable.of(at_nodes(track, fit))) for track in tracks])
         for knots in _knot_sets(variable, x):
             own = (False, True) if several and variable.own_zero else (several and variable.name == "t",)
-            found += [Curve(site, variable, knots, factor, per_recording) for per_recording in own]
+            found += [
+                Curve(site, variable, knots, factor, per_recording, coordinates=plant.coordinates)
+                for per_recording in own
+            ]
     return found
 
 

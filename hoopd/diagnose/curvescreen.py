@@ -57,7 +57,6 @@ class CurveScreen:
         rows = fit.stacked()
         self._known = _orthonormal(rows[:, 1:])
         self.residual = self.projected(rows[:, :1])[:, 0]
-        self.channels = tuple(fit.tracks[0].composite.channels)
         counts = [self._columns_of(curve) for curve in self.curves]
         self._first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
         raw = self._whitened()
@@ -89,9 +88,14 @@ class CurveScreen:
 
     def shares(self, vector: Array) -> dict[str, float]:
         """Share of a whitened change (rows,) that each channel shows."""
-        energy = np.sum(vector.reshape(-1, len(self.channels)) ** 2, axis=0)
-        total = max(float(energy.sum()), 1e-300)
-        return {name: float(one) / total for name, one in zip(self.channels, energy, strict=True)}
+        energy: dict[str, float] = {}
+        ends = np.cumsum([len(rows) for rows in self.fit.rows])[:-1]
+        for track, part in zip(self.fit.tracks, np.split(vector, ends), strict=True):
+            channels = track.composite.channels
+            for name, one in zip(channels, np.sum(part.reshape(-1, len(channels)) ** 2, axis=0), strict=True):
+                energy[name] = energy.get(name, 0.0) + float(one)
+        total = max(sum(energy.values()), 1e-300)
+        return {name: one / total for name, one in energy.items()}
 
     def groups(self) -> list[Group]:
         """Orthonormal directions of every curve."""
@@ -106,7 +110,7 @@ class CurveScreen:
     def _colour(self, unit: Array, residual: Array) -> float:
         if not unit.shape[1]:
             return 1.0
-        return colour(unit, residual, [len(track.z) for track in self.fit.tracks], len(self.channels))
+        return colour(unit, residual, [(len(t.z), len(t.composite.channels)) for t in self.fit.tracks])
 
     def _own(self, index: int) -> tuple[Array, Array]:
         columns = slice(self._first[index], self._first[index + 1])

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
-from diagnose.madeup import shipped_plant, stretch_with
+from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from scipy.stats import chi2
 
 from hoopd.diagnose.chance import Group, drawn_maxima, log_chances, null_of
 from hoopd.diagnose.curves import curves, wanted
 from hoopd.diagnose.curvescreen import CurveScreen, by_slot, null_quantiles
+from hoopd.diagnose.filtering import Noise
 from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.hats import curve_expression, hats, spread_knots, turn_knots
 from hoopd.diagnose.screen import Column, change_of
-from hoopd.physics.declared import DeclaredPlant, Slot
+from hoopd.modelfiles import load_model
+from hoopd.physics.declared import DeclaredPlant, Slot, hoop_plant
 from hoopd.physics.effects.base import Effect, EffectParameter
+from hoopd.shipped import or_shipped
 
 
 def cart() -> DeclaredPlant:
@@ -149,3 +154,17 @@ def test_a_map_of_the_torque_is_found_where_it_sits() -> None:
     scores = CurveScreen(fit([made], (), plant.values)).scores()
     assert (scores[0].curve.slot, scores[0].curve.depends_on) == ("actuator", ("u",))
     assert max(one.surprise for slot, one in by_slot(scores).items() if slot != "actuator") < scores[0].surprise / 2
+
+
+@pytest.mark.parametrize("first", ["hoop", "both"])
+def test_recordings_of_hoop_alone_and_of_both_stand_side_by_side(first: str) -> None:
+    """They have two and three channels."""
+    values = load_model(or_shipped(Path("models/hoop.yaml"))).values()
+    kinds = (first, "both" if first == "hoop" else "hoop")
+    alone = Noise(NOISE.force[:1], NOISE.time_s[:1], NOISE.reading[:2])
+    noise = {"hoop": alone, "both": NOISE}
+    data = [stretch_with(hoop_plant("rolling", values, kind), kind, 3, 8.0, noise=noise[kind]) for kind in kinds]
+    found = CurveScreen(fit(data, (), values))
+    scores = found.scores()
+    assert all(np.isfinite(one.surprise) for one in scores)
+    assert abs(sum(found.shares(scores[0].vector).values()) - 1.0) < 1e-9
