@@ -350,7 +350,7 @@ def diagnose(
     from rich.console import Console
 
     from hoopd.bench.diagnose import run
-    from hoopd.diagnose.report import report_text
+    from hoopd.diagnose.report.terminal import report_text
 
     with _progress() as progress:
         found = run(

@@ -21,9 +21,9 @@ from hoopd.bench.diagnose_inputs import (
 from hoopd.bench.foundmodel import found_model, left_out
 from hoopd.bench.targets import check_targets
 from hoopd.diagnose.inputs import Source
-from hoopd.diagnose.naming import Settings
 from hoopd.diagnose.record import Diagnosis, to_json_bytes
 from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
+from hoopd.diagnose.search.naming import Settings
 from hoopd.effectsfile import load_effects
 from hoopd.files import InputError
 from hoopd.modelfiles import ModelFile, effects_of, load_model, model_text, parse_model
@@ -140,7 +140,7 @@ def _written(
         parse_model(text, write)
         files.append((write, text.encode()))
     if report is not None:
-        from hoopd.diagnose.reporthtml import page
+        from hoopd.diagnose.report.page import page
 
         files.append((report, page(diagnosis, outcome.shown)))
     if json_path is not None:

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Mapping
 import msgspec
 import numpy as np
 
-from hoopd.diagnose.curves import at_nodes
+from hoopd.diagnose.curves.curve import at_nodes
+from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.findings import parameters_of
-from hoopd.diagnose.fitting import Fit
 from hoopd.diagnose.record import Quantity, to_digits
 from hoopd.diagnose.run import Outcome
 from hoopd.modelfiles import EffectEntry, ModelFile, Parameter

@@ -9,8 +9,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hoopd.diagnose.fitting import Fit
-from hoopd.diagnose.naming import Named, surprise_of
+from hoopd.diagnose.curves.unknown import Unknown
+from hoopd.diagnose.engine.fitting import Fit
+from hoopd.diagnose.proof.separate import Separation
+from hoopd.diagnose.proof.tables import noise_floor, nrmse, run_windows
 from hoopd.diagnose.record import (
     Ablation,
     Base,
@@ -26,10 +28,8 @@ from hoopd.diagnose.record import (
     Verdict,
 )
 from hoopd.diagnose.record import Fit as Percent
-from hoopd.diagnose.separate import Separation
-from hoopd.diagnose.surprise import surprise
-from hoopd.diagnose.tables import noise_floor, nrmse, run_windows
-from hoopd.diagnose.unknown import Unknown
+from hoopd.diagnose.search.naming import Named, surprise_of
+from hoopd.diagnose.search.surprise import surprise
 from hoopd.physics.effects.base import Effect
 
 Corruption = Mapping[str, tuple[float, tuple[float, float], float]]

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hoopd.diagnose.dataset import SHORTEST_S, Stretch, stretch_of
-from hoopd.diagnose.quality import Quality, assess, cleaned
+from hoopd.diagnose.engine.dataset import SHORTEST_S, Stretch, stretch_of
+from hoopd.diagnose.quality.judged import Quality, assess, cleaned
 from hoopd.files import InputError
 from hoopd.ident.experiments import once_at_rest
 from hoopd.physics.declared import DeclaredPlant, hoop_plant

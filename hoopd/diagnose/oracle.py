@@ -12,12 +12,12 @@ from typing import Any
 
 import msgspec
 
+from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.findings import fits_of
-from hoopd.diagnose.fitting import Fit, fit
 from hoopd.diagnose.inputs import Source, hoop_source
-from hoopd.diagnose.naming import free_of_recordings
 from hoopd.diagnose.record import to_plain
-from hoopd.diagnose.screen import Screen
+from hoopd.diagnose.search.naming import free_of_recordings
+from hoopd.diagnose.search.screen import Screen
 from hoopd.modelfiles import ModelFile, load_model
 from hoopd.physics.effects.catalogue import library
 from hoopd.recording.recording import Recording

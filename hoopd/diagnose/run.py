@@ -11,7 +11,10 @@ from functools import cached_property
 
 import numpy as np
 
-from hoopd.diagnose.dataset import Stretch
+from hoopd.diagnose.curves.unknown import Survey, Unknown, judge_unknown, survey
+from hoopd.diagnose.engine.dataset import Stretch
+from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.engine.intervals import Interval, set_aside
 from hoopd.diagnose.findings import (
     base_of,
     candidates_of,
@@ -22,22 +25,19 @@ from hoopd.diagnose.findings import (
     unknown_finding,
     verdict_of,
 )
-from hoopd.diagnose.fitting import Fit, fit
-from hoopd.diagnose.freeruns import free_runs
 from hoopd.diagnose.inputs import Source
-from hoopd.diagnose.intervals import Interval, set_aside
-from hoopd.diagnose.naming import Named, Settings, free_of_recordings, name_effects
-from hoopd.diagnose.nextexperiment import next_experiment
-from hoopd.diagnose.pictures import shown_of
-from hoopd.diagnose.placebo import placebos
-from hoopd.diagnose.quality import corruption_findings
+from hoopd.diagnose.proof.freeruns import free_runs
+from hoopd.diagnose.proof.nextexperiment import next_experiment
+from hoopd.diagnose.proof.placebo import placebos
+from hoopd.diagnose.proof.separate import parameter_notes, separations
+from hoopd.diagnose.proof.tables import channel_source
+from hoopd.diagnose.proof.visible import visible
+from hoopd.diagnose.quality.judged import corruption_findings
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality, rounded
-from hoopd.diagnose.separate import parameter_notes, separations
+from hoopd.diagnose.report.pictures import shown_of
+from hoopd.diagnose.search.naming import Named, Settings, free_of_recordings, name_effects
+from hoopd.diagnose.search.stiff import likeliest
 from hoopd.diagnose.shown import Shown
-from hoopd.diagnose.stiff import likeliest
-from hoopd.diagnose.tables import channel_source
-from hoopd.diagnose.unknown import Survey, Unknown, judge_unknown, survey
-from hoopd.diagnose.visible import visible
 from hoopd.physics.effects.base import Effect
 
 Progress = Callable[[str], None]

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from hoopd.diagnose.readable import amount, brief, nats, safe, value_text
 from hoopd.diagnose.record import Candidate, Ignored, Number, Quantity, Visible
+from hoopd.diagnose.report.readable import amount, brief, nats, safe, value_text
 from hoopd.diagnose.shown import Strip
 from hoopd.plots import style
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from hoopd.diagnose.readable import unit_text
 from hoopd.diagnose.record import Curve
+from hoopd.diagnose.report.readable import unit_text
 from hoopd.diagnose.shown import Comparison, Harmonics, MissingForce, Regressor, Trace
 from hoopd.plots import style
 from hoopd.plots.diagnosis import LEAST_TIME_S, WIDTH_IN, plain, shade

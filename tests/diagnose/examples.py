@@ -34,7 +34,7 @@ from hoopd.diagnose.record import (
     Unexplained,
     Visible,
 )
-from hoopd.diagnose.reporthtml import page
+from hoopd.diagnose.report.page import page
 from hoopd.diagnose.shown import (
     Array,
     Binned,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hoopd.diagnose.dataset import Array, Held, Stretch
-from hoopd.diagnose.filtering import Noise
+from hoopd.diagnose.engine.dataset import Array, Held, Stretch
+from hoopd.diagnose.engine.filtering import Noise
 from hoopd.modelfiles import load_model
 from hoopd.physics.composite import Composite
 from hoopd.physics.declared import DeclaredPlant, hoop_plant

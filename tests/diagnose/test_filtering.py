@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from hoopd.diagnose.filtering import (
+from hoopd.diagnose.engine.filtering import (
     RATE_FLOOR,
     START_POSITION,
     START_RATE,
@@ -20,7 +20,7 @@ from hoopd.diagnose.filtering import (
     smoothed,
     whitened,
 )
-from hoopd.diagnose.noise import Criterion, roughness, tuned
+from hoopd.diagnose.engine.noise import Criterion, roughness, tuned
 
 N, NZ, NQ, NC = 40, 5, 2, 3
 LEVELS = Noise(np.array([0.3, 0.05]), np.array([0.1, 0.3]), np.array([0.02, 0.1, 0.05]))

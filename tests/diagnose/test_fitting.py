@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.fitting import Fit, fit, tuned_noise
+from hoopd.diagnose.engine.fitting import Fit, fit, tuned_noise
 from hoopd.physics.effects.catalogue import library
 
 PLANT = shipped_plant()

@@ -9,10 +9,11 @@ import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 from shared import shared_path
 
-from hoopd.diagnose.dataset import Stretch
-from hoopd.diagnose.fitting import Fit, fit
-from hoopd.diagnose.inputs import hoop_source
-from hoopd.diagnose.intervals import (
+from hoopd.diagnose.curves.locate import whiteness
+from hoopd.diagnose.curves.missingforce import binned, law_of_effect, missing_force, points, strips
+from hoopd.diagnose.engine.dataset import Stretch
+from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.engine.intervals import (
     CHANCE_A_MINUTE,
     FAR_BEYOND,
     intervals,
@@ -21,8 +22,7 @@ from hoopd.diagnose.intervals import (
     set_aside,
     unusual,
 )
-from hoopd.diagnose.locate import whiteness
-from hoopd.diagnose.missingforce import binned, law_of_effect, missing_force, points, strips
+from hoopd.diagnose.inputs import hoop_source
 from hoopd.physics.effects.base import Effect, EffectParameter
 from hoopd.physics.effects.catalogue import library
 from hoopd.recording import load

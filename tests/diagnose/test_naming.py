@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from hoopd.diagnose.naming import _in_order
+from hoopd.diagnose.search.naming import _in_order
 
 
 def tried(name: str, gain: float, contains: tuple[str, ...] = ()) -> Any:

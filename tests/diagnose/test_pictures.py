@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.dataset import Array, Stretch
-from hoopd.diagnose.effectforce import Missing, Variable
+from hoopd.diagnose.curves.effectforce import Missing, Variable
+from hoopd.diagnose.engine.dataset import Array, Stretch
+from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.findings import parameters_of
-from hoopd.diagnose.fitting import Fit, fit
-from hoopd.diagnose.naming import Named
-from hoopd.diagnose.pictures import harmonics_of, law_over, shown_of
+from hoopd.diagnose.report.pictures import harmonics_of, law_over, shown_of
+from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.shown import MissingForce, Shown
 from hoopd.physics.effects.catalogue import library
 

@@ -11,7 +11,7 @@ import spoiled
 from freeruns import COUNT_RAD, PSI_SIGMA_RAD
 from shared import shared_path
 
-from hoopd.diagnose.quality import assess, cleaned, corruption_findings
+from hoopd.diagnose.quality.judged import assess, cleaned, corruption_findings
 from hoopd.recording import load
 from hoopd.recording.recording import from_columns
 

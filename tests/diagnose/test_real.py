@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 
 from hoopd.bench.inputs import read_recording
-from hoopd.diagnose.dataset import Stretch
-from hoopd.diagnose.fitting import Fit, fit
+from hoopd.diagnose.engine.dataset import Stretch
+from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.engine.intervals import set_aside
+from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.inputs import Source, hoop_source
-from hoopd.diagnose.intervals import set_aside
-from hoopd.diagnose.refine import Refined, refine
-from hoopd.diagnose.screen import Screen
-from hoopd.diagnose.stiff import deflated, far_beyond, stiffened
-from hoopd.diagnose.tables import nrmse
-from hoopd.diagnose.track import Track
+from hoopd.diagnose.proof.refine import Refined, refine
+from hoopd.diagnose.proof.tables import nrmse
+from hoopd.diagnose.search.screen import Screen
+from hoopd.diagnose.search.stiff import deflated, far_beyond, stiffened
 from hoopd.modelfiles import load_model
 from hoopd.physics.effects.catalogue import library
 from hoopd.shipped import or_shipped

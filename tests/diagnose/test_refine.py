@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hoopd.diagnose.filtering import Noise
-from hoopd.diagnose.refine import refine
-from hoopd.diagnose.tables import nrmse
-from hoopd.diagnose.track import Track
+from hoopd.diagnose.engine.filtering import Noise
+from hoopd.diagnose.engine.track import Track
+from hoopd.diagnose.proof.refine import refine
+from hoopd.diagnose.proof.tables import nrmse
 from hoopd.physics.effects.catalogue import library
 from tests.diagnose.madeup import NOISE, shipped_plant, stretch_with
 

@@ -17,11 +17,11 @@ import pytest
 from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, made, renamed, unknown
 from rich.console import Console
 
-from hoopd.diagnose import words
-from hoopd.diagnose.readable import interval_text, percent, short_names, value_text
 from hoopd.diagnose.record import DataQuality, Diagnosis, FitTable, Quantity
-from hoopd.diagnose.report import report_text, write_html
-from hoopd.diagnose.reporthtml import page
+from hoopd.diagnose.report import words
+from hoopd.diagnose.report.page import page
+from hoopd.diagnose.report.readable import interval_text, percent, short_names, value_text
+from hoopd.diagnose.report.terminal import report_text, write_html
 from hoopd.diagnose.shown import Comparison, MissingForce, Regressor, Shown, Strip, Trace
 
 VOID = {"meta", "link", "br", "img"}
@@ -298,8 +298,8 @@ def test_undetermined_numbers_and_empty_curves_do_not_stop_the_page() -> None:
 def test_the_same_diagnosis_gives_the_same_bytes_in_another_process(tmp_path: Path) -> None:
     write_html(*unknown(), tmp_path / "here.html")
     code = (
-        "import sys, pathlib; from diagnose.examples import unknown; from hoopd.diagnose.report import write_html;"
-        "write_html(*unknown(), pathlib.Path(sys.argv[1]))"
+        "import sys, pathlib; from diagnose.examples import unknown;"
+        "from hoopd.diagnose.report.terminal import write_html; write_html(*unknown(), pathlib.Path(sys.argv[1]))"
     )
     there = tmp_path / "there.html"
     paths = os.pathsep.join([str(Path(__file__).parents[2]), str(Path(__file__).parents[1])])

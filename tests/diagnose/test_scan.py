@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.adjoint import DRAW_SEED, DRAWS, Adjoint, independent
-from hoopd.diagnose.dataset import Stretch
-from hoopd.diagnose.events import events
-from hoopd.diagnose.filtering import Noise
-from hoopd.diagnose.fitting import Fit, fit
-from hoopd.diagnose.scan import places, scan
-from hoopd.diagnose.screen import Column, Screen
-from hoopd.diagnose.surprise import log_chance
+from hoopd.diagnose.engine.dataset import Stretch
+from hoopd.diagnose.engine.filtering import Noise
+from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.search.adjoint import DRAW_SEED, DRAWS, Adjoint, independent
+from hoopd.diagnose.search.events import events
+from hoopd.diagnose.search.scan import places, scan
+from hoopd.diagnose.search.screen import Column, Screen
+from hoopd.diagnose.search.surprise import log_chance
 from hoopd.physics.declared import DeclaredPlant, Slot
 from hoopd.physics.effects.base import Effect, EffectParameter, phase
 from hoopd.physics.effects.catalogue import library

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.filtering import Array, whitened
-from hoopd.diagnose.fitting import Fit, fit
-from hoopd.diagnose.screen import Column, Screen, change_of, members_of
-from hoopd.diagnose.track import Track
+from hoopd.diagnose.engine.filtering import Array, whitened
+from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.engine.track import Track
+from hoopd.diagnose.search.screen import Column, Screen, change_of, members_of
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hoopd.diagnose.dataset import Stretch, stretch_of
+from hoopd.diagnose.curves.locate import locate
+from hoopd.diagnose.curves.unknown import judge_unknown, survey
+from hoopd.diagnose.engine.dataset import Stretch, stretch_of
+from hoopd.diagnose.engine.fitting import fit
 from hoopd.diagnose.findings import NORMAL95
-from hoopd.diagnose.fitting import fit
-from hoopd.diagnose.locate import locate
-from hoopd.diagnose.naming import Named, name_effects
-from hoopd.diagnose.pictures import shown_of
-from hoopd.diagnose.unknown import judge_unknown, survey
+from hoopd.diagnose.report.pictures import shown_of
+from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library

@@ -10,18 +10,18 @@ import typer
 from diagnose.madeup import NOISE, STEP_S, shipped_plant, stretch_with
 
 from hoopd.cli import app
-from hoopd.diagnose.apart import Rows, linear, nats_apart, rows_beside
-from hoopd.diagnose.dataset import Array, Held, Stretch
-from hoopd.diagnose.fitting import Fit, fit
-from hoopd.diagnose.menu import command, entries
-from hoopd.diagnose.naming import NOT_EXCLUDED_NATS, Named, Tried
-from hoopd.diagnose.nextexperiment import Expected, Pair, expectations, next_experiment, rows_of_recordings
-from hoopd.diagnose.placebo import changes_along, gain_of, placebos, shuffled
-from hoopd.diagnose.screen import Column, Member, Screen
-from hoopd.diagnose.separate import late_together, parameter_notes, separations
-from hoopd.diagnose.surprise import THRESHOLD, surprise
-from hoopd.diagnose.track import Track
-from hoopd.diagnose.visible import needed_nats, of_effect, visible
+from hoopd.diagnose.engine.dataset import Array, Held, Stretch
+from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.engine.track import Track
+from hoopd.diagnose.proof.apart import Rows, linear, nats_apart, rows_beside
+from hoopd.diagnose.proof.menu import command, entries
+from hoopd.diagnose.proof.nextexperiment import Expected, Pair, expectations, next_experiment, rows_of_recordings
+from hoopd.diagnose.proof.placebo import changes_along, gain_of, placebos, shuffled
+from hoopd.diagnose.proof.separate import late_together, parameter_notes, separations
+from hoopd.diagnose.proof.visible import needed_nats, of_effect, visible
+from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named, Tried
+from hoopd.diagnose.search.screen import Column, Member, Screen
+from hoopd.diagnose.search.surprise import THRESHOLD, surprise
 from hoopd.physics import freerun
 from hoopd.physics.composite import Composite
 from hoopd.physics.effects.base import Effect
@@ -243,7 +243,7 @@ def test_a_placebo_does_not_hold_where_its_own_cause_is_left(rubbing: Named) -> 
     """Blocks as long as the recording keep their place: the regressor is the effect's own, up to its sign."""
     real = changes_along(rubbing.base, HOOP, rubbing.final.values)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hoopd.diagnose.placebo.BLOCK_S", 1e3)
+        patch.setattr("hoopd.diagnose.proof.placebo.BLOCK_S", 1e3)
         own = shuffled(rubbing.base, real, np.random.default_rng(0))
     assert gain_of(rubbing.base, own) == pytest.approx(gain_of(rubbing.base, real))
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoopd.diagnose.simulation import Simulator, fitted_starts, windows_of
-from hoopd.diagnose.tables import channel_source, nrmse, start_weights
-from hoopd.diagnose.track import Track
+from hoopd.diagnose.engine.track import Track
+from hoopd.diagnose.proof.simulation import Simulator, fitted_starts, windows_of
+from hoopd.diagnose.proof.tables import channel_source, nrmse, start_weights
 from hoopd.physics.effects.catalogue import library
 from tests.diagnose.madeup import shipped_plant, stretch_with
 

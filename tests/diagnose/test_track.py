@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 
-from hoopd.diagnose.calls import CHUNK, Mapped, Recursion, flat
-from hoopd.diagnose.dataset import Array
-from hoopd.diagnose.track import Track, fitting_effects, plant_key
+from hoopd.diagnose.engine.calls import CHUNK, Mapped, Recursion, flat
+from hoopd.diagnose.engine.dataset import Array
+from hoopd.diagnose.engine.track import Track, fitting_effects, plant_key
 from hoopd.physics.effects.catalogue import library
 
 PLANT = shipped_plant()

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 
-from hoopd.diagnose.fitting import Fit, fit
-from hoopd.diagnose.locate import locate
-from hoopd.diagnose.unknown import Survey, chance_of_lead, judge_unknown, refitted, survey
+from hoopd.diagnose.curves.locate import locate
+from hoopd.diagnose.curves.unknown import Survey, chance_of_lead, judge_unknown, refitted, survey
+from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.physics.effects.base import Effect, EffectParameter
 from hoopd.physics.effects.catalogue import library
 

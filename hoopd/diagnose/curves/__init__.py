@@ -1,0 +1,1 @@
+"""Curves at every slot: what is missing where no law of the library explains it."""

@@ -1,0 +1,1 @@
+"""Generalised least squares along a recording: filter, noise, joint fits, columns of one-step changes."""

@@ -1,0 +1,252 @@
+"""Parameters, noise levels and trajectory of one hypothesis (the base and a set of effects) from all recordings.
+
+Gauss-Newton on the innovations' likelihood: the model is linear about the smoothed trajectory, parameters and
+trajectory are moved together, the noise levels of every recording are those of highest profile likelihood.
+
+Rules of this file: numbers in, numbers out; a hypothesis is judged elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.engine.dataset import Stretch
+from hoopd.diagnose.engine.filtering import Gains, Noise, gains, smoothed
+from hoopd.diagnose.engine.noise import Criterion, first_noise, tuned
+from hoopd.diagnose.engine.track import Columns, Track
+from hoopd.physics.effects.base import Effect
+
+Array = NDArray[np.float64]
+
+# Gauss-Newton ends when no parameter moves by more than this share of its standard error.
+SETTLED = 0.1
+FIRST_STEPS, MOST_STEPS, LAST_STEPS = 3, 8, 2
+# Prior of a base parameter: this many times its nominal size, so that data without information leave it there.
+PRIOR_SIZE = 3.0
+
+
+@dataclass
+class Fit:
+    """A hypothesis with its numbers; rows are whitened readings."""
+
+    effects: tuple[Effect, ...]
+    values: dict[str, float]
+    free: tuple[str, ...]
+    tracks: list[Track]
+    noise: dict[str, Noise]
+    columns: list[Columns] = field(default_factory=list)
+    gains: list[Gains] = field(default_factory=list)
+    rows: list[Array] = field(default_factory=list)  # (n nc, 1+m) by track: residual, then the free parameters
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    criterion: float = np.inf  # negative log-likelihood, free parameters fitted
+    steps: int = 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its effects."""
+        return tuple(effect.name for effect in self.effects)
+
+    def stacked(self) -> Array:
+        """All rows."""
+        return np.concatenate(self.rows)
+
+    def deviation(self, name: str) -> float:
+        """Standard error of a free parameter."""
+        i = self.free.index(name)
+        return float(np.sqrt(max(self.covariance[i, i], 0.0)))
+
+
+def fit(
+    stretches: Sequence[Stretch],
+    effects: Sequence[Effect],
+    values: Mapping[str, float],
+    *,
+    noise: Mapping[str, Noise] | None = None,
+    like: Fit | None = None,
+    free: Sequence[str] | None = None,
+    tune_noise: bool = True,
+    move: bool = True,
+) -> Fit:
+    """The hypothesis fitted from `values`; `like`: a fit of the same stretches whose trajectory is taken over;
+    `move=False`: the free parameters stay where they are, trajectory and noise are fitted."""
+    tracks = [Track(one, effects) for one in stretches]
+    if like is not None:
+        tracks = [new.like(old) for new, old in zip(tracks, like.tracks, strict=True)]
+    start = {name: value for track in tracks for name, value in track.composite.values.items()}
+    free = free_names(tracks, values) if free is None else tuple(free)
+    alone = {e.key(p.name) for e in effects for p in e.parameters if p.per_recording and p.role == "shape"}
+    shared = {name.split("@")[0]: value for name, value in values.items() if name.split("@")[0] not in alone}
+    start.update({name: shared[name.split("@")[0]] for name in (*start, *free) if name.split("@")[0] in shared})
+    # what belongs to one recording stays there, fitted or not
+    start.update({name: value for name, value in values.items() if name.split("@")[0] in start})
+    found = Fit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
+    _linearise(found)
+    if not move:
+        for _ in range(LAST_STEPS):
+            _settle(found)
+            tuned_noise(found)
+        return found
+    if tune_noise:
+        # levels are tuned on the residual of fitted parameters, so that these come first
+        _search(found, FIRST_STEPS)
+        tuned_noise(found, near=noise is not None)
+    _search(found, MOST_STEPS)
+    if tune_noise:
+        tuned_noise(found, near=True)
+        _search(found, LAST_STEPS)
+    return found
+
+
+def free_names(tracks: Sequence[Track], values: Mapping[str, float]) -> tuple[str, ...]:
+    """Base parameters that any of the plants leaves free, then those of the effects."""
+    base = dict.fromkeys(name for track in tracks for name in track.stretch.plant.free)
+    extra = dict.fromkeys(name for track in tracks for name in _effect_names(track, values))
+    return (*base, *extra)
+
+
+def _known(names: Sequence[str], tracks: Sequence[Track], values: Mapping[str, float]) -> tuple[str, ...]:
+    """Without the shapes of a recording (a pulse's times) that `values` does not give: it has none."""
+    shapes = {
+        e.key(p.name) for t in tracks for e in t.composite.effects for p in e.parameters
+        if p.per_recording and p.role == "shape"
+    }  # fmt: skip
+    return tuple(n for n in names if n.split("@")[0] not in shapes or n in values)
+
+
+def _effect_names(track: Track, values: Mapping[str, float]) -> list[str]:
+    """Of the effects' parameters that are searched continuously; what belongs to a recording carries its name.
+
+    A shape that belongs to a recording (the times of a push) and is neutral there stays so: nothing happened in it.
+    """
+    own = f"@{track.stretch.recording}"
+    every = [(e, p) for e in track.composite.effects for p in e.parameters if not p.discrete]
+    return [
+        e.key(p.name) + (own if p.per_recording else "")
+        for e, p in every
+        if not (p.per_recording and p.role == "shape" and values.get(e.key(p.name) + own, p.neutral) == p.neutral)
+    ]
+
+
+def _search(found: Fit, most: int) -> None:
+    for _ in range(most):
+        delta = _solution(found)
+        size = np.sqrt(np.maximum(np.diag(found.covariance), 1e-300))
+        before = dict(found.values)
+        found.values = _moved(found, delta)
+        _move_references(found, np.array([found.values[n] - before[n] for n in found.free]))
+        _linearise(found)
+        found.steps += 1
+        if np.max(np.abs(delta) / size, initial=0.0) < SETTLED:
+            break
+    _solution(found)
+
+
+def _settle(found: Fit) -> None:
+    """Only the trajectories move."""
+    for _ in range(LAST_STEPS):
+        _solution(found)
+        _move_references(found, np.zeros(len(found.free)))
+        _linearise(found)
+    rows = found.stacked()
+    found.criterion = float(rows[:, 0] @ rows[:, 0] + sum(gain.logdet for gain in found.gains)) / 2
+
+
+def _moved(found: Fit, delta: Array) -> dict[str, float]:
+    """Values after a step, effects within their ranges."""
+    values = dict(found.values)
+    ranges = _ranges(found)
+    for name, step in zip(found.free, delta, strict=True):
+        low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))
+        values[name] = float(np.clip(values[name] + step, low, high))
+    return values
+
+
+def _linearise(found: Fit) -> None:
+    found.columns = [track.columns(found.values, found.free) for track in found.tracks]
+    _whiten(found)
+
+
+def _whiten(found: Fit) -> None:
+    pairs = list(zip(found.tracks, found.columns, strict=True))
+    found.gains = [gains(columns.model, found.noise[track.stretch.recording]) for track, columns in pairs]
+    found.rows = [track.whitened(columns, gain) for (track, columns), gain in zip(pairs, found.gains, strict=True)]
+
+
+def _solution(found: Fit) -> Array:
+    """Step of the free parameters; sets covariance and criterion."""
+    rows = found.stacked()
+    r, x = rows[:, 0], -rows[:, 1:]
+    weight, centre = _prior(found)
+    information = x.T @ x + np.diag(weight)
+    right = x.T @ r + weight * centre
+    found.covariance = _inverse(information)
+    delta = found.covariance @ right
+    held = np.zeros(len(delta), dtype=bool)
+    # a parameter on the end of its range that wants to leave it stays, and the others make the best of it
+    while (leaving := _leaving(found, delta) & ~held).any():
+        held |= leaving
+        delta = np.zeros(len(right))
+        delta[~held] = _inverse(information[np.ix_(~held, ~held)]) @ right[~held]
+    logdet = sum(gain.logdet for gain in found.gains)
+    found.criterion = float(r @ r - right @ delta + logdet) / 2
+    return np.asarray(delta)
+
+
+def _inverse(information: Array) -> Array:
+    """Of a symmetric matrix (m, m) of numbers of very different sizes; 0 in directions without information."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    sizes = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(information * sizes, rcond=1e-12, hermitian=True) * sizes)
+
+
+def _leaving(found: Fit, delta: Array) -> NDArray[np.bool_]:
+    """(m,) parameters that are on a bound and whose step points outwards."""
+    ranges = _ranges(found)
+    out = np.zeros(len(delta), dtype=bool)
+    for i, name in enumerate(found.free):
+        low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))
+        value = found.values[name]
+        out[i] = (value <= low and delta[i] < 0.0) or (value >= high and delta[i] > 0.0)
+    return out
+
+
+def _ranges(found: Fit) -> dict[str, tuple[float, float]]:
+    return {e.key(p.name): (p.low, p.high) for e in found.effects for p in e.parameters if p.role != "phase"}
+
+
+def _prior(found: Fit) -> tuple[Array, Array]:
+    """Weights (m,) and distance to the centre (m,): wide about the declared values; of an effect its range."""
+    weight, centre = np.zeros(len(found.free)), np.zeros(len(found.free))
+    declared = {name: value for track in found.tracks for name, value in track.stretch.plant.values.items()}
+    widths = {e.key(p.name): p.high - p.low for e in found.effects for p in e.parameters}
+    for i, name in enumerate(found.free):
+        middle = declared.get(name, 0.0)
+        width = PRIOR_SIZE * max(abs(middle), 0.3)
+        if (plain := name.split("@")[0]) in widths:
+            width, middle = widths[plain], found.values[name]
+        weight[i], centre[i] = 1.0 / width**2, middle - found.values[name]
+    return weight, centre
+
+
+def _move_references(found: Fit, delta: Array) -> None:
+    """Trajectories smoothed under the new parameters, to first order."""
+    for track, columns, gain in zip(found.tracks, found.columns, found.gains, strict=True):
+        f = columns.f[:, :, 0] + columns.f[:, :, 1:] @ delta
+        eps = columns.eps[:, :, 0] + columns.eps[:, :, 1:] @ delta
+        track.follow(smoothed(columns.model, gain, f, eps))
+
+
+def tuned_noise(found: Fit, *, near: bool = False) -> None:
+    """Noise levels of highest profile likelihood, recording by recording; `near`: they are almost those already."""
+    first = first_noise(found.tracks, found.values)
+    for recording in dict.fromkeys(track.stretch.recording for track in found.tracks):
+        parts = [
+            one for one, track in zip(found.columns, found.tracks, strict=True) if track.stretch.recording == recording
+        ]
+        criteria = [Criterion(one.model, one.f[:, :, 0], one.eps[:, :, 0]) for one in parts]
+        found.noise[recording] = tuned(criteria, found.noise[recording], first[recording], near=near)
+    _whiten(found)

@@ -1,0 +1,1 @@
+"""What the findings are worth: free runs, ablations, placebos, what is not told apart, the next experiment."""

@@ -1,0 +1,232 @@
+"""Free runs of a hypothesis over windows of a stretch, all at once, and the starts and parameters that fit them best.
+
+Rules of this file: every window starts from a state of its own, fitted to that window's readings; nothing between two
+windows is shared but the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.engine.dataset import Held, Stretch
+from hoopd.diagnose.engine.track import composite_of, fitting_effects
+from hoopd.physics.composite import Composite
+from hoopd.physics.effects.base import Effect
+
+Array = NDArray[np.float64]
+# Parameters of all columns, or of each.
+Columns = Mapping[str, float] | Sequence[Mapping[str, float]]
+
+WINDOW_S = 2.0
+# A window shorter than this share of the others is left to none.
+SHORTEST_SHARE = 0.5
+START_STEPS = 4
+# Finite differences of starts and parameters, relative to their size.
+DIFFERENCE = 1e-5
+# A window whose simulation leaves the device's range is as bad as this many rad or rad/s.
+LARGEST = 1e3
+
+
+@dataclass(frozen=True)
+class Windows:
+    """A stretch cut into windows, padded to equal length: nodes (n, b)."""
+
+    stretch: Stretch
+    first: NDArray[np.int64]  # (b,) node of each window's start
+    count: NDArray[np.int64]  # (b,) nodes
+    y: Array  # (n, nc, b) readings, NaN: none
+
+    @property
+    def length(self) -> int:
+        """Nodes of the longest."""
+        return int(self.count.max())
+
+
+def windows_of(stretch: Stretch, window_s: float | None = WINDOW_S) -> Windows:
+    """Windows of about this length; None: one over the whole stretch."""
+    span = stretch.t[-1] - stretch.t[0]
+    pieces = 1 if window_s is None else max(1, round(span / window_s))
+    edges = np.searchsorted(stretch.t, np.linspace(stretch.t[0], stretch.t[-1], pieces + 1) - 1e-9)
+    edges[-1] = len(stretch.t) - 1
+    first, count = edges[:-1], np.diff(edges) + 1
+    y = np.full((int(count.max()), stretch.y.shape[1], len(first)), np.nan)
+    for b, (a, n) in enumerate(zip(first, count, strict=True)):
+        y[:n, :, b] = stretch.y[a : a + n]
+        if a + n < len(stretch.t):
+            y[n - 1, :, b] = np.nan  # the last node belongs to the next window
+    return Windows(stretch, first, count, y)
+
+
+class Simulator:
+    """One hypothesis on the windows of one stretch."""
+
+    def __init__(self, windows: Windows, effects: Sequence[Effect]) -> None:
+        self.windows = windows
+        self.composite: Composite = composite_of(windows.stretch.plant, fitting_effects(windows.stretch.plant, effects))
+        self.held = Held(windows.stretch.t, windows.stretch.u)
+
+    def run(self, values: Columns, start: Array) -> Array:
+        """States (n, nz, b, k) from starts (nx, b, k); `values`: one for all k columns, or one for each."""
+        c, w = self.composite, self.windows
+        _, b, k = start.shape
+        n, total = w.length, b * k
+        each = _each(values, k)
+        torques, h, t = self._inputs(each)
+        step = _Mapped(c.step_function, total)
+        step.set(5, np.tile(np.stack([c.vector(one) for one in each], axis=1), (1, b)))
+        step.set(2, np.zeros((c.nq, total)))
+        out = np.empty((n, c.nz, total))
+        out[0] = self._beginning(start).reshape(c.nz, total)
+        h, t = np.repeat(h, k, axis=1), np.repeat(t, k, axis=1)
+        for i in range(n - 1):
+            step.set(0, out[i])
+            step.set(1, torques[i])
+            step.set(3, h[i][None])
+            step.set(4, t[i][None])
+            out[i + 1] = np.clip(np.nan_to_num(step(), nan=LARGEST), -1e6, 1e6)
+        return out.reshape(n, c.nz, b, k)
+
+    def _beginning(self, start: Array) -> Array:
+        """(nz, b, k) what lags behind the state has settled at the start."""
+        c, (_, b, k) = self.composite, start.shape
+        u = [self.held.u[min(first, len(self.held.u) - 1)] for first in self.windows.first]
+        columns = [[c.beginning(start[:, i, j], u[i]) for j in range(k)] for i in range(b)]
+        return np.array(columns).transpose(2, 0, 1)
+
+    def readings(self, values: Columns, states: Array) -> Array:
+        """(n, nc, b, k) what the sensors show of states (n, nz, b, k)."""
+        c, w = self.composite, self.windows
+        n, nz, b, k = states.shape
+        nodes, count, each = self._nodes(), n * b * k, _each(values, k)
+        # (k, steps, nc, n, b): the function takes a (nc, steps) matrix a column, side by side
+        back = np.stack([one[:, :, nodes] for one in _by_value(each, self._back)])
+        side = back.transpose(2, 3, 4, 0, 1).reshape(len(c.channels), -1)
+        z = states.transpose(1, 0, 2, 3).reshape(nz, count)
+        t = np.repeat(w.stretch.t[nodes][..., None], k, axis=-1).reshape(1, count)
+        p = np.tile(np.stack([c.vector(one) for one in each], axis=1), (1, n * b))
+        y = np.asarray(c.output_function.map(count)(z, side, np.zeros((c.nq, count)), t, p).full())
+        return y.reshape(len(c.channels), n, b, k).transpose(1, 0, 2, 3)
+
+    def _back(self, values: Mapping[str, float]) -> Array:
+        """(steps, nc, nodes) torques on the way back to each channel's latency."""
+        c = self.composite
+        late = [max(float(values.get(c.latencies.get(name, ""), 0.0)), 0.0) for name in c.channels]
+        return self.held.back(late, c.delay_s(values))
+
+    def _nodes(self) -> NDArray[np.int64]:
+        """(n, b) node of the stretch; past a window's end its last."""
+        w = self.windows
+        within = np.minimum(np.arange(w.length)[:, None], w.count - 1)
+        return np.asarray(w.first + within)
+
+    def _inputs(self, each: Sequence[Mapping[str, float]]) -> tuple[Array, Array, Array]:
+        """Torques (n-1, substeps, b k), steps (n-1, b), times (n-1, b); past a window's end steps of no length."""
+        w, nodes, c = self.windows, self._nodes(), self.composite
+        at = np.minimum(nodes[:-1], len(self.held.u) - 1)
+        torques = np.stack(_by_value(each, lambda one: self.held.substeps(c.substeps, c.delay_s(one))[:, at]), axis=-1)
+        h = np.where(np.arange(w.length - 1)[:, None] < w.count - 1, w.stretch.h[at], 0.0)
+        wide = torques.transpose(1, 0, 2, 3).reshape(len(at), c.substeps, -1)
+        return wide, h, w.stretch.t[nodes[:-1]]
+
+
+def _each(values: Columns, k: int) -> list[Mapping[str, float]]:
+    """One set of values for each of k columns."""
+    return [values] * k if isinstance(values, Mapping) else list(values)
+
+
+def _by_value(each: Sequence[Mapping[str, float]], make: Callable[[Mapping[str, float]], Array]) -> list[Array]:
+    """`make` of every column; of columns that are one object once."""
+    made: dict[int, Array] = {}
+    for one in each:
+        if id(one) not in made:
+            made[id(one)] = make(one)
+    return [made[id(one)] for one in each]
+
+
+class _Mapped:
+    """A function on many columns, repeatedly, on memory of its own."""
+
+    def __init__(self, function: ca.Function, count: int) -> None:
+        mapped = function.map(count)
+        self._args = [np.zeros((count, function.size1_in(i))) for i in range(function.n_in())]
+        self._out = np.zeros((count, function.size1_out(0)))
+        self._buffer, self._trigger = mapped.buffer()
+        for i, array in enumerate(self._args):
+            self._buffer.set_arg(i, memoryview(array))  # type: ignore[call-arg, arg-type, unused-ignore]
+        self._buffer.set_res(0, memoryview(self._out))  # type: ignore[call-arg, arg-type, unused-ignore]
+
+    def set(self, index: int, columns: Array) -> None:
+        """Argument `index` (rows, count)."""
+        self._args[index][:] = columns.T
+
+    def __call__(self) -> Array:
+        self._trigger()
+        return self._out.T.copy()
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Best free runs of the windows."""
+
+    windows: Windows
+    start: Array  # (nx, b)
+    y: Array  # (n, nc, b)
+    states: Array  # (n, nz, b)
+
+
+def fitted_starts(
+    windows: Windows, effects: Sequence[Effect], values: Mapping[str, float], reference: Array, sigma: Array
+) -> Simulated:
+    """Free runs from the starts that fit each window's readings, weighted by 1/sigma (nc,); reference (nodes, nx)."""
+    simulator = Simulator(windows, effects)
+    nx = simulator.composite.nx
+    start = reference[windows.first, :nx].T.copy()
+    best, cost = start, np.full(start.shape[1], np.inf)
+    for _ in range(START_STEPS):
+        y = simulator.readings(values, simulator.run(values, _perturbed(start)))
+        e = _errors(windows, y[..., 0], sigma)
+        now = np.sum(e**2, axis=(0, 1))
+        best, cost = np.where(now < cost, start, best), np.minimum(now, cost)
+        jacobian = np.nan_to_num((y[..., 1:] - y[..., :1]) / _steps(start)[None, None].transpose(0, 1, 3, 2))
+        jacobian = np.where(np.isfinite(windows.y)[..., None], jacobian, 0.0) / sigma[None, :, None, None]
+        start = best + _newton(e, jacobian)
+    y = simulator.readings(values, simulator.run(values, start[:, :, None]))[..., 0]
+    worse = np.sum(_errors(windows, y, sigma) ** 2, axis=(0, 1)) > cost
+    start = np.where(worse, best, start)
+    states = simulator.run(values, start[:, :, None])
+    return Simulated(windows, start, simulator.readings(values, states)[..., 0], states[..., 0])
+
+
+def _steps(start: Array) -> Array:
+    """(nx, b)"""
+    return DIFFERENCE * np.maximum(np.abs(start), 1.0)
+
+
+def _perturbed(start: Array) -> Array:
+    """(nx, b, 1 + nx): as it is, then with each component moved."""
+    nx, b = start.shape
+    out = np.repeat(start[:, :, None], nx + 1, axis=2)
+    steps = _steps(start)
+    for i in range(nx):
+        out[i, :, i + 1] += steps[i]
+    assert out.shape == (nx, b, nx + 1)
+    return out
+
+
+def _errors(windows: Windows, y: Array, sigma: Array) -> Array:
+    """(n, nc, b) in units of sigma, 0 where nothing was measured."""
+    e = (windows.y - np.clip(np.nan_to_num(y, nan=LARGEST), -1e6, 1e6)) / sigma[None, :, None]
+    return np.asarray(np.where(np.isfinite(windows.y), e, 0.0))
+
+
+def _newton(e: Array, jacobian: Array) -> Array:
+    """(nx, b) Gauss-Newton steps; jacobian (n, nc, b, nx)."""
+    normal = np.einsum("ncbi,ncbj->bij", jacobian, jacobian)
+    right = np.einsum("ncbi,ncb->bi", jacobian, e)
+    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(normal.shape[1])
+    return np.asarray(np.linalg.solve(normal + 1e-300 * np.eye(normal.shape[1]), right[..., None])[..., 0].T)

@@ -1,0 +1,1 @@
+"""Recordings judged by themselves, before any model: which samples count, and why others do not."""

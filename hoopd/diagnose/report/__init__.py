@@ -1,0 +1,1 @@
+"""The diagnosis for a person: terminal, page, figures, words."""

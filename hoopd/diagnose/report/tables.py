@@ -1,0 +1,167 @@
+"""Tables of a diagnosis, cell by cell as text: drawn on the terminal and on the page alike.
+
+Rules of this file: every cell is ready to be read; a table without rows is not shown. Nothing is rounded here that
+`readable` does not round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from hoopd.diagnose.record import DataQuality, Diagnosis, EffectFinding, Fit, Fits, Quantity, RecordingQuality, Visible
+from hoopd.diagnose.report.readable import (
+    NOTHING,
+    amount,
+    counted,
+    interval_text,
+    nats,
+    percent,
+    safe,
+    share,
+    short_names,
+    value_text,
+)
+from hoopd.diagnose.report.words import each_fit
+
+Row = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of as many cells as the head; `align`: a letter a column, l for words, r for numbers.
+
+    An empty cell of the first column belongs to the row above.
+    """
+
+    title: str
+    head: Row
+    align: str
+    rows: list[Row]
+
+
+def effects(diagnosis: Diagnosis) -> Table:
+    """One row a parameter of each named effect."""
+    head = ("effect", "parameter", "value", "95 % interval", "nats", "needed")
+    rows = [row for effect in diagnosis.effects for row in _effect_rows(effect)]
+    return Table("What the model leaves out", head, "llrrrr", rows)
+
+
+def _effect_rows(effect: EffectFinding) -> list[Row]:
+    name, evidence = safe(effect.name), effect.evidence
+    gain, needed = nats(evidence.log_likelihood_gain), nats(evidence.threshold)
+    sizes = [(safe(name), value_text(one), interval_text(one)) for name, one in effect.parameters.items()]
+    first, *others = sizes or [(NOTHING, NOTHING, NOTHING)]
+    return [(name, *first, gain, needed), *(("", *size, "", "") for size in others)]
+
+
+def checks(diagnosis: Diagnosis) -> Table:
+    """What became of each finding when it was put to the test."""
+    head = ("effect", "held-out gain", "taken out again", "shuffled (placebo)")
+    rows = [_check(one) for one in diagnosis.effects]
+    tested = [row for row in rows if any(cell != NOTHING for cell in row[1:])]
+    return _without_empty(Table("How each finding was tested", head, "lrrr", tested))
+
+
+def _check(effect: EffectFinding) -> Row:
+    gain, without, placebo = effect.evidence.heldout_gain_percent, effect.ablation, effect.placebo
+    better = NOTHING if gain is None else f"{gain:+.1f} %"
+    loss = NOTHING if without is None else f"{nats(without.log_likelihood_loss)} nats lost"
+    held = NOTHING if placebo is None else f"{nats(placebo.log_likelihood_gain)} nats: {_held(placebo.held)}"
+    return (safe(effect.name), better, loss, held)
+
+
+def _held(held: bool) -> str:
+    return "no gain" if held else "GAINS TOO"
+
+
+def fit(title: str, fits: Fits) -> Table:
+    """Fit before and after."""
+    head = ("recording", "channel", "nominal", "re-fitted", "+ effects", "noise floor", "ceiling")
+    names = short_names(fits)
+    rows = [(names[recording], safe(channel), *_fit_cells(one)) for recording, channel, one in each_fit(fits)]
+    return _without_empty(Table(title, head, "llrrrrr", _without_repeats(rows)))
+
+
+def _fit_cells(one: Fit) -> Row:
+    return tuple(map(percent, (one.nominal, one.base_refit, one.with_effects, one.noise_floor, one.ceiling)))
+
+
+def _without_empty(table: Table) -> Table:
+    """Columns in which nothing is known are left out."""
+    kept = [index for index in range(len(table.head)) if any(row[index] != NOTHING for row in table.rows)]
+    rows = [tuple(row[index] for index in kept) for row in table.rows]
+    return Table(table.title, tuple(table.head[i] for i in kept), "".join(table.align[i] for i in kept), rows)
+
+
+def _without_repeats(rows: Iterable[Row]) -> list[Row]:
+    """The first column stands once for each group."""
+    kept: list[Row] = []
+    last = ""
+    for row in rows:
+        kept.append(("", *row[1:]) if kept and row[0] == last else row)
+        last = row[0]
+    return kept
+
+
+def alternatives(diagnosis: Diagnosis) -> Table:
+    """What explains the recordings nearly as well."""
+    rows = [row for effect in diagnosis.effects for row in _alternative_rows(effect)]
+    return Table("Not excluded", ("alternative", "instead of", "behind (nats)", "why"), "llrl", rows)
+
+
+def _alternative_rows(effect: EffectFinding) -> list[Row]:
+    known = {one.name: one for one in effect.alternatives}
+    bare = [(name, None, "") for name in effect.not_excluded if name not in known]
+    entries = [*((one.name, one.behind_nats, one.reason) for one in known.values()), *bare]
+    return [(safe(name), safe(effect.name), nats(behind), safe(why)) for name, behind, why in entries]
+
+
+def parameters(diagnosis: Diagnosis) -> Table:
+    """The base, re-estimated, and the effects."""
+    rows = [_parameter("base", name, one) for name, one in diagnosis.base.parameters.items()]
+    for effect in diagnosis.effects:
+        rows += [_parameter(effect.name, name, one) for name, one in effect.parameters.items()]
+    head = ("of", "parameter", "value", "95 % interval", "nominal")
+    return Table("Parameters", head, "llrrr", _without_repeats(rows))
+
+
+def _parameter(of: str, name: str, one: Quantity) -> Row:
+    return (safe(of), safe(name), value_text(one), interval_text(one), amount(one.nominal, one.unit))
+
+
+def power(diagnosis: Diagnosis) -> Table:
+    """Smallest sizes that would have been seen."""
+    head = ("effect", "parameter", "smallest seen", "largest expected")
+    return Table("What would have been seen", head, "llrr", [_visible(*item) for item in diagnosis.power.items()])
+
+
+def _visible(name: str, one: Visible) -> Row:
+    smallest = "not at any size" if one.smallest is None else amount(one.smallest, one.unit, 2)
+    return (safe(name), safe(one.parameter), smallest, amount(one.largest, one.unit, 2))
+
+
+def quality(diagnosis: Diagnosis) -> Table:
+    """Bad samples: each recording where that is known, and all together."""
+    whole = diagnosis.data_quality
+    names = short_names(whole.recordings)
+    of_each = [(names[name], one) for name, one in whole.recordings.items()]
+    parts: list[tuple[str, RecordingQuality | DataQuality]] = [*of_each, ("all", whole)]
+    rows: list[Row] = [(name, *_bad(one)) for name, one in parts]
+    return Table("Data quality", ("recording", "missing", "late frames", "outliers"), "lrrr", rows)
+
+
+def _bad(one: RecordingQuality | DataQuality) -> Row:
+    """Counts with their share, where it is known of how many."""
+    parts = ((one.missing, one.samples), (one.late_frames, one.frames), (one.outliers, one.samples))
+    return tuple(f"{counted(bad)} ({share(bad / of)})" if bad and of else counted(bad) for bad, of in parts)
+
+
+def ignored(diagnosis: Diagnosis) -> Table:
+    """Intervals that were set aside."""
+    whole = diagnosis.data_quality
+    names = short_names(whole.recordings)
+    parts = [(names[name], one) for name, part in whole.recordings.items() for one in part.segments_ignored]
+    spans = parts or [("", one) for one in whole.segments_ignored]
+    rows: list[Row] = [(f"{start:.2f}", f"{end:.2f}", safe(reason), name) for name, (start, end, reason) in spans]
+    return Table("Set aside", ("from (s)", "to (s)", "because", "recording"), "rrll", rows)

@@ -1,0 +1,100 @@
+"""The diagnosis for a person: on the terminal, verdict first, and as one page.
+
+Rules of this file: readable at 80 columns; names come from files, so they are drawn as plain text, never as markup;
+what the diagnosis does not hold is left out.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD as HEAD_LINE
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from hoopd.diagnose.record import Diagnosis, canonical
+from hoopd.diagnose.report import tables, words
+from hoopd.diagnose.report.readable import safe
+from hoopd.diagnose.report.tables import Table
+from hoopd.diagnose.shown import Shown
+
+COLOURS = {"consistent": "green", "parameters": "cyan", "missing_physics": "yellow", "unknown_physics": "magenta"}
+
+
+def report_text(diagnosis: Diagnosis, console: Console) -> None:
+    """Print the diagnosis: verdict, effects, fits, what is not excluded, next experiment, data quality."""
+    diagnosis = canonical(diagnosis)
+    _verdict(diagnosis, console)
+    _table(tables.effects(diagnosis), console)
+    _sentences([one.statement for one in diagnosis.effects], console)
+    _table(tables.checks(diagnosis), console)
+    _sentences(words.ablation_sentences(diagnosis.effects), console)
+    _fits(diagnosis, console)
+    if diagnosis.verdict == "parameters":
+        _table(tables.parameters(diagnosis), console)
+    _table(tables.alternatives(diagnosis), console)
+    _sentences([words.invisible_sentence(diagnosis.power)], console)
+    _next(diagnosis, console)
+    _quality(diagnosis, console)
+    _sentences(diagnosis.notes, console)
+
+
+def write_html(diagnosis: Diagnosis, shown: Shown, path: Path) -> None:
+    """Write the page: the whole file or none; InputError when it cannot be written."""
+    from hoopd.diagnose.report.page import page
+    from hoopd.recording.bytesof import replace_file
+
+    replace_file(path, page(diagnosis, shown))
+
+
+def _verdict(diagnosis: Diagnosis, console: Console) -> None:
+    style = COLOURS[diagnosis.verdict]
+    console.print(Text(words.TITLES[diagnosis.verdict], style=f"bold {style}"))
+    console.print(Text(words.verdict_sentence(diagnosis)))
+    _sentences([words.location_sentence(diagnosis.location), words.unexplained_sentence(diagnosis)], console)
+
+
+def _fits(diagnosis: Diagnosis, console: Console) -> None:
+    """Held-out first, then what was fitted, then the harder measure."""
+    fit = diagnosis.fit
+    _table(tables.fit("Fit of held-out data, windows of 2 s (NRMSE %)", fit.heldout), console)
+    _sentences([fit.how_heldout, words.source_sentence(fit)], console)
+    _table(tables.fit("Fit of the data fitted to, windows of 2 s (NRMSE %)", fit.train), console)
+    _table(tables.fit("One free run over all (NRMSE %)", fit.free_run), console)
+
+
+def _next(diagnosis: Diagnosis, console: Console) -> None:
+    if (planned := diagnosis.next_experiment) is None:
+        return
+    console.print()
+    console.print(Text("Next experiment", style="bold"))
+    _sentences([words.experiment_sentence(planned), planned.reason], console)
+    if planned.command:
+        console.print(Text(f"  {safe(planned.command)}"), soft_wrap=True)
+
+
+def _quality(diagnosis: Diagnosis, console: Console) -> None:
+    _table(tables.quality(diagnosis), console)
+    _table(tables.ignored(diagnosis), console)
+    _sentences(words.quality_notes(diagnosis.data_quality), console)
+
+
+def _sentences(sentences: list[str], console: Console) -> None:
+    for sentence in sentences:
+        if sentence:
+            console.print(Text(safe(sentence)))
+
+
+def _table(table: Table, console: Console) -> None:
+    """Numbers stay on their line; words fold where there is no room."""
+    if not table.rows:
+        return
+    drawn = RichTable(box=HEAD_LINE, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+    for name, side in zip(table.head, table.align, strict=True):
+        drawn.add_column(name, justify="right" if side == "r" else "left", overflow="fold", no_wrap=side == "r")
+    for row in table.rows:
+        drawn.add_row(*map(Text, row))
+    console.print()
+    console.print(Text(table.title, style="bold"))
+    console.print(drawn)

@@ -1,0 +1,126 @@
+"""How a fit's log-likelihood answers to a force at every step: one pass back through the filter, for any force at once.
+
+The derivative of the log-likelihood by an addition to the one-step map is the filter's adjoint (Bryson and Frazier's
+smoother; `filtering.smoothed`). With it the score of any force is one inner product. The same pass over rows of white
+noise shows what the model itself expects of such scores, and so how large the best of many becomes by chance.
+
+Rules of this file: numbers in, numbers out; what is made of the answers stands in `scan` and `events`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.engine.filtering import Gains, Linear
+from hoopd.diagnose.engine.track import Track
+from hoopd.diagnose.search.screen import Screen
+from hoopd.diagnose.search.surprise import log_chance
+from hoopd.physics.effects.base import Effect, Values
+
+Array = NDArray[np.float64]
+
+# Draws of white rows: the median of their maxima is known to 0.3 nats, a level of a smoothed score to a few percent.
+DRAWS = 32
+DRAW_SEED = 1
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Of one recording to a force of unit size, or to an effect's: columns the data first, then DRAWS of white rows."""
+
+    recording: str
+    t: Array  # (n,) s, start of each step
+    h: Array  # (n,) s
+    slope: Array  # (n, 1+DRAWS) nats per multiple of the force over that step
+
+    @property
+    def length_s(self) -> float:
+        """From the first step to the end of the last."""
+        return float(self.t[-1] + self.h[-1] - self.t[0])
+
+
+class Adjoint:
+    """Derivatives by a force on every coordinate over every step, by track."""
+
+    def __init__(self, screen: Screen, residual: Array | None = None) -> None:
+        """`residual`: rows in place of the screen's own."""
+        self.screen, fit = screen, screen.fit
+        rows = np.column_stack([screen.residual if residual is None else residual, _white(screen)])
+        ends = np.cumsum([len(one) for one in fit.rows])[:-1]
+        self.by_force: list[Array] = []  # (n-1, nq, 1+DRAWS)
+        for columns, gains, part in zip(fit.columns, fit.gains, np.split(rows, ends), strict=True):
+            n, nc, _ = columns.model.c.shape
+            push = adjoint(columns.model, gains, part.reshape(n, nc, -1))
+            # what is added to the model is taken from the residual
+            self.by_force.append(-np.einsum("nzq,nzm->nqm", columns.model.w, push))
+
+    def to_effect(self, effect: Effect, values: Mapping[str, float]) -> list[Answer]:
+        """By recording, to an effect's force at these values of its own parameters; none where its slot is not."""
+        parts: dict[str, list[tuple[Track, Array]]] = {}
+        for track, slopes in zip(self.screen.fit.tracks, self.by_force, strict=True):
+            if effect.slot in track.stretch.plant.slots:
+                force = force_along(track, self.screen.fit.values, effect, values)
+                parts.setdefault(track.stretch.recording, []).append((track, np.einsum("nq,nqm->nm", force, slopes)))
+        return [_joined(recording, pieces) for recording, pieces in parts.items()]
+
+    def to_push(self, coordinate: str) -> list[Answer]:
+        """By recording, to a unit force on a coordinate."""
+        parts: dict[str, list[tuple[Track, Array]]] = {}
+        for track, slopes in zip(self.screen.fit.tracks, self.by_force, strict=True):
+            if coordinate in track.stretch.plant.coordinates:
+                q = track.stretch.plant.coordinates.index(coordinate)
+                parts.setdefault(track.stretch.recording, []).append((track, slopes[:, q]))
+        return [_joined(recording, pieces) for recording, pieces in parts.items()]
+
+
+def adjoint(model: Linear, found: Gains, white: Array) -> Array:
+    """(n-1, nz, m) derivatives by f of the products of rows r (n, nc, m) with the whitened innovations of f."""
+    n, _, nz = model.c.shape
+    push, back = np.empty((n - 1, nz, white.shape[2])), np.zeros((model.size, white.shape[2]))
+    for k in range(n - 1, -1, -1):
+        if k < n - 1:
+            push[k] = back[:nz]
+            back = found.phi[k].T @ back
+        # e = -C d,  d+ = phi (d + K e) + f,  product r' V e:  l = phi' l+ - C' (V' r + K' phi' l+)
+        inner = found.whiten[k].T @ white[k] + found.gain[k].T @ back
+        back[:nz] -= model.c[k].T @ inner
+    return push
+
+
+def force_along(track: Track, fitted: Mapping[str, float], effect: Effect, values: Mapping[str, float]) -> Array:
+    """(n-1, nq) an effect's generalised forces in the middle of every step of a reference."""
+    assert effect.force is not None
+    plant, n = track.composite.plant, len(track.z) - 1
+    z, u, t = ca.SX.sym("z", track.composite.nz), ca.SX.sym("u"), ca.SX.sym("t")
+    force = effect.force(plant.point(z, track.local(fitted), u, t), Values(**{**effect.neutral(), **values}))
+    # disturbances act on the coordinates of the plant as declared
+    expression = ca.vertcat(*(ca.SX(force.get(q, 0.0)) for q in track.stretch.plant.coordinates))
+    middle, stretch = (track.z[1:] + track.z[:-1]) / 2, track.stretch
+    function = ca.Function("force", [z, u, t], [ca.densify(expression)])
+    found = function.map(n)(middle.T, stretch.u[None], (stretch.t[:-1] + stretch.h / 2)[None])
+    return np.asarray(found.full()).T
+
+
+def _white(screen: Screen) -> Array:
+    """(rows, DRAWS) white rows without the directions of the free parameters."""
+    draws = np.random.default_rng(DRAW_SEED).standard_normal((len(screen.residual), DRAWS))
+    return screen.projected(draws)
+
+
+def _joined(recording: str, pieces: Sequence[tuple[Track, Array]]) -> Answer:
+    t = np.concatenate([track.stretch.t[:-1] for track, _ in pieces])
+    h = np.concatenate([track.stretch.h for track, _ in pieces])
+    return Answer(recording, t, h, np.concatenate([slope for _, slope in pieces]))
+
+
+# ---------------------------------------------------------------------------------------------- chance
+
+
+def independent(largest: Array, freedom: int) -> float:
+    """How many independent candidates have a largest gain like these (draws,): by the median, N chance = log 2."""
+    return max(float(np.log(2.0) / np.exp(log_chance(float(np.median(largest)), freedom))), 1.0)
