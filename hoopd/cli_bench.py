@@ -344,6 +344,9 @@ def diagnose(
         Path | None, typer.Option("--write", help="Write a model with what was found.", metavar="MODEL")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the search.")] = 0,
+    free_run: Annotated[
+        bool, typer.Option("--free-run/--no-free-run", help="Also refine and compare one run over whole recordings.")
+    ] = True,
     json_path: JsonOption = None,
 ) -> None:
     """Say where recordings and model differ, name the physics that was left out, prove it (docs/diagnose.md)."""
@@ -364,6 +367,7 @@ def diagnose(
             columns=columns,
             age=age,
             seed=seed,
+            free_run=free_run,
             progress=progress,
         )
     report_text(found, Console())

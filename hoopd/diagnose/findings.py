@@ -155,9 +155,13 @@ def _fault(name: str, share: float, interval: tuple[float, float], gain: float) 
 
 def candidates_of(named: Named, threshold: float) -> list[Candidate]:
     """Every effect on its own over the base: refitted where it was, else as the screen saw it."""
-    refitted = {one.effect.name: one.gain for one in named.tried}
-    gains = {s.member.effect.name: s.gain for s in named.scores} | refitted
-    return [Candidate(name=name, log_likelihood_gain=gain, threshold=threshold) for name, gain in gains.items()]
+    stretches = [track.stretch for track in named.base.tracks]
+    found = {s.member.effect.name: (s.gain, surprise_of(s, s.gain, stretches)) for s in named.scores}
+    found |= {one.effect.name: (one.gain, one.surprise) for one in named.tried}
+    return [
+        Candidate(name=name, log_likelihood_gain=gain, surprise=beyond, threshold=threshold)
+        for name, (gain, beyond) in found.items()
+    ]
 
 
 def unknown_finding(unknown: Unknown) -> EffectFinding:

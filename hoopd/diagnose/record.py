@@ -193,10 +193,11 @@ class DataQuality(_Part, frozen=True):
 
 
 class Candidate(_Part, frozen=True):
-    """One explanation that was tried on its own, over the re-fitted base."""
+    """One explanation that was tried on its own, over the re-fitted base; its surprise is what meets the threshold."""
 
     name: str
     log_likelihood_gain: Number
+    surprise: Number = None  # nats: the gain less what chance gives an effect with as many columns and choices
     threshold: Number = None
     heldout_gain_percent: Number = None
 

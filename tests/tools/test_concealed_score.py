@@ -184,6 +184,7 @@ def test_command_line_of_a_case() -> None:
         "diagnosis.json",
         "--seed",
         "3",
+        "--no-free-run",
     ]
 
 
