@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hoopd.diagnose.engine.calls import KEPT, Recursion, mapped
 from hoopd.diagnose.engine.dataset import Held, Stretch, first_states
 from hoopd.diagnose.engine.filtering import Gains, Linear, Noise, Smoothed, gains, smoothed, whitened
+from hoopd.diagnose.engine.ofrecording import names_of, values_of
 from hoopd.physics.composite import Composite
 from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect
@@ -86,10 +87,8 @@ class Track:
     # ------------------------------------------------------------------------------------------ the model
 
     def local(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values of this stretch: what stands for its recording alone, `name@recording`, goes before `name`."""
-        mark = f"@{self.stretch.recording}"
-        own = {name.removesuffix(mark): value for name, value in values.items() if name.endswith(mark)}
-        return {**self.composite.values, **{n: v for n, v in values.items() if "@" not in n}, **own}
+        """Values of this stretch, those of the composite where none are given."""
+        return {**self.composite.values, **values_of(self.stretch.recording, values)}
 
     def torques(self, values: Mapping[str, float]) -> Array:
         """(substeps, n-1)"""
@@ -160,8 +159,7 @@ class Track:
         that it helps to explain is correlated with it, and everything that resembles a scale would be named.
         """
         c, n = self.composite, len(self.stretch.t)
-        values, mark = self.local(values), f"@{self.stretch.recording}"
-        mine = {name: name.removesuffix(mark) for name in free if name.endswith(mark) or "@" not in name}
+        values, mine = self.local(values), names_of(self.stretch.recording, free)
         mine = {name: local for name, local in mine.items() if local in c.names}
         after, by_z, by_w, by_p = self._step_derivatives(values, tuple(mine.values()))
         y, of_z, of_p = self._reading_derivatives(values, tuple(mine.values()))

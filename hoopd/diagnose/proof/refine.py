@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.engine.dataset import Stretch
+from hoopd.diagnose.engine.ofrecording import names_of, plain, values_of
 from hoopd.diagnose.proof.simulation import LARGEST, Simulated, Simulator, Windows, windows_of
 from hoopd.physics.effects.base import Effect
 
@@ -67,10 +68,8 @@ class _Part:
     states: Array | None = None
 
     def local(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values of this stretch: those of its recording go before those of all."""
-        mark = f"@{self.stretch.recording}"
-        own = {name.removesuffix(mark): value for name, value in values.items() if name.endswith(mark)}
-        return {**self.simulator.composite.values, **{n: v for n, v in values.items() if "@" not in n}, **own}
+        """Values of this stretch, those of the composite where none are given."""
+        return {**self.simulator.composite.values, **values_of(self.stretch.recording, values)}
 
 
 def refine(
@@ -149,9 +148,7 @@ def _part(
     known = min(nx, reference.shape[1])
     wide[:, :known] = reference[:, :known]
     start = wide[windows.first].T.copy()
-    mark = f"@{stretch.recording}"
-    mine = {n: n.removesuffix(mark) for n in free if n.endswith(mark) or "@" not in n}
-    names = {n: own for n, own in mine.items() if own in simulator.composite.names}
+    names = {n: own for n, own in names_of(stretch.recording, free).items() if own in simulator.composite.names}
     return _Part(stretch, windows, simulator, start, start.copy(), weight, names)
 
 
@@ -190,7 +187,7 @@ def sizes(values: Mapping[str, float], free: Sequence[str], effects: Sequence[Ef
     own = {e.key(p.name): p for e in effects for p in e.parameters}
     out = []
     for name in free:
-        p = own.get(name.split("@")[0])
+        p = own.get(plain(name))
         size = 0.3 if p is None else (1.0 if p.role == "phase" else abs(p.size))
         out.append(max(abs(values[name]), size))
     return np.array(out)
@@ -203,7 +200,7 @@ def _moved(
     ranges = {e.key(p.name): (p.low, p.high) for e in effects for p in e.parameters if p.role != "phase"}
     out = dict(values)
     for name, step in zip(free, delta, strict=True):
-        low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))
+        low, high = ranges.get(plain(name), (-np.inf, np.inf))
         out[name] = float(np.clip(values[name] + step, low, high))
     return out
 
