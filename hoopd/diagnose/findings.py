@@ -30,12 +30,10 @@ from hoopd.diagnose.record import (
 from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.search.naming import Named, surprise_of
 from hoopd.diagnose.search.surprise import surprise
+from hoopd.ident.uncertainty import Z95
 from hoopd.physics.effects.base import Effect
 
 Corruption = Mapping[str, tuple[float, tuple[float, float], float]]
-
-# Normal quantile of a 95 % interval.
-NORMAL95 = 1.959964
 
 
 def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown | None, threshold: float) -> Verdict:
@@ -72,7 +70,7 @@ def _units(found: Fit) -> dict[str, str]:
 def _interval(found: Fit, name: str) -> tuple[float, float] | None:
     if name not in found.free:
         return None
-    value, half = found.values[name], NORMAL95 * found.deviation(name)
+    value, half = found.values[name], Z95 * found.deviation(name)
     return value - half, value + half
 
 

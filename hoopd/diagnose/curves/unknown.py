@@ -22,6 +22,7 @@ from hoopd.diagnose.curves.screen import CurveScore, CurveScreen, by_slot, libra
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.search.chance import Group, Null, projections
 from hoopd.diagnose.search.screen import Score, Screen
+from hoopd.ident.uncertainty import Z95
 from hoopd.physics.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -38,8 +39,6 @@ DIFFERENCE_CHANCE = 0.01
 ALONE_PART = 0.9
 # Another slot is not excluded when its best curve is at most this far behind, nats.
 NOT_EXCLUDED_NATS = 3.0
-# Two-sided 95 %.
-BAND = 1.96
 
 
 @dataclass(frozen=True)
@@ -192,7 +191,7 @@ def shapes_of(score: CurveScore, recordings: Sequence[str]) -> tuple[Shape, ...]
 
 
 def _shapes(curve: Curve, values: Array, covariance: Array, recordings: Sequence[str]) -> tuple[Shape, ...]:
-    m, half = len(curve.knots), BAND * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    m, half = len(curve.knots), Z95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     names = list(recordings) if curve.per_recording else [None]
     found = []
     for i, name in enumerate(names):

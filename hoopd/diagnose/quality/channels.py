@@ -20,6 +20,7 @@ from hoopd.diagnose.quality.outliers import spread_share
 from hoopd.diagnose.quality.split import Split, split
 from hoopd.diagnose.quality.turns import near
 from hoopd.ident.experiments import HELD_COUNTS
+from hoopd.ident.uncertainty import Z95
 from hoopd.recording.recording import Recording
 from hoopd.recording.suspicions import repeated_rows
 from hoopd.recording.timeline import TIMES
@@ -194,4 +195,4 @@ def _false_share(found: Split, usable: Mask) -> Share:
 
 def interval(share: float, error: float) -> tuple[float, float]:
     """95 % of a share with this standard error."""
-    return max(share - 1.96 * error, 0.0), min(share + 1.96 * error, 1.0)
+    return max(share - Z95 * error, 0.0), min(share + Z95 * error, 1.0)
