@@ -5,7 +5,7 @@ Rules of this file: what does not count is NaN from here on; names are those of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,14 +69,6 @@ def hoop_source(
     if sum(one.samples for one in stretches) < FEWEST_READINGS:
         raise InputError(name, ", ".join(plant.channels), f"fewer than {FEWEST_READINGS} readings to judge a model by")
     return Source(name, recording, quality, stretches)
-
-
-def without_seconds(source: Source, spans: Sequence[tuple[float, float]]) -> Source:
-    """The source without these seconds: stretches are cut there."""
-    for first, last in spans:
-        kept = [part for one in source.stretches for part in (one.seconds(-np.inf, first), one.seconds(last, np.inf))]
-        source = replace(source, stretches=tuple(one for one in kept if _enough(one)))
-    return source
 
 
 def _stretch(name: str, plant: DeclaredPlant, part: Timeline, begin: float, quality: Quality) -> Stretch:

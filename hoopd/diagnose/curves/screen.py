@@ -21,7 +21,7 @@ from hoopd.diagnose.engine.filtering import whitened
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.engine.track import Columns, Track
 from hoopd.diagnose.search.chance import Group, Null, colour, independent, null_of
-from hoopd.diagnose.search.screen import Column, Screen, change_of
+from hoopd.diagnose.search.screen import Column, Screen, change_of, orthonormal
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.physics.effects.base import Effect, Point
 
@@ -55,7 +55,7 @@ class CurveScreen:
         self.fit, self.curves = fit, list(curves(fit) if of is None else of)
         self.recordings = tuple(dict.fromkeys(track.stretch.recording for track in fit.tracks))
         rows = fit.stacked()
-        self._known = _orthonormal(rows[:, 1:])
+        self._known = orthonormal(rows[:, 1:])
         self.residual = self.projected(rows[:, :1])[:, 0]
         counts = [self._columns_of(curve) for curve in self.curves]
         self._first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
@@ -217,22 +217,7 @@ def _shape(curve: Curve, s: Point) -> Array:
     return found if curve.factor is None else np.asarray(found * np.asarray(curve.factor.of(s))[..., None])
 
 
-def _orthonormal(x: Array) -> Array:
-    """(rows, k) basis of the directions of the free parameters that the data know."""
-    size = np.sqrt(np.sum(x**2, axis=0))
-    unit: Array = x[:, size > 1e-9] / size[size > 1e-9]
-    if not unit.shape[1]:
-        return unit
-    u, s, _ = np.linalg.svd(unit, full_matrices=False)
-    return np.asarray(u[:, s > 1e-7])
-
-
 # ---------------------------------------------------------------------------------------------- beside a named library
-
-
-def named_surprises(screen: Screen) -> dict[str, float]:
-    """Surprise of every effect's best member, by name."""
-    return {one.member.effect.name: surprise(one.gain, len(one.member.columns)) for one in screen.scores()}
 
 
 def library_groups(screen: Screen) -> list[Group]:

@@ -23,8 +23,6 @@ Array = NDArray[np.float64]
 Columns = Mapping[str, float] | Sequence[Mapping[str, float]]
 
 WINDOW_S = 2.0
-# A window shorter than this share of the others is left to none.
-SHORTEST_SHARE = 0.5
 START_STEPS = 4
 # Finite differences of starts and parameters, relative to their size.
 DIFFERENCE = 1e-5
