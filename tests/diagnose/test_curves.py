@@ -15,8 +15,9 @@ from hoopd.diagnose.curves.hats import curve_expression, hats, spread_knots, tur
 from hoopd.diagnose.curves.screen import CurveScreen, by_slot, null_quantiles
 from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.search.chance import Group, drawn_maxima, log_chances, null_of
+from hoopd.diagnose.search.chance import Group, drawn_maxima, null_of
 from hoopd.diagnose.search.screen import Column, change_of
+from hoopd.diagnose.search.surprise import log_chances
 from hoopd.modelfiles import load_model
 from hoopd.physics.declared import DeclaredPlant, Slot, hoop_plant
 from hoopd.physics.effects.base import Effect, EffectParameter

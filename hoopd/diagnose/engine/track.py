@@ -92,13 +92,13 @@ class Track:
 
     def torques(self, values: Mapping[str, float]) -> Array:
         """(substeps, n-1)"""
-        return self.held.substeps(self.composite.substeps, _sum(values, self.composite.delays))
+        return self.held.substeps(self.composite.substeps, self.composite.delay_s(values))
 
     def _back(self, values: Mapping[str, float]) -> Array:
         """(n, BACK_STEPS * channels)"""
         c = self.composite
         late = [max(float(values.get(c.latencies.get(name, ""), 0.0)), 0.0) for name in c.channels]
-        back = self.held.back(late, _sum(values, c.delays))
+        back = self.held.back(late, c.delay_s(values))
         return back.reshape(-1, back.shape[2]).T
 
     def _wide(self, w: Array) -> Array:
@@ -179,7 +179,7 @@ class Track:
         # a parameter that scales the disturbance would otherwise be fitted to what the smoother thinks of it
         c, n, z = self.composite, len(self.stretch.t) - 1, self.filtered[:-1]
         call, d = mapped(derivatives_of(c, free)[0], n, (5,)), self.stretch.h / c.substeps
-        torques, slope = self.torques(values), self.held.substeps_by_delay(c.substeps, _sum(values, c.delays))
+        torques, slope = self.torques(values), self.held.substeps_by_delay(c.substeps, c.delay_s(values))
         late = [c.nz + c.nq + free.index(name) for name in c.delays if name in free]
         nothing, p, nu = np.zeros((n, c.nq)), c.vector(values), c.nz + c.nq
         total = np.zeros((n, c.nz, nu + len(free)))
@@ -266,7 +266,3 @@ def carrying(composite: Composite, given: int) -> Recursion:
 _libraries: dict[str, dict[str, Effect]] = {}
 _composites: dict[tuple[str, tuple[str, ...], int], Composite] = {}
 _derivatives: dict[tuple[int, tuple[str, ...]], tuple[ca.Function, ca.Function]] = {}
-
-
-def _sum(values: Mapping[str, float], names: Sequence[str]) -> float:
-    return float(sum(values.get(name, 0.0) for name in names))
