@@ -12,7 +12,7 @@ import numpy as np
 from hoopd.diagnose.curves.unknown import Unknown
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.proof.separate import Separation
-from hoopd.diagnose.proof.tables import noise_floor, nrmse, run_windows
+from hoopd.diagnose.proof.tables import Played, noise_floor, nrmse
 from hoopd.diagnose.record import (
     Ablation,
     Base,
@@ -95,7 +95,7 @@ def parameters_of(effect: Effect, found: Fit) -> dict[str, Quantity]:
 
 def effects_of(
     named: Named,
-    heldout: Mapping[str, Fit],
+    heldout: Mapping[str, Played],
     threshold: float,
     corruption: Corruption,
     apart: Mapping[str, Separation],
@@ -215,7 +215,7 @@ def location_of(named: Named, unknown: Unknown | None) -> Location:
     )
 
 
-def fits_of(fits: Mapping[str, Fit]) -> Fits:
+def fits_of(fits: Mapping[str, Played]) -> Fits:
     """NRMSE of nominal, base and final by recording and channel."""
     figures = {name: _by_recording(one) for name, one in fits.items() if name in ("nominal", "base", "final")}
     floors = _floors(fits["final"])
@@ -232,19 +232,15 @@ def fits_of(fits: Mapping[str, Fit]) -> Fits:
     }  # fmt: skip
 
 
-def _by_recording(found: Fit) -> dict[str, dict[str, float]]:
-    runs = run_windows(found)
-    names = dict.fromkeys(run.windows.stretch.recording for run in runs)
-    return {name: nrmse([run for run in runs if run.windows.stretch.recording == name]) for name in names}
+def _by_recording(one: Played) -> dict[str, dict[str, float]]:
+    return {name: nrmse(runs) for name, runs in one.by_recording().items()}
 
 
-def _floors(found: Fit) -> dict[str, dict[str, float]]:
-    runs = run_windows(found)
-    names = dict.fromkeys(run.windows.stretch.recording for run in runs)
-    return {name: noise_floor([r for r in runs if r.windows.stretch.recording == name], found.noise) for name in names}
+def _floors(one: Played) -> dict[str, dict[str, float]]:
+    return {name: noise_floor(runs, one.fit.noise) for name, runs in one.by_recording().items()}
 
 
-def _mean_nrmse(found: Fit) -> dict[str, float]:
-    each = _by_recording(found).values()
-    channels = dict.fromkeys(channel for one in each for channel in one)
-    return {channel: float(np.nanmean([one.get(channel, np.nan) for one in each])) for channel in channels}
+def _mean_nrmse(one: Played) -> dict[str, float]:
+    each = _by_recording(one).values()
+    channels = dict.fromkeys(channel for part in each for channel in part)
+    return {channel: float(np.nanmean([part.get(channel, np.nan) for part in each])) for channel in channels}

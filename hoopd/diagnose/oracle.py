@@ -15,6 +15,7 @@ import msgspec
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.findings import fits_of
 from hoopd.diagnose.inputs import Source, hoop_source
+from hoopd.diagnose.proof.tables import played
 from hoopd.diagnose.record import to_plain
 from hoopd.diagnose.search.naming import free_of_recordings
 from hoopd.diagnose.search.screen import Screen
@@ -42,9 +43,8 @@ def oracle(recordings: Sequence[Recording], holdout: Recording, names: Sequence[
         final = _with(final, known[name])
     frozen = {"nominal": nominal, "base": base, "final": final}
     on_held = {k: fit(held, f.effects, f.values, free=free_of_recordings(f.effects, held)) for k, f in frozen.items()}
-    return {
-        name: to_plain(msgspec.to_builtins(fits_of(one))) for name, one in (("train", frozen), ("heldout", on_held))
-    }
+    tables = {"train": fits_of(played(frozen)), "heldout": fits_of(played(on_held))}
+    return {name: to_plain(msgspec.to_builtins(one)) for name, one in tables.items()}
 
 
 def _with(before: Fit, effect: Any) -> Fit:

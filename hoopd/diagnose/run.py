@@ -30,7 +30,7 @@ from hoopd.diagnose.proof.freeruns import free_runs
 from hoopd.diagnose.proof.nextexperiment import next_experiment
 from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.separate import parameter_notes, separations
-from hoopd.diagnose.proof.tables import channel_source
+from hoopd.diagnose.proof.tables import Played, channel_source, played
 from hoopd.diagnose.proof.visible import visible
 from hoopd.diagnose.quality.judged import corruption_findings
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality, rounded
@@ -70,7 +70,7 @@ class Outcome:
 
     diagnosis: Diagnosis
     named: Named
-    heldout: Mapping[str, Fit]
+    heldout: Mapping[str, Played]
     unknown: Unknown | None = None
 
     @cached_property
@@ -105,9 +105,9 @@ def diagnose(case: Case) -> Outcome:
     case.progress("proof on held-out data")
     if unknown is not None and not unknown.beside_names:
         drop_names(named)
-    fits = heldout_fits(named, held)
+    fits = played(heldout_fits(named, held))
     table = FitTable(
-        train=fits_of({"nominal": named.nominal, "base": named.base, "final": named.final}),
+        train=fits_of(played({"nominal": named.nominal, "base": named.base, "final": named.final})),
         heldout=fits_of(fits) if fits else {},
         free_run=free_runs(named.nominal, named.base, named.final, held) if case.free_run else {},
         how_heldout=case.held_out_how,
