@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.engine.ofrecording import names_of, plain, values_of
-from hoopd.diagnose.proof.simulation import LARGEST, Simulated, Simulator, Windows, windows_of
+from hoopd.diagnose.engine.ofrecording import plain
+from hoopd.diagnose.proof.compared import Part, channel_weights, errors, node_states, part_of, simulated, start_spread
+from hoopd.diagnose.proof.simulation import Simulated
 from hoopd.physics.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -31,8 +32,7 @@ SETTLED = 1e-4
 DAMPING, EASIER, HARDER, MOST_DAMPING = 1e-3, 0.2, 6.0, 1e6
 # Finite differences, relative to a parameter's size.
 DIFFERENCE = 1e-5
-# Starts stay near what the smoother says, within these (rad or m, rad/s or m/s) times the weight below.
-START_SPREAD = (0.1, 2.0)
+# Starts stay near what the smoother says: START_SPREAD counts as little as this.
 START_WEIGHT = 1e-4
 # Prior of a parameter, of so many times its size: what the runs say nothing about stays where it is.
 PRIOR_SIZE, PRIOR_WEIGHT = 3.0, 1e-4
@@ -54,24 +54,6 @@ class Refined:
         return float(np.sqrt(max(self.covariance[i, i], 0.0)))
 
 
-@dataclass
-class _Part:
-    """One stretch on its way: windows, simulator, starts (nx, b)."""
-
-    stretch: Stretch
-    windows: Windows
-    simulator: Simulator
-    start: Array
-    anchor: Array
-    weight: Array  # (nc,) one over a channel's |y - mean y|
-    names: dict[str, str]  # free parameter -> its name in this stretch
-    states: Array | None = None
-
-    def local(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values of this stretch, those of the composite where none are given."""
-        return {**self.simulator.composite.values, **values_of(self.stretch.recording, values)}
-
-
 def refine(
     stretches: Sequence[Stretch],
     references: Sequence[Array],
@@ -83,80 +65,20 @@ def refine(
     """The hypothesis with the free parameters that simulate best; references (nodes, nx or more): a smoother's."""
     here, starts = dict(values), list(references)
     weights = channel_weights(stretches)
-    parts: list[_Part] = []
+    parts: list[Part] = []
     for length in lengths_s:
-        parts = [_part(s, r, effects, w, free, length) for s, r, w in zip(stretches, starts, weights, strict=True)]
+        parts = [part_of(s, r, effects, w, free, length) for s, r, w in zip(stretches, starts, weights, strict=True)]
         here, cost, covariance = _search(parts, here, tuple(free), effects)
-        starts = [_states(part, here) for part in parts]
-    runs = [_simulated(part, here) for part in parts]
+        starts = [node_states(part, here) for part in parts]
+    runs = [simulated(part, here) for part in parts]
     return Refined(here, tuple(free), runs, cost, covariance)
-
-
-def channel_weights(stretches: Sequence[Stretch]) -> list[Array]:
-    """(nc,) of each stretch: one over |y - mean y| of the channel in its recording; 0 for a channel without a vote.
-
-    An angle that has a measured rate beside it counts by its slope, and the measured rate itself is not asked.
-    """
-    return [
-        np.array([_weight([one for one in stretches if one.recording == s.recording], c) for c in s.plant.channels])
-        for s in stretches
-    ]
-
-
-def _weight(same: Sequence[Stretch], channel: str) -> float:
-    plant = same[0].plant
-    if _asked_by_its_angle(plant.channels, channel):
-        return 0.0
-    column = list(plant.channels).index(channel)
-    parts = [_signal(one.t, one.y[:, column], _turns(plant.channels, channel)) for one in same]
-    seen = np.concatenate([part[np.isfinite(part)] for part in parts])
-    spread = float(np.linalg.norm(seen - seen.mean())) if len(seen) > 2 else 0.0
-    return 1.0 / spread if spread > 1e-9 else 0.0
-
-
-def _turns(channels: Mapping[str, str], channel: str) -> bool:
-    return f"d{channels[channel]}" in channels.values()
-
-
-def _asked_by_its_angle(channels: Mapping[str, str], channel: str) -> bool:
-    state = channels[channel]
-    return state.startswith("d") and state[1:] in channels.values()
-
-
-def _signal(t: Array, y: Array, turns: bool) -> Array:
-    """What is compared of (n, ...): the reading, or its slope between the neighbours."""
-    if not turns:
-        return y
-    out = np.full_like(y, np.nan)
-    span = (t[2:] - t[:-2]).reshape(-1, *([1] * (y.ndim - 1)))
-    out[1:-1] = (y[2:] - y[:-2]) / span
-    return out
-
-
-def _part(
-    stretch: Stretch,
-    reference: Array,
-    effects: Sequence[Effect],
-    weight: Array,
-    free: Sequence[str],
-    length: float | None,
-) -> _Part:
-    windows = windows_of(stretch, length)
-    simulator = Simulator(windows, effects)
-    nx = simulator.composite.nx
-    wide = np.zeros((len(reference), nx))
-    known = min(nx, reference.shape[1])
-    wide[:, :known] = reference[:, :known]
-    start = wide[windows.first].T.copy()
-    names = {n: own for n, own in names_of(stretch.recording, free).items() if own in simulator.composite.names}
-    return _Part(stretch, windows, simulator, start, start.copy(), weight, names)
 
 
 # ---------------------------------------------------------------------------------------------- search
 
 
 def _search(
-    parts: list[_Part], values: dict[str, float], free: tuple[str, ...], effects: Sequence[Effect]
+    parts: list[Part], values: dict[str, float], free: tuple[str, ...], effects: Sequence[Effect]
 ) -> tuple[dict[str, float], float, Array]:
     """Levenberg-Marquardt on parameters and starts."""
     scale = sizes(values, free, effects)
@@ -205,51 +127,18 @@ def _moved(
     return out
 
 
-def _errors(part: _Part, y: Array) -> Array:
-    """(n, nc, b) weighted; 0 where nothing was measured."""
-    # a run that left every bound is as bad as can be, not as good as none
-    finite = np.clip(np.nan_to_num(y, nan=LARGEST), -1e6, 1e6)
-    return np.asarray(np.nan_to_num(_compared(part, part.windows.y) - _compared(part, finite)))
-
-
-def _compared(part: _Part, y: Array) -> Array:
-    """Weighted signals of (n, nc, b)."""
-    w = part.windows
-    nodes = np.minimum(w.first + np.arange(w.length)[:, None], len(part.stretch.t) - 1)
-    channels = part.stretch.plant.channels
-    seen = np.isfinite(w.y)
-    out = np.full(y.shape, np.nan)
-    for column, channel in enumerate(channels):
-        if part.weight[column] == 0.0:
-            continue
-        one = np.where(seen[:, column], y[:, column], np.nan)
-        if _turns(channels, channel):
-            span = part.stretch.t[nodes[2:]] - part.stretch.t[nodes[:-2]]
-            slope = np.full(one.shape, np.nan)
-            slope[1:-1] = (one[2:] - one[:-2]) / np.maximum(span, 1e-9)
-            one = slope
-        out[:, column] = part.weight[column] * one
-    return out
-
-
 def _cost(
-    parts: Sequence[_Part], values: Mapping[str, float], starts: Sequence[Array], free: Sequence[str], centre: Array,
+    parts: Sequence[Part], values: Mapping[str, float], starts: Sequence[Array], free: Sequence[str], centre: Array,
     scale: Array,
 ) -> float:  # fmt: skip
     total = 0.0
     for part, start in zip(parts, starts, strict=True):
         local = part.local(values)
         y = part.simulator.readings(local, part.simulator.run(local, start[:, :, None]))[..., 0]
-        off = (start - part.anchor) / _spread(part)
-        total += float(np.sum(_errors(part, y) ** 2)) + START_WEIGHT * float(np.sum(off**2)) / off.size
+        off = (start - part.anchor) / start_spread(part)
+        total += float(np.sum(errors(part, y) ** 2)) + START_WEIGHT * float(np.sum(off**2)) / off.size
     off = (np.array([values[name] for name in free]) - centre) / (PRIOR_SIZE * scale)
     return total + PRIOR_WEIGHT * float(off @ off)
-
-
-def _spread(part: _Part) -> Array:
-    """(nx, 1)"""
-    nx = len(part.start)
-    return np.array([START_SPREAD[i % 2] for i in range(nx)])[:, None]
 
 
 @dataclass(frozen=True)
@@ -263,7 +152,7 @@ class _Blocks:
     p: Array
 
 
-def _blocks(part: _Part, values: Mapping[str, float], free: Sequence[str], scale: Array) -> _Blocks:
+def _blocks(part: Part, values: Mapping[str, float], free: Sequence[str], scale: Array) -> _Blocks:
     nx = len(part.start)
     local, m = part.local(values), len(free)
     mine = [(i, part.names[name]) for i, name in enumerate(free) if name in part.names]
@@ -273,13 +162,13 @@ def _blocks(part: _Part, values: Mapping[str, float], free: Sequence[str], scale
     for i in range(nx):
         start[i, :, 1 + i] += steps[i]
     y = part.simulator.readings(columns, part.simulator.run(columns, start))
-    e = _errors(part, y[..., 0])
-    by = np.stack([-(_errors(part, y[..., j]) - e) for j in range(1, len(columns))], axis=-1)
+    e = errors(part, y[..., 0])
+    by = np.stack([-(errors(part, y[..., j]) - e) for j in range(1, len(columns))], axis=-1)
     jx = np.nan_to_num(by[..., :nx] / steps.T[None, None])
     jp = np.zeros((*e.shape, m))
     for column, (i, _) in enumerate(mine):
         jp[..., i] = by[..., nx + column] / DIFFERENCE  # by the parameter in units of its size
-    spread, count = _spread(part), part.start.size
+    spread, count = start_spread(part), part.start.size
     pull = START_WEIGHT / count / spread**2
     xx = np.einsum("ncbi,ncbj->bij", jx, jx) + np.eye(nx) * pull.T[None]
     x = np.einsum("ncbi,ncb->bi", jx, e) - (pull * (part.start - part.anchor)).T
@@ -317,24 +206,8 @@ def _diagonals(a: Array) -> Array:
     return out
 
 
-def _covariance(parts: Sequence[_Part], information: Array, scale: Array, cost: float) -> Array:
+def _covariance(parts: Sequence[Part], information: Array, scale: Array, cost: float) -> Array:
     """Of the parameters, from the residual's own variance; windows are taken as independent, samples as correlated."""
     inverse = np.linalg.pinv(information, hermitian=True) if len(scale) else np.zeros((0, 0))
     windows = max(sum(part.start.shape[1] for part in parts), 1)
     return np.asarray(inverse * np.outer(scale, scale) * cost / max(windows, 1))
-
-
-def _states(part: _Part, values: Mapping[str, float]) -> Array:
-    """(nodes, nx) what the windows had at every node of the stretch."""
-    states = part.simulator.run(part.local(values), part.start[:, :, None])[..., 0]
-    nx, w = len(part.start), part.windows
-    out = np.empty((len(part.stretch.t), nx))
-    for b, (first, count) in enumerate(zip(w.first, w.count, strict=True)):
-        out[first : first + count] = states[:count, :nx, b]
-    return out
-
-
-def _simulated(part: _Part, values: Mapping[str, float]) -> Simulated:
-    local = part.local(values)
-    states = part.simulator.run(local, part.start[:, :, None])
-    return Simulated(part.windows, part.start, part.simulator.readings(local, states)[..., 0], states[..., 0])

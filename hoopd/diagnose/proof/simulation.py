@@ -28,6 +28,8 @@ START_STEPS = 4
 DIFFERENCE = 1e-5
 # A window whose simulation leaves the device's range is as bad as this many rad or rad/s.
 LARGEST = 1e3
+# No number of a simulation counts as larger.
+BOUND = 1e6
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,11 @@ class Windows:
     def length(self) -> int:
         """Nodes of the longest."""
         return int(self.count.max())
+
+
+def bounded(y: Array) -> Array:
+    """Numbers of a simulation: one that left every bound is as bad as can be, not as good as none."""
+    return np.clip(np.nan_to_num(y, nan=LARGEST), -BOUND, BOUND)
 
 
 def windows_of(stretch: Stretch, window_s: float | None = WINDOW_S) -> Windows:
@@ -86,7 +93,7 @@ class Simulator:
             step.set(1, torques[i])
             step.set(3, h[i][None])
             step.set(4, t[i][None])
-            out[i + 1] = np.clip(np.nan_to_num(step(), nan=LARGEST), -1e6, 1e6)
+            out[i + 1] = bounded(step())
         return out.reshape(n, c.nz, b, k)
 
     def _beginning(self, start: Array) -> Array:
@@ -218,7 +225,7 @@ def _perturbed(start: Array) -> Array:
 
 def _errors(windows: Windows, y: Array, sigma: Array) -> Array:
     """(n, nc, b) in units of sigma, 0 where nothing was measured."""
-    e = (windows.y - np.clip(np.nan_to_num(y, nan=LARGEST), -1e6, 1e6)) / sigma[None, :, None]
+    e = (windows.y - bounded(y)) / sigma[None, :, None]
     return np.asarray(np.where(np.isfinite(windows.y), e, 0.0))
 
 
