@@ -14,7 +14,8 @@ import numpy as np
 from hoopd.diagnose.curves.unknown import Survey, Unknown, judge_unknown, survey
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.intervals import Interval, set_aside
+from hoopd.diagnose.engine.intervals import Interval
+from hoopd.diagnose.engine.setaside import set_aside
 from hoopd.diagnose.findings import (
     base_of,
     candidates_of,

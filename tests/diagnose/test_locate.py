@@ -13,15 +13,9 @@ from hoopd.diagnose.curves.locate import whiteness
 from hoopd.diagnose.curves.missingforce import binned, missing_force
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.intervals import (
-    CHANCE_A_MINUTE,
-    FAR_BEYOND,
-    intervals,
-    level_of,
-    mean_squares,
-    set_aside,
-    unusual,
-)
+from hoopd.diagnose.engine.intervals import CHANCE_A_MINUTE, intervals
+from hoopd.diagnose.engine.setaside import FAR_BEYOND, set_aside
+from hoopd.diagnose.engine.unusual import level_of, mean_squares, unusual
 from hoopd.diagnose.inputs import hoop_source
 from hoopd.physics.effects.base import Effect, EffectParameter
 from hoopd.physics.effects.catalogue import library

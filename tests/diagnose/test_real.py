@@ -17,7 +17,7 @@ import pytest
 from hoopd.bench.inputs import read_recording
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.intervals import set_aside
+from hoopd.diagnose.engine.setaside import set_aside
 from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.inputs import Source, hoop_source
 from hoopd.diagnose.proof.refine import Refined, refine

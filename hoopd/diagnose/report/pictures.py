@@ -15,7 +15,8 @@ from hoopd.diagnose.curves.effectforce import Missing, Variable, missing_of, rec
 from hoopd.diagnose.curves.missingforce import binned, law_of_curve, missing_force
 from hoopd.diagnose.curves.unknown import Unknown
 from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.engine.intervals import disturbance, robust_level
+from hoopd.diagnose.engine.intervals import disturbance
+from hoopd.diagnose.engine.unusual import robust_level
 from hoopd.diagnose.proof.tables import Played, series
 from hoopd.diagnose.record import Ignored
 from hoopd.diagnose.search.naming import Named

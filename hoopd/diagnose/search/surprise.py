@@ -48,9 +48,9 @@ def log_chances(gains: Array, columns: int) -> Array:
     a = columns / 2.0
     chances = np.asarray(gammaincc(a, np.maximum(gains, 0.0)))
     far = chances <= SMALLEST
-    found = np.log(np.where(far, 1.0, chances))
+    found = np.array(np.log(np.where(far, 1.0, chances)))
     found[far] = _log_tail(gains[far], a)
-    return np.asarray(found)
+    return found
 
 
 def _log_tail(x: Array, a: float) -> Array:
