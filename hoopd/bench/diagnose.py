@@ -21,7 +21,8 @@ from hoopd.bench.diagnose_inputs import (
 from hoopd.bench.foundmodel import found_model, left_out
 from hoopd.bench.targets import check_targets
 from hoopd.diagnose.inputs import Source
-from hoopd.diagnose.record import Diagnosis, to_json_bytes
+from hoopd.diagnose.record import Diagnosis
+from hoopd.diagnose.recordfile import to_json_bytes
 from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
 from hoopd.diagnose.search.naming import Settings
 from hoopd.effectsfile import load_effects

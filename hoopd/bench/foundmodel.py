@@ -14,7 +14,8 @@ import numpy as np
 from hoopd.diagnose.curves.curve import at_nodes
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.findings import parameters_of
-from hoopd.diagnose.record import Quantity, to_digits
+from hoopd.diagnose.record import Quantity
+from hoopd.diagnose.recordfile import to_digits
 from hoopd.diagnose.run import Outcome
 from hoopd.ident.uncertainty import Z95
 from hoopd.modelfiles import EffectEntry, ModelFile, Parameter

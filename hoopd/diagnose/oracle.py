@@ -16,7 +16,7 @@ from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.findings import fits_of
 from hoopd.diagnose.inputs import Source, hoop_source
 from hoopd.diagnose.proof.tables import played
-from hoopd.diagnose.record import to_plain
+from hoopd.diagnose.recordfile import to_plain
 from hoopd.diagnose.search.naming import free_of_recordings
 from hoopd.diagnose.search.screen import Screen
 from hoopd.modelfiles import ModelFile, load_model

@@ -34,7 +34,8 @@ from hoopd.diagnose.proof.separate import parameter_notes, separations
 from hoopd.diagnose.proof.tables import Played, channel_source, played
 from hoopd.diagnose.proof.visible import visible
 from hoopd.diagnose.quality.judged import corruption_findings
-from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality, rounded
+from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality
+from hoopd.diagnose.recordfile import rounded
 from hoopd.diagnose.report.pictures import shown_of
 from hoopd.diagnose.search.naming import Named, Settings, free_of_recordings, name_effects
 from hoopd.diagnose.search.stiff import likeliest

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.filtering import Gains, Noise, gains, smoothed
-from hoopd.diagnose.engine.noise import Criterion, first_noise, tuned
+from hoopd.diagnose.engine.noise import Criterion
 from hoopd.diagnose.engine.ofrecording import plain
 from hoopd.diagnose.engine.track import Columns, Track
+from hoopd.diagnose.engine.tuning import first_noise, tuned
 from hoopd.physics.effects.base import Effect
 
 Array = NDArray[np.float64]

@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hoopd.diagnose.engine.composites import composite_of, fitting_effects
 from hoopd.diagnose.engine.dataset import Held, Stretch
 from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.engine.ofrecording import own_values, values_of
-from hoopd.diagnose.engine.track import Track, composite_of, fitting_effects
+from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.proof.apart import Rows, linear, nats_apart, rows_beside, rows_of, without_effect
 from hoopd.diagnose.proof.menu import Entry, command, entries, is_hoop
 from hoopd.diagnose.proof.separate import Separation

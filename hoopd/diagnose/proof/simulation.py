@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.engine.composites import composite_of, fitting_effects
 from hoopd.diagnose.engine.dataset import Held, Stretch
-from hoopd.diagnose.engine.track import composite_of, fitting_effects
 from hoopd.physics.composite import Composite
 from hoopd.physics.effects.base import Effect
 
