@@ -109,6 +109,8 @@ class Held:
 
     def substeps(self, count: int, delay: float = 0.0) -> Array:
         """(count, n-1) mean torque in each part of each step, `delay` seconds late."""
+        if delay == 0.0:
+            return np.tile(self.u, (count, 1))  # a part lies within its hold
         edges = self.t[:-1, None] + np.diff(self.t)[:, None] * np.arange(count + 1) / count
         return mean_torque(edges, self.t, self.u, delay).T
 
@@ -121,12 +123,16 @@ class Held:
         return slope
 
     def back(self, late: Sequence[float], delay: float = 0.0) -> Array:
-        """(channels * BACK_STEPS, n) column-major: mean torque on the way to `late` seconds ago, youngest first."""
-        found = np.empty((BACK_STEPS, len(late), len(self.t)))
-        for row, d in enumerate(late):
-            edges = self.t[:, None] - np.arange(BACK_STEPS, -1, -1) * d / BACK_STEPS
-            found[:, row] = mean_torque(edges, self.t, self.u, delay).T[::-1]
-        return found
+        """(BACK_STEPS, channels, n) mean torque on the way to `late` seconds ago, youngest first."""
+        ways = {d: self._way(d, delay) for d in set(late)}
+        return np.stack([ways[d] for d in late], axis=1)
+
+    def _way(self, late: float, delay: float) -> Array:
+        """(BACK_STEPS, n) of one channel; of a way of no length the torque at its end."""
+        steps = BACK_STEPS if late > 0.0 else 1
+        edges = self.t[:, None] - np.arange(steps, -1, -1) * late / steps
+        found = mean_torque(edges, self.t, self.u, delay).T[::-1]
+        return np.broadcast_to(found, (BACK_STEPS, len(self.t)))
 
 
 # ---------------------------------------------------------------------------------------------- first idea
