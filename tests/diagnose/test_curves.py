@@ -10,9 +10,10 @@ import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from scipy.stats import chi2
 
-from hoopd.diagnose.curves.curve import curves, wanted
+from hoopd.diagnose.curves.curve import curves
 from hoopd.diagnose.curves.hats import curve_expression, hats, spread_knots, turn_knots
 from hoopd.diagnose.curves.screen import CurveScreen, by_slot, null_quantiles
+from hoopd.diagnose.curves.sites import wanted
 from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.search.chance import Group, drawn_maxima, null_of

@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve import Curve, Variable, at_nodes, wanted
+from hoopd.diagnose.curves.curve import Curve, at_nodes
+from hoopd.diagnose.curves.sites import Variable, wanted
 from hoopd.diagnose.curves.unknown import Shape
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.engine.intervals import disturbance
