@@ -110,15 +110,6 @@ def free_names(tracks: Sequence[Track], values: Mapping[str, float]) -> tuple[st
     return (*base, *extra)
 
 
-def _known(names: Sequence[str], tracks: Sequence[Track], values: Mapping[str, float]) -> tuple[str, ...]:
-    """Without the shapes of a recording (a pulse's times) that `values` does not give: it has none."""
-    shapes = {
-        e.key(p.name) for t in tracks for e in t.composite.effects for p in e.parameters
-        if p.per_recording and p.role == "shape"
-    }  # fmt: skip
-    return tuple(n for n in names if plain(n) not in shapes or n in values)
-
-
 def _effect_names(track: Track, values: Mapping[str, float]) -> list[str]:
     """Of the effects' parameters that are searched continuously; what belongs to a recording carries its name.
 
