@@ -11,6 +11,7 @@ import numpy as np
 
 from hoopd.diagnose.curves.unknown import Unknown
 from hoopd.diagnose.engine.fitting import Fit
+from hoopd.diagnose.faults import Fault
 from hoopd.diagnose.proof.separate import Separation
 from hoopd.diagnose.proof.tables import Played, noise_floor, nrmse
 from hoopd.diagnose.record import (
@@ -32,8 +33,6 @@ from hoopd.diagnose.search.naming import Named, surprise_of
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.ident.uncertainty import Z95
 from hoopd.physics.effects.base import Effect
-
-Corruption = Mapping[str, tuple[float, tuple[float, float], float]]
 
 
 def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown | None, threshold: float) -> Verdict:
@@ -97,7 +96,7 @@ def effects_of(
     named: Named,
     heldout: Mapping[str, Played],
     threshold: float,
-    corruption: Corruption,
+    faults: Sequence[Fault],
     apart: Mapping[str, Separation],
     placebos: Mapping[str, Placebo],
 ) -> list[EffectFinding]:
@@ -107,7 +106,7 @@ def effects_of(
         _effect(named, name, percents, threshold, apart[name], placebos.get(name))
         for name in (one.effect.name for one in named.accepted)
     ]
-    found += [_fault(name, *values) for name, values in corruption.items()]
+    found += [_fault(one) for one in faults]
     return sorted(found, key=lambda one: -(one.evidence.log_likelihood_gain or 0.0))
 
 
@@ -139,15 +138,15 @@ def _effect(
     )
 
 
-def _fault(name: str, share: float, interval: tuple[float, float], gain: float) -> EffectFinding:
+def _fault(fault: Fault) -> EffectFinding:
     words = {"camera.late_frames": "repeats the picture before", "camera.outliers": "is a false detection"}
     return EffectFinding(
-        name=name,
+        name=fault.name,
         slot="camera",
-        parameters={"share": Quantity(value=share, unit="-", ci95=interval, nominal=0.0)},
-        evidence=Evidence(log_likelihood_gain=gain, threshold=None, heldout_gain_percent=None),
+        parameters={"share": Quantity(value=fault.share, unit="-", ci95=fault.ci95, nominal=0.0)},
+        evidence=Evidence(log_likelihood_gain=fault.gain, threshold=fault.needed, heldout_gain_percent=None),
         not_excluded=[],
-        statement=f"a share of the camera's samples {words[name]}",
+        statement=f"a share of the camera's samples {words[fault.name]}",
     )
 
 

@@ -16,6 +16,7 @@ from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.engine.intervals import Interval
 from hoopd.diagnose.engine.setaside import set_aside
+from hoopd.diagnose.faults import camera_faults
 from hoopd.diagnose.findings import (
     base_of,
     candidates_of,
@@ -33,7 +34,6 @@ from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.separate import parameter_notes, separations
 from hoopd.diagnose.proof.tables import Played, channel_source, played
 from hoopd.diagnose.proof.visible import visible
-from hoopd.diagnose.quality.judged import corruption_findings
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality
 from hoopd.diagnose.recordfile import rounded
 from hoopd.diagnose.report.pictures import shown_of
@@ -118,7 +118,8 @@ def diagnose(case: Case) -> Outcome:
     case.progress("what else could explain it")
     threshold, apart = case.settings.threshold, separations(named, case.library)
     proofs = placebos(named, case.seed, threshold)
-    effects = effects_of(named, fits, threshold, corruption(case.train), apart, proofs)
+    faults = camera_faults([one.quality for one in case.train], threshold)
+    effects = effects_of(named, fits, threshold, faults, apart, proofs)
     if unknown is not None:
         effects = sorted([*effects, unknown_finding(unknown)], key=lambda e: -(e.evidence.log_likelihood_gain or 0.0))
     verdict = verdict_of(named, effects, unknown, threshold)
@@ -202,23 +203,6 @@ def heldout_fits(named: Named, held: Sequence[Stretch]) -> dict[str, Fit]:
             own = free_of_recordings(one.effects, held)
             found[id(one)] = fit(held, one.effects, one.values, free=own)
     return {name: found[id(one)] for name, one in wanted.items()}
-
-
-def corruption(sources: Sequence[Source]) -> dict[str, tuple[float, tuple[float, float], float]]:
-    """Faults of the camera that are effects, over the recordings that have them: share, interval, nats."""
-    parts: dict[str, list[tuple[float, tuple[float, float], float]]] = {}
-    for source in sources:
-        for name, share, interval, gain in corruption_findings(source.quality):
-            parts.setdefault(name, []).append((share, interval, gain))
-    return {
-        name: (
-            float(np.mean([p[0] for p in each])),
-            (float(np.mean([p[1][0] for p in each])), float(np.mean([p[1][1] for p in each]))),
-            float(sum(p[2] for p in each)),
-        )
-        for name, each in parts.items()
-        if 2 * len(each) >= len(sources)
-    }
 
 
 def quality_of(sources: Sequence[Source], aside: Sequence[Interval]) -> DataQuality:

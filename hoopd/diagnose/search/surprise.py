@@ -13,6 +13,7 @@ from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.special import gammaincc
 
 Array = NDArray[np.float64]
@@ -30,6 +31,14 @@ def surprise(gain: float, columns: int, looked_at: float = 1) -> float:
     if gain <= 0.0:
         return 0.0
     return max(0.0, -log_chance(gain, max(columns, 1)) - float(np.log(looked_at)))
+
+
+def needed_gain(wanted: float, columns: int, looked_at: float = 1) -> float:
+    """The gain (nats) that has this surprise: what a gain is to be compared with."""
+    high = wanted + columns + float(np.log(looked_at)) + 1.0
+    while surprise(high, columns, looked_at) < wanted:
+        high *= 2.0
+    return float(brentq(lambda gain: surprise(gain, columns, looked_at) - wanted, 0.0, high))
 
 
 def log_chance(gain: float, columns: int) -> float:
