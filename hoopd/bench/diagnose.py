@@ -15,8 +15,8 @@ from hoopd.bench.diagnose_inputs import (
     check_lengths,
     check_motion,
     expanded,
+    read_source,
     richest,
-    source_of,
 )
 from hoopd.bench.foundmodel import found_model, left_out
 from hoopd.bench.targets import check_targets
@@ -89,8 +89,8 @@ def outcome_of(
     """The diagnosis with the curves and fits behind it; nothing is written."""
     check_distinct(texts, held_texts)
     progress("reading the recordings")
-    train = [source_of(text, base, columns, age) for text in texts]
-    held = [source_of(text, base, columns, age) for text in held_texts]
+    train = [read_source(text, base, columns, age) for text in texts]
+    held = [read_source(text, base, columns, age) for text in held_texts]
     check_motion(train, held, base.structure)
     train, held, how = _parts(train, held)
     known = _library(richest([*train, *held]), effects)

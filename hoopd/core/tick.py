@@ -38,6 +38,8 @@ DRIFT_SAYS = (
     "for half a minute the device has not moved as the model says: run `hoopd diagnose` on the recording of this run"
 )
 
+UNFED_SAYS = "the law's torque is sent as it is, until the feed-forward works again"
+
 # A single missing picture is no news; a cut is.
 LEVELS = {
     Action.FLAG: "warning",

@@ -29,7 +29,7 @@ from hoopd.diagnose.record import (
     Verdict,
 )
 from hoopd.diagnose.record import Fit as Percent
-from hoopd.diagnose.search.naming import Named, surprise_of
+from hoopd.diagnose.search.naming import Named, needed_of, surprise_of
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.ident.uncertainty import Z95
 from hoopd.physics.effects.base import Effect
@@ -129,7 +129,11 @@ def _effect(
         name=name,
         slot=effect.slot,
         parameters=parameters_of(effect, named.final),
-        evidence=Evidence(log_likelihood_gain=loss, threshold=threshold, heldout_gain_percent=gain),
+        evidence=Evidence(
+            log_likelihood_gain=loss,
+            threshold=needed_of(tried.score, threshold, [track.stretch for track in named.base.tracks]),
+            heldout_gain_percent=gain,
+        ),
         not_excluded=apart.not_excluded,
         statement=effect.statement,
         alternatives=list(apart.alternatives),

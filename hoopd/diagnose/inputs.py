@@ -14,6 +14,7 @@ from hoopd.diagnose.engine.dataset import SHORTEST_S, Stretch, stretch_of
 from hoopd.diagnose.quality.judged import Quality, assess, cleaned
 from hoopd.files import InputError
 from hoopd.ident.experiments import once_at_rest
+from hoopd.modelfiles import ModelFile
 from hoopd.physics.declared import DeclaredPlant, hoop_plant
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines
@@ -69,6 +70,19 @@ def hoop_source(
     if sum(one.samples for one in stretches) < FEWEST_READINGS:
         raise InputError(name, ", ".join(plant.channels), f"fewer than {FEWEST_READINGS} readings to judge a model by")
     return Source(name, recording, quality, stretches)
+
+
+def source_of(name: str, recording: Recording, model: ModelFile) -> Source:
+    """A recording of the device that a model file describes; InputError as in `hoop_source`."""
+    device = model.device
+    return hoop_source(
+        name,
+        recording,
+        model.structure,
+        model.values(),
+        encoder_counts=device.encoder_counts,
+        torque_limit=device.torque_limit_nm,
+    )
 
 
 def _stretch(name: str, plant: DeclaredPlant, part: Timeline, begin: float, quality: Quality) -> Stretch:

@@ -96,11 +96,11 @@ def last_third(sources: Sequence[Source]) -> tuple[list[Source], list[Source]]:
 
 def diagnose(case: Case) -> Outcome:
     """The whole chain."""
-    train, held = _stretches(case.train), _stretches(case.heldout)
+    train, held = stretches_of(case.train), stretches_of(case.heldout)
     case.progress("base parameters")
     nominal = fit(train, case.effects, case.values, move=False)
-    train, aside, nominal, base = _without_events(case, train, nominal)
-    held, aside_held = _heldout_without_events(case, held, base)
+    train, aside, nominal, base = without_events(case, train, nominal)
+    held, aside_held = heldout_without_events(case, held, base)
     named = name_effects(train, held, case.library, nominal, base, case.settings)
     case.progress("what no name explains")
     unknown = unknown_of(case, named)
@@ -141,7 +141,7 @@ def diagnose(case: Case) -> Outcome:
     return Outcome(rounded(diagnosis), named, fits, unknown)
 
 
-def _without_events(case: Case, train: list[Stretch], nominal: Fit) -> tuple[list[Stretch], list[Interval], Fit, Fit]:
+def without_events(case: Case, train: list[Stretch], nominal: Fit) -> tuple[list[Stretch], list[Interval], Fit, Fit]:
     """Stretches without what does not belong to them, and the fits of the rest."""
 
     def refit(stretches: Sequence[Stretch]) -> Fit:
@@ -154,7 +154,9 @@ def _without_events(case: Case, train: list[Stretch], nominal: Fit) -> tuple[lis
     return kept, aside, nominal, base
 
 
-def _heldout_without_events(case: Case, held: list[Stretch], base: Fit) -> tuple[list[Stretch], list[Interval]]:
+def heldout_without_events(case: Case, held: list[Stretch], base: Fit) -> tuple[list[Stretch], list[Interval]]:
+    """The same of what is held out; all of it where nothing would be left."""
+
     def refit(stretches: Sequence[Stretch]) -> Fit:
         return fit(stretches, base.effects, base.values, free=free_of_recordings(base.effects, stretches))
 
@@ -228,5 +230,6 @@ def quality_of(sources: Sequence[Source], aside: Sequence[Interval]) -> DataQual
     )
 
 
-def _stretches(sources: Sequence[Source]) -> list[Stretch]:
+def stretches_of(sources: Sequence[Source]) -> list[Stretch]:
+    """All stretches, recording by recording."""
     return [one for source in sources for one in source.stretches]

@@ -34,11 +34,13 @@ def test_far_errors_are_found_beside_either_core(freedom, share):
     assert abs(found.share - false.mean()) < 3 * found.error < 0.5 * share + 0.02
 
 
+def heavy(recording, seed):
+    tails = np.random.default_rng(seed).standard_t(2.5, len(recording)) / np.sqrt(5.0)
+    return spoiled.changed(recording, "psi", slice(None), recording.extra["exact"] + PSI_SIGMA_RAD * tails)
+
+
 def test_a_camera_with_heavy_tails_has_no_outliers_and_one_with_both_has():
-    recordings = [spoiled.clean(seed) for seed in (1, 2)]
-    for recording in recordings:
-        tails = np.random.default_rng(len(recording)).standard_t(2.5, len(recording)) / np.sqrt(5.0)
-        recording.psi[:] = recording.extra["exact"] + PSI_SIGMA_RAD * tails
+    recordings = [heavy(spoiled.clean(seed), seed) for seed in (1, 2)]
     assert camera_faults([assess(one) for one in recordings]) == []
     rows = [spoiled.chosen(one, 0.05, seed) for seed, one in enumerate(recordings)]
     bad = [spoiled.false(one, which, None) for one, which in zip(recordings, rows, strict=True)]

@@ -1,6 +1,6 @@
 """Command line of the proof: hidden effects, sealed answers, and what `hoopd diagnose` says.
 
-python tools/concealed [--singles 5] [--nulls 60] [--full] [--tuning [SEED]] [--resume DIR]    a scored run
+python tools/concealed [--singles 5] [--nulls 60] [--full] [--tuning [SEED]] [--resume DIR [--retry]]    a scored run
 python tools/concealed calibrate [--nulls 60] [--tuning SEED] [--resume DIR]                  threshold, tuning seeds
 python tools/concealed generate DIR --family single,null --per-effect 1 --seed N               cases and answers
 python tools/concealed report DIR                                                              figures of a run so far
@@ -50,7 +50,7 @@ def score(options: argparse.Namespace) -> None:
         seed = score_seed() if options.tuning is None else options.tuning
         folder.start(asked(options, seed))
     with cluster(options.scheduler, options.workers) as client:
-        run(folder, client, console)
+        run(folder, client, console, retry=options.retry)
     publish(folder, Console())
 
 
@@ -124,6 +124,7 @@ def _running(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--workers", type=int, default=2, help="processes on this machine")
     parser.add_argument("--out", type=Path, help="folder of the run (build/concealed-DATE)")
     parser.add_argument("--resume", type=Path, help="folder of a run that was broken off")
+    parser.add_argument("--retry", action="store_true", help="ask again for diagnoses that failed")
 
 
 def _generating() -> argparse.ArgumentParser:

@@ -1,7 +1,7 @@
 """The scored run: make cases, have every one diagnosed, judge what was said.
 
 Rules of this file: work runs on dask workers, each case a task; every result is stored before the next is asked for;
-a run that was broken off goes on where it was.
+a run that was broken off goes on where it was. A diagnosis that failed is an answer: it is kept and counted.
 """
 
 from __future__ import annotations
@@ -66,8 +66,9 @@ def _package(scratch: Path) -> Path:
     return out
 
 
-def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = True) -> None:
-    """Everything that is not there yet; without rivals and oracle only what `hoopd diagnose` says."""
+def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = True, retry: bool = False) -> None:
+    """Everything that is not there yet; without rivals and oracle only what `hoopd diagnose` says; `retry`: diagnoses
+    that failed once more."""
     asked = folder.asked()
     kind = "tuning" if is_tuning(asked.seed) else "score"
     console.print(f"{kind} seed {asked.seed}, {len(asked.wishes())} cases, folder {folder.path}")
@@ -78,7 +79,7 @@ def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = T
             jobs = [
                 (call, (folder.files(name), *more), name)
                 for name in folder.identifiers()
-                if not _done(folder, kind, name)
+                if not _done(folder, kind, name, retry)
             ]
             _each(client, progress, kind, jobs, partial(folder.say, kind))
     _tell_failures(folder, console)
@@ -92,10 +93,11 @@ def _speakers(rivals: bool) -> dict[str, tuple[Callable[..., Any], tuple[Any, ..
     return {DIAGNOSES: (worker.diagnose, (SEED,)), **others}
 
 
-def _done(folder: RunFolder, kind: str, name: str) -> bool:
-    """Has it been said? A diagnosis that failed is asked for again."""
+def _done(folder: RunFolder, kind: str, name: str, retry: bool) -> bool:
+    """Has it been said? A failure, too; with `retry` a diagnosis that failed has not."""
     said = folder.said(kind, name)
-    return said is not None and (kind != DIAGNOSES or said["diagnosis"] is not None)
+    failed = said is not None and kind == DIAGNOSES and said["diagnosis"] is None
+    return said is not None and not (retry and failed)
 
 
 def _tell_failures(folder: RunFolder, console: Console) -> None:

@@ -1,10 +1,12 @@
 """Are there two populations of errors, or one with heavy tails? A mixture against its own core, by likelihood.
 
     H0: f(r) = t_nu(r / c) / c
-    H1: f(r) = (1 - o) t_nu(r / c) / c + o h(r),   h(r) = exp(-(|r| - g c)^2 / 2 s^2) / (s sqrt(2 pi)) for |r| > g c, else 0
+    H1: f(r) = (1 - o) t_nu(r / c) / c + o h(r)
+        h(r) = exp(-(|r| - g c)^2 / 2 s^2) / (s sqrt(2 pi)) for |r| > g c, else 0
 
 r are errors over what is expected of them. A camera whose noise has heavy tails is H0 with a small nu; false
-detections are far from everything else: beyond a gap of g c, with a spread s of their own. Both by EM on grids of nu and g.
+detections are far from everything else: beyond a gap of g c, with a spread s of their own. Both by EM on grids of nu
+and g.
 Rules of this file: numbers in, numbers out; core and false values have free parameters under both hypotheses.
 """
 
