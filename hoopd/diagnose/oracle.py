@@ -17,7 +17,7 @@ from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.findings import fits_of
 from hoopd.diagnose.inputs import source_of
 from hoopd.diagnose.proof.tables import played
-from hoopd.diagnose.recordfile import to_plain
+from hoopd.diagnose.recordfile import to_plain, unwrapped
 from hoopd.diagnose.run import Case, heldout_without_events, stretches_of, without_events
 from hoopd.diagnose.search.naming import Judge, Settings, free_of_recordings
 from hoopd.modelfiles import load_model
@@ -44,7 +44,7 @@ def oracle(recordings: Sequence[Recording], holdout: Recording, names: Sequence[
     frozen = {"nominal": nominal, "base": base, "final": told_fit(stretches, held, told, base)}
     on_held = {k: fit(held, f.effects, f.values, free=free_of_recordings(f.effects, held)) for k, f in frozen.items()}
     tables = {"train": fits_of(played(frozen)), "heldout": fits_of(played(on_held))}
-    return {name: to_plain(msgspec.to_builtins(one)) for name, one in tables.items()}
+    return {name: to_plain(msgspec.to_builtins(one, enc_hook=unwrapped)) for name, one in tables.items()}
 
 
 def prepared(case: Case) -> tuple[list[Stretch], list[Stretch], Fit, Fit]:

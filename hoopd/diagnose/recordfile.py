@@ -30,13 +30,13 @@ def canonical(diagnosis: Diagnosis) -> Diagnosis:
 
 def to_json_bytes(diagnosis: Diagnosis) -> bytes:
     """The file: UTF-8, indented, keys of mappings in alphabetical order; ValueError as in `canonical`."""
-    plain = to_plain(msgspec.to_builtins(canonical(diagnosis), enc_hook=_unwrapped))
+    plain = to_plain(msgspec.to_builtins(canonical(diagnosis), enc_hook=unwrapped))
     return msgspec.json.format(msgspec.json.encode(plain, order="deterministic"), indent=2) + b"\n"
 
 
 def rounded(diagnosis: Diagnosis) -> Diagnosis:
     """Numbers to DIGITS digits: arithmetic on differently aligned memory differs in the last ones, and says nothing."""
-    return msgspec.convert(_rounded(msgspec.to_builtins(diagnosis, enc_hook=_unwrapped)), Diagnosis)
+    return msgspec.convert(_rounded(msgspec.to_builtins(diagnosis, enc_hook=unwrapped)), Diagnosis)
 
 
 def _rounded(value: Any) -> Any:
@@ -65,7 +65,7 @@ def _falling(gain: Number, name: str) -> tuple[float, str]:
     return (-gain if gain is not None and not math.isnan(gain) else math.inf, name)
 
 
-def _unwrapped(value: Any) -> Any:
+def unwrapped(value: Any) -> Any:
     """Numpy's numbers and arrays as Python's."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
