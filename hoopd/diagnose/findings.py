@@ -22,7 +22,6 @@ from hoopd.diagnose.record import (
     EffectFinding,
     Evidence,
     Fits,
-    Location,
     Placebo,
     Quantity,
     Unexplained,
@@ -33,6 +32,9 @@ from hoopd.diagnose.search.naming import Named, needed_of, surprise_of
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.ident.uncertainty import Z95
 from hoopd.physics.effects.base import Effect
+
+# Hypotheses that a table of fits has a column for.
+SHOWN = ("nominal", "base", "final", "ceiling")
 
 
 def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown | None, threshold: float) -> Verdict:
@@ -122,9 +124,7 @@ def _effect(
     effect, loss = tried.effect, named.losses[name]
     gain, ablation = None, None
     if percents:
-        with_it, without = percents["final"], percents[f"without {name}"]
-        gain = float(np.nanmean([with_it[c] - without[c] for c in with_it]))
-        ablation = Ablation(log_likelihood_loss=loss, heldout_with={**with_it}, heldout_without={**without})
+        gain, ablation = _taken_out(loss, percents["named"], percents[f"without {name}"])
     return EffectFinding(
         name=name,
         slot=effect.slot,
@@ -140,6 +140,12 @@ def _effect(
         ablation=ablation,
         placebo=placebo,
     )
+
+
+def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, float]) -> tuple[float, Ablation]:
+    """Mean percent that the held-out channels gain by a finding, and what is left without it."""
+    gain = float(np.nanmean([with_it[c] - without[c] for c in with_it]))
+    return gain, Ablation(log_likelihood_loss=loss, heldout_with={**with_it}, heldout_without={**without})
 
 
 def _fault(fault: Fault) -> EffectFinding:
@@ -165,16 +171,20 @@ def candidates_of(named: Named, threshold: float) -> list[Candidate]:
     ]
 
 
-def unknown_finding(unknown: Unknown) -> EffectFinding:
-    """As an effect without a name."""
-    variables = " and ".join(unknown.curve.depends_on)
+def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played]) -> EffectFinding:
+    """As an effect without a name; taken out again it leaves what it stands beside."""
+    gain, ablation, without = None, None, heldout.get(f"without {unknown.name}")
+    if without is not None:
+        gain, ablation = _taken_out(unknown.gain, _mean_nrmse(heldout["final"]), _mean_nrmse(without))
     return EffectFinding(
         name=unknown.name,
         slot=unknown.curve.slot,
         parameters={},
-        evidence=Evidence(log_likelihood_gain=unknown.gain, threshold=unknown.threshold, heldout_gain_percent=None),
+        evidence=Evidence(log_likelihood_gain=unknown.gain, threshold=unknown.threshold, heldout_gain_percent=gain),
         not_excluded=[f"unknown.{slot}" for slot in unknown.not_excluded],
-        statement=f"something that is not in the library, at the {unknown.curve.slot}, follows {variables}",
+        statement=f"something that is not in the library, at the {unknown.curve.slot}, "
+        f"follows {' and '.join(unknown.curve.depends_on)}",
+        ablation=ablation,
     )
 
 
@@ -194,33 +204,9 @@ def unexplained_of(unknown: Unknown | None) -> Unexplained | None:
     )  # fmt: skip
 
 
-def location_of(named: Named, unknown: Unknown | None) -> Location:
-    """Slot with most evidence of the first screen."""
-    stretches = [track.stretch for track in named.base.tracks]
-    evidence: dict[str, float | None] = {}
-    gains = {s.member.effect.name: (s, s.gain) for s in named.scores}
-    gains |= {one.effect.name: (one.score, one.gain) for one in named.tried}
-    for score, gain in gains.values():
-        slot = score.member.effect.slot
-        evidence[slot] = max(evidence.get(slot) or 0.0, surprise_of(score, gain, stretches))
-    if unknown is not None and not named.accepted:
-        channel = max(unknown.channels, key=lambda name: unknown.channels[name], default=None)
-        depends = list(unknown.curve.depends_on)
-        slot = unknown.curve.slot
-        return Location(slot=slot, channel=channel, segments=None, depends_on=depends, evidence=evidence)
-    if not named.accepted:
-        return Location.nowhere(evidence)
-    first = max(named.accepted, key=lambda one: named.losses[one.effect.name]).effect
-    place = named.base.tracks[0].stretch.plant.slots.get(first.slot)
-    channel = place.channels[0] if place and place.channels else (place.coordinate if place else None)
-    return Location(
-        slot=first.slot, channel=channel, segments=None, depends_on=list(first.depends_on), evidence=evidence
-    )
-
-
 def fits_of(fits: Mapping[str, Played]) -> Fits:
-    """NRMSE of nominal, base and final by recording and channel."""
-    figures = {name: _by_recording(one) for name, one in fits.items() if name in ("nominal", "base", "final")}
+    """NRMSE of nominal, base, final, and the ceiling where it is given, by recording and channel."""
+    figures = {name: _by_recording(one) for name, one in fits.items() if name in SHOWN}
     floors = _floors(fits["final"])
     return {
         recording: {
@@ -228,6 +214,7 @@ def fits_of(fits: Mapping[str, Played]) -> Fits:
                 nominal=figures["nominal"][recording].get(channel), base_refit=value,
                 with_effects=figures["final"][recording].get(channel),
                 noise_floor=floors.get(recording, {}).get(channel),
+                ceiling=figures.get("ceiling", {}).get(recording, {}).get(channel),
             )
             for channel, value in channels.items()
         }

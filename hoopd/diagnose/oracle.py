@@ -18,7 +18,7 @@ from hoopd.diagnose.findings import fits_of
 from hoopd.diagnose.inputs import source_of
 from hoopd.diagnose.proof.tables import played
 from hoopd.diagnose.recordfile import to_plain, unwrapped
-from hoopd.diagnose.run import Case, heldout_without_events, stretches_of, without_events
+from hoopd.diagnose.run import Case, proving, stretches_of, training
 from hoopd.diagnose.search.naming import Judge, Settings, free_of_recordings
 from hoopd.modelfiles import load_model
 from hoopd.physics.effects.base import Effect
@@ -47,12 +47,11 @@ def oracle(recordings: Sequence[Recording], holdout: Recording, names: Sequence[
     return {name: to_plain(msgspec.to_builtins(one, enc_hook=unwrapped)) for name, one in tables.items()}
 
 
-def prepared(case: Case) -> tuple[list[Stretch], list[Stretch], Fit, Fit]:
+def prepared(case: Case) -> tuple[Sequence[Stretch], Sequence[Stretch], Fit, Fit]:
     """Training and held-out stretches without what was set aside; parameters as given and re-estimated."""
     train = stretches_of(case.train)
-    train, _, nominal, base = without_events(case, train, fit(train, case.effects, case.values, move=False))
-    held, _ = heldout_without_events(case, stretches_of(case.heldout), base)
-    return train, held, nominal, base
+    data, nominal, base = training(case, train, fit(train, case.effects, case.values, move=False))
+    return data.kept, proving(stretches_of(case.heldout), base).kept, nominal, base
 
 
 def told_fit(train: Sequence[Stretch], held: Sequence[Stretch], told: Mapping[str, Effect], base: Fit) -> Fit:

@@ -100,7 +100,7 @@ class EffectFinding(_Part, frozen=True):
 
 
 class Fit(_Part, frozen=True):
-    """NRMSE percent of one channel; `noise_floor`: what noise alone leaves; `ceiling`: the best without any physics."""
+    """NRMSE percent of one channel; `noise_floor`: what noise alone leaves; `ceiling`: free curves instead of laws."""
 
     nominal: Number
     base_refit: Number

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from hoopd.diagnose.search.aside import Data
 from hoopd.recording.formats import load
 
 TOOLS = str(Path(__file__).resolve().parents[2] / "tools")
@@ -52,12 +53,12 @@ def test_what_the_search_sets_aside_is_set_aside_here(tmp_path: Path, monkeypatc
         (tmp_path / name).write_bytes(data)
         loaded[name] = load(tmp_path / name)
     seen: list[Any] = []
-    monkeypatch.setattr(told, "without_events", lambda case, train, nominal: seen.append(train) or _as_is(case, train))
-    monkeypatch.setattr(told, "heldout_without_events", lambda case, held, base: seen.append(held) or (held, []))
+    monkeypatch.setattr(told, "training", lambda case, train, nominal: seen.append(train) or _as_is(case, train))
+    monkeypatch.setattr(told, "proving", lambda held, base: seen.append(held) or Data(held, held))
     told.oracle([loaded["train_1.csv"]], loaded["holdout.csv"], ["hoop.coulomb_friction", "camera.outliers"])
     assert [{one.recording for one in part} for part in seen] == [{"train_1.csv"}, {"holdout.csv"}]
 
 
 def _as_is(case: Any, train: Any) -> Any:
     nominal = told.fit(train, (), case.values, move=False)
-    return train, [], nominal, told.fit(train, (), case.values, like=nominal, noise=nominal.noise)
+    return Data(train, train), nominal, told.fit(train, (), case.values, like=nominal, noise=nominal.noise)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.curves.curve import Curve, at_nodes
+from hoopd.diagnose.curves.shapes import Shape
 from hoopd.diagnose.curves.sites import Variable, wanted
-from hoopd.diagnose.curves.unknown import Shape
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.engine.intervals import disturbance
 from hoopd.diagnose.shown import Binned, Law, MissingForce, Regressor

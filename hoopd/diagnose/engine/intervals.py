@@ -70,7 +70,7 @@ def intervals(fit: Fit) -> list[Interval]:
         every = signals_by_name(fit, recording)
         chance = CHANCE_A_MINUTE / len(every)
         spans = merged([span for one in every.values() for span in unusual(one, chance)])
-        found += [Interval(recording, *span, _strongest(fit, recording, every, span)) for span in spans]
+        found += [Interval(recording, *span, strongest(fit, recording, every, span)) for span in spans]
     return found
 
 
@@ -101,9 +101,10 @@ def _unit(fit: Fit, recording: str, where: str, kind: str) -> float:
     return float(fit.noise[recording].reading[channels.index(where)])
 
 
-def _strongest(
+def strongest(
     fit: Fit, recording: str, every: Mapping[tuple[str, str], Pieces], span: tuple[float, float]
 ) -> tuple[Signal, ...]:
+    """How a span looks in every signal, the strongest first."""
     found = []
     for (where, kind), pieces in every.items():
         level = level_of(pieces)

@@ -14,7 +14,7 @@ import numpy as np
 
 from hoopd.diagnose.engine.dataset import SHORTEST_S, Stretch
 from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.engine.intervals import END_S, Interval, intervals, levels_of
+from hoopd.diagnose.engine.intervals import END_S, Interval, intervals, levels_of, signals_by_name, strongest
 from hoopd.diagnose.engine.unusual import CANDIDATE
 
 # A candidate that is less beyond the usual level once it does not bend the fit any more belongs to the tails that
@@ -25,6 +25,8 @@ ROUND_PART = 0.5
 MOST_ROUNDS = 3
 # More of a recording than this is not set aside: what happens so often is how the plant behaves.
 MOST_SHARE = 0.25
+# Nor is anything of which so little is left, between the pieces that are too short: there is nothing to compare with.
+LEAST_LEFT = 0.5
 # Beyond what was seen of it, this much on either side goes too: its onset is below the noise.
 MARGIN_S = 0.1
 
@@ -42,6 +44,7 @@ def set_aside(
     for _ in range(MOST_ROUNDS):
         worst = _worst([one for one in intervals(found) if _may_not_belong(one, belongs_not)])
         worst = [one for one in worst if _share([*out, *worst], one.recording, total) <= MOST_SHARE]
+        worst = leaving_enough(current, worst)
         kept, trial = _without(current, worst, refit) if worst else (current, found)
         confirmed = [one for one in _confirmed(worst, trial) if belongs_not(one)]
         if not confirmed:
@@ -52,10 +55,35 @@ def set_aside(
     return current, sorted(out, key=lambda one: (one.recording, one.t0)), found
 
 
+def still_unusual(aside: Sequence[Interval], whole: Fit, usual: Fit) -> list[Interval]:
+    """Those of the intervals that are far beyond the levels of `usual` in a fit of the whole stretches."""
+    found = []
+    for one in aside:
+        every = signals_by_name(whole, one.recording)
+        found.append(replace(one, signals=strongest(whole, one.recording, every, (one.t0, one.t1))))
+    return _confirmed(found, usual)
+
+
+def without(stretches: Sequence[Stretch], out: Sequence[Interval]) -> list[Stretch]:
+    """Stretches with intervals cut out; what is left too short between two goes as well."""
+    return [piece for one in stretches for piece in _cut(one, out)]
+
+
+def leaving_enough(stretches: Sequence[Stretch], out: Sequence[Interval]) -> list[Interval]:
+    """Intervals of the recordings of which their removal leaves a good part."""
+    found = []
+    for name in dict.fromkeys(one.recording for one in out):
+        own = [one for one in stretches if one.recording == name]
+        mine = [one for one in out if one.recording == name]
+        if _seconds(without(own, mine)) >= LEAST_LEFT * _seconds(own):
+            found += mine
+    return found
+
+
 def _without(
     stretches: Sequence[Stretch], out: Sequence[Interval], refit: Callable[[Sequence[Stretch]], Fit]
 ) -> tuple[list[Stretch], Fit]:
-    kept = [piece for one in stretches for piece in _cut(one, out)]
+    kept = without(stretches, out)
     return kept, refit(kept)
 
 
