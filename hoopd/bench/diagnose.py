@@ -24,7 +24,7 @@ from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.recordfile import to_json_bytes
 from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
-from hoopd.diagnose.search.naming import Settings
+from hoopd.diagnose.search.trying import Settings
 from hoopd.effectsfile import load_effects
 from hoopd.files import InputError
 from hoopd.modelfiles import ModelFile, effects_of, load_model, model_text, parse_model

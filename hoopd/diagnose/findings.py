@@ -28,8 +28,9 @@ from hoopd.diagnose.record import (
     Verdict,
 )
 from hoopd.diagnose.record import Fit as Percent
-from hoopd.diagnose.search.naming import Named, needed_of, surprise_of
+from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.surprise import surprise
+from hoopd.diagnose.search.trying import needed_of, surprise_of
 from hoopd.ident.uncertainty import Z95
 from hoopd.physics.effects.base import Effect
 

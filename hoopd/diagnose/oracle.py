@@ -19,7 +19,7 @@ from hoopd.diagnose.inputs import source_of
 from hoopd.diagnose.proof.tables import played
 from hoopd.diagnose.recordfile import to_plain, unwrapped
 from hoopd.diagnose.run import Case, proving, stretches_of, training
-from hoopd.diagnose.search.naming import Judge, Settings, free_of_recordings
+from hoopd.diagnose.search.trying import Judge, Settings, free_of_recordings
 from hoopd.modelfiles import load_model
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library

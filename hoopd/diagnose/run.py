@@ -40,8 +40,9 @@ from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, Reco
 from hoopd.diagnose.recordfile import rounded
 from hoopd.diagnose.report.pictures import shown_of
 from hoopd.diagnose.search.aside import Data, looked_at_again, without_events
-from hoopd.diagnose.search.naming import Named, Settings, free_of_recordings, name_effects
+from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.diagnose.search.stiff import likeliest
+from hoopd.diagnose.search.trying import Settings, free_of_recordings
 from hoopd.diagnose.shown import Shown
 from hoopd.physics.effects.base import Effect
 

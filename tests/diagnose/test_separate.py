@@ -19,9 +19,10 @@ from hoopd.diagnose.proof.nextexperiment import Expected, Pair, expectations, ne
 from hoopd.diagnose.proof.placebo import changes_along, gain_of, placebos, shuffled
 from hoopd.diagnose.proof.separate import late_together, parameter_notes, separations
 from hoopd.diagnose.proof.visible import needed_nats, of_effect, visible
-from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named, Tried
+from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.diagnose.search.screen import Column, Member, Screen
 from hoopd.diagnose.search.surprise import THRESHOLD, surprise
+from hoopd.diagnose.search.trying import Tried
 from hoopd.physics import freerun
 from hoopd.physics.composite import Composite
 from hoopd.physics.effects.base import Effect

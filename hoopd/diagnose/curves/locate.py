@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hoopd.diagnose.curves.screen import CurveScore
 from hoopd.diagnose.curves.unknown import Survey
 from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.search.naming import surprise_of
+from hoopd.diagnose.search.trying import surprise_of
 
 Array = NDArray[np.float64]
 

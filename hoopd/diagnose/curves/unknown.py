@@ -23,9 +23,9 @@ from hoopd.diagnose.curves.screen import CurveScore, CurveScreen, by_slot, libra
 from hoopd.diagnose.curves.shapes import Shape, shapes_of
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.search.chance import Group, Null, projections
-from hoopd.diagnose.search.naming import surprise_of
 from hoopd.diagnose.search.scanned import Scanned
 from hoopd.diagnose.search.screen import Score, Screen
+from hoopd.diagnose.search.trying import surprise_of
 from hoopd.physics.effects.base import Effect
 
 Array = NDArray[np.float64]

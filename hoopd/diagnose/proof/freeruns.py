@@ -18,7 +18,7 @@ from hoopd.diagnose.proof.simulation import Simulated
 from hoopd.diagnose.proof.tables import noise_floor, nrmse
 from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.record import Fits
-from hoopd.diagnose.search.naming import free_of_recordings
+from hoopd.diagnose.search.trying import free_of_recordings
 
 HELD_OUT = "(held out)"
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from hoopd.diagnose.curves.shapes import recordings_of
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.search.naming import free_of_recordings
+from hoopd.diagnose.search.trying import free_of_recordings
 
 
 class HeldOut:

@@ -16,7 +16,8 @@ from math import hypot
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.proof.apart import nats_apart, rows_beside, without_effect
 from hoopd.diagnose.record import Alternative
-from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named, Tried
+from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
+from hoopd.diagnose.search.trying import Tried
 from hoopd.physics.effects.base import Effect
 
 # A rival that a screen saw at less than this share of the effect's own gain is not parallel to it.

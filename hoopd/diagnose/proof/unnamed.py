@@ -15,9 +15,10 @@ from hoopd.diagnose.curves.shapes import fitted_shapes, recordings_of, together
 from hoopd.diagnose.curves.unknown import Survey, Unknown, judge_unknown, survey
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.proof.heldout import HeldOut, on_heldout
-from hoopd.diagnose.search.naming import HELD_OUT_LOSS, HELD_OUT_SHARE, Named
+from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Score
 from hoopd.diagnose.search.surprise import surprise
+from hoopd.diagnose.search.trying import HELD_OUT_LOSS, HELD_OUT_SHARE
 from hoopd.physics.effects.base import Effect
 
 

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from hoopd.diagnose.record import Visible
-from hoopd.diagnose.search.naming import Named, columns_of
+from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.scanned import Scanned
 from hoopd.diagnose.search.screen import Column, Member, Screen, members_of, touched_grids
 from hoopd.diagnose.search.surprise import THRESHOLD, log_chance, surprise
+from hoopd.diagnose.search.trying import columns_of
 from hoopd.physics.effects.base import Effect, EffectParameter
 
 Array = NDArray[np.float64]

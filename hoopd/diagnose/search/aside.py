@@ -15,8 +15,9 @@ from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.engine.intervals import Interval
 from hoopd.diagnose.engine.setaside import set_aside, still_unusual, without
-from hoopd.diagnose.search.naming import Named, free_of_recordings, surprise_of
+from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.stiff import likeliest
+from hoopd.diagnose.search.trying import free_of_recordings, surprise_of
 
 # A disturbance of the drive's coordinate that began within these seconds is a start-up.
 START_UP_S = 0.3
