@@ -54,7 +54,7 @@ class Refined:
 
 
 @dataclass
-class _Part:
+class Part:
     """One stretch on its way: windows, simulator, starts (nx, b)."""
 
     stretch: Stretch
@@ -68,9 +68,14 @@ class _Part:
 
     def local(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values of this stretch: those of its recording go before those of all."""
-        mark = f"@{self.stretch.recording}"
-        own = {name.removesuffix(mark): value for name, value in values.items() if name.endswith(mark)}
-        return {**self.simulator.composite.values, **{n: v for n, v in values.items() if "@" not in n}, **own}
+        return local_values(self.simulator, values)
+
+
+def local_values(simulator: Simulator, values: Mapping[str, float]) -> dict[str, float]:
+    """Values in one stretch: those of its recording go before those of all."""
+    mark = f"@{simulator.windows.stretch.recording}"
+    own = {name.removesuffix(mark): value for name, value in values.items() if name.endswith(mark)}
+    return {**simulator.composite.values, **{n: v for n, v in values.items() if "@" not in n}, **own}
 
 
 def refine(
@@ -84,9 +89,9 @@ def refine(
     """The hypothesis with the free parameters that simulate best; references (nodes, nx or more): a smoother's."""
     here, starts = dict(values), list(references)
     weights = channel_weights(stretches)
-    parts: list[_Part] = []
+    parts: list[Part] = []
     for length in lengths_s:
-        parts = [_part(s, r, effects, w, free, length) for s, r, w in zip(stretches, starts, weights, strict=True)]
+        parts = [part_of(s, r, effects, w, free, length) for s, r, w in zip(stretches, starts, weights, strict=True)]
         here, cost, covariance = _search(parts, here, tuple(free), effects)
         starts = [_states(part, here) for part in parts]
     runs = [_simulated(part, here) for part in parts]
@@ -134,14 +139,14 @@ def _signal(t: Array, y: Array, turns: bool) -> Array:
     return out
 
 
-def _part(
+def part_of(
     stretch: Stretch,
     reference: Array,
     effects: Sequence[Effect],
     weight: Array,
     free: Sequence[str],
     length: float | None,
-) -> _Part:
+) -> Part:
     windows = windows_of(stretch, length)
     simulator = Simulator(windows, effects)
     nx = simulator.composite.nx
@@ -152,14 +157,14 @@ def _part(
     mark = f"@{stretch.recording}"
     mine = {n: n.removesuffix(mark) for n in free if n.endswith(mark) or "@" not in n}
     names = {n: own for n, own in mine.items() if own in simulator.composite.names}
-    return _Part(stretch, windows, simulator, start, start.copy(), weight, names)
+    return Part(stretch, windows, simulator, start, start.copy(), weight, names)
 
 
 # ---------------------------------------------------------------------------------------------- search
 
 
 def _search(
-    parts: list[_Part], values: dict[str, float], free: tuple[str, ...], effects: Sequence[Effect]
+    parts: list[Part], values: dict[str, float], free: tuple[str, ...], effects: Sequence[Effect]
 ) -> tuple[dict[str, float], float, Array]:
     """Levenberg-Marquardt on parameters and starts."""
     scale = sizes(values, free, effects)
@@ -208,35 +213,34 @@ def _moved(
     return out
 
 
-def _errors(part: _Part, y: Array) -> Array:
+def errors_of(windows: Windows, weight: Array, y: Array) -> Array:
     """(n, nc, b) weighted; 0 where nothing was measured."""
     # a run that left every bound is as bad as can be, not as good as none
     finite = np.clip(np.nan_to_num(y, nan=LARGEST), -1e6, 1e6)
-    return np.asarray(np.nan_to_num(_compared(part, part.windows.y) - _compared(part, finite)))
+    return np.asarray(np.nan_to_num(_compared(windows, weight, windows.y) - _compared(windows, weight, finite)))
 
 
-def _compared(part: _Part, y: Array) -> Array:
+def _compared(w: Windows, weight: Array, y: Array) -> Array:
     """Weighted signals of (n, nc, b)."""
-    w = part.windows
-    nodes = np.minimum(w.first + np.arange(w.length)[:, None], len(part.stretch.t) - 1)
-    channels = part.stretch.plant.channels
+    nodes = np.minimum(w.first + np.arange(w.length)[:, None], len(w.stretch.t) - 1)
+    channels = w.stretch.plant.channels
     seen = np.isfinite(w.y)
     out = np.full(y.shape, np.nan)
     for column, channel in enumerate(channels):
-        if part.weight[column] == 0.0:
+        if weight[column] == 0.0:
             continue
         one = np.where(seen[:, column], y[:, column], np.nan)
         if _turns(channels, channel):
-            span = part.stretch.t[nodes[2:]] - part.stretch.t[nodes[:-2]]
+            span = w.stretch.t[nodes[2:]] - w.stretch.t[nodes[:-2]]
             slope = np.full(one.shape, np.nan)
             slope[1:-1] = (one[2:] - one[:-2]) / np.maximum(span, 1e-9)
             one = slope
-        out[:, column] = part.weight[column] * one
+        out[:, column] = weight[column] * one
     return out
 
 
 def _cost(
-    parts: Sequence[_Part], values: Mapping[str, float], starts: Sequence[Array], free: Sequence[str], centre: Array,
+    parts: Sequence[Part], values: Mapping[str, float], starts: Sequence[Array], free: Sequence[str], centre: Array,
     scale: Array,
 ) -> float:  # fmt: skip
     total = 0.0
@@ -244,12 +248,15 @@ def _cost(
         local = part.local(values)
         y = part.simulator.readings(local, part.simulator.run(local, start[:, :, None]))[..., 0]
         off = (start - part.anchor) / _spread(part)
-        total += float(np.sum(_errors(part, y) ** 2)) + START_WEIGHT * float(np.sum(off**2)) / off.size
+        total += (
+            float(np.sum(errors_of(part.windows, part.weight, y) ** 2))
+            + START_WEIGHT * float(np.sum(off**2)) / off.size
+        )
     off = (np.array([values[name] for name in free]) - centre) / (PRIOR_SIZE * scale)
     return total + PRIOR_WEIGHT * float(off @ off)
 
 
-def _spread(part: _Part) -> Array:
+def _spread(part: Part) -> Array:
     """(nx, 1)"""
     nx = len(part.start)
     return np.array([START_SPREAD[i % 2] for i in range(nx)])[:, None]
@@ -266,7 +273,7 @@ class _Blocks:
     p: Array
 
 
-def _blocks(part: _Part, values: Mapping[str, float], free: Sequence[str], scale: Array) -> _Blocks:
+def _blocks(part: Part, values: Mapping[str, float], free: Sequence[str], scale: Array) -> _Blocks:
     nx = len(part.start)
     local, m = part.local(values), len(free)
     mine = [(i, part.names[name]) for i, name in enumerate(free) if name in part.names]
@@ -276,8 +283,8 @@ def _blocks(part: _Part, values: Mapping[str, float], free: Sequence[str], scale
     for i in range(nx):
         start[i, :, 1 + i] += steps[i]
     y = part.simulator.readings(columns, part.simulator.run(columns, start))
-    e = _errors(part, y[..., 0])
-    by = np.stack([-(_errors(part, y[..., j]) - e) for j in range(1, len(columns))], axis=-1)
+    e = errors_of(part.windows, part.weight, y[..., 0])
+    by = np.stack([-(errors_of(part.windows, part.weight, y[..., j]) - e) for j in range(1, len(columns))], axis=-1)
     jx = np.nan_to_num(by[..., :nx] / steps.T[None, None])
     jp = np.zeros((*e.shape, m))
     for column, (i, _) in enumerate(mine):
@@ -320,14 +327,14 @@ def _diagonals(a: Array) -> Array:
     return out
 
 
-def _covariance(parts: Sequence[_Part], information: Array, scale: Array, cost: float) -> Array:
+def _covariance(parts: Sequence[Part], information: Array, scale: Array, cost: float) -> Array:
     """Of the parameters, from the residual's own variance; windows are taken as independent, samples as correlated."""
     inverse = np.linalg.pinv(information, hermitian=True) if len(scale) else np.zeros((0, 0))
     windows = max(sum(part.start.shape[1] for part in parts), 1)
     return np.asarray(inverse * np.outer(scale, scale) * cost / max(windows, 1))
 
 
-def _states(part: _Part, values: Mapping[str, float]) -> Array:
+def _states(part: Part, values: Mapping[str, float]) -> Array:
     """(nodes, nx) what the windows had at every node of the stretch."""
     states = part.simulator.run(part.local(values), part.start[:, :, None])[..., 0]
     nx, w = len(part.start), part.windows
@@ -337,7 +344,7 @@ def _states(part: _Part, values: Mapping[str, float]) -> Array:
     return out
 
 
-def _simulated(part: _Part, values: Mapping[str, float]) -> Simulated:
+def _simulated(part: Part, values: Mapping[str, float]) -> Simulated:
     local = part.local(values)
     states = part.simulator.run(local, part.start[:, :, None])
     return Simulated(part.windows, part.start, part.simulator.readings(local, states)[..., 0], states[..., 0])

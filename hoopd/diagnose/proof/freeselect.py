@@ -1,0 +1,195 @@
+"""Which effects make one free run over each whole stretch better: forward and backward, by the run itself.
+
+The search names effects by the likelihood of innovations, in which disturbances and a filter forgive what a long run
+does not; the two need not agree. Here sets are judged by the run. An effect is taken when the error falls by more than
+the effect would gain of the same error by chance; how far along the way that leads the set is kept, the held-out
+stretches say, where nothing but the start is fitted: two effects may be worth something together only.
+
+Rules of this file: nothing here is a name of the verdict; it is evidence that a simulation gets better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hoopd.diagnose.engine.dataset import Stretch
+from hoopd.diagnose.engine.track import Track
+from hoopd.diagnose.proof.refine import LENGTHS_S, Refined, refine
+from hoopd.diagnose.proof.sensitivity import Sensitivity, states_of
+from hoopd.diagnose.search.naming import free_of_recordings
+from hoopd.diagnose.search.screen import Score
+from hoopd.physics.effects.base import Effect
+
+# Of the library's best by their first-order gain so many are simulated.
+TRIES = 4
+MOST_EFFECTS = 6
+# How often chance may gain as much.
+CHANCE = 0.02
+# A gain below this share of the error is not worth a parameter, whatever chance says.
+LEAST_SHARE = 0.01
+# An effect starts at least at this share of its usual size: from its neutral value a phase has no slope.
+LEAST_START = 0.01
+# Shares of the screen's amplitude that a run starts from.
+SHARES = (1.0, 0.25)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect taken or left out: the share of the error that it takes, and how often chance takes as much."""
+
+    effect: str
+    taken: bool
+    fitted: float
+    chance: float
+
+
+@dataclass
+class Selected:
+    """A set of effects with the parameters that simulate best."""
+
+    effects: tuple[Effect, ...]
+    refined: Refined
+    steps: list[Step] = field(default_factory=list)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its effects."""
+        return tuple(effect.name for effect in self.effects)
+
+
+class Selection:
+    """The stretches, and how a set of effects is tried on them."""
+
+    def __init__(
+        self, train: Sequence[Stretch], heldout: Sequence[Stretch], library: Mapping[str, Effect], seed: int = 0
+    ) -> None:
+        self.train, self.heldout, self.library, self.seed = list(train), list(heldout), dict(library), seed
+        self._references = [Track(one).z for one in self.train]
+        self._held_references = [Track(one).z for one in self.heldout]
+
+    def run(self, named: Sequence[Effect], values: Mapping[str, float]) -> Selected:
+        """From the named set with its values; whichever of it and the bare base leads further is where it begins."""
+        base = Selected((), self.grown((), values))
+        here = self._best(base, Selected(tuple(named), self.fitted(named, values, base.refined))) if named else base
+        here = self._thinned(here)
+        path = [base, here] if here.effects else [here]
+        while len(here.effects) < MOST_EFFECTS and (more := self._more(here)) is not None:
+            here = self._thinned(more)
+            path.append(here)
+        return self._kept(path)
+
+    def _kept(self, path: Sequence[Selected]) -> Selected:
+        """The one that simulates the held-out stretches best; without such the last."""
+        if not self.heldout:
+            return path[-1]
+        return min(path, key=self.heldout_error)
+
+    # ------------------------------------------------------------------------------------------ one set
+
+    def grown(self, effects: Sequence[Effect], values: Mapping[str, float]) -> Refined:
+        """Refined through growing windows."""
+        free = self._free(effects)
+        return refine(self.train, self._references, effects, _complete(effects, values, free), free, LENGTHS_S)
+
+    def further(self, effects: Sequence[Effect], values: Mapping[str, float], at: Refined) -> Refined:
+        """Refined from the runs of another hypothesis, whole stretches only: never led away by short windows."""
+        free = self._free(effects)
+        return refine(self.train, states_of(at.runs), effects, _complete(effects, values, free), free, (None,))
+
+    def fitted(self, effects: Sequence[Effect], values: Mapping[str, float], near: Refined) -> Refined:
+        """The best of several starts: growing windows, the near run with these values, and with hardly any effect."""
+        own = {k: v for k, v in values.items() if "." in k}
+        weak = {e.key(p.name): p.neutral for e in effects for p in e.parameters if p.role == "amplitude"}
+        starts = [
+            self.grown(effects, {**values, **near.values, **own}),
+            self.further(effects, {**near.values, **own}, near),
+        ]
+        if weak:
+            starts.append(self.further(effects, {**near.values, **own, **weak}, near))
+        return min(starts, key=lambda one: one.cost)
+
+    def heldout_error(self, one: Selected) -> float:
+        """Of held-out stretches, parameters frozen."""
+        known = {s.recording for s in self.train}
+        own = [n for n in free_of_recordings(one.effects, self.heldout) if n.split("@", 1)[1] not in known]
+        values = _complete(one.effects, one.refined.values, own)
+        return refine(self.heldout, self._held_references, one.effects, values, own).cost
+
+    def _free(self, effects: Sequence[Effect]) -> tuple[str, ...]:
+        plant = max((s.plant for s in self.train), key=lambda p: len(p.free))
+        own = [e.key(p.name) for e in effects for p in e.parameters if not p.discrete and not p.per_recording]
+        return (*plant.free, *own, *free_of_recordings(effects, self.train))
+
+    def _best(self, *sets: Selected) -> Selected:
+        return min(sets, key=lambda one: one.refined.cost)
+
+    # ------------------------------------------------------------------------------------------ moves
+
+    def _more(self, here: Selected) -> Selected | None:
+        """The set with one effect more; None when none is worth it."""
+        screen = Sensitivity(here.refined, here.effects, self._others(here), self.seed)
+        before = here.refined.cost
+        likely = [s for s in screen.scores() if screen.chance(s.member.effect.name, s.gain) <= 2.0 * CHANCE]
+        tried = [self._with(here, score) for score in likely[:TRIES]]
+        for one in sorted(tried, key=lambda one: one.refined.cost):
+            gained = before - one.refined.cost
+            chance = screen.chance(one.names[-1], gained / 2.0)
+            if gained > LEAST_SHARE * before and chance <= CHANCE:
+                one.steps = [*here.steps, Step(one.names[-1], True, gained / before, chance)]
+                return one
+        return None
+
+    def _with(self, here: Selected, score: Score) -> Selected:
+        """One effect more, from where the screen says and from less of it: a long run is no straight line."""
+        effects, best = (*here.effects, score.member.effect), None
+        for share in SHARES:
+            found = self.further(effects, {**here.refined.values, **_start(score, share)}, here.refined)
+            best = found if best is None or found.cost < best.cost else best
+            if here.refined.cost - best.cost > score.gain:  # half of what the straight line promised
+                break
+        assert best is not None
+        return Selected(effects, best, here.steps)
+
+    def _others(self, here: Selected) -> list[Effect]:
+        """Effects that could come beside those of the set."""
+        taken = {name for e in here.effects for name in (e.name, *e.same_as, *e.contains)}
+        slots = {slot for one in self.train for slot in one.plant.slots}
+        wanted = [e for e in self.library.values() if e.found_by == "screen" and e.slot in slots]
+        return [e for e in wanted if e.name not in taken]
+
+    def _thinned(self, here: Selected) -> Selected:
+        """Without effects that the run does not need."""
+        for effect in here.effects:
+            rest = tuple(e for e in here.effects if e is not effect)
+            less = Selected(rest, self.further(rest, here.refined.values, here.refined))
+            lost = 1.0 - here.refined.cost / less.refined.cost
+            if lost < LEAST_SHARE:
+                less.steps = [*here.steps, Step(effect.name, False, lost, 1.0)]
+                return self._thinned(less)
+        return here
+
+
+def _complete(effects: Sequence[Effect], values: Mapping[str, float], own: Sequence[str]) -> dict[str, float]:
+    """Values for every parameter of the effects, each recording's own too."""
+    neutral = {e.key(p.name): p.neutral for e in effects for p in e.parameters}
+    full = {**neutral, **values}
+    return {**full, **{name: full.get(name, full[name.split("@")[0]]) for name in own}}
+
+
+def _start(score: Score, share: float) -> dict[str, float]:
+    """Where a screen says to start, every amplitude moved off its neutral value."""
+    start, effect = dict(score.start), score.member.effect
+    for p in effect.parameters:
+        key = effect.key(p.name)
+        if p.role != "amplitude":
+            continue
+        off = share * (start.get(key, p.neutral) - p.neutral)
+        start[key] = float(
+            np.clip(p.neutral + (off if abs(off) > LEAST_START * p.size else LEAST_START * p.size), p.low, p.high)
+        )
+    for key, value in score.member.shape.items():
+        start.setdefault(effect.key(key), value)
+    return start
