@@ -344,6 +344,10 @@ def diagnose(
         Path | None, typer.Option("--write", help="Write a model with what was found.", metavar="MODEL")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the search.")] = 0,
+    free_run: Annotated[
+        bool,
+        typer.Option("--free-run", help="Look, too, for effects that make one run over a whole recording better."),
+    ] = False,
     json_path: JsonOption = None,
 ) -> None:
     """Say where recordings and model differ, name the physics that was left out, prove it (docs/diagnose.md)."""
@@ -364,6 +368,7 @@ def diagnose(
             columns=columns,
             age=age,
             seed=seed,
+            free_run=free_run,
             progress=progress,
         )
     report_text(found, Console())

@@ -50,6 +50,7 @@ def run(
     columns: str | None = None,
     age: str = "",
     seed: int = 0,
+    free_run: bool = False,
     progress: Progress = lambda text: None,
 ) -> Diagnosis:
     """Diagnose and write; InputError when anything cannot be used or written."""
@@ -58,7 +59,15 @@ def run(
     check_targets(inputs, {"--json": json_path, "--report": report, "--write": write})
     base = load_model(or_shipped(model or DEFAULT_MODEL))
     outcome = outcome_of(
-        texts, held_texts, base, effects=effects, columns=columns, age=age, seed=seed, progress=progress
+        texts,
+        held_texts,
+        base,
+        effects=effects,
+        columns=columns,
+        age=age,
+        seed=seed,
+        free_run=free_run,
+        progress=progress,
     )
     progress("drawing and writing")
     return _written(outcome, base, json_path, report, write)
@@ -73,6 +82,7 @@ def outcome_of(
     columns: str | None = None,
     age: str = "",
     seed: int = 0,
+    free_run: bool = False,
     progress: Progress = lambda text: None,
 ) -> Outcome:
     """The diagnosis with the curves and fits behind it; nothing is written."""
@@ -81,6 +91,7 @@ def outcome_of(
     train = [source_of(text, base, columns, age) for text in texts]
     held = [source_of(text, base, columns, age) for text in held_texts]
     check_motion(train, held, base.structure)
+    whole = () if held else tuple(train)
     train, held, how = _parts(train, held)
     known = _library(richest([*train, *held]), effects)
     own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
@@ -92,6 +103,8 @@ def outcome_of(
             heldout=held,
             library=known,
             effects=own,
+            choose_free_run=free_run,
+            whole=whole,
             seed=seed,
             held_out_how=how,
             progress=progress,

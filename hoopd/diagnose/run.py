@@ -26,6 +26,7 @@ from hoopd.diagnose.findings import (
     verdict_of,
 )
 from hoopd.diagnose.inputs import Source
+from hoopd.diagnose.proof.freechoice import free_choice
 from hoopd.diagnose.proof.freeruns import free_runs
 from hoopd.diagnose.proof.nextexperiment import next_experiment
 from hoopd.diagnose.proof.placebo import placebos
@@ -33,7 +34,7 @@ from hoopd.diagnose.proof.separate import parameter_notes, separations
 from hoopd.diagnose.proof.tables import channel_source
 from hoopd.diagnose.proof.visible import visible
 from hoopd.diagnose.quality.judged import corruption_findings
-from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality, rounded
+from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, FreeRunChoice, RecordingQuality, rounded
 from hoopd.diagnose.report.pictures import shown_of
 from hoopd.diagnose.search.naming import Named, Settings, free_of_recordings, name_effects
 from hoopd.diagnose.search.stiff import likeliest
@@ -58,6 +59,8 @@ class Case:
     library: Mapping[str, Effect]
     effects: Sequence[Effect] = ()  # that the judged model has already; their values are among `values`
     free_run: bool = True  # one run over each whole stretch too, the parameters refined on it
+    choose_free_run: bool = False  # look for the effects that make that run better, too (minutes)
+    whole: Sequence[Source] = ()  # recordings whose parts are fitted and held out
     seed: int = 0
     held_out_how: str = ""
     progress: Progress = lambda text: None
@@ -110,6 +113,7 @@ def diagnose(case: Case) -> Outcome:
         train=fits_of({"nominal": named.nominal, "base": named.base, "final": named.final}),
         heldout=fits_of(fits) if fits else {},
         free_run=free_runs(named.nominal, named.base, named.final, held) if case.free_run else {},
+        free_run_choice=_choice(case, named, held, whole=not (aside or aside_held)),
         how_heldout=case.held_out_how,
         channel_source=channel_source([*train, *held]),
     )
@@ -167,6 +171,14 @@ def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:
     if one.kind == "force" and mine and one.where == mine[0].plant.driven:
         return one.t0 < float(mine[0].t[0]) + START_UP_S
     return True
+
+
+def _choice(case: Case, named: Named, held: Sequence[Stretch], *, whole: bool) -> FreeRunChoice | None:
+    """What the free run is better with, where it is asked for; `whole`: nothing was set aside."""
+    if not case.choose_free_run:
+        return None
+    case.progress("effects by the free run")
+    return free_choice(named.final, held, case.library, case.seed, _stretches(case.whole) if whole else ())
 
 
 def unknown_of(case: Case, named: Named) -> Unknown | None:

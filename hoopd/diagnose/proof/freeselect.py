@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import log
 
 import numpy as np
 
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.track import Track
-from hoopd.diagnose.proof.refine import LENGTHS_S, Refined, refine
-from hoopd.diagnose.proof.sensitivity import Sensitivity, states_of
+from hoopd.diagnose.proof.refine import LENGTHS_S, SETTLED, Refined, refine
+from hoopd.diagnose.proof.sensitivity import Sensitivity, independent, states_of
 from hoopd.diagnose.search.naming import free_of_recordings
 from hoopd.diagnose.search.screen import Score
 from hoopd.physics.effects.base import Effect
@@ -26,14 +27,16 @@ from hoopd.physics.effects.base import Effect
 # Of the library's best by their first-order gain so many are simulated.
 TRIES = 4
 MOST_EFFECTS = 6
-# How often chance may gain as much.
+# How often chance may gain as much, to first order.
 CHANCE = 0.02
-# A gain below this share of the error is not worth a parameter, whatever chance says.
-LEAST_SHARE = 0.01
+# ln(error) must fall by this for each parameter, over the error's independent samples (Akaike 1974).
+PRICE = 2.0
 # An effect starts at least at this share of its usual size: from its neutral value a phase has no slope.
 LEAST_START = 0.01
 # Shares of the screen's amplitude that a run starts from.
 SHARES = (1.0, 0.25)
+# What is tried is refined until a step takes less than this share of the error; what is taken, to the end.
+ROUGHLY = 3e-3
 
 
 @dataclass(frozen=True)
@@ -94,10 +97,13 @@ class Selection:
         free = self._free(effects)
         return refine(self.train, self._references, effects, _complete(effects, values, free), free, LENGTHS_S)
 
-    def further(self, effects: Sequence[Effect], values: Mapping[str, float], at: Refined) -> Refined:
+    def further(
+        self, effects: Sequence[Effect], values: Mapping[str, float], at: Refined, settled: float = SETTLED
+    ) -> Refined:
         """Refined from the runs of another hypothesis, whole stretches only: never led away by short windows."""
         free = self._free(effects)
-        return refine(self.train, states_of(at.runs), effects, _complete(effects, values, free), free, (None,))
+        here = _complete(effects, values, free)
+        return refine(self.train, states_of(at.runs), effects, here, free, (None,), settled)
 
     def fitted(self, effects: Sequence[Effect], values: Mapping[str, float], near: Refined) -> Refined:
         """The best of several starts: growing windows, the near run with these values, and with hardly any effect."""
@@ -113,10 +119,14 @@ class Selection:
 
     def heldout_error(self, one: Selected) -> float:
         """Of held-out stretches, parameters frozen."""
+        return self.on_heldout(one).cost
+
+    def on_heldout(self, one: Selected) -> Refined:
+        """Held-out stretches: their starts are fitted, and phases of a recording that is new."""
         known = {s.recording for s in self.train}
         own = [n for n in free_of_recordings(one.effects, self.heldout) if n.split("@", 1)[1] not in known]
         values = _complete(one.effects, one.refined.values, own)
-        return refine(self.heldout, self._held_references, one.effects, values, own).cost
+        return refine(self.heldout, self._held_references, one.effects, values, own)
 
     def _free(self, effects: Sequence[Effect]) -> tuple[str, ...]:
         plant = max((s.plant for s in self.train), key=lambda p: len(p.free))
@@ -131,22 +141,24 @@ class Selection:
     def _more(self, here: Selected) -> Selected | None:
         """The set with one effect more; None when none is worth it."""
         screen = Sensitivity(here.refined, here.effects, self._others(here), self.seed)
-        before = here.refined.cost
-        likely = [s for s in screen.scores() if screen.chance(s.member.effect.name, s.gain) <= 2.0 * CHANCE]
+        by_chance = {s.member.effect.name: screen.chance(s.member.effect.name, s.gain) for s in screen.scores()}
+        likely = [s for s in screen.scores() if by_chance[s.member.effect.name] <= CHANCE]
+        if not likely:
+            return None
         tried = [self._with(here, score) for score in likely[:TRIES]]
-        for one in sorted(tried, key=lambda one: one.refined.cost):
-            gained = before - one.refined.cost
-            chance = screen.chance(one.names[-1], gained / 2.0)
-            if gained > LEAST_SHARE * before and chance <= CHANCE:
-                one.steps = [*here.steps, Step(one.names[-1], True, gained / before, chance)]
-                return one
-        return None
+        samples = independent(here.refined.runs)
+        best = min(tried, key=lambda one: log(one.refined.cost) + PRICE * len(one.refined.free) / samples)
+        refined = self.further(best.effects, best.refined.values, best.refined)
+        gained = 1.0 - refined.cost / here.refined.cost
+        step = Step(best.names[-1], True, gained, by_chance[best.names[-1]])
+        more = Selected(best.effects, refined, [*here.steps, step])
+        return more if worth(more.refined, here.refined, samples) else None
 
     def _with(self, here: Selected, score: Score) -> Selected:
         """One effect more, from where the screen says and from less of it: a long run is no straight line."""
         effects, best = (*here.effects, score.member.effect), None
         for share in SHARES:
-            found = self.further(effects, {**here.refined.values, **_start(score, share)}, here.refined)
+            found = self.further(effects, {**here.refined.values, **_start(score, share)}, here.refined, ROUGHLY)
             best = found if best is None or found.cost < best.cost else best
             if here.refined.cost - best.cost > score.gain:  # half of what the straight line promised
                 break
@@ -166,10 +178,15 @@ class Selection:
             rest = tuple(e for e in here.effects if e is not effect)
             less = Selected(rest, self.further(rest, here.refined.values, here.refined))
             lost = 1.0 - here.refined.cost / less.refined.cost
-            if lost < LEAST_SHARE:
+            if not worth(here.refined, less.refined, independent(here.refined.runs)):
                 less.steps = [*here.steps, Step(effect.name, False, lost, 1.0)]
                 return self._thinned(less)
         return here
+
+
+def worth(more: Refined, less: Refined, samples: float) -> bool:
+    """Whether the parameters that one has more are worth the fall of the error."""
+    return log(less.cost / more.cost) > PRICE * (len(more.free) - len(less.free)) / samples
 
 
 def _complete(effects: Sequence[Effect], values: Mapping[str, float], own: Sequence[str]) -> dict[str, float]:

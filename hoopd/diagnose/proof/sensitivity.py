@@ -161,12 +161,23 @@ class Sensitivity:
         return min(BLOCK_MEMORIES * self._memory_s(), total / FEWEST_BLOCKS)
 
     def _memory_s(self) -> float:
-        """Longest integral time of a channel's error."""
-        found = [0.1]
-        for run, e in zip(self.found.runs, self._errors(), strict=True):
-            step = float(np.median(np.diff(run.windows.stretch.t)))
-            found += [step * memory(e[:, c, 0]) for c in range(e.shape[1]) if np.any(e[:, c, 0])]
-        return max(found)
+        """Longest memory of a channel's error."""
+        return max([0.1, *(seconds for _, seconds in memories(self.found.runs))])
+
+
+def memories(runs: Sequence[Simulated]) -> list[tuple[float, float]]:
+    """(duration, memory of the error) in seconds of every counted channel of every run."""
+    found = []
+    for run, weight in zip(runs, channel_weights([run.windows.stretch for run in runs]), strict=True):
+        t, e = run.windows.stretch.t, errors_of(run.windows, weight, run.y)
+        step = float(np.median(np.diff(t)))
+        found += [(float(t[-1] - t[0]), step * memory(e[:, c, 0])) for c in range(e.shape[1]) if np.any(e[:, c, 0])]
+    return found
+
+
+def independent(runs: Sequence[Simulated]) -> float:
+    """Samples of the error that do not repeat one another: durations over memories."""
+    return max(sum(seconds / memory_s for seconds, memory_s in memories(runs)), 1.0)
 
 
 def _values(effect: Effect, column: Column) -> tuple[dict[str, float], float]:
