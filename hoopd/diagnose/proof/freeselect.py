@@ -145,7 +145,7 @@ class Selection:
         likely = [s for s in screen.scores() if by_chance[s.member.effect.name] <= CHANCE]
         if not likely:
             return None
-        tried = [self._with(here, score) for score in likely[:TRIES]]
+        tried = [self._with(here, score, screen.beside(score)) for score in likely[:TRIES]]
         samples = independent(here.refined.runs)
         best = min(tried, key=lambda one: log(one.refined.cost) + PRICE * len(one.refined.free) / samples)
         refined = self.further(best.effects, best.refined.values, best.refined)
@@ -154,11 +154,12 @@ class Selection:
         more = Selected(best.effects, refined, [*here.steps, step])
         return more if worth(more.refined, here.refined, samples) else None
 
-    def _with(self, here: Selected, score: Score) -> Selected:
+    def _with(self, here: Selected, score: Score, beside: Mapping[str, float]) -> Selected:
         """One effect more, from where the screen says and from less of it: a long run is no straight line."""
         effects, best = (*here.effects, score.member.effect), None
         for share in SHARES:
-            found = self.further(effects, {**here.refined.values, **_start(score, share)}, here.refined, ROUGHLY)
+            start = {**_moved(here, beside, share), **_start(score, share)}
+            found = self.further(effects, start, here.refined, ROUGHLY)
             best = found if best is None or found.cost < best.cost else best
             if here.refined.cost - best.cost > score.gain:  # half of what the straight line promised
                 break
@@ -194,6 +195,16 @@ def _complete(effects: Sequence[Effect], values: Mapping[str, float], own: Seque
     neutral = {e.key(p.name): p.neutral for e in effects for p in e.parameters}
     full = {**neutral, **values}
     return {**full, **{name: full.get(name, full[name.split("@")[0]]) for name in own}}
+
+
+def _moved(here: Selected, beside: Mapping[str, float], share: float) -> dict[str, float]:
+    """Values with a share of what the free parameters move, each within its range."""
+    ranges = {e.key(p.name): (p.low, p.high) for e in here.effects for p in e.parameters if p.role != "phase"}
+    out = dict(here.refined.values)
+    for name, move in beside.items():
+        low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))
+        out[name] = float(np.clip(out[name] + share * move, low, high))
+    return out
 
 
 def _start(score: Score, share: float) -> dict[str, float]:

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 # Of an amplitude's usual size: small enough for a straight line over a long run.
 SMALL = 0.1
+# Directions of the free parameters that the run knows by less than this of the best stay where they are.
+KNOWN = 1e-4
 # Signs drawn, and the blocks that they are drawn for: so many times the error's own memory, at least so many of them.
 DRAWS, BLOCK_MEMORIES, FEWEST_BLOCKS = 399, 2.0, 8
 
@@ -36,12 +38,14 @@ class Sensitivity:
     def __init__(self, found: Refined, effects: Sequence[Effect], library: Sequence[Effect], seed: int) -> None:
         self.found, self.effects, self.seed = found, tuple(effects), seed
         self.weights = channel_weights([run.windows.stretch for run in found.runs])
-        self._basis = orthonormal(self._tangent())
+        self._by_free = self._tangent()
+        self._basis = orthonormal(self._by_free)
         self.error = np.concatenate([e.ravel() for e in self._errors()])
         self.residual = self._projected(self.error[:, None])[:, 0]
         recordings = tuple(dict.fromkeys(run.windows.stretch.recording for run in found.runs))
         self.members = [m for e in library for m in members_of(e, recordings)]
-        self.vectors = self._projected(self._changes())
+        self._raw = self._changes()
+        self.vectors = self._projected(self._raw)
         self._ends = np.cumsum([len(m.columns) for m in self.members])
 
     def scores(self) -> list[Score]:
@@ -52,6 +56,16 @@ class Sensitivity:
             if member.effect.name not in best or score.gain > best[member.effect.name].gain:
                 best[member.effect.name] = score
         return sorted(best.values(), key=lambda one: -one.gain)
+
+    def beside(self, score: Score) -> dict[str, float]:
+        """By how much the free parameters move when the effect comes in as the screen says."""
+        k = next(i for i, member in enumerate(self.members) if member is score.member)
+        columns = slice(self._ends[k] - len(score.member.columns), self._ends[k])
+        weights = np.linalg.lstsq(self.vectors[:, columns], score.vector, rcond=None)[0]
+        moves = np.linalg.lstsq(self._by_free, -self._raw[:, columns] @ weights, rcond=KNOWN)[0]
+        free = self.found.free
+        scale = sizes(self.found.values, free, self.effects)
+        return {name: float(move * size) for name, move, size in zip(free, moves, scale, strict=False)}
 
     def chance(self, effect: str, gain: float) -> float:
         """How often the effect gains as much of this error with random signs by blocks, its best member each time."""
