@@ -106,13 +106,11 @@ class Selection:
         return refine(self.train, states_of(at.runs), effects, here, free, (None,), settled)
 
     def fitted(self, effects: Sequence[Effect], values: Mapping[str, float], near: Refined) -> Refined:
-        """The best of several starts: growing windows, the near run with these values, and with hardly any effect."""
+        """The best of several starts: growing windows, the near run with these values, and with no effect yet."""
         own = {k: v for k, v in values.items() if "." in k}
         weak = {e.key(p.name): p.neutral for e in effects for p in e.parameters if p.role == "amplitude"}
-        starts = [
-            self.grown(effects, {**values, **near.values, **own}),
-            self.further(effects, {**near.values, **own}, near),
-        ]
+        starts = [self.grown(effects, {**values, **near.values, **own})]
+        starts += [self.further(effects, {**some, **own}, near) for some in (near.values, values)]
         if weak:
             starts.append(self.further(effects, {**near.values, **own, **weak}, near))
         return min(starts, key=lambda one: one.cost)
