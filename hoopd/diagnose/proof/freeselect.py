@@ -26,6 +26,8 @@ from hoopd.physics.effects.base import Effect
 
 # Of the library's best by their first-order gain so many are simulated.
 TRIES = 4
+# So many sets are carried on at a time: the best next effect is not always on the best way.
+WAYS = 2
 MOST_EFFECTS = 6
 # How often chance may gain as much, to first order.
 CHANCE = 0.02
@@ -74,21 +76,24 @@ class Selection:
         self._held_references = [Track(one).z for one in self.heldout]
 
     def run(self, named: Sequence[Effect], values: Mapping[str, float]) -> Selected:
-        """From the named set with its values; whichever of it and the bare base leads further is where it begins."""
+        """From the named set with its values, without what the run does not need."""
         base = Selected((), self.grown((), values))
         here = self._best(base, Selected(tuple(named), self.fitted(named, values, base.refined))) if named else base
-        here = self._thinned(here)
-        path = [base, here] if here.effects else [here]
-        while len(here.effects) < MOST_EFFECTS and (more := self._more(here)) is not None:
-            here = self._thinned(more)
-            path.append(here)
-        return self._kept(path)
+        pool = _distinct([base, self._thinned(here)])
+        ways, samples = pool[-1:], independent(base.refined.runs)
+        for _ in range(MOST_EFFECTS):
+            known = {frozenset(one.names) for one in pool}
+            more = _distinct([self._thinned(one) for here in ways for one in self._more(here)])
+            ways = [one for one in more if frozenset(one.names) not in known]
+            ways = sorted(ways, key=lambda one: charged(one.refined, samples))[:WAYS]
+            pool += ways
+        return self._kept(pool, samples)
 
-    def _kept(self, path: Sequence[Selected]) -> Selected:
-        """The one that simulates the held-out stretches best; without such the last."""
+    def _kept(self, pool: Sequence[Selected], samples: float) -> Selected:
+        """The one that simulates the held-out stretches best (without such, the fitted ones), parameters charged."""
         if not self.heldout:
-            return path[-1]
-        return min(path, key=self.heldout_error)
+            return min(pool, key=lambda one: charged(one.refined, samples))
+        return min(pool, key=lambda one: log(self.heldout_error(one)) + PRICE * len(one.refined.free) / samples)
 
     # ------------------------------------------------------------------------------------------ one set
 
@@ -136,21 +141,24 @@ class Selection:
 
     # ------------------------------------------------------------------------------------------ moves
 
-    def _more(self, here: Selected) -> Selected | None:
-        """The set with one effect more; None when none is worth it."""
+    def _more(self, here: Selected) -> list[Selected]:
+        """Sets with one effect more, those of WAYS different effects that are worth most."""
+        if len(here.effects) >= MOST_EFFECTS:
+            return []
         screen = Sensitivity(here.refined, here.effects, self._others(here), self.seed)
         by_chance = {s.member.effect.name: screen.chance(s.member.effect.name, s.gain) for s in screen.scores()}
         likely = [s for s in screen.scores() if by_chance[s.member.effect.name] <= CHANCE]
-        if not likely:
-            return None
         tried = [self._with(here, score, screen.beside(score)) for score in likely[:TRIES]]
         samples = independent(here.refined.runs)
-        best = min(tried, key=lambda one: log(one.refined.cost) + PRICE * len(one.refined.free) / samples)
-        refined = self.further(best.effects, best.refined.values, best.refined)
-        gained = 1.0 - refined.cost / here.refined.cost
-        step = Step(best.names[-1], True, gained, by_chance[best.names[-1]])
-        more = Selected(best.effects, refined, [*here.steps, step])
-        return more if worth(more.refined, here.refined, samples) else None
+        tried = [one for one in tried if worth(one.refined, here.refined, samples)]
+        tried = _unlike(sorted(tried, key=lambda one: charged(one.refined, samples)))[:WAYS]
+        return [self._taken(one, here, by_chance[one.names[-1]]) for one in tried]
+
+    def _taken(self, one: Selected, here: Selected, chance: float) -> Selected:
+        """Refined to the end, with its evidence."""
+        refined = self.further(one.effects, one.refined.values, one.refined)
+        step = Step(one.names[-1], True, 1.0 - refined.cost / here.refined.cost, chance)
+        return Selected(one.effects, refined, [*here.steps, step])
 
     def _with(self, here: Selected, score: Score, beside: Mapping[str, float]) -> Selected:
         """One effect more, from where the screen says and from less of it: a long run is no straight line."""
@@ -183,9 +191,30 @@ class Selection:
         return here
 
 
+def charged(one: Refined, samples: float) -> float:
+    """ln(error) and the price of the parameters."""
+    return log(one.cost) + PRICE * len(one.free) / samples
+
+
 def worth(more: Refined, less: Refined, samples: float) -> bool:
     """Whether the parameters that one has more are worth the fall of the error."""
-    return log(less.cost / more.cost) > PRICE * (len(more.free) - len(less.free)) / samples
+    return charged(more, samples) < charged(less, samples)
+
+
+def _distinct(sets: Sequence[Selected]) -> list[Selected]:
+    """One of each set of names."""
+    return list({frozenset(one.names): one for one in reversed(sets)}.values())[::-1]
+
+
+def _unlike(sets: Sequence[Selected]) -> list[Selected]:
+    """The first of those whose last effects are the same thing, or one a case of the other."""
+    kept: list[Selected] = []
+    for one in sets:
+        effect = one.effects[-1]
+        alike = {effect.name, *effect.contains, *effect.same_as, *effect.near}
+        if not any(alike & {o.name, *o.contains, *o.same_as} for o in (other.effects[-1] for other in kept)):
+            kept.append(one)
+    return kept
 
 
 def _complete(effects: Sequence[Effect], values: Mapping[str, float], own: Sequence[str]) -> dict[str, float]:
