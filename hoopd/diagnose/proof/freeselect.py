@@ -35,8 +35,8 @@ CHANCE = 0.02
 PRICE = 2.0
 # An effect starts at least at this share of its usual size: from its neutral value a phase has no slope.
 LEAST_START = 0.01
-# Shares of the screen's amplitude that a run starts from.
-SHARES = (1.0, 0.25)
+# Shares of the screen's amplitude, and of what the other parameters move with it, that a run starts from.
+STARTS = ((1.0, 0.0), (0.25, 0.0), (1.0, 1.0))
 # What is tried is refined until a step takes less than this share of the error; what is taken, to the end.
 ROUGHLY = 3e-3
 
@@ -163,8 +163,8 @@ class Selection:
     def _with(self, here: Selected, score: Score, beside: Mapping[str, float]) -> Selected:
         """One effect more, from where the screen says and from less of it: a long run is no straight line."""
         effects, best = (*here.effects, score.member.effect), None
-        for share in SHARES:
-            start = {**_moved(here, beside, share), **_start(score, share)}
+        for share, along in STARTS:
+            start = {**_moved(here, beside, along), **_start(score, share)}
             found = self.further(effects, start, here.refined, ROUGHLY)
             best = found if best is None or found.cost < best.cost else best
             if here.refined.cost - best.cost > score.gain:  # half of what the straight line promised
