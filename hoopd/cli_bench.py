@@ -345,8 +345,10 @@ def diagnose(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the search.")] = 0,
     free_run: Annotated[
-        bool,
-        typer.Option("--free-run", help="Look, too, for effects that make one run over a whole recording better."),
+        bool, typer.Option("--free-run/--no-free-run", help="Also refine and compare one run over whole recordings.")
+    ] = True,
+    free_run_choice: Annotated[
+        bool, typer.Option("--free-run-choice", help="Look, too, for effects that make that run better (minutes).")
     ] = False,
     json_path: JsonOption = None,
 ) -> None:
@@ -369,6 +371,7 @@ def diagnose(
             age=age,
             seed=seed,
             free_run=free_run,
+            free_run_choice=free_run_choice,
             progress=progress,
         )
     report_text(found, Console())

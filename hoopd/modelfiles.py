@@ -176,9 +176,10 @@ def _found(effect: Effect, entry: EffectEntry) -> FoundEffect:
     given = entry.parameters.items()
     values = {**effect.neutral(), **{name: one.value for name, one in given}}
     weak = {name: weak_end(effect.parameter(name), one.value, one.ci95) for name, one in given}
-    if _has_no_common_phase(effect, entry):
+    lost = _has_no_common_phase(effect, entry)
+    if lost:
         weak |= {p.name: p.neutral for p in effect.parameters if p.role == "amplitude"}
-    return FoundEffect(entry.name, values, weak, check_region(entry.valid))
+    return FoundEffect(entry.name, values, weak, check_region(entry.valid), lost)
 
 
 def _has_no_common_phase(effect: Effect, entry: EffectEntry) -> bool:

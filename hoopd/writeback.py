@@ -29,6 +29,9 @@ SATURATION = "actuator.saturation"
 PLACES = {**{name: index for index, name in enumerate(REGION_NAMES)}, "u": WANTED}
 
 
+PHASE_LOST = "its phase was another one in each recording: with a wrong one it would be added, not taken off"
+
+
 class Unused(NamedTuple):
     """An effect of the model file that the daemon leaves out."""
 
@@ -39,7 +42,7 @@ class Unused(NamedTuple):
 def delays_of(found: Found) -> Delays:
     """By how much torque, pictures and the encoder's readings are late; a lag counts as a delay of its time."""
     torque = camera = encoder = 0.0
-    for effect in found.effects():
+    for effect in found.believed().effects():
         values = vars(effect.values(found.values))
         torque += sum(values[name] for name in (effect.delay, effect.lag) if name is not None)
         camera += values[effect.latency["psi"]] if "psi" in effect.latency else 0.0
@@ -54,7 +57,9 @@ def limits_of(found: Found) -> tuple[float, ...]:
 
 def unused(found: Found) -> tuple[Unused, ...]:
     """What neither filter nor feed-forward can do anything with."""
-    return tuple(Unused(effect.name, reason) for effect in found.effects() if (reason := _reason(effect)))
+    lost = {one.name for one in found.entries if one.phase_lost}
+    reasons = {effect.name: PHASE_LOST if effect.name in lost else _reason(effect) for effect in found.effects()}
+    return tuple(Unused(name, reason) for name, reason in reasons.items() if reason)
 
 
 def _reason(effect: Effect) -> str:
@@ -69,12 +74,13 @@ def _reason(effect: Effect) -> str:
 
 def filter_effects(found: Found) -> Found:
     """Those that the filter's model has; a lean of the frame is a camera's zero to it (they are never told apart)."""
-    return found.only(lambda one: acts_now(one) and one.shift is None)
+    return found.believed().only(lambda one: acts_now(one) and one.shift is None)
 
 
 def cancelled(found: Found) -> tuple[str, ...]:
     """Those that feed-forward takes away."""
-    return tuple(effect.name for effect in found.effects() if cancels(found, effect))
+    sure = found.believed()
+    return tuple(effect.name for effect in sure.effects() if cancels(sure, effect))
 
 
 def filter_plant(found: Found) -> Plant | EffectPlant:
@@ -85,6 +91,7 @@ def filter_plant(found: Found) -> Plant | EffectPlant:
 
 def estimator_with(found: Found, settings: EkfSettings) -> DelayedEkf | LateEstimator:
     """The filter on the model with its effects."""
+    found = found.believed()
     plant, delays, correct = filter_plant(found), delays_of(found), correction(found)
     if any(effect.sensor_lag for effect in found.effects()):
         settings = replace(settings, r_dtheta=NO_WEIGHT)
@@ -100,7 +107,7 @@ def feedforward_of(
 ) -> FeedForward:
     """Feed-forward of all effects that a torque can cancel, of each no more than it has at least; `limit_nm`: of the
     drive."""
-    sure = found.weakened()
+    sure = found.believed().weakened()
     effects, regions = in_order(sure), {one.name: _region(one.valid) for one in found.entries}
     if not effects:
         return FeedForward()

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.excitation import Excitation
+from hoopd.core.late import LateEstimator
 from hoopd.files import InputError
 from hoopd.modelfiles import (
     controller_of,
@@ -21,6 +23,7 @@ from hoopd.modelfiles import (
     parse_model,
     plant_of,
 )
+from hoopd.writeback import cancelled, estimator_with, filter_effects, unused
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 
@@ -195,3 +198,20 @@ def test_nothing_is_sure_of_an_effect_whose_phase_was_another_one_in_each_record
     (one,) = effects_of(parse_model(yaml.safe_dump(file), "m.yaml")).entries
     assert one.parameters["A"] == 0.008
     assert one.weakened().parameters["A"] == sure
+    found = effects_of(parse_model(yaml.safe_dump(file), "m.yaml"))
+    assert filter_effects(found).names == cancelled(found) == (() if interval is None else ("hoop.imbalance",))
+    assert [(name, "phase" in reason) for name, reason in unused(found)] == (
+        [("hoop.imbalance", True)] if interval is None else []
+    )
+
+
+def test_an_encoder_whose_eccentricity_has_no_common_phase_is_believed_as_it_reads() -> None:
+    size, phase = {"value": 0.02, "unit": "rad", "ci95": [0.01, 0.03]}, {"value": 0.4, "unit": "rad"}
+    file = yaml.safe_load((CONFIG / "models" / "hoop.yaml").read_text())
+    kept = {}
+    for label, ci95 in (("lost", None), ("known", [0.3, 0.5])):
+        parameters = {"a": size, "phi": {**phase, "ci95": ci95}}
+        file["effects"] = [{"name": "encoder.eccentricity", "parameters": parameters}]
+        kept[label] = estimator_with(effects_of(parse_model(yaml.safe_dump(file), "m.yaml")), EkfSettings())
+    assert isinstance(kept["lost"], DelayedEkf)
+    assert isinstance(kept["known"], LateEstimator)

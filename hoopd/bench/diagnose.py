@@ -15,13 +15,14 @@ from hoopd.bench.diagnose_inputs import (
     check_lengths,
     check_motion,
     expanded,
+    read_source,
     richest,
-    source_of,
 )
 from hoopd.bench.foundmodel import found_model, left_out
 from hoopd.bench.targets import check_targets
 from hoopd.diagnose.inputs import Source
-from hoopd.diagnose.record import Diagnosis, to_json_bytes
+from hoopd.diagnose.record import Diagnosis
+from hoopd.diagnose.recordfile import to_json_bytes
 from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
 from hoopd.diagnose.search.naming import Settings
 from hoopd.effectsfile import load_effects
@@ -50,7 +51,8 @@ def run(
     columns: str | None = None,
     age: str = "",
     seed: int = 0,
-    free_run: bool = False,
+    free_run: bool = True,
+    free_run_choice: bool = False,
     progress: Progress = lambda text: None,
 ) -> Diagnosis:
     """Diagnose and write; InputError when anything cannot be used or written."""
@@ -67,6 +69,7 @@ def run(
         age=age,
         seed=seed,
         free_run=free_run,
+        free_run_choice=free_run_choice,
         progress=progress,
     )
     progress("drawing and writing")
@@ -82,14 +85,15 @@ def outcome_of(
     columns: str | None = None,
     age: str = "",
     seed: int = 0,
-    free_run: bool = False,
+    free_run: bool = True,
+    free_run_choice: bool = False,
     progress: Progress = lambda text: None,
 ) -> Outcome:
     """The diagnosis with the curves and fits behind it; nothing is written."""
     check_distinct(texts, held_texts)
     progress("reading the recordings")
-    train = [source_of(text, base, columns, age) for text in texts]
-    held = [source_of(text, base, columns, age) for text in held_texts]
+    train = [read_source(text, base, columns, age) for text in texts]
+    held = [read_source(text, base, columns, age) for text in held_texts]
     check_motion(train, held, base.structure)
     whole = () if held else tuple(train)
     train, held, how = _parts(train, held)
@@ -103,7 +107,8 @@ def outcome_of(
             heldout=held,
             library=known,
             effects=own,
-            choose_free_run=free_run,
+            free_run=free_run,
+            choose_free_run=free_run_choice,
             whole=whole,
             seed=seed,
             held_out_how=how,

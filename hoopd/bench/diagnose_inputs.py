@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoopd.bench.inputs import read_recording
-from hoopd.diagnose.inputs import Source, hoop_source
+from hoopd.diagnose.inputs import Source, source_of
 from hoopd.files import InputError
 from hoopd.modelfiles import ModelFile
 from hoopd.physics.declared import DeclaredPlant
@@ -96,17 +96,9 @@ def _given(text: str) -> Given:
 # ---------------------------------------------------------------------------------------------- sources
 
 
-def source_of(text: str, base: ModelFile, columns: str | None, age: str) -> Source:
-    """One recording, judged and cut for a search."""
-    device = base.device
-    return hoop_source(
-        text,
-        read_recording(text, columns, age),
-        base.structure,
-        base.values(),
-        encoder_counts=device.encoder_counts,
-        torque_limit=device.torque_limit_nm,
-    )
+def read_source(text: str, base: ModelFile, columns: str | None, age: str) -> Source:
+    """One recording, read, judged and cut for a search."""
+    return source_of(text, read_recording(text, columns, age), base)
 
 
 def check_lengths(train: Sequence[Source], held: Sequence[Source], *, given: bool) -> None:

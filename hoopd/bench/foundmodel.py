@@ -14,8 +14,10 @@ import numpy as np
 from hoopd.diagnose.curves.curve import at_nodes
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.findings import parameters_of
-from hoopd.diagnose.record import Quantity, to_digits
+from hoopd.diagnose.record import Quantity
+from hoopd.diagnose.recordfile import to_digits
 from hoopd.diagnose.run import Outcome
+from hoopd.ident.uncertainty import Z95
 from hoopd.modelfiles import EffectEntry, ModelFile, Parameter
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library
@@ -74,7 +76,7 @@ def _phase(key: str, final: Fit) -> dict[str, object]:
     if np.ptp(off) > SAME_PHASE:
         return {"value": last, "ci95": None}
     deviation = np.sqrt(np.mean([final.deviation(name) ** 2 for name in own if name in final.free] or [0.0]) / len(own))
-    value, half = float(last + off.mean()), float(1.96 * deviation)
+    value, half = float(last + off.mean()), float(Z95 * deviation)
     return {"value": value, "ci95": (value - half, value + half) if half else None}
 
 

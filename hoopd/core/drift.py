@@ -97,6 +97,16 @@ class Drift:
             self._begun = None
             self._blocks = {name: _Block() for name in CHANNELS}
 
+    def reset(self) -> None:
+        """A run begins: another ball, another hand on the screws. It is watched from the beginning; a level that was
+        learned to the end stays what is normal, half of one does not."""
+        self.pause()
+        for blocks in self._recent.values():
+            blocks.clear()
+        for learned in self._learned.values():
+            if len(learned) < LEARNED_BLOCKS:
+                learned.clear()
+
     def latest(self) -> dict[str, Level]:
         """Median of the last blocks by channel, once there are enough of them."""
         full = {name: blocks for name, blocks in self._recent.items() if len(blocks) == BLOCKS}

@@ -219,6 +219,10 @@ class Health:
         self._refusals.clear()
         self._seen_enabled = False
 
+    def begin(self) -> None:
+        """A run begins: what the innovations of the one before were is no matter of it."""
+        self.drift.reset()
+
     @property
     def ball_steady(self) -> bool:
         """A ball has been seen in the last ten pictures."""

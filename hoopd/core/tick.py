@@ -38,6 +38,8 @@ DRIFT_SAYS = (
     "for half a minute the device has not moved as the model says: run `hoopd diagnose` on the recording of this run"
 )
 
+UNFED_SAYS = "the law's torque is sent as it is, until the feed-forward works again"
+
 # A single missing picture is no news; a cut is.
 LEVELS = {
     Action.FLAG: "warning",
@@ -129,6 +131,7 @@ class Tick:
         self.reference = 0.0
         self._sent = Sent(0.0, 0.0, 0)
         self._added = 0.0  # N m, what feed-forward added to the torque that was sent last
+        self._unfed = False  # feed-forward failed in this run, and that has been said
         self._faults: tuple[str, ...] = ()
         self._seq = -1
         self._stopping_since = 0.0
@@ -226,6 +229,9 @@ class Tick:
             self._note("command_refused", "warning", command=name, reason=", ".join(hindrances))
             return None
         self.health.acknowledge()
+        if name == "arm":
+            self.health.begin()
+            self._unfed = False
         self._note("operator", "info", command=name)
         return Event(name)
 
@@ -282,7 +288,12 @@ class Tick:
 
     def _feed_forward(self, estimate: Estimate, wanted: float) -> float:
         """The torque that moves the hoop as the wanted one would without missing physics."""
-        demanded = self.feedforward.demand(_acted_on(estimate), wanted) if estimate.ready else wanted
+        if not estimate.ready:
+            return wanted
+        demanded = self.feedforward.demand(_acted_on(estimate), wanted)
+        if self.feedforward.trouble and not self._unfed:  # one event a run: it may fail in every tick
+            self._unfed = True
+            self._note("feedforward_failed", "error", reason=self.feedforward.trouble, says=UNFED_SAYS)
         self._added = demanded - wanted
         return demanded
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from hoopd.diagnose.curves.unknown import Unknown
 from hoopd.diagnose.engine.fitting import Fit
+from hoopd.diagnose.faults import Fault
 from hoopd.diagnose.proof.separate import Separation
-from hoopd.diagnose.proof.tables import noise_floor, nrmse, run_windows
+from hoopd.diagnose.proof.tables import Played, noise_floor, nrmse
 from hoopd.diagnose.record import (
     Ablation,
     Base,
@@ -21,21 +22,19 @@ from hoopd.diagnose.record import (
     EffectFinding,
     Evidence,
     Fits,
-    Location,
     Placebo,
     Quantity,
     Unexplained,
     Verdict,
 )
 from hoopd.diagnose.record import Fit as Percent
-from hoopd.diagnose.search.naming import Named, surprise_of
+from hoopd.diagnose.search.naming import Named, needed_of, surprise_of
 from hoopd.diagnose.search.surprise import surprise
+from hoopd.ident.uncertainty import Z95
 from hoopd.physics.effects.base import Effect
 
-Corruption = Mapping[str, tuple[float, tuple[float, float], float]]
-
-# Normal quantile of a 95 % interval.
-NORMAL95 = 1.959964
+# Hypotheses that a table of fits has a column for.
+SHOWN = ("nominal", "base", "final", "ceiling")
 
 
 def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown | None, threshold: float) -> Verdict:
@@ -72,7 +71,7 @@ def _units(found: Fit) -> dict[str, str]:
 def _interval(found: Fit, name: str) -> tuple[float, float] | None:
     if name not in found.free:
         return None
-    value, half = found.values[name], NORMAL95 * found.deviation(name)
+    value, half = found.values[name], Z95 * found.deviation(name)
     return value - half, value + half
 
 
@@ -97,9 +96,9 @@ def parameters_of(effect: Effect, found: Fit) -> dict[str, Quantity]:
 
 def effects_of(
     named: Named,
-    heldout: Mapping[str, Fit],
+    heldout: Mapping[str, Played],
     threshold: float,
-    corruption: Corruption,
+    faults: Sequence[Fault],
     apart: Mapping[str, Separation],
     placebos: Mapping[str, Placebo],
 ) -> list[EffectFinding]:
@@ -109,7 +108,7 @@ def effects_of(
         _effect(named, name, percents, threshold, apart[name], placebos.get(name))
         for name in (one.effect.name for one in named.accepted)
     ]
-    found += [_fault(name, *values) for name, values in corruption.items()]
+    found += [_fault(one) for one in faults]
     return sorted(found, key=lambda one: -(one.evidence.log_likelihood_gain or 0.0))
 
 
@@ -125,14 +124,16 @@ def _effect(
     effect, loss = tried.effect, named.losses[name]
     gain, ablation = None, None
     if percents:
-        with_it, without = percents["final"], percents[f"without {name}"]
-        gain = float(np.nanmean([with_it[c] - without[c] for c in with_it]))
-        ablation = Ablation(log_likelihood_loss=loss, heldout_with={**with_it}, heldout_without={**without})
+        gain, ablation = _taken_out(loss, percents["named"], percents[f"without {name}"])
     return EffectFinding(
         name=name,
         slot=effect.slot,
         parameters=parameters_of(effect, named.final),
-        evidence=Evidence(log_likelihood_gain=loss, threshold=threshold, heldout_gain_percent=gain),
+        evidence=Evidence(
+            log_likelihood_gain=loss,
+            threshold=needed_of(tried.score, threshold, [track.stretch for track in named.base.tracks]),
+            heldout_gain_percent=gain,
+        ),
         not_excluded=apart.not_excluded,
         statement=effect.statement,
         alternatives=list(apart.alternatives),
@@ -141,35 +142,49 @@ def _effect(
     )
 
 
-def _fault(name: str, share: float, interval: tuple[float, float], gain: float) -> EffectFinding:
+def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, float]) -> tuple[float, Ablation]:
+    """Mean percent that the held-out channels gain by a finding, and what is left without it."""
+    gain = float(np.nanmean([with_it[c] - without[c] for c in with_it]))
+    return gain, Ablation(log_likelihood_loss=loss, heldout_with={**with_it}, heldout_without={**without})
+
+
+def _fault(fault: Fault) -> EffectFinding:
     words = {"camera.late_frames": "repeats the picture before", "camera.outliers": "is a false detection"}
     return EffectFinding(
-        name=name,
+        name=fault.name,
         slot="camera",
-        parameters={"share": Quantity(value=share, unit="-", ci95=interval, nominal=0.0)},
-        evidence=Evidence(log_likelihood_gain=gain, threshold=None, heldout_gain_percent=None),
+        parameters={"share": Quantity(value=fault.share, unit="-", ci95=fault.ci95, nominal=0.0)},
+        evidence=Evidence(log_likelihood_gain=fault.gain, threshold=fault.needed, heldout_gain_percent=None),
         not_excluded=[],
-        statement=f"a share of the camera's samples {words[name]}",
+        statement=f"a share of the camera's samples {words[fault.name]}",
     )
 
 
 def candidates_of(named: Named, threshold: float) -> list[Candidate]:
     """Every effect on its own over the base: refitted where it was, else as the screen saw it."""
-    refitted = {one.effect.name: one.gain for one in named.tried}
-    gains = {s.member.effect.name: s.gain for s in named.scores} | refitted
-    return [Candidate(name=name, log_likelihood_gain=gain, threshold=threshold) for name, gain in gains.items()]
+    stretches = [track.stretch for track in named.base.tracks]
+    found = {s.member.effect.name: (s.gain, surprise_of(s, s.gain, stretches)) for s in named.scores}
+    found |= {one.effect.name: (one.gain, one.surprise) for one in named.tried}
+    return [
+        Candidate(name=name, log_likelihood_gain=gain, surprise=beyond, threshold=threshold)
+        for name, (gain, beyond) in found.items()
+    ]
 
 
-def unknown_finding(unknown: Unknown) -> EffectFinding:
-    """As an effect without a name."""
-    variables = " and ".join(unknown.curve.depends_on)
+def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played]) -> EffectFinding:
+    """As an effect without a name; taken out again it leaves what it stands beside."""
+    gain, ablation, without = None, None, heldout.get(f"without {unknown.name}")
+    if without is not None:
+        gain, ablation = _taken_out(unknown.gain, _mean_nrmse(heldout["final"]), _mean_nrmse(without))
     return EffectFinding(
         name=unknown.name,
         slot=unknown.curve.slot,
         parameters={},
-        evidence=Evidence(log_likelihood_gain=unknown.gain, threshold=unknown.threshold, heldout_gain_percent=None),
+        evidence=Evidence(log_likelihood_gain=unknown.gain, threshold=unknown.threshold, heldout_gain_percent=gain),
         not_excluded=[f"unknown.{slot}" for slot in unknown.not_excluded],
-        statement=f"something that is not in the library, at the {unknown.curve.slot}, follows {variables}",
+        statement=f"something that is not in the library, at the {unknown.curve.slot}, "
+        f"follows {' and '.join(unknown.curve.depends_on)}",
+        ablation=ablation,
     )
 
 
@@ -189,33 +204,9 @@ def unexplained_of(unknown: Unknown | None) -> Unexplained | None:
     )  # fmt: skip
 
 
-def location_of(named: Named, unknown: Unknown | None) -> Location:
-    """Slot with most evidence of the first screen."""
-    stretches = [track.stretch for track in named.base.tracks]
-    evidence: dict[str, float | None] = {}
-    gains = {s.member.effect.name: (s, s.gain) for s in named.scores}
-    gains |= {one.effect.name: (one.score, one.gain) for one in named.tried}
-    for score, gain in gains.values():
-        slot = score.member.effect.slot
-        evidence[slot] = max(evidence.get(slot) or 0.0, surprise_of(score, gain, stretches))
-    if unknown is not None and not named.accepted:
-        channel = max(unknown.channels, key=lambda name: unknown.channels[name], default=None)
-        depends = list(unknown.curve.depends_on)
-        slot = unknown.curve.slot
-        return Location(slot=slot, channel=channel, segments=None, depends_on=depends, evidence=evidence)
-    if not named.accepted:
-        return Location.nowhere(evidence)
-    first = max(named.accepted, key=lambda one: named.losses[one.effect.name]).effect
-    place = named.base.tracks[0].stretch.plant.slots.get(first.slot)
-    channel = place.channels[0] if place and place.channels else (place.coordinate if place else None)
-    return Location(
-        slot=first.slot, channel=channel, segments=None, depends_on=list(first.depends_on), evidence=evidence
-    )
-
-
-def fits_of(fits: Mapping[str, Fit]) -> Fits:
-    """NRMSE of nominal, base and final by recording and channel."""
-    figures = {name: _by_recording(one) for name, one in fits.items() if name in ("nominal", "base", "final")}
+def fits_of(fits: Mapping[str, Played]) -> Fits:
+    """NRMSE of nominal, base, final, and the ceiling where it is given, by recording and channel."""
+    figures = {name: _by_recording(one) for name, one in fits.items() if name in SHOWN}
     floors = _floors(fits["final"])
     return {
         recording: {
@@ -223,6 +214,7 @@ def fits_of(fits: Mapping[str, Fit]) -> Fits:
                 nominal=figures["nominal"][recording].get(channel), base_refit=value,
                 with_effects=figures["final"][recording].get(channel),
                 noise_floor=floors.get(recording, {}).get(channel),
+                ceiling=figures.get("ceiling", {}).get(recording, {}).get(channel),
             )
             for channel, value in channels.items()
         }
@@ -230,19 +222,15 @@ def fits_of(fits: Mapping[str, Fit]) -> Fits:
     }  # fmt: skip
 
 
-def _by_recording(found: Fit) -> dict[str, dict[str, float]]:
-    runs = run_windows(found)
-    names = dict.fromkeys(run.windows.stretch.recording for run in runs)
-    return {name: nrmse([run for run in runs if run.windows.stretch.recording == name]) for name in names}
+def _by_recording(one: Played) -> dict[str, dict[str, float]]:
+    return {name: nrmse(runs) for name, runs in one.by_recording().items()}
 
 
-def _floors(found: Fit) -> dict[str, dict[str, float]]:
-    runs = run_windows(found)
-    names = dict.fromkeys(run.windows.stretch.recording for run in runs)
-    return {name: noise_floor([r for r in runs if r.windows.stretch.recording == name], found.noise) for name in names}
+def _floors(one: Played) -> dict[str, dict[str, float]]:
+    return {name: noise_floor(runs, one.fit.noise) for name, runs in one.by_recording().items()}
 
 
-def _mean_nrmse(found: Fit) -> dict[str, float]:
-    each = _by_recording(found).values()
-    channels = dict.fromkeys(channel for one in each for channel in one)
-    return {channel: float(np.nanmean([one.get(channel, np.nan) for one in each])) for channel in channels}
+def _mean_nrmse(one: Played) -> dict[str, float]:
+    each = _by_recording(one).values()
+    channels = dict.fromkeys(channel for part in each for channel in part)
+    return {channel: float(np.nanmean([part.get(channel, np.nan) for part in each])) for channel in channels}

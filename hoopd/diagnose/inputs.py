@@ -5,7 +5,7 @@ Rules of this file: what does not count is NaN from here on; names are those of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from hoopd.diagnose.engine.dataset import SHORTEST_S, Stretch, stretch_of
 from hoopd.diagnose.quality.judged import Quality, assess, cleaned
 from hoopd.files import InputError
 from hoopd.ident.experiments import once_at_rest
+from hoopd.modelfiles import ModelFile
 from hoopd.physics.declared import DeclaredPlant, hoop_plant
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines
@@ -71,12 +72,17 @@ def hoop_source(
     return Source(name, recording, quality, stretches)
 
 
-def without_seconds(source: Source, spans: Sequence[tuple[float, float]]) -> Source:
-    """The source without these seconds: stretches are cut there."""
-    for first, last in spans:
-        kept = [part for one in source.stretches for part in (one.seconds(-np.inf, first), one.seconds(last, np.inf))]
-        source = replace(source, stretches=tuple(one for one in kept if _enough(one)))
-    return source
+def source_of(name: str, recording: Recording, model: ModelFile) -> Source:
+    """A recording of the device that a model file describes; InputError as in `hoop_source`."""
+    device = model.device
+    return hoop_source(
+        name,
+        recording,
+        model.structure,
+        model.values(),
+        encoder_counts=device.encoder_counts,
+        torque_limit=device.torque_limit_nm,
+    )
 
 
 def _stretch(name: str, plant: DeclaredPlant, part: Timeline, begin: float, quality: Quality) -> Stretch:

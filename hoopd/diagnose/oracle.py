@@ -1,7 +1,7 @@
-"""What one would reach who knew the missing physics: the true effects fitted, nothing searched.
+"""What one would reach who knew the missing physics: the true effects fitted, no name searched.
 
 The measure of a search, and of how much a known effect is worth.
-Rules of this file: the same fits and the same figures as a diagnosis.
+Rules of this file: the same stretches, screens, scans, fits and figures as a diagnosis; only the names are given.
 """
 
 from __future__ import annotations
@@ -12,57 +12,57 @@ from typing import Any
 
 import msgspec
 
+from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.findings import fits_of
-from hoopd.diagnose.inputs import Source, hoop_source
-from hoopd.diagnose.record import to_plain
-from hoopd.diagnose.search.naming import free_of_recordings
-from hoopd.diagnose.search.screen import Screen
-from hoopd.modelfiles import ModelFile, load_model
+from hoopd.diagnose.inputs import source_of
+from hoopd.diagnose.proof.tables import played
+from hoopd.diagnose.recordfile import to_plain, unwrapped
+from hoopd.diagnose.run import Case, proving, stretches_of, training
+from hoopd.diagnose.search.naming import Judge, Settings, free_of_recordings
+from hoopd.modelfiles import load_model
+from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library
 from hoopd.recording.recording import Recording
 from hoopd.shipped import or_shipped
 
 DEFAULT_MODEL = Path("models/thesis.yaml")
+# Those that a fit can have: a fault of single pictures is counted, a lost contact is no smooth map.
+FITTED = ("screen", "scan", "base")
 
 
 def oracle(recordings: Sequence[Recording], holdout: Recording, names: Sequence[str]) -> Mapping[str, Any]:
     """`fit` of a diagnosis (train and heldout, NRMSE percent) with the effects `names`; ValueError for one unknown."""
     model = load_model(or_shipped(DEFAULT_MODEL))
-    train = [_source(one, model) for one in recordings]
-    stretches = [part for source in train for part in source.stretches]
-    held = list(_source(holdout, model).stretches)
-    known = library(stretches[0].plant)
+    train = [source_of(one.source, one, model) for one in recordings]
+    known = library(train[0].stretches[0].plant)
     if unknown := [name for name in names if name not in known]:
         raise ValueError(f"not in the library: {', '.join(unknown)}")
-    nominal = fit(stretches, (), model.values(), move=False)
-    base = fit(stretches, (), model.values(), like=nominal, noise=nominal.noise)
-    final = base
-    for name in names:
-        final = _with(final, known[name])
-    frozen = {"nominal": nominal, "base": base, "final": final}
+    told = {name: known[name] for name in names if known[name].found_by in FITTED}
+    case = Case(model.name, model.values(), train, [source_of(holdout.source, holdout, model)], told)
+    stretches, held, nominal, base = prepared(case)
+    frozen = {"nominal": nominal, "base": base, "final": told_fit(stretches, held, told, base)}
     on_held = {k: fit(held, f.effects, f.values, free=free_of_recordings(f.effects, held)) for k, f in frozen.items()}
-    return {
-        name: to_plain(msgspec.to_builtins(fits_of(one))) for name, one in (("train", frozen), ("heldout", on_held))
-    }
+    tables = {"train": fits_of(played(frozen)), "heldout": fits_of(played(on_held))}
+    return {name: to_plain(msgspec.to_builtins(one, enc_hook=unwrapped)) for name, one in tables.items()}
 
 
-def _with(before: Fit, effect: Any) -> Fit:
-    """One more effect, from where the screen sees it; from the neutral values where that gains nothing."""
-    stretches = [track.stretch for track in before.tracks]
-    scores = Screen(before, [effect]).scores()
-    start = {**before.values, **(scores[0].start if scores else {})}
-    found = fit(stretches, (*before.effects, effect), start, like=before, noise=before.noise)
-    return found if found.criterion < before.criterion else before
+def prepared(case: Case) -> tuple[Sequence[Stretch], Sequence[Stretch], Fit, Fit]:
+    """Training and held-out stretches without what was set aside; parameters as given and re-estimated."""
+    train = stretches_of(case.train)
+    data, nominal, base = training(case, train, fit(train, case.effects, case.values, move=False))
+    return data.kept, proving(stretches_of(case.heldout), base).kept, nominal, base
 
 
-def _source(recording: Recording, model: ModelFile) -> Source:
-    device = model.device
-    return hoop_source(
-        recording.source,
-        recording,
-        model.structure,
-        model.values(),
-        encoder_counts=device.encoder_counts,
-        torque_limit=device.torque_limit_nm,
-    )
+def told_fit(train: Sequence[Stretch], held: Sequence[Stretch], told: Mapping[str, Effect], base: Fit) -> Fit:
+    """All effects that gain something, each from where screens and scans see it beside the ones before: the most
+    surprising first."""
+    judge, final, left = Judge(train, held, told, Settings()), base, set(told)
+    while left:
+        scores = [one for one in judge.proposals(final, final.names) if one.member.effect.name in left]
+        if not scores:
+            break
+        tried = judge.tried(final, scores[0])
+        left.discard(tried.effect.name)
+        final = tried.fit if tried.gain > 0.0 else final
+    return final

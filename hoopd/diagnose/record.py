@@ -1,27 +1,19 @@
 """The diagnosis as data: `hoopd.diagnosis/1`, the JSON that other programs read.
 
 Rules of this file: what has no default is the contract and is always written, null where it is not determined; what
-has one is an addition and is left out while it says nothing. Never NaN, never a wall time. Bytes depend on the
-diagnosis alone.
+has one is an addition and is left out while it says nothing. Never NaN, never a wall time. Its bytes: `recordfile`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
-import numpy as np
-
-from hoopd.files import InputError
 
 SCHEMA: Literal["hoopd.diagnosis/1"] = "hoopd.diagnosis/1"
 
 Verdict = Literal["consistent", "parameters", "missing_physics", "unknown_physics"]
-# Far more than any interval leaves open.
-DIGITS = 7
-VERDICTS_WITHOUT_EFFECTS = ("consistent", "parameters")
 # A number that may not be determined; NaN and infinities become None on the way out.
 Number = float | None
 
@@ -108,7 +100,7 @@ class EffectFinding(_Part, frozen=True):
 
 
 class Fit(_Part, frozen=True):
-    """NRMSE percent of one channel; `noise_floor`: what noise alone leaves; `ceiling`: the best without any physics."""
+    """NRMSE percent of one channel; `noise_floor`: what noise alone leaves; `ceiling`: free curves instead of laws."""
 
     nominal: Number
     base_refit: Number
@@ -212,10 +204,11 @@ class DataQuality(_Part, frozen=True):
 
 
 class Candidate(_Part, frozen=True):
-    """One explanation that was tried on its own, over the re-fitted base."""
+    """One explanation that was tried on its own, over the re-fitted base; its surprise is what meets the threshold."""
 
     name: str
     log_likelihood_gain: Number
+    surprise: Number = None  # nats: the gain less what chance gives an effect with as many columns and choices
     threshold: Number = None
     heldout_gain_percent: Number = None
 
@@ -245,72 +238,3 @@ class Diagnosis(_Part, frozen=True):
     candidates: list[Candidate] = []
     power: dict[str, Visible] = {}
     notes: list[str] = []
-
-
-def canonical(diagnosis: Diagnosis) -> Diagnosis:
-    """Effects and candidates by falling evidence; ValueError when verdict and effects contradict each other."""
-    if bool(diagnosis.effects) == (diagnosis.verdict in VERDICTS_WITHOUT_EFFECTS):
-        raise ValueError(f"verdict {diagnosis.verdict!r} with {len(diagnosis.effects)} effects")
-    effects = sorted(diagnosis.effects, key=lambda one: _falling(one.evidence.log_likelihood_gain, one.name))
-    candidates = sorted(diagnosis.candidates, key=lambda one: _falling(one.log_likelihood_gain, one.name))
-    return msgspec.structs.replace(diagnosis, effects=effects, candidates=candidates)
-
-
-def to_json_bytes(diagnosis: Diagnosis) -> bytes:
-    """The file: UTF-8, indented, keys of mappings in alphabetical order; ValueError as in `canonical`."""
-    plain = to_plain(msgspec.to_builtins(canonical(diagnosis), enc_hook=_unwrapped))
-    return msgspec.json.format(msgspec.json.encode(plain, order="deterministic"), indent=2) + b"\n"
-
-
-def rounded(diagnosis: Diagnosis) -> Diagnosis:
-    """Numbers to DIGITS digits: arithmetic on differently aligned memory differs in the last ones, and says nothing."""
-    return msgspec.convert(_rounded(msgspec.to_builtins(diagnosis, enc_hook=_unwrapped)), Diagnosis)
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_rounded(item) for item in value]
-    return to_digits(value) if isinstance(value, float) else value
-
-
-def to_digits(value: float) -> float:
-    """Without the digits that nothing determines."""
-    return float(f"{value:.{DIGITS}g}")
-
-
-def parse(data: bytes, path: object) -> Diagnosis:
-    """A diagnosis from its file's bytes; InputError (`path` in its message) when it is none."""
-    try:
-        return msgspec.json.decode(data, type=Diagnosis)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(path, "", f"not a {SCHEMA}: {error}") from None
-
-
-def _falling(gain: Number, name: str) -> tuple[float, str]:
-    """Most evidence first; what is not determined last; the name decides among equals."""
-    return (-gain if gain is not None and not math.isnan(gain) else math.inf, name)
-
-
-def _unwrapped(value: Any) -> Any:
-    """Numpy's numbers and arrays as Python's."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} has no place in a diagnosis")
-
-
-def to_plain(value: Any) -> Any:
-    """Without what JSON has no word for: numbers that are none, file names that are no text."""
-    if isinstance(value, dict):
-        return {_text(str(key)): to_plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [to_plain(item) for item in value]
-    if isinstance(value, str):
-        return _text(value)
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _text(text: str) -> str:
-    """A name of undecodable bytes keeps them readable."""
-    return text.encode("utf-8", "backslashreplace").decode()

@@ -18,6 +18,7 @@ from hoopd.ident.outputerror import Solution, prior_of
 
 Array = NDArray[np.float64]
 
+# Normal quantile of a two-sided 95 % interval.
 Z95 = 1.959963984540054
 # Longest memory of the residuals' autoregressive model, in samples: at 50 Hz more than a period of the rolling ball.
 MOST_LAGS = 60

@@ -6,7 +6,7 @@ Rules of this file: it looks effects up and checks numbers; no equation, no file
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 
@@ -36,10 +36,11 @@ class FoundEffect:
     parameters: Mapping[str, float]
     cautious: Mapping[str, float] = field(default_factory=dict)  # amplitudes at the weak ends of their intervals
     valid: Region = field(default_factory=dict)  # where it was seen; empty: everywhere
+    phase_lost: bool = False  # its phase was another one in each recording: nobody knows the next one's
 
     def weakened(self) -> FoundEffect:
         """The same with the amplitudes that it has at least."""
-        return FoundEffect(self.name, {**self.parameters, **self.cautious}, {}, self.valid)
+        return replace(self, parameters={**self.parameters, **self.cautious}, cautious={})
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,10 @@ class Found:
         """Those whose declarations are wanted."""
         names = {effect.name for effect in self.effects() if wanted(effect)}
         return self._with(tuple(one for one in self.entries if one.name in names))
+
+    def believed(self) -> Found:
+        """Those that the next run will have as they were measured."""
+        return self._with(tuple(one for one in self.entries if not one.phase_lost))
 
     def weakened(self) -> Found:
         """Every amplitude at the end of its interval that is nearest to no effect."""
@@ -147,8 +152,18 @@ def check_region(valid: Mapping[str, Sequence[float]]) -> dict[str, tuple[float,
 
 
 def weak_end(parameter: EffectParameter, value: float, ci95: tuple[float, float] | None) -> float:
-    """What an effect has at least: the end of the interval nearest to neutral, neutral where it may be none at all."""
-    if ci95 is None or parameter.role != "amplitude" or not isfinite(parameter.neutral):
+    """What an effect has at least: the end of the interval nearest to neutral, neutral where it may be none at all.
+
+    Sizes only: an amplitude, and a shape whose neutral value is the end of its range (a dead zone of none).
+    """
+    if ci95 is None or not isfinite(parameter.neutral) or not _is_size(parameter):
         return value
     low, high = ci95
     return min(max(parameter.neutral, low), high)
+
+
+def _is_size(parameter: EffectParameter) -> bool:
+    """More of it is more of the effect; a choice, a harmonic or a speed where a law bends is none."""
+    if parameter.role == "amplitude":
+        return True
+    return parameter.role == "shape" and not parameter.discrete and parameter.neutral == parameter.low

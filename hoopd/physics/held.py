@@ -17,9 +17,8 @@ SAME_S = 1e-9
 def mean_torque(edges: ArrayLike, t: ArrayLike, u: ArrayLike, delay: float = 0.0) -> Array:
     """Means (..., m) of u(time - delay) between the edges (..., m + 1) s; torques u (n-1,) held from nodes t (n,) s."""
     when, t, u = np.asarray(edges, float) - delay, np.asarray(t, float), np.asarray(u, float)
-    begin, end = when[..., :-1], when[..., 1:]
-    first, last = _hold(begin + SAME_S, t), _hold(end - SAME_S, t)
-    mean = (_integral(end, t, u) - _integral(begin, t, u)) / np.maximum(end - begin, SAME_S)
+    first, last = _hold(when[..., :-1] + SAME_S, t), _hold(when[..., 1:] - SAME_S, t)
+    mean = np.diff(_integral(when, t, u)) / np.maximum(np.diff(when), SAME_S)
     # within one hold the mean is its torque, to the last bit
     return np.where(first >= last, u[first], mean)
 

@@ -18,7 +18,8 @@ from bench.devicerun import written
 from hoopd import cli
 from hoopd.bench import diagnose
 from hoopd.bench.diagnose_inputs import check_distinct, expanded
-from hoopd.diagnose.record import Diagnosis, parse
+from hoopd.diagnose.record import Diagnosis
+from hoopd.diagnose.recordfile import parse
 from hoopd.files import InputError
 from hoopd.modelfiles import effects_of, load_model
 from hoopd.recording import load, save

@@ -77,3 +77,34 @@ def test_what_came_before_a_pause_does_not_fill_a_block() -> None:
     start = SETTLE_S + BLOCK_S
     for k, row in enumerate(white(LONG_S)):
         assert drift.watch(start + k * H, tuple(row.tolist())) == ()
+
+
+def watched(drift: Drift, surprises: NDArray[np.float64], start: float) -> float:
+    for k, row in enumerate(surprises):
+        drift.watch(start + k * H, tuple(row.tolist()))
+    return start + len(surprises) * H
+
+
+def test_half_a_level_of_the_run_before_is_not_learned_from() -> None:
+    drift = Drift()
+    t = watched(drift, white(SETTLE_S + (LEARNED_BLOCKS // 2 + 0.5) * BLOCK_S, size=4.0), 0.0)
+    drift.pause()
+    drift.reset()
+    t = watched(drift, white(SETTLE_S + (LEARNED_BLOCKS - 0.5) * BLOCK_S), t + 1.0)
+    assert drift.level("psi") is None
+    watched(drift, white(BLOCK_S), t)
+    level = drift.level("psi")
+    assert level is not None and level.all == pytest.approx(1.0, rel=0.1)
+
+
+def test_a_learned_level_outlives_the_run_and_its_last_blocks_do_not() -> None:
+    drift = Drift()
+    t = watched(drift, white(SETTLE_S + (LEARNED_BLOCKS + 0.5) * BLOCK_S), 0.0)
+    level = drift.level("psi")
+    lasting = white((BLOCKS + 0.5) * BLOCK_S) + np.sin(np.arange(int((BLOCKS + 0.5) * BLOCK_S / H)) * H * 8.0)[:, None]
+    t = watched(drift, lasting, t)
+    assert drift.drifted()
+    drift.pause()
+    drift.reset()
+    assert drift.level("psi") == level and drift.latest() == {} and not drift.drifted()
+    assert watched(drift, white(LONG_S), t + 1.0) > t and not drift.drifted()

@@ -46,6 +46,25 @@ def test_what_is_no_number_is_not_added(bad: float) -> None:
     assert adding(bad, limit_nm=0.3).demand(X, 0.1) == 0.1
 
 
+@pytest.mark.parametrize("error", [RuntimeError("casadi"), ZeroDivisionError(), IndexError()])
+def test_a_failure_adds_nothing_and_says_why(error: Exception) -> None:
+    def fails(x: object, wanted: float, acting: object) -> float:
+        raise error
+
+    forward = FeedForward([Part("part")], fails, 0.3)
+    assert forward.demand(X, 0.1) == 0.1
+    assert type(error).__name__ in forward.trouble
+
+
+def test_trouble_is_over_when_it_works_again() -> None:
+    torques = iter([nan, 0.12])
+    forward = FeedForward([Part("part")], lambda x, wanted, acting: next(torques), 0.3)
+    assert forward.demand(X, 0.1) == 0.1
+    assert "finite" in forward.trouble
+    assert forward.demand(X, 0.1) == pytest.approx(0.12)
+    assert forward.trouble == ""
+
+
 def test_a_negative_limit_is_refused() -> None:
     with pytest.raises(ValueError, match="negative"):
         FeedForward(limit_nm=-0.1)

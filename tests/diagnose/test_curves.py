@@ -10,13 +10,15 @@ import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from scipy.stats import chi2
 
-from hoopd.diagnose.curves.curve import curves, wanted
+from hoopd.diagnose.curves.curve import curves
 from hoopd.diagnose.curves.hats import curve_expression, hats, spread_knots, turn_knots
 from hoopd.diagnose.curves.screen import CurveScreen, by_slot, null_quantiles
+from hoopd.diagnose.curves.sites import wanted
 from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.search.chance import Group, drawn_maxima, log_chances, null_of
+from hoopd.diagnose.search.chance import Group, drawn_maxima, null_of
 from hoopd.diagnose.search.screen import Column, change_of
+from hoopd.diagnose.search.surprise import log_chances
 from hoopd.modelfiles import load_model
 from hoopd.physics.declared import DeclaredPlant, Slot, hoop_plant
 from hoopd.physics.effects.base import Effect, EffectParameter

@@ -20,7 +20,8 @@ from hoopd.diagnose.engine.filtering import (
     smoothed,
     whitened,
 )
-from hoopd.diagnose.engine.noise import Criterion, roughness, tuned
+from hoopd.diagnose.engine.noise import Criterion
+from hoopd.diagnose.engine.tuning import roughness, tuned
 
 N, NZ, NQ, NC = 40, 5, 2, 3
 LEVELS = Noise(np.array([0.3, 0.05]), np.array([0.1, 0.3]), np.array([0.02, 0.1, 0.05]))

@@ -10,19 +10,14 @@ from diagnose.madeup import shipped_plant, stretch_with
 from shared import shared_path
 
 from hoopd.diagnose.curves.locate import whiteness
-from hoopd.diagnose.curves.missingforce import binned, law_of_effect, missing_force, points, strips
+from hoopd.diagnose.curves.missingforce import binned, missing_force
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.intervals import (
-    CHANCE_A_MINUTE,
-    FAR_BEYOND,
-    intervals,
-    level_of,
-    mean_squares,
-    set_aside,
-    unusual,
-)
+from hoopd.diagnose.engine.intervals import CHANCE_A_MINUTE, Interval, Signal, intervals
+from hoopd.diagnose.engine.setaside import FAR_BEYOND, leaving_enough, set_aside, without
+from hoopd.diagnose.engine.unusual import level_of, mean_squares, unusual
 from hoopd.diagnose.inputs import hoop_source
+from hoopd.diagnose.search.aside import Data
 from hoopd.physics.effects.base import Effect, EffectParameter
 from hoopd.physics.effects.catalogue import library
 from hoopd.recording import load
@@ -40,15 +35,18 @@ def clean() -> Fit:
     return refit([stretch_with(PLANT, "r", 10, 12.0)])
 
 
+HAND = Effect(
+    "ball.hand",
+    (EffectParameter("A", "N m", 0, 0, 1),),
+    force=lambda s, e: {"psi": e.A * (s.t > 6.0) * (s.t < 7.5) * (s.psi - 0.8) * -1.0},
+)
+STRENGTH = {"ball.hand.A": 0.1}
+
+
 @pytest.fixture(scope="module")
 def pushed() -> Stretch:
     """A hand moves the ball between 6 and 7.5 s."""
-    hand = Effect(
-        "ball.hand",
-        (EffectParameter("A", "N m", 0, 0, 1),),
-        force=lambda s, e: {"psi": e.A * (s.t > 6.0) * (s.t < 7.5) * (s.psi - 0.8) * -1.0},
-    )
-    return stretch_with(PLANT, "r", 7, 15.0, [hand], {"ball.hand.A": 0.1})
+    return stretch_with(PLANT, "r", 7, 15.0, [HAND], STRENGTH)
 
 
 def coloured(seed: int, seconds: float, time_s: float) -> np.ndarray:
@@ -77,6 +75,22 @@ def test_a_hand_is_found_when_it_came_and_went(pushed: Stretch) -> None:
     assert out[0].t0 == pytest.approx(6.0, abs=0.4) and out[0].t1 == pytest.approx(7.5, abs=0.8)
     assert len(kept) == 2 and kept[0].t[-1] < 6.2 and kept[1].t[0] > 7.2
     assert not [one for one in intervals(found) if one.strength > 5.0]
+    data = Data([pushed], kept, out)
+    assert data.brought_back(found) is data
+    # who knows what the hand does, has no reason to leave it out
+    knowing = fit(kept, [HAND], {**found.values, **STRENGTH}, free=(), noise=found.noise, tune_noise=False)
+    again = data.brought_back(knowing)
+    assert (list(again.aside), len(again.kept)) == ([], 1)
+    assert again.kept[0].t[-1] == pushed.t[-1]
+
+
+def test_nothing_is_set_aside_that_leaves_nothing_of_a_recording(pushed: Stretch) -> None:
+    signal = (Signal("psi", "force", 9.0, 1.0),)
+    # 0.6 s out of every second: what is between is too short to be of use
+    every = [Interval("r", second, second + 0.6, signal) for second in range(15)]
+    assert without([pushed], every) == []
+    assert leaving_enough([pushed], every) == []
+    assert leaving_enough([pushed], every[7:8]) == every[7:8]
 
 
 def test_a_clean_recording_stays_whole(clean: Fit) -> None:
@@ -117,7 +131,7 @@ def test_innovations_of_a_clean_fit_are_white_those_of_a_wrong_one_are_not(clean
     assert max(one.correlation for one in whiteness(found).values()) > 10.0
 
 
-def test_the_missing_force_is_drawn_against_the_rate_with_its_law() -> None:
+def test_the_missing_force_is_drawn_against_the_rate() -> None:
     friction, plant = library(PLANT)["hoop.coulomb_friction"], PLANT
     values = {**plant.values, "hoop.coulomb_friction.Fc": 6e-3}
     found = refit([stretch_with(plant, "r", 11, 12.0, [friction], values)])
@@ -129,10 +143,6 @@ def test_the_missing_force_is_drawn_against_the_rate_with_its_law() -> None:
     # what a viscous base cannot take of a jump at rest
     near = np.abs(shown.x) < 3.0
     assert np.corrcoef(shown.mean[near], -np.sign(shown.x[near]))[0, 1] > 0.7
-    law = law_of_effect(friction, plant, values, "dtheta", points(drawn.regressors[0].value))
-    assert law is not None
-    assert law.y[0] == pytest.approx(6e-3) and law.y[-1] == pytest.approx(-6e-3)
-    assert {one.slot for one in strips(found)} == {"hoop", "ball"}
 
 
 def test_bins_hold_the_mean_within_their_band() -> None:

@@ -12,6 +12,7 @@ from hoopd.diagnose.curves.effectforce import Missing, Variable
 from hoopd.diagnose.engine.dataset import Array, Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.findings import parameters_of
+from hoopd.diagnose.proof.tables import played
 from hoopd.diagnose.report.pictures import harmonics_of, law_over, shown_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.shown import MissingForce, Shown
@@ -47,7 +48,7 @@ def swinging() -> tuple[Named, Shown]:
     rest = replace(made.seconds(6.0, 9.0), recording="b")
     own = {**found.final.values, "hoop.imbalance.phi@b": 0.7}
     held = {"base": fitted(rest, (), found.base.values), "final": fitted(rest, (IMBALANCE,), own)}
-    return found, shown_of(found, held, None, {"a": [(1.0, 2.0, "a hand")]})
+    return found, shown_of(found, played(held), None, {"a": [(1.0, 2.0, "a hand")]})
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,15 @@ import spoiled
 from freeruns import COUNT_RAD, PSI_SIGMA_RAD
 from shared import shared_path
 
-from hoopd.diagnose.quality.judged import assess, cleaned, corruption_findings
+from hoopd.diagnose.faults import camera_faults
+from hoopd.diagnose.quality.judged import assess, cleaned
 from hoopd.recording import load
 from hoopd.recording.recording import from_columns
+
+
+def corruption_findings(quality):
+    return [(one.name, one.share, one.ci95, one.gain) for one in camera_faults([quality])]
+
 
 CLEAN = {
     "two levels": spoiled.clean,

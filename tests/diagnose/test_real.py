@@ -2,7 +2,7 @@
 
 Figures are one free run, NRMSE in percent of theta's slope and of psi. The search itself takes minutes on these files
 and is not run here, nor is the choice by free runs: the sets are written down as docs/diagnose_real.md tells who found
-them (`by the tool`: `--free-run`, with the last third held out).
+them (`by the tool`: `--free-run-choice`, with the last third held out).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import pytest
 from hoopd.bench.inputs import read_recording
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.intervals import set_aside
+from hoopd.diagnose.engine.setaside import set_aside
 from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.inputs import Source, hoop_source
 from hoopd.diagnose.proof.refine import Refined, refine

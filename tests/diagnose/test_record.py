@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from diagnose.examples import EXAMPLES, coulomb
 
-from hoopd.diagnose.record import Diagnosis, Evidence, Location, Quantity, canonical, parse, to_json_bytes
+from hoopd.diagnose.record import Diagnosis, Evidence, Location, Quantity
+from hoopd.diagnose.recordfile import canonical, parse, to_json_bytes
 from hoopd.files import InputError
 
 # From the published description of `hoopd.diagnosis/1`.

@@ -11,7 +11,6 @@ from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.search.adjoint import DRAW_SEED, DRAWS, Adjoint, independent
-from hoopd.diagnose.search.events import events
 from hoopd.diagnose.search.scan import places, scan
 from hoopd.diagnose.search.screen import Column, Screen
 from hoopd.diagnose.search.surprise import log_chance
@@ -70,7 +69,6 @@ def test_nothing_is_found_where_there_is_nothing(null: Screen) -> None:
         best = scan(null, effect)
         assert best is not None and best.candidates > 20.0
         assert best.threshold_equivalent < BY_CHANCE
-    assert events(null.fit) == []
 
 
 def test_a_vibration_is_found_with_frequency_amplitude_and_phases(shaken: Screen) -> None:
@@ -106,27 +104,6 @@ def test_a_push_is_found_in_its_recording_and_the_fit_keeps_it_there(pushed: Scr
         values = whole.values
         without = {**values, "external.disturbance.A": 0.0}
         assert np.array_equal(track.after(values), track.after(without))
-
-
-def test_a_push_on_the_ball_is_an_event() -> None:
-    made = [_with_push(stretch_with(PLANT, name, 40 + i, 8.0), at) for i, (name, at) in enumerate((("a", 0), ("b", 5)))]
-    # what is wrong with a last reading is no push
-    made[0].y[-1, 2] += 0.05
-    found = events(fitted(made))
-    assert [(one.recording, one.coordinate) for one in found] == [("b", "psi")]
-    assert found[0].t0 == pytest.approx(5.0, abs=0.06) and found[0].t1 == pytest.approx(5.2, abs=0.06)
-
-
-def _with_push(made: Stretch, at: float) -> Stretch:
-    """The same with the swing that 20 mN m on the ball for 0.2 s leave, if `at` is not 0."""
-    push = Effect(
-        "ball.push",
-        (EffectParameter("A", "N m", 0.0, -1.0, 1.0),),
-        force=lambda s, e: {"psi": e.A * ca.logic_and(s.t >= at, s.t < at + 0.2)},
-    )
-    if not at:
-        return made
-    return stretch_with(PLANT, made.recording, 41, 8.0, [push], {"ball.push.A": 0.02})
 
 
 # ---------------------------------------------------------------------------------------------- another plant

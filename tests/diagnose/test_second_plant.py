@@ -16,9 +16,9 @@ from hoopd.diagnose.curves.locate import locate
 from hoopd.diagnose.curves.unknown import judge_unknown, survey
 from hoopd.diagnose.engine.dataset import Stretch, stretch_of
 from hoopd.diagnose.engine.fitting import fit
-from hoopd.diagnose.findings import NORMAL95
 from hoopd.diagnose.report.pictures import shown_of
 from hoopd.diagnose.search.naming import Named, name_effects
+from hoopd.ident.uncertainty import Z95
 from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library
@@ -85,7 +85,7 @@ def test_its_dry_friction_is_named_with_its_value(rubbing: Named) -> None:
     assert found.heldout_gain is not None
     assert found.heldout_gain > 10.0
     for name, truth in ((f"{NAME}.Fc", FRICTION_N), ("m", MASS_KG), ("b", VISCOUS_N_S_M)):
-        assert final.values[name] == pytest.approx(truth, abs=NORMAL95 * final.deviation(name))
+        assert final.values[name] == pytest.approx(truth, abs=Z95 * final.deviation(name))
         assert final.deviation(name) < 0.2 * truth
 
 

@@ -10,8 +10,9 @@ import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.diagnose.engine.calls import CHUNK, Mapped, Recursion, flat
+from hoopd.diagnose.engine.composites import fitting_effects, plant_key
 from hoopd.diagnose.engine.dataset import Array
-from hoopd.diagnose.engine.track import Track, fitting_effects, plant_key
+from hoopd.diagnose.engine.track import Track
 from hoopd.physics.effects.catalogue import library
 
 PLANT = shipped_plant()

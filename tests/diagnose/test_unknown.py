@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
-from diagnose.madeup import shipped_plant, stretch_with
+from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
 from hoopd.diagnose.curves.locate import locate
-from hoopd.diagnose.curves.unknown import Survey, chance_of_lead, judge_unknown, refitted, survey
+from hoopd.diagnose.curves.shapes import refitted
+from hoopd.diagnose.curves.unknown import Survey, chance_of_lead, judge_unknown, survey
+from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.findings import fits_of, unknown_finding
+from hoopd.diagnose.place import location_of, segments_of
+from hoopd.diagnose.proof.heldout import HeldOut
+from hoopd.diagnose.proof.hypotheses import heldout_fits
+from hoopd.diagnose.proof.tables import played
+from hoopd.diagnose.proof.unnamed import proven
+from hoopd.diagnose.search.naming import Named
 from hoopd.physics.effects.base import Effect, EffectParameter
 from hoopd.physics.effects.catalogue import library
 
@@ -99,3 +110,63 @@ def test_nothing_is_unknown_in_clean_data() -> None:
     assert not found.fires
     assert judge_unknown(found) is None
     assert locate(found).slot is None
+
+
+# ---------------------------------------------------------------------------------------------- on data held out
+
+
+def test_an_unknown_effect_is_proven_on_held_out_data_and_is_the_ceiling(magnetic: Survey) -> None:
+    found = judge_unknown(magnetic)
+    assert found is not None
+    # disturbances hide from a simulation of two seconds what a filter sees: here are few
+    quiet = Noise(0.1 * NOISE.force, NOISE.time_s, NOISE.reading)
+    held = HeldOut([stretch_with(PLANT, "held", 21, 10.0, [MAGNET], {"hoop.magnet.A": PULL}, noise=quiet)])
+    proof = proven(found, held)
+    assert proof is not None and proof.heldout_gain is not None and proof.heldout_gain > 10.0
+    assert proof.unknown.gain == pytest.approx(magnetic.fit.criterion - proof.joint.criterion)
+    fits = played(heldout_fits(Named(magnetic.fit, magnetic.fit, magnetic.fit), held, magnetic, proof))
+    told, row = unknown_finding(proof.unknown, fits).ablation, fits_of(fits)["held"]
+    assert told is not None and told.log_likelihood_loss == proof.unknown.gain
+    # its ablation is the base; no other slot asks for a curve beside it, so that it is the ceiling itself
+    for channel, one in row.items():
+        assert told.heldout_without[channel] == pytest.approx(one.base_refit)
+        assert told.heldout_with[channel] == one.with_effects == one.ceiling
+    assert row["psi"].ceiling > row["psi"].base_refit
+
+
+def test_an_unknown_effect_that_the_held_out_data_deny_is_not_declared(magnetic: Survey) -> None:
+    found = judge_unknown(magnetic)
+    assert found is not None
+    assert proven(found, HeldOut([stretch_with(PLANT, "held", 22, 10.0)])) is None
+
+
+def test_a_name_that_a_scan_or_a_refit_found_is_not_called_unknown(rubbed: tuple[Survey, Fit]) -> None:
+    base, _ = rubbed
+    friction = next(one for one in base.named if one.member.effect.name == "hoop.coulomb_friction")
+    # the library's own screen has no word for it
+    others = [effect for effect in RIVALS if effect.name != "hoop.coulomb_friction"]
+    assert judge_unknown(survey(base.fit, others)) is not None
+    assert judge_unknown(survey(base.fit, others, also=[friction])) is None
+
+
+# ---------------------------------------------------------------------------------------------- where and when
+
+
+def test_a_change_of_a_few_seconds_has_its_segment_and_one_of_all_the_time_has_none(magnetic: Survey) -> None:
+    track = magnetic.fit.tracks[0]
+    each = np.zeros((len(track.stretch.t), len(magnetic.fit.rows[0]) // len(track.stretch.t)))
+    each[(track.stretch.t > 4.0) & (track.stretch.t < 5.5)] = 1.0
+    found = segments_of(each.ravel(), magnetic)
+    assert found is not None and len(found) == 1
+    assert found[0] == pytest.approx((4.0, 5.5), abs=0.5)
+    assert segments_of(np.ones(each.size), magnetic) is None
+
+
+def test_where_parameters_are_the_answer_a_channel_is_told_and_no_slot(magnetic: Survey) -> None:
+    base = magnetic.fit
+    nominal = SimpleNamespace(values={**base.values, "K2": 0.8 * base.values["K2"]})
+    named = Named(nominal, base, base)  # type: ignore[arg-type]
+    place = location_of(named, magnetic, None, "parameters")
+    assert (place.slot, place.channel) == (None, "psi")
+    assert place.evidence["hoop"] == max(place.evidence.values())
+    assert location_of(named, magnetic, None, "consistent").channel is None

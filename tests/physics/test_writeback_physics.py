@@ -204,6 +204,8 @@ def test_a_region_that_cannot_be_meant(valid: dict[str, tuple[float, ...]]) -> N
         ("actuator.torque_bias.b", -0.004, (-0.009, 0.001), 0.0),
         ("actuator.torque_gain.k", 0.8, (0.7, 0.9), 0.9),
         ("actuator.cogging.n", 7.0, (6.9, 7.1), 7.0),
+        ("actuator.deadzone.d", 0.006, (0.004, 0.008), 0.004),
+        ("hoop.stribeck_friction.vs", 2.0, (1.5, 2.5), 2.0),
     ],
 )
 def test_no_more_is_fed_forward_than_is_sure(

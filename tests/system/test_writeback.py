@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hoopd.core.feedforward import FeedForward, Part
 from hoopd.modelfiles import EffectEntry, ModelFile, Parameter, load_model, model_text, parse_model
 from hoopd.recording.mcap import read_run
 from hoopd.replay import replay
@@ -107,3 +108,21 @@ def test_a_model_that_is_wrong_is_told_once_and_nothing_stops(hidden: bool, tmp_
         assert "hoopd diagnose" in told[0].fields["says"] and "psi" in told[0].fields["channels"]
         assert any(line["event"] == "model_drift" for line in made.log)
     assert made.modes(2.0, 44.9) == {"RUNNING"}
+
+
+@pytest.mark.parametrize("torque", [None, float("nan")])
+def test_a_feed_forward_that_fails_is_told_once_and_takes_only_itself_away(
+    torque: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def demand(x: object, wanted: float, acting: object) -> float:
+        if torque is None:
+            raise RuntimeError("no such function")
+        return torque
+
+    plain = run_rig(tmp_path / "plain", duration_s=3.0)
+    monkeypatch.setattr("hoopd.build.feedforward_of", lambda *given, **named: FeedForward([Part("any")], demand, 0.3))
+    made = run_rig(tmp_path / "failing", duration_s=3.0)
+    np.testing.assert_array_equal(made.u, plain.u)
+    events = read_run(tmp_path / "failing" / made.summary["recording"]["file"]).events
+    assert [event.level for event in events if event.event == "feedforward_failed"] == ["error"]
+    assert made.summary["faults"] == {}

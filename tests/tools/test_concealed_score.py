@@ -184,6 +184,7 @@ def test_command_line_of_a_case() -> None:
         "diagnosis.json",
         "--seed",
         "3",
+        "--no-free-run",
     ]
 
 
@@ -235,6 +236,16 @@ def test_bic_finds_what_is_plain_to_see(monkeypatch: pytest.MonkeyPatch) -> None
     assert "camera.center_offset" in [one["name"] for one in baselines.bic(files)["effects"]]
 
 
+def test_a_diagnosis_that_failed_is_an_answer(folder: runfolder.RunFolder) -> None:
+    answers: dict[str, Any] = {"failed": {"diagnosis": None}, "done": {"diagnosis": said("parameters")}}
+    kind = score.DIAGNOSES
+    for name, answer in answers.items():
+        folder.say(kind, name, answer)
+    told = {(name, retry): score._done(folder, kind, name, retry) for name in answers for retry in (False, True)}
+    assert told == {("failed", False): True, ("failed", True): False, ("done", False): True, ("done", True): True}
+    assert not score._done(folder, kind, "nobody", False)
+
+
 @pytest.mark.timeout(300)
 def test_a_run_on_dask_is_diagnosed_judged_and_can_go_on(
     folder: runfolder.RunFolder, capsys: pytest.CaptureFixture[str]
@@ -245,7 +256,7 @@ def test_a_run_on_dask_is_diagnosed_judged_and_can_go_on(
     folder.say(score.DIAGNOSES, left, {"diagnosis": None, "seconds": 0.1, "code": 1, "error": "broken off"})
     before = (folder.path / score.DIAGNOSES / f"{done}.json").read_bytes()
     with score.cluster(None, 1) as client:
-        score.run(folder, client, console)
+        score.run(folder, client, console, retry=True)
     assert (folder.path / score.DIAGNOSES / f"{done}.json").read_bytes() == before
     found = folder.said(score.DIAGNOSES, left)
     assert found is not None

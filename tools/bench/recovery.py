@@ -42,6 +42,7 @@ from hoopd.core.controllers import DONE  # noqa: E402
 from hoopd.experiment import Where, run  # noqa: E402
 from hoopd.experimentplan import Plan  # noqa: E402
 from hoopd.ident.fit import Settings, fit  # noqa: E402
+from hoopd.ident.uncertainty import Z95  # noqa: E402
 from hoopd.modelfiles import load_model, plant_of  # noqa: E402
 from hoopd.recording.mcap import read  # noqa: E402
 from hoopd.recording.recording import Recording  # noqa: E402
@@ -59,7 +60,6 @@ SMALL, LEAST_SMALL = 0.02, 0.95
 # What the intervals must cover: many seeds tell it to 0.7 %, few to 1.5 %.
 MANY = 1000
 COVERAGE_OF_MANY, COVERAGE_OF_FEW = (0.93, 0.97), (0.90, 0.985)
-Z95 = 1.959963984540054
 
 
 class Found(NamedTuple):

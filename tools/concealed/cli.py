@@ -1,6 +1,7 @@
 """Command line of the proof: hidden effects, sealed answers, and what `hoopd diagnose` says.
 
-python tools/concealed [--singles 5] [--nulls 60] [--full] [--tuning [SEED]] [--resume DIR]    a scored run
+python tools/concealed [--singles 5] [--nulls 60] [--full] [--tuning [SEED]] [--resume DIR [--retry]]    a scored run
+python tools/concealed calibrate [--nulls 60] [--tuning SEED] [--resume DIR]                  threshold, tuning seeds
 python tools/concealed generate DIR --family single,null --per-effect 1 --seed N               cases and answers
 python tools/concealed report DIR                                                              figures of a run so far
 """
@@ -10,7 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -22,6 +23,7 @@ from concealed.seeds import is_tuning, score_seed
 console = Console(stderr=True)
 # A stratified run ends below two hours on two cores; the full one is the same command.
 STRATIFIED = {"singles": 5, "nulls": 60, "decoys": 12, "confounded": 12, "compounds": 20, "unknown": 21}
+CALIBRATING = {"singles": 1, "nulls": 60, "decoys": 12, "confounded": 0, "compounds": 0, "unknown": 0}
 FULL = {"singles": 20, "nulls": 100, "decoys": 30, "confounded": 36, "compounds": 60, "unknown": 70}
 
 
@@ -48,8 +50,20 @@ def score(options: argparse.Namespace) -> None:
         seed = score_seed() if options.tuning is None else options.tuning
         folder.start(asked(options, seed))
     with cluster(options.scheduler, options.workers) as client:
-        run(folder, client, console)
+        run(folder, client, console, retry=options.retry)
     publish(folder, Console())
+
+
+def calibrate(options: argparse.Namespace) -> None:
+    """How surprising nulls of a tuning seed get."""
+    from concealed.score import cluster, publish_calibration, run
+
+    folder = RunFolder(options.resume or options.out or Path(f"build/calibration-{time.strftime('%Y%m%d-%H%M%S')}"))
+    if not options.resume:
+        folder.start(asked(options, options.tuning))
+    with cluster(options.scheduler, options.workers) as client:
+        run(folder, client, console, rivals=False)
+    publish_calibration(folder, Console())
 
 
 def report(options: argparse.Namespace) -> None:
@@ -61,7 +75,7 @@ def report(options: argparse.Namespace) -> None:
 
 def asked(options: argparse.Namespace, seed: int) -> Asked:
     """The counts of each family."""
-    usual = FULL if options.full else STRATIFIED
+    usual = FULL if options.full else options.usual
     counts = {name: getattr(options, name) if getattr(options, name) is not None else usual[name] for name in usual}
     families = tuple(options.family.split(","))
     if unknown := set(families) - set(FAMILIES):
@@ -69,7 +83,8 @@ def asked(options: argparse.Namespace, seed: int) -> Asked:
     return Asked(seed=seed, families=families, **counts)
 
 
-def _counts(parser: argparse.ArgumentParser, family: str) -> None:
+def _counts(parser: argparse.ArgumentParser, family: str, usual: Mapping[str, int] = STRATIFIED) -> None:
+    parser.set_defaults(usual=usual)
     parser.add_argument("--family", default=family, help=f"comma-separated: {', '.join(FAMILIES)}")
     parser.add_argument("--full", action="store_true", help="20 cases an effect, 100 nulls")
     parser.add_argument("--singles", "--per-effect", type=int, help="cases an effect")
@@ -90,12 +105,26 @@ def _scored() -> argparse.ArgumentParser:
     )
     _counts(parser, ",".join(FAMILIES))
     parser.add_argument("--tuning", type=_tuning_seed, nargs="?", const=1, help="a tuning seed instead of a drawn one")
+    _running(parser)
+    parser.set_defaults(run=score)
+    return parser
+
+
+def _calibrating() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="concealed calibrate", description="How surprising chance is.")
+    _counts(parser, "single,null,decoy", CALIBRATING)
+    parser.add_argument("--tuning", type=_tuning_seed, default=1, help="a tuning seed")
+    _running(parser)
+    parser.set_defaults(run=calibrate)
+    return parser
+
+
+def _running(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scheduler", help="address of a dask scheduler; without it this machine's cores")
     parser.add_argument("--workers", type=int, default=2, help="processes on this machine")
     parser.add_argument("--out", type=Path, help="folder of the run (build/concealed-DATE)")
     parser.add_argument("--resume", type=Path, help="folder of a run that was broken off")
-    parser.set_defaults(run=score)
-    return parser
+    parser.add_argument("--retry", action="store_true", help="ask again for diagnoses that failed")
 
 
 def _generating() -> argparse.ArgumentParser:
@@ -118,7 +147,7 @@ def _reporting() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Command line."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    parsers = {"generate": _generating, "report": _reporting}
+    parsers = {"generate": _generating, "report": _reporting, "calibrate": _calibrating}
     parser = parsers[words.pop(0)]() if words and words[0] in parsers else _scored()
     options = parser.parse_args(words)
     options.run(options)

@@ -16,7 +16,7 @@ class NoOracleError(RuntimeError):
 
 
 def oracle(files: Mapping[str, bytes], names: Sequence[str]) -> dict[str, Any]:
-    """Fits of a case whose effects are known, with the keys of the diagnosis's `fit`; NoOracleError without one."""
+    """{"fit": fits of a case whose effects are known, as in a diagnosis}; or {"error"}; NoOracleError without one."""
     try:
         from hoopd.diagnose.oracle import oracle as fitted
     except ImportError as error:
@@ -30,4 +30,7 @@ def oracle(files: Mapping[str, bytes], names: Sequence[str]) -> dict[str, Any]:
             path.write_bytes(data)
             loaded[name] = load(path)
     holdout = loaded.pop("holdout.csv")
-    return dict(fitted([loaded[name] for name in sorted(loaded)], holdout, tuple(names)))
+    try:
+        return {"fit": dict(fitted([loaded[name] for name in sorted(loaded)], holdout, tuple(names)))}
+    except Exception as error:  # of one case: no reason to lose the run
+        return {"error": f"{type(error).__name__}: {error}"}

@@ -94,6 +94,15 @@ def _effects(rows: list[dict[str, Any]], title: str) -> str:
     )  # fmt: skip
 
 
+def calibration_markdown(found: Mapping[str, Any], head: str) -> str:
+    """Thresholds, and how often nulls and effects are beyond them."""
+    rows = [[f"{row['threshold']:g}", percent(row["alarms"]), percent(row["seen"])] for row in found["by_threshold"]]
+    table = _table(["surprise, nats", "nulls and decoys beyond it", "single effects beyond it"], rows)
+    wanted = f"{_number(found['recommended'])} nats" if found["recommended"] is not None else "too few nulls to say"
+    said = f"{100 * found['aim']:g} % of the nulls exceed, by the tail of {found['nulls']} of them: {wanted}."
+    return f"{head}\n\n{table}\n\n{said} Alarms without a name: {percent(found['other_alarms'])}.\n"
+
+
 def draw_power(result: Mapping[str, Any], path: Path) -> None:
     """Power against nats, with Clopper-Pearson bars."""
     figure = style.figure(6.0, 3.6, title="What is found, against how visible it is")

@@ -1,7 +1,7 @@
 """The scored run: make cases, have every one diagnosed, judge what was said.
 
 Rules of this file: work runs on dask workers, each case a task; every result is stored before the next is asked for;
-a run that was broken off goes on where it was.
+a run that was broken off goes on where it was. A diagnosis that failed is an answer: it is kept and counted.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from concealed import baselines, report, worker
+from concealed.calibrate import calibration
 from concealed.cases import make
 from concealed.metrics import Judged, summary
 from concealed.oracle import NoOracleError, oracle
@@ -65,35 +66,38 @@ def _package(scratch: Path) -> Path:
     return out
 
 
-def run(folder: RunFolder, client: Client, console: Console) -> None:
-    """Everything that is not there yet."""
+def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = True, retry: bool = False) -> None:
+    """Everything that is not there yet; without rivals and oracle only what `hoopd diagnose` says; `retry`: diagnoses
+    that failed once more."""
     asked = folder.asked()
     kind = "tuning" if is_tuning(asked.seed) else "score"
     console.print(f"{kind} seed {asked.seed}, {len(asked.wishes())} cases, folder {folder.path}")
     with _progress(console) as progress:
         made: list[Job] = [(make, (wishes, asked.seed, first), first) for first, wishes in folder.chunks()]
         _each(client, progress, "cases made", made, folder.keep)
-        for kind, (call, more) in _speakers().items():
+        for kind, (call, more) in _speakers(rivals).items():
             jobs = [
                 (call, (folder.files(name), *more), name)
                 for name in folder.identifiers()
-                if not _done(folder, kind, name)
+                if not _done(folder, kind, name, retry)
             ]
             _each(client, progress, kind, jobs, partial(folder.say, kind))
     _tell_failures(folder, console)
-    _ask_oracle(folder, client, console)
+    if rivals:
+        _ask_oracle(folder, client, console)
 
 
-def _speakers() -> dict[str, tuple[Callable[..., Any], tuple[Any, ...]]]:
+def _speakers(rivals: bool) -> dict[str, tuple[Callable[..., Any], tuple[Any, ...]]]:
     """Who says something of every case, and what beside the files it is given."""
-    rivals = {name: (said, ()) for name, said in baselines.RIVALS.items()}
-    return {DIAGNOSES: (worker.diagnose, (SEED,)), **rivals}
+    others = {name: (said, ()) for name, said in baselines.RIVALS.items()} if rivals else {}
+    return {DIAGNOSES: (worker.diagnose, (SEED,)), **others}
 
 
-def _done(folder: RunFolder, kind: str, name: str) -> bool:
-    """Has it been said? A diagnosis that failed is asked for again."""
+def _done(folder: RunFolder, kind: str, name: str, retry: bool) -> bool:
+    """Has it been said? A failure, too; with `retry` a diagnosis that failed has not."""
     said = folder.said(kind, name)
-    return said is not None and (kind != DIAGNOSES or said["diagnosis"] is not None)
+    failed = said is not None and kind == DIAGNOSES and said["diagnosis"] is None
+    return said is not None and not (retry and failed)
 
 
 def _tell_failures(folder: RunFolder, console: Console) -> None:
@@ -132,6 +136,18 @@ def _ask_oracle(folder: RunFolder, client: Client, console: Console) -> None:
             _each(client, progress, "oracle", jobs, partial(folder.say, ORACLES))
     except NoOracleError as error:
         console.print(f"[yellow]no oracle in this hoopd ({error}): its metric is left out[/]")
+
+
+def publish_calibration(folder: RunFolder, console: Console) -> dict[str, Any]:
+    """Writes calibration.json and calibration.md into the folder, and prints the table."""
+    told = [(folder.answer(name), folder.said(DIAGNOSES, name)) for name in folder.identifiers()]
+    found = calibration([Judged(answer, said["diagnosis"], said["seconds"]) for answer, said in told if said])
+    text = json.dumps(found, indent=1, sort_keys=True, allow_nan=False)
+    (folder.path / "calibration.json").write_text(text + "\n", encoding="utf-8")
+    shown = report.calibration_markdown(found, f"tuning seed {folder.asked().seed}")
+    (folder.path / "calibration.md").write_text(shown, encoding="utf-8")
+    console.print(shown, markup=False, highlight=False, soft_wrap=True)
+    return found
 
 
 def judged(folder: RunFolder) -> dict[str, Any]:

@@ -8,7 +8,6 @@ Rules of this file: it ranks what `unknown.survey` measured and fits nothing.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from hoopd.diagnose.curves.screen import CurveScore
 from hoopd.diagnose.curves.unknown import Survey
 from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.search.surprise import surprise
+from hoopd.diagnose.search.naming import surprise_of
 
 Array = NDArray[np.float64]
 
@@ -78,10 +77,9 @@ class _Explanation(NamedTuple):
 
 
 def _explanations(found: Survey) -> Iterator[_Explanation]:
-    looked = Counter(member.effect.name for member in found.library.members)
+    stretches = [track.stretch for track in found.fit.tracks]
     for score in found.named:
-        effect = score.member.effect
-        size = surprise(score.gain, len(score.member.columns), looked[effect.name])
+        effect, size = score.member.effect, surprise_of(score, score.gain, stretches)
         yield _Explanation(effect.slot, size, effect.depends_on, score.vector)
     for curve in found.curves:
         yield _Explanation(curve.curve.slot, curve.surprise, curve.curve.depends_on, curve.vector)

@@ -6,27 +6,25 @@ Rules of this file: it fills `shown` from a fit; nothing is judged here.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve import Curve, Variable, at_nodes, wanted
-from hoopd.diagnose.curves.unknown import Shape
+from hoopd.diagnose.curves.curve import Curve, at_nodes
+from hoopd.diagnose.curves.shapes import Shape
+from hoopd.diagnose.curves.sites import Variable, wanted
 from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.engine.intervals import disturbance, robust_level
-from hoopd.diagnose.shown import Binned, Law, MissingForce, Regressor, Strip
+from hoopd.diagnose.engine.intervals import disturbance
+from hoopd.diagnose.shown import Binned, Law, MissingForce, Regressor
+from hoopd.ident.uncertainty import Z95
 from hoopd.physics.declared import DeclaredPlant
-from hoopd.physics.effects.base import Effect, Point
+from hoopd.physics.effects.base import Point
 
 Array = NDArray[np.float64]
 
 BINS = 24
 # A bin with fewer samples has no mean of its own.
 FEWEST = 8
-LAW_POINTS = 241
-BAND = 1.96
 
 
 def missing_force(
@@ -87,23 +85,10 @@ def binned(x: Array, y: Array, bins: int = BINS) -> Binned:
     for i in range(max(len(edges) - 1, 0)):
         own = y[where == i]
         if len(own) >= FEWEST:
-            half = BAND * float(own.std(ddof=1)) / np.sqrt(max(len(own) * (1 - rho) / (1 + rho), 1.0))
+            half = Z95 * float(own.std(ddof=1)) / np.sqrt(max(len(own) * (1 - rho) / (1 + rho), 1.0))
             rows.append((float(x[where == i].mean()), float(own.mean()), half))
     centre, mean, half_width = np.array(rows).reshape(-1, 3).T
     return Binned(centre, mean, mean - half_width, mean + half_width)
-
-
-def strips(fit: Fit) -> list[Strip]:
-    """Smoothed disturbance of every coordinate and recording, divided by its usual level."""
-    found = []
-    for index, track in enumerate(fit.tracks):
-        w = disturbance(fit, index)
-        for j, q in enumerate(track.stretch.plant.coordinates):
-            slot = next((n for n, one in track.stretch.plant.slots.items() if one.coordinate == q and
-                         one.kind in ("body", "rolling_ball")), q)  # fmt: skip
-            level = max(robust_level(w[:, j]), 1e-300)
-            found.append(Strip(track.stretch.recording, slot, track.stretch.t, w[:, j] / level))
-    return found
 
 
 # ---------------------------------------------------------------------------------------------- laws
@@ -114,33 +99,3 @@ def law_of_curve(curve: Curve, shape: Shape) -> Law:
     if curve.variable.period is None:
         return Law(curve.slot, shape.x, shape.y)
     return Law(curve.slot, np.append(shape.x, curve.variable.period), np.append(shape.y, shape.y[0]))
-
-
-def law_of_effect(
-    effect: Effect, plant: DeclaredPlant, values: Mapping[str, float], variable: str, x: Array
-) -> Law | None:
-    """A named force over one state x (n,), everything else at rest; None for what is no force of it."""
-    if variable not in plant.states:
-        return None
-    e = effect.values(values)
-    y = np.array([_force(effect, plant, values, e, variable, float(one)) for one in x])
-    return Law(effect.name, x, y) if np.ptp(y) > 0.0 else None
-
-
-def _force(effect: Effect, plant: DeclaredPlant, values: Mapping[str, float], e: Any, variable: str, x: float) -> float:
-    state = [ca.DM(x if name == variable else 0.0) for name in plant.states]
-    s = plant.point(state, {name: values[name] for name in plant.values}, ca.DM(0.0), ca.DM(0.0))
-    q = variable.removeprefix("d") if variable not in plant.coordinates else variable
-    total = 0.0
-    if effect.force is not None:
-        total += float(effect.force(s, e).get(q, 0.0))
-    if effect.friction is not None:
-        along = effect.friction.along(s)
-        rate = sum(float(weight) * float(getattr(s, f"d{c}")) for c, weight in along.items())
-        total -= float(effect.friction.level(s, e)) * float(np.sign(rate)) * float(along.get(q, 0.0))
-    return total
-
-
-def points(x: Array) -> Array:
-    """(LAW_POINTS,) over the range of x, without a sample on zero: a law may jump there."""
-    return np.linspace(float(np.nanmin(x)), float(np.nanmax(x)), LAW_POINTS)

@@ -11,16 +11,20 @@ does to a difference is drawn from the data set's own columns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.curves.curve import Curve
 from hoopd.diagnose.curves.screen import CurveScore, CurveScreen, by_slot, library_groups, null_quantiles
-from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.curves.shapes import Shape, shapes_of
+from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.search.chance import Group, Null, projections
+from hoopd.diagnose.search.naming import surprise_of
+from hoopd.diagnose.search.scanned import Scanned
 from hoopd.diagnose.search.screen import Score, Screen
 from hoopd.physics.effects.base import Effect
 
@@ -38,8 +42,8 @@ DIFFERENCE_CHANCE = 0.01
 ALONE_PART = 0.9
 # Another slot is not excluded when its best curve is at most this far behind, nats.
 NOT_EXCLUDED_NATS = 3.0
-# Two-sided 95 %.
-BAND = 1.96
+# A ceiling has curves at so many slots: a further one follows what is left of the same thing.
+MOST_SLOTS = 3
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Survey:
 
     fit: Fit
     library: Screen
-    named: list[Score]
+    named: list[Score]  # best of every name, most gain first
     screen: CurveScreen
     curves: list[CurveScore]
     null: Null
@@ -61,40 +65,64 @@ class Survey:
 
 
 def survey(
-    found: Fit, library: Sequence[Effect], *, draws: int = 100, seed: int = 0, screen: Screen | None = None
+    found: Fit,
+    library: Sequence[Effect],
+    *,
+    draws: int = 100,
+    seed: int = 0,
+    screen: Screen | None = None,
+    also: Iterable[Score] = (),
 ) -> Survey:
-    """All of a library and all curves beside a fit; `screen`: of the same fit, where there is one already."""
+    """All of a library and all curves beside a fit; `screen`: of the same fit, where there is one already; `also`:
+    what scans and refits know about names beside this fit, the better one counts."""
     screen = Screen(found, library) if screen is None else screen
     of_curves = CurveScreen(found)
     null = null_quantiles(screen, of_curves, draws, seed)
-    return Survey(
-        found, screen, screen.scores(), of_curves, of_curves.scores(), null, null.threshold(DETECTION_CHANCE)
-    )  # fmt: skip
+    named = best_of_each([*screen.scores(), *(_beside(screen, one) for one in also)])
+    return Survey(found, screen, named, of_curves, of_curves.scores(), null, null.threshold(DETECTION_CHANCE))
 
 
-@dataclass(frozen=True)
-class Shape:
-    """Values of a curve at its knots with their 95 % bands, (m,) each."""
+def best_curves(about: Survey) -> list[CurveScore]:
+    """The best curve of every slot that asks for one beside those of the slots before, at most MOST_SLOTS."""
+    chosen: list[CurveScore] = []
+    left = {slot: one for slot, one in by_slot(about.curves).items() if one.surprise > about.threshold}
+    while left and len(chosen) < MOST_SLOTS:
+        beside = {slot: about.screen.beside(one, chosen) for slot, one in left.items()}
+        slot = max(beside, key=lambda name: beside[name])
+        if beside[slot] <= about.threshold:
+            break
+        chosen.append(left.pop(slot))
+    return chosen
 
-    recording: str | None
-    x: Array
-    y: Array
-    low: Array
-    high: Array
 
-    @property
-    def region(self) -> list[tuple[float, float]]:
-        """Intervals of the variable in which the band excludes zero."""
-        active = (self.low > 0.0) | (self.high < 0.0)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], active, [False]]).astype(int)))
-        return [(float(self.x[a]), float(self.x[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+def best_of_each(scores: Iterable[Score]) -> list[Score]:
+    """The largest gain of every name, the largest first."""
+    best: dict[str, Score] = {}
+    for one in scores:
+        name = one.member.effect.name
+        if name not in best or one.gain > best[name].gain:
+            best[name] = one
+    return sorted(best.values(), key=lambda one: -one.gain)
+
+
+def _beside(screen: Screen, score: Score) -> Score:
+    """A score from elsewhere with its change beside the screen's fit, as large as its gain says; none where the data
+    are others."""
+    if score.origin is screen.fit and np.isclose(score.vector @ score.vector, 2.0 * score.gain, rtol=1e-3):
+        return score
+    if len(score.vector) != len(screen.residual):
+        return replace(score, vector=np.zeros(len(screen.residual)))
+    vector = screen.projected(score.vector[:, None])[:, 0]
+    size = np.sqrt(2.0 * max(score.gain, 0.0) / max(float(vector @ vector), 1e-300))
+    return replace(score, vector=vector * size)
 
 
 @dataclass(frozen=True)
 class Unknown:
     """Something that is not in the library."""
 
-    curve: Curve
+    score: CurveScore
+    beside: Fit  # what it stands beside
     shapes: tuple[Shape, ...]  # one, or one for each recording
     gain: float  # nats over the fit that it stands beside
     surprise: float
@@ -104,6 +132,11 @@ class Unknown:
     not_excluded: tuple[str, ...]  # other slots, the likeliest first
     channels: dict[str, float]  # share of the change that each channel shows
     reason: str
+
+    @property
+    def curve(self) -> Curve:
+        """As it was screened."""
+        return self.score.curve
 
     @property
     def name(self) -> str:
@@ -120,7 +153,7 @@ def judge_unknown(base: Survey, named: Survey | None = None, *, draws: int = 200
     explained = max(base.fit.criterion - named.fit.criterion, 0.0)
     rest = expected(named.curves[0].gain, named.curves[0].columns) if named.fires else 0.0
     share = rest / max(rest + explained, 1e-12)
-    if share <= LEAST_SHARE:
+    if share <= LEAST_SHARE or _known_part(named) >= NAMED_PART:
         return None
     alone = expected(base.curves[0].gain, base.curves[0].columns) > ALONE_PART * (rest + explained)
     reason = f"beside {', '.join(named.fit.names)} a curve still carries {share:.0%} of what can be explained"
@@ -132,12 +165,24 @@ def expected(gain: float, columns: int) -> float:
     return max(gain - columns / 2.0, 0.0)
 
 
+def of_name(score: Score) -> float:
+    """Expected nats of a name, told how many places were looked at."""
+    if isinstance(score, Scanned):
+        return max(expected(score.gain, score.freedom) - log(max(score.candidates, 1.0)), 0.0)
+    return expected(score.gain, len(score.member.columns))
+
+
+def _known_part(about: Survey) -> float:
+    """Expected nats of the best name over those of the best curve."""
+    best = about.curves[0]
+    return max(map(of_name, about.named), default=0.0) / max(expected(best.gain, best.columns), 1e-12)
+
+
 def _unnamed(base: Survey, draws: int, seed: int) -> Unknown | None:
     """Nothing was accepted although a curve fires: unknown, unless the best name could have left it ahead by chance."""
-    best, name = base.curves[0], base.named[0] if base.named else None
+    name, part = max(base.named, key=of_name, default=None), _known_part(base)
     if name is None:
         return _unknown(base, 1.0, False, "the library has nothing for this plant")
-    part = expected(name.gain, len(name.member.columns)) / max(expected(best.gain, best.columns), 1e-12)
     if part >= NAMED_PART:
         return None
     chance = chance_of_lead(base, name, draws, seed)
@@ -152,10 +197,15 @@ def chance_of_lead(base: Survey, name: Score, draws: int, seed: int) -> float:
 
     Leads are in surprise (nats); the truth's change is the one the name makes at its best, the noise is white.
     """
-    seen = _best_seen(base.screen.groups(), base) - _best_seen(library_groups(base.library), base)
+    stretches = [track.stretch for track in base.fit.tracks]
+    known = max((surprise_of(one, one.gain, stretches) for one in base.named), default=0.0)
+    own = library_groups(base.library)
+    if isinstance(name, Scanned) and np.any(name.vector):
+        own.append(Group(name.vector[:, None], True))
+    seen = _best_seen(base.screen.groups(), base) - max(_best_seen(own, base), known)
     noise = np.random.default_rng([seed, 13]).standard_normal((len(name.vector), draws))
     made = name.vector[:, None] + noise
-    lead = _best(base.screen.groups(), made) - _best(library_groups(base.library), made)
+    lead = _best(base.screen.groups(), made) - _best(own, made)
     return float((1 + np.sum(lead >= seen)) / (1 + draws))
 
 
@@ -178,71 +228,6 @@ def _unknown(at: Survey, share: float, beside_names: bool, reason: str) -> Unkno
         if slot != best.curve.slot and best.surprise - one.surprise < NOT_EXCLUDED_NATS
     ]  # fmt: skip
     return Unknown(
-        best.curve, shapes_of(best, at.screen.recordings), best.gain, best.surprise, at.threshold, share,
+        best, at.fit, shapes_of(best, at.screen.recordings), best.gain, best.surprise, at.threshold, share,
         beside_names, tuple(near), at.screen.shares(best.vector), reason,
     )  # fmt: skip
-
-
-# ---------------------------------------------------------------------------------------------- its shape
-
-
-def shapes_of(score: CurveScore, recordings: Sequence[str]) -> tuple[Shape, ...]:
-    """Values and bands as the screen estimates them, beside the base's parameters."""
-    return _shapes(score.curve, score.values, score.covariance, recordings)
-
-
-def _shapes(curve: Curve, values: Array, covariance: Array, recordings: Sequence[str]) -> tuple[Shape, ...]:
-    m, half = len(curve.knots), BAND * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    names = list(recordings) if curve.per_recording else [None]
-    found = []
-    for i, name in enumerate(names):
-        y, wide = values[i * m : (i + 1) * m], half[i * m : (i + 1) * m]
-        found.append(Shape(name, curve.knots, y, y - wide, y + wide))
-    return tuple(found)
-
-
-def with_curve(score: CurveScore, beside: Fit, recordings: Sequence[str]) -> tuple[Curve, dict[str, float]]:
-    """The curve in directions that are not the base's, and where a joint fit with it starts."""
-    m, parts = len(score.curve.knots), len(recordings) if score.curve.per_recording else 1
-    basis = _pooled(score.basis, m, parts)
-    curve = score.curve.with_basis(basis)
-    start = dict(beside.values)
-    for i in range(parts):
-        mark = f"@{recordings[i]}" if score.curve.per_recording else ""
-        weights = np.linalg.lstsq(basis, score.values[i * m : (i + 1) * m], rcond=None)[0]
-        start.update({f"{curve.name}.c{k}{mark}": float(w) for k, w in enumerate(weights)})
-    return curve, start
-
-
-def _pooled(basis: Array, m: int, parts: int) -> Array:
-    """One basis (m, k) for all recordings: the span of each one's directions."""
-    if parts == 1:
-        return basis
-    blocks = np.concatenate(np.split(basis, parts, axis=0), axis=1)
-    u, s, _ = np.linalg.svd(blocks, full_matrices=False)
-    kept = s > 1e-3 * s[0]
-    return np.asarray(u[:, kept] * s[kept])
-
-
-def refitted(score: CurveScore, beside: Fit) -> tuple[Fit, tuple[Shape, ...]]:
-    """The curve fitted jointly with everything the fit has: the fit, and the curve's values with their bands."""
-    recordings = tuple(dict.fromkeys(track.stretch.recording for track in beside.tracks))
-    curve, start = with_curve(score, beside, recordings)
-    joint = fit(
-        [track.stretch for track in beside.tracks], (*beside.effects, curve.effect), start,
-        noise=beside.noise, like=beside, tune_noise=False,
-    )  # fmt: skip
-    return joint, fitted_shapes(curve, joint, recordings)
-
-
-def fitted_shapes(curve: Curve, joint: Fit, recordings: Sequence[str]) -> tuple[Shape, ...]:
-    """Values and bands of a curve with a basis, by a fit that holds it."""
-    assert curve.basis is not None
-    k, marks = curve.basis.shape[1], [f"@{r}" for r in recordings] if curve.per_recording else [""]
-    values, blocks = [], []
-    for mark in marks:
-        names = [f"{curve.name}.c{i}{mark}" for i in range(k)]
-        where = [joint.free.index(name) for name in names]
-        values.append(curve.basis @ np.array([joint.values[name] for name in names]))
-        blocks.append(np.diag(curve.basis @ joint.covariance[np.ix_(where, where)] @ curve.basis.T))
-    return _shapes(replace(curve, basis=None), np.concatenate(values), np.diag(np.concatenate(blocks)), recordings)

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.engine.calls import mapped
+from hoopd.diagnose.engine.composites import composite_of, derivatives_of, fitting_effects, plant_key
 from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.engine.track import Track, composite_of, derivatives_of, fitting_effects, plant_key
+from hoopd.diagnose.engine.track import Track
 from hoopd.physics.composite import SMOOTH_SUBSTEPS
 from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect

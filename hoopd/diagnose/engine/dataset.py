@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hoopd.physics.composite import BACK_STEPS, LONGEST_STEP_S
 from hoopd.physics.declared import DeclaredPlant
+from hoopd.physics.held import mean_torque
 
 Array = NDArray[np.float64]
 
@@ -97,22 +98,10 @@ def _cut(t: Array) -> Array:
 
 
 class Held:
-    """A torque held between nodes, and its mean over any interval, before the first node as at the first."""
+    """The torque held between the nodes of a stretch, in the parts of its steps and on the way to its readings."""
 
     def __init__(self, t: Array, u: Array) -> None:
         self.t, self.u = t, u
-        self._integral = np.concatenate([[0.0], np.cumsum(u * np.diff(t))])
-
-    def integral(self, at: Array) -> Array:
-        """From the first node to `at`; outside the torque stays what it was."""
-        inside = np.interp(at, self.t, self._integral)
-        before, after = np.minimum(at - self.t[0], 0.0), np.maximum(at - self.t[-1], 0.0)
-        return np.asarray(inside + before * self.u[0] + after * self.u[-1])
-
-    def mean(self, start: Array, length: Array) -> Array:
-        """Over [start, start + length]."""
-        length = np.maximum(length, 1e-9)
-        return (self.integral(start + length) - self.integral(start)) / length
 
     def at(self, when: Array) -> Array:
         """Just after these instants."""
@@ -120,9 +109,10 @@ class Held:
 
     def substeps(self, count: int, delay: float = 0.0) -> Array:
         """(count, n-1) mean torque in each part of each step, `delay` seconds late."""
-        h = np.diff(self.t)
-        starts = self.t[:-1] + np.arange(count)[:, None] * h / count - delay
-        return self.mean(starts, np.broadcast_to(h / count, starts.shape))
+        if delay == 0.0:
+            return np.tile(self.u, (count, 1))  # a part lies within its hold
+        edges = self.t[:-1, None] + np.diff(self.t)[:, None] * np.arange(count + 1) / count
+        return mean_torque(edges, self.t, self.u, delay).T
 
     def substeps_by_delay(self, count: int, delay: float) -> Array:
         """Derivative of `substeps` by the delay."""
@@ -133,14 +123,16 @@ class Held:
         return slope
 
     def back(self, late: Sequence[float], delay: float = 0.0) -> Array:
-        """(channels * BACK_STEPS, n) column-major: mean torque on the way to `late` seconds ago, youngest first."""
-        found = np.empty((BACK_STEPS, len(late), len(self.t)))
-        for row, d in enumerate(late):
-            part = d / BACK_STEPS
-            for j in range(BACK_STEPS):
-                start = self.t - (j + 1) * part - delay
-                found[j, row] = self.mean(start, np.full_like(start, max(part, 1e-9)))
-        return found
+        """(BACK_STEPS, channels, n) mean torque on the way to `late` seconds ago, youngest first."""
+        ways = {d: self._way(d, delay) for d in set(late)}
+        return np.stack([ways[d] for d in late], axis=1)
+
+    def _way(self, late: float, delay: float) -> Array:
+        """(BACK_STEPS, n) of one channel; of a way of no length the torque at its end."""
+        steps = BACK_STEPS if late > 0.0 else 1
+        edges = self.t[:, None] - np.arange(steps, -1, -1) * late / steps
+        found = mean_torque(edges, self.t, self.u, delay).T[::-1]
+        return np.broadcast_to(found, (BACK_STEPS, len(self.t)))
 
 
 # ---------------------------------------------------------------------------------------------- first idea

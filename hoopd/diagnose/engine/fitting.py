@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.filtering import Gains, Noise, gains, smoothed
-from hoopd.diagnose.engine.noise import Criterion, first_noise, tuned
+from hoopd.diagnose.engine.noise import Criterion
+from hoopd.diagnose.engine.ofrecording import plain
 from hoopd.diagnose.engine.track import Columns, Track
+from hoopd.diagnose.engine.tuning import first_noise, tuned
 from hoopd.physics.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -79,10 +81,10 @@ def fit(
     start = {name: value for track in tracks for name, value in track.composite.values.items()}
     free = free_names(tracks, values) if free is None else tuple(free)
     alone = {e.key(p.name) for e in effects for p in e.parameters if p.per_recording and p.role == "shape"}
-    shared = {name.split("@")[0]: value for name, value in values.items() if name.split("@")[0] not in alone}
-    start.update({name: shared[name.split("@")[0]] for name in (*start, *free) if name.split("@")[0] in shared})
+    shared = {plain(name): value for name, value in values.items() if plain(name) not in alone}
+    start.update({name: shared[plain(name)] for name in (*start, *free) if plain(name) in shared})
     # what belongs to one recording stays there, fitted or not
-    start.update({name: value for name, value in values.items() if name.split("@")[0] in start})
+    start.update({name: value for name, value in values.items() if plain(name) in start})
     found = Fit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
     _linearise(found)
     if not move:
@@ -106,15 +108,6 @@ def free_names(tracks: Sequence[Track], values: Mapping[str, float]) -> tuple[st
     base = dict.fromkeys(name for track in tracks for name in track.stretch.plant.free)
     extra = dict.fromkeys(name for track in tracks for name in _effect_names(track, values))
     return (*base, *extra)
-
-
-def _known(names: Sequence[str], tracks: Sequence[Track], values: Mapping[str, float]) -> tuple[str, ...]:
-    """Without the shapes of a recording (a pulse's times) that `values` does not give: it has none."""
-    shapes = {
-        e.key(p.name) for t in tracks for e in t.composite.effects for p in e.parameters
-        if p.per_recording and p.role == "shape"
-    }  # fmt: skip
-    return tuple(n for n in names if n.split("@")[0] not in shapes or n in values)
 
 
 def _effect_names(track: Track, values: Mapping[str, float]) -> list[str]:
@@ -160,7 +153,7 @@ def _moved(found: Fit, delta: Array) -> dict[str, float]:
     values = dict(found.values)
     ranges = _ranges(found)
     for name, step in zip(found.free, delta, strict=True):
-        low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))
+        low, high = ranges.get(plain(name), (-np.inf, np.inf))
         values[name] = float(np.clip(values[name] + step, low, high))
     return values
 
@@ -208,7 +201,7 @@ def _leaving(found: Fit, delta: Array) -> NDArray[np.bool_]:
     ranges = _ranges(found)
     out = np.zeros(len(delta), dtype=bool)
     for i, name in enumerate(found.free):
-        low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))
+        low, high = ranges.get(plain(name), (-np.inf, np.inf))
         value = found.values[name]
         out[i] = (value <= low and delta[i] < 0.0) or (value >= high and delta[i] > 0.0)
     return out
@@ -226,8 +219,8 @@ def _prior(found: Fit) -> tuple[Array, Array]:
     for i, name in enumerate(found.free):
         middle = declared.get(name, 0.0)
         width = PRIOR_SIZE * max(abs(middle), 0.3)
-        if (plain := name.split("@")[0]) in widths:
-            width, middle = widths[plain], found.values[name]
+        if (known := plain(name)) in widths:
+            width, middle = widths[known], found.values[name]
         weight[i], centre[i] = 1.0 / width**2, middle - found.values[name]
     return weight, centre
 

@@ -8,19 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.engine.calls import KEPT, Recursion, mapped
+from hoopd.diagnose.engine.calls import mapped
+from hoopd.diagnose.engine.composites import carrying, composite_of, derivatives_of, fitting_effects
 from hoopd.diagnose.engine.dataset import Held, Stretch, first_states
 from hoopd.diagnose.engine.filtering import Gains, Linear, Noise, Smoothed, gains, smoothed, whitened
+from hoopd.diagnose.engine.ofrecording import names_of, values_of
 from hoopd.physics.composite import Composite
-from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect
-from hoopd.physics.effects.catalogue import library
 
 Array = NDArray[np.float64]
 
@@ -86,20 +85,18 @@ class Track:
     # ------------------------------------------------------------------------------------------ the model
 
     def local(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values of this stretch: what stands for its recording alone, `name@recording`, goes before `name`."""
-        mark = f"@{self.stretch.recording}"
-        own = {name.removesuffix(mark): value for name, value in values.items() if name.endswith(mark)}
-        return {**self.composite.values, **{n: v for n, v in values.items() if "@" not in n}, **own}
+        """Values of this stretch, those of the composite where none are given."""
+        return {**self.composite.values, **values_of(self.stretch.recording, values)}
 
     def torques(self, values: Mapping[str, float]) -> Array:
         """(substeps, n-1)"""
-        return self.held.substeps(self.composite.substeps, _sum(values, self.composite.delays))
+        return self.held.substeps(self.composite.substeps, self.composite.delay_s(values))
 
     def _back(self, values: Mapping[str, float]) -> Array:
         """(n, BACK_STEPS * channels)"""
         c = self.composite
         late = [max(float(values.get(c.latencies.get(name, ""), 0.0)), 0.0) for name in c.channels]
-        back = self.held.back(late, _sum(values, c.delays))
+        back = self.held.back(late, c.delay_s(values))
         return back.reshape(-1, back.shape[2]).T
 
     def _wide(self, w: Array) -> Array:
@@ -160,8 +157,7 @@ class Track:
         that it helps to explain is correlated with it, and everything that resembles a scale would be named.
         """
         c, n = self.composite, len(self.stretch.t)
-        values, mark = self.local(values), f"@{self.stretch.recording}"
-        mine = {name: name.removesuffix(mark) for name in free if name.endswith(mark) or "@" not in name}
+        values, mine = self.local(values), names_of(self.stretch.recording, free)
         mine = {name: local for name, local in mine.items() if local in c.names}
         after, by_z, by_w, by_p = self._step_derivatives(values, tuple(mine.values()))
         y, of_z, of_p = self._reading_derivatives(values, tuple(mine.values()))
@@ -181,7 +177,7 @@ class Track:
         # a parameter that scales the disturbance would otherwise be fitted to what the smoother thinks of it
         c, n, z = self.composite, len(self.stretch.t) - 1, self.filtered[:-1]
         call, d = mapped(derivatives_of(c, free)[0], n, (5,)), self.stretch.h / c.substeps
-        torques, slope = self.torques(values), self.held.substeps_by_delay(c.substeps, _sum(values, c.delays))
+        torques, slope = self.torques(values), self.held.substeps_by_delay(c.substeps, c.delay_s(values))
         late = [c.nz + c.nq + free.index(name) for name in c.delays if name in free]
         nothing, p, nu = np.zeros((n, c.nq)), c.vector(values), c.nz + c.nq
         total = np.zeros((n, c.nz, nu + len(free)))
@@ -221,54 +217,3 @@ class Track:
         """(n * nc, 1+m) rows of the least-squares problem."""
         out = whitened(columns.model, found, columns.f, columns.eps)
         return out.reshape(-1, out.shape[2])
-
-
-def fitting_effects(plant: DeclaredPlant, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The effects as this plant has them: an effect of a slot that it lacks is none of its."""
-    key = plant_key(plant)
-    if key not in _libraries:
-        _libraries[key] = library(plant)
-    own = _libraries[key]
-    return tuple(own.get(one.name, one) for one in effects if one.slot in plant.slots)
-
-
-def plant_key(plant: DeclaredPlant) -> str:
-    """Equal for plants with equal equations and values; an effect may have given one a state more."""
-    return f"{plant.name} {plant.states} {sorted(plant.values.items())}"
-
-
-def composite_of(plant: DeclaredPlant, effects: tuple[Effect, ...], substeps: int = 0) -> Composite:
-    """One object for equal plants and effects: its functions are built once; `substeps`: other than its own."""
-    key = (plant_key(plant), tuple(effect.name for effect in effects), substeps)
-    if key not in _composites:
-        _composites[key] = Composite(plant, effects, substeps or None)
-    return _composites[key]
-
-
-def derivatives_of(composite: Composite, free: tuple[str, ...]) -> tuple[ca.Function, ca.Function]:
-    """Of a substep and of the readings, built once."""
-    key = (id(composite), free)
-    if key not in _derivatives:
-        _derivatives[key] = composite.substep_derivatives(free), composite.output_derivatives(free)
-    return _derivatives[key]
-
-
-@lru_cache(maxsize=KEPT)
-def carrying(composite: Composite, given: int) -> Recursion:
-    """(added states, given ones, torques, h, t, p) -> added states one step later, all states one step later."""
-    symbols = {k: ca.SX.sym(k, composite.step_function.nnz_in(i)) for i, k in enumerate(("z", "u", "w", "h", "t", "p"))}
-    x, own = symbols["z"][:given], symbols["z"][given:]
-    ins = [own, x, *(symbols[k] for k in ("u", "h", "t", "p"))]
-    still = {"w": ca.SX.zeros(composite.nq)}
-    after = composite.step_function(*(({**symbols, **still})[k] for k in ("z", "u", "w", "h", "t", "p")))
-    return Recursion(ca.Function("carried", [ca.vertcat(own), ca.vertcat(x), *ins[2:]], [after[given:], after]))
-
-
-# Composites live as long as the process: there are as many as sets of effects are tried, some hundred.
-_libraries: dict[str, dict[str, Effect]] = {}
-_composites: dict[tuple[str, tuple[str, ...], int], Composite] = {}
-_derivatives: dict[tuple[int, tuple[str, ...]], tuple[ca.Function, ca.Function]] = {}
-
-
-def _sum(values: Mapping[str, float], names: Sequence[str]) -> float:
-    return float(sum(values.get(name, 0.0) for name in names))

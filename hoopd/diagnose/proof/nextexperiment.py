@@ -14,10 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hoopd.diagnose.engine.composites import composite_of, fitting_effects
 from hoopd.diagnose.engine.dataset import Held, Stretch
 from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.engine.track import Track, composite_of, fitting_effects
+from hoopd.diagnose.engine.ofrecording import own_values, values_of
+from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.proof.apart import Rows, linear, nats_apart, rows_beside, rows_of, without_effect
 from hoopd.diagnose.proof.menu import Entry, command, entries, is_hoop
 from hoopd.diagnose.proof.separate import Separation
@@ -70,7 +72,7 @@ def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
     period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
     known = rows_of_recordings(pair)
     before = nats_apart([known])[pair.rival.name]
-    every = entries(track.composite, {**track.composite.values, **_local(values)}, period, seed)
+    every = entries(track.composite, {**track.composite.values, **values_of(NEXT, values)}, period, seed)
     members = [member for member, _ in known.rivals]
     return [
         Expected(one, nats_apart([known, rows_of_entry(pair, one, members)])[pair.rival.name] - before) for one in every
@@ -151,15 +153,8 @@ def _stage(pair: Pair) -> Track | None:
 def _values_of_next(pair: Pair) -> dict[str, float]:
     """What belongs to a recording, for the next one as for the one that it is like."""
     track, final = _stage(pair), pair.final
-    mark = f"@{(track or final.tracks[0]).stretch.recording}"
-    own = {name.removesuffix(mark): v for name, v in final.values.items() if name.endswith(mark)}
+    own = own_values((track or final.tracks[0]).stretch.recording, final.values)
     return {**final.values, **{f"{name}@{NEXT}": value for name, value in own.items()}}
-
-
-def _local(values: Mapping[str, float]) -> dict[str, float]:
-    mark = f"@{NEXT}"
-    own = {name.removesuffix(mark): value for name, value in values.items() if name.endswith(mark)}
-    return {**{name: value for name, value in values.items() if "@" not in name}, **own}
 
 
 def _usual_noise(final: Fit, like: Stretch) -> Noise:

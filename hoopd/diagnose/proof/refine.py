@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.proof.simulation import LARGEST, Simulated, Simulator, Windows, windows_of
+from hoopd.diagnose.engine.ofrecording import plain
+from hoopd.diagnose.proof.compared import Part, channel_weights, errors, node_states, part_of, simulated, start_spread
+from hoopd.diagnose.proof.simulation import Simulated
 from hoopd.physics.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -30,8 +32,7 @@ SETTLED = 1e-4
 DAMPING, EASIER, HARDER, MOST_DAMPING = 1e-3, 0.2, 6.0, 1e6
 # Finite differences, relative to a parameter's size.
 DIFFERENCE = 1e-5
-# Starts stay near what the smoother says, within these (rad or m, rad/s or m/s) times the weight below.
-START_SPREAD = (0.1, 2.0)
+# Starts stay near what the smoother says: START_SPREAD counts as little as this.
 START_WEIGHT = 1e-4
 # Prior of a parameter, of so many times its size: what the runs say nothing about stays where it is.
 PRIOR_SIZE, PRIOR_WEIGHT = 3.0, 1e-4
@@ -53,31 +54,6 @@ class Refined:
         return float(np.sqrt(max(self.covariance[i, i], 0.0)))
 
 
-@dataclass
-class Part:
-    """One stretch on its way: windows, simulator, starts (nx, b)."""
-
-    stretch: Stretch
-    windows: Windows
-    simulator: Simulator
-    start: Array
-    anchor: Array
-    weight: Array  # (nc,) one over a channel's |y - mean y|
-    names: dict[str, str]  # free parameter -> its name in this stretch
-    states: Array | None = None
-
-    def local(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values of this stretch: those of its recording go before those of all."""
-        return local_values(self.simulator, values)
-
-
-def local_values(simulator: Simulator, values: Mapping[str, float]) -> dict[str, float]:
-    """Values in one stretch: those of its recording go before those of all."""
-    mark = f"@{simulator.windows.stretch.recording}"
-    own = {name.removesuffix(mark): value for name, value in values.items() if name.endswith(mark)}
-    return {**simulator.composite.values, **{n: v for n, v in values.items() if "@" not in n}, **own}
-
-
 def refine(
     stretches: Sequence[Stretch],
     references: Sequence[Array],
@@ -94,71 +70,9 @@ def refine(
     for length in lengths_s:
         parts = [part_of(s, r, effects, w, free, length) for s, r, w in zip(stretches, starts, weights, strict=True)]
         here, cost, covariance = _search(parts, here, tuple(free), effects, settled)
-        starts = [_states(part, here) for part in parts]
-    runs = [_simulated(part, here) for part in parts]
+        starts = [node_states(part, here) for part in parts]
+    runs = [simulated(part, here) for part in parts]
     return Refined(here, tuple(free), runs, cost, covariance)
-
-
-def channel_weights(stretches: Sequence[Stretch]) -> list[Array]:
-    """(nc,) of each stretch: one over |y - mean y| of the channel in its recording; 0 for a channel without a vote.
-
-    An angle that has a measured rate beside it counts by its slope, and the measured rate itself is not asked.
-    """
-    return [
-        np.array([_weight([one for one in stretches if one.recording == s.recording], c) for c in s.plant.channels])
-        for s in stretches
-    ]
-
-
-def _weight(same: Sequence[Stretch], channel: str) -> float:
-    plant = same[0].plant
-    if _asked_by_its_angle(plant.channels, channel):
-        return 0.0
-    column = list(plant.channels).index(channel)
-    parts = [_signal(one.t, one.y[:, column], _turns(plant.channels, channel)) for one in same]
-    seen = np.concatenate([part[np.isfinite(part)] for part in parts])
-    spread = float(np.linalg.norm(seen - seen.mean())) if len(seen) > 2 else 0.0
-    return 1.0 / spread if spread > 1e-9 else 0.0
-
-
-def _turns(channels: Mapping[str, str], channel: str) -> bool:
-    return f"d{channels[channel]}" in channels.values()
-
-
-def _asked_by_its_angle(channels: Mapping[str, str], channel: str) -> bool:
-    state = channels[channel]
-    return state.startswith("d") and state[1:] in channels.values()
-
-
-def _signal(t: Array, y: Array, turns: bool) -> Array:
-    """What is compared of (n, ...): the reading, or its slope between the neighbours."""
-    if not turns:
-        return y
-    out = np.full_like(y, np.nan)
-    span = (t[2:] - t[:-2]).reshape(-1, *([1] * (y.ndim - 1)))
-    out[1:-1] = (y[2:] - y[:-2]) / span
-    return out
-
-
-def part_of(
-    stretch: Stretch,
-    reference: Array,
-    effects: Sequence[Effect],
-    weight: Array,
-    free: Sequence[str],
-    length: float | None,
-) -> Part:
-    windows = windows_of(stretch, length)
-    simulator = Simulator(windows, effects)
-    nx = simulator.composite.nx
-    wide = np.zeros((len(reference), nx))
-    known = min(nx, reference.shape[1])
-    wide[:, :known] = reference[:, :known]
-    start = wide[windows.first].T.copy()
-    mark = f"@{stretch.recording}"
-    mine = {n: n.removesuffix(mark) for n in free if n.endswith(mark) or "@" not in n}
-    names = {n: own for n, own in mine.items() if own in simulator.composite.names}
-    return Part(stretch, windows, simulator, start, start.copy(), weight, names)
 
 
 # ---------------------------------------------------------------------------------------------- search
@@ -196,7 +110,7 @@ def sizes(values: Mapping[str, float], free: Sequence[str], effects: Sequence[Ef
     own = {e.key(p.name): p for e in effects for p in e.parameters}
     out = []
     for name in free:
-        p = own.get(name.split("@")[0])
+        p = own.get(plain(name))
         size = 0.3 if p is None else (1.0 if p.role == "phase" else abs(p.size))
         out.append(max(abs(values[name]), size))
     return np.array(out)
@@ -209,34 +123,8 @@ def _moved(
     ranges = {e.key(p.name): (p.low, p.high) for e in effects for p in e.parameters if p.role != "phase"}
     out = dict(values)
     for name, step in zip(free, delta, strict=True):
-        low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))
+        low, high = ranges.get(plain(name), (-np.inf, np.inf))
         out[name] = float(np.clip(values[name] + step, low, high))
-    return out
-
-
-def errors_of(windows: Windows, weight: Array, y: Array) -> Array:
-    """(n, nc, b) weighted; 0 where nothing was measured."""
-    # a run that left every bound is as bad as can be, not as good as none
-    finite = np.clip(np.nan_to_num(y, nan=LARGEST), -1e6, 1e6)
-    return np.asarray(np.nan_to_num(_compared(windows, weight, windows.y) - _compared(windows, weight, finite)))
-
-
-def _compared(w: Windows, weight: Array, y: Array) -> Array:
-    """Weighted signals of (n, nc, b)."""
-    nodes = np.minimum(w.first + np.arange(w.length)[:, None], len(w.stretch.t) - 1)
-    channels = w.stretch.plant.channels
-    seen = np.isfinite(w.y)
-    out = np.full(y.shape, np.nan)
-    for column, channel in enumerate(channels):
-        if weight[column] == 0.0:
-            continue
-        one = np.where(seen[:, column], y[:, column], np.nan)
-        if _turns(channels, channel):
-            span = w.stretch.t[nodes[2:]] - w.stretch.t[nodes[:-2]]
-            slope = np.full(one.shape, np.nan)
-            slope[1:-1] = (one[2:] - one[:-2]) / np.maximum(span, 1e-9)
-            one = slope
-        out[:, column] = weight[column] * one
     return out
 
 
@@ -248,19 +136,10 @@ def _cost(
     for part, start in zip(parts, starts, strict=True):
         local = part.local(values)
         y = part.simulator.readings(local, part.simulator.run(local, start[:, :, None]))[..., 0]
-        off = (start - part.anchor) / _spread(part)
-        total += (
-            float(np.sum(errors_of(part.windows, part.weight, y) ** 2))
-            + START_WEIGHT * float(np.sum(off**2)) / off.size
-        )
+        off = (start - part.anchor) / start_spread(part)
+        total += float(np.sum(errors(part, y) ** 2)) + START_WEIGHT * float(np.sum(off**2)) / off.size
     off = (np.array([values[name] for name in free]) - centre) / (PRIOR_SIZE * scale)
     return total + PRIOR_WEIGHT * float(off @ off)
-
-
-def _spread(part: Part) -> Array:
-    """(nx, 1)"""
-    nx = len(part.start)
-    return np.array([START_SPREAD[i % 2] for i in range(nx)])[:, None]
 
 
 @dataclass(frozen=True)
@@ -284,13 +163,13 @@ def _blocks(part: Part, values: Mapping[str, float], free: Sequence[str], scale:
     for i in range(nx):
         start[i, :, 1 + i] += steps[i]
     y = part.simulator.readings(columns, part.simulator.run(columns, start))
-    e = errors_of(part.windows, part.weight, y[..., 0])
-    by = np.stack([-(errors_of(part.windows, part.weight, y[..., j]) - e) for j in range(1, len(columns))], axis=-1)
+    e = errors(part, y[..., 0])
+    by = np.stack([-(errors(part, y[..., j]) - e) for j in range(1, len(columns))], axis=-1)
     jx = np.nan_to_num(by[..., :nx] / steps.T[None, None])
     jp = np.zeros((*e.shape, m))
     for column, (i, _) in enumerate(mine):
         jp[..., i] = by[..., nx + column] / DIFFERENCE  # by the parameter in units of its size
-    spread, count = _spread(part), part.start.size
+    spread, count = start_spread(part), part.start.size
     pull = START_WEIGHT / count / spread**2
     xx = np.einsum("ncbi,ncbj->bij", jx, jx) + np.eye(nx) * pull.T[None]
     x = np.einsum("ncbi,ncb->bi", jx, e) - (pull * (part.start - part.anchor)).T
@@ -333,19 +212,3 @@ def _covariance(parts: Sequence[Part], information: Array, scale: Array, cost: f
     inverse = np.linalg.pinv(information, hermitian=True) if len(scale) else np.zeros((0, 0))
     windows = max(sum(part.start.shape[1] for part in parts), 1)
     return np.asarray(inverse * np.outer(scale, scale) * cost / max(windows, 1))
-
-
-def _states(part: Part, values: Mapping[str, float]) -> Array:
-    """(nodes, nx) what the windows had at every node of the stretch."""
-    states = part.simulator.run(part.local(values), part.start[:, :, None])[..., 0]
-    nx, w = len(part.start), part.windows
-    out = np.empty((len(part.stretch.t), nx))
-    for b, (first, count) in enumerate(zip(w.first, w.count, strict=True)):
-        out[first : first + count] = states[:count, :nx, b]
-    return out
-
-
-def _simulated(part: Part, values: Mapping[str, float]) -> Simulated:
-    local = part.local(values)
-    states = part.simulator.run(local, part.start[:, :, None])
-    return Simulated(part.windows, part.start, part.simulator.readings(local, states)[..., 0], states[..., 0])

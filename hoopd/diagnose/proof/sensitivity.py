@@ -17,7 +17,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.proof.refine import DIFFERENCE, Refined, channel_weights, errors_of, local_values, sizes
+from hoopd.diagnose.engine.ofrecording import values_of
+from hoopd.diagnose.proof.compared import channel_weights, errors_of
+from hoopd.diagnose.proof.refine import DIFFERENCE, Refined, sizes
 from hoopd.diagnose.proof.simulation import Simulated, Simulator
 from hoopd.diagnose.search.screen import Column, Member, Score, members_of, orthonormal, score_of
 from hoopd.physics.effects.base import Effect
@@ -201,6 +203,11 @@ def _values(effect: Effect, column: Column) -> tuple[dict[str, float], float]:
     for p in amplitudes:
         values[p.name] = p.neutral + SMALL * (values[p.name] - p.neutral)
     return {effect.key(name): value for name, value in values.items()}, 1.0 / SMALL if amplitudes else 1.0
+
+
+def local_values(simulator: Simulator, values: Mapping[str, float]) -> dict[str, float]:
+    """Values in one stretch, those of the composite where none are given."""
+    return {**simulator.composite.values, **values_of(simulator.windows.stretch.recording, values)}
 
 
 def memory(e: Array) -> float:

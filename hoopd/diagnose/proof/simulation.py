@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.engine.composites import composite_of, fitting_effects
 from hoopd.diagnose.engine.dataset import Held, Stretch
-from hoopd.diagnose.engine.track import composite_of, fitting_effects
 from hoopd.physics.composite import Composite
 from hoopd.physics.effects.base import Effect
 
@@ -23,13 +23,13 @@ Array = NDArray[np.float64]
 Columns = Mapping[str, float] | Sequence[Mapping[str, float]]
 
 WINDOW_S = 2.0
-# A window shorter than this share of the others is left to none.
-SHORTEST_SHARE = 0.5
 START_STEPS = 4
 # Finite differences of starts and parameters, relative to their size.
 DIFFERENCE = 1e-5
 # A window whose simulation leaves the device's range is as bad as this many rad or rad/s.
 LARGEST = 1e3
+# No number of a simulation counts as larger.
+BOUND = 1e6
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,11 @@ class Windows:
     def length(self) -> int:
         """Nodes of the longest."""
         return int(self.count.max())
+
+
+def bounded(y: Array) -> Array:
+    """Numbers of a simulation: one that left every bound is as bad as can be, not as good as none."""
+    return np.clip(np.nan_to_num(y, nan=LARGEST), -BOUND, BOUND)
 
 
 def windows_of(stretch: Stretch, window_s: float | None = WINDOW_S) -> Windows:
@@ -88,7 +93,7 @@ class Simulator:
             step.set(1, torques[i])
             step.set(3, h[i][None])
             step.set(4, t[i][None])
-            out[i + 1] = np.clip(np.nan_to_num(step(), nan=LARGEST), -1e6, 1e6)
+            out[i + 1] = bounded(step())
         return out.reshape(n, c.nz, b, k)
 
     def _beginning(self, start: Array) -> Array:
@@ -220,7 +225,7 @@ def _perturbed(start: Array) -> Array:
 
 def _errors(windows: Windows, y: Array, sigma: Array) -> Array:
     """(n, nc, b) in units of sigma, 0 where nothing was measured."""
-    e = (windows.y - np.clip(np.nan_to_num(y, nan=LARGEST), -1e6, 1e6)) / sigma[None, :, None]
+    e = (windows.y - bounded(y)) / sigma[None, :, None]
     return np.asarray(np.where(np.isfinite(windows.y), e, 0.0))
 
 

@@ -7,6 +7,7 @@ no figure.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,28 @@ Array = NDArray[np.float64]
 
 # What starts are weighted by: this share of a channel's spread, and of a rate's for an angle that turns on and on.
 SPREAD_SHARE, RATE_S = 0.02, 0.3
+
+
+@dataclass(frozen=True)
+class Played:
+    """A fit with its free runs over windows."""
+
+    fit: Fit
+    runs: list[Simulated]
+
+    def by_recording(self) -> dict[str, list[Simulated]]:
+        """The runs of each recording."""
+        found: dict[str, list[Simulated]] = {}
+        for run in self.runs:
+            found.setdefault(run.windows.stretch.recording, []).append(run)
+        return found
+
+
+def played(fits: Mapping[str, Fit]) -> dict[str, Played]:
+    """Every fit simulated; one that stands under several names once."""
+    once = {id(one): one for one in fits.values()}
+    found = {key: Played(one, run_windows(one)) for key, one in once.items()}
+    return {name: found[id(one)] for name, one in fits.items()}
 
 
 def run_windows(found: Fit, window_s: float | None = WINDOW_S) -> list[Simulated]:

@@ -13,10 +13,11 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.quality.lateframes import repeated_frames, repeats
+from hoopd.diagnose.quality.lateframes import NATS, RepeatedFrames, repeated_frames, repeats
 from hoopd.diagnose.quality.motion import pushes
 from hoopd.diagnose.quality.noisefloor import noise_floor, quantum, resolution
 from hoopd.diagnose.quality.outliers import spread_share
+from hoopd.diagnose.quality.population import second_population
 from hoopd.diagnose.quality.split import Split, split
 from hoopd.diagnose.quality.turns import near
 from hoopd.ident.experiments import HELD_COUNTS
@@ -39,13 +40,21 @@ class Share:
     """How large a part of the samples is bad in one way; `gain`: nats that saying so brings."""
 
     value: float
-    ci95: tuple[float, float]
+    error: float  # standard error
     gain: float
-    count: int
+    samples: int  # of which it is the share
     spread: float  # the same if samples were bad one by one: less than `value` when they come in clusters
 
 
-NONE = Share(0.0, (0.0, 0.0), 0.0, 0, 0.0)
+NONE = Share(0.0, 0.0, 0.0, 0, 0.0)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a channel's samples (n,) about its own course."""
+
+    normal: Array  # over what is expected of them; NaN: no sample, or nothing to predict it by
+    weight: Array  # probability that a sample is of its own row, good or false
 
 
 @dataclass(frozen=True)
@@ -62,8 +71,19 @@ class Channel:
     outliers: Mask  # single false values
     ignored: Mask  # within `segments`
     late_share: Share = NONE
-    outlier_share: Share = NONE
+    errors: Errors | None = None
     jitter_s: float = 0.0  # of the instants of sampling, as the scatter of a moving angle shows it
+
+    def outlier_share(self) -> Share:
+        """Of false values that are a population of their own, far from the errors of the others."""
+        usable = self.counts | self.late | self.outliers
+        if self.errors is None or not usable.any():
+            return NONE
+        found = second_population(np.where(usable, self.errors.normal, np.nan), self.errors.weight)
+        samples = int(usable.sum())
+        part = int((usable & np.isfinite(self.errors.normal)).sum()) / samples
+        alone = spread_share(self.outliers, self.counts | self.outliers)
+        return Share(part * found.share, part * found.error, found.gain, samples, alone)
 
     @property
     def numbers(self) -> dict[str, int]:
@@ -124,9 +144,7 @@ def hoop_channel(
     found = split(t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor)
     false = found.false > SURE
     sigma = max(noise_floor(t, np.where(usable & ~false, values - found.path, np.nan)), floor)
-    share = _false_share(found, usable)
-    counts, jitter_s = usable & ~false, found.jitter_s
-    return replace(whole, sigma=sigma, counts=counts, outliers=false, outlier_share=share, jitter_s=jitter_s)
+    return replace(whole, sigma=sigma, counts=usable & ~false, outliers=false, jitter_s=found.jitter_s)
 
 
 def _constant(values: Array) -> bool:
@@ -158,19 +176,24 @@ def _judged(whole: Channel, found: Split, short: Mask, fresh: Mask, t: Array, va
     late, false = (found.late > SURE) | (again.probability > SURE), found.false > SURE
     counts = whole.counts & ~late & ~false
     sigma = noise_floor(t, np.where(counts & fresh, values - found.path, np.nan))
-    part = int(fresh.sum()) / candidates
-    share = again.share + part * float(found.shares[1])
-    error = sqrt(again.error**2 * (again.share > 0.0) + (part * float(found.errors[0])) ** 2 * (found.shares[1] > 0.0))
-    late_share = Share(share, interval(share, error), again.gain + float(found.gains[0]), int(late.sum()), share)
     return replace(
         whole,
         sigma=sigma if np.isfinite(sigma) else found.sigma,
         counts=counts,
         late=late,
         outliers=false,
-        late_share=late_share,
-        outlier_share=_false_share(found, whole.counts),
+        late_share=_late_share(found, again, candidates, int(fresh.sum()) / candidates),
+        errors=Errors(found.normal, found.fresh + found.false),
     )
+
+
+def _late_share(found: Split, again: RepeatedFrames, candidates: int, part: float) -> Share:
+    """Frames equal to the bit and frames measured anew together; either counts once it is more than chance."""
+    share, variance, gain = again.share, again.error**2, again.gain
+    if found.gains[0] > NATS:
+        share, variance = share + part * float(found.shares[1]), variance + (part * float(found.errors[0])) ** 2
+        gain += float(found.gains[0])
+    return Share(share, sqrt(variance), gain, candidates, share)
 
 
 def _moved(course: Array, fresh: Mask) -> Array:
@@ -183,15 +206,3 @@ def _moved(course: Array, fresh: Mask) -> Array:
 def _ball_paths(t: Array, drives: Array) -> Callable[[Array], Array]:
     """The torque, and gravity by the angle: what pushes a ball at once."""
     return lambda course: pushes(t, np.column_stack([drives, np.sin(course), np.cos(course)]), 2)
-
-
-def _false_share(found: Split, usable: Mask) -> Share:
-    part = float((found.fresh + found.late + found.false).sum()) / max(int(usable.sum()), 1)
-    share, error = part * float(found.shares[2]), part * float(found.errors[1])
-    false = found.false > SURE
-    return Share(share, interval(share, error), float(found.gains[1]), int(false.sum()), spread_share(false, usable))
-
-
-def interval(share: float, error: float) -> tuple[float, float]:
-    """95 % of a share with this standard error."""
-    return max(share - 1.96 * error, 0.0), min(share + 1.96 * error, 1.0)

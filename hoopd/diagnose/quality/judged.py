@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.quality.channels import Channel, Share, absent_channel, ball_channel, hoop_channel
+from hoopd.diagnose.quality.channels import Channel, absent_channel, ball_channel, hoop_channel
 from hoopd.diagnose.quality.lateframes import slow_stretches
 from hoopd.diagnose.quality.motion import lagged
-from hoopd.diagnose.quality.outliers import bursts, inside, spread_share, stretches
+from hoopd.diagnose.quality.outliers import bursts, inside, stretches
 from hoopd.diagnose.quality.speed import Speed, speed
 from hoopd.diagnose.quality.stops import Clock, clock, saturated_share, unanswered
 from hoopd.diagnose.quality.turns import turned
@@ -29,8 +29,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 CHANNELS = ("theta", "dtheta", "psi")
-# Above this share a fault of the camera is an effect (EFFECTS.md); a gain that chance does not reach.
-EFFECT_SHARE, EFFECT_NATS = 0.02, 25.0
 # A shorter stretch of equal angles is counted, and not worth a line of its own.
 STUCK_S = 0.2
 # Unevenness of sampling that is worth a line: at 20 rad/s more than an encoder's count.
@@ -129,19 +127,6 @@ def cleaned_channels(recording: Recording, channels: Mapping[str, Channel]) -> R
     return replace(recording, **changes)
 
 
-def corruption_findings(quality: Quality) -> list[tuple[str, float, tuple[float, float], float]]:
-    """Faults of the camera that are effects: name, share, 95 % interval, gain in nats; the largest gain first."""
-    psi = quality.channels["psi"]
-    both = (("camera.late_frames", psi.late_share), ("camera.outliers", psi.outlier_share))
-    found = [(name, one.value, one.ci95, one.gain) for name, one in both if _is_effect(one)]
-    return sorted(found, key=lambda one: -one[3])
-
-
-def _is_effect(share: Share) -> bool:
-    """An effect is there all the time: a hand or a burst makes a large share in a few places."""
-    return min(share.value, share.spread) > EFFECT_SHARE and share.gain > EFFECT_NATS
-
-
 # ---------------------------------------------------------------------------------------------- segments
 
 
@@ -157,19 +142,7 @@ def _without_bursts(recording: Recording, channel: Channel, segments: list[tuple
     segments += [(*_span(recording, a, b), f"{channel.name}: a burst of false values") for a, b in found]
     inner = inside(len(recording), found)
     outside = channel.outliers & ~inner
-    share, moved = channel.outlier_share, channel.outlier_share.count - int(outside.sum())
-    left = max(share.value - moved / max(int(channel.counts.sum()) + share.count, 1), 0.0)
-    gain = share.gain * left / share.value if share.value else 0.0
-    width = (share.ci95[1] - share.ci95[0]) / 2
-    alone = spread_share(outside, channel.counts & ~inner)
-    smaller = Share(left, (max(left - width, 0.0), left + width), gain, int(outside.sum()), alone)
-    return replace(
-        channel,
-        counts=channel.counts & ~inner,
-        outliers=outside,
-        ignored=channel.ignored | inner,
-        outlier_share=smaller,
-    )
+    return replace(channel, counts=channel.counts & ~inner, outliers=outside, ignored=channel.ignored | inner)
 
 
 def _stuck(recording: Recording, psi: Channel) -> list[tuple[float, float, str]]:

@@ -65,6 +65,14 @@ def _errors(found: Course, drive: Explained, filled: Array) -> tuple[Array, Arra
     return filled - drive.path - found.own, filled - before - found.before
 
 
+def normal_errors(found: Course, drive: Explained, filled: Array, state: State) -> Array:
+    """(n,) error of each sample at its own row over what is expected of it; NaN where nothing predicts it."""
+    own, _ = _errors(found, drive, filled)
+    return np.where(
+        _known(found), own / (state.sigma * state.scale * np.sqrt(state.noise + found.own_variance)), np.nan
+    )
+
+
 def densities(found: Course, drive: Explained, filled: Array, state: State) -> Array:
     """Of fresh, late and false (3, n)."""
     own, before = _errors(found, drive, filled)

@@ -30,7 +30,6 @@ class Speed(NamedTuple):
     channel: str  # dtheta or theta_rate
     reason: str
     gain: float  # of dtheta against the slope of theta
-    lag_s: float  # of dtheta
     noise: float  # rad/s, what is left between the two at best gain and delay
     rate_noise: float  # rad/s, of the slope of theta
     slow_gain: float = float("nan")  # against the slope, both over a second: what a lag or an uneven turn cannot change
@@ -44,7 +43,7 @@ class Speed(NamedTuple):
 def speed(recording: Recording, theta_sigma: float) -> Speed:
     """Compare both; theta_sigma: noise of a sample of theta, rad. The recording has its bad samples as NaN."""
     t, theta, dtheta = recording.t, recording.theta, recording.dtheta
-    nothing = (float("nan"),) * 4
+    nothing = (float("nan"),) * 3
     if np.isfinite(theta).sum() < FEWEST:
         return Speed("dtheta", "theta is missing", *nothing)
     if np.isfinite(dtheta).sum() < FEWEST:
@@ -53,10 +52,9 @@ def speed(recording: Recording, theta_sigma: float) -> Speed:
     slope = np.concatenate([[np.nan], (theta[2:] - theta[:-2]) / span, [np.nan]])
     rate_noise = float(theta_sigma * np.sqrt(2.0) / np.median(span))
     if np.nanstd(slope) < 3.0 * rate_noise:
-        return Speed("theta_rate", "the hoop hardly moves: theta is the finer of the two", *nothing[:3], rate_noise)
+        return Speed("theta_rate", "the hoop hardly moves: theta is the finer of the two", *nothing[:2], rate_noise)
     gain, lag, noise = _compared(slope, dtheta)
-    found = gain, lag * float(np.median(np.diff(t))), noise, rate_noise
-    return Speed(*_verdict(gain, lag, noise, rate_noise), *found, _slow_gain(t, slope, dtheta))
+    return Speed(*_verdict(gain, lag, noise, rate_noise), gain, noise, rate_noise, _slow_gain(t, slope, dtheta))
 
 
 def _slow_gain(t: Array, slope: Array, dtheta: Array) -> float:

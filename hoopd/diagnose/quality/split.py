@@ -20,6 +20,7 @@ from hoopd.diagnose.quality.mixture import (
     densities,
     expected,
     gain_of,
+    normal_errors,
     scaled,
     standard_errors,
 )
@@ -51,6 +52,7 @@ class Split:
     false: Array
     course: Array  # (n,) prediction without the sample, at its row
     variance: Array  # (n,) of that prediction
+    normal: Array  # (n,) error of that prediction over what is expected of it; NaN where there is none
     path: Array  # (n,) what the drives do at once
     sigma: float  # of a fresh sample
     jitter_s: float  # of the instants of sampling, where asked for
@@ -88,7 +90,7 @@ def _spread(course: Array, rows: NDArray[np.int64], n: int) -> Array:
 def _whole(part: Split, rows: NDArray[np.int64], n: int) -> Split:
     """The same with all rows: nothing known of the others."""
     changes: dict[str, Any] = {}
-    for name, blank in (("fresh", 0.0), ("late", 0.0), ("false", 0.0), ("variance", np.inf)):
+    for name, blank in (("fresh", 0.0), ("late", 0.0), ("false", 0.0), ("variance", np.inf), ("normal", np.nan)):
         column = np.full(n, blank)
         column[rows] = getattr(part, name)
         changes[name] = column
@@ -165,6 +167,7 @@ def _result(found: Course, drive: Explained, filled: Array, seen: Mask, state: S
         state.false,
         found.own + drive.path,
         (state.sigma * state.scale) ** 2 * found.own_variance,
+        np.where(seen, normal_errors(found, drive, filled, state), np.nan),
         drive.path,
         state.sigma,
         state.jitter_s,

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from hoopd.diagnose.record import Diagnosis, Quantity, canonical
+from hoopd.diagnose.record import Diagnosis, Quantity
+from hoopd.diagnose.recordfile import canonical
 from hoopd.diagnose.report import tables, words
 from hoopd.diagnose.report.markup import document, drawing, paragraph, section, table, text
 from hoopd.diagnose.report.readable import listed, nats

@@ -15,8 +15,9 @@ from hoopd.diagnose.curves.effectforce import Missing, Variable, missing_of, rec
 from hoopd.diagnose.curves.missingforce import binned, law_of_curve, missing_force
 from hoopd.diagnose.curves.unknown import Unknown
 from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.engine.intervals import disturbance, robust_level
-from hoopd.diagnose.proof.tables import run_windows, series
+from hoopd.diagnose.engine.intervals import disturbance
+from hoopd.diagnose.engine.unusual import robust_level
+from hoopd.diagnose.proof.tables import Played, series
 from hoopd.diagnose.record import Ignored
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.shown import (
@@ -46,7 +47,7 @@ JUMP_SHARE = 0.4
 CHANCE, MOST_ORDERS, SAMPLES_AN_ORDER = 0.01, 24, 20
 
 
-def shown_of(named: Named, heldout: Mapping[str, Fit], unknown: Unknown | None, ignored: Ignoreds) -> Shown:
+def shown_of(named: Named, heldout: Mapping[str, Played], unknown: Unknown | None, ignored: Ignoreds) -> Shown:
     """Everything that can be drawn of a search; `heldout`: base and final on held-out data; ignored: by recording."""
     own = [name for name in named.final.names if name not in named.base.names]
     found = [missing for name in own if (missing := _missing(named, name)) is not None]
@@ -63,22 +64,17 @@ def shown_of(named: Named, heldout: Mapping[str, Fit], unknown: Unknown | None, 
 # ---------------------------------------------------------------------------------------------- before and after
 
 
-def comparisons(base: Fit, final: Fit, ignored: Ignoreds) -> list[Comparison]:
+def comparisons(base: Played, final: Played, ignored: Ignoreds) -> list[Comparison]:
     """Measured, before and after over windows of 2 s, by recording."""
-    names = list(dict.fromkeys(track.stretch.recording for track in base.tracks))[:MOST_RECORDINGS]
+    names = list(dict.fromkeys(track.stretch.recording for track in base.fit.tracks))[:MOST_RECORDINGS]
     return [Comparison(name, traces(base, final, name), ignored=ignored.get(name, ())) for name in names]
 
 
-def traces(base: Fit, final: Fit, recording: str) -> list[Trace]:
+def traces(base: Played, final: Played, recording: str) -> list[Trace]:
     """One for each channel of a recording."""
-    before, after = _runs(base, recording), _runs(final, recording)
-    plant = next(track.stretch.plant for track in base.tracks if track.stretch.recording == recording)
+    before, after = (series(one.by_recording().get(recording, [])) for one in (base, final))
+    plant = next(track.stretch.plant for track in base.fit.tracks if track.stretch.recording == recording)
     return [_trace(name, plant, parts, after.get(name, [])) for name, parts in before.items()]
-
-
-def _runs(found: Fit, recording: str) -> dict[str, list[tuple[Array, Array, Array]]]:
-    tracks = [track for track in found.tracks if track.stretch.recording == recording]
-    return series(run_windows(replace(found, tracks=tracks)))
 
 
 def _trace(

@@ -13,7 +13,8 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from hoopd.diagnose.record import Diagnosis, canonical
+from hoopd.diagnose.record import Diagnosis
+from hoopd.diagnose.recordfile import canonical
 from hoopd.diagnose.report import tables, words
 from hoopd.diagnose.report.readable import safe
 from hoopd.diagnose.report.tables import Table

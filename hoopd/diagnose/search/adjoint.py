@@ -68,15 +68,6 @@ class Adjoint:
                 parts.setdefault(track.stretch.recording, []).append((track, np.einsum("nq,nqm->nm", force, slopes)))
         return [_joined(recording, pieces) for recording, pieces in parts.items()]
 
-    def to_push(self, coordinate: str) -> list[Answer]:
-        """By recording, to a unit force on a coordinate."""
-        parts: dict[str, list[tuple[Track, Array]]] = {}
-        for track, slopes in zip(self.screen.fit.tracks, self.by_force, strict=True):
-            if coordinate in track.stretch.plant.coordinates:
-                q = track.stretch.plant.coordinates.index(coordinate)
-                parts.setdefault(track.stretch.recording, []).append((track, slopes[:, q]))
-        return [_joined(recording, pieces) for recording, pieces in parts.items()]
-
 
 def adjoint(model: Linear, found: Gains, white: Array) -> Array:
     """(n-1, nz, m) derivatives by f of the products of rows r (n, nc, m) with the whitened innovations of f."""

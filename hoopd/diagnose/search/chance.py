@@ -10,35 +10,17 @@ Rules of this file: numbers in, numbers out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import lgamma, log
+from math import log
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincc
+
+from hoopd.diagnose.search.surprise import log_chances
 
 Array = NDArray[np.float64]
 
 EULER = 0.5772156649015329
-# gammaincc holds its digits above this; below it the continued fraction does.
-SMALLEST = 1e-200
-FRACTION_STEPS = 60
-
-
-def log_chances(gains: Array, columns: int) -> Array:
-    """(...,) log P(chi2_m / 2 >= gain): log of the regularised upper incomplete gamma function Q(m/2, gain)."""
-    gains = np.asarray(gains, dtype=float)
-    if columns <= 0:
-        return np.zeros(gains.shape)
-    a = columns / 2.0
-    chances = gammaincc(a, np.maximum(gains, 0.0))
-    far = np.maximum(gains, a + 2.0)
-    # Q(a, x) = e^-x x^a / Gamma(a) / (x+1-a- 1(1-a)/(x+3-a- 2(2-a)/(x+5-a- ...)))  (Abramowitz, Stegun 6.5.31)
-    value = far + 2 * FRACTION_STEPS + 1.0 - a
-    for k in range(FRACTION_STEPS, 0, -1):
-        value = far + 2 * k - 1.0 - a - k * (k - a) / value
-    tail = -far + a * np.log(far) - lgamma(a) - np.log(value)
-    return np.where(chances > SMALLEST, np.log(np.maximum(chances, SMALLEST)), tail)
 
 
 def surprises(gains: Array, columns: int) -> Array:

@@ -20,7 +20,7 @@ from hoopd.diagnose.search.scan import scan
 from hoopd.diagnose.search.scanned import Scanned
 from hoopd.diagnose.search.screen import TOUCHED, Score, Screen
 from hoopd.diagnose.search.stiff import deflated, far_beyond, stiffened
-from hoopd.diagnose.search.surprise import THRESHOLD, surprise
+from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
 from hoopd.physics.effects.base import Effect
 
 Progress = Callable[[str], None]
@@ -93,7 +93,7 @@ def name_effects(
     """The search; `nominal`, `base`: fits of the training stretches with parameters as given and re-estimated."""
     settings = settings or Settings()
     found = Named(nominal, base, base)
-    judge = _Judge(train, heldout, library, settings)
+    judge = Judge(train, heldout, library, settings)
     for _ in range(MOST_ROUNDS):
         if len(found.accepted) >= (MOST_WHERE_FAR if far_beyond(found.final) else settings.most):
             break
@@ -110,7 +110,7 @@ def name_effects(
     return found
 
 
-class _Judge:
+class Judge:
     """The data, and how an effect is tried on them."""
 
     def __init__(
@@ -185,10 +185,17 @@ def surprise_of(score: Score, gain: float, stretches: Sequence[Stretch]) -> floa
     return surprise(gain, *columns_of(score.member.effect, stretches))
 
 
+def needed_of(score: Score, threshold: float, stretches: Sequence[Stretch]) -> float:
+    """The gain by the effect of a score that is as surprising as the threshold."""
+    if isinstance(score, Scanned):
+        return needed_gain(threshold, score.freedom, max(score.candidates, 1.0))
+    return needed_gain(threshold, *columns_of(score.member.effect, stretches))
+
+
 # ---------------------------------------------------------------------------------------------- forward
 
 
-def _next(found: Named, judge: _Judge) -> Tried | None:
+def _next(found: Named, judge: Judge) -> Tried | None:
     """The effect that the recordings ask for most, beside what was found; None when they ask for none."""
     settings, first = judge.settings, not found.accepted
     settings.progress("screening the library")
@@ -222,7 +229,7 @@ def _next(found: Named, judge: _Judge) -> Tried | None:
     return None
 
 
-def _chosen(scores: Sequence[Score], judge: _Judge) -> list[Score]:
+def _chosen(scores: Sequence[Score], judge: Judge) -> list[Score]:
     """Proposals worth a fit: those above half the threshold and near the best, and the simpler form of each."""
     surprises = {s.member.effect.name: surprise_of(s, s.gain, judge.train) for s in scores}
     best = max(surprises.values(), default=0.0)
@@ -238,7 +245,7 @@ def _chosen(scores: Sequence[Score], judge: _Judge) -> list[Score]:
     return kept
 
 
-def _other_starts(chosen: Sequence[Score], scores: Sequence[Score], judge: _Judge) -> list[Score]:
+def _other_starts(chosen: Sequence[Score], scores: Sequence[Score], judge: Judge) -> list[Score]:
     """The best proposals from the nominal parameters: a base bent by a large effect may hide it from its own screen."""
     taken = {score.member.effect.name for score in chosen}
     return [score for score in _chosen(scores, judge) if score.member.effect.name not in taken][:OTHER_STARTS]
@@ -261,7 +268,7 @@ def _in_order(tried: Sequence[Tried]) -> list[Tried]:
 # ---------------------------------------------------------------------------------------------- backward, swap
 
 
-def _reconsider(found: Named, judge: _Judge) -> None:
+def _reconsider(found: Named, judge: Judge) -> None:
     """Each earlier effect against being left out, and against another in its place."""
     for one in list(found.accepted[:-1]):
         rest = _others(found, one)
@@ -283,7 +290,7 @@ def _others(found: Named, one: Tried) -> list[Effect]:
     return [*found.base.effects, *(other.effect for other in found.accepted if other is not one)]
 
 
-def _better(found: Named, judge: _Judge, one: Tried, without: Fit, loss: float) -> Tried | None:
+def _better(found: Named, judge: Judge, one: Tried, without: Fit, loss: float) -> Tried | None:
     scores = judge.proposals(without, (*without.names, one.effect.name))
     for score in scores[:2]:
         if score.gain < 0.8 * loss:
@@ -294,7 +301,7 @@ def _better(found: Named, judge: _Judge, one: Tried, without: Fit, loss: float) 
     return None
 
 
-def _ablate(found: Named, judge: _Judge) -> None:
+def _ablate(found: Named, judge: Judge) -> None:
     """What each accepted effect is worth beside the others."""
     for one in found.accepted:
         rest = _others(found, one)

@@ -227,9 +227,11 @@ def _start(member: Member, weights: Array) -> dict[str, float]:
 def orthonormal(x: Array) -> Array:
     """(rows, k) basis of the directions of the free parameters that the data know."""
     size = np.sqrt(np.sum(x**2, axis=0))
-    unit = x[:, size > 1e-9] / size[size > 1e-9]
-    q, r = np.linalg.qr(unit)
-    return np.asarray(q[:, np.abs(np.diag(r)) > 1e-7])
+    unit: Array = x[:, size > 1e-9] / size[size > 1e-9]
+    if not unit.shape[1]:
+        return unit
+    u, s, _ = np.linalg.svd(unit, full_matrices=False)
+    return np.asarray(u[:, s > 1e-7])
 
 
 def whitened_changes(fit: Fit, changes: Sequence[tuple[Effect, Column]]) -> Array:

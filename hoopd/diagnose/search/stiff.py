@@ -17,7 +17,7 @@ import numpy as np
 
 from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.noise import first_noise
+from hoopd.diagnose.engine.tuning import first_noise
 from hoopd.diagnose.search.screen import Score
 
 # Disturbances this many times the usual one are far beyond it.

@@ -1,0 +1,86 @@
+"""What has no name, proven like a name: its curve fitted with everything else, and run on the held-out recordings.
+
+A screen has said where a curve would help; here the joint fit and data that no value of it was fitted to decide. What
+had to be fitted again to a new recording pays half a nat a value: so much would chance give it.
+
+Rules of this file: the held-out data refuse a curve by the rule that refuses a name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from hoopd.diagnose.curves.shapes import fitted_shapes, recordings_of, together
+from hoopd.diagnose.curves.unknown import Survey, Unknown, judge_unknown, survey
+from hoopd.diagnose.engine.fitting import Fit
+from hoopd.diagnose.proof.heldout import HeldOut, on_heldout
+from hoopd.diagnose.search.naming import HELD_OUT_LOSS, HELD_OUT_SHARE, Named
+from hoopd.diagnose.search.screen import Score
+from hoopd.diagnose.search.surprise import surprise
+from hoopd.physics.effects.base import Effect
+
+
+@dataclass(frozen=True)
+class Proven:
+    """An unknown effect as fitted."""
+
+    unknown: Unknown  # with the gain and the shapes of the joint fit
+    joint: Fit
+    heldout: Fit | None  # the joint hypothesis on the held-out recordings
+    heldout_gain: float | None  # nats
+
+
+def proven(unknown: Unknown, held: HeldOut) -> Proven | None:
+    """None when the joint fit or the held-out data do not bear it out."""
+    joint, (curve,) = together([unknown.score], unknown.beside)
+    gain = unknown.beside.criterion - joint.criterion
+    size = surprise(gain / unknown.score.colour, unknown.score.columns)
+    if size <= unknown.threshold:
+        return None
+    shapes = fitted_shapes(curve, joint, recordings_of(joint))
+    found = replace(unknown, shapes=shapes, gain=gain, surprise=size)
+    without = held.of(unknown.beside)
+    if without is None:
+        return Proven(found, joint, None, None)
+    after, again = on_heldout(joint, held.stretches, unknown.beside)
+    better = without.criterion - after.criterion - again / 2.0
+    refused = better <= -max(HELD_OUT_LOSS, HELD_OUT_SHARE * gain)
+    return None if refused else Proven(found, joint, after, better)
+
+
+@dataclass(frozen=True)
+class Missing:
+    """What has no name: the survey beside the base, and what it came to on the held-out data."""
+
+    base: Survey
+    proof: Proven | None
+
+    @property
+    def unknown(self) -> Unknown | None:
+        """As fitted."""
+        return None if self.proof is None else self.proof.unknown
+
+
+def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int) -> Missing:
+    """What `effects` have no name for; names that explain nothing beside it are dropped."""
+
+    def of(found: Fit, also: Sequence[Score]) -> Survey:
+        return survey(found, effects, seed=seed, screen=named.screens.get(id(found)), also=also)
+
+    tried = [replace(one.score, gain=one.gain) for one in named.tried]
+    first = of(named.base, [*named.scores, *tried])
+    second = of(named.final, [s for s in named.left if s.origin is named.final]) if named.accepted else None
+    unknown = judge_unknown(first, second, seed=seed)
+    proof = None if unknown is None else proven(unknown, held)
+    if proof is not None and not proof.unknown.beside_names:
+        drop_names(named)
+    return Missing(first, proof)
+
+
+def drop_names(named: Named) -> None:
+    """Names that explain nothing which a curve does not."""
+    named.accepted.clear()
+    named.losses.clear()
+    named.without.clear()
+    named.final = named.base

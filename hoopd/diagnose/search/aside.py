@@ -1,0 +1,83 @@
+"""What does not belong to a recording: set aside before the search, and looked at again with what was found.
+
+A strong effect that is left out looks like a hand now and then: the base sets aside what the law behind it explains.
+Intervals that are no longer beyond the usual under the final hypothesis come back, and everything is fitted again.
+
+Rules of this file: `engine.intervals` says what is unusual; here is what becomes of the data and the fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+from hoopd.diagnose.engine.dataset import Stretch
+from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.engine.intervals import Interval
+from hoopd.diagnose.engine.setaside import set_aside, still_unusual, without
+from hoopd.diagnose.search.naming import Named, free_of_recordings, surprise_of
+from hoopd.diagnose.search.stiff import likeliest
+
+# A disturbance of the drive's coordinate that began within these seconds is a start-up.
+START_UP_S = 0.3
+
+
+@dataclass(frozen=True)
+class Data:
+    """Recordings as they are, and what of them counts."""
+
+    whole: Sequence[Stretch]
+    kept: Sequence[Stretch]
+    aside: Sequence[Interval] = field(default_factory=tuple)
+
+    def brought_back(self, found: Fit) -> Data:
+        """With the intervals that a hypothesis, as it is fitted, explains."""
+        if not self.aside:
+            return self
+        new = [name for name in free_of_recordings(found.effects, self.whole) if name not in found.values]
+        again = fit(self.whole, found.effects, found.values, noise=found.noise, free=new, tune_noise=False)
+        still = still_unusual(self.aside, again, found)
+        return self if len(still) == len(self.aside) else Data(self.whole, without(self.whole, still), still)
+
+
+def without_events(
+    stretches: Sequence[Stretch], refit: Callable[[Sequence[Stretch]], Fit], first: Fit | None = None
+) -> tuple[Data, Fit]:
+    """The data without what does not belong to them, and the fit of the rest."""
+    kept, aside, found = set_aside(stretches, refit, first, lambda one: does_not_belong(one, stretches))
+    return Data(stretches, kept, aside), found
+
+
+def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:
+    """A hand, a lost camera, a start-up: a push on the driven coordinate later than that is an effect."""
+    mine = [s for s in stretches if s.recording == one.recording]
+    if one.kind == "force" and mine and one.where == mine[0].plant.driven:
+        return one.t0 < float(mine[0].t[0]) + START_UP_S
+    return True
+
+
+def looked_at_again(named: Named, data: Data, threshold: float) -> tuple[Named, Data]:
+    """The same findings with the intervals back that they explain; as before where a finding does not survive that."""
+    more = data.brought_back(named.final) if named.accepted else data
+    if more is data:
+        return named, data
+    again = fitted_again(named, more.kept)
+    held = all(surprise_of(one.score, again.losses[one.effect.name], more.kept) >= threshold for one in again.accepted)
+    return (again, more) if held else (named, data)
+
+
+def fitted_again(named: Named, stretches: Sequence[Stretch]) -> Named:
+    """Nominal, base, final and every ablation on other stretches of the same recordings."""
+
+    def of(found: Fit) -> Fit:
+        return fit(stretches, found.effects, found.values, noise=found.noise)
+
+    nominal = fit(stretches, named.nominal.effects, named.nominal.values, move=False)
+    base, final = likeliest(of(named.base)), of(named.final)
+    without_each = {name: base if one is named.base else of(one) for name, one in named.without.items()}
+    losses = {name: one.criterion - final.criterion for name, one in without_each.items()}
+    accepted = [replace(one, fit=final) if one.fit is named.final else one for one in named.accepted]
+    return replace(
+        named, nominal=nominal, base=base, final=final, accepted=accepted, without=without_each, losses=losses,
+        screens={}, left=[],
+    )  # fmt: skip

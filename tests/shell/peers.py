@@ -1,0 +1,84 @@
+"""Telemetry on loopback, and the peers that ask and listen."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from hoopd.core.records import TickRecord
+from hoopd.shell.commands import Ranges
+from hoopd.shell.session import connecting
+from hoopd.shell.telemetry import Settings, Telemetry
+
+ROOT = Path(__file__).resolve().parents[2]
+RANGES = Ranges((-1.0, 1.0), {"q_psi": (0.0, 10.0)})
+
+
+def free_endpoint() -> str:
+    """A loopback port that nobody has."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def tick(k: int) -> TickRecord:
+    """Row k of a made-up run."""
+    t = k * 0.02
+    return TickRecord(t, k, "RUNNING", 0.1, t, 0.3, 0.2, math.nan, t, t, (t, 0.0, 0.0, 0.0), 0.0, 1, 0, 1e-4 * k, 0.0)
+
+
+def wait_until(condition: Any, timeout_s: float = 10.0) -> bool:
+    """True as soon as the condition holds."""
+    end = time.monotonic() + timeout_s
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.02)
+    return bool(condition())
+
+
+@contextlib.contextmanager
+def running(settings: Settings, **options: Any) -> Iterator[Telemetry]:
+    """Telemetry that is open, and closed in time."""
+    telemetry = Telemetry(settings, **options)
+    telemetry.start()
+    try:
+        assert wait_until(lambda: telemetry.counts.open)
+        yield telemetry
+    finally:
+        assert telemetry.close(10.0)
+
+
+@contextlib.contextmanager
+def client(endpoint: str, **extras: Any) -> Iterator[zenoh.Session]:
+    """A client session that is closed."""
+    with zenoh.open(connecting(endpoint, extras, 2.0)) as session:
+        yield session
+
+
+def receive(subscriber: Any, count: int, timeout_s: float = 10.0) -> list[bytes]:
+    """The next messages, as many as come in time."""
+    got: list[bytes] = []
+    end = time.monotonic() + timeout_s
+    while len(got) < count and time.monotonic() < end:
+        sample = subscriber.try_recv()
+        if sample is None:
+            time.sleep(0.005)
+        else:
+            got.append(sample.payload.to_bytes())
+    return got
+
+
+def ask(session: zenoh.Session, key: str, payload: str | None = None) -> tuple[str | None, str | None]:
+    """Reply and refusal of one query."""
+    for reply in session.get(key, payload=payload, timeout=5.0):
+        if reply.ok is not None:
+            return reply.ok.payload.to_string(), None
+        assert reply.err is not None
+        return None, reply.err.payload.to_string()
+    return None, None
