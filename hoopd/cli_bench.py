@@ -347,6 +347,9 @@ def diagnose(
     free_run: Annotated[
         bool, typer.Option("--free-run/--no-free-run", help="Also refine and compare one run over whole recordings.")
     ] = True,
+    free_run_choice: Annotated[
+        bool, typer.Option("--free-run-choice", help="Look, too, for effects that make that run better (minutes).")
+    ] = False,
     json_path: JsonOption = None,
 ) -> None:
     """Say where recordings and model differ, name the physics that was left out, prove it (docs/diagnose.md)."""
@@ -368,6 +371,7 @@ def diagnose(
             age=age,
             seed=seed,
             free_run=free_run,
+            free_run_choice=free_run_choice,
             progress=progress,
         )
     report_text(found, Console())

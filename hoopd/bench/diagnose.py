@@ -52,6 +52,7 @@ def run(
     age: str = "",
     seed: int = 0,
     free_run: bool = True,
+    free_run_choice: bool = False,
     progress: Progress = lambda text: None,
 ) -> Diagnosis:
     """Diagnose and write; InputError when anything cannot be used or written."""
@@ -68,6 +69,7 @@ def run(
         age=age,
         seed=seed,
         free_run=free_run,
+        free_run_choice=free_run_choice,
         progress=progress,
     )
     progress("drawing and writing")
@@ -84,6 +86,7 @@ def outcome_of(
     age: str = "",
     seed: int = 0,
     free_run: bool = True,
+    free_run_choice: bool = False,
     progress: Progress = lambda text: None,
 ) -> Outcome:
     """The diagnosis with the curves and fits behind it; nothing is written."""
@@ -92,6 +95,7 @@ def outcome_of(
     train = [read_source(text, base, columns, age) for text in texts]
     held = [read_source(text, base, columns, age) for text in held_texts]
     check_motion(train, held, base.structure)
+    whole = () if held else tuple(train)
     train, held, how = _parts(train, held)
     known = _library(richest([*train, *held]), effects)
     own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
@@ -104,6 +108,8 @@ def outcome_of(
             library=known,
             effects=own,
             free_run=free_run,
+            choose_free_run=free_run_choice,
+            whole=whole,
             seed=seed,
             held_out_how=how,
             progress=progress,

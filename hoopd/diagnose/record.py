@@ -113,12 +113,31 @@ class Fit(_Part, frozen=True):
 Fits = dict[str, dict[str, Fit]]
 
 
+class FreeRunEffect(_Part, frozen=True):
+    """An effect that makes one free run better: share of the squared error, how often chance takes as much of it."""
+
+    name: str
+    named: bool  # among the effects of the verdict, too
+    parameters: dict[str, Quantity]
+    error_share: Number = None
+    chance: Number = None
+
+
+class FreeRunChoice(_Part, frozen=True):
+    """What a simulation is better with: evidence of free runs, no names; share of the held-out error that all take."""
+
+    effects: list[FreeRunEffect] = []
+    heldout_share: Number = None
+    fits: Fits = {}
+
+
 class FitTable(_Part, frozen=True):
-    """Fits over windows of 2 s; additions: one free run, how it was held out, where a channel's samples come from."""
+    """Fits over windows of 2 s; additions: one free run, what it is better with, how it was held out, sources."""
 
     train: Fits
     heldout: Fits
     free_run: Fits = {}
+    free_run_choice: FreeRunChoice | None = None
     how_heldout: str = ""
     channel_source: dict[str, str] = {}
 

@@ -27,6 +27,7 @@ from hoopd.diagnose.findings import (
 )
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.place import location_of
+from hoopd.diagnose.proof.freechoice import free_choice
 from hoopd.diagnose.proof.freeruns import free_runs
 from hoopd.diagnose.proof.heldout import HeldOut
 from hoopd.diagnose.proof.hypotheses import heldout_fits
@@ -36,7 +37,7 @@ from hoopd.diagnose.proof.separate import parameter_notes, separations
 from hoopd.diagnose.proof.tables import Played, channel_source, played
 from hoopd.diagnose.proof.unnamed import missing_of
 from hoopd.diagnose.proof.visible import visible
-from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, RecordingQuality
+from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, FreeRunChoice, RecordingQuality
 from hoopd.diagnose.recordfile import rounded
 from hoopd.diagnose.report.pictures import shown_of
 from hoopd.diagnose.search.aside import Data, looked_at_again, without_events
@@ -62,6 +63,8 @@ class Case:
     library: Mapping[str, Effect]
     effects: Sequence[Effect] = ()  # that the judged model has already; their values are among `values`
     free_run: bool = True  # one run over each whole stretch too, the parameters refined on it
+    choose_free_run: bool = False  # look for the effects that make that run better, too (minutes)
+    whole: Sequence[Source] = ()  # recordings whose parts are fitted and held out
     seed: int = 0
     held_out_how: str = ""
     progress: Progress = lambda text: None
@@ -116,6 +119,7 @@ def diagnose(case: Case) -> Outcome:
         train=fits_of(played({"nominal": named.nominal, "base": named.base, "final": final})),
         heldout=fits_of(fits) if fits else {},
         free_run=free_runs(named.nominal, named.base, named.final, data_held.kept) if case.free_run else {},
+        free_run_choice=_choice(case, named, data, data_held),
         how_heldout=case.held_out_how,
         channel_source=channel_source([*train, *held]),
     )
@@ -167,6 +171,15 @@ def proving(held: list[Stretch], base: Fit) -> Data:
         return fit(stretches, base.effects, base.values, free=free_of_recordings(base.effects, stretches))
 
     return without_events(held, refit)[0] if held else Data([], [])
+
+
+def _choice(case: Case, named: Named, data: Data, held: Data) -> FreeRunChoice | None:
+    """What the free run is better with, where it is asked for; in-sample only where nothing was set aside."""
+    if not case.choose_free_run:
+        return None
+    case.progress("effects by the free run")
+    whole = () if data.aside or held.aside else stretches_of(case.whole)
+    return free_choice(named.final, held.kept, case.library, case.seed, whole)
 
 
 def _heldout_again(named: Named, data: Data, held: HeldOut) -> tuple[Data, HeldOut]:

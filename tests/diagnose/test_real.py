@@ -1,8 +1,8 @@
 """The laboratory's recordings: what the steps of a diagnosis find in them by themselves, and the fits that are reached.
 
 Figures are one free run, NRMSE in percent of theta's slope and of psi. The search itself takes minutes on these files
-and is not run here: the sets are written down. Hoop and ball: camera.latency and Coulomb are named by it, the bias of
-the torque is not; of the ball's two, the centre's offset is named, the resistance is not (docs/diagnose_real.md).
+and is not run here, nor is the choice by free runs: the sets are written down as docs/diagnose_real.md tells who found
+them (`by the tool`: `--free-run-choice`, with the last third held out).
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from hoopd.shipped import or_shipped
 from tests.shared import shared_path
 
 BALL, BOTH, SINE = "meas_ballOnly01.mat", "meas_hoopAndBall2_01.mat", "meas_hoop01_f05_a01.mat"
+PRBS = "meas_hoop01_prbs.mat"
 
 
 @cache
@@ -116,6 +117,30 @@ def test_one_free_run_of_hoop_and_ball() -> None:
     assert found.values["camera.latency.d"] == pytest.approx(0.033, abs=0.004)
     half = refined([stretch.seconds(0.0, 10.0)], names, start)
     assert nrmse(held_out(half, stretch.seconds(10.0, 20.0), names).runs)["psi"] > 85.0
+
+
+def test_by_the_tool_the_long_run_of_hoop_and_ball() -> None:
+    stretch = source(PRBS).stretches[0]
+    names = ("camera.latency", "hoop.coulomb_friction")
+    start = {"camera.latency.d": 0.03, "hoop.coulomb_friction.Fc": 0.004}
+    cut = stretch.t[-1] * 2.0 / 3.0
+    first, last = stretch.seconds(0.0, cut), stretch.seconds(cut, 60.0)
+    found, base = refined([first], names, start), refined([first], (), {})
+    assert nrmse(found.runs)["theta_rate"] > 89.2 > nrmse(base.runs)["theta_rate"]
+    assert nrmse(found.runs)["psi"] > 90.0 > nrmse(base.runs)["psi"]
+    better, worse = held_out(found, last, names), held_out(base, last, ())
+    assert better.cost < 0.5 * worse.cost
+
+
+def test_by_the_tool_the_ball_alone() -> None:
+    stretches = source(BALL).stretches
+    values = stretches[0].plant.values
+    kept, _, _ = set_aside(stretches, lambda some: fit(some, (), values))
+    decays = [one for one in kept if one.t[-1] - one.t[0] > 9.0]
+    names = ("ball.rolling_resistance", "camera.center_offset", "ball.quadratic_drag")
+    found = refined(decays[:1], names, {"ball.rolling_resistance.r": 5e-5})
+    assert nrmse(found.runs)["psi"] > 97.0
+    assert nrmse(held_out(found, decays[1], names).runs)["psi"] > 97.0
 
 
 def test_one_free_run_of_the_hoop_alone() -> None:

@@ -129,24 +129,28 @@ def _signal(t: Array, y: Array, turns: bool) -> Array:
 
 def errors(part: Part, y: Array) -> Array:
     """(n, nc, b) weighted; 0 where nothing was measured."""
-    return np.asarray(np.nan_to_num(_compared(part, part.windows.y) - _compared(part, bounded(y))))
+    return errors_of(part.windows, part.weight, y)
 
 
-def _compared(part: Part, y: Array) -> Array:
+def errors_of(windows: Windows, weight: Array, y: Array) -> Array:
+    """The same of windows alone."""
+    return np.asarray(np.nan_to_num(_compared(windows, weight, windows.y) - _compared(windows, weight, bounded(y))))
+
+
+def _compared(w: Windows, weight: Array, y: Array) -> Array:
     """Weighted signals of (n, nc, b)."""
-    w = part.windows
-    nodes = np.minimum(w.first + np.arange(w.length)[:, None], len(part.stretch.t) - 1)
-    channels = part.stretch.plant.channels
+    nodes = np.minimum(w.first + np.arange(w.length)[:, None], len(w.stretch.t) - 1)
+    channels = w.stretch.plant.channels
     seen = np.isfinite(w.y)
     out = np.full(y.shape, np.nan)
     for column, channel in enumerate(channels):
-        if part.weight[column] == 0.0:
+        if weight[column] == 0.0:
             continue
         one = np.where(seen[:, column], y[:, column], np.nan)
         if _turns(channels, channel):
-            span = part.stretch.t[nodes[2:]] - part.stretch.t[nodes[:-2]]
+            span = w.stretch.t[nodes[2:]] - w.stretch.t[nodes[:-2]]
             slope = np.full(one.shape, np.nan)
             slope[1:-1] = (one[2:] - one[:-2]) / np.maximum(span, 1e-9)
             one = slope
-        out[:, column] = part.weight[column] * one
+        out[:, column] = weight[column] * one
     return out

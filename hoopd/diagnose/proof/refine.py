@@ -61,6 +61,7 @@ def refine(
     values: Mapping[str, float],
     free: Sequence[str],
     lengths_s: Sequence[float | None] = LENGTHS_S,
+    settled: float = SETTLED,
 ) -> Refined:
     """The hypothesis with the free parameters that simulate best; references (nodes, nx or more): a smoother's."""
     here, starts = dict(values), list(references)
@@ -68,7 +69,7 @@ def refine(
     parts: list[Part] = []
     for length in lengths_s:
         parts = [part_of(s, r, effects, w, free, length) for s, r, w in zip(stretches, starts, weights, strict=True)]
-        here, cost, covariance = _search(parts, here, tuple(free), effects)
+        here, cost, covariance = _search(parts, here, tuple(free), effects, settled)
         starts = [node_states(part, here) for part in parts]
     runs = [simulated(part, here) for part in parts]
     return Refined(here, tuple(free), runs, cost, covariance)
@@ -78,7 +79,7 @@ def refine(
 
 
 def _search(
-    parts: list[Part], values: dict[str, float], free: tuple[str, ...], effects: Sequence[Effect]
+    parts: list[Part], values: dict[str, float], free: tuple[str, ...], effects: Sequence[Effect], settled: float
 ) -> tuple[dict[str, float], float, Array]:
     """Levenberg-Marquardt on parameters and starts."""
     scale = sizes(values, free, effects)
@@ -99,7 +100,7 @@ def _search(
                     part.start = start
                 break
             damping *= HARDER
-        if before - cost < SETTLED * before:
+        if before - cost < settled * before:
             break
     return values, cost, _covariance(parts, information, scale, cost)
 

@@ -124,6 +124,9 @@ def _proof(diagnosis: Diagnosis, shown: Shown) -> str:
     if len(drawn) > MOST_COMPARISONS:
         body += paragraph(f"{len(drawn) - MOST_COMPARISONS} more are in the table only.", "note")
     body += table(tables.fit("One free run over the whole held-out record", fit.free_run))
+    if fit.free_run_choice is not None:
+        body += table(tables.free_run_choice(fit))
+        body += table(tables.fit("One free run with these", fit.free_run_choice.fits))
     return body + table(tables.fit("Data fitted to", fit.train))
 
 

@@ -9,12 +9,24 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from hoopd.diagnose.record import DataQuality, Diagnosis, EffectFinding, Fit, Fits, Quantity, RecordingQuality, Visible
+from hoopd.diagnose.record import (
+    DataQuality,
+    Diagnosis,
+    EffectFinding,
+    Fit,
+    Fits,
+    FitTable,
+    FreeRunEffect,
+    Quantity,
+    RecordingQuality,
+    Visible,
+)
 from hoopd.diagnose.report.readable import (
     NOTHING,
     amount,
     counted,
     interval_text,
+    listed,
     nats,
     percent,
     safe,
@@ -81,6 +93,20 @@ def fit(title: str, fits: Fits) -> Table:
     names = short_names(fits)
     rows = [(names[recording], safe(channel), *_fit_cells(one)) for recording, channel, one in each_fit(fits)]
     return _without_empty(Table(title, head, "llrrrrr", _without_repeats(rows)))
+
+
+def free_run_choice(fit: FitTable) -> Table:
+    """What one free run is better with: no names of the verdict."""
+    head = ("effect", "parameters", "error taken", "by chance", "named")
+    chosen = fit.free_run_choice.effects if fit.free_run_choice is not None else []
+    return Table("What simulates better (evidence of free runs, no verdict)", head, "llrrl", list(map(_chosen, chosen)))
+
+
+def _chosen(one: FreeRunEffect) -> Row:
+    sizes = listed([f"{safe(name)} {value_text(value)}" for name, value in one.parameters.items()])
+    taken = NOTHING if one.error_share is None else f"{100.0 * one.error_share:.1f} %"
+    chance = NOTHING if one.chance is None else f"{100.0 * one.chance:.2g} %"
+    return (safe(one.name), sizes, taken, chance, "yes" if one.named else "no")
 
 
 def _fit_cells(one: Fit) -> Row:

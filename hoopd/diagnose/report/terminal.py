@@ -63,6 +63,9 @@ def _fits(diagnosis: Diagnosis, console: Console) -> None:
     _sentences([fit.how_heldout, words.source_sentence(fit)], console)
     _table(tables.fit("Fit of the data fitted to, windows of 2 s (NRMSE %)", fit.train), console)
     _table(tables.fit("One free run over all (NRMSE %)", fit.free_run), console)
+    _table(tables.free_run_choice(fit), console)
+    if fit.free_run_choice is not None:
+        _table(tables.fit("One free run with these (NRMSE %)", fit.free_run_choice.fits), console)
 
 
 def _next(diagnosis: Diagnosis, console: Console) -> None:
