@@ -20,8 +20,8 @@ from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.proof.refine import LENGTHS_S, SETTLED, Refined, refine
 from hoopd.diagnose.proof.sensitivity import Sensitivity, independent, states_of
-from hoopd.diagnose.search.naming import free_of_recordings
 from hoopd.diagnose.search.screen import Score
+from hoopd.diagnose.search.trying import free_of_recordings
 from hoopd.physics.effects.base import Effect
 
 # Of the library's best by their first-order gain so many are simulated.
