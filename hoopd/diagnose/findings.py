@@ -30,7 +30,7 @@ from hoopd.diagnose.record import (
 from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.search.naming import Named, surprise_of
 from hoopd.diagnose.search.surprise import surprise
-from hoopd.ident.uncertainty import Z95
+from hoopd.ident.device.uncertainty import Z95
 from hoopd.physics.effects.base import Effect
 
 Corruption = Mapping[str, tuple[float, tuple[float, float], float]]

@@ -22,7 +22,7 @@ from hoopd.diagnose.curves.screen import CurveScore, CurveScreen, by_slot, libra
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.search.chance import Group, Null, projections
 from hoopd.diagnose.search.screen import Score, Screen
-from hoopd.ident.uncertainty import Z95
+from hoopd.ident.device.uncertainty import Z95
 from hoopd.physics.effects.base import Effect
 
 Array = NDArray[np.float64]

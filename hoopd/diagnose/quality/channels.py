@@ -19,8 +19,8 @@ from hoopd.diagnose.quality.noisefloor import noise_floor, quantum, resolution
 from hoopd.diagnose.quality.outliers import spread_share
 from hoopd.diagnose.quality.split import Split, split
 from hoopd.diagnose.quality.turns import near
-from hoopd.ident.experiments import HELD_COUNTS
-from hoopd.ident.uncertainty import Z95
+from hoopd.ident.device.experiments import HELD_COUNTS
+from hoopd.ident.device.uncertainty import Z95
 from hoopd.recording.recording import Recording
 from hoopd.recording.suspicions import repeated_rows
 from hoopd.recording.timeline import TIMES
