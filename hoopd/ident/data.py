@@ -39,17 +39,17 @@ class Data:
     @property
     def ny(self) -> int:
         """Outputs."""
-        return self.y.shape[1]
+        return int(self.y.shape[1])
 
     @property
     def nu(self) -> int:
         """Inputs."""
-        return self.u.shape[1]
+        return int(self.u.shape[1])
 
     @property
     def t(self) -> Array:
         """(n,) seconds."""
-        return self.t0 + self.dt * np.arange(self.n)
+        return np.asarray(self.t0 + self.dt * np.arange(self.n), dtype=float)
 
     @property
     def fs(self) -> float:

@@ -114,7 +114,7 @@ class Innovations:
     @property
     def nu(self) -> int:
         """Inputs."""
-        return self.b.shape[1]
+        return int(self.b.shape[1])
 
     @property
     def system(self) -> ct.StateSpace:
