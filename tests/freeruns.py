@@ -7,7 +7,7 @@ from math import tau
 
 import numpy as np
 
-from hoopd.ident.experiments import Run, prepare
+from hoopd.ident.device.experiments import Run, prepare
 from hoopd.physics.simulate import Model
 from hoopd.recording.recording import Recording, from_columns
 

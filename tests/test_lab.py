@@ -18,10 +18,10 @@ from hoopd.design.laws import Spec, design_lqg
 from hoopd.design.lqg import Weights
 from hoopd.design.margins import margins
 from hoopd.design.trial import run as closed
-from hoopd.ident.fit import Settings
-from hoopd.ident.fit import fit as fit_parameters
-from hoopd.ident.freerun import Subject
-from hoopd.ident.score import score
+from hoopd.ident.device.fit import Settings
+from hoopd.ident.device.fit import fit as fit_parameters
+from hoopd.ident.device.freerun import Subject
+from hoopd.ident.device.score import score
 from hoopd.modelfiles import load_controller, load_model
 from hoopd.recording.edit import between
 from hoopd.shipped import defaults_folder

@@ -17,9 +17,9 @@ from hoopd.bench.fit_record import record
 from hoopd.bench.inputs import read_ages, read_recording
 from hoopd.bench.targets import check_results
 from hoopd.files import InputError
-from hoopd.ident.fit import Fit, Settings, fit, model_file, nominal_values
-from hoopd.ident.freerun import Subject
-from hoopd.ident.score import score
+from hoopd.ident.device.fit import Fit, Settings, fit, model_file, nominal_values
+from hoopd.ident.device.freerun import Subject
+from hoopd.ident.device.score import score
 from hoopd.modelfiles import ModelFile, model_text, parse_model
 from hoopd.physics.parameters import ParameterError
 from hoopd.recording.bytesof import replace_file

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 from hoopd.bench.inputs import read_values
 from hoopd.files import InputError
-from hoopd.ident.experiments import CHANNELS
-from hoopd.ident.fit import METHODS, Settings, nominal_values
-from hoopd.ident.gaussnewton import LOSSES
-from hoopd.ident.parameters import Prior, scale_of
+from hoopd.ident.device.experiments import CHANNELS
+from hoopd.ident.device.fit import METHODS, Settings, nominal_values
+from hoopd.ident.device.gaussnewton import LOSSES
+from hoopd.ident.device.parameters import Prior, scale_of
 from hoopd.modelfiles import ModelFile, effects_of, load_model
 from hoopd.physics.parameters import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
 from hoopd.shipped import START_MODELS, defaults_folder, or_shipped

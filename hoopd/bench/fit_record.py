@@ -13,20 +13,20 @@ import numpy as np
 from hoopd.bench.fit_options import Wish
 from hoopd.bench.simulate import number, off_words
 from hoopd.files import InputError
-from hoopd.ident.constraints import constraint_words
-from hoopd.ident.determined import determined
-from hoopd.ident.experiments import UNITS, prepare
-from hoopd.ident.fit import Fit, nominal_values
-from hoopd.ident.freerun import Subject
-from hoopd.ident.kinematics import MEASURED, compare_kinematics, entries_covariance, known_from
-from hoopd.ident.noise import NOISE_UNITS
-from hoopd.ident.parameters import PRIOR
-from hoopd.ident.physical import Known, physical_from_entries
-from hoopd.ident.plain import plain
-from hoopd.ident.prediction import PredictionSolution
-from hoopd.ident.score import WINDOW_S, score
-from hoopd.ident.thesis import table_words
-from hoopd.ident.uncertainty import Z95
+from hoopd.ident.device.constraints import constraint_words
+from hoopd.ident.device.determined import determined
+from hoopd.ident.device.experiments import UNITS, prepare
+from hoopd.ident.device.fit import Fit, nominal_values
+from hoopd.ident.device.freerun import Subject
+from hoopd.ident.device.kinematics import MEASURED, compare_kinematics, entries_covariance, known_from
+from hoopd.ident.device.noise import NOISE_UNITS
+from hoopd.ident.device.parameters import PRIOR
+from hoopd.ident.device.physical import Known, physical_from_entries
+from hoopd.ident.device.plain import plain
+from hoopd.ident.device.prediction import PredictionSolution
+from hoopd.ident.device.score import WINDOW_S, score
+from hoopd.ident.device.thesis import table_words
+from hoopd.ident.device.uncertainty import Z95
 from hoopd.modelfiles import ModelFile, load_model
 from hoopd.physics.entries import ENTRIES
 from hoopd.physics.parameters import PARAMETER_UNITS, ParameterError

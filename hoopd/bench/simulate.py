@@ -16,9 +16,9 @@ import numpy as np
 from hoopd.bench.inputs import read_ages, read_recording, read_values
 from hoopd.bench.targets import check_results
 from hoopd.files import InputError
-from hoopd.ident.experiments import moving_of
-from hoopd.ident.freerun import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
-from hoopd.ident.score import WINDOW_S, Score, score
+from hoopd.ident.device.experiments import moving_of
+from hoopd.ident.device.freerun import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
+from hoopd.ident.device.score import WINDOW_S, Score, score
 from hoopd.modelfiles import ModelFile, effects_of, load_model
 from hoopd.physics.simulate import STEP_S
 from hoopd.recording import Recording, save

@@ -13,7 +13,7 @@ import numpy as np
 from hoopd.diagnose.engine.dataset import SHORTEST_S, Stretch, stretch_of
 from hoopd.diagnose.quality.judged import Quality, assess, cleaned
 from hoopd.files import InputError
-from hoopd.ident.experiments import once_at_rest
+from hoopd.ident.device.experiments import once_at_rest
 from hoopd.modelfiles import ModelFile
 from hoopd.physics.declared import DeclaredPlant, hoop_plant
 from hoopd.recording.recording import Recording

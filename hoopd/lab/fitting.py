@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from hoopd.ident.determined import determined
-from hoopd.ident.fit import METHODS, Fit, Settings, model_file, nominal_values
-from hoopd.ident.fit import fit as fit_parameters
-from hoopd.ident.gaussnewton import LOSSES
-from hoopd.ident.parameters import Prior
+from hoopd.ident.device.determined import determined
+from hoopd.ident.device.fit import METHODS, Fit, Settings, model_file, nominal_values
+from hoopd.ident.device.fit import fit as fit_parameters
+from hoopd.ident.device.gaussnewton import LOSSES
+from hoopd.ident.device.parameters import Prior
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.lab.simulation import simulate

@@ -1,6 +1,6 @@
 """Free runs of a model.
 
-Rules of this file: thin over `hoopd.ident.freerun` and `hoopd.ident.score`.
+Rules of this file: thin over `hoopd.ident.device.freerun` and `hoopd.ident.device.score`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident.experiments import moving_of
-from hoopd.ident.freerun import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
-from hoopd.ident.score import Score, score
+from hoopd.ident.device.experiments import moving_of
+from hoopd.ident.device.freerun import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
+from hoopd.ident.device.score import Score, score
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.plots.simulation import draw_simulation

@@ -14,7 +14,7 @@ from shared import shared_path
 
 from hoopd import cli
 from hoopd.bench import simulate
-from hoopd.ident.solvers import two_level_torque
+from hoopd.ident.device.solvers import two_level_torque
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.physics.simulate import Model
 from hoopd.recording import load, load_all, save

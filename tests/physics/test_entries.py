@@ -10,8 +10,8 @@ from freeruns import DEVICE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoopd.ident.thesis import ENTRIES_PRINTED as THESIS
-from hoopd.ident.thesis import TABLE_3_1 as TABLE
+from hoopd.ident.device.thesis import ENTRIES_PRINTED as THESIS
+from hoopd.ident.device.thesis import TABLE_3_1 as TABLE
 from hoopd.physics.entries import (
     ENTRIES,
     FORMULAS,

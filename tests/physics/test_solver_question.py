@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from shared import shared_path
 
-from hoopd.ident.solvers import Case, Study, across_jumps, sample_to_sample, stiffness, study, two_level_torque
+from hoopd.ident.device.solvers import Case, Study, across_jumps, sample_to_sample, stiffness, study, two_level_torque
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.plots.solver import draw_solver_question
 from hoopd.plots.style import rendered

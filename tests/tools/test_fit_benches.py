@@ -10,9 +10,9 @@ from types import ModuleType
 
 import pytest
 
-from hoopd.ident.experiments import prepare
-from hoopd.ident.fit import fit
-from hoopd.ident.outputerror import fit_output_error
+from hoopd.ident.device.experiments import prepare
+from hoopd.ident.device.fit import fit
+from hoopd.ident.device.outputerror import fit_output_error
 from hoopd.modelfiles import load_model
 
 ROOT = Path(__file__).resolve().parents[2]

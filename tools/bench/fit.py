@@ -36,12 +36,12 @@ from scipy.optimize import minimize
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from hoopd.ident.experiments import STATES, Run, prepare  # noqa: E402
-from hoopd.ident.fit import Fit, fit  # noqa: E402
-from hoopd.ident.gaussnewton import Array  # noqa: E402
-from hoopd.ident.outputerror import Problem, Solution, fit_output_error  # noqa: E402
-from hoopd.ident.parameters import scale_of  # noqa: E402
-from hoopd.ident.solvers import ATOL, RTOL, two_level_torque  # noqa: E402
+from hoopd.ident.device.experiments import STATES, Run, prepare  # noqa: E402
+from hoopd.ident.device.fit import Fit, fit  # noqa: E402
+from hoopd.ident.device.gaussnewton import Array  # noqa: E402
+from hoopd.ident.device.outputerror import Problem, Solution, fit_output_error  # noqa: E402
+from hoopd.ident.device.parameters import scale_of  # noqa: E402
+from hoopd.ident.device.solvers import ATOL, RTOL, two_level_torque  # noqa: E402
 from hoopd.modelfiles import load_model  # noqa: E402
 from hoopd.physics.simulate import Model  # noqa: E402
 from hoopd.recording import load  # noqa: E402

@@ -41,8 +41,8 @@ from hoopd.app import Options  # noqa: E402
 from hoopd.core.controllers import DONE  # noqa: E402
 from hoopd.experiment import Where, run  # noqa: E402
 from hoopd.experimentplan import Plan  # noqa: E402
-from hoopd.ident.fit import Settings, fit  # noqa: E402
-from hoopd.ident.uncertainty import Z95  # noqa: E402
+from hoopd.ident.device.fit import Settings, fit  # noqa: E402
+from hoopd.ident.device.uncertainty import Z95  # noqa: E402
 from hoopd.modelfiles import load_model, plant_of  # noqa: E402
 from hoopd.recording.mcap import read  # noqa: E402
 from hoopd.recording.recording import Recording  # noqa: E402

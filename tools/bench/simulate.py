@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hoopd.ident.solvers import Case, across_jumps, sample_to_sample, two_level_torque
+from hoopd.ident.device.solvers import Case, across_jumps, sample_to_sample, two_level_torque
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.physics.simulate import Model
 

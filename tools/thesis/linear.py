@@ -13,8 +13,8 @@ from hoopd.design.analysis import linear_model, minimal, zeros
 from hoopd.design.closedloop import LinearPlant, Moving
 from hoopd.design.margins import margins
 from hoopd.design.speed import bandwidth, step_info
-from hoopd.ident.freerun import FreeRun
-from hoopd.ident.score import nrmse_percent
+from hoopd.ident.device.freerun import FreeRun
+from hoopd.ident.device.score import nrmse_percent
 from hoopd.physics.plant import Plant
 from hoopd.plots.linear import draw_nyquist, draw_poles, draw_step
 from hoopd.plots.linearity import Compared, draw_linearity

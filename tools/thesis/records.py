@@ -16,10 +16,10 @@ from typing import NamedTuple
 from hoopd import experiment
 from hoopd.app import Options
 from hoopd.experimentplan import Plan
-from hoopd.ident.fit import Fit, Settings, fit
-from hoopd.ident.freerun import Subject
-from hoopd.ident.score import Score, score
-from hoopd.ident.thesis import ENTRIES_PRINTED
+from hoopd.ident.device.fit import Fit, Settings, fit
+from hoopd.ident.device.freerun import Subject
+from hoopd.ident.device.score import Score, score
+from hoopd.ident.device.thesis import ENTRIES_PRINTED
 from hoopd.modelfiles import load_model
 from hoopd.physics.plant import Plant
 from hoopd.recording import Recording, load

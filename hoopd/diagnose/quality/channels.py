@@ -20,7 +20,7 @@ from hoopd.diagnose.quality.outliers import spread_share
 from hoopd.diagnose.quality.population import second_population
 from hoopd.diagnose.quality.split import Split, split
 from hoopd.diagnose.quality.turns import near
-from hoopd.ident.experiments import HELD_COUNTS
+from hoopd.ident.device.experiments import HELD_COUNTS
 from hoopd.recording.recording import Recording
 from hoopd.recording.suspicions import repeated_rows
 from hoopd.recording.timeline import TIMES

@@ -21,7 +21,7 @@ from hoopd.diagnose.quality.outliers import bursts, inside, stretches
 from hoopd.diagnose.quality.speed import Speed, speed
 from hoopd.diagnose.quality.stops import Clock, clock, saturated_share, unanswered
 from hoopd.diagnose.quality.turns import turned
-from hoopd.ident.experiments import HELD_COUNTS, moving_of
+from hoopd.ident.device.experiments import HELD_COUNTS, moving_of
 from hoopd.recording.recording import Recording
 from hoopd.recording.suspicions import ball_is_current, suspicions
 

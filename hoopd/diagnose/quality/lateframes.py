@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.experiments import STUCK, equal_stretches
+from hoopd.ident.device.experiments import STUCK, equal_stretches
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.quality.outliers import stretches
-from hoopd.ident.experiments import HELD_COUNTS
+from hoopd.ident.device.experiments import HELD_COUNTS
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import usual_steps
 

@@ -12,13 +12,13 @@ from math import tau
 import numpy as np
 
 from hoopd.files import InputError
-from hoopd.ident.experiments import Run, prepare
-from hoopd.ident.noise import NoiseModel
-from hoopd.ident.outputerror import Progress, Solution, fit_output_error
-from hoopd.ident.parameters import Prior, default_priors, determined_names
-from hoopd.ident.prediction import fit_prediction_error
-from hoopd.ident.uncertainty import Uncertainty, intervals, uncertainty
-from hoopd.ident.whiteness import PredictionUncertainty, prediction_uncertainty
+from hoopd.ident.device.experiments import Run, prepare
+from hoopd.ident.device.noise import NoiseModel
+from hoopd.ident.device.outputerror import Progress, Solution, fit_output_error
+from hoopd.ident.device.parameters import Prior, default_priors, determined_names
+from hoopd.ident.device.prediction import fit_prediction_error
+from hoopd.ident.device.uncertainty import Uncertainty, intervals, uncertainty
+from hoopd.ident.device.whiteness import PredictionUncertainty, prediction_uncertainty
 from hoopd.modelfiles import ModelFile, Parameter
 from hoopd.physics.found import Found
 from hoopd.physics.parameters import PARAMETER_UNITS

@@ -10,12 +10,12 @@ from scipy.optimize import minimize
 from shared import shared_path
 
 from hoopd.files import InputError
-from hoopd.ident.experiments import fresh_angles, moving_of, not_stuck, once_at_rest, prepare
-from hoopd.ident.fit import Settings, fit, model_file
-from hoopd.ident.gaussnewton import Block, loss_value, minimise
-from hoopd.ident.outputerror import Problem, fit_output_error
-from hoopd.ident.parameters import Prior, scale_of
-from hoopd.ident.uncertainty import autocorrelation, correlate
+from hoopd.ident.device.experiments import fresh_angles, moving_of, not_stuck, once_at_rest, prepare
+from hoopd.ident.device.fit import Settings, fit, model_file
+from hoopd.ident.device.gaussnewton import Block, loss_value, minimise
+from hoopd.ident.device.outputerror import Problem, fit_output_error
+from hoopd.ident.device.parameters import Prior, scale_of
+from hoopd.ident.device.uncertainty import autocorrelation, correlate
 from hoopd.modelfiles import load_model, model_text
 from hoopd.physics.plant import Plant
 from hoopd.physics.simulate import Model

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.experiments import STATES, Run
-from hoopd.ident.gaussnewton import SMALLEST_GAIN, Block, minimise
-from hoopd.ident.parameters import Prior, Scale, scale_of
+from hoopd.ident.device.experiments import STATES, Run
+from hoopd.ident.device.gaussnewton import SMALLEST_GAIN, Block, minimise
+from hoopd.ident.device.parameters import Prior, Scale, scale_of
 from hoopd.physics.effectmodel import model_of
 from hoopd.physics.equations import ExtraForce
 from hoopd.physics.found import Found

@@ -14,8 +14,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.experiments import Run
-from hoopd.ident.innovations import CHANNELS, STATE_NAMES
+from hoopd.ident.device.experiments import Run
+from hoopd.ident.device.innovations import CHANNELS, STATE_NAMES
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from freeruns import DEVICE
 
-from hoopd.ident.constraints import constraint_sd, constraint_words, reproduces
-from hoopd.ident.physical import Known, physical_from_entries, quantity, quantity_sd
-from hoopd.ident.thesis import ENTRIES_PRINTED as THESIS
-from hoopd.ident.thesis import second_step, table_words
+from hoopd.ident.device.constraints import constraint_sd, constraint_words, reproduces
+from hoopd.ident.device.physical import Known, physical_from_entries, quantity, quantity_sd
+from hoopd.ident.device.thesis import ENTRIES_PRINTED as THESIS
+from hoopd.ident.device.thesis import second_step, table_words
 from hoopd.physics.entries import ENTRIES, combinations_of, constraint_misfit, entries_of
 
 START = {**DEVICE, "mb": 0.04, "Ro": 0.12, "Rb": 0.012, "Ib": 2e-6, "Ih": 1e-3, "bb": 1e-6, "bh": 2e-4}

@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.records import CameraSample, DriverSample
-from hoopd.ident.experiments import Run, Series, prepare
-from hoopd.ident.innovations import InnovationsFilter, samples_of
-from hoopd.ident.likelihood import LOSSES, Likelihood
-from hoopd.ident.noise import NoiseModel, ekf_settings
-from hoopd.ident.outputerror import fit_output_error
-from hoopd.ident.parameters import ENTRIES, scale_of
-from hoopd.ident.prediction import PredictionSolution, fit_prediction_error
-from hoopd.ident.uncertainty import intervals, uncertainty
-from hoopd.ident.whiteness import prediction_uncertainty
+from hoopd.ident.device.experiments import Run, Series, prepare
+from hoopd.ident.device.innovations import InnovationsFilter, samples_of
+from hoopd.ident.device.likelihood import LOSSES, Likelihood
+from hoopd.ident.device.noise import NoiseModel, ekf_settings
+from hoopd.ident.device.outputerror import fit_output_error
+from hoopd.ident.device.parameters import ENTRIES, scale_of
+from hoopd.ident.device.prediction import PredictionSolution, fit_prediction_error
+from hoopd.ident.device.uncertainty import intervals, uncertainty
+from hoopd.ident.device.whiteness import prediction_uncertainty
 from hoopd.modelfiles import load_model, plant_of
 from hoopd.recording.formats import load
 from tests.shared import shared_path
 
 Array = NDArray[np.float64]
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 MODEL = load_model(ROOT / "config" / "models" / "thesis.yaml")
 VALUES = MODEL.values()
 NAMES = ENTRIES["both"]

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.experiments import UNITS, channels_of, fresh_angles, moving_of
-from hoopd.ident.freerun import FreeRun, Subject, free_runs
+from hoopd.ident.device.experiments import UNITS, channels_of, fresh_angles, moving_of
+from hoopd.ident.device.freerun import FreeRun, Subject, free_runs
 from hoopd.recording.recording import Recording
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import fftconvolve
 
-from hoopd.ident.gaussnewton import loss_weight
-from hoopd.ident.outputerror import Solution, prior_of
+from hoopd.ident.device.gaussnewton import loss_weight
+from hoopd.ident.device.outputerror import Solution, prior_of
 
 Array = NDArray[np.float64]
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from hoopd.files import InputError
-from hoopd.ident.fit import Settings, fit, model_file
+from hoopd.ident.device.fit import Settings, fit, model_file
 from hoopd.modelfiles import EffectEntry, Parameter, effects_of, load_model, model_text, parse_model
 from hoopd.physics.effectmodel import EffectModel
 from hoopd.physics.found import Found, FoundEffect
 from hoopd.recording.recording import Recording, from_columns
 
-FILE = load_model(Path(__file__).resolve().parents[2] / "config" / "models" / "hoop.yaml")
+FILE = load_model(Path(__file__).resolve().parents[3] / "config" / "models" / "hoop.yaml")
 ENTRIES = (FoundEffect("hoop.coulomb_friction", {"Fc": 0.01}), FoundEffect("camera.latency", {"d": 0.03}))
 FOUND = Found(FILE.structure, FILE.values(), ENTRIES)
 

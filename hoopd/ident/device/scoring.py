@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from hoopd.ident.likelihood import Evaluation, Likelihood
-from hoopd.ident.outputerror import Progress
+from hoopd.ident.device.likelihood import Evaluation, Likelihood
+from hoopd.ident.device.outputerror import Progress
 
 Array = NDArray[np.float64]
 

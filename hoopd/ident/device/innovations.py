@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.experiments import STATES, Run
+from hoopd.ident.device.experiments import STATES, Run
 from hoopd.physics.equations import ExtraForce, rate, runge_kutta
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files import InputError
-from hoopd.ident.experiments import Run, channels_of, pieces, run_of
-from hoopd.ident.outputerror import Solution, fit_output_error
+from hoopd.ident.device.experiments import Run, channels_of, pieces, run_of
+from hoopd.ident.device.outputerror import Solution, fit_output_error
 from hoopd.physics.effectmodel import EffectModel, model_of
 from hoopd.physics.equations import ExtraForce
 from hoopd.physics.found import Found

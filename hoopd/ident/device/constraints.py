@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.physical import LARGE_RELATIVE, entry_weight
+from hoopd.ident.device.physical import LARGE_RELATIVE, entry_weight
 from hoopd.physics.entries import ENTRIES, combinations_from, constraint_misfit, entries_of
 
 Array = NDArray[np.float64]

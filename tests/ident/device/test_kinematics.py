@@ -7,16 +7,16 @@ import pytest
 from freeruns import DEVICE, runs_of
 from shared import shared_path
 
-from hoopd.ident.experiments import prepare
-from hoopd.ident.kinematics import (
+from hoopd.ident.device.experiments import prepare
+from hoopd.ident.device.kinematics import (
     MEASURED,
     compare_kinematics,
     entries_covariance,
     fit_entries,
     known_from,
 )
-from hoopd.ident.separating import DECISIVE, separating
-from hoopd.ident.uncertainty import uncertainty
+from hoopd.ident.device.separating import DECISIVE, separating
+from hoopd.ident.device.uncertainty import uncertainty
 from hoopd.physics.entries import entries_of, equivalent
 from hoopd.recording import load
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from freeruns import DEVICE, runs_of
 
-from hoopd.ident.determined import Direction, close_pairs, determined, direction_words, simplified
-from hoopd.ident.outputerror import fit_output_error
-from hoopd.ident.parameters import PHYSICAL, default_priors
-from hoopd.ident.uncertainty import intervals, uncertainty
+from hoopd.ident.device.determined import Direction, close_pairs, determined, direction_words, simplified
+from hoopd.ident.device.outputerror import fit_output_error
+from hoopd.ident.device.parameters import PHYSICAL, default_priors
+from hoopd.ident.device.uncertainty import intervals, uncertainty
 from hoopd.physics.entries import entries_jacobian, entries_of
 from hoopd.physics.parameters import PARAMETER_UNITS
 

@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_law
 
-from hoopd.ident.experiments import Run
-from hoopd.ident.outputerror import Solution, fit_output_error
-from hoopd.ident.parameters import PHYSICAL, PRIOR, Prior
-from hoopd.ident.physical import Known, physical_from_entries, quantity, quantity_sd
-from hoopd.ident.separating import (
+from hoopd.ident.device.experiments import Run
+from hoopd.ident.device.outputerror import Solution, fit_output_error
+from hoopd.ident.device.parameters import PHYSICAL, PRIOR, Prior
+from hoopd.ident.device.physical import Known, physical_from_entries, quantity, quantity_sd
+from hoopd.ident.device.separating import (
     DECISIVE,
     STARTS,
     Predicted,
@@ -38,7 +38,7 @@ from hoopd.ident.separating import (
     separating,
     separating_words,
 )
-from hoopd.ident.uncertainty import Uncertainty, prior_information, uncertainty
+from hoopd.ident.device.uncertainty import Uncertainty, prior_information, uncertainty
 from hoopd.physics.entries import ENTRIES, entries_of
 from hoopd.physics.parameters import KINEMATICS
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from hoopd.ident.outputerror import Solution
-from hoopd.ident.uncertainty import Uncertainty, intervals, prior_information
+from hoopd.ident.device.outputerror import Solution
+from hoopd.ident.device.uncertainty import Uncertainty, intervals, prior_information
 from hoopd.physics.entries import COMBINATIONS, FORMULAS, combinations_jacobian, combinations_of
 from hoopd.physics.parameters import KINEMATICS, PARAMETER_UNITS
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from hoopd.ident.determined import Direction, direction_words, simplified
+from hoopd.ident.device.determined import Direction, direction_words, simplified
 from hoopd.physics.entries import (
     ENTRIES,
     combinations_of,

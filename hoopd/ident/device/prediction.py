@@ -15,13 +15,13 @@ from math import log, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.experiments import Run
-from hoopd.ident.innovations import CHANNELS
-from hoopd.ident.likelihood import LOSSES, Likelihood
-from hoopd.ident.noise import NoiseModel
-from hoopd.ident.outputerror import Progress, Solution
-from hoopd.ident.parameters import Prior, scale_of
-from hoopd.ident.scoring import Search
+from hoopd.ident.device.experiments import Run
+from hoopd.ident.device.innovations import CHANNELS
+from hoopd.ident.device.likelihood import LOSSES, Likelihood
+from hoopd.ident.device.noise import NoiseModel
+from hoopd.ident.device.outputerror import Progress, Solution
+from hoopd.ident.device.parameters import Prior, scale_of
+from hoopd.ident.device.scoring import Search
 from hoopd.physics.equations import ExtraForce
 
 Array = NDArray[np.float64]

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from hoopd.ident.likelihood import Evaluation, Likelihood
-from hoopd.ident.prediction import PredictionSolution
-from hoopd.ident.scoring import units
-from hoopd.ident.uncertainty import Z95, Uncertainty
+from hoopd.ident.device.likelihood import Evaluation, Likelihood
+from hoopd.ident.device.prediction import PredictionSolution
+from hoopd.ident.device.scoring import units
+from hoopd.ident.device.uncertainty import Z95, Uncertainty
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from math import inf
 import numpy as np
 from freeruns import DEVICE
 
-from hoopd.ident.determined import Direction
-from hoopd.ident.physical import Known, physical_from_entries
-from hoopd.ident.plain import plain
+from hoopd.ident.device.determined import Direction
+from hoopd.ident.device.physical import Known, physical_from_entries
+from hoopd.ident.device.plain import plain
 from hoopd.physics.entries import entries_of
 
 

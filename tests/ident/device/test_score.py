@@ -10,15 +10,15 @@ import pytest
 from shared import shared_path
 
 from hoopd.files import InputError
-from hoopd.ident.freerun import Subject, free_runs, simulated
-from hoopd.ident.score import nrmse_percent, score
-from hoopd.ident.solvers import two_level_torque
+from hoopd.ident.device.freerun import Subject, free_runs, simulated
+from hoopd.ident.device.score import nrmse_percent, score
+from hoopd.ident.device.solvers import two_level_torque
 from hoopd.modelfiles import load_model
 from hoopd.physics.simulate import Model
 from hoopd.recording import Recording, load
 from hoopd.recording.recording import from_columns
 
-CONFIG = Path(__file__).resolve().parents[2] / "config"
+CONFIG = Path(__file__).resolve().parents[3] / "config"
 DEVICE = load_model(CONFIG / "models" / "hoop.yaml")
 THESIS = load_model(CONFIG / "models" / "thesis.yaml")
 TRUE = Subject(DEVICE.structure, DEVICE.values())

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from hoopd.ident.constraints import reproduces
-from hoopd.ident.physical import PhysicalFit, physical_from_entries
+from hoopd.ident.device.constraints import reproduces
+from hoopd.ident.device.physical import PhysicalFit, physical_from_entries
 
 ENTRIES_PRINTED: Mapping[str, float] = MappingProxyType(
     {

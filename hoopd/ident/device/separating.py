@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.physical import Known, physical_from_entries, quantity
+from hoopd.ident.device.physical import Known, physical_from_entries, quantity
 from hoopd.physics.entries import ENTRIES, entries_of
 from hoopd.physics.parameters import KINEMATICS
 

@@ -18,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.experiments import Run
-from hoopd.ident.innovations import CHANNELS, Derivatives, Innovations, InnovationsFilter, samples_of
-from hoopd.ident.noise import NoiseModel, NoiseScale, noise_scale
-from hoopd.ident.outputerror import free_starts, prior_of
-from hoopd.ident.parameters import Prior, Scale
+from hoopd.ident.device.experiments import Run
+from hoopd.ident.device.innovations import CHANNELS, Derivatives, Innovations, InnovationsFilter, samples_of
+from hoopd.ident.device.noise import NoiseModel, NoiseScale, noise_scale
+from hoopd.ident.device.outputerror import free_starts, prior_of
+from hoopd.ident.device.parameters import Prior, Scale
 from hoopd.physics.equations import ExtraForce
 
 Array = NDArray[np.float64]

@@ -1,0 +1,213 @@
+"""What the methods of this room give: polynomial models and state-space models in innovation form.
+
+Both hand out python-control's systems; beside them they hold what those have no place for: the noise, its variance,
+the parameters' covariance.
+
+Rules of this file: polynomials are in q^-1, the first coefficient belongs to q^0, leading zeros of B are the delay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
+
+import control as ct
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ONE = np.ones(1)
+
+
+@dataclass(frozen=True)
+class Polynomials:
+    """A(q) y = sum_i B_i(q)/F_i(q) u_i + C(q)/D(q) e, one output (Ljung, System Identification, 1999, 4.33).
+
+    `names` and `covariance` (m, m) belong to the estimated coefficients, in the order of `values`.
+    """
+
+    dt: float
+    a: Array = field(default_factory=lambda: ONE)
+    b: tuple[Array, ...] = ()
+    c: Array = field(default_factory=lambda: ONE)
+    d: Array = field(default_factory=lambda: ONE)
+    f: tuple[Array, ...] = ()
+    variance: float = 0.0  # of e
+    names: tuple[str, ...] = ()
+    values: Array = field(default_factory=lambda: np.zeros(0))
+    covariance: Array | None = None
+    inputs: tuple[str, ...] = ()
+    output: str = "y"
+
+    @property
+    def nu(self) -> int:
+        """Inputs."""
+        return len(self.b)
+
+    def dynamics(self, i: int) -> tuple[Array, Array]:
+        """Numerator and denominator in q^-1 from input i to y: B_i / (A F_i)."""
+        return self.b[i], np.convolve(self.a, self.f[i] if self.f else ONE)
+
+    def noise_dynamics(self) -> tuple[Array, Array]:
+        """Numerator and denominator in q^-1 from e to y: C / (A D)."""
+        return self.c, np.convolve(self.a, self.d)
+
+    @property
+    def system(self) -> ct.TransferFunction:
+        """From u to y, 1 x nu."""
+        pairs = [in_z(*self.dynamics(i)) for i in range(self.nu)]
+        if not pairs:
+            raise ValueError("a model without inputs has no system from u to y")
+        return ct.TransferFunction(
+            [[num for num, _ in pairs]], [[den for _, den in pairs]], self.dt,
+            inputs=list(self.inputs) or None, outputs=[self.output],
+        )  # fmt: skip
+
+    @property
+    def noise(self) -> ct.TransferFunction:
+        """From e to y; e has the variance `variance`."""
+        return ct.TransferFunction(*in_z(*self.noise_dynamics()), self.dt)
+
+    def deviations(self) -> dict[str, float]:
+        """Standard errors of the coefficients by name; empty without a covariance."""
+        if self.covariance is None:
+            return {}
+        return dict(zip(self.names, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """x+ = a x + b u + k e, y = c x + d u + e, e white with covariance r (ny, ny).
+
+    q (nx, nx) and s (nx, ny) are the covariances of the process noise and with the output's, where a method knows them.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    k: Array
+    dt: float
+    r: Array | None = None
+    q: Array | None = None
+    s: Array | None = None
+    x0: Array | None = None
+    singular_values: Array | None = None  # of the order's choice, where there was one
+    names: tuple[str, ...] = ()
+    values: Array = field(default_factory=lambda: np.zeros(0))
+    covariance: Array | None = None
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+
+    @property
+    def nx(self) -> int:
+        """States."""
+        return len(self.a)
+
+    @property
+    def ny(self) -> int:
+        """Outputs."""
+        return len(self.c)
+
+    @property
+    def nu(self) -> int:
+        """Inputs."""
+        return int(self.b.shape[1])
+
+    @property
+    def system(self) -> ct.StateSpace:
+        """From u to y."""
+        return ct.StateSpace(
+            self.a, self.b, self.c, self.d, self.dt,
+            inputs=list(self.inputs) or None, outputs=list(self.outputs) or None,
+        )  # fmt: skip
+
+    @property
+    def noise(self) -> ct.StateSpace:
+        """From e to y."""
+        return ct.StateSpace(self.a, self.k, self.c, np.eye(self.ny), self.dt)
+
+    @property
+    def predictor(self) -> ct.StateSpace:
+        """From [u; y] to the one-step prediction: x+ = (a - k c) x + (b - k d) u + k y."""
+        return ct.StateSpace(
+            self.a - self.k @ self.c,
+            np.hstack([self.b - self.k @ self.d, self.k]),
+            self.c,
+            np.hstack([self.d, np.zeros((self.ny, self.ny))]),
+            self.dt,
+        )
+
+    def transformed(self, t: Array) -> Innovations:
+        """In the states T^-1 x."""
+        inverse = np.linalg.inv(t)
+        return replace(
+            self,
+            a=inverse @ self.a @ t,
+            b=inverse @ self.b,
+            c=self.c @ t,
+            k=inverse @ self.k,
+            q=None if self.q is None else inverse @ self.q @ inverse.T,
+            s=None if self.s is None else inverse @ self.s,
+            x0=None if self.x0 is None else inverse @ self.x0,
+        )
+
+
+Model = Polynomials | Innovations
+
+
+def innovations(system: ct.StateSpace, k: Array | None = None, r: Array | None = None) -> Innovations:
+    """A discrete python-control system as an innovation form; k = 0 is an output-error model."""
+    if not system.dt:
+        raise ValueError("a continuous system predicts no samples: sample it first (control.sample_system)")
+    gain = np.zeros((system.nstates, system.noutputs)) if k is None else np.asarray(k, dtype=float)
+    return Innovations(system.A, system.B, system.C, system.D, gain, float(system.dt), r)
+
+
+def state_space(model: Polynomials) -> Innovations:
+    """The innovation form of a polynomial model, in observer form over the common denominator A D F_1 ... F_nu.
+
+    Its predictor has the poles of C F_1 ... F_nu: an unstable A does no harm, an unstable F does.
+    """
+    fractions = [model.dynamics(i) for i in range(model.nu)]
+    factors = [model.d, *model.f]
+    common = _product([model.a, *factors])
+    own = [_product([num, model.d, *_without(model.f, i)]) for i, (num, _) in enumerate(fractions)]
+    noise = _product([model.c, *model.f])
+    size = max(len(one) for one in (common, noise, *own))
+    den, e = _padded(common, size), _padded(noise, size)
+    a = np.eye(size - 1, k=1)
+    c = np.zeros((1, size - 1))
+    if size > 1:
+        a[:, 0], c[0, 0] = -den[1:], 1.0
+    rows = [_padded(one, size) for one in own]
+    b = np.array([one[1:] - den[1:] * one[0] for one in rows]).reshape(model.nu, size - 1).T
+    d = np.array([[one[0] for one in rows]]).reshape(1, model.nu)
+    return Innovations(
+        a, b, c, d, (e - den)[1:, None], model.dt, r=np.array([[model.variance]]),
+        inputs=model.inputs, outputs=(model.output,),
+    )  # fmt: skip
+
+
+def in_z(numerator: Array, denominator: Array) -> tuple[Array, Array]:
+    """Polynomials in q^-1 as polynomials in z of one length, without common zeros at z = 0."""
+    size = max(len(numerator), len(denominator))
+    num, den = np.zeros(size), np.zeros(size)
+    num[: len(numerator)], den[: len(denominator)] = numerator, denominator
+    while len(den) > 1 and num[-1] == 0.0 and den[-1] == 0.0:
+        num, den = num[:-1], den[:-1]
+    return num, den
+
+
+def _product(factors: Sequence[Array]) -> Array:
+    return reduce(np.convolve, factors, ONE)
+
+
+def _without(factors: Sequence[Array], i: int) -> list[Array]:
+    return [one for j, one in enumerate(factors) if j != i]
+
+
+def _padded(values: Array, size: int) -> Array:
+    return np.concatenate([values, np.zeros(size - len(values))])
