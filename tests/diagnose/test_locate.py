@@ -13,7 +13,7 @@ from hoopd.diagnose.curves.locate import whiteness
 from hoopd.diagnose.curves.missingforce import binned, missing_force
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.intervals import CHANCE_A_MINUTE, Interval, Signal, intervals
+from hoopd.diagnose.engine.intervals import CHANCE_A_MINUTE, Interval, Signal, intervals, signals_by_name
 from hoopd.diagnose.engine.setaside import FAR_BEYOND, leaving_enough, set_aside, without
 from hoopd.diagnose.engine.unusual import level_of, mean_squares, unusual
 from hoopd.diagnose.inputs import hoop_source
@@ -91,6 +91,14 @@ def test_nothing_is_set_aside_that_leaves_nothing_of_a_recording(pushed: Stretch
     assert without([pushed], every) == []
     assert leaving_enough([pushed], every) == []
     assert leaving_enough([pushed], every[7:8]) == every[7:8]
+
+
+def test_an_effect_that_adds_a_coordinate_leaves_the_plants_own_signals(clean: Fit) -> None:
+    made = clean.tracks[0].stretch
+    slip = library(made.plant)["ball.slip"]
+    found = fit([made], [slip], {**clean.values, "ball.slip.mu": 0.4}, noise=clean.noise, move=False)
+    plain, with_slip = signals_by_name(clean, "r"), signals_by_name(found, "r")
+    assert found.tracks[0].composite.nq == 3 and list(with_slip) == list(plain)
 
 
 def test_a_clean_recording_stays_whole(clean: Fit) -> None:

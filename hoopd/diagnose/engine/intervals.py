@@ -124,7 +124,7 @@ def signals_of(fit: Fit, index: int) -> Iterator[tuple[str, str, Array]]:
     w = disturbance(fit, index)
     t = track.stretch.t
     inner = (t >= t[0] + END_S) & (t <= t[-1] - END_S)
-    for j, q in enumerate(track.composite.plant.coordinates):
+    for j, q in enumerate(track.stretch.plant.coordinates):
         yield q, "force", np.where(inner, w[:, j], np.nan)
     innovations = fit.rows[index][:, 0].reshape(len(track.z), -1)
     for j, channel in enumerate(track.composite.channels):
