@@ -15,35 +15,47 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.engine.vectorised import Vectorised, takes
+
 Array = NDArray[np.float64]
 
 # Nodes of a recursion in one call: set up in a millisecond; the call itself then costs nothing.
 CHUNK = 50
 # Functions that are kept with their memory (some hundred kilobytes each).
 KEPT = 64
+# From so many nodes on numpy is faster than CasADi.
+MANY = 100
 
 
 class Mapped:
     """A function evaluated at n nodes; arguments that are the same at all of them are given once."""
 
     def __init__(self, function: ca.Function, n: int, same: Sequence[int] = ()) -> None:
-        mapped = function.map("mapped", "serial", n, list(same), [])
-        self._buffer, self._trigger = mapped.buffer()
         self._rows = [1 if i in same else n for i in range(function.n_in())]
         self._sizes = [function.nnz_in(i) for i in range(function.n_in())]
-        shapes = [(n, function.size2_out(i), function.size1_out(i)) for i in range(function.n_out())]
-        self._shapes = shapes
+        self._call = Vectorised(function, n, same) if n >= MANY and takes(function) else _Buffered(function, n, same)
 
     def __call__(self, *arguments: Array) -> list[Array]:
         """Results (n, rows, cols) of arguments (n, elements), or (elements,) of what is the same everywhere."""
         held = [_row_major(a, (n, size)) for a, n, size in zip(arguments, self._rows, self._sizes, strict=True)]
-        for i, array in enumerate(held):
+        return [array.transpose(0, 2, 1) for array in self._call(*held)]
+
+
+class _Buffered:
+    """By CasADi's own map."""
+
+    def __init__(self, function: ca.Function, n: int, same: Sequence[int]) -> None:
+        self._buffer, self._trigger = function.map("mapped", "serial", n, list(same), []).buffer()
+        self._shapes = [(n, function.size2_out(i), function.size1_out(i)) for i in range(function.n_out())]
+
+    def __call__(self, *arguments: Array) -> list[Array]:
+        for i, array in enumerate(arguments):
             self._buffer.set_arg(i, memoryview(array))  # type: ignore[call-arg, arg-type, unused-ignore]
         out = [np.zeros(shape) for shape in self._shapes]
         for i, array in enumerate(out):
             self._buffer.set_res(i, memoryview(array))  # type: ignore[call-arg, arg-type, unused-ignore]
         self._trigger()
-        return [array.transpose(0, 2, 1) for array in out]
+        return out
 
 
 class Recursion:

@@ -15,7 +15,8 @@ Rules of this file: numbers in, numbers out; noise levels are given.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.engine.calls import Recursion, flat
+from hoopd.diagnose.engine.chain import backward, bands_of, forward
 
 Array = NDArray[np.float64]
 # Which elements of a matrix are not zero at all nodes, row by row.
@@ -59,7 +61,8 @@ class Linear(NamedTuple):
         return int(self.a.shape[1] + self.w.shape[2])
 
 
-class Gains(NamedTuple):
+@dataclass(frozen=True)
+class Gains:
     """What the filter did at every node, whatever the columns."""
 
     whiten: Array  # (n, nc, nc): innovations to independent unit ones; rows of what was not seen are 0
@@ -68,6 +71,11 @@ class Gains(NamedTuple):
     phi: Array  # (n-1, size, size)
     closed: Array  # (n-1, size, size): phi (I - gain C)
     logdet: float  # sum of log S over all readings
+
+    @cached_property
+    def bands(self) -> Array:
+        """Of `closed`, as `chain` takes them."""
+        return bands_of(self.closed)
 
 
 def gains(model: Linear, noise: Noise) -> Gains:
@@ -108,12 +116,10 @@ def predicted(model: Linear, found: Gains, f: Array, eps: Array) -> tuple[Array,
     """
     n, nz = len(model.c), model.c.shape[2]
     # d_k+1 = phi (I - K C) d_k + phi K eps_k + f_k
-    drive = (found.phi @ found.gain[:-1]) @ eps[:-1]
-    drive[:, :nz] += f
-    d = np.zeros((n, model.size, eps.shape[2]))
-    for k, closed in enumerate(found.closed):
-        np.matmul(closed, d[k], out=d[k + 1])
-        d[k + 1] += drive[k]
+    drive = np.zeros((n, model.size, eps.shape[2]))
+    np.matmul(found.phi @ found.gain[:-1], eps[:-1], out=drive[1:])
+    drive[1:, :nz] += f
+    d = forward(found.bands, drive)
     return d, eps - model.c @ d[:, :nz]
 
 
@@ -136,12 +142,11 @@ def smoothed(model: Linear, found: Gains, f: Array, eps: Array) -> Smoothed:
     n, _, nz = model.c.shape
     d, e = predicted(model, found, f[:, :, None], eps[:, :, None])
     # r_k-1 = (phi (I - K C))' r_k + C' S^-1 e
-    adjoint = np.zeros((n + 1, model.size, 1))
-    adjoint[:-1, :nz] = (found.whiten @ model.c).transpose(0, 2, 1) @ (found.whiten @ e)
-    for k in range(n - 2, -1, -1):
-        adjoint[k] += found.closed[k].T @ adjoint[k + 1]
+    source = np.zeros((n, model.size, 1))
+    source[:, :nz] = (found.whiten @ model.c).transpose(0, 2, 1) @ (found.whiten @ e)
+    adjoint = backward(found.bands, source)
     filtered = (d + found.gain @ e)[:, :, 0]
-    return Smoothed((d + found.before @ adjoint[:-1])[:, :, 0], adjoint[1:-1, :nz, 0], filtered, d[:, :, 0])
+    return Smoothed((d + found.before @ adjoint)[:, :, 0], adjoint[1:, :nz, 0], filtered, d[:, :, 0])
 
 
 # ---------------------------------------------------------------------------------------------- covariance
