@@ -26,7 +26,7 @@ from hoopd.ident.device.plain import plain
 from hoopd.ident.device.prediction import PredictionSolution
 from hoopd.ident.device.score import WINDOW_S, score
 from hoopd.ident.device.thesis import table_words
-from hoopd.ident.device.uncertainty import Z95
+from hoopd.ident.normal import Z95
 from hoopd.modelfiles import ModelFile, load_model
 from hoopd.physics.entries import ENTRIES
 from hoopd.physics.parameters import PARAMETER_UNITS, ParameterError

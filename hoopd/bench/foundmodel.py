@@ -17,7 +17,7 @@ from hoopd.diagnose.findings import parameters_of
 from hoopd.diagnose.record import Quantity
 from hoopd.diagnose.recordfile import to_digits
 from hoopd.diagnose.run import Outcome
-from hoopd.ident.device.uncertainty import Z95
+from hoopd.ident.normal import Z95
 from hoopd.modelfiles import EffectEntry, ModelFile, Parameter
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library

@@ -16,7 +16,7 @@ from hoopd.diagnose.quality import population
 from hoopd.diagnose.quality.channels import Share
 from hoopd.diagnose.quality.judged import Quality
 from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
-from hoopd.ident.device.uncertainty import Z95
+from hoopd.ident.normal import Z95
 
 # Above this share a fault is an effect: below, it costs a fit nothing that setting samples aside does not mend.
 EFFECT_SHARE = 0.02

@@ -31,7 +31,7 @@ from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.diagnose.search.trying import needed_of, surprise_of
-from hoopd.ident.device.uncertainty import Z95
+from hoopd.ident.normal import Z95
 from hoopd.physics.effects.base import Effect
 
 # Hypotheses that a table of fits has a column for.

@@ -18,7 +18,7 @@ from hoopd.diagnose.engine.dataset import Stretch, stretch_of
 from hoopd.diagnose.engine.fitting import fit
 from hoopd.diagnose.report.pictures import shown_of
 from hoopd.diagnose.search.naming import Named, name_effects
-from hoopd.ident.device.uncertainty import Z95
+from hoopd.ident.normal import Z95
 from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library

@@ -16,7 +16,7 @@ from hoopd.diagnose.curves.sites import Variable, wanted
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.engine.intervals import disturbance
 from hoopd.diagnose.shown import Binned, Law, MissingForce, Regressor
-from hoopd.ident.device.uncertainty import Z95
+from hoopd.ident.normal import Z95
 from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Point
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hoopd.diagnose.curves.curve import Curve
 from hoopd.diagnose.curves.screen import CurveScore
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.ident.device.uncertainty import Z95
+from hoopd.ident.normal import Z95
 
 Array = NDArray[np.float64]
 

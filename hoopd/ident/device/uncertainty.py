@@ -15,11 +15,10 @@ from scipy.signal import fftconvolve
 
 from hoopd.ident.device.gaussnewton import loss_weight
 from hoopd.ident.device.outputerror import Solution, prior_of
+from hoopd.ident.normal import Z95
 
 Array = NDArray[np.float64]
 
-# Normal quantile of a two-sided 95 % interval.
-Z95 = 1.959963984540054
 # Longest memory of the residuals' autoregressive model, in samples: at 50 Hz more than a period of the rolling ball.
 MOST_LAGS = 60
 # Evidence against white residuals that counts: a BIC lower by 10 is very strong evidence (Kass and Raftery 1995); every

@@ -15,7 +15,8 @@ from scipy.stats import chi2
 from hoopd.ident.device.likelihood import Evaluation, Likelihood
 from hoopd.ident.device.prediction import PredictionSolution
 from hoopd.ident.device.scoring import units
-from hoopd.ident.device.uncertainty import Z95, Uncertainty
+from hoopd.ident.device.uncertainty import Uncertainty
+from hoopd.ident.normal import Z95
 
 Array = NDArray[np.float64]
 
