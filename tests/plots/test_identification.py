@@ -1,0 +1,83 @@
+"""Figures of identification: what is in them, and that the same numbers give the same bytes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.patches import Ellipse
+from scipy.signal import lfilter
+
+from hoopd.ident.data import Data, iddata
+from hoopd.ident.models import Polynomials
+from hoopd.ident.predict import predict, simulate
+from hoopd.ident.residualtests import residuals
+from hoopd.plots import style
+from hoopd.plots.identification import (
+    Response,
+    Roots,
+    draw_coherence,
+    draw_impulse,
+    draw_orders,
+    draw_residuals,
+    draw_responses,
+    draw_roots,
+    draw_said,
+    draw_spectra,
+)
+
+MODEL = Polynomials(0.1, a=np.array([1.0, -1.5, 0.7]), b=(np.array([0.0, 1.0, 0.5]),))
+
+
+@pytest.fixture(scope="module")
+def data() -> Data:
+    rng = np.random.default_rng(0)
+    u, e = np.sign(rng.standard_normal(400)), 0.5 * rng.standard_normal(400)
+    return iddata(lfilter([0.0, 1.0, 0.5], MODEL.a, u) + lfilter([1.0], MODEL.a, e), u, 0.1, outputs=["psi"])
+
+
+def test_measured_and_said_with_the_fit_in_the_legend(data: Data) -> None:
+    made = draw_said(data, {"arx": predict(MODEL, data), "free": simulate(MODEL, data)}, "one step ahead")
+    texts = [text.get_text() for text in made.axes[0].get_legend().get_texts()]
+    assert texts[0] == "measured" and texts[1].startswith("arx, one step ahead: ") and texts[1].endswith(" %")
+    assert style.rendered(made, ".png") == style.rendered(
+        draw_said(data, {"arx": predict(MODEL, data), "free": simulate(MODEL, data)}, "one step ahead"), ".png"
+    )
+
+
+def test_residuals_say_what_was_tested(data: Data) -> None:
+    made = draw_residuals(residuals(MODEL, data))
+    assert len(made.axes) == 2
+    assert "white: yes" in made.axes[0].get_title(loc="right") and "no feedback" in made.axes[1].get_title(loc="right")
+
+
+def test_responses_have_bands_where_the_numbers_have_them() -> None:
+    w = np.geomspace(0.1, 30.0, 50)
+    h = 1.0 / (1.0 + 1j * w)
+    made = draw_responses([Response("one", w, h, 0.1 * np.ones(50), 0.1 * np.ones(50)), Response("two", w, 2 * h)])
+    gain, phase = made.axes
+    assert len(gain.collections) == 1 and len(phase.collections) == 1
+    # 1.96 sigma of 10 % are 1.7 dB each way
+    box = gain.collections[0].get_paths()[0].get_extents()
+    assert box.height == pytest.approx(2 * 1.702 + np.ptp(20 * np.log10(np.abs(h))), rel=1e-3)
+
+
+def test_an_ellipse_is_as_large_as_its_covariance() -> None:
+    poles = np.array([0.5 + 0.3j, 0.5 - 0.3j])
+    made = draw_roots([Roots("m", poles, np.array([0.1]), [np.diag([0.04, 0.01])] * 2)])
+    found = [one for one in made.axes[0].patches if isinstance(one, Ellipse) and one.width != 2.0]
+    assert len(found) == 2
+    assert sorted([found[0].width, found[0].height]) == pytest.approx([2 * 2.448 * 0.1, 2 * 2.448 * 0.2])
+
+
+def test_the_best_order_is_marked() -> None:
+    values = np.array([[5.0, 3.0, np.nan], [4.0, 1.0, 2.0]])
+    axes = draw_orders(["1", "2"], ["1", "2", "3"], values, "BIC").axes[0]
+    (mark,) = axes.get_lines()
+    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (1, 1)
+
+
+def test_the_other_figures_are_drawn() -> None:
+    w, t = np.linspace(0.0, 10.0, 20), np.arange(20.0)
+    assert draw_impulse(t, {"fir": np.exp(-t)}, 0.1 * np.ones(20)).axes[0].collections
+    assert draw_coherence(w, {"u -> y": np.full(20, 0.9)}).axes[0].get_ylim()[1] > 1.0
+    assert draw_spectra(w, {"y": (np.ones(20), 0.5 * np.ones(20), 2 * np.ones(20))}).axes[0].collections
