@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 # Eigenvalue of a Gram matrix below so much of the largest: nothing but rounding is left of that direction.
 SINGULAR = 1e-11
+# The same of the singular values of a matrix itself, which rounding leaves smaller.
+DEPENDENT = 1e-12
 # Rounding of a constant that went through other units.
 CONSTANT = 1e-12
 # N (1 - pole) of an integrator that was estimated stays below this in 95 of 100 (Dickey & Fuller, JASA 74, 1979).
@@ -88,16 +90,15 @@ def check_feedback(errors: Array, u: Array, names: Sequence[str] = ()) -> None:
             )  # fmt: skip
 
 
-def check_regressors(gram: Array, names: Sequence[str], exact: bool = False) -> None:
-    """Warn when the columns of a regression with this Gram matrix (p, p) depend on each other.
-
-    `exact`: the fit leaves no residual, so the cause is the order and not the input.
-    """
-    weak = dependent(gram)
+def check_regressors(columns: Array, names: Sequence[str]) -> None:
+    """Warn when columns (m, p) of a regression, or its triangular factor (p, p), depend on each other."""
+    weak = dependent(columns)
     if len(weak):
         said = ", ".join(names[i] for i in weak)
-        cause = "the order is too high for data without noise" if exact else "the input excites too little"
-        warn(f"the regressors of {said} depend on each other, their smallest combination is taken: {cause}")
+        warn(
+            f"the regressors of {said} depend on each other, so the smallest coefficients that fit are taken: the "
+            "order is too high for data so free of noise, or the input excites too little"
+        )  # fmt: skip
 
 
 def warn(text: str) -> None:
@@ -108,15 +109,15 @@ def warn(text: str) -> None:
 # ------------------------------------------------------------------------------------------------- statistics
 
 
-def dependent(gram: Array) -> NDArray[np.intp]:
-    """Columns that take part in the directions in which a Gram matrix (p, p) is singular; none when it is regular."""
-    scale = np.sqrt(np.diag(gram))
+def dependent(columns: Array) -> NDArray[np.intp]:
+    """Columns of a matrix (m, p) that take part in its null directions; none when its rank is full."""
+    scale = np.sqrt((columns**2).sum(axis=0))
     dead = np.flatnonzero(scale <= 0.0)
     if len(dead):
         return dead
-    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    null = vectors[:, values < SINGULAR * values[-1]]
-    return np.flatnonzero((np.abs(null) > 0.1 * np.abs(null).max(axis=0, initial=1e-300)).any(axis=1))
+    values, vectors = np.linalg.svd(columns / scale, full_matrices=False)[1:]
+    null = np.abs(vectors[values < DEPENDENT * values[0]])
+    return np.flatnonzero((null > 0.1 * null.max(axis=1, initial=0.0, keepdims=True)).any(axis=0))
 
 
 def excitation(u: Array, lags: int) -> int:

@@ -95,9 +95,9 @@ def test_dependent_regressors_are_named() -> None:
     rng = np.random.default_rng(0)
     columns = rng.standard_normal((50, 3))
     columns[:, 2] = columns[:, 0]
-    assert list(dependent(columns.T @ columns)) == [0, 2]
+    assert list(dependent(columns)) == [0, 2]
     with pytest.warns(IdentificationWarning, match="of a, c depend"):
-        check_regressors(columns.T @ columns, ["a", "b", "c"])
+        check_regressors(columns, ["a", "b", "c"])
 
 
 @pytest.mark.parametrize("seed", range(3))
