@@ -39,6 +39,8 @@ FEEDBACK_LEVEL = 41.30
 FORETOLD = 1e-6
 # Poles and zeros nearer than so many standard errors of their distance cancel.
 CANCELLED = 2.0
+# ... but roots that nobody knows are not equal for that: so far apart they are two.
+APART = 0.3
 # Without a covariance: poles and zeros nearer than rounding leaves double roots.
 CANCELLED_EXACTLY = 1e-6
 
@@ -137,24 +139,29 @@ def excitation(u: Array, lags: int) -> int:
 def answers(errors: Array, u: Array) -> bool:
     """Whether an input (n,) follows earlier errors (n,) beyond chance, at 1 to 10 samples.
 
-    u is whitened by its own past, so what an error still holds of earlier inputs does not count; then n times the sum
-    of squared correlations is chi-square (Granger, Econometrica 37, 1969; Box & Jenkins, 1970, 11.2). NaN errors
+    Both are whitened by their own past, so what an error still holds of earlier inputs does not count; then n times the
+    sum of squared correlations is chi-square (Granger, Econometrica 37, 1969; Box & Jenkins, 1970, 11.2). NaN errors
     count nothing.
     """
     n = len(u)
     if n < FEEDBACK_SAMPLES:
         return False
     m = FEEDBACK_LAGS
-    gram = lagged_gram([np.ascontiguousarray(u)], [range(m + 1)], m)
-    own = np.linalg.lstsq(gram[1:, 1:], gram[1:, 0], rcond=SINGULAR)[0]
-    fresh = np.convolve(u, np.concatenate([[1.0], -own]), "valid")
-    before = np.nan_to_num(errors)
+    fresh = _whitened(u, m)
     power = float(fresh @ fresh) / len(fresh)
     if power <= FORETOLD * float(u @ u) / n:
         return False
-    late = before[m:]
+    late = _whitened(np.nan_to_num(errors), m)
     size = float(late @ late) * power
-    return size > 0.0 and float(_following(fresh, late, m) @ _following(fresh, late, m)) / size > FEEDBACK_LEVEL
+    together = _following(fresh, late, m)
+    return size > 0.0 and float(together @ together) / size > FEEDBACK_LEVEL
+
+
+def _whitened(signal: Array, m: int) -> Array:
+    """What the m samples before do not tell of a signal (n - m,)."""
+    gram = lagged_gram([np.ascontiguousarray(signal)], [range(m + 1)], m)
+    own = np.linalg.lstsq(gram[1:, 1:], gram[1:, 0], rcond=SINGULAR)[0]
+    return np.convolve(signal, np.concatenate([[1.0], -own]), "valid")
 
 
 def _following(fresh: Array, errors: Array, m: int) -> Array:
@@ -288,8 +295,7 @@ def _nearest(model: Polynomials, part: str, root: complex, other: str) -> bool:
         error = _gradient(model, part, root) - _gradient(model, other, closest)
         size = float((error @ model.covariance @ error.conj()).real)
         limit = max(limit, CANCELLED * max(size, 0.0) ** 0.5)
-    # Two roots that nobody knows are not equal for that: nearer than a tenth of the circle at most.
-    return bool(abs(closest - root) < min(limit, 0.1))
+    return bool(abs(closest - root) < min(limit, APART))
 
 
 def _gradient(model: Polynomials, part: str, root: complex) -> NDArray[np.complex128]:
