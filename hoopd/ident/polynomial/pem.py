@@ -1,0 +1,232 @@
+"""Prediction-error estimates of polynomial models: ARMAX, output error, Box-Jenkins, ARARX and any other orders.
+
+One search for all (`gaussnewton`), from linear starts (`starts`). The estimate is maximum likelihood for normal e
+(Ljung, System Identification, 1999, 7.4); its covariance is variance (J'J)^-1 where the noise model is right, and
+H^-1 Q H^-1 with the residuals' correlation where it is not (9.4).
+
+Rules of this file: initial states are estimated unless "zero" is asked for; missing outputs cut the data into
+stretches of their own, but for output error, where they only do not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hoopd.ident.checks import DICKEY_FULLER, check, check_feedback, check_model, warn
+from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.models import Polynomials
+from hoopd.ident.polynomial.gaussnewton import Optimum, Stretch, errors, jacobian, search
+from hoopd.ident.polynomial.stable import EDGE, radius
+from hoopd.ident.polynomial.starts import long_model, starts
+from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
+
+Array = NDArray[np.float64]
+Initial = Literal["estimate", "zero"]
+Kind = Literal["white", "robust"]
+
+
+def armax(
+    data: Data | Sequence[Data], na: int, nb: Counts, nc: int, delay: Counts = 1, *, initial: Initial = "estimate",
+    covariance: Kind = "white", start: ArrayLike | Polynomials | None = None,
+) -> Polynomials:  # fmt: skip
+    """A y = B u + C e by the prediction-error method; arguments as in `pem`."""
+    each = experiments(data)
+    own = structure(each[0].nu, na, nb, nc, delay=delay)
+    return pem(each, own, initial=initial, covariance=covariance, start=start)
+
+
+def oe(
+    data: Data | Sequence[Data], nb: Counts, nf: Counts, delay: Counts = 1, *, initial: Initial = "estimate",
+    covariance: Kind = "robust", start: ArrayLike | Polynomials | None = None,
+) -> Polynomials:  # fmt: skip
+    """y = sum B_i/F_i u_i + e by the prediction-error method (the simulation error); arguments as in `pem`.
+
+    The dynamics are right for coloured noise too, as long as no feedback is in the data; so is the robust covariance.
+    """
+    each = experiments(data)
+    own = structure(each[0].nu, 0, nb, 0, 0, nf, delay)
+    return pem(each, own, initial=initial, covariance=covariance, start=start)
+
+
+def bj(
+    data: Data | Sequence[Data], nb: Counts, nc: int, nd: int, nf: Counts, delay: Counts = 1, *,
+    initial: Initial = "estimate", covariance: Kind = "white", start: ArrayLike | Polynomials | None = None,
+) -> Polynomials:  # fmt: skip
+    """y = sum B_i/F_i u_i + C/D e by the prediction-error method; arguments as in `pem`."""
+    each = experiments(data)
+    own = structure(each[0].nu, 0, nb, nc, nd, nf, delay)
+    return pem(each, own, initial=initial, covariance=covariance, start=start)
+
+
+def pem(
+    data: Data | Sequence[Data], own: Structure, *, initial: Initial = "estimate", covariance: Kind = "white",
+    start: ArrayLike | Polynomials | None = None,
+) -> Polynomials:  # fmt: skip
+    """The polynomial model of these orders with the least squared one-step prediction errors.
+
+    `initial`: the state before each experiment is estimated beside the coefficients, or zero. `covariance`: "white"
+    for residuals that are white, "robust" for any. `start`: coefficients (in the order of `own.names`) or a model of
+    at most these orders instead of the built-in starts. ValueError and warnings: `hoopd.ident.checks`.
+    """
+    each = experiments(data)
+    single(each)
+    check(each, orders=own.asked)
+    pieces = stretches(own, each, initial)
+    free = initial == "estimate"
+    candidates = _given(own, start) if start is not None else _found(own, pieces)
+    best = _best(own, pieces, candidates, free)
+    return _reported(own, each, pieces, best, covariance)
+
+
+def prediction_errors(model: Polynomials, data: Data, *, initial: Initial = "estimate") -> Array:
+    """e (n,) of any polynomial model by its filters; NaN where it cannot be told.
+
+    As `predict.prediction_error`, but with the initial state that is best for all of the data and at filter speed.
+    """
+    own = orders_of(model)
+    out = np.full(data.n, np.nan)
+    for first, piece in _placed(own, data, initial):
+        p = np.zeros(0) if initial == "zero" else _initial(own, own.values(model), piece)
+        e = errors(own, own.values(model), p, piece).e
+        out[first : first + len(e)] = e if piece.seen is None else np.where(piece.seen > 0.0, e, np.nan)
+    return out
+
+
+def orders_of(model: Polynomials) -> Structure:
+    """The orders of a model; leading zeros of B are its delay."""
+    first = [int(np.flatnonzero(b)[0]) if np.any(b) else 0 for b in model.b]
+    return Structure(
+        len(model.a) - 1, tuple(len(b) - d for b, d in zip(model.b, first, strict=True)), len(model.c) - 1,
+        len(model.d) - 1, tuple(len(f) - 1 for f in model.f) or (0,) * model.nu, tuple(first),
+    )  # fmt: skip
+
+
+def stretches(own: Structure, each: Sequence[Data], initial: Initial = "estimate") -> list[Stretch]:
+    """What the search takes: whole experiments, cut at missing outputs unless the structure is output error."""
+    if any(not np.isfinite(one.u).all() for one in each):
+        raise ValueError("an input must be known at every sample: fill it or cut the data there")
+    found = [piece for one in each for _, piece in _placed(own, one, initial)]
+    free = own.size + (own.states * len(found) if initial == "estimate" else 0)
+    if sum(piece.count for piece in found) <= free:
+        raise ValueError(
+            f"too few samples: {sum(piece.count for piece in found)} in stretches without a missing output, for "
+            f"{free} coefficients and initial states"
+        )
+    return found
+
+
+# ------------------------------------------------------------------------------------------------- steps
+
+
+def _placed(own: Structure, data: Data, initial: Initial) -> list[tuple[int, Stretch]]:
+    """Stretches of one experiment and the samples at which they begin."""
+    if data.complete:
+        return [(0, _stretch(data))]
+    if own.na == own.nc == own.nd == 0:
+        seen = np.isfinite(data.y[:, 0])
+        filled = Stretch(np.where(seen, data.y[:, 0], 0.0), _inputs(data), seen.astype(float))
+        return [(0, filled)]
+    if initial == "zero":
+        raise ValueError('after a missing output the state is not zero: use initial="estimate"')
+    # a stretch no longer than its initial state tells nothing of the coefficients
+    pieces = [piece for piece in runs(data) if piece.n > own.states + own.lost]
+    return [(round((piece.t0 - data.t0) / data.dt), _stretch(piece)) for piece in pieces]
+
+
+def _stretch(data: Data) -> Stretch:
+    return Stretch(np.ascontiguousarray(data.y[:, 0]), _inputs(data))
+
+
+def _inputs(data: Data) -> Array:
+    return np.ascontiguousarray(data.u.T)
+
+
+def _found(own: Structure, pieces: Sequence[Stretch]) -> list[Array]:
+    whole = long_model(own, pieces)
+    if any(own.nf) and whole.radius > 1.0 + DICKEY_FULLER / sum(one.count for one in pieces):
+        warn(
+            f"the system looks unstable (a pole of magnitude {whole.radius:.3g}), and F is kept stable: an unstable "
+            "system wants its poles in A (arx, armax)"
+        )  # fmt: skip
+    return starts(own, pieces, whole)
+
+
+def _given(own: Structure, start: ArrayLike | Polynomials) -> list[Array]:
+    x = own.values(start) if isinstance(start, Polynomials) else np.asarray(start, dtype=float)
+    if x.shape != (own.size,):
+        raise ValueError(f"the start has {x.size} coefficients, the model {own.size}: {', '.join(own.names)}")
+    return [x]
+
+
+def _best(own: Structure, pieces: Sequence[Stretch], candidates: Sequence[Array], free: bool) -> Optimum:
+    """The least optimum: from the best start, or from each where the sum may have several minima."""
+    if len(candidates) > 1 and not _several(own):
+        candidates = [min(candidates, key=lambda x: _cost(own, x, pieces))]
+    found = [search(own, pieces, one, free_start=free) for one in candidates]
+    return min(found, key=lambda one: one.total)
+
+
+def _several(own: Structure) -> bool:
+    """Structures in which two factors can change places, so that the sum has a second minimum."""
+    return own.na > 0 and (own.nd > 0 or any(own.nf))
+
+
+def _cost(own: Structure, x: Array, pieces: Sequence[Stretch]) -> float:
+    with np.errstate(all="ignore"):
+        total = sum(float(np.square(errors(own, x, np.zeros(0), one).e).sum()) for one in pieces)
+    return total if np.isfinite(total) else np.inf
+
+
+def _reported(
+    own: Structure, each: Sequence[Data], pieces: Sequence[Stretch], best: Optimum, kind: Kind
+) -> Polynomials:  # fmt: skip
+    count = sum(one.count for one in pieces)
+    variance = best.total / max(count - own.size - best.p.size, 1)
+    spread = variance * best.inverse if kind == "white" else _robust(own, pieces, best)
+    model = own.model(best.x, each[0], variance, spread)
+    if not best.settled:
+        warn(f"the search has not settled after {best.steps} steps: the orders fit the data badly")
+    at_edge = [name for name, one in _guarded(model) if radius(one) > EDGE - 1e-7]
+    if at_edge:
+        warn(f"{', '.join(at_edge)} ends at the limit of stability: there the estimate has no covariance")
+    check_model(model, count)
+    for one, p in zip(pieces, best.p, strict=True):
+        if one.seen is None:
+            check_feedback(errors(own, best.x, p, one).e, one.u.T, each[0].inputs)
+    return model
+
+
+def _guarded(model: Polynomials) -> list[tuple[str, Array]]:
+    return [("C", model.c), *((f"F of input {i + 1}", f) for i, f in enumerate(model.f))]
+
+
+def _robust(own: Structure, pieces: Sequence[Stretch], best: Optimum) -> Array:
+    """H^-1 Q H^-1, Q = sum of psi(t) e(t) e(s) psi(s)' over |t - s| <= L, Bartlett's weights (Newey & West, 1987)."""
+    q = np.zeros((own.size, own.size))
+    for one, p in zip(pieces, best.p, strict=True):
+        found = errors(own, best.x, p, one)
+        rows = jacobian(own, found, one, 0)
+        r = _correlation(found.e, min(len(found.e) // 4, round(4.0 * len(found.e) ** (1.0 / 3.0))))
+        # white inputs are independent of e: Q = sum_tau r(tau) sum_t psi(t) psi(t + tau)'
+        smooth = np.apply_along_axis(np.convolve, 1, rows, np.concatenate([r[:0:-1], r]), "same")
+        q += rows @ smooth.T
+    q = 0.5 * (q + q.T)
+    count = sum(one.count for one in pieces)
+    return np.asarray(best.inverse @ q @ best.inverse * count / max(count - own.size - best.p.size, 1))
+
+
+def _correlation(e: Array, lags: int) -> Array:
+    """Covariance of e at lags 0 .. L under Bartlett's weights."""
+    raw = np.array([e[k:] @ e[: len(e) - k] for k in range(lags + 1)]) / len(e)
+    return np.asarray(raw * (1.0 - np.arange(lags + 1) / (lags + 1.0)))
+
+
+def _initial(own: Structure, x: Array, piece: Stretch) -> Array:
+    """The response to the initial state that leaves the least errors of one stretch."""
+    zero = errors(own, x, np.zeros(own.states), piece)
+    rows = jacobian(own, zero, piece, own.states)[own.size :]
+    return np.asarray(-np.linalg.lstsq(rows.T, zero.e, rcond=None)[0]) if own.states else np.zeros(0)
