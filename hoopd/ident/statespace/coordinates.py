@@ -9,6 +9,7 @@ Rules of this file: the full vector holds A, B, C, D, K row by row, in this orde
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,8 @@ def values(model: Innovations) -> Array:
 
 def with_values(model: Innovations, full: Array) -> Innovations:
     """The model with other matrices."""
-    parts, first = {}, 0
+    parts: dict[str, Any] = {}
+    first = 0
     for letter, shape in shapes(model):
         size = shape[0] * shape[1]
         parts[letter] = full[first : first + size].reshape(shape)
@@ -70,12 +72,13 @@ def basis(model: Innovations, free: Freedom) -> Array:
 
 def directions(model: Innovations, columns: Array) -> Directions:
     """The columns (full, m) as changes of the matrices, without one of the initial state."""
-    parts, first = {}, 0
+    parts: dict[str, Any] = {"x0": np.zeros((columns.shape[1], model.nx))}
+    first = 0
     for letter, (rows, wide) in shapes(model):
         size = rows * wide
         parts[letter] = columns[first : first + size].T.reshape(-1, rows, wide)
         first += size
-    return Directions(**parts, x0=np.zeros((columns.shape[1], model.nx)))
+    return Directions(**parts)
 
 
 def starts(model: Innovations) -> Directions:

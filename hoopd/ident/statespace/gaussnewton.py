@@ -20,7 +20,7 @@ from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.sensitivities import Piece, Trajectory, sensitivities, trajectory
 
 Array = NDArray[np.float64]
-Loss = Callable[[Array], tuple[Array, Array]]  # squared error -> (rho, rho'), as in scipy's least_squares
+Loss = Callable[[Array], tuple[Array, Array]]  # squared errors -> (rho, rho')
 
 # A predictor may be this near to the unit circle; beyond it the recursion does not forget its start within any data.
 EDGE = 1.0 - 1e-9
@@ -28,7 +28,7 @@ EDGE = 1.0 - 1e-9
 
 @dataclass(frozen=True)
 class Problem:
-    """What is minimised: errors `horizon` ahead, times `weight` (ny, ny), through `loss`, plus `regulariser`(model)^2."""
+    """What is minimised: errors `horizon` ahead times `weight` (ny, ny), through `loss`, plus |`regulariser`(model)|^2."""
 
     pieces: Sequence[Piece]
     weight: Array

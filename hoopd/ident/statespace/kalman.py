@@ -22,23 +22,22 @@ FLOOR = 1e-10
 def gain(a: Array, c: Array, q: Array, r: Array, s: Array) -> tuple[Array, Array]:
     """K (nx, ny) of x+ = a x + K e and cov(e), for covariances q of w, r of v, s between them.
 
-    From the Riccati equation P = a P a' + q - (a P c' + s)(c P c' + r)^-1 (...)' (Anderson & Moore, 1979). Where that has
-    no stabilising solution, s r^-1, and where that predictor is unstable too, zero if `a` is stable, else the gain
-    of a process noise of any kind.
+    From the Riccati equation P = a P a' + q - (a P c' + s)(c P c' + r)^-1 (...)' (Anderson & Moore, 1979). Where that
+    has no stabilising solution, s r^-1; where that predictor is unstable too, the gain without s, then that of next to
+    no process noise, and at last zero.
     """
     lift = FLOOR * (np.trace(r) + np.trace(c @ q @ c.T)) / len(r) + 1e-300
     whole = r + lift * np.eye(len(r))
-    for process, cross in (
-        (q, s),
-        (np.zeros_like(q), np.zeros_like(s)),
-        (1e-3 * lift * np.eye(len(q)), np.zeros_like(s)),
-    ):
-        found = _riccati(a, c, process, whole, cross)
+    found = _riccati(a, c, q, whole, s)
+    if found is not None:
+        return found
+    direct = np.asarray(np.linalg.lstsq(whole, s.T, rcond=None)[0].T, dtype=float)
+    if radius(a - direct @ c) < 1.0:
+        return direct, r
+    for process in (q, lift * np.eye(len(q))):
+        found = _riccati(a, c, process, whole, np.zeros_like(s))
         if found is not None:
             return found
-        direct = np.linalg.lstsq(whole, s.T, rcond=None)[0].T
-        if radius(a - direct @ c) < 1.0:
-            return direct, r
     return np.zeros((len(a), len(c))), r
 
 

@@ -64,7 +64,7 @@ class Directions:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """x (nx, n) predicted one step ahead, e (ny, n) of it, zero where missing; `ahead` (ny, n): errors h steps ahead."""
+    """x (nx, n) predicted one step ahead, e (ny, n) its errors, zero where missing; `ahead`: those h steps ahead."""
 
     x: Array
     e: Array

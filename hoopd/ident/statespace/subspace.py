@@ -1,6 +1,6 @@
 """Subspace identification from time data: MOESP, N4SID, CVA and IVM, with a Kalman gain.
 
-Steps: moments of all windows -> LQ factor -> weighted singular values -> observability -> A and C by shift invariance ->
+Steps: moments of all windows -> LQ factor -> weighted singular values -> observability -> A, C by shift invariance ->
 states from the past, noise covariances, Kalman gain by the Riccati equation -> B, D and x0 by least squares -> where
 asked, a few Gauss-Newton steps on the prediction error (`refine`; on 5,000 samples with 10 % noise they bring the fit
 from 0.02 to 0.005 points of the best).
@@ -74,7 +74,7 @@ def subspaceid(
 ) -> Innovations:
     """The innovation form of one or several experiments, with Q, R, S, x0 of the first and the singular values.
 
-    `order`: states; without it the least SVC (Bauer, 2001) up to `most_order`. `horizon`: samples of past and of future;
+    `order`: states; without it the least SVC (Bauer, 2001) up to `most_order`. `horizon`: samples of past and future;
     without it twice the lags of the autoregression of least AIC, and enough for the order. `direct`: D is estimated.
     `focus`: B, D, x0 (and with "prediction" K, by `refine` Gauss-Newton steps on all matrices) fit the errors one step
     ahead or those of the simulation. `stable`: True or the largest modulus that a pole may have. `scale`: channels are
@@ -88,8 +88,7 @@ def subspaceid(
     sizes = _scale(each, scale)
     parts = [_divided(part, sizes) for one in each for part in runs(one)]
     found = _estimate(parts, Choice(order, weighting, horizon, most_order, direct, focus, stable, refine))
-    own = replace(_multiplied(found, sizes), dt=each[0].dt, inputs=each[0].inputs, outputs=each[0].outputs)
-    return own
+    return replace(_multiplied(found, sizes), dt=each[0].dt, inputs=each[0].inputs, outputs=each[0].outputs)
 
 
 def choose_horizon(parts: Sequence[Data], most: int) -> int:
@@ -127,8 +126,8 @@ def _estimate(parts: Sequence[Data], choice: Choice) -> Innovations:
     _check_order(decomposed.s, nx)
     gamma = decomposed.observability(nx)
     c = gamma[: split.ny]
-    a = np.linalg.lstsq(gamma[: -split.ny], gamma[split.ny :], rcond=None)[0]
-    a = _bounded(a, choice.stable)
+    shifted = np.linalg.lstsq(gamma[: -split.ny], gamma[split.ny :], rcond=None)[0]
+    a = _bounded(np.asarray(shifted, dtype=float), choice.stable)
     q, r, s = _noise(found, gamma, a, c, choice.direct)
     k, innovation = gain(a, c, q, r, s)
     if choice.focus == "simulation":
@@ -204,9 +203,7 @@ def _without(rows: Array, u: Array) -> Array:
 def _check_windows(found: Factor) -> None:
     rows = len(found.low)
     if found.count < rows:
-        raise ValueError(
-            f"{found.count} windows of consecutive samples for {rows} rows: fewer channels, a shorter horizon"
-        )
+        raise ValueError(f"too few samples: {found.count} windows for {rows} rows; a shorter horizon needs fewer")
     if projection.excitation(found) < LEAST_EXCITATION:
         warnings.warn(
             f"the input is not persistently exciting of order {found.split.length}: some of its lags are combinations"
@@ -220,8 +217,8 @@ def _check_order(s: Array, nx: int) -> None:
         raise ValueError(f"order {nx} is more than the horizon can tell: {len(s)}")
     if s[nx - 1] < 1e-8 * s[0]:
         warnings.warn(
-            f"order {nx} is too high: singular value {nx} is {s[nx - 1] / s[0]:.1e} of the first", IdentificationWarning,
-            stacklevel=4,
+            f"order {nx} is too high: singular value {nx} is {s[nx - 1] / s[0]:.1e} of the first",
+            IdentificationWarning, stacklevel=4,
         )  # fmt: skip
 
 

@@ -59,3 +59,11 @@ def fit_percent(y: Array, said: Array) -> float:
     """100 (1 - |y - yhat| / |y - mean|), mean over outputs."""
     off, spread = np.linalg.norm(y - said, axis=0), np.linalg.norm(y - y.mean(axis=0), axis=0)
     return float(np.mean(100.0 * (1.0 - off / spread)))
+
+
+def responses(model: Innovations, w: Array) -> NDArray[np.complex128]:
+    """(nw, ny, nu) from u to y at w rad a sample."""
+    z = np.exp(1j * w)[:, None, None] * np.eye(model.nx)
+    return np.asarray(
+        model.c @ np.linalg.solve(z - model.a, np.broadcast_to(model.b, (len(w), *model.b.shape))) + model.d
+    )
