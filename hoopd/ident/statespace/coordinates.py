@@ -72,20 +72,18 @@ def basis(model: Innovations, free: Freedom) -> Array:
 
 def directions(model: Innovations, columns: Array) -> Directions:
     """The columns (full, m) as changes of the matrices, without one of the initial state."""
-    parts: dict[str, Any] = {"x0": np.zeros((columns.shape[1], model.nx))}
-    first = 0
-    for letter, (rows, wide) in shapes(model):
-        size = rows * wide
-        parts[letter] = columns[first : first + size].T.reshape(-1, rows, wide)
-        first += size
-    return Directions(**parts)
+    parts, first = [], 0
+    for _, (rows, wide) in shapes(model):
+        parts.append(columns[first : first + rows * wide].T.reshape(-1, rows, wide))
+        first += rows * wide
+    return Directions(*[*parts, np.zeros((columns.shape[1], model.nx))])
 
 
 def starts(model: Innovations) -> Directions:
     """The changes of the initial state alone."""
     m = model.nx
     zero = [np.zeros((m, *shape)) for _, shape in shapes(model)]
-    return Directions(*zero, x0=np.eye(m))
+    return Directions(*[*zero, np.eye(m)])
 
 
 def joined(first: Directions, second: Directions) -> Directions:

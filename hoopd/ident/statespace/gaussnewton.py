@@ -28,7 +28,7 @@ EDGE = 1.0 - 1e-9
 
 @dataclass(frozen=True)
 class Problem:
-    """What is minimised: errors `horizon` ahead times `weight` (ny, ny), through `loss`, plus |`regulariser`(model)|^2."""
+    """What is minimised: errors `horizon` ahead times `weight` (ny, ny), through `loss`, plus |`regulariser`|^2."""
 
     pieces: Sequence[Piece]
     weight: Array
@@ -68,6 +68,20 @@ def evaluate(problem: Problem, model: Innovations, starts: Sequence[Array]) -> P
     if problem.regulariser is not None:
         squared += float(np.sum(np.square(problem.regulariser(model))))
     return Point(model, tuple(starts), paths, squared if np.isfinite(squared) else np.inf)
+
+
+def with_best_starts(problem: Problem, model: Innovations) -> Point:
+    """The point with the initial states of least squared errors; the errors are linear in them."""
+    zero = tuple(np.zeros(model.nx) for _ in problem.pieces)
+    point = evaluate(problem, model, zero)
+    if not (problem.start and np.isfinite(point.cost) and model.nx):
+        return point
+    along, starts = coordinates.starts(model), []
+    for data, path in zip(problem.pieces, point.paths, strict=True):
+        change = np.tensordot(problem.weight, sensitivities(model, data, path, along, problem.horizon), 1)
+        j = change.transpose(0, 2, 1).reshape(-1, model.nx)
+        starts.append(-np.linalg.lstsq(j, (problem.weight @ path.ahead).ravel(), rcond=1e-10)[0])
+    return evaluate(problem, model, starts)
 
 
 def minimise(problem: Problem, point: Point, steps: int, tolerance: float = 1e-9) -> Point:

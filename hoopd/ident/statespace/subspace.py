@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 Focus = Literal["prediction", "simulation"]
 
 MOST_HORIZON = 25  # samples of past and of future when nobody says so
+LEAST_NOISE = 1e-4  # of an output: data with less are taken as if they had so much
 LEAST_EXCITATION = 1e-6  # of the inputs of a window; a signal with fewer lines than lags is at rounding
 
 
@@ -53,10 +54,18 @@ class Choice:
 
 @dataclass(frozen=True)
 class Scale:
-    """Standard deviations that inputs and outputs are divided by."""
+    """What inputs and outputs are divided by."""
 
     u: Array
     y: Array
+
+
+@dataclass(frozen=True)
+class Lags:
+    """Lags of an autoregression and the standard deviation of its errors by output."""
+
+    count: int
+    level: Array
 
 
 def subspaceid(
@@ -77,8 +86,8 @@ def subspaceid(
     `order`: states; without it the least SVC (Bauer, 2001) up to `most_order`. `horizon`: samples of past and future;
     without it twice the lags of the autoregression of least AIC, and enough for the order. `direct`: D is estimated.
     `focus`: B, D, x0 (and with "prediction" K, by `refine` Gauss-Newton steps on all matrices) fit the errors one step
-    ahead or those of the simulation. `stable`: True or the largest modulus that a pole may have. `scale`: channels are
-    divided by their standard deviations meanwhile.
+    ahead or those of the simulation. `stable`: True or the largest modulus that a pole may have. `scale`: inputs are
+    divided by their standard deviations meanwhile, outputs by their noise.
     Missing outputs: only windows without gaps are used. Source: Van Overschee & De Moor (1996), Ljung (1999, 10.6).
     """
     if weighting not in WEIGHTINGS:
@@ -87,26 +96,29 @@ def subspaceid(
     check_channels(each)
     sizes = _scale(each, scale)
     parts = [_divided(part, sizes) for one in each for part in runs(one)]
-    found = _estimate(parts, Choice(order, weighting, horizon, most_order, direct, focus, stable, refine))
+    choice = Choice(order, weighting, horizon, most_order, direct, focus, stable, refine)
+    split, level = _split(parts, choice)
+    # by their noise, so that an output that is mostly noise does not speak for the others
+    noise = Scale(np.ones(len(sizes.u)), np.maximum(level, LEAST_NOISE) if scale else np.ones(len(sizes.y)))
+    found = _multiplied(_estimate([_divided(one, noise) for one in parts], split, choice), noise)
     return replace(_multiplied(found, sizes), dt=each[0].dt, inputs=each[0].inputs, outputs=each[0].outputs)
 
 
-def choose_horizon(parts: Sequence[Data], most: int) -> int:
-    """Twice the lags of the vector autoregression with inputs of least AIC, from the moments alone (Bauer, 2001)."""
+def autoregression(parts: Sequence[Data], most: int) -> Lags:
+    """The vector autoregression with inputs of least AIC, all of them from one factor of the moments."""
     z = [_joined(part) for part in parts]
     nu, ny = parts[0].nu, parts[0].ny
     m, length = nu + ny, most + 1
     order = _newest_last(length, m, nu)
     low = windows.factor(z, length, order)
     t, rest = windows.count(z, length), low[-ny:]
-    best, chosen = np.inf, 1
+    best, chosen, level = np.inf, 1, np.ones(ny)
     for lags in range(1, most + 1):
         tail = rest[:, nu + lags * m :]
-        sign, logdet = np.linalg.slogdet(tail @ tail.T / t + 1e-14 * np.eye(ny))
-        aic = logdet + 2.0 * ny * (lags * m + nu) / t if sign > 0 else -np.inf
+        aic = np.linalg.slogdet(tail @ tail.T / t + 1e-14 * np.eye(ny))[1] + 2.0 * ny * (lags * m + nu) / t
         if aic < best - 1e-9:
-            best, chosen = aic, lags
-    return 2 * chosen
+            best, chosen, level = aic, lags, np.linalg.norm(tail, axis=1) / np.sqrt(t)
+    return Lags(chosen, level)
 
 
 def _newest_last(length: int, m: int, nu: int) -> Array:
@@ -116,8 +128,7 @@ def _newest_last(length: int, m: int, nu: int) -> Array:
     return np.array([*range(now, now + nu), *before, *range(now + nu, now + m)], dtype=int)
 
 
-def _estimate(parts: Sequence[Data], choice: Choice) -> Innovations:
-    split = _split(parts, choice)
+def _estimate(parts: Sequence[Data], split: Split, choice: Choice) -> Innovations:
     z = [_joined(part) for part in parts]
     found = projection.factor(z, split)
     _check_windows(found)
@@ -160,7 +171,8 @@ def _covariance(pieces: Sequence[Piece], point: gaussnewton.Point) -> Array:
     return np.asarray(sum(path.e @ path.e.T for path in point.paths) / sum(p.n for p in pieces))
 
 
-def _split(parts: Sequence[Data], choice: Choice) -> Split:
+def _split(parts: Sequence[Data], choice: Choice) -> tuple[Split, Array]:
+    """Past and future, and the noise of each output."""
     nu, ny = parts[0].nu if parts else 0, parts[0].ny if parts else 0
     if not parts:
         raise ValueError("no sample has every output measured")
@@ -171,14 +183,17 @@ def _split(parts: Sequence[Data], choice: Choice) -> Split:
     if choice.horizon is not None:
         if choice.horizon < least:
             raise ValueError(f"a horizon of {choice.horizon} samples is too short for order {choice.order}: {least}")
-        return Split(choice.horizon, choice.horizon, nu, ny)
+        return Split(choice.horizon, choice.horizon, nu, ny), autoregression(
+            parts, max(min(choice.horizon, most), 1)
+        ).level
     if most < least:
         raise ValueError(
             f"too few consecutive samples with every output measured: the longest run has {longest}, order"
             f" {choice.order or 1} with {nu} inputs and {ny} outputs needs {least * (6 * (nu + ny) + 2)}"
         )
-    r = int(np.clip(choose_horizon(parts, max(most // 2, 1)), min(max(least, 5), most), most))
-    return Split(r, r, nu, ny)
+    lags = autoregression(parts, max(most // 2, 1))
+    r = int(np.clip(2 * lags.count, min(max(least, 5), most), most))  # twice the lags: Bauer, 2001
+    return Split(r, r, nu, ny), lags.level
 
 
 def _noise(found: Factor, gamma: Array, a: Array, c: Array, direct: bool) -> tuple[Array, Array, Array]:

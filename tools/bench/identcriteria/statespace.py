@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 Verdicts = dict[str, float | bool]
 
 
-def distance(one: Innovations, other: Innovations, channel: tuple[int, int] | None = None) -> float:
-    """Most difference of log10 squared gain over 30 frequencies from 1e-3 to pi, norm over channels where there are many."""
+def distance(one: Innovations, other: Innovations) -> float:
+    """Most difference of log10 squared gain over 30 frequencies from 1e-3 to pi."""
     w = np.geomspace(1e-3, np.pi, 30)
     a, b = responses(one, w), responses(other, w)
     gains = [np.linalg.norm(g.reshape(len(w), -1), axis=1) for g in (a, b)]
@@ -34,13 +34,19 @@ def _shape(rng: np.random.Generator) -> tuple[int, int, int]:
     return int(rng.integers(1, 6)), int(rng.integers(1, 3)), int(rng.integers(1, 3))
 
 
+def _output_error(a: Array, rng: np.random.Generator, nu: int, ny: int) -> Innovations:
+    nx = len(a)
+    b, c = rng.standard_normal((nx, nu)), rng.standard_normal((ny, nx))
+    return Innovations(a, b, c, np.zeros((ny, nu)), np.zeros((nx, ny)), 1.0)
+
+
 def integrators(seed: int) -> Data:
     """nx 1 to 5 integrators, one with a pole of 1.01, 500 samples, noise 0.1."""
     rng = np.random.default_rng(seed)
     nx, nu, ny = _shape(rng)
     a = np.eye(nx)
     a[0, 0] = 1.01
-    model = Innovations(a, rng.standard_normal((nx, nu)), rng.standard_normal((ny, nx)), np.zeros((ny, nu)), np.zeros((nx, ny)), 1.0)  # fmt: skip
+    model = _output_error(a, rng, nu, ny)
     return made(model, rng.standard_normal((500, nu)), 0.1 * rng.standard_normal((500, ny)))
 
 
@@ -48,7 +54,7 @@ def small_systems(seed: int, noise: float = 1e-3) -> tuple[Data, Innovations]:
     """A = 0.2 randn, nx 1 to 5, 1 or 2 inputs and outputs, 500 samples."""
     rng = np.random.default_rng(seed)
     nx, nu, ny = _shape(rng)
-    model = Innovations(0.2 * rng.standard_normal((nx, nx)), rng.standard_normal((nx, nu)), rng.standard_normal((ny, nx)), np.zeros((ny, nu)), np.zeros((nx, ny)), 1.0)  # fmt: skip
+    model = _output_error(0.2 * rng.standard_normal((nx, nx)), rng, nu, ny)
     return made(model, rng.standard_normal((500, nu)), noise * rng.standard_normal((500, ny))), model
 
 
