@@ -1,0 +1,1 @@
+"""State-space methods: subspace, realisation from impulse responses, prediction error, grey boxes."""

@@ -1,0 +1,73 @@
+"""State space from Markov parameters (ERA: Juang & Pappa, J. Guidance 8, 1985; Ho & Kalman, 1966).
+
+H0 = [Y_1 Y_2 ..; Y_2 Y_3 ..; ..] = U S V', A = S^-1/2 U' H1 V S^-1/2, B and C the first blocks of S^1/2 V' and U S^1/2.
+
+Rules of this file: no sample time is put into the Markov parameters; they are the response to a unit pulse.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.ident.data import Data, experiments
+from hoopd.ident.models import Innovations
+from hoopd.ident.statespace.guard import IdentificationWarning
+from hoopd.ident.statespace.okid import okid
+
+Array = NDArray[np.float64]
+
+
+def era(
+    markov: Array, order: int | None = None, *, dt: float = 1.0, rows: int | None = None, columns: int | None = None
+) -> Innovations:
+    """The balanced realisation (k = 0) of Markov parameters (count + 1, ny, nu): D, C B, C A B, ...
+
+    `order`: without it the singular values above sqrt(largest * least). `rows`, `columns`: blocks of the Hankel matrix,
+    half of what there is each. ValueError when there are too few parameters.
+    """
+    values = np.asarray(markov, dtype=float)
+    if values.ndim != 3 or not np.isfinite(values).all():
+        raise ValueError("Markov parameters are finite and (count, outputs, inputs)")
+    count, ny, nu = len(values) - 1, values.shape[1], values.shape[2]
+    high = rows or count // 2
+    wide = columns or count - high
+    if high + wide > count or min(high, wide) < 1:
+        raise ValueError(f"{high} rows and {wide} columns need {high + wide} Markov parameters besides D, not {count}")
+    u, s, vt = np.linalg.svd(_hankel(values[1:], high, wide), full_matrices=False)
+    nx = order or max(int((s > np.sqrt(s[0] * max(s[-1], 1e-16 * s[0]))).sum()), 1)
+    if nx > len(s):
+        raise ValueError(f"order {nx} is more than the {len(s)} singular values")
+    if s[nx - 1] < 1e-12 * s[0]:
+        warnings.warn(f"order {nx} is too high: singular value {nx} is rounding", IdentificationWarning, stacklevel=2)
+    root = np.sqrt(np.maximum(s[:nx], 1e-300))
+    left, right = u[:, :nx], vt[:nx]
+    a = (left.T @ _hankel(values[2:], high, wide) @ right.T) / np.outer(root, root)
+    b, c = (root[:, None] * right)[:, :nu], (left * root)[:ny]
+    return Innovations(a, b, c, values[0], np.zeros((nx, ny)), dt, singular_values=s)
+
+
+def era_of_data(
+    data: Data | Sequence[Data], order: int, *, lags: int | None = None, drop: int | None = None,
+    rows: int | None = None, columns: int | None = None, ridge: float = 0.0, curvature: float = 0.0,
+) -> Innovations:  # fmt: skip
+    """`era` of the Markov parameters by `okid`, averaged over the experiments; `lags` 5 order when not given.
+
+    Source: the impulse responses are averaged, so each experiment weighs alike.
+    """
+    each = experiments(data)
+    own = lags or 5 * order
+    need = max(own, (rows or 0) + (columns or 0))
+    found = [okid(one, own, count=need, drop=drop, ridge=ridge, curvature=curvature) for one in each]
+    return era(np.mean(found, axis=0), order, dt=each[0].dt, rows=rows, columns=columns)
+
+
+def _hankel(blocks: Array, rows: int, columns: int) -> Array:
+    """(rows ny, columns nu); a block beyond the last is zero."""
+    _, ny, nu = blocks.shape
+    padded = np.concatenate([blocks, np.zeros((max(rows + columns - 1 - len(blocks), 0), ny, nu))])
+    index = np.add.outer(np.arange(rows), np.arange(columns))
+    return np.asarray(padded[index].transpose(0, 2, 1, 3).reshape(rows * ny, columns * nu))

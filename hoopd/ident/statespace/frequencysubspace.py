@@ -1,0 +1,231 @@
+"""Subspace identification from frequency data (McKelvey, Akcay & Ljung, IEEE Trans. Automatic Control 41, 1996).
+
+With z_k = exp(j w_k dt) the columns [Y_k; z_k Y_k; z_k^2 Y_k; ...] are the observability matrix times states, plus what
+the inputs [U_k; z_k U_k; ...] add. The LQ factor of the real and imaginary parts removes the inputs; singular vectors give
+A and C, linear least squares B and D. Spectra of a finite record have a transient besides: an input z_k through a
+vector that is estimated.
+
+Rules of this file: w is in rad/s and dt in seconds always; dt = 0 is continuous time, by the bilinear map.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
+
+from hoopd.ident.models import Innovations
+from hoopd.ident.statespace.guard import IdentificationWarning
+from hoopd.ident.statespace.inputs import least_squares
+from hoopd.ident.statespace.stabilise import stabilise
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Points of z (n,), outputs (n, ny, m) and inputs (n, nu, m); a frequency response has m = nu unit inputs."""
+
+    z: Complex
+    y: Complex
+    u: Complex
+    weights: Array
+
+
+@dataclass(frozen=True)
+class Known:
+    """Matrices that are given and not estimated."""
+
+    a: Array | None = None
+    b: Array | None = None
+    c: Array | None = None
+
+
+def frequency_subspace(
+    w: ArrayLike,
+    y: ArrayLike,
+    u: ArrayLike | None = None,
+    *,
+    dt: float,
+    order: int | None = None,
+    most_order: int = 10,
+    horizon: int | None = None,
+    direct: bool = True,
+    transient: bool | None = None,
+    weights: ArrayLike | None = None,
+    stable: bool = False,
+    known: Known | None = None,
+) -> Innovations:
+    """The model (k = 0) of a frequency response y (n, ny, nu), or of spectra y (n, ny) and u (n, nu), at w rad/s (n,).
+
+    `order`: without it the largest ratio of neighbouring singular values. `horizon`: block rows, without it
+    2 order + 2. `transient`: the vector x0 - x(N), over sqrt(N) for a unitary transform, is estimated (it is where `u`
+    is given) and handed out as `x0`. `weights` (n,) multiply the errors. `known`: A and C, or A and B; the rest is
+    least squares. ValueError: shapes that do not fit, frequencies beyond pi / dt, too few points.
+    """
+    own = np.asarray(w, dtype=float)
+    step, points = _sampled(own, dt)
+    has_transient = (u is not None) if transient is None else transient
+    data = _spectra(points, y, u, weights)
+    given = known or Known()
+    if given.a is None:
+        a, c, s = _dynamics(data, order, most_order, horizon, has_transient)
+        model = _rest(data, stabilise(a) if stable else a, c, direct, has_transient)
+        model = replace(model, singular_values=s)
+    elif given.c is not None:
+        model = _inputs(data, given.a, given.c, direct, has_transient)
+    elif given.b is not None:
+        start = np.zeros(len(given.a))
+        model = _outputs(data, _model(given.a, given.b, np.zeros((data.y.shape[1], len(given.a))), start), direct)
+    else:
+        raise ValueError("known gives A with C, or A with B")
+    return _continuous(model, step) if dt == 0.0 else replace(model, dt=dt)
+
+
+def from_response(response: ct.FrequencyResponseData, *, dt: float | None = None, **options: object) -> Innovations:
+    """`frequency_subspace` of python-control's frequency response data (frequencies in rad/s)."""
+    step = float(response.dt or 0.0) if dt is None else dt
+    values = np.moveaxis(np.asarray(response.frdata), 2, 0)
+    return frequency_subspace(np.asarray(response.omega), values, dt=step, **options)  # type: ignore[arg-type]
+
+
+def _sampled(w: Array, dt: float) -> tuple[float, Complex]:
+    """The step and z; continuous frequencies by w -> 2 atan(w T / 2), T in the middle of them."""
+    if w.ndim != 1 or not np.isfinite(w).all() or (w < 0.0).any():
+        raise ValueError("w must be (n,) frequencies in rad/s, none negative")
+    if dt > 0.0:
+        if w.max() * dt > np.pi * (1.0 + 1e-9):
+            raise ValueError(f"{w.max():g} rad/s is beyond the Nyquist frequency of {dt:g} s: {np.pi / dt:g} rad/s")
+        return dt, np.exp(1j * w * dt)
+    inner = w[w > 0.0]
+    step = 2.0 / float(np.sqrt(inner.min() * inner.max()))
+    return step, np.exp(2j * np.arctan(w * step / 2.0))
+
+
+def _spectra(z: Complex, y: ArrayLike, u: ArrayLike | None, weights: ArrayLike | None) -> Spectra:
+    out = np.asarray(y, dtype=complex)
+    n = len(z)
+    if len(out) != n:
+        raise ValueError(f"{len(out)} values at {n} frequencies")
+    if u is None:
+        out = out.reshape(n, 1, 1) if out.ndim == 1 else out
+        if out.ndim != 3:
+            raise ValueError(
+                f"a frequency response is (n, outputs, inputs), not {out.shape}; of spectra, u is wanted too"
+            )
+        into = np.broadcast_to(np.eye(out.shape[2], dtype=complex), (n, out.shape[2], out.shape[2]))
+    else:
+        out = out.reshape(n, -1, 1)
+        into = np.asarray(u, dtype=complex).reshape(n, -1, 1)
+    if not (np.isfinite(out).all() and np.isfinite(into).all()):
+        raise ValueError("a value is not finite")
+    by = np.ones(n) if weights is None else np.asarray(weights, dtype=float)
+    return Spectra(z, out, np.asarray(into), by)
+
+
+def _dynamics(
+    data: Spectra, order: int | None, most: int, horizon: int | None, transient: bool
+) -> tuple[Array, Array, Array]:
+    """A, C and the singular values."""
+    ny = data.y.shape[1]
+    u = data.u if not transient else np.concatenate([data.u, _ones(data) * data.z[:, None, None]], axis=1)
+    columns = 2 * len(data.z) * data.y.shape[2]
+    r = horizon or min(2 * (order or most) + 2, max(columns // (2 * (ny + u.shape[1])), 2))
+    low = linalg.qr(np.vstack([_stacked(data, u, r), _stacked(data, data.y, r)]).T, mode="r")[0]
+    nu, rows = r * u.shape[1], r * (ny + u.shape[1])
+    if len(low) < rows:
+        raise ValueError(f"too few frequencies: {len(data.z)} for {r} block rows")
+    left, s, _ = linalg.svd(low[nu:rows, nu:rows].T)
+    nx = order or _gap(s, min(most, len(s) - ny))
+    if nx > (r - 1) * ny:
+        raise ValueError(f"order {nx} needs more than {r} block rows")
+    if s[nx - 1] < 1e-13 * s[0]:
+        warnings.warn(f"order {nx} is too high: singular value {nx} is rounding", IdentificationWarning, stacklevel=4)
+    gamma = left[:, :nx]
+    a = np.linalg.lstsq(gamma[:-ny], gamma[ny:], rcond=None)[0]
+    return np.asarray(a, dtype=float), gamma[:ny], s
+
+
+def _stacked(data: Spectra, values: Complex, r: int) -> Array:
+    """[V; z V; ...] (r rows(V), 2 n m), real parts beside imaginary ones."""
+    powers = data.z[:, None] ** np.arange(r)
+    all_rows = np.einsum("n,ni,nrm->irnm", data.weights, powers, values).reshape(r * values.shape[1], -1)
+    return np.asarray(np.hstack([all_rows.real, all_rows.imag]))
+
+
+def _ones(data: Spectra) -> Complex:
+    return np.ones((len(data.z), 1, data.y.shape[2]), dtype=complex)
+
+
+def _gap(s: Array, most: int) -> int:
+    """Where neighbouring singular values differ most, rounding counted as nothing."""
+    floor = np.maximum(s, 1e-13 * s[0])
+    return int(np.argmax(floor[:most] / floor[1 : most + 1])) + 1
+
+
+def _rest(data: Spectra, a: Array, c: Array, direct: bool, transient: bool) -> Innovations:
+    """B, D, x0, then C and D, then B, D, x0 again: each a linear least squares."""
+    model = _inputs(data, a, c, direct, transient)
+    model = _outputs(data, model, direct)
+    return _inputs(data, a, model.c, direct, transient)
+
+
+def _inputs(data: Spectra, a: Array, c: Array, direct: bool, transient: bool) -> Innovations:
+    """Y = C (zI - A)^-1 (B U + z x0) + D U for B, D, x0."""
+    nx, (ny, nu) = len(a), (data.y.shape[1], data.u.shape[1])
+    seen = np.linalg.solve(_minus(data.z, a).transpose(0, 2, 1), np.broadcast_to(c.T, (len(data.z), nx, ny))).transpose(
+        0, 2, 1
+    )
+    parts = [np.einsum("nyx,num->nymux", seen, data.u)]
+    if direct:
+        parts.append(np.einsum("yi,num->nymui", np.eye(ny), data.u))
+    if transient:
+        parts.append(np.einsum("n,nyx,nm->nymx", data.z, seen, _ones(data)[:, 0])[:, :, :, None])
+    found = _solved(data, [one.reshape(*data.y.shape, -1) for one in parts], data.y)
+    b, rest = found[: nu * nx].reshape(nu, nx).T, found[nu * nx :]
+    d = rest[: nu * ny].reshape(nu, ny).T if direct else np.zeros((ny, nu))
+    return replace(_model(a, b, c, rest[len(rest) - nx :] if transient else np.zeros(nx)), d=d)
+
+
+def _outputs(data: Spectra, model: Innovations, direct: bool) -> Innovations:
+    """The same equation for C and D."""
+    nx, (ny, nu) = model.nx, (data.y.shape[1], data.u.shape[1])
+    start = np.zeros(nx) if model.x0 is None else model.x0
+    pushed = model.b @ data.u + data.z[:, None, None] * start[:, None]
+    x = np.linalg.solve(_minus(data.z, model.a), pushed)
+    parts = [np.einsum("yi,nxm->nymix", np.eye(ny), x)]
+    if direct:
+        parts.append(np.einsum("yi,num->nymiu", np.eye(ny), data.u))
+    found = _solved(data, [one.reshape(*data.y.shape, -1) for one in parts], data.y)
+    d = found[ny * nx :].reshape(ny, nu) if direct else np.zeros((ny, nu))
+    return replace(model, c=found[: ny * nx].reshape(ny, nx), d=d)
+
+
+def _solved(data: Spectra, parts: list[Complex], y: Complex) -> Array:
+    columns = np.concatenate(parts, axis=3) * data.weights[:, None, None, None]
+    target = (y * data.weights[:, None, None]).ravel()
+    flat = columns.reshape(target.size, -1)
+    return least_squares(np.vstack([flat.real, flat.imag]), np.concatenate([target.real, target.imag]))
+
+
+def _minus(z: Complex, a: Array) -> Complex:
+    return np.asarray(z[:, None, None] * np.eye(len(a)) - a)
+
+
+def _model(a: Array, b: Array, c: Array, x0: Array) -> Innovations:
+    return Innovations(a, b, c, np.zeros((len(c), b.shape[1])), np.zeros((len(a), len(c))), 1.0, x0=x0)
+
+
+def _continuous(model: Innovations, step: float) -> Innovations:
+    """s = (2/T)(z - 1)/(z + 1) put into the model, T the step of the map."""
+    inverse = np.linalg.inv(model.a + np.eye(model.nx))
+    root = np.sqrt(4.0 / step)
+    return replace(
+        model, a=(2.0 / step) * inverse @ (model.a - np.eye(model.nx)), b=root * inverse @ model.b,
+        c=root * model.c @ inverse, d=model.d - model.c @ inverse @ model.b, dt=0.0,
+    )  # fmt: skip

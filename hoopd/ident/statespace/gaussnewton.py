@@ -1,0 +1,186 @@
+"""Damped Gauss-Newton on prediction errors of state-space models, in local coordinates that are renewed at every step.
+
+Rules of this file: the cost is the sum of squared weighted errors plus the regulariser's; a step to a predictor that
+is not stable (or to a model that is not, where that is asked) is refused; same data, same answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from hoopd.ident.models import Innovations
+from hoopd.ident.statespace import coordinates
+from hoopd.ident.statespace.coordinates import Freedom
+from hoopd.ident.statespace.linear import radius
+from hoopd.ident.statespace.sensitivities import Piece, Trajectory, sensitivities, trajectory
+
+Array = NDArray[np.float64]
+Loss = Callable[[Array], tuple[Array, Array]]  # squared errors -> (rho, rho')
+
+# A predictor may be this near to the unit circle; beyond it the recursion does not forget its start within any data.
+EDGE = 1.0 - 1e-9
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is minimised: errors `horizon` ahead times `weight` (ny, ny), through `loss`, plus |`regulariser`|^2."""
+
+    pieces: Sequence[Piece]
+    weight: Array
+    free: Freedom = field(default_factory=Freedom)
+    horizon: int = 1
+    start: bool = True  # initial states are estimated
+    loss: Loss | None = None
+    regulariser: Callable[[Innovations], Array] | None = None
+    within: float = np.inf  # no pole of A beyond
+
+
+@dataclass(frozen=True)
+class Point:
+    """A model, its initial states by experiment, its paths and its cost."""
+
+    model: Innovations
+    starts: tuple[Array, ...]
+    paths: tuple[Trajectory, ...]
+    cost: float
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Gradient and Gram of the errors in the local coordinates `columns`, then the initial states."""
+
+    gradient: Array
+    gram: Array
+    columns: Array
+
+
+def evaluate(problem: Problem, model: Innovations, starts: Sequence[Array]) -> Point:
+    """The point; its cost is infinite where the predictor or the model is not allowed."""
+    if radius(model.a - model.k @ model.c) > max(EDGE, _open(problem, model)) or radius(model.a) > problem.within:
+        return Point(model, tuple(starts), (), np.inf)
+    paths = tuple(trajectory(model, p, x, problem.horizon) for p, x in zip(problem.pieces, starts, strict=True))
+    squared = sum(_cost(problem, path.ahead) for path in paths)
+    if problem.regulariser is not None:
+        squared += float(np.sum(np.square(problem.regulariser(model))))
+    return Point(model, tuple(starts), paths, squared if np.isfinite(squared) else np.inf)
+
+
+def with_best_starts(problem: Problem, model: Innovations) -> Point:
+    """The point with the initial states of least squared errors; the errors are linear in them."""
+    zero = tuple(np.zeros(model.nx) for _ in problem.pieces)
+    point = evaluate(problem, model, zero)
+    if not (problem.start and np.isfinite(point.cost) and model.nx):
+        return point
+    along, starts = coordinates.starts(model), []
+    for data, path in zip(problem.pieces, point.paths, strict=True):
+        change = np.tensordot(problem.weight, sensitivities(model, data, path, along, problem.horizon), 1)
+        j = change.transpose(0, 2, 1).reshape(-1, model.nx)
+        starts.append(-np.linalg.lstsq(j, (problem.weight @ path.ahead).ravel(), rcond=1e-10)[0])
+    return evaluate(problem, model, starts)
+
+
+def minimise(problem: Problem, point: Point, steps: int, tolerance: float = 1e-9) -> Point:
+    """At most so many steps; ends when one lowers the cost by less than the tolerance (relative)."""
+    damping = 1e-6
+    for _ in range(steps):
+        normal = normal_equations(problem, point)
+        better, damping = _step(problem, point, normal, damping)
+        if better is None:
+            return point
+        gained, point = point.cost - better.cost, better
+        if gained <= tolerance * (point.cost + 1e-300):
+            return point
+    return point
+
+
+def normal_equations(problem: Problem, point: Point) -> Normal:
+    """Of the errors at a point."""
+    columns = coordinates.basis(point.model, problem.free)
+    along = coordinates.directions(point.model, columns)
+    m, nx = columns.shape[1], point.model.nx if problem.start else 0
+    total = m + nx * len(problem.pieces)
+    gradient, gram = np.zeros(total), np.zeros((total, total))
+    both = coordinates.joined(along, coordinates.starts(point.model)) if problem.start else along
+    for i, (data, path) in enumerate(zip(problem.pieces, point.paths, strict=True)):
+        e, j = _weighted(problem, path.ahead, sensitivities(point.model, data, path, both, problem.horizon))
+        own = np.concatenate([np.arange(m), m + i * nx + np.arange(nx)])
+        gradient[own] += j @ e
+        gram[np.ix_(own, own)] += j @ j.T
+    if problem.regulariser is not None:
+        _add_regulariser(problem, point, columns, gradient, gram)
+    return Normal(gradient, gram, columns)
+
+
+def moved(problem: Problem, point: Point, normal: Normal, step: Array) -> Point:
+    """The point a step away."""
+    m, nx = normal.columns.shape[1], point.model.nx
+    full = coordinates.values(point.model) + normal.columns @ step[:m]
+    starts = point.starts
+    if problem.start:
+        starts = tuple(x + step[m + i * nx : m + (i + 1) * nx] for i, x in enumerate(starts))
+    return evaluate(problem, coordinates.with_values(point.model, full), starts)
+
+
+def _step(problem: Problem, point: Point, normal: Normal, damping: float) -> tuple[Point | None, float]:
+    """The first damped step that lowers the cost, and the damping to go on with."""
+    scale = np.sqrt(np.maximum(np.diag(normal.gram), 1e-300))
+    gram, gradient = normal.gram / np.outer(scale, scale), normal.gradient / scale
+    for _ in range(12):
+        try:
+            step = -linalg.solve(gram + damping * np.eye(len(gram)), gradient, assume_a="pos") / scale
+        except linalg.LinAlgError:
+            damping = max(damping, 1e-12) * 10.0
+            continue
+        found = moved(problem, point, normal, step)
+        if found.cost < point.cost:
+            return found, damping * 0.1
+        damping = max(damping, 1e-6) * 10.0
+    return None, damping
+
+
+def _open(problem: Problem, model: Innovations) -> float:
+    """A model without a gain is simulated: its own poles may stand where the caller allows them."""
+    return 0.0 if problem.free.gain or model.k.any() else np.inf
+
+
+def _cost(problem: Problem, errors: Array) -> float:
+    weighted = problem.weight @ errors
+    if problem.loss is None:
+        return float(np.vdot(weighted, weighted))
+    return float(problem.loss(np.square(weighted))[0].sum())
+
+
+def _weighted(problem: Problem, errors: Array, change: Array) -> tuple[Array, Array]:
+    """Weighted errors (ny n,) and derivatives (m, ny n); a loss by its weights rho' (Triggs et al., 2000, 4.3)."""
+    e = problem.weight @ errors
+    j = np.tensordot(problem.weight, change, 1)
+    if problem.loss is not None:
+        w = np.sqrt(np.maximum(problem.loss(np.square(e))[1], 0.0))
+        e, j = w * e, w[:, None, :] * j
+    return e.ravel(), j.transpose(1, 0, 2).reshape(j.shape[1], -1)
+
+
+def _add_regulariser(problem: Problem, point: Point, columns: Array, gradient: Array, gram: Array) -> None:
+    """Adds the regulariser's share, its derivative by central differences along the coordinates."""
+    assert problem.regulariser is not None
+    full, m, h = coordinates.values(point.model), columns.shape[1], 1e-6
+    at = np.atleast_1d(problem.regulariser(point.model))
+    j = np.empty((len(at), m))
+    for i in range(m):
+        sides = [
+            np.atleast_1d(problem.regulariser(coordinates.with_values(point.model, full + s * h * columns[:, i])))
+            for s in (1.0, -1.0)
+        ]
+        j[:, i] = (sides[0] - sides[1]) / (2.0 * h)
+    gradient[:m] += j.T @ at
+    gram[:m, :m] += j.T @ j
+
+
+def settled(point: Point, start: int = 0) -> Innovations:
+    """The model with the initial state of one experiment."""
+    return replace(point.model, x0=point.starts[start])

@@ -1,0 +1,156 @@
+"""Prediction error estimate of a state-space model in innovation form, all matrices free.
+
+Minimises sum_t |W e(t)|^2 (or another loss) over the minimal local coordinates of the model, by damped Gauss-Newton
+from a subspace estimate (Ljung, 1999, chapters 7 and 10). W is the inverse root of the errors' covariance, renewed until
+it is settled: that is the minimum of the determinant of the covariance, maximum likelihood for normal innovations.
+
+Rules of this file: what is asked for and cannot be had is a ValueError; the data are not changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hoopd.ident.data import Data, experiments
+from hoopd.ident.models import Innovations
+from hoopd.ident.statespace import coordinates, gaussnewton, losses
+from hoopd.ident.statespace.coordinates import Freedom
+from hoopd.ident.statespace.gaussnewton import Point, Problem
+from hoopd.ident.statespace.guard import check_channels
+from hoopd.ident.statespace.losses import Loss
+from hoopd.ident.statespace.sensitivities import Piece, piece
+from hoopd.ident.statespace.subspace import Focus, subspaceid
+from hoopd.ident.statespace.uncertainty import coordinates_covariance
+
+Array = NDArray[np.float64]
+
+ROUNDS = 4  # of weights; the covariance settles in two or three
+SETTLED = 1e-3  # relative change of the covariance
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the minimum is looked for; see `pem`."""
+
+    focus: Focus
+    loss: Loss | None
+    weight: Array | None
+    iterations: int
+    tolerance: float
+
+
+def pem(
+    data: Data | Sequence[Data],
+    order: int | None = None,
+    *,
+    start: Innovations | None = None,
+    direct: bool = False,
+    focus: Focus = "prediction",
+    horizon: int = 1,
+    x0: Literal["estimate", "zero"] = "estimate",
+    loss: str | Loss | None = None,
+    weight: ArrayLike | None = None,
+    regulariser: Callable[[Innovations], Array] | None = None,
+    stable: bool | float = False,
+    iterations: int = 60,
+    tolerance: float = 1e-8,
+) -> Innovations:
+    """The model of least prediction errors over one or several experiments, with its covariance.
+
+    `start`: a model to begin with; without it `subspaceid` of `order`. `focus`: errors `horizon` steps ahead, or those of
+    the simulation (k = 0). `loss`: "squared", "huber", "soft_l1", "cauchy" or a function of squared standardised errors
+    giving (rho, rho'). `weight` (ny, ny) multiplies the errors; without it the inverse root of their covariance.
+    `regulariser`: a function of the model whose squared entries, in standard deviations, are added. `stable`: True or the
+    largest modulus of a pole. A missing output corrects nothing and counts nothing.
+    `names`, `values`, `covariance`: of all matrices, in the coordinates orthogonal to changes of basis (singular
+    therefore; use `uncertainty.response_covariance` and `pole_covariance`). x0 is that of the first experiment.
+    """
+    each = experiments(data)
+    check_channels(each)
+    if focus not in ("prediction", "simulation"):
+        raise ValueError(f'focus is "prediction" or "simulation", not {focus!r}')
+    model = _start(each, order, start, direct, focus, stable)
+    limit = np.inf if stable is False else 1.0 - 1e-9 if stable is True else float(stable)
+    given = None if weight is None else np.asarray(weight, dtype=float)
+    problem = Problem(
+        [piece(one) for one in each], np.eye(model.ny), Freedom(direct, focus == "prediction"), horizon,
+        x0 == "estimate", losses.named(loss), regulariser, limit,
+    )  # fmt: skip
+    point, problem = _settle(problem, model, Options(focus, problem.loss, given, iterations, tolerance))
+    covariance = coordinates_covariance(problem, point, white=focus == "prediction" and horizon == 1)
+    return replace(
+        gaussnewton.settled(point), dt=each[0].dt, r=_covariance(problem, point), q=None, s=None,
+        names=coordinates.names(model), values=coordinates.values(point.model), covariance=covariance,
+        inputs=each[0].inputs, outputs=each[0].outputs,
+    )  # fmt: skip
+
+
+def _start(
+    each: Sequence[Data], order: int | None, start: Innovations | None, direct: bool, focus: Focus, stable: bool | float
+) -> Innovations:
+    if start is None:
+        try:
+            start = subspaceid(each, order, direct=direct, focus=focus, stable=stable)
+        except ValueError:
+            if all(one.complete for one in each):
+                raise
+            start = subspaceid([_filled(one) for one in each], order, direct=direct, focus=focus, stable=stable)
+    if (start.ny, start.nu) != (each[0].ny, each[0].nu):
+        raise ValueError(f"the start has {start.ny} outputs and {start.nu} inputs, not those of the data")
+    return replace(start, k=np.zeros_like(start.k)) if focus == "simulation" else start
+
+
+def _filled(one: Data) -> Data:
+    """Gaps bridged by lines; good enough to begin with."""
+    y, at = one.y.copy(), np.arange(one.n)
+    for i in range(one.ny):
+        seen = np.isfinite(y[:, i])
+        y[:, i] = np.interp(at, at[seen], y[seen, i])
+    return replace(one, y=y)
+
+
+def _settle(problem: Problem, model: Innovations, options: Options) -> tuple[Point, Problem]:
+    """Minima under weights that are renewed from the errors until they stay."""
+    point = gaussnewton.with_best_starts(problem, model)
+    if not np.isfinite(point.cost):
+        raise ValueError("the start is not allowed: its predictor or, where that is asked, the model is not stable")
+    for turn in range(1 if options.weight is not None or model.ny == 1 and options.loss is None else ROUNDS):
+        before = problem.weight
+        problem = replace(problem, weight=_weight(problem, point) if options.weight is None else options.weight)
+        point = gaussnewton.evaluate(problem, point.model, point.starts)
+        if turn and np.linalg.norm(problem.weight - before) < SETTLED * np.linalg.norm(before):
+            break
+        point = gaussnewton.minimise(problem, point, options.iterations, options.tolerance)
+    if options.weight is None:
+        problem = replace(problem, weight=_weight(problem, point))
+        point = gaussnewton.evaluate(problem, point.model, point.starts)
+    return point, problem
+
+
+def _weight(problem: Problem, point: Point) -> Array:
+    """Inverse root of the errors' covariance; by the median of each where outliers are expected."""
+    if problem.loss is not None:
+        errors = np.hstack([path.ahead for path in point.paths])
+        known = np.hstack([one.known for one in problem.pieces])
+        return np.diag(1.0 / np.maximum(losses.spread(errors, known), 1e-300))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(_covariance(problem, point))))
+
+
+def _covariance(problem: Problem, point: Point) -> Array:
+    """Of the errors that count (ny, ny), lifted where there are none; missing ones left out pair by pair."""
+    ahead = [path.ahead for path in point.paths]
+    pairs = sum(known.astype(float) @ known.astype(float).T for known in (one.known for one in problem.pieces))
+    r = sum(e @ e.T for e in ahead) / np.maximum(pairs, 1.0)
+    power = np.array([_power(problem.pieces, i) for i in range(len(r))])
+    r = np.asarray(r + np.diag(1e-18 * power + 1e-300))
+    low = float(np.linalg.eigvalsh(r / np.sqrt(np.outer(np.diag(r), np.diag(r)))).min())
+    return r if low > 1e-6 else np.diag(np.diag(r))
+
+
+def _power(pieces: Sequence[Piece], i: int) -> float:
+    return float(sum(np.vdot(one.y[i], one.y[i]) for one in pieces) / max(sum(one.known[i].sum() for one in pieces), 1))

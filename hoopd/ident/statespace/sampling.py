@@ -1,0 +1,97 @@
+"""Models with noise from continuous to sampled time and back; the cost of a linear regulator likewise.
+
+A continuous innovation form has dt = 0: x' = a x + b u + k e; its q, r, s are densities. Inputs and innovations are
+held over a step; the noise is integrated over it (Van Loan, IEEE Trans. Automatic Control 23, 1978).
+
+Rules of this file: both ways are exact, so there and back is the same model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from hoopd.ident.models import Innovations
+
+Array = NDArray[np.float64]
+
+
+def sampled(model: Innovations, dt: float) -> Innovations:
+    """A continuous model at a step of dt seconds."""
+    if model.dt != 0.0 or dt <= 0.0:
+        raise ValueError("sampled takes a continuous model (dt = 0) and a positive step")
+    hold = _hold(model.a, dt)
+    return replace(
+        model, a=linalg.expm(model.a * dt), b=hold @ model.b, k=hold @ model.k, dt=dt,
+        q=None if model.q is None else sampled_noise(model.a, model.q, dt),
+        r=None if model.r is None else model.r / dt,
+        s=None if model.s is None else hold @ model.s / dt,
+    )  # fmt: skip
+
+
+def unsampled(model: Innovations) -> Innovations:
+    """The continuous model that a sampled one comes from; ValueError where there is none.
+
+    A pole on the negative real axis or at zero has no logarithm that is real.
+    """
+    if model.dt <= 0.0:
+        raise ValueError("the model is continuous already")
+    a = _logarithm(model.a) / model.dt
+    unhold = np.linalg.inv(_hold(a, model.dt))
+    return replace(
+        model, a=a, b=unhold @ model.b, k=unhold @ model.k, dt=0.0,
+        q=None if model.q is None else unsampled_noise(a, model.q, model.dt),
+        r=None if model.r is None else model.r * model.dt,
+        s=None if model.s is None else unhold @ model.s * model.dt,
+    )  # fmt: skip
+
+
+def resampled(model: Innovations, dt: float) -> Innovations:
+    """A sampled model at another step, by way of continuous time."""
+    return sampled(unsampled(model), dt)
+
+
+def sampled_noise(a: Array, q: Array, dt: float) -> Array:
+    """integral_0^dt exp(a t) q exp(a t)' dt: the covariance that a white process of density q adds in a step."""
+    n = len(a)
+    e = linalg.expm(np.block([[-a, q], [np.zeros((n, n)), a.T]]) * dt)
+    found = e[n:, n:].T @ e[:n, n:]
+    return np.asarray(0.5 * (found + found.T))
+
+
+def unsampled_noise(a: Array, q: Array, dt: float) -> Array:
+    """The density whose `sampled_noise` is q: a linear equation in its n^2 entries."""
+    n = len(a)
+    both = np.kron(a, np.eye(n)) + np.kron(np.eye(n), a)
+    return np.asarray(np.linalg.solve(_hold(both, dt), q.ravel()).reshape(n, n))
+
+
+def sampled_cost(
+    a: Array, b: Array, q: Array, r: Array, dt: float, s: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """(Q, R, S) of sum x'Qx + u'Ru + 2 x'Su with held inputs, equal to the integral of x'qx + u'ru + 2 x'su.
+
+    q (nx, nx), r (nu, nu), s (nx, nu). Source: Van Loan (1978), integral of exp(F t)' W exp(F t) with F = [a b; 0 0].
+    """
+    n, m = b.shape
+    f = np.zeros((n + m, n + m))
+    f[:n, :n], f[:n, n:] = a, b
+    cross = np.zeros((n, m)) if s is None else s
+    whole = sampled_noise(f.T, np.block([[q, cross], [cross.T, r]]), dt)
+    return whole[:n, :n], whole[n:, n:], whole[:n, n:]
+
+
+def _hold(a: Array, dt: float) -> Array:
+    """integral_0^dt exp(a t) dt."""
+    n = len(a)
+    return np.asarray(linalg.expm(np.block([[a, np.eye(n)], [np.zeros((n, 2 * n))]]) * dt)[:n, n:])
+
+
+def _logarithm(a: Array) -> Array:
+    poles = np.linalg.eigvals(a)
+    if ((np.abs(poles.imag) < 1e-12 * np.abs(poles)) & (poles.real <= 0.0)).any() or np.abs(poles).min() < 1e-300:
+        raise ValueError("a pole at zero or on the negative real axis: no continuous model samples to this one")
+    return np.asarray(linalg.logm(a)).real

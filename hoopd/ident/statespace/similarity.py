@@ -1,0 +1,107 @@
+"""Realisations of one model: the transform between two, balancing, truncation; the noise goes along.
+
+Rules of this file: what is done to the states is done to K, Q, S and x0 too, so the noise model stays the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from hoopd.ident.models import Innovations
+from hoopd.ident.statespace.linear import radius
+
+Array = NDArray[np.float64]
+
+
+def similarity_transform(
+    one: Innovations, other: Innovations, by: Literal["observability", "controllability"] = "observability"
+) -> Array:
+    """T (nx, nx) with one.transformed(T) nearest to `other`; exact where they are the same system.
+
+    Source: O_other = O_one T of the observability, or C_one = T C_other of the controllability matrices.
+    """
+    if one.nx != other.nx:
+        raise ValueError(f"{one.nx} and {other.nx} states: no transform leads from one to the other")
+    if by == "observability":
+        return np.asarray(np.linalg.lstsq(observability(one.a, one.c), observability(other.a, other.c), rcond=None)[0])
+    mine, theirs = observability(one.a.T, one.b.T), observability(other.a.T, other.b.T)
+    return np.asarray(np.linalg.lstsq(theirs, mine, rcond=None)[0].T)
+
+
+def observability(a: Array, c: Array, rows: int | None = None) -> Array:
+    """[c; c a; c a^2; ...], nx blocks when not told."""
+    blocks = [c]
+    for _ in range((rows or len(a)) - 1):
+        blocks.append(blocks[-1] @ a)
+    return np.vstack(blocks)
+
+
+def balanced(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Array]:
+    """The balanced realisation of a stable model and its Hankel singular values (nx,), largest first.
+
+    `noise`: the innovations count as inputs too, so that what only the noise moves is not called small.
+    Source: square root algorithm (Laub et al., IEEE Trans. Automatic Control 32, 1987).
+    """
+    if radius(model.a) >= 1.0:
+        raise ValueError(f"a pole of modulus {radius(model.a):.6g}: gramians are for stable models")
+    into = np.hstack([model.b, model.k @ _root(_covariance(model))]) if noise else model.b
+    reach = _root(linalg.solve_discrete_lyapunov(model.a, into @ into.T))
+    see = _root(linalg.solve_discrete_lyapunov(model.a.T, model.c.T @ model.c))
+    u, s, vt = linalg.svd(see.T @ reach)
+    if s[-1] <= 1e-14 * s[0]:
+        raise ValueError("the model is not minimal: a state cannot be reached or seen; truncate it first (`reduced`)")
+    half = 1.0 / np.sqrt(s)
+    t, inverse = reach @ vt.T * half, (half[:, None] * u.T) @ see.T
+    return _projected(model, t, inverse), s
+
+
+def reduced(model: Innovations, order: int, *, noise: bool = False) -> Innovations:
+    """The `order` states of the balanced realisation with the largest Hankel singular values (balanced truncation)."""
+    if not 0 < order <= model.nx:
+        raise ValueError(f"order {order} of a model with {model.nx} states")
+    if radius(model.a) >= 1.0:
+        raise ValueError(f"a pole of modulus {radius(model.a):.6g}: gramians are for stable models")
+    into = np.hstack([model.b, model.k @ _root(_covariance(model))]) if noise else model.b
+    reach = _root(linalg.solve_discrete_lyapunov(model.a, into @ into.T))
+    see = _root(linalg.solve_discrete_lyapunov(model.a.T, model.c.T @ model.c))
+    u, s, vt = linalg.svd(see.T @ reach)
+    half = 1.0 / np.sqrt(s[:order])
+    return _projected(model, reach @ vt[:order].T * half, (half[:, None] * u[:, :order].T) @ see.T)
+
+
+def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innovations:
+    """The model between some inputs and outputs; its gain is kept where all outputs are (another needs a new one)."""
+    whole = outputs == list(range(model.ny))
+    pick = np.ix_(outputs, outputs)
+    return replace(
+        model, b=model.b[:, inputs], c=model.c[outputs], d=model.d[np.ix_(outputs, inputs)],
+        k=model.k if whole else np.zeros((model.nx, len(outputs))),
+        r=None if model.r is None else model.r[pick], s=None if model.s is None else model.s[:, outputs],
+        inputs=tuple(model.inputs[i] for i in inputs) if model.inputs else (),
+        outputs=tuple(model.outputs[i] for i in outputs) if model.outputs else (),
+    )  # fmt: skip
+
+
+def _projected(model: Innovations, t: Array, inverse: Array) -> Innovations:
+    """x = t z, z = inverse x; fewer columns of t than states truncate."""
+    return replace(
+        model, a=inverse @ model.a @ t, b=inverse @ model.b, c=model.c @ t, k=inverse @ model.k,
+        q=None if model.q is None else inverse @ model.q @ inverse.T,
+        s=None if model.s is None else inverse @ model.s,
+        x0=None if model.x0 is None else inverse @ model.x0,
+    )  # fmt: skip
+
+
+def _covariance(model: Innovations) -> Array:
+    return np.eye(model.ny) if model.r is None else model.r
+
+
+def _root(matrix: Array) -> Array:
+    """F with F F' = matrix, also where it is singular."""
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

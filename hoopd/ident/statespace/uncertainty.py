@@ -1,0 +1,95 @@
+"""Covariance of an estimated state-space model, and of what follows from it: frequency response, poles.
+
+Rules of this file: the covariance lives in the coordinates orthogonal to changes of basis, so what does not depend on
+the basis (response, poles) has its true variance; single entries of the matrices do not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
+
+from hoopd.ident.models import Innovations
+from hoopd.ident.statespace import coordinates, gaussnewton
+from hoopd.ident.statespace.gaussnewton import Point, Problem
+from hoopd.ident.statespace.sensitivities import sensitivities
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+def coordinates_covariance(problem: Problem, point: Point, *, white: bool) -> Array:
+    """(full, full) of the full vector at a minimum; the weight makes the errors' covariance one.
+
+    White errors: the inverse of the Gram of their derivatives (Ljung, 1999, 9.30), times rho's share of a robust loss.
+    Coloured ones (simulation, several steps ahead): the sandwich with the scores' spectrum at zero (Newey & West, 1987).
+    """
+    normal = gaussnewton.normal_equations(problem, point)
+    scale = np.sqrt(np.maximum(np.diag(normal.gram), 1e-300))
+    inverse = linalg.pinvh(normal.gram / np.outer(scale, scale), rtol=1e-12) / np.outer(scale, scale)
+    m = normal.columns.shape[1]
+    if white and problem.loss is None:
+        count = sum(one.known.sum() for one in problem.pieces)
+        whole = inverse * (point.cost / max(count - len(inverse), 1) if problem.regulariser is None else 1.0)
+    else:
+        whole = inverse @ _scores(problem, point, normal.columns, 0 if white else None) @ inverse
+    return np.asarray(normal.columns @ whole[:m, :m] @ normal.columns.T)
+
+
+def response_covariance(model: Innovations, w: ArrayLike) -> Array:
+    """(nw, ny, nu, 2, 2) of real and imaginary part of the response from u to y at w rad/s, by linearisation."""
+    if model.covariance is None or len(model.covariance) != len(coordinates.values(model)):
+        raise ValueError("the model has no covariance of its matrices (pem gives one)")
+    z = np.exp(1j * np.asarray(w, dtype=float) * model.dt) if model.dt else 1j * np.asarray(w, dtype=float)
+    change = _response_change(model, z)
+    parts = np.stack([change.real, change.imag], axis=-2)
+    return np.asarray(parts @ model.covariance @ parts.swapaxes(-1, -2))
+
+
+def pole_covariance(model: Innovations) -> tuple[Complex, Array]:
+    """Poles (nx,) and the covariance (nx, 2, 2) of their real and imaginary parts; simple poles only."""
+    if model.covariance is None or len(model.covariance) != len(coordinates.values(model)):
+        raise ValueError("the model has no covariance of its matrices (pem gives one)")
+    poles, left, right = linalg.eig(model.a, left=True)
+    # d pole = l* dA r / (l* r)
+    scale = np.einsum("ik,ik->k", left.conj(), right)
+    change = np.einsum("ik,jk->kij", left.conj(), right).reshape(model.nx, -1) / scale[:, None]
+    parts = np.stack([change.real, change.imag], axis=1)
+    own = model.covariance[: model.nx**2, : model.nx**2]
+    return poles, np.asarray(parts @ own @ parts.swapaxes(-1, -2))
+
+
+def _scores(problem: Problem, point: Point, columns: Array, lags: int | None) -> Array:
+    """Sum over experiments and lags of the autocovariance of the scores, with a triangular window."""
+    along = coordinates.directions(point.model, columns)
+    both = coordinates.joined(along, coordinates.starts(point.model)) if problem.start else along
+    m, nx = columns.shape[1], point.model.nx if problem.start else 0
+    total = np.zeros((m + nx * len(problem.pieces),) * 2)
+    for i, (data, path) in enumerate(zip(problem.pieces, point.paths, strict=True)):
+        change = np.tensordot(problem.weight, sensitivities(point.model, data, path, both, problem.horizon), 1)
+        e = problem.weight @ path.ahead
+        by = e if problem.loss is None else e * problem.loss(np.square(e))[1]
+        score = np.einsum("ymn,yn->mn", change, by)
+        most = int(4.0 * np.cbrt(data.n)) if lags is None else lags
+        spectrum = score @ score.T
+        for lag in range(1, min(most, data.n - 1) + 1):
+            cross = score[:, lag:] @ score[:, :-lag].T
+            spectrum += (1.0 - lag / (most + 1.0)) * (cross + cross.T)
+        own = np.concatenate([np.arange(m), m + i * nx + np.arange(nx)])
+        total[np.ix_(own, own)] += spectrum
+    return total
+
+
+def _response_change(model: Innovations, z: Complex) -> Complex:
+    """Derivatives (nw, ny, nu, full) of C (zI - A)^-1 B + D."""
+    nx, ny, nu, nw = model.nx, model.ny, model.nu, len(z)
+    minus = z[:, None, None] * np.eye(nx) - model.a
+    right = np.linalg.solve(minus, np.broadcast_to(model.b, (nw, nx, nu)))
+    left = np.linalg.solve(minus.transpose(0, 2, 1), np.broadcast_to(model.c.T, (nw, nx, ny))).transpose(0, 2, 1)
+    of_a = np.einsum("wyi,wju->wyuij", left, right)
+    of_b = np.einsum("wyi,uj->wyuij", left, np.eye(nu))
+    of_c = np.einsum("yi,wju->wyuij", np.eye(ny), right)
+    of_d = np.broadcast_to(np.einsum("yi,uj->yuij", np.eye(ny), np.eye(nu)), (nw, ny, nu, ny, nu))
+    of_k = np.zeros((nw, ny, nu, nx, ny))
+    return np.concatenate([one.reshape(nw, ny, nu, -1) for one in (of_a, of_b, of_c, of_d, of_k)], axis=3)
