@@ -20,6 +20,7 @@ import typer
 
 from hoopd import cli_bench
 from hoopd.cli_bench import JsonOption
+from hoopd.cli_identify import identify
 from hoopd.files import InputError
 from hoopd.output import print_result, write_json
 
@@ -42,6 +43,7 @@ app = typer.Typer(
 )
 
 cli_bench.register(app)
+app.command()(identify)
 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration file (YAML).", metavar="FILE")]
 SetOption = Annotated[list[str], typer.Option("--set", help="Override one key: a.b=value.", metavar="KEY=VALUE")]

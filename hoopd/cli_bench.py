@@ -60,7 +60,7 @@ def convert(
     from hoopd.bench.convert import run
 
     _check_files([source], target=target, json=json_path)
-    _finish(run(source, target, columns=columns, experiment=experiment, start=start, end=end, step=step), json_path)
+    finish(run(source, target, columns=columns, experiment=experiment, start=start, end=end, step=step), json_path)
 
 
 def fit(
@@ -146,9 +146,9 @@ def fit(
         method=method,
         kinematics=kinematics,
     )
-    with _progress() as progress:
+    with shown_progress() as progress:
         result = run(recordings, holdout, wish, out=out, figure=figure, progress=progress)
-    _finish(result, json_path, for_terminal(result))
+    finish(result, json_path, for_terminal(result))
 
 
 def simulate(
@@ -195,7 +195,7 @@ def simulate(
         out=out,
         figure=figure,
     )
-    _finish(result, json_path)
+    finish(result, json_path)
 
 
 def linearize(
@@ -234,12 +234,12 @@ def linearize(
         figure=figure,
         plot=plot,
     )
-    _finish(result, json_path, of_linearize(result))
+    finish(result, json_path, of_linearize(result))
 
 
 def design(
     law: Annotated[
-        str, typer.Argument(help="lqg, lqr, placement, pid, pi, lead, lag or arx (docs/design.md).", metavar="LAW")
+        str, typer.Argument(help="lqg, lqr, placement, pid, pi, lead, lag, arx or identified.", metavar="LAW")
     ],
     model: ModelOption,
     out: Annotated[
@@ -247,6 +247,9 @@ def design(
     ] = None,
     recording: Annotated[
         str | None, typer.Option("--recording", help="arx: the run that the model is fitted to.", metavar="REC")
+    ] = None,
+    identified: Annotated[
+        Path | None, typer.Option("--identified", help="identified: model file of `hoopd identify`.", metavar="FILE")
     ] = None,
     omega: Annotated[
         float | None, typer.Option("--omega", "--bandwidth", help="rad/s: where the loop is shaped, the link acts.")
@@ -287,7 +290,7 @@ def design(
     from hoopd.bench.design_options import poles_from, spec_from, weights_from
     from hoopd.bench.forterminal import of_design
 
-    _check_files([recording, model], out=out, figure=figure, json=json_path)
+    _check_files([recording, identified, model], out=out, figure=figure, json=json_path)
     spec = spec_from(
         omega_rad_s=omega,
         mt=mt,
@@ -302,12 +305,21 @@ def design(
         delay_s=delay,
         sample_time_s=sample_time,
     )
-    result = run(law, model, spec, recording=recording, out=out, figure=figure, disturbance_rad=disturbance)
-    _finish(result, json_path, of_design(result, out))
+    result = run(
+        law,
+        model,
+        spec,
+        recording=recording,
+        identified=identified,
+        out=out,
+        figure=figure,
+        disturbance_rad=disturbance,
+    )
+    finish(result, json_path, of_design(result, out))
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[str], None]]:
+def shown_progress() -> Iterator[Callable[[str], None]]:
     """What a long command is doing and since when, on a line of standard error; nothing where no one looks."""
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -358,7 +370,7 @@ def diagnose(
     from hoopd.bench.diagnose import run
     from hoopd.diagnose.report.terminal import report_text
 
-    with _progress() as progress:
+    with shown_progress() as progress:
         found = run(
             recordings,
             holdout,
@@ -384,7 +396,7 @@ def _check_files(inputs: Sequence[Path | str | None], **outputs: Path | None) ->
     check_targets([one for one in inputs if one is not None], {f"--{name}": path for name, path in outputs.items()})
 
 
-def _finish(result: dict[str, Any], json_path: Path | None, shown: dict[str, Any] | None = None) -> None:
+def finish(result: dict[str, Any], json_path: Path | None, shown: dict[str, Any] | None = None) -> None:
     """Print a result (or what a person shall see of it), and write it where it is wanted."""
     from hoopd.output import print_result, write_json
 

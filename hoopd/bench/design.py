@@ -20,12 +20,14 @@ from hoopd.design.arxlaw import design_arx
 from hoopd.design.closedloop import Run
 from hoopd.design.controllerfile import controller_data, controller_text
 from hoopd.design.gangoffour import GangOfFour, gang_of_four, noise_gain, nyquist_gain, peaks
+from hoopd.design.identified import OUTPUTS, design_identified
 from hoopd.design.laws import LAWS, Law, Spec, SpecError
 from hoopd.design.levels import innovation_levels
 from hoopd.design.margins import Margins, margins
 from hoopd.design.poles import Pole, closed_loop_poles, unstable
 from hoopd.design.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
 from hoopd.files import InputError
+from hoopd.identifiedfile import IdentifiedFile, load_identified
 from hoopd.modelfiles import ControllerFile, ModelFile, effects_of, load_model, parse_controller, plant_of
 from hoopd.physics.found import Found
 from hoopd.physics.plant import Plant
@@ -35,7 +37,7 @@ from hoopd.recording.bytesof import replace_file
 from hoopd.shipped import or_shipped, way_to
 from hoopd.writeback import cancelled, delays_of, filter_effects, limits_of, unused
 
-KINDS = (*LAWS, "arx")
+KINDS = (*LAWS, "arx", "identified")
 HEAD = "Made by `hoopd design {law}` from {model}."
 # Below these a loop is fragile (Astrom and Murray, Feedback Systems, 10.3: 30 to 60 degrees, Ms 1.2 to 2).
 LEAST_PHASE_DEG, LARGEST_MS, LEAST_GAIN_UP = 30.0, 2.0, 2.0
@@ -48,6 +50,7 @@ def run(
     spec: Spec,
     *,
     recording: str | None = None,
+    identified: Path | None = None,
     out: Path | None = None,
     figure: Path | None = None,
     disturbance_rad: float = 0.4,
@@ -59,7 +62,7 @@ def run(
     model = load_model(model_path)
     plant, found_effects = plant_of(model), effects_of(model)
     spec = _with_delays(spec, found_effects)
-    designed = _designed(law, plant, spec, recording)
+    designed = _designed(law, plant, spec, recording, identified)
     poles = _poles_of(law, designed)
     _refuse_unstable(law, poles, spec)
     text = _text(law, designed, spec, model, model_path, out)
@@ -83,12 +86,16 @@ def run(
 # ---------------------------------------------------------------------------------------------- design
 
 
-def _designed(law: str, plant: Plant, spec: Spec, recording: str | None) -> Law:
+def _designed(law: str, plant: Plant, spec: Spec, recording: str | None, identified: Path | None) -> Law:
     if law not in KINDS:
         raise InputError("LAW", "", f"unknown law {law!r}; known: {', '.join(KINDS)}")
     if (law == "arx") != (recording is not None):
         raise InputError("--recording", "", "goes with the law arx, and only with it")
+    if (law == "identified") != (identified is not None):
+        raise InputError("--identified", "", "goes with the law identified, and only with it")
     try:
+        if identified is not None:
+            return _on_identified(plant, spec, load_identified(identified))
         if recording is None:
             return LAWS[law](plant, spec)
         return design_arx(plant, spec, read_recording(recording))
@@ -96,6 +103,12 @@ def _designed(law: str, plant: Plant, spec: Spec, recording: str | None) -> Law:
         raise
     except (ValueError, ArithmeticError) as error:
         raise InputError(f"design {law}", "", str(error)) from None
+
+
+def _on_identified(plant: Plant, spec: Spec, file: IdentifiedFile) -> Law:
+    if tuple(file.outputs) != OUTPUTS:
+        raise ValueError(f"a law needs a model of {', '.join(OUTPUTS)}, this one is of {', '.join(file.outputs)}")
+    return design_identified(plant, spec, file.matrices(), file.sample_time_s)
 
 
 def _check_disturbance(disturbance_rad: float) -> None:

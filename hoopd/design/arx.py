@@ -74,14 +74,21 @@ def arx_lqg(model: ArxModel, weights: Weights, h: float) -> LinearGains:
     the sensors' noise as well, and a torque disturbs the hoop: then all three have 54 degrees and 64 ms or more.
     """
     a, b, c = state_space(model)
-    n = len(b)
-    rate = np.zeros(n)
+    rate, noise = np.zeros(len(b)), np.zeros_like(a)
     rate[1], rate[OUTPUTS + 1] = 1.0 / h, -1.0 / h  # dpsi by difference
+    noise[:OUTPUTS, :OUTPUTS] = model.covariance
+    return linear_lqg(a, b, c, rate, noise, model.covariance, weights, h)
+
+
+def linear_lqg(
+    a: Array, b: Array, c: Array, rate: Array, noise: Array, covariance: Array, weights: Weights, h: float
+) -> LinearGains:
+    """LQG on a model (a, b, c) of (dtheta, psi); `rate` (n,) gives dpsi of its state, `noise` (n, n) is that of its
+    states a tick beside a torque that disturbs the hoop, `covariance` (2, 2) that of its outputs."""
     rows = np.vstack([c[0] / weights.dtheta_rad_s, c[1] / weights.psi_rad, rate / weights.dpsi_rad_s])
     feedback = lqr(a, b[:, None], rows.T @ rows, np.array([[weights.torque_nm**-2]]))[0]
-    noise = DISTURBANCE_NM**2 * np.outer(b, b) + SMALLEST_NOISE * np.eye(n)
-    noise[:OUTPUTS, :OUTPUTS] += model.covariance
-    filter_gain = kalman_gain(a, c, noise, model.covariance)
+    disturbed = DISTURBANCE_NM**2 * np.outer(b, b) + SMALLEST_NOISE * np.eye(len(b)) + noise
+    filter_gain = kalman_gain(a, c, disturbed, covariance)
     return LinearGains(a, b, c, filter_gain, feedback, _feedforward(a, b, c, feedback, h))
 
 

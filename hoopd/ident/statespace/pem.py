@@ -119,7 +119,7 @@ def _settle(problem: Problem, model: Innovations, options: Options) -> tuple[Poi
     point = gaussnewton.with_best_starts(problem, model)
     if not np.isfinite(point.cost):
         raise ValueError("the start is not allowed: its predictor or, where that is asked, the model is not stable")
-    for turn in range(1 if options.weight is not None or model.ny == 1 and options.loss is None else ROUNDS):
+    for turn in range(1 if options.weight is not None or (model.ny == 1 and options.loss is None) else ROUNDS):
         before = problem.weight
         problem = replace(problem, weight=_weight(problem, point) if options.weight is None else options.weight)
         point = gaussnewton.evaluate(problem, point.model, point.starts)

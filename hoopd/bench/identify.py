@@ -1,0 +1,236 @@
+"""`hoopd identify`: recordings to a linear model by any of the methods, compared on data it was not fitted to.
+
+Rules of this file: files in, files out; the mathematics is in `hoopd.ident`. Nothing is written before all is known.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from hoopd.bench.inputs import read_recording
+from hoopd.bench.targets import check_targets
+from hoopd.design.arxlaw import arriving
+from hoopd.design.laws import Spec
+from hoopd.files import InputError
+from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.data import Data, iddata
+from hoopd.ident.measures import fit_percent
+from hoopd.ident.models import Innovations, Polynomials, state_space
+from hoopd.ident.polynomial.arx import varx
+from hoopd.ident.polynomial.pem import armax, bj, oe
+from hoopd.ident.predict import predict
+from hoopd.ident.residualtests import residuals
+from hoopd.ident.statespace.pem import pem
+from hoopd.ident.statespace.subspace import subspaceid
+from hoopd.identifiedfile import IdentifiedFile, identified_text
+from hoopd.plots import style
+from hoopd.plots.identification import draw_residuals, draw_said
+from hoopd.recording.bytesof import replace_file
+from hoopd.recording.recording import Recording
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+METHODS = ("arx", "armax", "oe", "bj", "subspace", "pem")
+STATE_SPACE = ("subspace", "pem")
+OUTPUTS = ("dtheta", "psi")
+HORIZONS = {"1": 1.0, "10": 10.0, "simulation": np.inf}
+# Of a recording without another one to compare with, the last part is held out.
+LAST_SHARE = 1.0 / 3.0
+# The part that is compared must be longer than the slowest mode of the device once or twice.
+SHORTEST = 50
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked for: `orders` na, nb (and nc) of polynomials; `order`, states of a state space, None: chosen."""
+
+    method: str = "arx"
+    orders: tuple[int, ...] = (4, 6)
+    order: int | None = None
+    outputs: tuple[str, ...] = OUTPUTS
+    delay_s: float | None = None  # age of a picture in a file whose rows were taken at once; None: rows as they are
+    detrend: bool = False
+
+
+def run(
+    recordings: Sequence[str],
+    holdout: Sequence[str],
+    wish: Wish,
+    *,
+    columns: str | None = None,
+    out: Path | None = None,
+    figure: Path | None = None,
+    progress: Progress = lambda text: None,
+) -> dict[str, Any]:
+    """Identify, compare, write and draw; the result as plain data. InputError: nothing that can be used."""
+    _check(wish)
+    check_targets([*recordings, *holdout], {"--out": out, "--figure": figure})
+    if figure is not None:
+        style.check_path(figure)
+    progress("reading the recordings")
+    train = [data_of(read_recording(text, columns), text, wish) for text in recordings]
+    held = [data_of(read_recording(text, columns), text, wish) for text in holdout]
+    how = ", ".join(holdout) or "the last third of every recording"
+    if not held:
+        train, held = _split(train)
+    progress(f"fitting {wish.method}")
+    model, notes = _identified(train, wish, recordings)
+    progress("comparing")
+    percent = {name: _percent(model, held, horizon) for name, horizon in HORIZONS.items()}
+    report = residuals(model, held[0])
+    file = _file(model, wish, recordings, percent, [*notes, *report.warnings], out)
+    if figure is not None:
+        said = {wish.method: predict(model, held[0], HORIZONS["10"])}
+        style.save(draw_said(held[0], said, "10 samples ahead", title=f"{wish.method}, {how}"), figure)
+        beside = figure.with_name(f"{figure.stem}_residuals{figure.suffix}")
+        style.save(draw_residuals(report), beside)
+    if out is not None:
+        replace_file(out, identified_text(file).encode())
+    return {
+        "method": wish.method,
+        "states": model.nx,
+        "outputs": list(wish.outputs),
+        "held_out": how,
+        "fit_percent": percent,
+        "poles": [{"re": float(z.real), "im": float(z.imag)} for z in _poles(model)],
+        "residual_tests": {one.name: {"p": one.chance, "passed": one.passed}
+                           for one in (*report.white, *report.independent, *report.feedback)},
+        "warnings": [*notes, *report.warnings],
+    }  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------- data
+
+
+def data_of(recording: Recording, name: str, wish: Wish) -> Data:
+    """Torque and outputs of a recording, row by row; what was not read is missing."""
+    columns = {one: np.asarray(getattr(recording, one), dtype=float) for one in wish.outputs}
+    if wish.delay_s is not None:
+        spec = Spec(delay_s=wish.delay_s, sample_time_s=recording.sample_time_s)
+        columns |= dict(zip(OUTPUTS, arriving(recording, spec)[1].T, strict=True))
+    y = np.stack([columns[one] for one in wish.outputs], axis=1)
+    first = _first_complete(y, name)
+    u = np.nan_to_num(np.asarray(recording.u, dtype=float))
+    try:
+        made = iddata(y[first:], u[first:], recording.sample_time_s, outputs=wish.outputs, inputs=["torque"])
+    except ValueError as error:
+        raise InputError(name, "", str(error)) from None
+    return _without_mean(made) if wish.detrend else made
+
+
+def _first_complete(y: Array, name: str) -> int:
+    """The first row in which every output was read."""
+    whole = np.isfinite(y).all(axis=1)
+    if not whole.any():
+        raise InputError(name, "", "no row holds all of the outputs that are asked for")
+    return int(np.argmax(whole))
+
+
+def _without_mean(data: Data) -> Data:
+    return replace(data, y=data.y - np.nanmean(data.y, axis=0), u=data.u - data.u.mean(axis=0))
+
+
+def _split(train: Sequence[Data]) -> tuple[list[Data], list[Data]]:
+    cuts = [round(one.n * (1.0 - LAST_SHARE)) for one in train]
+    held = [one[cut:] for one, cut in zip(train, cuts, strict=True)]
+    if min(one.n for one in held) < SHORTEST:
+        raise InputError("REC", "", f"a recording of {3 * SHORTEST} samples at least, or --holdout, is needed")
+    return [one[:cut] for one, cut in zip(train, cuts, strict=True)], held
+
+
+# ---------------------------------------------------------------------------------------------- models
+
+
+def _check(wish: Wish) -> None:
+    if wish.method not in METHODS:
+        raise InputError("--method", "", f"unknown method {wish.method!r}; known: {', '.join(METHODS)}")
+    known = ("theta", "dtheta", "psi")
+    if not wish.outputs or set(wish.outputs) - set(known) or len(set(wish.outputs)) != len(wish.outputs):
+        raise InputError("--outputs", "", f"different ones of {', '.join(known)}, not {','.join(wish.outputs)}")
+    if wish.delay_s is not None and set(wish.outputs) - set(OUTPUTS):
+        raise InputError("--delay", "", f"is known of {', '.join(OUTPUTS)} only")
+    if not 2 <= len(wish.orders) <= 3 or min(wish.orders) < 1:
+        raise InputError("--orders", "", "two or three whole numbers from 1 on: na,nb or na,nb,nc")
+    if wish.order is not None and wish.order < 1:
+        raise InputError("--order", "", f"at least 1, not {wish.order}")
+
+
+def _identified(train: Sequence[Data], wish: Wish, recordings: Sequence[str]) -> tuple[Innovations, list[str]]:
+    """The model in innovation form, and what its method warned of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", IdentificationWarning)
+        try:
+            model = _by_method(train, wish)
+        except (ValueError, ArithmeticError) as error:
+            raise InputError(", ".join(recordings), "", str(error)) from None
+    notes = [str(one.message) for one in caught if issubclass(one.category, IdentificationWarning)]
+    return model, list(dict.fromkeys(notes))
+
+
+def _by_method(train: Sequence[Data], wish: Wish) -> Innovations:
+    if wish.method == "arx":
+        return varx(train, *wish.orders[:2]).state_space
+    if wish.method == "subspace":
+        return subspaceid(train, wish.order)
+    if wish.method == "pem":
+        return pem(train, wish.order)
+    na, nb, nc = (*wish.orders, wish.orders[0])[:3]
+    fits: Mapping[str, Callable[[Sequence[Data]], Polynomials]] = {
+        "armax": lambda each: armax(each, na, nb, nc),
+        "oe": lambda each: oe(each, nb, na),
+        "bj": lambda each: bj(each, nb, nc, nc, na),
+    }
+    rows = [fits[wish.method]([one.channels([i]) for one in train]) for i in range(train[0].ny)]
+    return beside([state_space(one) for one in rows])
+
+
+def beside(models: Sequence[Innovations]) -> Innovations:
+    """Models of one output each as one of all outputs, their states under each other."""
+    first = models[0]
+    r = block_diag(*(np.zeros((1, 1)) if one.r is None else one.r for one in models))
+    return Innovations(
+        block_diag(*(one.a for one in models)), np.vstack([one.b for one in models]),
+        block_diag(*(one.c for one in models)), np.vstack([one.d for one in models]),
+        block_diag(*(one.k for one in models)), first.dt, r=r, inputs=first.inputs,
+        outputs=tuple(one.outputs[0] for one in models),
+    )  # fmt: skip
+
+
+def _percent(model: Innovations, held: Sequence[Data], horizon: float) -> dict[str, float]:
+    """Fit of each output over all held-out recordings."""
+    y = np.concatenate([one.y for one in held])
+    said = np.concatenate([predict(model, one, horizon) for one in held])
+    return {name: float(p) for name, p in zip(held[0].outputs, fit_percent(y, said), strict=True)}
+
+
+def _poles(model: Innovations) -> NDArray[np.complex128]:
+    return np.asarray(sorted(np.linalg.eigvals(model.a), key=lambda z: -abs(z)), dtype=complex)
+
+
+def _file(
+    model: Innovations, wish: Wish, recordings: Sequence[str], percent: Mapping[str, dict[str, float]],
+    notes: Sequence[str], out: Path | None,
+) -> IdentifiedFile:  # fmt: skip
+    r = np.zeros((model.ny, model.ny)) if model.r is None else model.r
+    return IdentifiedFile(
+        schema="hoopd.identified/1",
+        name=wish.method if out is None else out.stem,
+        method=wish.method,
+        sample_time_s=model.dt,
+        inputs=["torque"],
+        outputs=list(wish.outputs),
+        **{name: getattr(model, name).tolist() for name in ("a", "b", "c", "d", "k")},
+        r=r.tolist(),
+        recordings=[Path(one).name for one in recordings],
+        fit_percent={name: dict(one) for name, one in percent.items()},
+        notes=list(notes),
+    )
