@@ -121,7 +121,7 @@ def data_of(recording: Recording, name: str, wish: Wish) -> Data:
     first = _first_complete(y, name)
     u = np.nan_to_num(np.asarray(recording.u, dtype=float))
     try:
-        made = iddata(y[first:], u[first:], recording.sample_time_s, outputs=wish.outputs, inputs=["torque"])
+        made = iddata(y[first:], u[first:], round(recording.sample_time_s, 9), outputs=wish.outputs, inputs=["torque"])
     except ValueError as error:
         raise InputError(name, "", str(error)) from None
     return _without_mean(made) if wish.detrend else made
