@@ -167,9 +167,7 @@ def _pairs(
         return []
     if folds < 2:
         raise ValueError("folds are at least 2")
-    parts = [
-        gram_of([one[one.n * k // folds : one.n * (k + 1) // folds] for one in each], widest) for k in range(folds)
-    ]
+    parts = [gram_of([_part(one, k, folds, widest.lost) for one in each], widest) for k in range(folds)]
     whole = np.sum([part for part, _ in parts], axis=0)
     return [(whole - part, part, rows) for part, rows in parts]
 
