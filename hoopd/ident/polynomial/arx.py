@@ -149,7 +149,7 @@ def solve_arx(each: Sequence[Data], own: Structure, ridge: float = 0.0) -> tuple
 
     For the methods that start from an ARX model; complete data.
     """
-    gram, _ = _gram(each, own)
+    gram, _ = gram_of(each, own)
     m = gram[1:, 1:] + ridge * np.eye(own.size)
     inverse = np.asarray(np.linalg.pinv(m, rcond=1e-13, hermitian=True), dtype=float)
     x = inverse @ gram[1:, 0]
@@ -159,24 +159,35 @@ def solve_arx(each: Sequence[Data], own: Structure, ridge: float = 0.0) -> tuple
 def _regression(each: Sequence[Data], own: Structure, ridge: float) -> Polynomials:
     if ridge < 0.0:
         raise ValueError(f"ridge must not be negative, it is {ridge}")
-    if all(one.complete and np.isfinite(one.u).all() for one in each):
-        gram, rows = _gram(each, own)
+    if all(_whole(one) for one in each):
+        gram, rows = gram_of(each, own)
         if _conditioned(gram[1:, 1:] + ridge * np.eye(own.size)):
             return _from_gram(gram, rows, each, own, ridge)
     return _from_triangle(each, own, ridge)
 
 
-def _gram(each: Sequence[Data], own: Structure) -> tuple[Array, int]:
-    """Gram matrix of [y(t), regressors] over all experiments and the number of equations."""
+def gram_of(each: Sequence[Data], own: Structure) -> tuple[Array, int]:
+    """Gram matrix of [y(t), regressors] over all experiments and the number of equations; for code of this room."""
     gram, rows = np.zeros((own.size + 1, own.size + 1)), 0
-    signs = np.concatenate([[1.0], -np.ones(own.na), np.ones(sum(own.nb))])
     for one in each:
-        if one.n <= own.lost:
-            continue
-        signals = [np.ascontiguousarray(one.y[:, 0]), *(np.ascontiguousarray(column) for column in one.u.T)]
-        gram += lagged_gram(signals, [range(own.na + 1), *own.lags], own.lost)
-        rows += one.n - own.lost
-    return gram * np.outer(signs, signs), rows
+        if _whole(one) and one.n > own.lost:
+            gram += _shifted(one, own)
+            rows += one.n - own.lost
+        elif not _whole(one):
+            for part in _chunks(one, own):
+                gram += part.T @ part
+                rows += len(part)
+    return gram, rows
+
+
+def _shifted(data: Data, own: Structure) -> Array:
+    signals = [np.ascontiguousarray(data.y[:, 0]), *(np.ascontiguousarray(column) for column in data.u.T)]
+    signs = np.concatenate([[1.0], -np.ones(own.na), np.ones(sum(own.nb))])
+    return lagged_gram(signals, [range(own.na + 1), *own.lags], own.lost) * np.outer(signs, signs)
+
+
+def _whole(data: Data) -> bool:
+    return data.complete and bool(np.isfinite(data.u).all())
 
 
 def _conditioned(gram: Array) -> bool:

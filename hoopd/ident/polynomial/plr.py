@@ -1,0 +1,85 @@
+"""ARMAX by pseudo-linear regression: the innovations of a long ARX model are regressors like the inputs.
+
+Linear steps only, so an estimator of choice fits in; `pem.armax` is the efficient estimate of the same model.
+Sources: Hannan & Rissanen, Biometrika 69 (1982); Ljung, System Identification (1999), 10.4.
+
+Rules of this file: an equation with a missing output or innovation in it is dropped; no covariance is given, because
+the regressors are estimates themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from hoopd.ident.checks import check, check_feedback, check_model
+from hoopd.ident.data import Data, experiments
+from hoopd.ident.models import Polynomials
+from hoopd.ident.polynomial.arx import regressors, residuals
+from hoopd.ident.polynomial.estimators import Estimator, least_squares
+from hoopd.ident.polynomial.stable import reflected
+from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
+
+Array = NDArray[np.float64]
+
+
+def plr(
+    data: Data | Sequence[Data], na: int, nb: Counts, nc: int, delay: Counts = 1, *, initial_order: int = 20,
+    passes: int = 1, estimator: Estimator = least_squares,
+) -> Polynomials:  # fmt: skip
+    """A y = B u + C e by regression of y on its past, the inputs and the innovations of ARX(initial_order).
+
+    `passes` above 1 repeats with the residuals of the model just found (extended least squares). `estimator` solves
+    the last regression, (A, y) -> x in the order of the names.
+    """
+    each = experiments(data)
+    single(each)
+    own = structure(each[0].nu, na, nb, nc, delay=delay)
+    check(each, orders=replace(own.asked, parameters=own.size + initial_order, lost=own.lost + initial_order))
+    model = regressed(each, own, initial_order, passes, estimator)
+    check_model(model, sum(one.n for one in each))
+    for one in each:
+        check_feedback(_driving(model, one), one.u, one.inputs)
+    return model
+
+
+def regressed(
+    each: Sequence[Data], own: Structure, initial_order: int, passes: int, estimator: Estimator
+) -> Polynomials:  # fmt: skip
+    """The regression on innovations, with nothing checked."""
+    e = _long(each, own, initial_order)
+    for i in range(passes):
+        wide = [replace(one, u=np.column_stack([one.u, ei]), inputs=()) for one, ei in zip(each, e, strict=True)]
+        a, y = regressors(wide, own.na, (*own.nb, own.nc), (*own.delay, 1))
+        if len(y) <= own.size:
+            raise ValueError(f"too few samples: {len(y)} equations without a missing value for {own.size} parameters")
+        x = estimator(a, y)
+        rest = y - a @ x
+        model = own.model(x, each[0], float(rest @ rest) / (len(y) - own.size))
+        if i + 1 < passes:
+            e = [_driving(model, one) for one in each]
+    return model
+
+
+def _long(each: Sequence[Data], own: Structure, order: int) -> list[Array]:
+    """Innovations (n,) by a long ARX model; NaN where its lags reach before the data or a missing output."""
+    a, y = regressors(each, order, (order,) * own.nu, own.delay)
+    x = least_squares(a, y)
+    model = structure(own.nu, order, (order,) * own.nu, delay=own.delay).model(x, each[0])
+    out = []
+    for one in each:
+        rest = residuals(model, one)
+        out.append(np.concatenate([np.full(one.n - len(rest), np.nan), rest]))
+    return out
+
+
+def _driving(model: Polynomials, data: Data) -> Array:
+    """e = (A y - B u) / C from zero, with C made stable; a missing value is taken as one without error."""
+    rest = residuals(model, data)
+    e = lfilter([1.0], reflected(model.c), np.nan_to_num(rest))
+    e[np.isnan(rest)] = np.nan
+    return np.concatenate([np.zeros(data.n - len(e)), e])
