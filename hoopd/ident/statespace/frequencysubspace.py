@@ -1,8 +1,8 @@
 """Subspace identification from frequency data (McKelvey, Akcay & Ljung, IEEE Trans. Automatic Control 41, 1996).
 
 With z_k = exp(j w_k dt) the columns [Y_k; z_k Y_k; z_k^2 Y_k; ...] are the observability matrix times states, plus what
-the inputs [U_k; z_k U_k; ...] add. The LQ factor of the real and imaginary parts removes the inputs; singular vectors give
-A and C, linear least squares B and D. Spectra of a finite record have a transient besides: an input z_k through a
+the inputs [U_k; z_k U_k; ...] add. The LQ factor of the real and imaginary parts removes the inputs; singular vectors
+give A and C, linear least squares B and D. Spectra of a finite record have a transient besides: an input z_k through a
 vector that is estimated.
 
 Rules of this file: w is in rad/s and dt in seconds always; dt = 0 is continuous time, by the bilinear map.

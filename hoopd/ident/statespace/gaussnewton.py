@@ -76,11 +76,13 @@ def with_best_starts(problem: Problem, model: Innovations) -> Point:
     point = evaluate(problem, model, zero)
     if not (problem.start and np.isfinite(point.cost) and model.nx):
         return point
-    along, starts = coordinates.starts(model), []
+    along = coordinates.starts(model)
+    starts: list[Array] = []
     for data, path in zip(problem.pieces, point.paths, strict=True):
         change = np.tensordot(problem.weight, sensitivities(model, data, path, along, problem.horizon), 1)
         j = change.transpose(0, 2, 1).reshape(-1, model.nx)
-        starts.append(-np.linalg.lstsq(j, (problem.weight @ path.ahead).ravel(), rcond=1e-10)[0])
+        found = np.linalg.lstsq(j, (problem.weight @ path.ahead).ravel(), rcond=1e-10)[0]
+        starts.append(np.asarray(-found, dtype=float))
     return evaluate(problem, model, starts)
 
 

@@ -1,8 +1,8 @@
 """Prediction error estimate of a state-space model in innovation form, all matrices free.
 
 Minimises sum_t |W e(t)|^2 (or another loss) over the minimal local coordinates of the model, by damped Gauss-Newton
-from a subspace estimate (Ljung, 1999, chapters 7 and 10). W is the inverse root of the errors' covariance, renewed until
-it is settled: that is the minimum of the determinant of the covariance, maximum likelihood for normal innovations.
+from a subspace estimate (Ljung, 1999, chapters 7 and 10). W is the inverse root of the errors' covariance, renewed
+until it is settled: that is the least determinant of the covariance, maximum likelihood for normal innovations.
 
 Rules of this file: what is asked for and cannot be had is a ValueError; the data are not changed.
 """
@@ -62,11 +62,11 @@ def pem(
 ) -> Innovations:
     """The model of least prediction errors over one or several experiments, with its covariance.
 
-    `start`: a model to begin with; without it `subspaceid` of `order`. `focus`: errors `horizon` steps ahead, or those of
-    the simulation (k = 0). `loss`: "squared", "huber", "soft_l1", "cauchy" or a function of squared standardised errors
-    giving (rho, rho'). `weight` (ny, ny) multiplies the errors; without it the inverse root of their covariance.
-    `regulariser`: a function of the model whose squared entries, in standard deviations, are added. `stable`: True or the
-    largest modulus of a pole. A missing output corrects nothing and counts nothing.
+    `start`: a model to begin with; without it `subspaceid` of `order`. `focus`: errors `horizon` steps ahead, or those
+    of the simulation (k = 0). `loss`: "squared", "huber", "soft_l1", "cauchy" or a function of squared standardised
+    errors giving (rho, rho'). `weight` (ny, ny) multiplies the errors; without it the inverse root of their covariance.
+    `regulariser`: a function of the model whose squared entries, in standard deviations, are added. `stable`: True or
+    the largest modulus of a pole. A missing output corrects nothing and counts nothing.
     `names`, `values`, `covariance`: of all matrices, in the coordinates orthogonal to changes of basis (singular
     therefore; use `uncertainty.response_covariance` and `pole_covariance`). x0 is that of the first experiment.
     """

@@ -22,12 +22,12 @@ from hoopd.ident.data import Data, experiments, runs
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import gaussnewton, projection, windows
 from hoopd.ident.statespace.coordinates import Freedom
-from hoopd.ident.statespace.guard import IdentificationWarning, check_channels
+from hoopd.ident.statespace.guard import IdentificationWarning, check_channels, check_feedback, check_poles
 from hoopd.ident.statespace.inputs import Inputs, fit_inputs
 from hoopd.ident.statespace.kalman import gain
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.projection import WEIGHTINGS, Factor, Split, Weighting
-from hoopd.ident.statespace.sensitivities import Piece, piece
+from hoopd.ident.statespace.sensitivities import Piece, piece, trajectory
 from hoopd.ident.statespace.stabilise import bounded
 
 Array = NDArray[np.float64]
@@ -134,7 +134,7 @@ def _estimate(parts: Sequence[Data], split: Split, choice: Choice) -> Innovation
     _check_windows(found)
     decomposed = projection.decompose(found, choice.weighting)
     nx = choice.order or projection.choose_order(found, min(choice.most_order, split.future * split.ny - split.ny))
-    _check_order(decomposed.s, nx)
+    _check_order(decomposed.s, found, nx)
     gamma = decomposed.observability(nx)
     c = gamma[: split.ny]
     shifted = np.linalg.lstsq(gamma[: -split.ny], gamma[split.ny :], rcond=None)[0]
@@ -148,6 +148,8 @@ def _estimate(parts: Sequence[Data], split: Split, choice: Choice) -> Innovation
     model = Innovations(
         a, rest.b, c, rest.d, k, 1.0, r=innovation, q=q, s=s, x0=rest.starts[0], singular_values=decomposed.s
     )
+    if choice.focus == "prediction":
+        _check_result(model, parts, usable, rest)
     return _refined(model, usable, rest, choice)
 
 
@@ -227,14 +229,26 @@ def _check_windows(found: Factor) -> None:
         )  # fmt: skip
 
 
-def _check_order(s: Array, nx: int) -> None:
+def _check_order(s: Array, found: Factor, nx: int) -> None:
     if nx > len(s):
         raise ValueError(f"order {nx} is more than the horizon can tell: {len(s)}")
-    if s[nx - 1] < 1e-8 * s[0]:
+    own = projection.correlations(found)[nx - 1]
+    chance = np.sqrt(np.log(found.count) * (2 * found.split.ny + found.split.nu) / found.count)
+    if own < chance:
         warnings.warn(
-            f"order {nx} is too high: singular value {nx} is {s[nx - 1] / s[0]:.1e} of the first",
+            f"order {nx} is too high: past and future are correlated to {own:.2g} by the last state, no more than by"
+            f" chance ({chance:.2g})",
             IdentificationWarning, stacklevel=4,
         )  # fmt: skip
+
+
+def _check_result(model: Innovations, parts: Sequence[Data], pieces: Sequence[Piece], rest: Inputs) -> None:
+    """Warnings of feedback and of an integrator."""
+    check_poles(model.a, sum(one.n for one in pieces))
+    longest = max(range(len(pieces)), key=lambda i: pieces[i].n)
+    own = pieces[longest]
+    path = trajectory(model, own, rest.starts[longest])
+    check_feedback(path.e.T, own.u.T, parts[0].inputs, parts[0].outputs)
 
 
 def _limit(stable: bool | float) -> float:

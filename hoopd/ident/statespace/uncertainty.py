@@ -12,6 +12,7 @@ from scipy import linalg
 
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates, gaussnewton
+from hoopd.ident.statespace.coloured import autoregression_of, shaped
 from hoopd.ident.statespace.gaussnewton import Point, Problem
 from hoopd.ident.statespace.sensitivities import sensitivities
 
@@ -23,7 +24,8 @@ def coordinates_covariance(problem: Problem, point: Point, *, white: bool) -> Ar
     """(full, full) of the full vector at a minimum; the weight makes the errors' covariance one.
 
     White errors: the inverse of the Gram of their derivatives (Ljung, 1999, 9.30), times rho's share of a robust loss.
-    Coloured ones (simulation, several steps ahead): the sandwich with the scores' spectrum at zero (Newey & West, 1987).
+    Coloured ones (simulation, several steps ahead): J'SJ between two inverses, S the covariance of all the errors by an
+    autoregression of theirs.
     """
     normal = gaussnewton.normal_equations(problem, point)
     scale = np.sqrt(np.maximum(np.diag(normal.gram), 1e-300))
@@ -33,7 +35,7 @@ def coordinates_covariance(problem: Problem, point: Point, *, white: bool) -> Ar
         count = sum(one.known.sum() for one in problem.pieces)
         whole = inverse * (point.cost / max(count - len(inverse), 1) if problem.regulariser is None else 1.0)
     else:
-        whole = inverse @ _scores(problem, point, normal.columns, 0 if white else None) @ inverse
+        whole = inverse @ _scores(problem, point, normal.columns, white) @ inverse
     return np.asarray(normal.columns @ whole[:m, :m] @ normal.columns.T)
 
 
@@ -60,24 +62,22 @@ def pole_covariance(model: Innovations) -> tuple[Complex, Array]:
     return poles, np.asarray(parts @ own @ parts.swapaxes(-1, -2))
 
 
-def _scores(problem: Problem, point: Point, columns: Array, lags: int | None) -> Array:
-    """Sum over experiments and lags of the autocovariance of the scores, with a triangular window."""
+def _scores(problem: Problem, point: Point, columns: Array, white: bool) -> Array:
+    """Covariance of the gradient: the sum of squared scores of a robust loss, or J'SJ of coloured errors."""
     along = coordinates.directions(point.model, columns)
     both = coordinates.joined(along, coordinates.starts(point.model)) if problem.start else along
     m, nx = columns.shape[1], point.model.nx if problem.start else 0
+    noise = None if white else autoregression_of([(problem.weight @ path.ahead).T for path in point.paths])
     total = np.zeros((m + nx * len(problem.pieces),) * 2)
     for i, (data, path) in enumerate(zip(problem.pieces, point.paths, strict=True)):
         change = np.tensordot(problem.weight, sensitivities(point.model, data, path, both, problem.horizon), 1)
         e = problem.weight @ path.ahead
-        by = e if problem.loss is None else e * problem.loss(np.square(e))[1]
-        score = np.einsum("ymn,yn->mn", change, by)
-        most = int(4.0 * np.cbrt(data.n)) if lags is None else lags
-        spectrum = score @ score.T
-        for lag in range(1, min(most, data.n - 1) + 1):
-            cross = score[:, lag:] @ score[:, :-lag].T
-            spectrum += (1.0 - lag / (most + 1.0)) * (cross + cross.T)
+        if problem.loss is not None:
+            weights = problem.loss(np.square(e))[1]
+            change, e = change * weights[:, None, :], e * weights
+        score = np.einsum("ymn,yn->mn", change, e) if noise is None else shaped(change, *noise)
         own = np.concatenate([np.arange(m), m + i * nx + np.arange(nx)])
-        total[np.ix_(own, own)] += spectrum
+        total[np.ix_(own, own)] += score @ score.T
     return total
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from identcriteria.statespacesets import fit_percent, made, mimo_set, responses
+from identcriteria.statespacesets import fit_percent, made, mimo_set, resonant, responses
 from numpy.typing import NDArray
 
 from hoopd.ident.data import Data
@@ -119,15 +119,6 @@ def criterion_17(seed: int) -> Verdicts:
         gain = max(gain, abs(float(model.c[0, 0] * model.b[0, 0]) - b))
         far = max(far, distance(model, truth))
     return {"a": pole, "b": gain, "FRT": far, "within": max(pole, gain, far) < 0.01}
-
-
-def resonant(dt: float) -> Innovations:
-    """1 / (s^2 + 0.2 w s + w^2) kind with poles -0.25 +- 0.1j, sampled."""
-    import control as ct
-
-    w2 = 0.25**2 + 0.1**2
-    system = ct.sample_system(ct.ss(ct.tf([w2], [1.0, 0.5, w2])), dt)
-    return Innovations(system.A, system.B, system.C, system.D, np.zeros((2, 1)), dt)
 
 
 def criterion_19(seed: int) -> Verdicts:

@@ -1,0 +1,224 @@
+"""Nonlinear grey box: parameters and initial state that make the one-step errors of a sigma-point filter least.
+
+Least squares within bounds (scipy's trust region); all central differences of one derivative run through the filter
+together. A prior on the parameters makes it the maximum a posteriori.
+
+Rules of this file: f and h are the user's and are called with arrays whose first axis is the state or the parameter;
+CasADi functions f(x, u, p) and h(x, u, p) serve as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg, optimize
+
+from hoopd.ident.data import Data, experiments
+from hoopd.ident.statespace.guard import check_channels
+from hoopd.ident.statespace.unscented import Map, System, filtered
+
+Array = NDArray[np.float64]
+
+STEP = 1e-5  # relative, of the central differences
+LOST = 1e6  # errors of a filter that diverged, in standard deviations
+
+
+@dataclass(frozen=True)
+class Nonlinear:
+    """Parameters and initial states (by experiment) with the covariance of both (order of `names`), errors, variance.
+
+    `errors` (n, ny) of the first experiment one step ahead; `r` their covariance; `system` holds the filter.
+    """
+
+    parameters: Mapping[str, float]
+    starts: tuple[Array, ...]
+    names: tuple[str, ...]
+    covariance: Array
+    errors: Array
+    r: Array
+    cost: float
+    system: System
+    evaluations: int
+
+    @property
+    def p(self) -> Array:
+        """Parameters as an array."""
+        return np.array(list(self.parameters.values()))
+
+    def deviations(self) -> dict[str, float]:
+        """Standard errors by name."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class _Task:
+    system: System
+    each: Sequence[Data]
+    count: int
+    free_start: bool
+    fixed: tuple[Array, ...]
+    weight: Array  # (ny, ny)
+    prior: Array | None  # standard deviations of the parameters
+    centre: Array
+    horizon: int
+
+
+def nonlinear_pem(
+    data: Data | Sequence[Data],
+    f: Map | Any,
+    h: Map | Any,
+    p0: ArrayLike,
+    x0: ArrayLike,
+    *,
+    process: ArrayLike,
+    measurement: ArrayLike,
+    spread: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    bounds: tuple[ArrayLike, ArrayLike] = (-np.inf, np.inf),
+    estimate_x0: bool = True,
+    prior: ArrayLike | None = None,
+    vectorised: bool = True,
+    iterations: int = 100,
+    tolerance: float = 1e-8,
+) -> Nonlinear:
+    """Parameters of x+ = f(x, u, p, t) + w, y = h(x, u, p, t) + v over one or several experiments.
+
+    `process` (nx, nx) and `measurement` (ny, ny): covariances of w and v. `spread`: of the initial state, without it
+    `process`. `bounds` of p. `prior`: standard deviations of p about p0 (pull to the guess). `vectorised`: f and h
+    take x (nx, m) and p (np, m) and index the first axis; False calls them column by column. To restart with
+    other covariances, pass the former result's `p` and `starts[0]`. A missing output corrects and counts nothing.
+    ValueError: a start that is not finite, outside its bounds, or whose filter diverges.
+    """
+    each = experiments(data)
+    check_channels(each)
+    p, start = np.atleast_1d(np.asarray(p0, dtype=float)), np.atleast_1d(np.asarray(x0, dtype=float))
+    if not (np.isfinite(p).all() and np.isfinite(start).all()):
+        raise ValueError("the guess of the parameters and of the initial state must be finite")
+    low, high = (np.broadcast_to(np.asarray(side, dtype=float), p.shape) for side in bounds)
+    if ((p < low) | (p > high)).any():
+        raise ValueError(f"parameter {int(np.argmax((p < low) | (p > high)))} starts outside its bounds")
+    q, r = _matrix(process, len(start), "process"), _matrix(measurement, each[0].ny, "measurement")
+    system = System(
+        _callable(f, vectorised), _callable(h, vectorised), len(start), each[0].ny, q, r,
+        q if spread is None else _matrix(spread, len(start), "spread"),
+    )  # fmt: skip
+    weight = np.linalg.inv(np.linalg.cholesky(r))
+    sd = None if prior is None else np.broadcast_to(np.asarray(prior, dtype=float), p.shape)
+    task = _Task(system, each, len(p), estimate_x0, tuple(start for _ in each), weight, sd, p, 1)
+    return _minimised(task, _names(names, len(p)), (low, high), iterations, tolerance)
+
+
+def _minimised(
+    task: _Task, names: tuple[str, ...], bounds: tuple[Array, Array], iterations: int, tolerance: float
+) -> Nonlinear:
+    tail = np.concatenate(task.fixed) if task.free_start else np.zeros(0)
+    z = np.concatenate([task.centre, tail])
+    if _errors(task, z[:, None]).max() >= LOST:
+        raise ValueError("the filter diverges from the guess: start elsewhere, or give more process noise")
+    far = np.full(len(tail), np.inf)
+    # one factor for all: without it, tolerances would depend on the scale of the noise
+    level = np.sqrt(np.mean(np.square(_errors(task, z[:, None])[: _count(task)])) * _count(task)) + 1e-300
+    found = optimize.least_squares(
+        lambda v: _errors(task, v[:, None])[:, 0] / level, z, lambda v: _slope(task, v, bounds) / level,
+        (np.concatenate([bounds[0], -far]), np.concatenate([bounds[1], far])), x_scale="jac",
+        ftol=tolerance, xtol=tolerance, gtol=1e-12, max_nfev=iterations,
+    )  # fmt: skip
+    return _result(task, names, found.x, bounds, int(found.nfev))
+
+
+def _result(task: _Task, names: tuple[str, ...], z: Array, bounds: tuple[Array, Array], evaluations: int) -> Nonlinear:
+    p, starts = z[: task.count], _starts(task, z[:, None])
+    own = [_filter(task, one, p[:, None], x)[:, :, 0] for one, x in zip(task.each, starts, strict=True)]
+    seen = [e[np.isfinite(one.y).all(axis=1)] for e, one in zip(own, task.each, strict=True)]
+    errors = np.vstack(seen) if sum(map(len, seen)) > task.system.ny else np.vstack(own)
+    r = errors.T @ errors / len(errors)
+    whiten = np.linalg.inv(np.linalg.cholesky(r + 1e-18 * np.trace(r) * np.eye(len(r)) + 1e-300 * np.eye(len(r))))
+    j = _slope(_Task(**{**task.__dict__, "weight": whiten}), z, bounds)
+    scale = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+    covariance = linalg.pinvh((j / scale).T @ (j / scale), rtol=1e-12) / np.outer(scale, scale)
+    labels = names + tuple(
+        f"x0[{i}]@{k}" for k in range(len(task.each) * task.free_start) for i in range(task.system.nx)
+    )
+    cost = float(np.mean(np.square(errors)))
+    first = tuple(x[:, 0] for x in starts)
+    return Nonlinear(
+        dict(zip(names, p.tolist(), strict=True)), first, labels, covariance, own[0], r, cost, task.system, evaluations
+    )
+
+
+def _errors(task: _Task, z: Array) -> Array:
+    """(rows, m) weighted errors of m sets of variables (count, m), and the prior's."""
+    p = z[: task.count]
+    rows = []
+    for one, x in zip(task.each, _starts(task, z), strict=True):
+        e = _filter(task, one, p, x)
+        rows.append(np.einsum("ab,nbm->nam", task.weight, e).reshape(-1, z.shape[1]))
+    if task.prior is not None:
+        rows.append((p - task.centre[:, None]) / task.prior[:, None])
+    found = np.vstack(rows)
+    return np.where(np.isfinite(found), np.clip(found, -LOST, LOST), LOST)
+
+
+def _filter(task: _Task, one: Data, p: Array, x: Array) -> Array:
+    try:
+        with np.errstate(all="ignore"):
+            return filtered(task.system, one.y, one.u, one.t, p, x).e
+    except np.linalg.LinAlgError:
+        return np.full((one.n, task.system.ny, p.shape[1]), LOST)
+
+
+def _starts(task: _Task, z: Array) -> tuple[Array, ...]:
+    """Initial states (nx, m) by experiment."""
+    if not task.free_start:
+        return tuple(np.repeat(x[:, None], z.shape[1], axis=1) for x in task.fixed)
+    nx = task.system.nx
+    return tuple(z[task.count + i * nx : task.count + (i + 1) * nx] for i in range(len(task.each)))
+
+
+def _slope(task: _Task, z: Array, bounds: tuple[Array, Array]) -> Array:
+    """Derivatives of `_errors` at z: central differences, one-sided at a bound, all in one run of the filter."""
+    h = STEP * np.maximum(np.abs(z), 1e-2)
+    steps = np.concatenate([np.diag(h), -np.diag(h)], axis=1)
+    sets = z[:, None] + steps
+    sets[: task.count] = np.clip(sets[: task.count], bounds[0][:, None], bounds[1][:, None])
+    found = _errors(task, sets)
+    m = len(z)
+    width = np.array([sets[i, i] - sets[i, m + i] for i in range(m)])
+    return np.asarray((found[:, :m] - found[:, m:]) / np.where(width == 0.0, np.inf, width))
+
+
+def _count(task: _Task) -> int:
+    return sum(one.y.size for one in task.each)
+
+
+def _names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
+    own = tuple(names) if names is not None else tuple(f"p{i + 1}" for i in range(count))
+    if len(own) != count or len(set(own)) != count:
+        raise ValueError(f"{count} different names wanted, not {list(own)}")
+    return own
+
+
+def _matrix(given: ArrayLike, size: int, name: str) -> Array:
+    """A covariance from a number, a diagonal or a matrix."""
+    values = np.asarray(given, dtype=float)
+    found = values * np.eye(size) if values.ndim == 0 else np.diag(values) if values.ndim == 1 else values
+    if found.shape != (size, size) or not np.isfinite(found).all() or np.linalg.eigvalsh(found).min() <= 0.0:
+        raise ValueError(f"{name} must be a positive definite ({size}, {size}) covariance")
+    return np.asarray(found)
+
+
+def _callable(of: Any, vectorised: bool) -> Map:
+    """The user's function in the filter's form."""
+    if type(of).__module__.startswith("casadi"):
+        return lambda x, u, p, t: of(x, np.repeat(u, x.shape[1], axis=1), p).full()
+    if vectorised:
+        return of  # type: ignore[no-any-return]
+
+    def by_column(x: Array, u: Array, p: Array, t: float) -> Array:
+        return np.stack([np.asarray(of(x[:, i], u[:, 0], p[:, i], t), dtype=float) for i in range(x.shape[1])], axis=1)
+
+    return by_column

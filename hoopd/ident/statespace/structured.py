@@ -1,0 +1,377 @@
+"""Linear grey box: the user builds the system from parameters, the data choose them.
+
+The errors of the predictor (or of the simulation) are minimised over the parameters, the gain and the initial states
+by a trust region method within bounds (Branch, Coleman & Li, 1999, as in scipy). Derivatives of the errors are exact
+filters; those of the matrices are central differences of the user's function.
+
+Rules of this file: the user's function is the only model; a continuous system is sampled with held inputs.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg, optimize
+
+from hoopd.ident.data import Data, experiments
+from hoopd.ident.models import Innovations
+from hoopd.ident.statespace import coordinates
+from hoopd.ident.statespace.coloured import autoregression_of, shaped
+from hoopd.ident.statespace.guard import IdentificationWarning, check_channels
+from hoopd.ident.statespace.linear import radius
+from hoopd.ident.statespace.sensitivities import Directions, Piece, piece, sensitivities, trajectory
+from hoopd.ident.statespace.subspace import Focus
+
+Array = NDArray[np.float64]
+Constructor = Callable[[Array], Any]
+
+ROUNDS = 3  # of weights of the outputs
+STEP = 1e-5  # relative, of the central differences: error of order STEP^2
+SLOW = 20.0
+FAR = 1e6  # errors (in standard deviations of the output) of parameters whose predictor is not stable
+
+
+@dataclass(frozen=True)
+class Structured:
+    """Parameters by name with their covariance (the order of `names`), the sampled model, x0 by experiment, the cost.
+
+    `cost` is the mean squared error by output (ny,); `at_bound` names the parameters that stand on a bound: their
+    variance is not known and stands as NaN.
+    """
+
+    parameters: Mapping[str, float]
+    covariance: Array
+    model: Innovations
+    starts: tuple[Array, ...]
+    cost: Array
+    at_bound: tuple[str, ...]
+    evaluations: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameters in the order of the covariance."""
+        return tuple(self.parameters)
+
+    def deviations(self) -> dict[str, float]:
+        """Standard errors by name."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class _Task:
+    constructor: Constructor
+    pieces: Sequence[Piece]
+    dt: float
+    count: int  # parameters
+    free_gain: bool
+    estimate: bool  # initial states
+    fixed: tuple[Array, ...]  # initial states otherwise
+    horizon: int
+    simulation: bool
+    regulariser: Callable[[Array, Innovations], Array] | None
+    names: tuple[str, ...]
+
+
+def structured_pem(
+    data: Data | Sequence[Data],
+    constructor: Constructor,
+    p0: ArrayLike,
+    *,
+    names: Sequence[str] | None = None,
+    bounds: tuple[ArrayLike, ArrayLike] = (-np.inf, np.inf),
+    gain: ArrayLike | Literal["free", "model", "zero"] = "model",
+    x0: ArrayLike | Literal["estimate", "zero", "model"] = "estimate",
+    focus: Focus = "prediction",
+    horizon: int = 1,
+    regulariser: Callable[[Array, Innovations], Array] | None = None,
+    iterations: int = 300,
+) -> Structured:
+    """Parameters of `constructor(p)`, a python-control system (continuous or sampled) or `Innovations`.
+
+    `constructor` may be a CasADi function giving A, B, C, D (and K) of a continuous system. `gain`: K (nx, ny) is
+    that of the model, zero, given, or "free" (started at the model's). `x0`: estimated for every experiment, zero, the
+    model's, or given. `regulariser(p, model)`: its squared entries are added to the mean squared error of outputs in
+    standard deviations. Missing outputs are left out. ValueError: p0 outside its bounds, a start without a
+    stable predictor, matrices that do not fit the data.
+    """
+    each = experiments(data)
+    check_channels(each)
+    start = np.atleast_1d(np.asarray(p0, dtype=float))
+    own = tuple(names) if names is not None else tuple(f"p{i + 1}" for i in range(len(start)))
+    if len(own) != len(start) or len(set(own)) != len(own):
+        raise ValueError(f"{len(start)} different names wanted, not {list(own)}")
+    low, high = (np.broadcast_to(np.asarray(side, dtype=float), start.shape) for side in bounds)
+    for name, value, a, b in zip(own, start, low, high, strict=True):
+        if not a <= value <= b:
+            raise ValueError(f"the start of {name} is {value:g}, outside its bounds {a:g} .. {b:g}")
+    build = _built(constructor, each[0].dt, gain, focus == "simulation")
+    model = build(start)
+    if (model.ny, model.nu) != (each[0].ny, each[0].nu):
+        raise ValueError(f"the constructor gives {model.ny} outputs and {model.nu} inputs, the data have others")
+    task = _Task(
+        build, [piece(one) for one in each], each[0].dt, len(start), isinstance(gain, str) and gain == "free",
+        isinstance(x0, str) and x0 == "estimate", tuple(_fixed(x0, model) for _ in each), horizon,
+        focus == "simulation", regulariser, own,
+    )  # fmt: skip
+    return _finished(task, (low, high), *_minimised(task, start, (low, high), iterations), each[0])
+
+
+def _built(constructor: Constructor, dt: float, gain: Any, simulation: bool) -> Callable[[Array], Innovations]:
+    """p -> sampled innovation form, with the gain that was asked for."""
+    kind = gain if isinstance(gain, str) else "given"
+
+    def build(p: Array) -> Innovations:
+        model = _innovations(constructor(p), dt)
+        if simulation or kind == "zero":
+            return replace(model, k=np.zeros((model.nx, model.ny)))
+        return replace(model, k=np.asarray(gain, dtype=float)) if kind == "given" else model
+
+    return build
+
+
+def _innovations(made: Any, dt: float) -> Innovations:
+    if isinstance(made, Innovations):
+        return made
+    if isinstance(made, ct.StateSpace):
+        parts = [made.A, made.B, made.C, made.D]
+        continuous = made.dt == 0 or made.dt is None
+        if not continuous and not np.isclose(float(made.dt), dt, rtol=1e-6):
+            raise ValueError(f"the constructor gives a step of {made.dt} s, the data have one of {dt} s")
+    else:  # what a CasADi function or a plain one hands out
+        parts, continuous = [np.array(one, dtype=float) for one in made], True
+    a, b, c, d = (np.asarray(one, dtype=float) for one in parts[:4])
+    k = np.asarray(parts[4], dtype=float) if len(parts) > 4 else np.zeros((len(a), len(c)))
+    if continuous:
+        n, m = b.shape
+        whole = np.zeros((n + m + len(c),) * 2)
+        whole[:n] = np.hstack([a, b, k])
+        e = linalg.expm(whole * dt)
+        a, b, k = e[:n, :n], e[:n, n : n + m], e[:n, n + m :]
+    return Innovations(a, b, c, d, k, dt)
+
+
+def _fixed(x0: Any, model: Innovations) -> Array:
+    if isinstance(x0, str):
+        return model.x0 if x0 == "model" and model.x0 is not None else np.zeros(model.nx)
+    start = np.asarray(x0, dtype=float).reshape(-1)
+    if len(start) != model.nx:
+        raise ValueError(f"x0 has {len(start)} numbers, the model {model.nx} states")
+    return start
+
+
+def _minimised(task: _Task, start: Array, bounds: tuple[Array, Array], iterations: int) -> tuple[Array, int]:
+    """All variables and the evaluations."""
+    model = task.constructor(start)
+    if not _allowed(task, model):
+        raise ValueError("the predictor of the start is not stable: start elsewhere, or give a gain")
+    extra = model.k.size * task.free_gain + model.nx * len(task.pieces) * task.estimate
+    z = np.concatenate(
+        [start, model.k.ravel() if task.free_gain else [], np.zeros(extra - model.k.size * task.free_gain)]
+    )
+    lower, upper = (
+        np.concatenate([side, np.full(extra, far)]) for side, far in zip(bounds, (-np.inf, np.inf), strict=True)
+    )
+    free = lower < upper
+    weight, evaluations = _weight(task, None), 0
+    for _ in range(ROUNDS if model.ny > 1 else 1):
+        found = optimize.least_squares(
+            lambda v, at, w: _errors(task, _put(at, free, v), w), z[free],
+            lambda v, at, w: _slope(task, _put(at, free, v), w)[:, free],
+            (lower[free], upper[free]), x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-15, max_nfev=iterations,
+            args=(z, weight),
+        )  # fmt: skip
+        z, evaluations = _put(z, free, found.x), evaluations + int(found.nfev)
+        weight = _weight(task, _paths(task, z))
+    return z, evaluations
+
+
+def _put(z: Array, free: NDArray[np.bool_], v: Array) -> Array:
+    whole = z.copy()
+    whole[free] = v
+    return whole
+
+
+def _parts(task: _Task, z: Array) -> tuple[Innovations, tuple[Array, ...]]:
+    """Model and initial states of all variables."""
+    model = task.constructor(z[: task.count])
+    first = task.count
+    if task.free_gain:
+        model = replace(model, k=z[first : first + model.nx * model.ny].reshape(model.nx, model.ny))
+        first += model.nx * model.ny
+    if not task.estimate:
+        return model, task.fixed
+    return model, tuple(z[first + i * model.nx : first + (i + 1) * model.nx] for i in range(len(task.pieces)))
+
+
+def _allowed(task: _Task, model: Innovations) -> bool:
+    finite = all(np.isfinite(one).all() for one in (model.a, model.b, model.c, model.d, model.k))
+    # an error that grows less than SLOW-fold over the data is judged by the errors themselves, an integrator among them
+    edge = 1.0 + np.log(SLOW) / max(one.n for one in task.pieces)
+    return finite and (not model.k.any() or radius(model.a - model.k @ model.c) < edge)
+
+
+def _errors(task: _Task, z: Array, weight: Array) -> Array:
+    model, starts = _parts(task, z)
+    count = sum(one.y.size for one in task.pieces)
+    if not _allowed(task, model):
+        return np.full(count + _extra(task, z, model), FAR)
+    paths = [trajectory(model, one, x, task.horizon).ahead for one, x in zip(task.pieces, starts, strict=True)]
+    out = np.concatenate([(weight @ e).ravel() for e in paths]) / np.sqrt(count)
+    out = np.where(np.isfinite(out), out, FAR)
+    return out if task.regulariser is None else np.concatenate([out, _penalty(task, z, model)])
+
+
+def _penalty(task: _Task, z: Array, model: Innovations) -> Array:
+    assert task.regulariser is not None
+    return np.atleast_1d(np.asarray(task.regulariser(z[: task.count], model), dtype=float))
+
+
+def _extra(task: _Task, z: Array, model: Innovations) -> int:
+    return 0 if task.regulariser is None else len(_penalty(task, z, model))
+
+
+def _slope(task: _Task, z: Array, weight: Array) -> Array:
+    """Derivatives (rows, variables) of `_errors`."""
+    model, starts = _parts(task, z)
+    along = _directions(task, z, model)
+    count = sum(one.y.size for one in task.pieces)
+    blocks, m = [], along.count
+    for i, (one, x) in enumerate(zip(task.pieces, starts, strict=True)):
+        change = sensitivities(model, one, trajectory(model, one, x, task.horizon), along, task.horizon)
+        flat = np.tensordot(weight, change, 1).transpose(0, 2, 1).reshape(-1, m) / np.sqrt(count)
+        rows = np.zeros((len(flat), len(z)))
+        shared = m - model.nx if task.estimate else m
+        rows[:, :shared] = flat[:, :shared]
+        if task.estimate:
+            rows[:, shared + i * model.nx : shared + (i + 1) * model.nx] = flat[:, shared:]
+        blocks.append(rows)
+    whole = np.vstack(blocks)
+    if task.regulariser is None:
+        return whole
+    return np.vstack([whole, _differences(lambda v: _penalty(task, v, _parts(task, v)[0]), z)])
+
+
+def _differences(of: Callable[[Array], Array], z: Array) -> Array:
+    columns = []
+    for i in range(len(z)):
+        h = STEP * max(abs(z[i]), 1e-3)
+        step = np.zeros(len(z))
+        step[i] = h
+        columns.append((of(z + step) - of(z - step)) / (2.0 * h))
+    return np.stack(columns, axis=1)
+
+
+def _directions(task: _Task, z: Array, model: Innovations) -> Directions:
+    """What each parameter does to the matrices, then the free gain's entries, then the initial state's."""
+    p = z[: task.count]
+
+    def full(v: Array) -> Array:
+        return np.concatenate([coordinates.values(task.constructor(v)), _own_start(task, v)])
+
+    change = _differences(full, p)
+    size = len(coordinates.values(model))
+    along = coordinates.directions(model, change[:size])
+    along = replace(along, x0=change[size:].T) if not task.estimate and len(change) > size else along
+    if task.free_gain:
+        along = replace(along, k=np.zeros_like(along.k))
+        along = coordinates.joined(along, coordinates.directions(model, np.eye(size)[:, size - model.k.size :]))
+    return coordinates.joined(along, coordinates.starts(model)) if task.estimate else along
+
+
+def _own_start(task: _Task, p: Array) -> Array:
+    """Initial states that the user's function gives may depend on the parameters."""
+    x0 = task.constructor(p).x0
+    return np.zeros(0) if x0 is None else x0
+
+
+def _paths(task: _Task, z: Array) -> list[Array]:
+    model, starts = _parts(task, z)
+    return [trajectory(model, one, x, task.horizon).ahead for one, x in zip(task.pieces, starts, strict=True)]
+
+
+def _power(task: _Task) -> Array:
+    return np.asarray(
+        sum(np.sum(one.y**2, axis=1) for one in task.pieces) / sum(one.known.sum(axis=1) for one in task.pieces)
+    )
+
+
+def _variance(task: _Task, paths: Sequence[Array]) -> Array:
+    return np.asarray(sum(np.sum(e**2, axis=1) for e in paths) / sum(one.known.sum(axis=1) for one in task.pieces))
+
+
+def _weight(task: _Task, paths: Sequence[Array] | None) -> Array:
+    """Diagonal: outputs by their power first, then by their errors, of the same overall size."""
+    power = _power(task)
+    if paths is None:
+        return np.diag(1.0 / np.sqrt(power))
+    share = np.maximum(_variance(task, paths) / power, 1e-18)
+    return np.diag(np.sqrt(np.exp(np.mean(np.log(share))) / share / power))
+
+
+def _finished(
+    task: _Task,
+    bounds: tuple[Array, Array],
+    z: Array,
+    evaluations: int,
+    one: Data,
+) -> Structured:
+    model, starts = _parts(task, z)
+    paths = _paths(task, z)
+    p, variance = z[: task.count], _variance(task, paths)
+    near = 1e-9 * np.maximum(np.abs(p), 1e-12)
+    bound = (p - bounds[0] <= near) | (bounds[1] - p <= near)
+    covariance = _covariance(task, z, paths, np.concatenate([~bound, np.ones(len(z) - task.count, dtype=bool)]))
+    errors = np.hstack(paths)
+    model = replace(
+        model, r=errors @ errors.T / errors.shape[1], x0=starts[0], names=task.names, values=p, covariance=covariance,
+        inputs=one.inputs, outputs=one.outputs,
+    )  # fmt: skip
+    at = tuple(n for n, on in zip(task.names, bound, strict=True) if on)
+    return Structured(
+        dict(zip(task.names, p.tolist(), strict=True)), covariance, model, starts, variance, at, evaluations
+    )
+
+
+def _covariance(task: _Task, z: Array, paths: Sequence[Array], free: NDArray[np.bool_]) -> Array:
+    """(count, count): the inverse of J'J of whitened errors; J'SJ between two of them where they are not white."""
+    count = sum(one.y.size for one in task.pieces)
+    sd = np.sqrt(np.maximum(_variance(task, paths), 1e-300))
+    whiten = np.diag(1.0 / sd)
+    j = _slope(replace(task, regulariser=None), z, whiten)[:, free] * np.sqrt(count)
+    scale = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+    gram = (j / scale).T @ (j / scale)
+    _check_determined(gram, [task.names[i] for i in np.flatnonzero(free[: task.count])])
+    inverse = linalg.pinvh(gram, rtol=1e-12) / np.outer(scale, scale)
+    if task.simulation or task.horizon > 1:
+        noise = autoregression_of([(whiten @ e).T for e in paths])
+        middle, first = np.zeros_like(inverse), 0
+        for one in task.pieces:
+            change = j[first : first + one.y.size].reshape(*one.y.shape, -1).transpose(0, 2, 1)
+            score = shaped(change, *noise)
+            middle += score @ score.T
+            first += one.y.size
+        inverse = inverse @ middle @ inverse
+    whole = np.full((len(free), len(free)), np.nan)
+    whole[np.ix_(free, free)] = inverse
+    return whole[: task.count, : task.count]
+
+
+def _check_determined(gram: Array, names: Sequence[str]) -> None:
+    """A warning that names the parameters of a combination which the errors do not feel."""
+    values, vectors = np.linalg.eigh(gram)
+    if len(values) and values[0] < 1e-10 * values[-1]:
+        part = np.abs(vectors[: len(names), 0])
+        loose = [
+            name for name, share in zip(names, part, strict=True) if share > 0.1 * max(part.max(initial=0.0), 1e-3)
+        ]
+        warnings.warn(
+            f"the data do not determine a combination of {', '.join(loose) or 'the initial states'}: their covariance"
+            " leaves it out",
+            IdentificationWarning, stacklevel=5,
+        )  # fmt: skip

@@ -1,0 +1,107 @@
+"""Frequency subspace, OKID, ERA, transforms, balancing, sampling: exact on exact data; bad arguments are refused."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import control as ct
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path.append(str(ROOT / "tools" / "bench"))
+
+from identcriteria import realisation as criteria  # noqa: E402
+from identcriteria.statespacesets import made, mimo4, random_model, responses  # noqa: E402
+
+from hoopd.ident.data import iddata  # noqa: E402
+from hoopd.ident.models import Innovations  # noqa: E402
+from hoopd.ident.statespace import sampling, similarity  # noqa: E402
+from hoopd.ident.statespace.era import era, era_of_data  # noqa: E402
+from hoopd.ident.statespace.frequencysubspace import frequency_subspace, from_response  # noqa: E402
+from hoopd.ident.statespace.guard import IdentificationWarning  # noqa: E402
+from hoopd.ident.statespace.okid import okid  # noqa: E402
+from hoopd.ident.statespace.stabilise import bounded, stabilise  # noqa: E402
+
+
+@pytest.mark.parametrize("number", [20, 21, 22, 33, 34, 35, 36, 37, 41])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_criterion_holds(number: int, seed: int) -> None:
+    found = getattr(criteria, f"criterion_{number}")(seed)
+    assert all(value for value in found.values() if isinstance(value, bool | np.bool_)), found
+
+
+def test_a_continuous_response_gives_a_continuous_model() -> None:
+    truth = ct.ss([[-1.0, 2.0], [-2.0, -1.0]], [[1.0], [0.5]], [[1.0, 0.0], [0.0, 1.0]], [[0.0], [0.2]])
+    w = np.geomspace(0.05, 40.0, 60)
+    model = from_response(ct.frd(truth, w), order=2)
+    assert model.dt == 0.0
+    assert np.allclose(np.sort_complex(model.system.poles()), np.sort_complex(truth.poles()), atol=1e-8)
+    assert np.allclose(model.system(1j * w), truth(1j * w), atol=1e-9)
+
+
+def test_the_step_is_put_into_the_frequencies() -> None:
+    truth = random_model(np.random.default_rng(0), 3, 2, 2, dt=0.02)
+    w = np.linspace(0.1, np.pi, 80)
+    model = frequency_subspace(w / 0.02, responses(truth, w), dt=0.02)
+    assert model.nx == 3
+    assert np.allclose(responses(model, w), responses(truth, w), atol=1e-9)
+    with pytest.raises(ValueError, match="Nyquist"):
+        frequency_subspace(w / 0.02, responses(truth, w), dt=0.04)
+
+
+def test_an_order_beyond_exact_data_is_warned_of() -> None:
+    truth = random_model(np.random.default_rng(0), 2, 1, 1)
+    w = np.linspace(0.1, np.pi, 80)
+    with pytest.warns(IdentificationWarning, match="too high"):
+        frequency_subspace(w, responses(truth, w), dt=1.0, order=4)
+    with pytest.warns(IdentificationWarning, match="too high"):
+        era(criteria.markov(truth, 20), 4)
+
+
+def test_okid_leaves_out_rows_with_gaps_and_era_takes_several_sets() -> None:
+    rng = np.random.default_rng(0)
+    truth = mimo4()
+    data = made(truth, rng.standard_normal((400, 2)), np.zeros((400, 3)), rng.standard_normal(4))
+    y = data.y.copy()
+    y[[50, 200]] = np.nan
+    assert np.abs(okid(iddata(y, data.u), 10) - criteria.markov(truth, 10)).max() < 1e-9
+    model = era_of_data([data[:200], data[200:]], 4, lags=20)
+    assert np.allclose(np.sort(np.abs(np.linalg.eigvals(model.a))), [0.85, 0.85, 0.95, 0.95], atol=1e-6)
+    with pytest.raises(ValueError, match="rows for"):
+        okid(data[:30], 20)
+    with pytest.raises(ValueError, match="Markov parameters"):
+        era(criteria.markov(truth, 4), 2, rows=4, columns=4)
+
+
+def test_truncation_keeps_what_matters_and_refuses_unstable_models() -> None:
+    a = np.diag([0.9, 0.5, 0.1])
+    model = Innovations(a, np.array([[1.0], [1.0], [1e-4]]), np.array([[1.0, 1.0, 1e-4]]), np.zeros((1, 1)), np.full((3, 1), 0.1), 1.0)  # fmt: skip
+    w = np.linspace(0.1, 3.0, 10)
+    small = similarity.reduced(model, 2)
+    assert small.nx == 2
+    assert np.abs(responses(small, w) - responses(model, w)).max() < 1e-6
+    assert small.k.shape == (2, 1)
+    unstable = Innovations(a + 0.2 * np.eye(3), model.b, model.c, model.d, model.k, 1.0)
+    with pytest.raises(ValueError, match="stable"):
+        similarity.balanced(unstable)
+
+
+def test_channels_of_a_model_are_its_part() -> None:
+    model = mimo4()
+    w = np.linspace(0.1, 3.0, 5)
+    assert np.allclose(responses(similarity.channels(model, [2, 0], [1]), w), responses(model, w)[:, [2, 0]][:, :, [1]])
+
+
+def test_a_pole_without_a_logarithm_is_refused() -> None:
+    one = np.ones((1, 1))
+    with pytest.raises(ValueError, match="negative real axis"):
+        sampling.unsampled(Innovations(-0.5 * one, one, one, one, one, 1.0))
+
+
+def test_poles_inside_stay_where_they_are() -> None:
+    a = np.diag([0.5, 0.9])
+    assert np.array_equal(stabilise(a), a)
+    turn = 1.2 * np.array([[0.0, 1.0], [-1.0, 0.0]])
+    assert np.allclose(np.sort_complex(np.linalg.eigvals(bounded(turn, 0.7))), [-0.7j, 0.7j])
