@@ -40,7 +40,7 @@ def test_inputs_that_move_together_in_part_are_told_apart(method: str) -> None:
 
 
 def test_experiments_and_gaps_count_as_their_segments() -> None:
-    data, system = plant(1, 8000)
+    data, _ = plant(1, 8000)
     y = data.y.copy()
     y[3000:3040] = np.nan
     holes = iddata(y, data.u, data.dt)
