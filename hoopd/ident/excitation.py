@@ -16,14 +16,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
+from scipy import optimize
 
 from hoopd.ident.signals import TAPS, crest_factor, prbs, prbs_order
 
 Signal = NDArray[np.float64]
 
-# Share of the peak above which a round cuts, from the first round to the last: coarse first, fine in the end.
-CUTS = (0.75, 0.98)
-ROUNDS = 300
+# Norms of u that are lowered one after the other, each nearer to the peak itself, by so many steps at most.
+NORMS = (4, 8, 16, 32, 64, 128, 256)
+STEPS = 60
+# Starts beside Schroeder's phases.
+TRIES = 3
 # Eigenvalue of the correlation matrix, beside the largest, below which a direction counts as not excited.
 EXCITED = 1e-6
 LONGEST = 2 ** max(TAPS) - 1
@@ -63,25 +66,26 @@ def step(samples: int, step_s: float, at_s: float, amplitude: float = 1.0, offse
     return u
 
 
-def low_crest(
-    samples: int, step_s: float, frequencies_hz: Sequence[float], amplitudes: ArrayLike = 1.0, *, rounds: int = ROUNDS
-) -> Signal:
+def low_crest(samples: int, step_s: float, frequencies_hz: Sequence[float], amplitudes: ArrayLike = 1.0) -> Signal:
     """Sum of sines with the given amplitudes and phases that keep its peak low, scaled to a peak of one, (samples,).
 
-    Begins from Schroeder's phases; each round cuts the peaks off, takes the phases of what is left, and puts the
-    amplitudes back; the best of all rounds is given. ValueError for frequencies that are no lines of
-    1/(samples step_s) below half of 1/step_s: only those are periodic.
-    Sources: Schroeder, IEEE Trans. IT 16 (1970); Van der Ouderaa, Schoukens, Renneboog, Peak factor minimization using
-    a time-frequency domain swapping algorithm, IEEE Trans. IM 37 (1988).
+    The p-norms of u for p = 4, 8 .. 256 are lowered one after the other, from Schroeder's phases and a few others; the
+    lowest peak is taken. ValueError for frequencies that are no lines of 1/(samples step_s) below half of 1/step_s:
+    only those are periodic.
+    Sources: Schroeder, IEEE Trans. IT 16 (1970); Guillaume, Schoukens, Pintelon, Kollar, Crest-factor minimization
+    using nonlinear Chebyshev approximation methods, IEEE Trans. IM 40 (1991).
     """
     lines = _lines(samples, step_s, frequencies_hz)
     size = np.broadcast_to(np.asarray(amplitudes, dtype=float), lines.shape)
     if not (np.isfinite(size).all() and (size > 0.0).all()):
         raise ValueError("amplitudes must be positive")
     power = size**2 / np.sum(size**2)
-    # phi_k = -2 pi sum_j<k (k - j) p_j: the group delay runs through the period as the power does
-    phases = -2.0 * np.pi * np.concatenate([[0.0], np.cumsum(np.cumsum(power))[:-1]])
-    best = _lowered(samples, lines, size, phases, rounds)
+    # Schroeder: phi_k = -2 pi sum_j<k (k - j) p_j, the group delay runs through the period as the power does
+    first = -2.0 * np.pi * np.concatenate([[0.0], np.cumsum(np.cumsum(power))[:-1]])
+    rng = np.random.default_rng(0)
+    starts = [first, *(2.0 * np.pi * rng.random((TRIES, len(lines))))]
+    each = (_lowered(samples, lines, size, phases) for phases in starts)
+    best = min(each, key=lambda u: float(np.abs(u).max()))
     return np.asarray(best / np.abs(best).max())
 
 
@@ -120,14 +124,22 @@ def _lines(samples: int, step_s: float, frequencies_hz: Sequence[float]) -> NDAr
     return lines
 
 
-def _lowered(samples: int, lines: NDArray[np.intp], size: Signal, phases: Signal, rounds: int) -> Signal:
-    best = u = _sum(samples, lines, size * np.exp(1j * phases))
-    for level in np.linspace(*CUTS, rounds):
-        peak = level * np.abs(u).max()
-        u = _sum(samples, lines, size * np.exp(1j * np.angle(np.fft.rfft(np.clip(u, -peak, peak))[lines])))
-        if np.abs(u).max() < np.abs(best).max():
-            best = u
-    return best
+def _lowered(samples: int, lines: NDArray[np.intp], size: Signal, phases: Signal) -> Signal:
+    for norm in NORMS:
+        own = (samples, lines, size, norm)
+        phases = optimize.minimize(_norm, phases, own, jac=True, method="L-BFGS-B", options={"maxiter": STEPS}).x
+    return _sum(samples, lines, size * np.exp(1j * phases))
+
+
+def _norm(phases: Signal, samples: int, lines: NDArray[np.intp], size: Signal, p: int) -> tuple[float, Signal]:
+    """log (sum |u|^p)^(1/p) and its gradient: du/dphi_k = -(2/n) size_k sin(w_k t + phi_k)."""
+    turned = np.exp(1j * phases)
+    u = _sum(samples, lines, size * turned)
+    peak = float(np.abs(u).max())
+    powers = np.abs(u / peak) ** (p - 1) * np.sign(u)
+    total = float(np.sum(powers * u) / peak)
+    slope = np.fft.rfft(powers / (total * peak))[lines].conj()
+    return np.log(peak) + np.log(total) / p, -2.0 / samples * size * np.imag(turned * slope)
 
 
 def _sum(samples: int, lines: NDArray[np.intp], values: NDArray[np.complex128]) -> Signal:

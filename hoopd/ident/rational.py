@@ -325,7 +325,7 @@ def _unscaled(b: Array, a: Array, unit: float) -> tuple[Array, Array]:
 
 def _reflected_s(p: Array) -> Array:
     roots = np.roots(p)
-    return np.asarray(p[0] * np.real(np.poly(np.where(roots.real > 0.0, -roots.conj(), roots))))
+    return np.atleast_1d(p[0] * np.real(np.poly(np.where(roots.real > 0.0, -roots.conj(), roots))))
 
 
 def _reflected_z(p: Array) -> Array:
@@ -333,4 +333,4 @@ def _reflected_z(p: Array) -> Array:
     outside = np.abs(roots) > 1.0
     moved = roots.copy()
     moved[outside] = 1.0 / roots[outside].conj()
-    return np.asarray(p[0] * np.prod(np.abs(roots[outside])) * np.real(np.poly(moved)))
+    return np.atleast_1d(p[0] * np.prod(np.abs(roots[outside])) * np.real(np.poly(moved)))

@@ -1,0 +1,1 @@
+"""Criteria of the identification toolbox, restated so that they hold for any seed: one function each."""
