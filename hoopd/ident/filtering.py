@@ -1,0 +1,156 @@
+"""Data of another band or another rate, and models of another rate.
+
+Rules of this file: outputs and inputs go through the same filter, so the dynamics between them stay the same; a gap in
+an output is an error, a filter would smear it; frequencies in Hz, as a recording speaks of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg, signal
+
+from hoopd.design.discrete import c2d, d2c
+from hoopd.ident.conditioning import whole
+from hoopd.ident.data import Data, iddata
+
+Array = NDArray[np.float64]
+Band = tuple[float, float]
+
+# Largest whole number of a ratio of rates: 44.1 kHz to 48 kHz is 160/147.
+LARGEST = 1000
+
+
+def prefilter(data: Data, *bands_hz: Band, order: int = 2, stop: bool = False) -> Data:
+    """What lies within the bands (low, high), by Butterworth filters run forwards and backwards (no phase).
+
+    low <= 0 is a low-pass, high = inf a high-pass; several bands pass together, those that overlap as one;
+    `stop`: what lies outside instead. The gain at a corner is 1/2 (1/sqrt 2 each way), the slope 2 x `order`.
+    ValueError for bands that are none below half of the sampling frequency, for gaps and for too few samples.
+    Source: F. Gustafsson, Determining the initial states in forward-backward filtering, IEEE Trans. SP 44 (1996).
+    """
+    each = _united(bands_hz, data.fs)
+    done = whole(data, "prefilter")
+
+    def passed(values: Array) -> Array:
+        kept = sum((_both_ways(_sections(one, order, data.fs), values) for one in each), np.zeros_like(values))
+        return values - kept if stop else kept
+
+    return _mapped(done, passed)
+
+
+def filtered(data: Data, numerator: ArrayLike | ct.TransferFunction, denominator: ArrayLike = 1.0) -> Data:
+    """Data through a filter given by its coefficients in q^-1, or as a discrete SISO system; one way, from rest."""
+    if isinstance(numerator, ct.TransferFunction):
+        num, den = _coefficients(numerator, data)
+    else:
+        num, den = np.atleast_1d(np.asarray(numerator, float)), np.atleast_1d(np.asarray(denominator, float))
+    if den[0] == 0.0:
+        raise ValueError("the denominator begins with 0: that filter would need the future")
+    return _mapped(whole(data, "filter"), lambda values: np.asarray(signal.lfilter(num, den, values, axis=0)))
+
+
+def resample(data: Data, ratio: float) -> Data:
+    """Data at `ratio` times the rate, behind a linear-phase FIR that lets no image or alias through.
+
+    The ends are continued in the line between first and last sample. ValueError for a ratio that is no fraction of
+    whole numbers up to 1000, and for gaps. Where a held input is to stay held, take every k-th sample: data[::k].
+    """
+    fraction = Fraction(ratio).limit_denominator(LARGEST)
+    if ratio <= 0.0 or fraction.numerator > LARGEST or abs(float(fraction) - ratio) > 1e-9 * ratio:
+        raise ValueError(f"a rate changes by a fraction of whole numbers up to {LARGEST}, not by {ratio}")
+    up, down = fraction.numerator, fraction.denominator
+    done = whole(data, "resample")
+
+    def moved(values: Array) -> Array:
+        return np.asarray(signal.resample_poly(values, up, down, axis=0, padtype="line"))
+
+    x = None if done.x is None else moved(done.x)
+    return iddata(
+        moved(done.y), moved(done.u) if done.nu else None, data.dt * down / up,
+        t0=data.t0, x=x, outputs=data.outputs, inputs=data.inputs if data.nu else None,
+    )  # fmt: skip
+
+
+def resampled_system(system: ct.StateSpace | ct.TransferFunction, dt: float) -> ct.StateSpace | ct.TransferFunction:
+    """The discrete system at the step `dt`, its input held: to continuous time by the matrix logarithm, and back.
+
+    ValueError for a pole at or left of 0 (a delay, an alias): no real continuous system has it.
+    """
+    return c2d(d2c(system, "zoh"), dt, "zoh")
+
+
+def resampled_covariance(a: ArrayLike, q: ArrayLike, dt: float, new_dt: float) -> Array:
+    """Covariance (nx, nx) over `new_dt` of the white noise whose covariance over `dt` is q, x+ = a x + w.
+
+    Q(h) = int_0^h exp(F s) W exp(F' s) ds, F = log(a)/dt, is linear in W: solved for W, then asked again.
+    Source: C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. AC 23 (1978).
+    """
+    rate = np.real(linalg.logm(np.asarray(a, float))) / dt
+    n = len(rate)
+    kronecker = np.kron(rate, np.eye(n)) + np.kron(np.eye(n), rate)
+    density = np.linalg.solve(_integral(kronecker, dt), np.asarray(q, float).reshape(-1))
+    return np.asarray((_integral(kronecker, new_dt) @ density).reshape(n, n))
+
+
+# ---------------------------------------------------------------------------------------------- inside
+
+
+def _united(bands_hz: Sequence[Band], fs: float) -> list[Band]:
+    if not bands_hz:
+        raise ValueError("no band given: prefilter(data, (low_hz, high_hz))")
+    united: list[Band] = []
+    for low, high in sorted((max(low, 0.0), high) for low, high in bands_hz):
+        if not low < high or low >= 0.5 * fs:
+            raise ValueError(f"a band needs low < high and low < {0.5 * fs:g} Hz, not {low:g} to {high:g}")
+        if united and low <= united[-1][1]:
+            united[-1] = (united[-1][0], max(united[-1][1], high))
+        else:
+            united.append((low, high))
+    return united
+
+
+def _sections(band: Band, order: int, fs: float) -> Array | None:
+    """Second-order sections of one band; None for the band that holds everything."""
+    low, high = band
+    if low <= 0.0 and high >= 0.5 * fs:
+        return None
+    if low <= 0.0:
+        return np.asarray(signal.butter(order, high, "lowpass", fs=fs, output="sos"))
+    if high >= 0.5 * fs:
+        return np.asarray(signal.butter(order, low, "highpass", fs=fs, output="sos"))
+    return np.asarray(signal.butter(order, band, "bandpass", fs=fs, output="sos"))
+
+
+def _both_ways(sections: Array | None, values: Array) -> Array:
+    if sections is None or not values.size:
+        return values
+    shortest = 3 * (2 * len(sections) + 1)
+    if len(values) <= shortest:
+        raise ValueError(f"{len(values)} samples are too few to filter both ways: more than {shortest}")
+    return np.asarray(signal.sosfiltfilt(sections, values, axis=0))
+
+
+def _mapped(data: Data, change: Callable[[Array], Array]) -> Data:
+    return iddata(
+        change(data.y), change(data.u) if data.nu else None, data.dt, t0=data.t0,
+        outputs=data.outputs, inputs=data.inputs if data.nu else None,
+    )  # fmt: skip
+
+
+def _coefficients(system: ct.TransferFunction, data: Data) -> tuple[Array, Array]:
+    if not system.issiso() or not system.dt or (system.dt is not True and not np.isclose(system.dt, data.dt)):
+        raise ValueError(f"a filter is a discrete system of one input and output with a step of {data.dt} s")
+    num, den = np.asarray(system.num[0][0], float), np.asarray(system.den[0][0], float)
+    return np.concatenate([np.zeros(max(len(den) - len(num), 0)), num]), den
+
+
+def _integral(f: Array, h: float) -> Array:
+    """int_0^h exp(f s) ds, the corner of exp([[f, I], [0, 0]] h)."""
+    n = len(f)
+    block = np.block([[f, np.eye(n)], [np.zeros((n, 2 * n))]])
+    return np.asarray(linalg.expm(block * h)[:n, n:])

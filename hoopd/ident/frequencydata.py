@@ -1,0 +1,238 @@
+"""Inputs and outputs over frequency, and what python-control's frequency responses (`control.FRD`) lack.
+
+Sums, products, powers, quotients of one input and output, `append` and plots are python-control's own. Here: slices in
+Hz and rad/s, responses side by side, inverses and quotients of many channels, roots, feedback of either sign (theirs
+takes every sign for -1), and the sample time, which their algebra loses.
+
+Rules of this file: w in rad/s, names with `hz` in Hz; frequencies along the first axis of FrequencyData and along the
+last one of an FRD, as python-control has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hoopd.ident.conditioning import whole
+from hoopd.ident.data import Data, experiments
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Lti: TypeAlias = ct.TransferFunction | ct.StateSpace | ct.FRD
+
+TAU = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class FrequencyData:
+    """One experiment over frequency: y (nw, ny) and u (nw, nu) complex at w (nw,) rad/s; dt in s, 0 for continuous.
+
+    `samples`: of the record that it was transformed from, 0 for none. Such a record obeys y = G u up to the difference
+    of its first and last state; a periodic one obeys it exactly.
+    """
+
+    y: Complex
+    u: Complex
+    w: Array
+    dt: float = 0.0
+    samples: int = 0
+    outputs: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+
+    @property
+    def n(self) -> int:
+        """Frequencies."""
+        return len(self.w)
+
+    @property
+    def ny(self) -> int:
+        """Outputs."""
+        return int(self.y.shape[1])
+
+    @property
+    def nu(self) -> int:
+        """Inputs."""
+        return int(self.u.shape[1])
+
+    @property
+    def hz(self) -> Array:
+        """(nw,) Hz."""
+        return np.asarray(self.w / TAU)
+
+    def __getitem__(self, rows: slice) -> FrequencyData:
+        """Frequencies by number."""
+        if not isinstance(rows, slice):
+            raise TypeError("frequencies are taken as data[first:last:step]")
+        return replace(self, y=self.y[rows], u=self.u[rows], w=self.w[rows])
+
+    def between(self, low: float, high: float) -> FrequencyData:
+        """What lies within low <= w <= high rad/s."""
+        return self[_range(self.w, low, high)]
+
+    def between_hz(self, low: float, high: float) -> FrequencyData:
+        """What lies within low to high Hz, both included."""
+        return self.between(TAU * low, TAU * high)
+
+
+def frequencydata(
+    y: ArrayLike, u: ArrayLike | None, w: ArrayLike, dt: float = 0.0,
+    *, outputs: Sequence[str] = (), inputs: Sequence[str] = (),
+) -> FrequencyData:  # fmt: skip
+    """Of arrays (nw,) or (nw, channels); u = None for none. ValueError for lengths that differ and w not rising."""
+    axis = np.asarray(w, dtype=float).reshape(-1)
+    if not (np.isfinite(axis).all() and (np.diff(axis) > 0.0).all() and (axis >= 0.0).all()):
+        raise ValueError("w must be finite, not negative and rising")
+    if dt > 0.0 and len(axis) and axis[-1] > np.pi / dt * (1.0 + 1e-9):
+        raise ValueError(f"w goes to {axis[-1]:g} rad/s, half of the sampling frequency is {np.pi / dt:g}")
+    outs, ins = _columns(y, len(axis), "y"), _columns(np.zeros((len(axis), 0)) if u is None else u, len(axis), "u")
+    return FrequencyData(outs, ins, axis, dt, 0, tuple(outputs), tuple(inputs))
+
+
+def frequency_axis(dt: float, n: int) -> Array:
+    """n frequencies from 0 to half of the sampling frequency, (n,) rad/s."""
+    return np.linspace(0.0, np.pi / dt, n)
+
+
+def transformed(data: Data) -> FrequencyData:
+    """The discrete Fourier transform: Y(w_k) = sum_t y(t) exp(-j w_k t)/sqrt(N), w_k = 2 pi k/(N dt) up to pi/dt.
+
+    So scaled, |Y|^2 of white noise is its variance whatever N. ValueError for gaps.
+    Source: Ljung, System Identification, 1999, 2.37.
+    """
+    done = whole(data, "transform")
+    root = np.sqrt(max(done.n, 1))
+    w = np.asarray(TAU * np.fft.rfftfreq(done.n, done.dt), dtype=float)
+    return FrequencyData(
+        np.fft.rfft(done.y, axis=0) / root, np.fft.rfft(done.u, axis=0) / root, w,
+        done.dt, done.n, done.outputs, done.inputs,
+    )  # fmt: skip
+
+
+def empirical(data: FrequencyData | Data | Sequence[Data]) -> ct.FRD:
+    """The empirical transfer function estimate, (ny, nu, nw); as many experiments of one length as inputs, at least.
+
+    H = Y U^-1 over the experiments at each frequency (least squares if there are more). Source: Ljung 1999, 6.3.
+    """
+    each = [data] if isinstance(data, FrequencyData) else [transformed(one) for one in experiments(data)]
+    if len(each) < each[0].nu or not each[0].nu:
+        raise ValueError(f"{each[0].nu} inputs want at least so many experiments, not {len(each)}: see tfest")
+    if any(one.n != each[0].n for one in each):
+        raise ValueError("experiments of different lengths do not share their frequencies: see tfest")
+    y, u = (np.stack([getattr(one, name) for one in each], axis=2) for name in ("y", "u"))
+    return ct.FRD(np.moveaxis(y @ np.linalg.pinv(u), 0, 2), each[0].w, each[0].dt)
+
+
+# ---------------------------------------------------------------------------------------------- responses
+
+
+def response(system: Lti, w: ArrayLike) -> ct.FRD:
+    """The frequency response at w rad/s, with the system's names and sample time; an FRD is asked at its own points."""
+    axis = np.asarray(w, dtype=float).reshape(-1)
+    if not isinstance(system, ct.FRD):
+        return ct.FRD(system, axis, inputs=system.input_labels, outputs=system.output_labels)
+    rows = np.searchsorted(system.omega, axis * (1.0 - 1e-9))
+    if (rows >= len(system.omega)).any() or not np.allclose(system.omega[rows], axis, rtol=1e-8):
+        raise ValueError("a frequency response is known at its own frequencies only")
+    return _like(system, system.frdata[:, :, rows], axis)
+
+
+def between(frd: ct.FRD, low: float, high: float) -> ct.FRD:
+    """The response within low <= w <= high rad/s."""
+    rows = _range(frd.omega, low, high)
+    return _like(frd, frd.frdata[:, :, rows], frd.omega[rows])
+
+
+def between_hz(frd: ct.FRD, low: float, high: float) -> ct.FRD:
+    """The response within low to high Hz, both included."""
+    return between(frd, TAU * low, TAU * high)
+
+
+def sampled(frd: ct.FRD, dt: float) -> ct.FRD:
+    """The same response of a system sampled each `dt` s: python-control's algebra gives results without it."""
+    return ct.FRD(frd.frdata, frd.omega, dt)
+
+
+def beside(*parts: ct.FRD) -> ct.FRD:
+    """Responses with the same outputs, their inputs side by side: [G H]."""
+    return ct.FRD(np.concatenate(_aligned(parts), axis=1), parts[0].omega, parts[0].dt)
+
+
+def stacked(*parts: ct.FRD) -> ct.FRD:
+    """Responses to the same inputs, their outputs one under the other: [G; H]."""
+    return ct.FRD(np.concatenate(_aligned(parts), axis=0), parts[0].omega, parts[0].dt)
+
+
+def inverse(frd: ct.FRD) -> ct.FRD:
+    """G^-1 of as many inputs as outputs; ValueError where it has none."""
+    try:
+        return _like(frd, _last(np.asarray(np.linalg.inv(_first(frd.frdata)), complex)), frd.omega)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(f"this response has no inverse: {error}") from error
+
+
+def root(frd: ct.FRD) -> ct.FRD:
+    """The square root of each entry, its phase continuous over frequency from half of the first."""
+    phase = np.unwrap(np.angle(frd.frdata), axis=2)
+    return _like(frd, np.sqrt(np.abs(frd.frdata)) * np.exp(0.5j * phase), frd.omega)
+
+
+def feedback(forward: Lti, back: Lti | float = 1.0, sign: int = -1, w: ArrayLike | None = None) -> ct.FRD:
+    """The closed loop G (I - sign K G)^-1 over the frequencies of the first response among the two, or w.
+
+    `back` as a number stands for so many times the identity.
+    """
+    axis = next((one.omega for one in (forward, back) if isinstance(one, ct.FRD)), w)
+    if axis is None:
+        raise ValueError("two systems without frequencies: give w")
+    g = response(forward, axis)
+    number = isinstance(back, int | float)
+    k = back * np.eye(g.ninputs, g.noutputs)[None] if number else _first(response(back, axis).frdata)
+    if k.shape[1:] != (g.ninputs, g.noutputs):
+        raise ValueError(f"the loop of {g.noutputs} outputs and {g.ninputs} inputs is closed by {k.shape[1:]}")
+    through = _first(g.frdata)
+    closed = through @ np.linalg.inv(np.eye(g.ninputs) - sign * k @ through)
+    return _like(g, _last(closed), g.omega)
+
+
+# ---------------------------------------------------------------------------------------------- inside
+
+
+def _range(w: Array, low: float, high: float) -> slice:
+    first, last = np.searchsorted(w, low * (1.0 - 1e-9)), np.searchsorted(w, high * (1.0 + 1e-9), side="right")
+    return slice(int(first), int(last))
+
+
+def _columns(values: ArrayLike, n: int, name: str) -> Complex:
+    found = np.array(values, dtype=complex)
+    found = found[:, None] if found.ndim == 1 else found
+    if found.ndim != 2 or len(found) != n:
+        raise ValueError(f"{name} must be (nw,) or (nw, channels) with nw = {n}, not {found.shape}")
+    if not np.isfinite(found).all():
+        raise ValueError(f"{name} is not finite")
+    return found
+
+
+def _like(frd: ct.FRD, values: Complex, w: Array) -> ct.FRD:
+    same = values.shape[:2] == (frd.noutputs, frd.ninputs)
+    names = {"inputs": frd.input_labels, "outputs": frd.output_labels} if same else {}
+    return ct.FRD(values, w, frd.dt, **names)
+
+
+def _aligned(parts: Sequence[ct.FRD]) -> list[Complex]:
+    w = parts[0].omega
+    if any(len(one.omega) != len(w) or not np.allclose(one.omega, w, rtol=1e-9) for one in parts):
+        raise ValueError("responses at different frequencies are not put together")
+    return [one.frdata for one in parts]
+
+
+def _first(values: Complex) -> Complex:
+    return np.moveaxis(values, 2, 0)
+
+
+def _last(values: Complex) -> Complex:
+    return np.moveaxis(values, 0, 2)

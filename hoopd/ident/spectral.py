@@ -1,0 +1,309 @@
+"""Spectra, coherence, correlations and the frequency response straight from data, for any number of channels.
+
+    y = G u + v:   Phi_yu = G Phi_uu,   Phi_vv = Phi_yy - Phi_yu Phi_uu^-1 Phi_uy
+By Welch (means over windowed segments that overlap) or by Blackman and Tukey (correlations under a Gaussian window).
+A spectrum is two-sided, in unit^2/Hz: its integral from -fs/2 to fs/2 is the variance; white noise of variance r has
+r dt everywhere. Means are not taken off: `detrend` first unless the gain at 0 is wanted.
+Sources: Ljung, System Identification, 1999, 6.4; Bendat and Piersol, Random Data, 2010, ch. 9; P. D. Welch, IEEE Trans.
+Audio Electroacoust. 15 (1967) for the number of independent means.
+
+Rules of this file: one matrix of all cross spectra feeds every estimate; each estimate says how far it can be trusted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal, NamedTuple
+
+import control as ct
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, signal, stats
+
+from hoopd.ident.conditioning import whole
+from hoopd.ident.data import Data, experiments, runs
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Given = Data | Sequence[Data]
+Method = Literal["welch", "correlation"]
+
+TAU = 2.0 * np.pi
+# The Gaussian lag window is cut at so many of its widths, where it is 3e-4.
+CUT = 4.0
+OPTIONS: Mapping[str, frozenset[str]] = MappingProxyType(
+    {"welch": frozenset({"segment", "overlap"}), "correlation": frozenset({"width"})}
+)
+
+
+class Cross(NamedTuple):
+    """Cross spectra (nw, m, m) of the channels [y, u] at w (nw,) rad/s, and the number of independent means in each."""
+
+    w: Array
+    phi: Complex
+    means: float
+    ny: int
+    dt: float
+
+    @property
+    def yy(self) -> Complex:
+        """(nw, ny, ny)."""
+        return self.phi[:, : self.ny, : self.ny]
+
+    @property
+    def yu(self) -> Complex:
+        """(nw, ny, nu)."""
+        return self.phi[:, : self.ny, self.ny :]
+
+    @property
+    def uu(self) -> Complex:
+        """(nw, nu, nu)."""
+        return self.phi[:, self.ny :, self.ny :]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A frequency response and what it is worth.
+
+    `system` and `noise` (spectrum of v, unit^2/Hz, ny x ny) are FRDs; `deviation` (ny, nu, nw) is the standard error of
+    |G|; `coherence` (nw, ny) the share of each output that all inputs explain; `means` how many spectra were averaged.
+    """
+
+    system: ct.FRD
+    noise: ct.FRD
+    deviation: Array
+    coherence: Array
+    means: float
+
+    @property
+    def w(self) -> Array:
+        """(nw,) rad/s."""
+        return np.asarray(self.system.omega)
+
+
+class Spectrum(NamedTuple):
+    """Power spectral density (nw, channels) in unit^2/Hz, two-sided, at w rad/s, with the bounds of its interval."""
+
+    w: Array
+    density: Array
+    low: Array
+    high: Array
+    means: float
+
+
+class Correlation(NamedTuple):
+    """Correlations (lags, n first, n second) by lag in samples; beyond `bound` with the probability asked for."""
+
+    lag: NDArray[np.int_]
+    values: Array
+    bound: float
+
+
+# ---------------------------------------------------------------------------------------------- estimates
+
+
+def tfest(data: Given, method: Method = "welch", **options: float) -> Estimate:
+    """The frequency response from every input to every output, and the noise beside it.
+
+    Options of "welch": `segment` (samples; a tenth of the longest experiment), `overlap` (samples; half a segment).
+    Of "correlation": `width` of the lag window in samples (standard deviation; a twentieth of the experiment).
+    var G_ij = Phi_vv,ii [Phi_uu^-1]_jj / (means - nu); feedback biases G towards -1/controller: no estimate of this
+    kind tells. ValueError for inputs that are missing or alike, and for fewer means than inputs.
+    """
+    cross = spectra(data, method, **options)
+    nu = cross.phi.shape[1] - cross.ny
+    spare = _spare(cross, nu)
+    inverse = _inverse(cross)
+    g = cross.yu @ inverse
+    # Phi_vv of `means` means with nu regressors in each is short by (means - nu)/means
+    noise = (cross.yy - g @ _adjoint(cross.yu)) * cross.means / spare
+    spread = np.einsum("kii,kjj->ijk", noise.real, inverse.real) / spare
+    system = ct.FRD(np.moveaxis(g, 0, 2), cross.w, cross.dt, **_names(data))
+    return Estimate(
+        system, ct.FRD(np.moveaxis(noise, 0, 2), cross.w, cross.dt), np.sqrt(np.maximum(spread, 0.0)),
+        _explained(cross, inverse), cross.means,
+    )  # fmt: skip
+
+
+class Coherence(NamedTuple):
+    """Squared coherence (nw, ny), or (nw, ny, nu) by pairs, at w rad/s; unrelated channels stay below `chance`."""
+
+    w: Array
+    values: Array
+    chance: float
+
+
+def coherence(
+    data: Given, method: Method = "welch", *, pairs: bool = False, level: float = 0.95, **options: float
+) -> Coherence:
+    """The share of each output's power that the inputs explain linearly, 0 to 1.
+
+    All inputs at once (multiple coherence, which one input's own would understate), or `pairs` by pairs.
+    Unrelated channels exceed 1 - (1 - level)^(1/(means - nu)) as seldom as 1 - level.
+    """
+    cross = spectra(data, method, **options)
+    nu = 1 if pairs else cross.phi.shape[1] - cross.ny
+    spare = _spare(cross, nu)
+    chance = float(stats.beta.ppf(level, nu, spare))
+    if not pairs:
+        return Coherence(cross.w, _explained(cross, _inverse(cross)), chance)
+    power = np.einsum("kii->ki", cross.phi).real
+    shares = np.abs(cross.yu) ** 2 / _positive(power[:, : cross.ny, None] * power[:, None, cross.ny :])
+    return Coherence(cross.w, np.clip(shares, 0.0, 1.0), chance)
+
+
+def power_spectrum(data: Given, *, inputs: bool = False, level: float = 0.95, **options: float) -> Spectrum:
+    """Welch's spectrum of each output (or input), with the interval of a chi square of 2 x means degrees of freedom."""
+    cross = spectra(data, "welch", **options)
+    rows = slice(cross.ny, None) if inputs else slice(0, cross.ny)
+    density = np.asarray(np.einsum("kii->ki", cross.phi).real[:, rows])
+    freedom = 2.0 * cross.means
+    low, high = (freedom / stats.chi2.ppf(p, freedom) for p in (0.5 + 0.5 * level, 0.5 - 0.5 * level))
+    return Spectrum(cross.w, density, density * low, density * high, cross.means)
+
+
+def correlation(
+    first: NDArray[np.float64], second: NDArray[np.float64] | None = None, lags: int = 50, level: float = 0.95
+) -> Correlation:
+    """Correlation coefficients of first(t + lag) with second(t), means taken off, lags from -lags to lags.
+
+    first (n, p), second (n, q) or `first` itself. Two unrelated white signals stay within normal quantile / sqrt(n).
+    ValueError for constant channels.
+    """
+    one, other = (_centred(values) for values in (first, first if second is None else second))
+    n, reach = len(one), min(lags, len(one) - 1)
+    size = fft.next_fast_len(2 * n)
+    product = np.fft.rfft(one, size, axis=0)[:, :, None] * np.fft.rfft(other, size, axis=0)[:, None, :].conj()
+    sums = np.fft.irfft(product, size, axis=0)
+    lag = np.arange(-reach, reach + 1)
+    return Correlation(lag, sums[lag] / n, float(stats.norm.ppf(0.5 + 0.5 * level)) / np.sqrt(n))
+
+
+# ---------------------------------------------------------------------------------------------- cross spectra
+
+
+def spectra(data: Given, method: Method = "welch", **options: float) -> Cross:
+    """Cross spectra of all channels over all experiments; the options are those of `tfest`."""
+    if method not in OPTIONS:
+        raise ValueError(f'a spectrum is estimated by "welch" or "correlation", not {method!r}')
+    strange = options.keys() - OPTIONS[method]
+    if strange:
+        raise ValueError(f"{method} has no {', '.join(strange)}; it has {', '.join(sorted(OPTIONS[method]))}")
+    each = experiments(data)
+    return _welch(each, **options) if method == "welch" else _correlated(each, **options)
+
+
+def _welch(each: list[Data], segment: float = 0, overlap: float = -1) -> Cross:
+    """Means of windowed segments; segments in which an output is missing are left out."""
+    size = int(segment) or max(one.n for one in each) // 10
+    shared = size // 2 if overlap < 0 else int(overlap)
+    if size < 2 or shared >= size:
+        raise ValueError(f"a segment of {size} samples with {shared} shared: it wants at least 2, and fewer shared")
+    window, hop = signal.get_window("hann", size), size - shared
+    pieces = [
+        np.hstack([one.y, one.u])[i : i + size]
+        for data in each for one in runs(data) for i in range(0, one.n - size + 1, hop)
+    ]  # fmt: skip
+    if not pieces:
+        raise ValueError(f"no {size} samples in a row without a gap: take shorter segments or fill_gaps(data)")
+    total = sum((_squared(piece * window[:, None]) for piece in pieces), np.zeros(1, complex))
+    phi = total * each[0].dt / (len(pieces) * np.sum(window**2))
+    w = TAU * np.fft.rfftfreq(size, each[0].dt)
+    return Cross(np.asarray(w, float), phi, _independent(window, hop, len(pieces)), each[0].ny, each[0].dt)
+
+
+def _squared(piece: Array) -> Complex:
+    """X(w) X(w)*, (nw, m, m)."""
+    x = np.fft.rfft(piece, axis=0)
+    return np.asarray(x[:, :, None] * x[:, None, :].conj())
+
+
+def _independent(window: Array, hop: int, count: int) -> float:
+    """How many independent means so many overlapping segments are worth (Welch 1967, his rho)."""
+    share, power = 0.0, np.sum(window**2)
+    for m in range(1, min(count, -(-len(window) // hop))):
+        rho = np.sum(window[m * hop :] * window[: -m * hop]) / power
+        share += 2.0 * (1.0 - m / count) * rho**2
+    return count / (1.0 + float(share))
+
+
+def _correlated(each: list[Data], width: float = 0.0) -> Cross:
+    """The transform of the correlations under exp(-lag^2 / (2 width^2))."""
+    length = max(one.n for one in each)
+    spread = width or length / 20.0
+    reach = int(min(np.ceil(CUT * spread), length - 1))
+    total = sum((_lagged(whole(one, "correlation"), reach) for one in each), np.zeros(1))
+    samples = sum(one.n for one in each)
+    lag = np.arange(-reach, reach + 1)
+    weighted = total * np.exp(-0.5 * (lag / spread) ** 2)[:, None, None] * each[0].dt / samples
+    size = fft.next_fast_len(2 * reach + 1)
+    padded = np.zeros((size, *weighted.shape[1:]))
+    padded[lag] = weighted
+    phi = np.fft.rfft(padded, axis=0)
+    # var/Phi^2 = (sum of the squared window) / N
+    means = samples / (np.sqrt(np.pi) * spread)
+    return Cross(np.asarray(TAU * np.fft.rfftfreq(size, each[0].dt), float), phi, means, each[0].ny, each[0].dt)
+
+
+def _lagged(data: Data, reach: int) -> Array:
+    """Sums over t of x(t + lag) x(t)', (2 reach + 1, m, m), lags from -reach to reach."""
+    x = np.hstack([data.y, data.u])
+    size = fft.next_fast_len(data.n + reach)
+    transform = np.fft.rfft(x, size, axis=0)
+    sums = np.fft.irfft(transform[:, :, None] * transform[:, None, :].conj(), size, axis=0)
+    return np.asarray(sums[np.arange(-reach, reach + 1)])
+
+
+# ---------------------------------------------------------------------------------------------- inside
+
+
+def _spare(cross: Cross, nu: int) -> float:
+    if nu < 1:
+        raise ValueError("no input: power_spectrum gives the spectra of the outputs")
+    if cross.means <= nu + 0.5:
+        raise ValueError(f"{cross.means:.1f} independent means for {nu} inputs explain anything: take shorter segments")
+    return cross.means - nu
+
+
+def _inverse(cross: Cross) -> Complex:
+    """Phi_uu^-1; inputs that move together or not at all have none."""
+    power = np.einsum("kii->ki", cross.uu).real
+    idle = power.max(axis=0, initial=0.0) == 0.0
+    if idle.any():
+        raise ValueError(f"input {int(np.flatnonzero(idle)[0])} is zero: nothing shows its effect")
+    floor = 1e-14 * power.max(axis=0)
+    scale = np.sqrt(np.maximum(power, floor))
+    relative = cross.uu / (scale[:, :, None] * scale[:, None, :])
+    if power.shape[1] > 1 and np.median(np.linalg.cond(relative)) > 1e8:
+        raise ValueError("the inputs move together: their effects cannot be told apart")
+    return np.asarray(np.linalg.pinv(relative, hermitian=True) / (scale[:, :, None] * scale[:, None, :]))
+
+
+def _explained(cross: Cross, inverse: Complex) -> Array:
+    shown = np.einsum("kij,kjl,kil->ki", cross.yu, inverse, cross.yu.conj()).real
+    return np.asarray(np.clip(shown / _positive(np.einsum("kii->ki", cross.yy).real), 0.0, 1.0))
+
+
+def _adjoint(values: Complex) -> Complex:
+    return np.swapaxes(values, 1, 2).conj()
+
+
+def _positive(values: Array) -> Array:
+    return np.maximum(values, np.finfo(float).tiny)
+
+
+def _centred(values: Array) -> Array:
+    found = np.asarray(values, dtype=float)
+    found = found[:, None] if found.ndim == 1 else found
+    centred = found - found.mean(axis=0)
+    spread = np.sqrt(np.mean(centred**2, axis=0))
+    if not (np.isfinite(spread).all() and (spread > 0.0).all()):
+        raise ValueError("a channel is constant or not finite: it correlates with nothing")
+    return np.asarray(centred / spread)
+
+
+def _names(data: Given) -> dict[str, list[str]]:
+    first = experiments(data)[0]
+    return {"inputs": list(first.inputs), "outputs": list(first.outputs)}

@@ -1,0 +1,76 @@
+"""Spectra that change with time: a parametric model of each short piece, whose spectrum is drawn.
+
+The classical spectrogram is `scipy.signal.spectrogram`; a model of low order shows a few sharp lines in far shorter
+pieces.
+
+Rules of this file: any estimator will do that makes a model with a noise part out of Data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hoopd.ident.data import Data
+from hoopd.ident.models import Innovations, Model, Polynomials, state_space
+
+Array = NDArray[np.float64]
+
+
+class Spectrogram(NamedTuple):
+    """Densities (nt, nw) in unit^2/Hz, two-sided, at the middles t (nt,) s of the pieces and at w (nw,) rad/s."""
+
+    t: Array
+    w: Array
+    density: Array
+    models: tuple[Model, ...]
+
+
+def noise_spectrum(model: Model, w: ArrayLike) -> Array:
+    """Spectrum (nw, ny, ny) of the disturbance at the outputs: H R H* dt, with H from e to y and R = cov e."""
+    own = state_space(model) if isinstance(model, Polynomials) else model
+    if own.r is None:
+        raise ValueError("the model does not know the covariance of its innovations")
+    h = _transfer(own, np.asarray(w, dtype=float).reshape(-1))
+    return np.asarray(h @ own.r @ np.swapaxes(h, 1, 2).conj() * own.dt)
+
+
+def model_spectrum(
+    data: Data,
+    estimator: Callable[[Data], Model],
+    segment: int,
+    *,
+    overlap: int | None = None,
+    w: ArrayLike | None = None,
+) -> Spectrogram:
+    """The spectrum of the first output in each piece of `segment` samples, by a model of the piece.
+
+    `estimator`: for instance `lambda piece: ar(piece, 6)`; what it raises names the piece. `overlap`: half a piece
+    unless given; w: 256 frequencies to half of the sampling frequency unless given.
+    """
+    shared = segment // 2 if overlap is None else overlap
+    if not 0 <= shared < segment <= data.n:
+        raise ValueError(f"pieces of {segment} samples with {shared} shared do not fit into {data.n} samples")
+    axis = np.linspace(0.0, np.pi / data.dt, 256) if w is None else np.asarray(w, dtype=float)
+    starts = range(0, data.n - segment + 1, segment - shared)
+    models = tuple(_estimated(estimator, data[i : i + segment]) for i in starts)
+    density = np.array([noise_spectrum(one, axis)[:, 0, 0].real for one in models])
+    return Spectrogram(data.t[list(starts)] + 0.5 * segment * data.dt, axis, density, models)
+
+
+def _estimated(estimator: Callable[[Data], Model], piece: Data) -> Model:
+    try:
+        return estimator(piece)
+    except ValueError as error:
+        raise ValueError(f"from {piece.t0:g} to {piece.t0 + piece.n * piece.dt:g} s: {error}") from error
+
+
+def _transfer(model: Innovations, w: Array) -> NDArray[np.complex128]:
+    """I + C (zI - A)^-1 K at z = exp(j w dt), (nw, ny, ny)."""
+    z = np.exp(1j * w * model.dt)[:, None, None]
+    inner = z * np.eye(model.nx) - model.a
+    gain = np.broadcast_to(model.k.astype(complex), (len(w), *model.k.shape))
+    return np.asarray(np.eye(model.ny) + model.c @ np.linalg.solve(inner, gain))
