@@ -77,7 +77,7 @@ def rational(
     if refine and phase:  # gains alone have no turns of 2 pi to be caught in
         starts += [_finished(problem, b, a, steps, stable=stable, phase=False) for b, a in starts]
     each = [_finished(problem, b, a, steps, stable=stable, phase=phase) for b, a in starts]
-    best = min(each, key=lambda one: problem.rms(*one, phase))
+    best = min(each, key=lambda one: problem.rms(one[0], one[1], phase))
     if refine:
         best = _finished(problem, *best, MANY, stable=stable, phase=phase)
     return problem.answered(*_unscaled(*best, problem.unit), phase)

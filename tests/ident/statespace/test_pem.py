@@ -32,7 +32,7 @@ from hoopd.ident.statespace.structured import structured_pem  # noqa: E402
 W = np.array([0.1, 0.5, 1.5])
 SECOND = Innovations(
     pair(0.9, 0.5), np.eye(2)[:, :1], np.array([[1.0, 0.5]]), np.zeros((1, 1)), np.array([[0.4], [0.1]]), 1.0
-)  # fmt: skip
+)
 
 
 def second(seed: int = 0, n: int = 600) -> Data:
@@ -87,7 +87,7 @@ def test_errors_of_the_criterion_are_those_of_the_prediction() -> None:
     for horizon in (1, 4):
         assert np.allclose(
             trajectory(model, piece(data), model.x0, horizon).ahead.T, prediction_error(model, data, horizon, model.x0)
-        )  # fmt: skip
+        )
 
 
 def test_the_start_does_not_matter_and_the_optimum_beats_the_truth() -> None:
@@ -133,7 +133,14 @@ def test_a_structure_keeps_to_its_bounds_and_says_what_is_not_determined() -> No
     u = np.repeat(rng.standard_normal((40, 1)), 10, axis=0)
     data = made(truth, u, rng.standard_normal((400, 2)) * [1.0, 0.02])
     high = np.where(np.arange(6) == 4, 0.2, np.inf)
-    model = structured_pem(data, pitch, 0.9 * PITCH * [1, 1, 1, 1, 0.8, 1], names=list("abcdef"), bounds=(-np.inf, high), focus="simulation")  # fmt: skip
+    model = structured_pem(
+        data,
+        pitch,
+        0.9 * PITCH * [1, 1, 1, 1, 0.8, 1],
+        names=list("abcdef"),
+        bounds=(-np.inf, high),
+        focus="simulation",
+    )
     assert model.parameters["e"] <= 0.2
     assert model.at_bound == ("e",)
     assert np.isnan(model.deviations()["e"])

@@ -9,8 +9,6 @@ from dataclasses import replace
 
 import control as ct
 import numpy as np
-from identcriteria.statespace import Verdicts, distance, small_systems
-from identcriteria.statespacesets import made, random_model, responses
 from numpy.typing import NDArray
 from scipy import integrate, linalg
 
@@ -22,6 +20,8 @@ from hoopd.ident.statespace.frequencysubspace import Known, frequency_subspace
 from hoopd.ident.statespace.okid import okid
 from hoopd.ident.statespace.stabilise import stabilise
 from hoopd.ident.statespace.subspace import subspaceid
+from identcriteria.statespace import Verdicts, distance, small_systems
+from identcriteria.statespacesets import made, random_model, responses
 
 Array = NDArray[np.float64]
 

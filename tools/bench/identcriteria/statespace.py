@@ -8,7 +8,6 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from identcriteria.statespacesets import fit_percent, made, mimo_set, resonant, responses
 from numpy.typing import NDArray
 
 from hoopd.ident.data import Data
@@ -17,6 +16,7 @@ from hoopd.ident.predict import predict
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.projection import WEIGHTINGS
 from hoopd.ident.statespace.subspace import subspaceid
+from identcriteria.statespacesets import fit_percent, made, mimo_set, resonant, responses
 
 Array = NDArray[np.float64]
 Verdicts = dict[str, float | bool]
