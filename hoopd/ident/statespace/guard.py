@@ -87,4 +87,4 @@ def _whitened(signal: Array) -> Array:
 
 
 def _warn(text: str) -> None:
-    warnings.warn(text, IdentificationWarning, stacklevel=5)
+    warnings.warn(text, IdentificationWarning, stacklevel=6)

@@ -133,7 +133,8 @@ def test_a_structure_keeps_to_its_bounds_and_says_what_is_not_determined() -> No
     u = np.repeat(rng.standard_normal((40, 1)), 10, axis=0)
     data = made(truth, u, rng.standard_normal((400, 2)) * [1.0, 0.02])
     high = np.where(np.arange(6) == 4, 0.2, np.inf)
-    model = structured_pem(data, pitch, 0.9 * PITCH * [1, 1, 1, 1, 0.8, 1], names=list("abcdef"), bounds=(-np.inf, high), focus="simulation")  # fmt: skip
+    start = 0.9 * PITCH * [1, 1, 1, 1, 0.8, 1]
+    model = structured_pem(data, pitch, start, names=list("abcdef"), bounds=(-np.inf, high), focus="simulation")
     assert model.parameters["e"] <= 0.2
     assert model.at_bound == ("e",)
     assert np.isnan(model.deviations()["e"])

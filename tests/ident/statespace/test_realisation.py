@@ -77,7 +77,8 @@ def test_okid_leaves_out_rows_with_gaps_and_era_takes_several_sets() -> None:
 
 def test_truncation_keeps_what_matters_and_refuses_unstable_models() -> None:
     a = np.diag([0.9, 0.5, 0.1])
-    model = Innovations(a, np.array([[1.0], [1.0], [1e-4]]), np.array([[1.0, 1.0, 1e-4]]), np.zeros((1, 1)), np.full((3, 1), 0.1), 1.0)  # fmt: skip
+    b = np.array([[1.0], [1.0], [1e-4]])
+    model = Innovations(a, b, b.T, np.zeros((1, 1)), np.full((3, 1), 0.1), 1.0)
     w = np.linspace(0.1, 3.0, 10)
     small = similarity.reduced(model, 2)
     assert small.nx == 2
