@@ -13,9 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.models import Innovations
-from hoopd.ident.statespace.guard import IdentificationWarning
 from hoopd.ident.statespace.okid import okid
 
 Array = NDArray[np.float64]

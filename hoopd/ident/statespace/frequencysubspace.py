@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
+from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.models import Innovations
-from hoopd.ident.statespace.guard import IdentificationWarning
 from hoopd.ident.statespace.inputs import least_squares
 from hoopd.ident.statespace.stabilise import stabilise
 

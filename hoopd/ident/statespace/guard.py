@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data
 
 Array = NDArray[np.float64]
@@ -22,10 +23,6 @@ FEEDBACK_LEVEL = 41.30
 FORETOLD = 1e-6
 # N (1 - pole) of an integrator that was estimated stays below this in 95 of 100 (Dickey & Fuller, JASA 74, 1979).
 DICKEY_FULLER = 8.0
-
-
-class IdentificationWarning(UserWarning):
-    """The data or the result make the model doubtful."""
 
 
 def check_channels(each: Sequence[Data]) -> None:
@@ -87,4 +84,4 @@ def _whitened(signal: Array) -> Array:
 
 
 def _warn(text: str) -> None:
-    warnings.warn(text, IdentificationWarning, stacklevel=5)
+    warnings.warn(text, IdentificationWarning, stacklevel=6)

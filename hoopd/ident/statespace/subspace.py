@@ -18,11 +18,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.ident.checks import IdentificationWarning, check_channels, check_feedback, check_poles
 from hoopd.ident.data import Data, experiments, runs
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import gaussnewton, projection, windows
 from hoopd.ident.statespace.coordinates import Freedom
-from hoopd.ident.statespace.guard import IdentificationWarning, check_channels, check_feedback, check_poles
 from hoopd.ident.statespace.inputs import Inputs, fit_inputs
 from hoopd.ident.statespace.kalman import gain
 from hoopd.ident.statespace.linear import radius
@@ -233,7 +233,9 @@ def _check_order(s: Array, found: Factor, nx: int) -> None:
     if nx > len(s):
         raise ValueError(f"order {nx} is more than the horizon can tell: {len(s)}")
     own = projection.correlations(found)[nx - 1]
-    chance = np.sqrt(np.log(found.count) * (2 * found.split.ny + found.split.nu) / found.count)
+    # the edge of the correlations of independent past and future (Marchenko & Pastur, 1967, for many more samples)
+    _, past, future = found.split.sizes
+    chance = (np.sqrt(past) + np.sqrt(future)) / np.sqrt(found.count)
     if own < chance:
         warnings.warn(
             f"order {nx} is too high: past and future are correlated to {own:.2g} by the last state, no more than by"

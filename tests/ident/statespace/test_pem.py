@@ -17,11 +17,11 @@ sys.path.append(str(ROOT / "tools" / "bench"))
 from identcriteria import prediction as criteria  # noqa: E402
 from identcriteria.statespacesets import PITCH, made, mimo4, mimo4k_gain, output_error, pair, pitch, responses  # noqa: E402
 
+from hoopd.ident.checks import IdentificationWarning  # noqa: E402
 from hoopd.ident.data import Data, iddata  # noqa: E402
 from hoopd.ident.models import Innovations  # noqa: E402
 from hoopd.ident.predict import prediction_error  # noqa: E402
 from hoopd.ident.statespace import coordinates  # noqa: E402
-from hoopd.ident.statespace.guard import IdentificationWarning  # noqa: E402
 from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener  # noqa: E402
 from hoopd.ident.statespace.linear import radius, states  # noqa: E402
 from hoopd.ident.statespace.nonlinear import nonlinear_pem  # noqa: E402
@@ -32,7 +32,7 @@ from hoopd.ident.statespace.structured import structured_pem  # noqa: E402
 W = np.array([0.1, 0.5, 1.5])
 SECOND = Innovations(
     pair(0.9, 0.5), np.eye(2)[:, :1], np.array([[1.0, 0.5]]), np.zeros((1, 1)), np.array([[0.4], [0.1]]), 1.0
-)
+)  # fmt: skip
 
 
 def second(seed: int = 0, n: int = 600) -> Data:
@@ -87,7 +87,7 @@ def test_errors_of_the_criterion_are_those_of_the_prediction() -> None:
     for horizon in (1, 4):
         assert np.allclose(
             trajectory(model, piece(data), model.x0, horizon).ahead.T, prediction_error(model, data, horizon, model.x0)
-        )
+        )  # fmt: skip
 
 
 def test_the_start_does_not_matter_and_the_optimum_beats_the_truth() -> None:
@@ -133,14 +133,8 @@ def test_a_structure_keeps_to_its_bounds_and_says_what_is_not_determined() -> No
     u = np.repeat(rng.standard_normal((40, 1)), 10, axis=0)
     data = made(truth, u, rng.standard_normal((400, 2)) * [1.0, 0.02])
     high = np.where(np.arange(6) == 4, 0.2, np.inf)
-    model = structured_pem(
-        data,
-        pitch,
-        0.9 * PITCH * [1, 1, 1, 1, 0.8, 1],
-        names=list("abcdef"),
-        bounds=(-np.inf, high),
-        focus="simulation",
-    )
+    start = 0.9 * PITCH * [1, 1, 1, 1, 0.8, 1]
+    model = structured_pem(data, pitch, start, names=list("abcdef"), bounds=(-np.inf, high), focus="simulation")
     assert model.parameters["e"] <= 0.2
     assert model.at_bound == ("e",)
     assert np.isnan(model.deviations()["e"])

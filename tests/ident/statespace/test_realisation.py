@@ -15,12 +15,12 @@ sys.path.append(str(ROOT / "tools" / "bench"))
 from identcriteria import realisation as criteria  # noqa: E402
 from identcriteria.statespacesets import made, mimo4, random_model, responses  # noqa: E402
 
+from hoopd.ident.checks import IdentificationWarning  # noqa: E402
 from hoopd.ident.data import iddata  # noqa: E402
 from hoopd.ident.models import Innovations  # noqa: E402
 from hoopd.ident.statespace import sampling, similarity  # noqa: E402
 from hoopd.ident.statespace.era import era, era_of_data  # noqa: E402
 from hoopd.ident.statespace.frequencysubspace import frequency_subspace, from_response  # noqa: E402
-from hoopd.ident.statespace.guard import IdentificationWarning  # noqa: E402
 from hoopd.ident.statespace.okid import okid  # noqa: E402
 from hoopd.ident.statespace.stabilise import bounded, stabilise  # noqa: E402
 
@@ -77,9 +77,8 @@ def test_okid_leaves_out_rows_with_gaps_and_era_takes_several_sets() -> None:
 
 def test_truncation_keeps_what_matters_and_refuses_unstable_models() -> None:
     a = np.diag([0.9, 0.5, 0.1])
-    model = Innovations(
-        a, np.array([[1.0], [1.0], [1e-4]]), np.array([[1.0, 1.0, 1e-4]]), np.zeros((1, 1)), np.full((3, 1), 0.1), 1.0
-    )
+    b = np.array([[1.0], [1.0], [1e-4]])
+    model = Innovations(a, b, b.T, np.zeros((1, 1)), np.full((3, 1), 0.1), 1.0)
     w = np.linspace(0.1, 3.0, 10)
     small = similarity.reduced(model, 2)
     assert small.nx == 2

@@ -16,10 +16,10 @@ sys.path.append(str(ROOT / "tools" / "bench"))
 from identcriteria import statespace as criteria  # noqa: E402
 from identcriteria.statespacesets import made, mimo4, mimo4k_gain, mimo_set, responses  # noqa: E402
 
+from hoopd.ident.checks import IdentificationWarning  # noqa: E402
 from hoopd.ident.data import Data, iddata  # noqa: E402
 from hoopd.ident.models import Innovations  # noqa: E402
 from hoopd.ident.statespace import windows  # noqa: E402
-from hoopd.ident.statespace.guard import IdentificationWarning  # noqa: E402
 from hoopd.ident.statespace.linear import radius  # noqa: E402
 from hoopd.ident.statespace.projection import WEIGHTINGS  # noqa: E402
 from hoopd.ident.statespace.subspace import subspaceid  # noqa: E402

@@ -122,7 +122,7 @@ def criterion_27(seed: int) -> Verdicts:
 
 
 def criterion_28(seed: int) -> Verdicts:
-    """Poles on the circle, 2 x 2, noise 0.1: cost, response, simulation within the noise; D or not, h 1 and 3."""
+    """Poles on the circle, 2 x 2, noise 0.1: cost, response, errors below half the noise; D or not, h 1 and 3."""
     rng = np.random.default_rng(seed)
     truth = doyle()
     u = rng.standard_normal((1000, 2))
