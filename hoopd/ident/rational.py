@@ -32,6 +32,8 @@ Weight = Literal["log", "equal"] | ArrayLike
 SETTLED = 1e-10
 # Powers of |l| by which the first stage weighs relative errors, from valleys to peaks; the nearest answer counts.
 SHARES = (0.0, 0.5, 1.0)
+# Steps of the second stage from every start, and those that finish the best of them.
+FEW, MANY = 100, 500
 # Smallest damping of a stable factor, beside its frequency: where exp(p) would run away to 0.
 LEAST = 1e-9
 
@@ -70,11 +72,15 @@ def rational(
     if n < 0 or m < 0 or n + m + 1 > 2 * len(problem.w):
         raise ValueError(f"{len(problem.w)} frequencies for {n} poles and {m} zeros")
     before = None if guess is None else guess.den[0][0] / guess.den[0][0][0] * problem.unit ** -np.arange(n + 1.0)
+    steps = FEW if refine else 0
     starts = [_linear(problem, n, m, before, iterations, share) for share in (SHARES if refine else SHARES[:1])]
     if refine and phase:  # gains alone have no turns of 2 pi to be caught in
-        starts += [_finished(problem, b, a, stable=stable, refine=True, phase=False) for b, a in starts]
-    each = [_finished(problem, b, a, stable=stable, refine=refine, phase=phase) for b, a in starts]
-    return min((problem.answered(*_unscaled(b, a, problem.unit), phase) for b, a in each), key=lambda one: one.rms)
+        starts += [_finished(problem, b, a, steps, stable=stable, phase=False) for b, a in starts]
+    each = [_finished(problem, b, a, steps, stable=stable, phase=phase) for b, a in starts]
+    best = min(each, key=lambda one: problem.rms(one[0], one[1], phase))
+    if refine:
+        best = _finished(problem, best[0], best[1], MANY, stable=stable, phase=phase)
+    return problem.answered(*_unscaled(*best, problem.unit), phase)
 
 
 def fit_basis_response(
@@ -215,6 +221,10 @@ class _Problem(NamedTuple):
     def misses(self, said: Complex, phase: bool) -> Array:
         return self.parts(np.log(said / self.data), phase)
 
+    def rms(self, b: Array, a: Array, phase: bool) -> float:
+        """Of polynomials in s/unit."""
+        return float(np.linalg.norm(self.misses(np.polyval(b, self.s) / np.polyval(a, self.s), phase)))
+
     def parts(self, values: Complex, phase: bool) -> Array:
         """Weighted real parts, and the imaginary ones under them when the phase counts."""
         root = self.root if values.ndim == 1 else self.root[:, None]
@@ -268,12 +278,14 @@ def _linear(
     return kept
 
 
-def _finished(problem: _Problem, b: Array, a: Array, *, stable: bool, refine: bool, phase: bool) -> tuple[Array, Array]:
-    """From the first stage to the answer."""
+def _finished(problem: _Problem, b: Array, a: Array, steps: int, *, stable: bool, phase: bool) -> tuple[Array, Array]:
+    """So many steps of the second stage; if `stable`, from a denominator whose roots are mirrored and B fitted anew."""
     denominator: _Denominator = _Stable.of(a) if stable else _Free.of(a)
-    if stable:
+    if stable and (np.roots(a).real > 0.0).any():
         b = _numerator(problem, len(b) - 1, denominator.at(problem.s, denominator.start)[0])
-    return _refined(problem, b, denominator, phase) if refine else (b, denominator.coefficients(denominator.start))
+    return (
+        _refined(problem, b, denominator, steps, phase) if steps else (b, denominator.coefficients(denominator.start))
+    )
 
 
 def _numerator(problem: _Problem, m: int, a: Complex) -> Array:
@@ -283,7 +295,7 @@ def _numerator(problem: _Problem, m: int, a: Complex) -> Array:
     return _solved(columns, problem.data * weight)[::-1]
 
 
-def _refined(problem: _Problem, b: Array, a: _Denominator, phase: bool) -> tuple[Array, Array]:
+def _refined(problem: _Problem, b: Array, a: _Denominator, steps: int, phase: bool) -> tuple[Array, Array]:
     """The second stage."""
     powers, size = _powers(problem.s, len(b) - 1), len(b)
 
@@ -295,7 +307,9 @@ def _refined(problem: _Problem, b: Array, a: _Denominator, phase: bool) -> tuple
         return problem.parts(np.hstack([by_b, -a.at(problem.s, x[size:])[1]]), phase)
 
     start = np.concatenate([b[::-1], a.start])
-    found = optimize.least_squares(misses, start, slopes, method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12).x
+    found = optimize.least_squares(
+        misses, start, slopes, method="trf", x_scale="jac", xtol=1e-10, ftol=1e-10, max_nfev=steps
+    ).x
     return found[size - 1 :: -1], a.coefficients(found[size:])
 
 
