@@ -33,7 +33,7 @@ SETTLED = 1e-10
 # Powers of |l| by which the first stage weighs relative errors, from valleys to peaks; the nearest answer counts.
 SHARES = (0.0, 0.5, 1.0)
 # Steps of the second stage from every start, and those that finish the best of them.
-FEW, MANY = 20, 200
+FEW, MANY = 100, 500
 # Smallest damping of a stable factor, beside its frequency: where exp(p) would run away to 0.
 LEAST = 1e-9
 
@@ -79,7 +79,7 @@ def rational(
     each = [_finished(problem, b, a, steps, stable=stable, phase=phase) for b, a in starts]
     best = min(each, key=lambda one: problem.rms(one[0], one[1], phase))
     if refine:
-        best = _finished(problem, *best, MANY, stable=stable, phase=phase)
+        best = _finished(problem, best[0], best[1], MANY, stable=stable, phase=phase)
     return problem.answered(*_unscaled(*best, problem.unit), phase)
 
 

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize
 
-from hoopd.ident.checks import IdentificationWarning, check_channels
+from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coloured import autoregression_of, shaped
+from hoopd.ident.statespace.guard import check_channels
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.sensitivities import Directions, Piece, piece, sensitivities, trajectory
 from hoopd.ident.statespace.subspace import Focus

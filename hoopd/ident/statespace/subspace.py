@@ -18,11 +18,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import IdentificationWarning, check_channels, check_feedback, check_poles
+from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, experiments, runs
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import gaussnewton, projection, windows
 from hoopd.ident.statespace.coordinates import Freedom
+from hoopd.ident.statespace.guard import check_channels, check_feedback, check_poles
 from hoopd.ident.statespace.inputs import Inputs, fit_inputs
 from hoopd.ident.statespace.kalman import gain
 from hoopd.ident.statespace.linear import radius
