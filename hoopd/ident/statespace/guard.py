@@ -74,6 +74,21 @@ def check_poles(a: Array, n: int) -> None:
         _warn(f"an integrator: a pole cannot be told from 1 by {n} samples; simulations drift")
 
 
+def check_determined(gram: Array, names: Sequence[str]) -> None:
+    """A warning that names the parameters of a combination which the errors do not feel."""
+    values, vectors = np.linalg.eigh(gram)
+    if len(values) and values[0] < 1e-10 * values[-1]:
+        part = np.abs(vectors[: len(names), 0])
+        loose = [
+            name for name, share in zip(names, part, strict=True) if share > 0.1 * max(part.max(initial=0.0), 1e-3)
+        ]
+        warnings.warn(
+            f"the data do not determine a combination of {', '.join(loose) or 'the initial states'}: their covariance"
+            " leaves it out",
+            IdentificationWarning, stacklevel=5,
+        )  # fmt: skip
+
+
 def _whitened(signal: Array) -> Array:
     """What the samples before do not tell of a signal (n - lags,)."""
     m = FEEDBACK_LAGS

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize
 
 from hoopd.ident.data import Data, experiments
-from hoopd.ident.statespace.guard import check_channels
+from hoopd.ident.statespace.guard import check_channels, check_determined
 from hoopd.ident.statespace.unscented import Map, System, filtered
 
 Array = NDArray[np.float64]
@@ -139,10 +139,12 @@ def _result(task: _Task, names: tuple[str, ...], z: Array, bounds: tuple[Array, 
     whiten = np.linalg.inv(np.linalg.cholesky(r + 1e-18 * np.trace(r) * np.eye(len(r)) + 1e-300 * np.eye(len(r))))
     j = _slope(_Task(**{**task.__dict__, "weight": whiten}), z, bounds)
     scale = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
-    covariance = linalg.pinvh((j / scale).T @ (j / scale), rtol=1e-12) / np.outer(scale, scale)
     labels = names + tuple(
         f"x0[{i}]@{k}" for k in range(len(task.each) * task.free_start) for i in range(task.system.nx)
     )
+    gram = (j / scale).T @ (j / scale)
+    check_determined(gram, labels)
+    covariance = linalg.pinvh(gram, rtol=1e-12) / np.outer(scale, scale)
     cost = float(np.mean(np.square(errors)))
     first = tuple(x[:, 0] for x in starts)
     return Nonlinear(

@@ -9,7 +9,6 @@ Rules of this file: the user's function is the only model; a continuous system i
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -19,12 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize
 
-from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coloured import autoregression_of, shaped
-from hoopd.ident.statespace.guard import check_channels
+from hoopd.ident.statespace.guard import check_channels, check_determined
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.sensitivities import Directions, Piece, piece, sensitivities, trajectory
 from hoopd.ident.statespace.subspace import Focus
@@ -347,7 +345,7 @@ def _covariance(task: _Task, z: Array, paths: Sequence[Array], free: NDArray[np.
     j = _slope(replace(task, regulariser=None), z, whiten)[:, free] * np.sqrt(count)
     scale = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     gram = (j / scale).T @ (j / scale)
-    _check_determined(gram, [task.names[i] for i in np.flatnonzero(free[: task.count])])
+    check_determined(gram, [task.names[i] for i in np.flatnonzero(free[: task.count])])
     inverse = linalg.pinvh(gram, rtol=1e-12) / np.outer(scale, scale)
     if task.simulation or task.horizon > 1:
         noise = autoregression_of([(whiten @ e).T for e in paths])
@@ -361,18 +359,3 @@ def _covariance(task: _Task, z: Array, paths: Sequence[Array], free: NDArray[np.
     whole = np.full((len(free), len(free)), np.nan)
     whole[np.ix_(free, free)] = inverse
     return whole[: task.count, : task.count]
-
-
-def _check_determined(gram: Array, names: Sequence[str]) -> None:
-    """A warning that names the parameters of a combination which the errors do not feel."""
-    values, vectors = np.linalg.eigh(gram)
-    if len(values) and values[0] < 1e-10 * values[-1]:
-        part = np.abs(vectors[: len(names), 0])
-        loose = [
-            name for name, share in zip(names, part, strict=True) if share > 0.1 * max(part.max(initial=0.0), 1e-3)
-        ]
-        warnings.warn(
-            f"the data do not determine a combination of {', '.join(loose) or 'the initial states'}: their covariance"
-            " leaves it out",
-            IdentificationWarning, stacklevel=5,
-        )  # fmt: skip

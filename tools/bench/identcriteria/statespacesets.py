@@ -114,14 +114,14 @@ def pitch(p: Array) -> ct.StateSpace:
     return ct.ss(a, b, c, np.zeros((2, 1)))
 
 
-TANK = np.array([1.6, 1.6, 4.9, 0.2])  # pump gains, outlet area over the tanks', share of the valve
+TANK = np.array([1.6, 1.6, 4.9, 0.2])  # pump gains, area of a tank, share of the valve
 TANK_START = np.array([2.5, 1.5, 3.2, 2.8])
 
 
 def tank_rates(x: Array, u: Array, p: Array) -> Array:
     """Four tanks (Johansson, 2000), levels x: dx/dt with the first axis the tank."""
-    outlet = 0.03 / 4.9 * np.sqrt(2.0 * 9.81 * np.maximum(x, 1e-6))
     first, second, area, share = p[0], p[1], p[2], p[3]
+    outlet = 0.03 / area * np.sqrt(2.0 * 9.81 * np.maximum(x, 1e-6))
     return np.stack([
         outlet[2] - outlet[0] + share * first / area * u[0],
         outlet[3] - outlet[1] + share * second / area * u[1],
