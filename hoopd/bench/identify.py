@@ -26,7 +26,7 @@ from hoopd.ident.measures import fit_percent
 from hoopd.ident.models import Innovations, Polynomials, state_space
 from hoopd.ident.polynomial.arx import varx
 from hoopd.ident.polynomial.pem import armax, bj, oe
-from hoopd.ident.predict import predict
+from hoopd.ident.prediction import predict
 from hoopd.ident.residualtests import residuals
 from hoopd.ident.statespace.pem import pem
 from hoopd.ident.statespace.subspace import subspaceid

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.ident.data import Data
 from hoopd.ident.models import Model, Polynomials
-from hoopd.ident.predict import Start, predict, prediction_error
+from hoopd.ident.prediction import Start, predict, prediction_error
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from scipy import stats
 from hoopd.ident.data import Data
 from hoopd.ident.models import Model
 from hoopd.ident.normal import Z95
-from hoopd.ident.predict import Start, prediction_error
+from hoopd.ident.prediction import Start, prediction_error
 
 Array = NDArray[np.float64]
 

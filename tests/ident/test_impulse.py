@@ -10,7 +10,7 @@ from scipy import signal
 from hoopd.ident import kernels
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.impulse import _triangle, impulseest
-from hoopd.ident.predict import simulate
+from hoopd.ident.prediction import simulate
 
 DT = 0.1
 TAPS = signal.lfilter([0.0, 0.5, 0.2], [1.0, -1.5, 0.7], np.eye(1, 120)[0])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hoopd.ident.bases import laguerre
-from hoopd.ident.rational import fit_basis_response, minimum_phase, rational
+from hoopd.ident.rationalfit import fit_basis_response, minimum_phase, rational
 
 W = np.geomspace(0.01, 100.0, 300)
 PLANT = ct.tf([3.0, 2.0, 30.0], np.polymul([1.0, 0.1, 4.0], [1.0, 1.0, 100.0]))

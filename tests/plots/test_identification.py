@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Polynomials
-from hoopd.ident.predict import predict, simulate
+from hoopd.ident.prediction import predict, simulate
 from hoopd.ident.residualtests import residuals
 from hoopd.plots import style
 from hoopd.plots.identification import (

@@ -12,7 +12,7 @@ from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.polynomial.arx import arx, regressors, residuals, varx
 from hoopd.ident.polynomial.estimators import least_squares
-from hoopd.ident.predict import prediction_error
+from hoopd.ident.prediction import prediction_error
 
 A = np.array([1.0, -1.5, 0.7])
 B = (np.array([0.0, 0.0, 1.0, 0.5]), np.array([0.3, -0.2, 0.0, 0.0]))

@@ -13,7 +13,7 @@ from hoopd.ident.polynomial.gaussnewton import Stretch, errors, jacobian
 from hoopd.ident.polynomial.pem import armax, bj, oe, orders_of, pem, prediction_errors, stretches
 from hoopd.ident.polynomial.stable import radius, reflected
 from hoopd.ident.polynomial.structure import structure
-from hoopd.ident.predict import prediction_error, simulate
+from hoopd.ident.prediction import prediction_error, simulate
 
 A, B, C = np.array([1.0, -1.5, 0.7]), np.array([0.0, 1.0, 0.5]), np.array([1.0, -1.0, 0.2])
 D = np.array([1.0, -0.6])

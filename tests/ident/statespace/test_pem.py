@@ -20,7 +20,7 @@ from identcriteria.statespacesets import PITCH, made, mimo4, mimo4k_gain, output
 from hoopd.ident.checks import IdentificationWarning  # noqa: E402
 from hoopd.ident.data import Data, iddata  # noqa: E402
 from hoopd.ident.models import Innovations  # noqa: E402
-from hoopd.ident.predict import prediction_error  # noqa: E402
+from hoopd.ident.prediction import prediction_error  # noqa: E402
 from hoopd.ident.statespace import coordinates  # noqa: E402
 from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener  # noqa: E402
 from hoopd.ident.statespace.linear import radius, states  # noqa: E402

@@ -18,7 +18,7 @@ from hoopd.ident import frequencydata as fd
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.filtering import prefilter, resample
 from hoopd.ident.models import Polynomials
-from hoopd.ident.rational import fit_basis_response, minimum_phase, rational
+from hoopd.ident.rationalfit import fit_basis_response, minimum_phase, rational
 from hoopd.ident.spectral import coherence
 from hoopd.ident.spectrogram import model_spectrum
 

@@ -34,7 +34,7 @@ from hoopd.ident.polynomial.orders import aic, aicc, bic, fpe, scan
 from hoopd.ident.polynomial.pem import armax, oe, stretches
 from hoopd.ident.polynomial.plr import plr
 from hoopd.ident.polynomial.structure import structure
-from hoopd.ident.predict import predict, simulate
+from hoopd.ident.prediction import predict, simulate
 from tools.bench.identcriteria import sets
 
 Array = NDArray[np.float64]

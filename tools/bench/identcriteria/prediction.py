@@ -14,7 +14,7 @@ from scipy import linalg
 
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Innovations
-from hoopd.ident.predict import estimate_x0, predict, prediction_error, simulate
+from hoopd.ident.prediction import estimate_x0, predict, prediction_error, simulate
 from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener
 from hoopd.ident.statespace.linear import states
 from hoopd.ident.statespace.nonlinear import nonlinear_pem

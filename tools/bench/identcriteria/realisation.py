@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import integrate, linalg
 
 from hoopd.ident.models import Innovations
-from hoopd.ident.predict import estimate_x0, prediction_error, simulate
+from hoopd.ident.prediction import estimate_x0, prediction_error, simulate
 from hoopd.ident.statespace import sampling, similarity
 from hoopd.ident.statespace.era import era, era_of_data
 from hoopd.ident.statespace.frequencysubspace import Known, frequency_subspace

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hoopd.ident.data import Data
 from hoopd.ident.models import Innovations
-from hoopd.ident.predict import predict
+from hoopd.ident.prediction import predict
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.projection import WEIGHTINGS
 from hoopd.ident.statespace.subspace import subspaceid
