@@ -17,6 +17,7 @@ from scipy import linalg, signal
 from hoopd.design.discrete import c2d, d2c
 from hoopd.ident.conditioning import whole
 from hoopd.ident.data import Data, iddata
+from hoopd.ident.statespace.sampling import sampled_noise, unsampled_noise
 
 Array = NDArray[np.float64]
 Band = tuple[float, float]
@@ -87,14 +88,10 @@ def resampled_system(system: ct.StateSpace | ct.TransferFunction, dt: float) -> 
 def resampled_covariance(a: ArrayLike, q: ArrayLike, dt: float, new_dt: float) -> Array:
     """Covariance (nx, nx) over `new_dt` of the white noise whose covariance over `dt` is q, x+ = a x + w.
 
-    Q(h) = int_0^h exp(F s) W exp(F' s) ds, F = log(a)/dt, is linear in W: solved for W, then asked again.
-    Source: C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. AC 23 (1978).
+    By way of the density of the continuous noise, F = log(a)/dt.
     """
     rate = np.real(linalg.logm(np.asarray(a, float))) / dt
-    n = len(rate)
-    kronecker = np.kron(rate, np.eye(n)) + np.kron(np.eye(n), rate)
-    density = np.linalg.solve(_integral(kronecker, dt), np.asarray(q, float).reshape(-1))
-    return np.asarray((_integral(kronecker, new_dt) @ density).reshape(n, n))
+    return sampled_noise(rate, unsampled_noise(rate, np.asarray(q, float), dt), new_dt)
 
 
 # ---------------------------------------------------------------------------------------------- inside
@@ -147,10 +144,3 @@ def _coefficients(system: ct.TransferFunction, data: Data) -> tuple[Array, Array
         raise ValueError(f"a filter is a discrete system of one input and output with a step of {data.dt} s")
     num, den = np.asarray(system.num[0][0], float), np.asarray(system.den[0][0], float)
     return np.concatenate([np.zeros(max(len(den) - len(num), 0)), num]), den
-
-
-def _integral(f: Array, h: float) -> Array:
-    """int_0^h exp(f s) ds, the corner of exp([[f, I], [0, 0]] h)."""
-    n = len(f)
-    block = np.block([[f, np.eye(n)], [np.zeros((n, 2 * n))]])
-    return np.asarray(linalg.expm(block * h)[:n, n:])

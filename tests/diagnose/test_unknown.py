@@ -10,7 +10,7 @@ import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
 from hoopd.diagnose.curves.locate import locate
-from hoopd.diagnose.curves.shapes import refitted
+from hoopd.diagnose.curves.shapes import fitted_shapes, recordings_of, together
 from hoopd.diagnose.curves.unknown import Survey, chance_of_lead, judge_unknown, survey
 from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit, fit
@@ -66,7 +66,8 @@ def test_a_force_outside_the_library_is_unknown_where_it_sits(magnetic: Survey) 
 
 
 def test_its_curve_is_the_force(magnetic: Survey) -> None:
-    joint, shapes = refitted(magnetic.curves[0], magnetic.fit)
+    joint, (curve,) = together([magnetic.curves[0]], magnetic.fit)
+    shapes = fitted_shapes(curve, joint, recordings_of(joint))
     assert joint.criterion < magnetic.fit.criterion - 10.0
     shape = shapes[0]
     true = np.array([PULL * float(magnet_force(float(x))) for x in shape.x])

@@ -89,12 +89,6 @@ def together(scores: Sequence[CurveScore], beside: Fit) -> tuple[Fit, list[Curve
     return joint, [curve for curve, _ in made]
 
 
-def refitted(score: CurveScore, beside: Fit) -> tuple[Fit, tuple[Shape, ...]]:
-    """One curve fitted jointly with everything the fit has: the fit, and the curve's values with their bands."""
-    joint, (curve,) = together([score], beside)
-    return joint, fitted_shapes(curve, joint, recordings_of(beside))
-
-
 def recordings_of(found: Fit) -> tuple[str, ...]:
     """Names, in the order of the data."""
     return tuple(dict.fromkeys(track.stretch.recording for track in found.tracks))

@@ -11,18 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.checks import DICKEY_FULLER, IdentificationWarning, answers
 from hoopd.ident.data import Data
 
 Array = NDArray[np.float64]
-
-FEEDBACK_LAGS = 10
-# Upper 1e-5 point of chi-square with 10 degrees of freedom: one false alarm in 100,000 channels.
-FEEDBACK_LEVEL = 41.30
-# An input that its own past tells to this share (a sine, a constant) answers nobody.
-FORETOLD = 1e-6
-# N (1 - pole) of an integrator that was estimated stays below this in 95 of 100 (Dickey & Fuller, JASA 74, 1979).
-DICKEY_FULLER = 8.0
 
 
 def check_channels(each: Sequence[Data]) -> None:
@@ -44,27 +36,14 @@ def check_channels(each: Sequence[Data]) -> None:
 
 
 def check_feedback(errors: Array, u: Array, inputs: Sequence[str], outputs: Sequence[str]) -> None:
-    """Warn when an input u (n, nu) follows earlier one-step errors (n, ny) beyond chance.
-
-    Both are whitened by their own past; n times the sum of squared correlations at 1 to 10 samples is then chi-square
-    (Granger, Econometrica 37, 1969).
-    """
-    if len(u) < 10 * FEEDBACK_LAGS:
-        return
-    late = [_whitened(errors[:, j]) for j in range(errors.shape[1])]
+    """Warn when an input u (n, nu) follows earlier one-step errors (n, ny) beyond chance, as `answers` tells it."""
     for i, name in enumerate(inputs):
-        fresh = _whitened(u[:, i])
-        if fresh @ fresh <= FORETOLD * (u[:, i] @ u[:, i]):
-            continue
-        for e, output in zip(late, outputs, strict=True):
-            size = (e @ e) * (fresh @ fresh) / len(e)
-            together = np.array([fresh[k:] @ e[:-k] for k in range(1, FEEDBACK_LAGS + 1)])
-            if size > 0.0 and together @ together > FEEDBACK_LEVEL * size:
-                _warn(
-                    f"feedback suspected: input {name} follows earlier disturbances of {output}; subspace estimates"
-                    " are biased in a loop, pem with a free gain is not"
-                )
-                break
+        output = next((one for e, one in zip(errors.T, outputs, strict=True) if answers(e, u[:, i])), None)
+        if output is not None:
+            _warn(
+                f"feedback suspected: input {name} follows earlier disturbances of {output}; subspace estimates"
+                " are biased in a loop, pem with a free gain is not"
+            )
 
 
 def check_poles(a: Array, n: int) -> None:
@@ -87,15 +66,6 @@ def check_determined(gram: Array, names: Sequence[str]) -> None:
             " leaves it out",
             IdentificationWarning, stacklevel=5,
         )  # fmt: skip
-
-
-def _whitened(signal: Array) -> Array:
-    """What the samples before do not tell of a signal (n - lags,)."""
-    m = FEEDBACK_LAGS
-    past = np.stack([signal[m - k : len(signal) - k] for k in range(1, m + 1)], axis=1)
-    gram = past.T @ past
-    own = np.linalg.lstsq(gram, past.T @ signal[m:], rcond=1e-11)[0]
-    return np.asarray(signal[m:] - past @ own)
 
 
 def _warn(text: str) -> None:
