@@ -347,6 +347,10 @@ def diagnose(
     effects: Annotated[
         Path | None, typer.Option("--effects", help="Effects of your own beside the library.", metavar="FILE.py")
     ] = None,
+    without: Annotated[
+        list[str],
+        typer.Option("--without", help="Effect that is not to be looked for; repeatable.", metavar="NAME[,NAME]"),
+    ] = [],  # noqa: B006
     columns: ColumnsOption = None,
     age: AgeOption = "",
     report: Annotated[
@@ -376,6 +380,7 @@ def diagnose(
             holdout,
             model=model,
             effects=effects,
+            without=[name for text in without for name in text.split(",")],
             json_path=json_path,
             report=report,
             write=write,

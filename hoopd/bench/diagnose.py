@@ -15,8 +15,8 @@ from hoopd.bench.diagnose_inputs import (
     check_lengths,
     check_motion,
     expanded,
+    plants,
     read_source,
-    richest,
 )
 from hoopd.bench.foundmodel import found_model, left_out
 from hoopd.bench.targets import check_targets
@@ -28,7 +28,6 @@ from hoopd.diagnose.search.trying import Settings
 from hoopd.effectsfile import load_effects
 from hoopd.files import InputError
 from hoopd.modelfiles import ModelFile, effects_of, load_model, model_text, parse_model
-from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library
 from hoopd.recording.bytesof import replace_file
@@ -45,6 +44,7 @@ def run(
     *,
     model: Path | None = None,
     effects: Path | None = None,
+    without: Sequence[str] = (),
     json_path: Path | None = None,
     report: Path | None = None,
     write: Path | None = None,
@@ -65,6 +65,7 @@ def run(
         held_texts,
         base,
         effects=effects,
+        without=without,
         columns=columns,
         age=age,
         seed=seed,
@@ -82,6 +83,7 @@ def outcome_of(
     base: ModelFile,
     *,
     effects: Path | None = None,
+    without: Sequence[str] = (),
     columns: str | None = None,
     age: str = "",
     seed: int = 0,
@@ -97,7 +99,7 @@ def outcome_of(
     check_motion(train, held, base.structure)
     whole = () if held else tuple(train)
     train, held, how = _parts(train, held)
-    known = _library(richest([*train, *held]), effects)
+    known = _library([*train, *held], effects, without)
     own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
     return diagnose(
         Case(
@@ -130,13 +132,19 @@ def _parts(train: Sequence[Source], held: Sequence[Source]) -> tuple[list[Source
     return train, held, how
 
 
-def _library(plant: DeclaredPlant, effects: Path | None) -> dict[str, Effect]:
-    """Effects by name; a user's file may add some and replace none."""
-    extra = () if effects is None else load_effects(effects, plant)
-    try:
-        return library(plant, extra)
-    except ValueError as error:
-        raise InputError(effects, "", str(error)) from None
+def _library(sources: Sequence[Source], effects: Path | None, without: Sequence[str]) -> dict[str, Effect]:
+    """Effects of all that moves in any recording, by name; a user's file may add some and replace none."""
+    known: dict[str, Effect] = {}
+    for plant in plants(sources):
+        extra = () if effects is None else load_effects(effects, plant)
+        try:
+            known |= library(plant, extra)
+        except ValueError as error:
+            raise InputError(effects, "", str(error)) from None
+    for name in without:
+        if name not in known:
+            raise InputError("--without", name, f"is none of {', '.join(sorted(known))}")
+    return {name: effect for name, effect in known.items() if name not in without}
 
 
 def _in_fits(effect: Effect) -> bool:

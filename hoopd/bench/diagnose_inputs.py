@@ -140,7 +140,7 @@ def _words(coordinates: set[str]) -> str:
     return " and ".join(names.get(q, q) for q in sorted(coordinates, reverse=True))
 
 
-def richest(sources: Sequence[Source]) -> DeclaredPlant:
-    """The plant in which most moves: its library holds the others'."""
-    plants = [stretch.plant for source in sources for stretch in source.stretches]
-    return max(plants, key=lambda plant: len(plant.slots))
+def plants(sources: Sequence[Source]) -> list[DeclaredPlant]:
+    """One of each kind; that in which most moves comes last."""
+    every = {one.plant.coordinates: one.plant for source in sources for one in source.stretches}
+    return sorted(every.values(), key=lambda plant: len(plant.slots))

@@ -198,7 +198,7 @@ def unexplained_of(unknown: Unknown | None) -> Unexplained | None:
         fires=True,
         slot=curve.slot,
         curve=Curve(
-            regressor=curve.depends_on[0], regressor_unit=curve.variable.unit, unit=curve.unit,
+            regressor=curve.variable.name, regressor_unit=curve.variable.unit, unit=curve.unit,
             x=shape.x.tolist(), y=shape.y.tolist(), low=shape.low.tolist(), high=shape.high.tolist(),
         ),
         share=unknown.share,

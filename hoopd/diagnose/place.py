@@ -9,14 +9,14 @@ Rules of this file: from what was measured to a record; nothing is screened or f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.curves.locate import Located, locate
 from hoopd.diagnose.curves.unknown import Survey, Unknown
-from hoopd.diagnose.record import Location, Verdict
+from hoopd.diagnose.record import EffectFinding, Location, Verdict
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Column, whitened_changes
 from hoopd.physics.effects.base import Effect
@@ -26,22 +26,32 @@ Array = NDArray[np.float64]
 # What shows in less than so much of the time has segments of its own: the fewest seconds that hold most of its energy.
 MOST_ENERGY, SELDOM = 0.9, 0.25
 BIN_S = 0.5
+# The channel whose samples may be faulty by themselves.
+FAULTY = "psi"
 
 
-def location_of(named: Named, base: Survey, unknown: Unknown | None, verdict: Verdict) -> Location:
-    """Of the strongest finding; of a channel only where parameters are the answer."""
+def location_of(
+    named: Named, base: Survey, unknown: Unknown | None, verdict: Verdict, findings: Sequence[EffectFinding] = ()
+) -> Location:
+    """Of the first of the findings (they come with the most evidence first); of a channel where parameters are it."""
     found = locate(base)
     if verdict == "parameters":
         return Location(
             slot=None, channel=_most(base.screen.shares(_moved(named))), segments=None, depends_on=[],
             evidence={**found.evidence},
         )  # fmt: skip
-    if unknown is not None and not named.accepted:
+    if not findings:
+        return Location.nowhere(found.evidence)
+    first = findings[0]
+    if unknown is not None and first.name == unknown.name:
         return _at(unknown.curve.slot, unknown.curve.depends_on, unknown.score.vector, base, found)
-    if named.accepted:
-        effect = max(named.accepted, key=lambda one: named.losses[one.effect.name]).effect
-        return _at(effect.slot, effect.depends_on, change_by(effect, named), base, found)
-    return Location.nowhere(found.evidence)
+    effect = next((one.effect for one in named.accepted if one.effect.name == first.name), None)
+    if effect is None:
+        # a fault of the camera, counted before any model: it is there all the time
+        return Location(
+            slot=first.slot, channel=FAULTY, segments=None, depends_on=[], evidence={**found.evidence}
+        )  # fmt: skip
+    return _at(effect.slot, effect.depends_on, change_by(effect, named), base, found)
 
 
 def _at(slot: str, depends_on: tuple[str, ...], vector: Array, base: Survey, found: Located) -> Location:

@@ -15,6 +15,7 @@ from hoopd.diagnose.curves.unknown import Unknown
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.engine.intervals import Interval
+from hoopd.diagnose.engine.stepcheck import step_nats, step_sentence
 from hoopd.diagnose.faults import camera_faults
 from hoopd.diagnose.findings import (
     base_of,
@@ -137,12 +138,14 @@ def diagnose(case: Case) -> Outcome:
         schema=SCHEMA,
         verdict=verdict,
         base=base_of(case.model, named),
-        location=location_of(named, missing.base, unknown, verdict),
+        location=location_of(named, missing.base, unknown, verdict, effects),
         effects=effects,
         fit=table,
         unexplained=unexplained_of(unknown),
         next_experiment=next_experiment(named, apart, case.library, case.seed),
-        data_quality=quality_of([*case.train, *case.heldout], [*data.aside, *data_held.aside]),
+        data_quality=quality_of(
+            [*case.train, *case.heldout], [*data.aside, *data_held.aside], [step_sentence(step_nats(named.final))]
+        ),
         seed=case.seed,
         candidates=candidates_of(named, threshold),
         power=visible(named, case.library, threshold),
@@ -189,7 +192,7 @@ def _heldout_again(named: Named, data: Data, held: HeldOut) -> tuple[Data, HeldO
     return (data, held) if more is data else (more, HeldOut(more.kept))
 
 
-def quality_of(sources: Sequence[Source], aside: Sequence[Interval]) -> DataQuality:
+def quality_of(sources: Sequence[Source], aside: Sequence[Interval], notes: Sequence[str] = ()) -> DataQuality:
     """Numbers of samples over all recordings, and of each."""
     each: dict[str, RecordingQuality] = {}
     for source in {source.name: source for source in sources}.values():
@@ -201,14 +204,19 @@ def quality_of(sources: Sequence[Source], aside: Sequence[Interval]) -> DataQual
             late_frames=counts["late_frames"],
             outliers=counts["outliers"],
             segments_ignored=sorted([*segments, *own]),
+            samples=counts["samples"],
+            frames=counts["frames"],
             notes=list(source.quality.notes),
         )
     return DataQuality(
         missing=sum(one.missing or 0 for one in each.values()),
         late_frames=sum(one.late_frames or 0 for one in each.values()),
         outliers=sum(one.outliers or 0 for one in each.values()),
+        samples=sum(one.samples or 0 for one in each.values()),
+        frames=sum(one.frames or 0 for one in each.values()),
         segments_ignored=[one for part in each.values() for one in part.segments_ignored],
         recordings=each,
+        notes=list(notes),
     )
 
 

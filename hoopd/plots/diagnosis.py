@@ -39,7 +39,7 @@ def plain(text: object) -> str:
 
 
 def draw_evidence_by_slot(evidence: Mapping[str, Number]) -> Figure:
-    """A bar for each slot: nats that a free disturbance there would gain."""
+    """A bar for each slot: the surprise, in nats, of the best law or curve there."""
     known = sorted(((gain, slot) for slot, gain in evidence.items() if gain is not None), reverse=True)
     figure = style.figure(WIDTH_IN, 0.8 + ROW_IN * len(known))
     axes = figure.axes[0]

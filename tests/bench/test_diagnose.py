@@ -14,15 +14,20 @@ from typing import Any
 import numpy as np
 import pytest
 from bench.devicerun import written
+from diagnose.madeup import NOISE, stretch_with
 
 from hoopd import cli
 from hoopd.bench import diagnose
 from hoopd.bench.diagnose_inputs import check_distinct, expanded
+from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.recordfile import parse
 from hoopd.files import InputError
 from hoopd.modelfiles import effects_of, load_model
+from hoopd.physics.declared import hoop_plant
+from hoopd.physics.effects.catalogue import library
 from hoopd.recording import load, save
+from hoopd.recording.recording import from_columns
 
 FRICTION_NM = 6e-3
 NAME = "hoop.coulomb_friction"
@@ -293,6 +298,48 @@ def test_a_models_own_effects_are_part_of_what_is_judged(made: Path) -> None:
         diagnose.run([str(made / "train")], [str(made / "held.csv")], model=made / "found.yaml")
     assert [effect.name for effect in cases[0].effects] == [NAME]
     assert cases[0].values[f"{NAME}.Fc"] == load_model(made / "found.yaml").effects[0].parameters["Fc"].value
+
+
+@pytest.fixture(scope="module")
+def of_two_kinds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bare hoop and a hoop with its ball, both with the same dry friction, under a physical structure."""
+    folder, values = tmp_path_factory.mktemp("kinds"), load_model(MODELS / "hoop.yaml").values()
+    friction = {f"{NAME}.Fc": FRICTION_NM}
+    parts = {"hoop": slice(0, 1), "both": slice(0, 2)}
+    for name, kind, seed in (("bare", "hoop", 1), ("run", "both", 2), ("held", "both", 3)):
+        plant, part = hoop_plant("rolling", values, kind), parts[kind]
+        noise = Noise(NOISE.force[part], NOISE.time_s[part], NOISE.reading[: len(plant.channels)])
+        made = stretch_with(plant, name, seed, 10.0, [library(plant)[NAME]], friction, noise=noise)
+        columns = {"psi": np.full(len(made.t), np.nan), **dict(zip(plant.channels, made.y.T, strict=True))}
+        save(from_columns({"t": made.t, "u": np.append(made.u, made.u[-1]), **columns}), folder / f"{name}.csv")
+    return folder
+
+
+def test_a_bare_hoop_and_hoop_with_ball_are_diagnosed_together(of_two_kinds: Path) -> None:
+    train, held = [str(of_two_kinds / name) for name in ("bare.csv", "run.csv")], [str(of_two_kinds / "held.csv")]
+    found = diagnose.run(train, held, model=MODELS / "hoop.yaml", free_run=False)
+    low, high = found.effects[0].parameters["Fc"].ci95 or (0.0, 0.0)
+    assert [one.name for one in found.effects] == [NAME]
+    assert low - 0.3e-3 < FRICTION_NM < high + 0.3e-3
+    assert {"theta_rate", "psi"} <= set(found.fit.train[train[1]])
+    assert found.fit.train[train[0]].get("psi") is None
+    assert any("solver's step" in note for note in found.data_quality.notes)
+
+
+def test_what_is_not_to_be_looked_for_is_called_unknown(of_two_kinds: Path) -> None:
+    train, held = [str(of_two_kinds / name) for name in ("bare.csv", "run.csv")], [str(of_two_kinds / "held.csv")]
+    rubs = (NAME, "hoop.stribeck_friction", "hoop.friction_drift", "hoop.quadratic_drag")
+    found = diagnose.run(train, held, model=MODELS / "hoop.yaml", free_run=False, without=rubs)
+    assert found.verdict == "unknown_physics"
+    assert found.effects[0].name == "unknown.hoop"
+    assert (found.location.slot, found.location.depends_on) == ("hoop", ["dtheta"])
+
+
+def test_an_effect_that_is_not_in_the_library_cannot_be_left_out(
+    short: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command(monkeypatch, short, "--without", f"{NAME},hoop.nonsense") == 2
+    assert "--without: hoop.nonsense: is none of" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["a name too long", "links in a circle"])

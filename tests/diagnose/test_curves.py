@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from hoopd.diagnose.curves.curve import curves
 from hoopd.diagnose.curves.hats import curve_expression, hats, spread_knots, turn_knots
 from hoopd.diagnose.curves.screen import CurveScreen, by_slot, null_quantiles
+from hoopd.diagnose.curves.shapes import fitted_shapes, recordings_of, shapes_of, together
 from hoopd.diagnose.curves.sites import wanted
 from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit, fit
@@ -170,3 +171,55 @@ def test_recordings_of_hoop_alone_and_of_both_stand_side_by_side(first: str) -> 
     scores = found.scores()
     assert all(np.isfinite(one.surprise) for one in scores)
     assert abs(sum(found.shares(scores[0].vector).values()) - 1.0) < 1e-9
+
+
+def test_curves_of_the_ball_are_fitted_beside_recordings_of_the_hoop_alone() -> None:
+    """One that reads psi, and one that each recording has for itself at a slot that only two of them have."""
+    values = load_model(or_shipped(Path("models/hoop.yaml"))).values()
+    alone = Noise(NOISE.force[:1], NOISE.time_s[:1], NOISE.reading[:2])
+    data = [
+        stretch_with(hoop_plant("rolling", values, kind), f"{kind}{seed}", seed, 6.0, noise=noise)
+        for kind, seed, noise in (("hoop", 1, alone), ("both", 2, NOISE), ("both", 3, NOISE))
+    ]
+    base = fit(data, (), values)
+    screen = CurveScreen(base)
+    hoop_of_ball = next(c for c in screen.curves if c.slot == "hoop" and c.depends_on == ("psi",))
+    own = next(c for c in screen.curves if c.slot == "camera" and c.per_recording)
+    assert [hoop_of_ball.fits(one.plant) for one in data] == [False, True, True]
+    scores = [screen.score(screen._index(one), screen.residual) for one in (hoop_of_ball, own)]
+    joint, made = together(scores, base)
+    assert np.isfinite(joint.criterion)
+    shapes = fitted_shapes(made[1], joint, recordings_of(joint))
+    assert [one.recording for one in shapes] == ["both2", "both3"]
+    assert [one.recording for one in shapes_of(scores[1], screen.recordings)] == ["both2", "both3"]
+
+
+def test_recordings_of_different_parts_have_the_curves_of_both() -> None:
+    values = load_model(or_shipped(Path("models/hoop.yaml"))).values()
+    only = {"hoop": Noise(NOISE.force[:1], NOISE.time_s[:1], NOISE.reading[:2]),
+            "ball": Noise(NOISE.force[1:], NOISE.time_s[1:], NOISE.reading[2:])}  # fmt: skip
+    data = [stretch_with(hoop_plant("rolling", values, kind), kind, 3, 6.0, noise=only[kind]) for kind in only]
+    slots = {one.slot for one in curves(fit(data, (), values))}
+    assert {"hoop", "actuator", "encoder", "ball", "camera"} <= slots
+
+
+def test_torque_lost_while_the_drive_brakes_is_seen_at_the_actuator() -> None:
+    """After every reversal: neither the demand nor the speed alone shows it."""
+
+    def lost(s: object, e: object) -> object:
+        return s.u * (1.0 - e.k * (s.u * s.dtheta < 0))  # type: ignore[attr-defined]
+
+    plant = shipped_plant()
+    hidden = Effect("actuator.brake", (EffectParameter("k", "-", 0, 0, 1),), torque=lost, order=3)
+    made = stretch_with(plant, "r", 3, 16.0, [hidden], {"actuator.brake.k": 0.1})
+    best = CurveScreen(fit([made], (), plant.values)).scores()[0]
+    assert (best.curve.slot, best.curve.depends_on) == ("actuator", ("u", "u*dtheta"))
+    assert best.curve.variable.unit == "W"
+
+
+def test_a_recording_of_ten_minutes_has_no_more_knots_over_time_than_memory_takes() -> None:
+    from hoopd.diagnose.curves.curve import MOST_OVER_TIME, _knot_sets
+    from hoopd.diagnose.curves.sites import TIME
+
+    (knots,) = _knot_sets(TIME, np.linspace(0.0, 600.0, 30001))
+    assert len(knots) == MOST_OVER_TIME

@@ -12,6 +12,7 @@ from freeruns import COUNT_RAD, PSI_SIGMA_RAD
 from shared import shared_path
 
 from hoopd.diagnose.faults import camera_faults
+from hoopd.diagnose.quality import stops
 from hoopd.diagnose.quality.judged import assess, cleaned
 from hoopd.recording import load
 from hoopd.recording.recording import from_columns
@@ -118,7 +119,7 @@ def test_a_burst_is_a_segment_and_no_effect():
     assert (first, last) == pytest.approx((10.0, 10.78), abs=0.06)
     assert "burst" in reason
     assert corruption_findings(quality) == []
-    assert not quality.masks()["psi"][505:535].any()
+    assert not quality.channels["psi"].counts[505:535].any()
 
 
 def test_a_drive_that_ends_and_a_camera_that_stops_are_segments():
@@ -151,12 +152,23 @@ def test_gaps_jitter_and_set_clocks_are_seen():
     t[700:] += 1.5
     shifted = t.copy()
     shifted[1000:] -= 0.4
-    clock = assess(replace(recording, t=t, y_t=t, psi_t=shifted)).clock
+    uneven = replace(recording, t=t, y_t=t, psi_t=shifted)
+    notes, clock = assess(uneven).notes, stops.clock(uneven)
+    assert any("rows are missing in 1 places, for 1.5" in note for note in notes)
+    assert any("clock was set at" in note for note in notes)
     assert clock.jitter_s == pytest.approx(0.001 * np.sqrt(2.0), rel=0.1)
     ((first, last),) = clock.gaps
     assert last - first > 1.4
     assert clock.steps == pytest.approx([t[1000]], abs=0.3)
     assert clock.not_increasing == 0
+
+
+def test_a_torque_that_stays_at_its_limit_is_told():
+    recording = spoiled.clean(1)
+    wave = 0.1 * np.sin(2.0 * np.pi * recording.t)
+    for u, told in ((np.clip(wave, -0.08, 0.08), True), (wave, False)):
+        notes = assess(replace(recording, u=u)).notes
+        assert any("stays at its limit" in note for note in notes) == told
 
 
 def test_uneven_sampling_of_the_encoder_is_no_false_value():
@@ -190,7 +202,7 @@ def test_a_camera_slower_than_the_rows_is_said():
 def test_the_speed_to_be_trusted_is_decided_by_the_data(change, channel, words):
     recording = spoiled.clean(1)
     quality = assess(replace(recording, dtheta=change(recording)))
-    assert quality.speed_channel == channel
+    assert quality.speed.channel == channel
     assert words in quality.speed.reason
 
 
@@ -200,7 +212,7 @@ def test_cleaned_keeps_what_counts_and_nothing_else():
     bad = spoiled.false(recording, rows, None)
     quality = assess(bad)
     psi = cleaned(bad, quality).psi
-    assert np.array_equal(np.isfinite(psi), quality.masks()["psi"])
+    assert np.array_equal(np.isfinite(psi), quality.channels["psi"].counts)
     assert np.nanmax(np.abs(psi - recording.extra["exact"])) < 0.05
     assert np.array_equal(cleaned(bad, quality).u, bad.u)
 
@@ -214,6 +226,8 @@ def test_every_sample_is_one_thing_and_the_numbers_are_json():
         kinds = (channel.counts, channel.missing, channel.stuck, channel.late, channel.outliers, channel.ignored)
         assert (np.sum(kinds, axis=0) == 1).all(), channel.name
     numbers = json.loads(json.dumps(quality.data_quality(), allow_nan=False))
+    assert numbers["frames"] == len(bad)
+    assert numbers["samples"] == 3 * len(bad)
     assert numbers["missing"] == 10
     assert numbers["late_frames"] == pytest.approx(75, abs=15)
     assert numbers["outliers"] == pytest.approx(75, abs=15)
@@ -248,11 +262,11 @@ def test_real_recordings_show_their_late_frames_stuck_camera_and_driver_speed():
     ((first, last, _),) = [one for one in quality.segments if "camera" in one[2]]
     assert last - first > 1.5
     assert last == pytest.approx(50.0)
-    assert quality.speed_channel == "theta_rate"
+    assert quality.speed.channel == "theta_rate"
     assert "times the slope" in quality.speed.reason
 
 
 def test_a_motor_current_is_no_ball():
     quality = assess(load(shared_path("recordings/meas_hoop02_chirp.mat")))
     assert quality.moving == "hoop"
-    assert not quality.masks()["psi"].any()
+    assert not quality.channels["psi"].counts.any()

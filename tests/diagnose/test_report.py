@@ -134,8 +134,12 @@ def test_an_unknown_effect_has_its_slot_and_what_it_follows() -> None:
 
 
 def test_what_remains_beside_a_named_effect_is_said() -> None:
-    diagnosis = msgspec.structs.replace(coulomb()[0], unexplained=unknown()[0].unexplained)
-    assert words.verdict_sentence(diagnosis).endswith("What remains is not in the library.")
+    diagnosis = msgspec.structs.replace(
+        coulomb()[0], verdict="unknown_physics", unexplained=unknown()[0].unexplained,
+        effects=[*coulomb()[0].effects, *unknown()[0].effects],
+    )  # fmt: skip
+    said = words.verdict_sentence(diagnosis)
+    assert "not in the library acts in slot" in said and "beside hoop.coulomb_friction" in said
     assert "83.0 % of what the re-fitted base leaves" in printed(diagnosis).replace("\n", "")
 
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import pytest
+from diagnose.examples import bad_data
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
 from hoopd.diagnose.curves.locate import locate
@@ -14,6 +15,7 @@ from hoopd.diagnose.curves.shapes import fitted_shapes, recordings_of, together
 from hoopd.diagnose.curves.unknown import Survey, chance_of_lead, judge_unknown, survey
 from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.engine.stepcheck import step_nats, step_sentence
 from hoopd.diagnose.findings import fits_of, unknown_finding
 from hoopd.diagnose.place import location_of, segments_of
 from hoopd.diagnose.proof.heldout import HeldOut
@@ -171,3 +173,24 @@ def test_where_parameters_are_the_answer_a_channel_is_told_and_no_slot(magnetic:
     assert (place.slot, place.channel) == (None, "psi")
     assert place.evidence["hoop"] == max(place.evidence.values())
     assert location_of(named, magnetic, None, "consistent").channel is None
+
+
+def test_a_fault_of_the_camera_has_a_place_too(magnetic: Survey) -> None:
+    base = magnetic.fit
+    named = Named(base, base, base)  # type: ignore[arg-type]
+    (late,) = bad_data()[0].effects
+    place = location_of(named, magnetic, None, "missing_physics", [late])
+    assert (place.slot, place.channel, place.segments) == ("camera", "psi", None)
+
+
+def test_the_place_is_that_of_what_has_no_name_when_it_carries_most(magnetic: Survey) -> None:
+    base, unknown = magnetic.fit, judge_unknown(magnetic)
+    assert unknown is not None
+    named = Named(base, base, base)  # type: ignore[arg-type]
+    place = location_of(named, magnetic, unknown, "unknown_physics", [unknown_finding(unknown, {})])
+    assert (place.slot, place.depends_on) == (unknown.curve.slot, list(unknown.curve.depends_on))
+
+
+def test_half_the_step_changes_little_and_a_long_step_is_told(magnetic: Survey) -> None:
+    assert step_nats(magnetic.fit) < 0.1
+    assert "0.1 nats" in step_sentence(0.1) and "may be the solver's" in step_sentence(2.0)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.curves.hats import curve_expression, spread_knots, turn_knots
-from hoopd.diagnose.curves.sites import Factor, Site, Variable, wanted
+from hoopd.diagnose.curves.sites import Factor, Site, Variable, Wanted, reads, wanted
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.engine.track import Track
 from hoopd.physics.declared import DeclaredPlant
@@ -33,6 +33,8 @@ COARSE, FINE = 6, 16
 TURN_COARSE, TURN_FINE = 8, 20
 # Of a curve over time, one knot in so many seconds: slower than any disturbance's correlation time.
 SECONDS_A_KNOT = 3.0
+# ... and at most so many: columns of a recording of ten minutes would fill the memory.
+MOST_OVER_TIME = 40
 # Fewer knots than this are a line, which the base's parameters are already.
 FEWEST = 3
 # Maps of the torque: after dead zone and limits, with ripple and gain (`effects.base`).
@@ -49,7 +51,7 @@ class Curve:
     factor: Factor | None = None
     per_recording: bool = False
     basis: Array | None = None
-    coordinates: tuple[str, ...] = ()  # of the plant that it was made for
+    reads: tuple[str, ...] = ()  # coordinates that its variable and its factor are made of
 
     @property
     def slot(self) -> str:
@@ -88,6 +90,7 @@ class Curve:
             tuple(self._parameter(i) for i in range(count)),
             **acts[self.site.acts],
             depends_on=self.depends_on,
+            needs=self.reads,
             statement=f"a force or error that follows {' and '.join(self.depends_on)}, by no law of the library",
         )
 
@@ -111,25 +114,37 @@ class Curve:
         return replace(self, basis=basis)
 
     def fits(self, plant: DeclaredPlant) -> bool:
-        """Whether a plant has its slot, and everything that moves where it was made."""
-        return self.slot in plant.slots and all(q in plant.coordinates for q in self.coordinates)
+        """Whether a plant has its slot, and what it is made of moves there."""
+        return self.effect.fits(plant)
 
 
-def curves(fit: Fit, plant: DeclaredPlant | None = None) -> list[Curve]:
-    """All that the slots of a plant suggest (default: the one in which most moves), knots from the fit's reference."""
-    plant = plant or max((track.stretch.plant for track in fit.tracks), key=lambda one: len(one.coordinates))
-    tracks = [track for track in fit.tracks if track.stretch.plant.coordinates == plant.coordinates]
+def curves(fit: Fit) -> list[Curve]:
+    """All that the slots of the plants suggest, of those in which most moves first; knots from the reference."""
+    found: dict[tuple[str, ...], list[Curve]] = {}
+    for plant in sorted(_plants(fit), key=lambda one: -len(one.coordinates)):
+        for want in wanted(plant):
+            made = _made(want, plant, fit)
+            if made:
+                found.setdefault((made[0].slot, made[0].site.acts, *made[0].depends_on, str(want[1].period)), made)
+    return [curve for made in found.values() for curve in made]
+
+
+def _plants(fit: Fit) -> list[DeclaredPlant]:
+    return list({track.stretch.plant.coordinates: track.stretch.plant for track in fit.tracks}.values())
+
+
+def _made(want: Wanted, plant: DeclaredPlant, fit: Fit) -> list[Curve]:
+    """Coarse and fine, for all recordings and for each by itself."""
+    site, variable, factor = want
+    first = Curve(site, variable, np.zeros(1), factor, reads=reads(want, plant))
+    tracks = [track for track in fit.tracks if first.fits(track.stretch.plant)]
     several = len({track.stretch.recording for track in tracks}) > 1
-    found = []
-    for site, variable, factor in wanted(plant):
-        x = np.concatenate([np.ravel(variable.of(at_nodes(track, fit))) for track in tracks])
-        for knots in _knot_sets(variable, x):
-            own = (False, True) if several and variable.own_zero else (several and variable.name == "t",)
-            found += [
-                Curve(site, variable, knots, factor, per_recording, coordinates=plant.coordinates)
-                for per_recording in own
-            ]
-    return found
+    x = np.concatenate([np.ravel(variable.of(at_nodes(track, fit))) for track in tracks])
+    own = (False, True) if several and variable.own_zero else (several and variable.name == "t",)
+    return [
+        replace(first, knots=knots, per_recording=per_recording)
+        for knots in _knot_sets(variable, x) for per_recording in own
+    ]  # fmt: skip
 
 
 def at_nodes(track: Track, fit: Fit) -> Point:
@@ -140,7 +155,8 @@ def at_nodes(track: Track, fit: Fit) -> Point:
 
 def _knot_sets(variable: Variable, x: Array) -> list[Array]:
     if variable.name == "t":
-        found = [np.linspace(x.min(), x.max(), max(4, 1 + round(float(np.ptp(x)) / SECONDS_A_KNOT)))]
+        count = min(max(4, 1 + round(float(np.ptp(x)) / SECONDS_A_KNOT)), MOST_OVER_TIME)
+        found = [np.linspace(x.min(), x.max(), count)]
     elif variable.period is not None:
         found = [turn_knots(count, variable.period) for count in (TURN_COARSE, TURN_FINE)]
     else:

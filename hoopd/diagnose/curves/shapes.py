@@ -50,7 +50,8 @@ def _shapes(curve: Curve, values: Array, covariance: Array, recordings: Sequence
     found = []
     for i, name in enumerate(names):
         y, wide = values[i * m : (i + 1) * m], half[i * m : (i + 1) * m]
-        found.append(Shape(name, curve.knots, y, y - wide, y + wide))
+        if np.any(wide > 0.0):  # none: the recording's plant does not have the curve
+            found.append(Shape(name, curve.knots, y, y - wide, y + wide))
     return tuple(found)
 
 
@@ -97,9 +98,11 @@ def recordings_of(found: Fit) -> tuple[str, ...]:
 def fitted_shapes(curve: Curve, joint: Fit, recordings: Sequence[str]) -> tuple[Shape, ...]:
     """Values and bands of a curve with a basis, by a fit that holds it."""
     assert curve.basis is not None
-    k, marks = curve.basis.shape[1], [f"@{r}" for r in recordings] if curve.per_recording else [""]
-    values, blocks = [], []
-    for mark in marks:
+    k, values, blocks = curve.basis.shape[1], [], []
+    if curve.per_recording:
+        # those whose plant has the curve's slot
+        recordings = [r for r in recordings if f"{curve.name}.c0@{r}" in joint.free]
+    for mark in [f"@{r}" for r in recordings] if curve.per_recording else [""]:
         names = [f"{curve.name}.c{i}{mark}" for i in range(k)]
         where = [joint.free.index(name) for name in names]
         values.append(curve.basis @ np.array([joint.values[name] for name in names]))

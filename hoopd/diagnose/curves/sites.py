@@ -76,6 +76,13 @@ def _demand(plant: DeclaredPlant) -> Variable:
     return Variable(DEMAND, plant.force_unit, lambda s: s.u)
 
 
+def reads(want: Wanted, plant: DeclaredPlant) -> tuple[str, ...]:
+    """Coordinates of a plant that variable and factor are made of."""
+    _, variable, factor = want
+    names = (variable.name + ("" if factor is None else f" {factor.name}")).replace("-", " ").replace("*", " ").split()
+    return tuple(q for q in plant.coordinates if q in names or f"d{q}" in names)
+
+
 def _as_factor(variable: Variable) -> Factor:
     return Factor(variable.name, variable.unit, variable.of)
 
@@ -121,9 +128,15 @@ def _difference(terms: Sequence[Any]) -> Any:
 def _of_actuator(plant: DeclaredPlant, name: str, slot: Slot) -> Iterator[Wanted]:
     site, demand, q = Site(name, "torque", {slot.coordinate: 1.0}, plant.force_unit), _demand(plant), slot.coordinate
     yield site, demand, None
-    # a gain that changes with the rate, the angle, the time
-    for one in (state(plant, f"d{q}"), state(plant, q), TIME):
+    # a gain that changes with the rate, the angle, the time, and with whether the drive pushes or brakes
+    for one in (state(plant, f"d{q}"), state(plant, q), TIME, _power(plant, q)):
         yield site, one, _as_factor(demand)
+
+
+def _power(plant: DeclaredPlant, q: str) -> Variable:
+    """What the demand gives to the motion: negative while it brakes, as after every reversal."""
+    unit = "W" if plant.force_unit in ("N", "N m") else f"{plant.force_unit} {units(plant).rate}"
+    return Variable(f"{DEMAND}*d{q}", unit, lambda s: s.u * getattr(s, f"d{q}"))
 
 
 def _of_push(plant: DeclaredPlant, name: str, slot: Slot) -> Iterator[Wanted]:

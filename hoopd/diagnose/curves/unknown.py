@@ -151,18 +151,23 @@ def judge_unknown(base: Survey, named: Survey | None = None, *, draws: int = 200
     if named is None:
         return _unnamed(base, draws, seed) if base.fires else None
     explained = max(base.fit.criterion - named.fit.criterion, 0.0)
-    rest = expected(named.curves[0].gain, named.curves[0].columns) if named.fires else 0.0
+    rest = of_curve(named.curves[0]) if named.fires else 0.0
     share = rest / max(rest + explained, 1e-12)
     if share <= LEAST_SHARE or _known_part(named) >= NAMED_PART:
         return None
-    alone = expected(base.curves[0].gain, base.curves[0].columns) > ALONE_PART * (rest + explained)
+    alone = base.fires and of_curve(base.curves[0]) > ALONE_PART * (rest + explained)
     reason = f"beside {', '.join(named.fit.names)} a curve still carries {share:.0%} of what can be explained"
-    return _unknown(base if alone and base.fires else named, share, not alone, reason)
+    return _unknown(base if alone else named, share, not alone, reason)
 
 
 def expected(gain: float, columns: int) -> float:
     """Nats beyond what so many columns gain by chance."""
     return max(gain - columns / 2.0, 0.0)
+
+
+def of_curve(score: CurveScore) -> float:
+    """Expected nats of a curve; like a name's without regard to the residual's colour, which inflates both."""
+    return expected(score.gain, score.columns)
 
 
 def of_name(score: Score) -> float:
@@ -174,8 +179,7 @@ def of_name(score: Score) -> float:
 
 def _known_part(about: Survey) -> float:
     """Expected nats of the best name over those of the best curve."""
-    best = about.curves[0]
-    return max(map(of_name, about.named), default=0.0) / max(expected(best.gain, best.columns), 1e-12)
+    return max(map(of_name, about.named), default=0.0) / max(of_curve(about.curves[0]), 1e-12)
 
 
 def _unnamed(base: Survey, draws: int, seed: int) -> Unknown | None:

@@ -28,7 +28,7 @@ def fitting_effects(plant: DeclaredPlant, effects: Sequence[Effect]) -> tuple[Ef
     if key not in _libraries:
         _libraries[key] = library(plant)
     own = _libraries[key]
-    return tuple(own.get(one.name, one) for one in effects if one.slot in plant.slots)
+    return tuple(own.get(one.name, one) for one in effects if one.fits(plant))
 
 
 def plant_key(plant: DeclaredPlant) -> str:

@@ -44,22 +44,9 @@ class Quality:
     recording: str
     channels: Mapping[str, Channel]
     segments: list[tuple[float, float, str]]  # s, s, reason
-    clock: Clock
     speed: Speed
-    saturated: float  # share of rows at the largest torque
     moving: str  # both, hoop or ball
     notes: list[str] = field(default_factory=list)  # doubts in words
-
-    @property
-    def speed_channel(self) -> str:
-        """dtheta or theta_rate: the one to be believed."""
-        return self.speed.channel
-
-    def masks(self) -> dict[str, Mask]:
-        """Samples that count, by channel; theta_rate: its two neighbours and the sample itself count."""
-        found = {name: channel.counts for name, channel in self.channels.items()}
-        theta = np.concatenate([[False], found["theta"], [False]])
-        return {**found, "theta_rate": theta[:-2] & theta[1:-1] & theta[2:]}
 
     def data_quality(self) -> dict[str, Any]:
         """The part of the diagnosis's JSON: numbers of samples, of sensors that are there at all."""
@@ -70,6 +57,8 @@ class Quality:
             "late_frames": self.channels["psi"].numbers["late"],
             "outliers": total["outliers"],
             "segments_ignored": [list(one) for one in self.segments],
+            "samples": sum(len(one.missing) for one in there),
+            "frames": sum(len(one.missing) for one in there if one.name == "psi"),
         }
 
 
@@ -87,11 +76,15 @@ def assess(recording: Recording, encoder_counts: int = 4096) -> Quality:
         recording.source,
         channels,
         sorted(segments),
-        clock(recording),
         speed(cleaned_channels(whole, channels), channels["theta"].sigma),
-        saturated_share(recording.u),
         moving,
-        [*suspicions(recording), *_slow_camera(whole, channels["psi"]), *_uneven(channels["theta"])],
+        [
+            *suspicions(recording),
+            *_told(clock(recording)),
+            *_limited(recording.u),
+            *_slow_camera(whole, channels["psi"]),
+            *_uneven(channels["theta"]),
+        ],
     )
 
 
@@ -164,6 +157,25 @@ def _rested(recording: Recording, psi: Channel, moving: str, encoder_counts: int
         if near and still > 1:
             counts[first + still - 1], stuck[first + still - 1] = True, False
     return replace(psi, counts=counts, stuck=stuck)
+
+
+def _told(found: Clock) -> list[str]:
+    """What is wrong with the clock of the rows."""
+    sentences = []
+    if found.gaps:
+        longest = max(b - a for a, b in found.gaps)
+        sentences.append(f"rows are missing in {len(found.gaps)} places, for {longest:.3g} s at most")
+    if found.not_increasing:
+        sentences.append(f"{found.not_increasing} rows have a time that is not later than the row's before")
+    if found.steps:
+        sentences.append(f"the sensors' clock was set at {', '.join(f'{t:.6g} s' for t in found.steps)}")
+    return sentences
+
+
+def _limited(u: Array) -> list[str]:
+    """A torque that stays at its largest value says nothing of what was asked for."""
+    share = saturated_share(u)
+    return [f"the torque stays at its limit in {share:.0%} of the rows"] if share > 0.0 else []
 
 
 def _uneven(theta: Channel) -> list[str]:

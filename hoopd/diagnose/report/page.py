@@ -70,7 +70,7 @@ def _where(diagnosis: Diagnosis, shown: Shown) -> str:
         drawn = figures.draw_evidence_by_slot(diagnosis.location.evidence)
         title = f"Evidence by slot: {_pairs(diagnosis.location.evidence)}"
         body += drawing(
-            drawn, "slots", title, "What a free disturbance in each slot would gain over the re-fitted base."
+            drawn, "slots", title, "How surprising the best law or curve of each slot would be over the re-fitted base."
         )
     strips = [one for one in shown.strips if len(one.t_s)]
     if strips:

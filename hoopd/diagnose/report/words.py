@@ -47,10 +47,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "parameters":
         return f"The physics is complete but its parameters are off: re-estimating them removes the mismatch{gained}."
     if diagnosis.verdict == "unknown_physics":
-        return f"Something that is not in the library acts {_place(diagnosis.location)}{gained}."
-    rest = diagnosis.unexplained
-    remains = " What remains is not in the library." if rest is not None and rest.fires else ""
-    return f"The model leaves out {listed(map(_finding, diagnosis.effects))}{gained}.{remains}"
+        known = [one for one in diagnosis.effects if not one.name.startswith("unknown.")]
+        beside = f" beside {listed(map(_finding, known))}" if known else ""
+        return f"Something that is not in the library acts {_unknown_place(diagnosis)}{beside}{gained}."
+    return f"The model leaves out {listed(map(_finding, diagnosis.effects))}{gained}."
 
 
 def _finding(effect: EffectFinding) -> str:
@@ -60,9 +60,13 @@ def _finding(effect: EffectFinding) -> str:
     return effect.name + (f" ({'; '.join(inside)})" if inside else "")
 
 
-def _place(location: Location) -> str:
-    slot = f"in slot {location.slot}" if location.slot else "in a slot that could not be located"
-    return slot + (f" and follows {listed(location.depends_on)}" if location.depends_on else "")
+def _unknown_place(diagnosis: Diagnosis) -> str:
+    rest = diagnosis.unexplained
+    if rest is None or rest.slot is None:
+        return "in a slot that could not be located"
+    own = [] if rest.curve is None else [rest.curve.regressor]
+    follows = diagnosis.location.depends_on if diagnosis.location.slot == rest.slot else own
+    return f"in slot {rest.slot}" + (f" and follows {listed(follows)}" if follows else "")
 
 
 def _gain_clause(fits: Fits) -> str:

@@ -118,6 +118,7 @@ class Effect:
     # screen, scan (a search of its own), quality (from the recording alone), base (parameters), switch (on or off)
     found_by: str = "screen"
     depends_on: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()  # coordinates without which a plant cannot have it, beside those of its slot
     contains: tuple[str, ...] = ()  # simpler effects that are a case of this one
     same_as: tuple[str, ...] = ()  # never told apart
     near: tuple[str, ...] = ()  # told apart by rich data only
@@ -131,6 +132,10 @@ class Effect:
     def slot(self) -> str:
         """Where it sits."""
         return self.name.split(".")[0]
+
+    def fits(self, plant: Any) -> bool:
+        """Whether a declared plant has its slot, and what it needs."""
+        return self.slot in plant.slots and all(q in plant.coordinates for q in self.needs)
 
     def neutral(self) -> dict[str, float]:
         """Parameters at which it vanishes."""
