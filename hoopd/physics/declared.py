@@ -58,6 +58,7 @@ class DeclaredPlant:
     slots: Mapping[str, Slot]
     held: Mapping[str, float] = field(default_factory=dict)  # names that effects may use and that do not move
     units: Mapping[str, str] = field(default_factory=dict)
+    least: Mapping[str, float] = field(default_factory=dict)  # below it there is no such plant: a mass
     force_unit: str = "N m"
     limit: float = 0.7  # of the drive, in force_unit
 
@@ -89,6 +90,7 @@ def hoop_plant(structure: str, values: Mapping[str, float], moving: str = "both"
         slots=_slots(structure, moving),
         held={"theta": 0.0, "dtheta": 0.0} if moving == "ball" else {},
         units=PARAMETER_UNITS[structure],
+        least=_least(structure, moving, values),
         limit=limit,
     )
 
@@ -104,6 +106,17 @@ _PHYSICAL_OF = {"both": ("mb", "Ib", "Ih", "bb", "bh"), "hoop": ("Ih", "bh"), "b
 
 def _free(structure: str, moving: str) -> tuple[str, ...]:
     return _ENTRIES_OF[moving] if structure == "entries" else _PHYSICAL_OF[moving]
+
+
+# Of a mass or an inertia, the share of its told value that it has at least; a friction may be none.
+LEAST_OF_INERTIA, FRICTIONS = 0.01, ("bb", "bh")
+
+
+def _least(structure: str, moving: str, values: Mapping[str, float]) -> dict[str, float]:
+    """Of physical parameters; entries have either sign."""
+    if structure == "entries":
+        return {}
+    return {name: 0.0 if name in FRICTIONS else LEAST_OF_INERTIA * values[name] for name in _free(structure, moving)}
 
 
 def _slots(structure: str, moving: str) -> dict[str, Slot]:

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
+from hoopd.diagnose.engine.filtering import Noise
 from hoopd.diagnose.engine.fitting import Fit, fit, tuned_noise
+from hoopd.diagnose.engine.track import Columns, Track
+from hoopd.modelfiles import load_model
+from hoopd.physics.declared import hoop_plant
 from hoopd.physics.effects.catalogue import library
+from hoopd.shipped import or_shipped
 
 PLANT = shipped_plant()
 LIBRARY = library(PLANT)
@@ -98,3 +106,41 @@ def test_a_parameter_on_the_end_of_its_range_gains_nothing_by_wanting_to_leave_i
     with_it = fit(data, (drag,), base.values, noise=KNOWN, tune_noise=False, like=base)
     assert with_it.values["hoop.quadratic_drag.c"] == 0.0
     assert abs(base.criterion - with_it.criterion) < 0.1
+
+
+def test_a_step_to_where_there_is_no_such_plant_is_halved(base: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first steps of a search end where nothing is finite; the fit is that of the smaller ones."""
+    stretches = [track.stretch for track in base.tracks]
+    off = {**base.values, "K2": 1.5 * base.values["K2"]}
+    direct, asked = Track.columns, []
+
+    def columns(self: Track, values: dict[str, float], free: tuple[str, ...]) -> Columns:
+        found = direct(self, values, free)
+        asked.append(values["K2"])
+        return replace(found, f=np.full_like(found.f, np.nan)) if 2 < len(asked) < 7 else found
+
+    monkeypatch.setattr(Track, "columns", columns)
+    found = fit(stretches, (), off, noise=base.noise, tune_noise=False)
+    distances = [off["K2"] - k for k in (asked[2], asked[4])]
+    assert distances[1] == pytest.approx(distances[0] / 2.0)  # two recordings: each step asks twice
+    assert found.values["K2"] == pytest.approx(base.values["K2"], abs=0.2 * base.deviation("K2"))
+
+
+def test_a_fit_held_to_small_disturbances_does_not_run_away_along_what_the_data_hardly_know() -> None:
+    """A late camera and parameters that are not the device's: whole steps end at a mass of minus many kilograms."""
+    values = load_model(or_shipped(Path("models/hoop.yaml"))).values()
+    plant = hoop_plant("rolling", values, "both")
+    late = library(plant)["camera.latency"]
+    made = stretch_with(plant, "a", 3, 10.0, [late], {"camera.latency.d": 0.03}, torque=0.3)
+    few = Noise(0.1 * NOISE.force, NOISE.time_s, NOISE.reading)
+    off = {**values, "mb": 5.0 * values["mb"], "Ib": 0.5 * values["Ib"]}
+    found = fit([made], (), off, noise={"a": few}, tune_noise=False)
+    assert np.isfinite(found.criterion)
+    assert 0.0 < found.values["mb"] < 1.0
+    assert found.values["Ib"] > 0.0
+
+
+def test_a_start_without_finite_numbers_is_the_least_likely_of_all(base: Fit) -> None:
+    stretches = [track.stretch for track in base.tracks]
+    found = fit(stretches, (), {**base.values, next(iter(base.free)): np.inf}, noise=base.noise)
+    assert found.criterion == np.inf

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import casadi as ca
@@ -150,6 +151,16 @@ def test_a_name_that_a_scan_or_a_refit_found_is_not_called_unknown(rubbed: tuple
     others = [effect for effect in RIVALS if effect.name != "hoop.coulomb_friction"]
     assert judge_unknown(survey(base.fit, others)) is not None
     assert judge_unknown(survey(base.fit, others, also=[friction])) is None
+    assert judge_unknown(survey(base.fit, others, fitted=[friction])) is None
+
+
+def test_a_name_that_a_joint_fit_refuted_does_not_stand_for_a_curve(rubbed: tuple[Survey, Fit]) -> None:
+    """Its screen is linear: what it hoped for counts no longer."""
+    base, _ = rubbed
+    friction = next(one for one in base.named if one.member.effect.name == "hoop.coulomb_friction")
+    assert judge_unknown(survey(base.fit, RIVALS)) is None
+    found = judge_unknown(survey(base.fit, RIVALS, fitted=[replace(friction, gain=1.0)]))
+    assert found is not None and found.curve.slot == "hoop"
 
 
 # ---------------------------------------------------------------------------------------------- where and when

@@ -7,7 +7,7 @@ Rules of this file: like `screen`: it proposes, a fit decides.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -156,13 +156,13 @@ class CurveScreen:
 # ---------------------------------------------------------------------------------------------- beside a named library
 
 
-def library_groups(screen: Screen) -> list[Group]:
-    """Columns of every member of a library; more than one that must be positive count as free."""
+def library_groups(screen: Screen, without: Collection[str] = ()) -> list[Group]:
+    """Columns of every member of a library but some effects'; more than one that must be positive count as free."""
     found, first = [], 0
     for member in screen.members:
         z = screen.vectors[:, first : first + len(member.columns)]
         first += len(member.columns)
-        if np.any(np.sum(z**2, axis=0) > 1e-12):
+        if member.effect.name not in without and np.any(np.sum(z**2, axis=0) > 1e-12):
             found.append(Group(z, len(member.columns) == 1 and member.columns[0].signed))
     return found
 

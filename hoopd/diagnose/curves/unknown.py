@@ -57,6 +57,7 @@ class Survey:
     curves: list[CurveScore]
     null: Null
     threshold: float  # surprise, nats
+    fitted: frozenset[str] = frozenset()  # names whose gain is that of a joint fit
 
     @property
     def fires(self) -> bool:
@@ -72,14 +73,20 @@ def survey(
     seed: int = 0,
     screen: Screen | None = None,
     also: Iterable[Score] = (),
+    fitted: Iterable[Score] = (),
 ) -> Survey:
     """All of a library and all curves beside a fit; `screen`: of the same fit, where there is one already; `also`:
-    what scans and refits know about names beside this fit, the better one counts."""
+    what scans know about names beside this fit, the better one counts; `fitted`: what joint fits came to, which counts
+    whatever a screen hoped for: it is linear, and a lag that is no lag gains there what no lag can."""
     screen = Screen(found, library) if screen is None else screen
     of_curves = CurveScreen(found)
     null = null_quantiles(screen, of_curves, draws, seed)
-    named = best_of_each([*screen.scores(), *(_beside(screen, one) for one in also)])
-    return Survey(found, screen, named, of_curves, of_curves.scores(), null, null.threshold(DETECTION_CHANCE))
+    known = [_beside(screen, one) for one in fitted]
+    names = {one.member.effect.name for one in known}
+    hoped = [one for one in (*screen.scores(), *also) if one.member.effect.name not in names]
+    named = best_of_each([*known, *(_beside(screen, one) for one in hoped)])
+    threshold = null.threshold(DETECTION_CHANCE)
+    return Survey(found, screen, named, of_curves, of_curves.scores(), null, threshold, frozenset(names))
 
 
 def best_curves(about: Survey) -> list[CurveScore]:
@@ -203,7 +210,7 @@ def chance_of_lead(base: Survey, name: Score, draws: int, seed: int) -> float:
     """
     stretches = [track.stretch for track in base.fit.tracks]
     known = max((surprise_of(one, one.gain, stretches) for one in base.named), default=0.0)
-    own = library_groups(base.library)
+    own = library_groups(base.library, base.fitted)
     if isinstance(name, Scanned) and np.any(name.vector):
         own.append(Group(name.vector[:, None], True))
     seen = _best_seen(base.screen.groups(), base) - max(_best_seen(own, base), known)

@@ -18,6 +18,7 @@ from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.filtering import Gains, Noise, gains, smoothed
 from hoopd.diagnose.engine.noise import Criterion
 from hoopd.diagnose.engine.ofrecording import plain
+from hoopd.diagnose.engine.priors import inverse, leaving, prior, ranges
 from hoopd.diagnose.engine.track import Columns, Track
 from hoopd.diagnose.engine.tuning import first_noise, tuned
 from hoopd.physics.effects.base import Effect
@@ -27,8 +28,9 @@ Array = NDArray[np.float64]
 # Gauss-Newton ends when no parameter moves by more than this share of its standard error.
 SETTLED = 0.1
 FIRST_STEPS, MOST_STEPS, LAST_STEPS = 3, 8, 2
-# Prior of a base parameter: this many times its nominal size, so that data without information leave it there.
-PRIOR_SIZE = 3.0
+# A step that leads where the model has no finite numbers (a negative inertia), or to where the data are less likely by
+# so many nats, is halved so often: along a direction that the data hardly know it goes far, and the model bends.
+WORSE_NATS, MOST_HALVINGS = 100.0, 6
 
 
 @dataclass
@@ -87,6 +89,10 @@ def fit(
     start.update({name: value for name, value in values.items() if plain(name) in start})
     found = Fit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
     _linearise(found)
+    if not _is_finite(found.rows):
+        # where it starts there is no such plant: the least likely of all hypotheses
+        found.covariance = np.zeros((len(found.free), len(found.free)))
+        return found
     if not move:
         for _ in range(LAST_STEPS):
             _settle(found)
@@ -128,14 +134,43 @@ def _search(found: Fit, most: int) -> None:
     for _ in range(most):
         delta = _solution(found)
         size = np.sqrt(np.maximum(np.diag(found.covariance), 1e-300))
-        before = dict(found.values)
-        found.values = _moved(found, delta)
-        _move_references(found, np.array([found.values[n] - before[n] for n in found.free]))
-        _linearise(found)
+        if not _stepped(found, delta):
+            break
         found.steps += 1
         if np.max(np.abs(delta) / size, initial=0.0) < SETTLED:
             break
     _solution(found)
+
+
+def _stepped(found: Fit, delta: Array) -> bool:
+    """One step, halved as long as it makes the fit clearly worse; False when it always does: all is as before."""
+    worst = _value(found) + WORSE_NATS
+    before, columns, whitening, rows = dict(found.values), found.columns, found.gains, found.rows
+    references = [(track.z, track.w, track.filtered, track.predicted) for track in found.tracks]
+    for _ in range(1 + MOST_HALVINGS):
+        found.values = _moved(found, delta)
+        _move_references(found, np.array([found.values[n] - before[n] for n in found.free]))
+        found.columns = _columns(found)
+        if _is_finite([part for one in found.columns for part in (one.f, one.eps, one.model.a, one.model.c)]):
+            _whiten(found)
+            if _is_finite(found.rows) and _value(found) <= worst:
+                return True
+        found.values, found.columns, found.gains, found.rows = dict(before), columns, whitening, rows
+        for track, reference in zip(found.tracks, references, strict=True):
+            track.moved(*reference)
+        delta = delta / 2.0
+    return False
+
+
+def _value(found: Fit) -> float:
+    """Negative log-likelihood and prior where the fit is, nothing moved."""
+    weight, centre = prior(found.effects, found.tracks, found.free, found.values)
+    total = sum(float(rows[:, 0] @ rows[:, 0]) for rows in found.rows) + sum(gain.logdet for gain in found.gains)
+    return float(total + weight @ centre**2) / 2
+
+
+def _is_finite(arrays: Sequence[Array]) -> bool:
+    return all(bool(np.isfinite(one).all()) for one in arrays)
 
 
 def _settle(found: Fit) -> None:
@@ -149,18 +184,22 @@ def _settle(found: Fit) -> None:
 
 
 def _moved(found: Fit, delta: Array) -> dict[str, float]:
-    """Values after a step, effects within their ranges."""
+    """Values after a step, within their ranges."""
     values = dict(found.values)
-    ranges = _ranges(found)
+    bounds = ranges(found.effects, found.tracks)
     for name, step in zip(found.free, delta, strict=True):
-        low, high = ranges.get(plain(name), (-np.inf, np.inf))
+        low, high = bounds.get(plain(name), (-np.inf, np.inf))
         values[name] = float(np.clip(values[name] + step, low, high))
     return values
 
 
 def _linearise(found: Fit) -> None:
-    found.columns = [track.columns(found.values, found.free) for track in found.tracks]
+    found.columns = _columns(found)
     _whiten(found)
+
+
+def _columns(found: Fit) -> list[Columns]:
+    return [track.columns(found.values, found.free) for track in found.tracks]
 
 
 def _whiten(found: Fit) -> None:
@@ -173,56 +212,21 @@ def _solution(found: Fit) -> Array:
     """Step of the free parameters; sets covariance and criterion."""
     rows = found.stacked()
     r, x = rows[:, 0], -rows[:, 1:]
-    weight, centre = _prior(found)
+    weight, centre = prior(found.effects, found.tracks, found.free, found.values)
     information = x.T @ x + np.diag(weight)
     right = x.T @ r + weight * centre
-    found.covariance = _inverse(information)
+    found.covariance = inverse(information)
     delta = found.covariance @ right
     held = np.zeros(len(delta), dtype=bool)
     # a parameter on the end of its range that wants to leave it stays, and the others make the best of it
-    while (leaving := _leaving(found, delta) & ~held).any():
-        held |= leaving
+    bounds = ranges(found.effects, found.tracks)
+    while (leave := leaving(found.free, found.values, bounds, delta) & ~held).any():
+        held |= leave
         delta = np.zeros(len(right))
-        delta[~held] = _inverse(information[np.ix_(~held, ~held)]) @ right[~held]
+        delta[~held] = inverse(information[np.ix_(~held, ~held)]) @ right[~held]
     logdet = sum(gain.logdet for gain in found.gains)
     found.criterion = float(r @ r - right @ delta + logdet) / 2
     return np.asarray(delta)
-
-
-def _inverse(information: Array) -> Array:
-    """Of a symmetric matrix (m, m) of numbers of very different sizes; 0 in directions without information."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    sizes = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(information * sizes, rcond=1e-12, hermitian=True) * sizes)
-
-
-def _leaving(found: Fit, delta: Array) -> NDArray[np.bool_]:
-    """(m,) parameters that are on a bound and whose step points outwards."""
-    ranges = _ranges(found)
-    out = np.zeros(len(delta), dtype=bool)
-    for i, name in enumerate(found.free):
-        low, high = ranges.get(plain(name), (-np.inf, np.inf))
-        value = found.values[name]
-        out[i] = (value <= low and delta[i] < 0.0) or (value >= high and delta[i] > 0.0)
-    return out
-
-
-def _ranges(found: Fit) -> dict[str, tuple[float, float]]:
-    return {e.key(p.name): (p.low, p.high) for e in found.effects for p in e.parameters if p.role != "phase"}
-
-
-def _prior(found: Fit) -> tuple[Array, Array]:
-    """Weights (m,) and distance to the centre (m,): wide about the declared values; of an effect its range."""
-    weight, centre = np.zeros(len(found.free)), np.zeros(len(found.free))
-    declared = {name: value for track in found.tracks for name, value in track.stretch.plant.values.items()}
-    widths = {e.key(p.name): p.high - p.low for e in found.effects for p in e.parameters}
-    for i, name in enumerate(found.free):
-        middle = declared.get(name, 0.0)
-        width = PRIOR_SIZE * max(abs(middle), 0.3)
-        if (known := plain(name)) in widths:
-            width, middle = widths[known], found.values[name]
-        weight[i], centre[i] = 1.0 / width**2, middle - found.values[name]
-    return weight, centre
 
 
 def _move_references(found: Fit, delta: Array) -> None:

@@ -66,11 +66,10 @@ class Missing:
 def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int) -> Missing:
     """What `effects` have no name for; names that explain nothing beside it are dropped."""
 
-    def of(found: Fit, also: Sequence[Score]) -> Survey:
-        return survey(found, effects, seed=seed, screen=named.screens.get(id(found)), also=also)
+    def of(found: Fit, also: Sequence[Score], fitted: Sequence[Score] = ()) -> Survey:
+        return survey(found, effects, seed=seed, screen=named.screens.get(id(found)), also=also, fitted=fitted)
 
-    tried = [replace(one.score, gain=one.gain) for one in named.tried]
-    first = of(named.base, [*named.scores, *tried])
+    first = of(named.base, named.scores, [replace(one.score, gain=one.gain) for one in named.tried])
     second = of(named.final, [s for s in named.left if s.origin is named.final]) if named.accepted else None
     unknown = judge_unknown(first, second, seed=seed)
     proof = None if unknown is None else proven(unknown, held)
