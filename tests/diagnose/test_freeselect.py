@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,39 @@ def test_a_negative_friction_gains_nothing() -> None:
     drawn = np.array([[2.0, -2.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
     assert largest(z, drawn, signed) == pytest.approx([2.0, 0.0])
     assert largest(z, drawn, free) == pytest.approx([2.0, 2.0])
+
+
+def every_subset(z: np.ndarray, drawn: np.ndarray, signed: np.ndarray) -> np.ndarray:
+    """The largest gain by trying all of them."""
+    best = np.zeros(drawn.shape[1])
+    for count in range(1, len(signed) + 1):
+        for some in map(list, combinations(range(len(signed)), count)):
+            weight = np.linalg.lstsq(z[:, some], drawn, rcond=None)[0]
+            allowed = np.all((weight >= 0.0) | ~signed[some, None], axis=0)
+            best = np.maximum(best, np.where(allowed, np.sum(weight * (z[:, some].T @ drawn), axis=0) / 2.0, 0.0))
+    return best
+
+
+@pytest.mark.parametrize("signed", [(False,), (True, True), (True, False, True), (False, False, True, False)])
+def test_only_signed_columns_are_left_out(signed: tuple[bool, ...]) -> None:
+    random = np.random.default_rng(len(signed))
+    z, drawn = random.normal(size=(40, len(signed))), random.normal(size=(40, 200))
+    member = Member(COULOMB, {}, tuple(Column((), signed=one) for one in signed))
+    assert largest(z, drawn, member) == pytest.approx(every_subset(z, drawn, np.array(signed)), rel=1e-6)
+
+
+def test_many_recordings_with_a_phase_each_are_one_regression() -> None:
+    """Eight recordings: sixteen columns, 65535 subsets, of which none but all of them can be the best."""
+    random = np.random.default_rng(3)
+    z, drawn = random.normal(size=(200, 16)), random.normal(size=(200, 5))
+    member = Member(LIBRARY["hoop.imbalance"], {}, tuple(Column((), f"r{i // 2}") for i in range(16)))
+    with pytest.MonkeyPatch.context() as patch:
+        solved: list[int] = []
+        solve = np.linalg.solve
+        patch.setattr(np.linalg, "solve", lambda a, b: solved.append(len(a)) or solve(a, b))
+        gains = largest(z, drawn, member)
+    whole = np.sum((z @ np.linalg.lstsq(z, drawn, rcond=None)[0]) ** 2, axis=0) / 2.0
+    assert solved == [16] and gains == pytest.approx(whole, rel=1e-6)
 
 
 def test_a_parameter_has_its_price() -> None:

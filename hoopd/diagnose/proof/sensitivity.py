@@ -10,7 +10,7 @@ Rules of this file: a screen proposes; the run itself decides elsewhere. Errors 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import combinations
 
@@ -221,18 +221,29 @@ def memory(e: Array) -> float:
 
 
 def largest(z: Array, drawn: Array, member: Member) -> Array:
-    """(k,) gain of a member's columns z (rows, m) for each of k errors (rows, k): best subset that obeys the signs."""
+    """(k,) gain of a member's columns z (rows, m) for each of k errors (rows, k): best subset that obeys the signs.
+
+    A column without a sign is never worth leaving out: 2^s subsets of the s signed ones, however many phases there are.
+    """
     signed = np.array([column.signed for column in member.columns])
     gram, right = z.T @ z, z.T @ drawn
-    best = np.zeros(drawn.shape[1])
-    for count in range(1, len(signed) + 1):
-        for subset in (list(one) for one in combinations(range(len(signed)), count)):
-            part = gram[np.ix_(subset, subset)]
-            ridge = 1e-9 * np.trace(part) / count + 1e-300
-            weight = np.linalg.solve(part + ridge * np.eye(count), right[subset])
-            allowed = np.all((weight >= 0.0) | ~signed[subset, None], axis=0)
-            best = np.maximum(best, np.where(allowed, np.sum(weight * right[subset], axis=0) / 2.0, 0.0))
+    always, best = list(np.flatnonzero(~signed)), np.zeros(drawn.shape[1])
+    for some in _subsets(np.flatnonzero(signed)):
+        subset = [*always, *some]
+        if not subset:
+            continue
+        part = gram[np.ix_(subset, subset)]
+        ridge = 1e-9 * np.trace(part) / len(subset) + 1e-300
+        weight = np.linalg.solve(part + ridge * np.eye(len(subset)), right[subset])
+        allowed = np.all((weight >= 0.0) | ~signed[subset, None], axis=0)
+        best = np.maximum(best, np.where(allowed, np.sum(weight * right[subset], axis=0) / 2.0, 0.0))
     return best
+
+
+def _subsets(of: NDArray[np.intp]) -> Iterator[tuple[int, ...]]:
+    """All, the empty one first."""
+    for count in range(len(of) + 1):
+        yield from combinations(of.tolist(), count)
 
 
 def states_of(runs: Sequence[Simulated]) -> list[Array]:
