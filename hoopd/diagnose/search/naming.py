@@ -185,7 +185,8 @@ def _better(found: Named, judge: Judge, one: Tried, without: Fit, loss: float) -
             return None
         other = judge.tried(without, score)
         ahead = other.surprise > surprise_of(one.score, loss, judge.train) + OCCAM_NATS
-        if ahead and not judge.refused(found.final, other.fit, other.gain):
+        # what the held-out data may lose is a share of what the swap gains, not of all that the other explains
+        if ahead and not judge.refused(found.final, other.fit, found.final.criterion - other.fit.criterion):
             return other
     return None
 
