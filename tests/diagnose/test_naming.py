@@ -60,3 +60,13 @@ def test_a_swap_that_gains_little_may_lose_little_on_held_out_data(
     found: Any = SimpleNamespace(final=final)
     better = naming._better(found, judge, one, without, 500.0)  # type: ignore[arg-type]
     assert (better is other) is swapped
+
+
+def test_who_was_refused_by_held_out_data_is_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(naming, "replace", lambda one, **more: one)
+    first, second = tried("first", 90.0), tried("second", 60.0)
+    first.fit, second.fit = SimpleNamespace(criterion=10.0), SimpleNamespace(criterion=40.0)
+    judge = HeldOut({100.0: 50.0, 10.0: 80.0, 40.0: 30.0})
+    found: Any = SimpleNamespace(final=SimpleNamespace(criterion=100.0), rivals={}, refused={})
+    assert naming._taken(found, judge, [first, second]) is second
+    assert found.rivals == {"second": [("first", -30.0)]} and found.refused == {"second": ("first",)}
