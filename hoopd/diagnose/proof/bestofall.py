@@ -5,6 +5,9 @@ effect: what the effects share, their chances share. Who looks at forty effects 
 its own chance gains; so the smallest of all chances is what is counted, in the error as it is and in every draw (min P;
 Westfall and Young, Resampling-based multiple testing, 1993).
 
+What was fitted has taken its part of the error, most of it where a block has much say in a parameter: each block is
+given back what it lost on average (CR2; Bell and McCaffrey, Survey Methodology 28, 2002).
+
 Rules of this file: numbers in, numbers out; an effect is a name here, with the columns of its choices.
 """
 
@@ -24,6 +27,8 @@ Array = NDArray[np.float64]
 DRAWS = 9999
 # Weights of mean 0 and mean square 1; of two signs alone, eight blocks have but 128 different errors (Webb 2013).
 WEIGHTS = tuple(sign * sqrt(square) for sign in (-1.0, 1.0) for square in (0.5, 1.0, 1.5))
+# A direction of which a block alone decides more than all but this is not given back: nothing of it is left there.
+LEAST_LEFT = 0.01
 # Gains that are equal but for rounding are equal.
 EQUAL = 1e-6
 
@@ -40,7 +45,7 @@ class BestOfAll:
     """What every effect of a library gains of such errors, the best of its choices each time."""
 
     def __init__(self, choices: Sequence[Choice], residual: Array, blocks: NDArray[np.int64], seed: int) -> None:
-        """`blocks`: (rows,) number of each row's block, ascending; `residual` (rows,) is projected as the vectors."""
+        """`blocks`: (rows,) number of each row's block, ascending; `residual` (rows,): `given_back`."""
         drawn = _gains(choices, residual, blocks, np.random.default_rng(seed))
         self._gains = {name: np.sort(gains) for name, gains in drawn.items()}
         rarest = [self._as_large(name, gains) for name, gains in drawn.items()]
@@ -73,6 +78,16 @@ def _gains(
         right = np.add.reduceat(z * residual[:, None], starts, axis=0).T @ weights
         found[name] = np.maximum(found[name], largest(z.T @ z, right, signed))
     return found
+
+
+def given_back(residual: Array, basis: Array, blocks: NDArray[np.int64]) -> Array:
+    """(rows,) residual with (I - H_b)^-1/2 of every block, H = Q Q' of an orthonormal basis Q (rows, k) of what is free."""
+    out = residual.copy()
+    for rows in np.split(np.arange(len(blocks)), np.flatnonzero(np.diff(blocks)) + 1):
+        u, s, _ = np.linalg.svd(basis[rows], full_matrices=False)
+        left = np.where(1.0 - s**2 > LEAST_LEFT, 1.0 - s**2, 1.0)
+        out[rows] += u @ ((left**-0.5 - 1.0) * (u.T @ residual[rows]))
+    return out
 
 
 def largest(gram: Array, right: Array, signed: NDArray[np.bool_]) -> Array:

@@ -2,8 +2,8 @@
 
 The search names effects by the likelihood of innovations, in which disturbances and a filter forgive what a long run
 does not; the two need not agree. Here sets are judged by the run. An effect is tried when it gains more of the error
-than the best of the whole library would by chance; how far along the way that leads the set is kept, the held-out
-stretches say, where nothing but the start is fitted: two effects may be worth something together only.
+than the best of the whole library would by chance; how far along the way that leads the set is kept, the training error
+says, every parameter charged. Held-out stretches are simulated once, with the set that was chosen: on them nothing is.
 
 Rules of this file: nothing here is a name of the verdict; it is evidence that a simulation gets better.
 """
@@ -88,13 +88,7 @@ class Selection:
             ways = [one for one in more if frozenset(one.names) not in known]
             ways = sorted(ways, key=lambda one: charged(one.refined, samples))[:WAYS]
             pool += ways
-        return self._kept(pool, samples)
-
-    def _kept(self, pool: Sequence[Selected], samples: float) -> Selected:
-        """The one that simulates the held-out stretches best (without such, the fitted ones), parameters charged."""
-        if not self.heldout:
-            return min(pool, key=lambda one: charged(one.refined, samples))
-        return min(pool, key=lambda one: log(self.heldout_error(one)) + PRICE * len(one.refined.free) / samples)
+        return min(pool, key=lambda one: charged(one.refined, samples))
 
     # ------------------------------------------------------------------------------------------ one set
 

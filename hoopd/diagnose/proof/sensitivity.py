@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.engine.ofrecording import values_of
-from hoopd.diagnose.proof.bestofall import BestOfAll, Choice
+from hoopd.diagnose.proof.bestofall import BestOfAll, Choice, given_back
 from hoopd.diagnose.proof.compared import channel_weights, errors_of
 from hoopd.diagnose.proof.refine import DIFFERENCE, Refined, sizes
 from hoopd.diagnose.proof.simulation import Simulated, Simulator
@@ -78,7 +78,8 @@ class Sensitivity:
         signed = [np.array([column.signed for column in member.columns]) for member in self.members]
         names = [member.effect.name for member in self.members]
         choices = [Choice(*one) for one in zip(names, self._parts(), signed, strict=True)]
-        return BestOfAll(choices, self.residual, self._blocks(), self.seed)
+        blocks = self._blocks()
+        return BestOfAll(choices, given_back(self.residual, self._basis, blocks), blocks, self.seed)
 
     def _parts(self) -> list[Array]:
         return np.split(self.vectors, self._ends[:-1], axis=1) if len(self._ends) else []
