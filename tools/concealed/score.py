@@ -23,7 +23,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from concealed import baselines, report, worker
 from concealed.calibrate import calibration
 from concealed.cases import make
-from concealed.metrics import Judged, summary
+from concealed.judged import Judged
+from concealed.metrics import summary
 from concealed.oracle import NoOracleError, oracle
 from concealed.runfolder import RunFolder
 from concealed.seeds import is_tuning
@@ -73,13 +74,13 @@ def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = T
     kind = "tuning" if is_tuning(asked.seed) else "score"
     console.print(f"{kind} seed {asked.seed}, {len(asked.wishes())} cases, folder {folder.path}")
     with _progress(console) as progress:
-        made: list[Job] = [(make, (wishes, asked.seed, first), first) for first, wishes in folder.chunks()]
+        made: list[Job] = [(make, (wishes, asked.seed), first) for first, wishes in folder.chunks()]
         _each(client, progress, "cases made", made, folder.keep)
-        for kind, (call, more) in _speakers(rivals).items():
-            jobs = [
-                (call, (folder.files(name), *more), name)
+        for kind, call in _speakers(rivals).items():
+            jobs: list[Job] = [
+                (call, (folder.files(name), *_told(folder, kind, name)), name)
                 for name in folder.identifiers()
-                if not _done(folder, kind, name, retry)
+                if not _done(folder, kind, name, retry) and _concerned(folder, kind, name)
             ]
             _each(client, progress, kind, jobs, partial(folder.say, kind))
     _tell_failures(folder, console)
@@ -87,10 +88,19 @@ def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = T
         _ask_oracle(folder, client, console)
 
 
-def _speakers(rivals: bool) -> dict[str, tuple[Callable[..., Any], tuple[Any, ...]]]:
-    """Who says something of every case, and what beside the files it is given."""
-    others = {name: (said, ()) for name, said in baselines.RIVALS.items()} if rivals else {}
-    return {DIAGNOSES: (worker.diagnose, (SEED,)), **others}
+def _speakers(rivals: bool) -> dict[str, Callable[..., Any]]:
+    """Who says something of the cases."""
+    return {DIAGNOSES: worker.diagnose, **(baselines.RIVALS if rivals else {})}
+
+
+def _told(folder: RunFolder, kind: str, name: str) -> tuple[Any, ...]:
+    """What is given beside the files: to `hoopd diagnose` its seed, and which entries its library shall lack."""
+    return (SEED, tuple(folder.answer(name).get("left_out", ()))) if kind == DIAGNOSES else ()
+
+
+def _concerned(folder: RunFolder, kind: str, name: str) -> bool:
+    """Is this one asked about the case? Rivals have no library to take an entry out of."""
+    return kind == DIAGNOSES or not folder.answer(name).get("left_out")
 
 
 def _done(folder: RunFolder, kind: str, name: str, retry: bool) -> bool:
@@ -161,7 +171,7 @@ def judged(folder: RunFolder) -> dict[str, Any]:
             if (told := folder.said(rival, name)) is not None:
                 found.append(Judged(answer, told))
     asked = folder.asked()
-    return {"seed": asked.seed, "tuning": is_tuning(asked.seed), **summary(cases, rivals)}
+    return {"seed": asked.seed, "tuning": is_tuning(asked.seed), **summary(cases, rivals, baselines.KNOWN)}
 
 
 def publish(folder: RunFolder, console: Console) -> dict[str, Any]:
