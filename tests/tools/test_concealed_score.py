@@ -103,11 +103,14 @@ def test_what_is_made_is_not_made_again(folder: runfolder.RunFolder) -> None:
 def test_a_family_alone_has_the_same_cases_as_among_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in recipes.RECORDINGS:
         monkeypatch.setitem(recipes.LENGTH_S, name, 1.0)
-    together = runfolder.Asked(4, 1, 2, 0, 0, 3, 0, ("single", "null", "compound")).wishes()
-    alone = runfolder.Asked(4, 1, 2, 0, 0, 3, 0, ("null",), left_out=2).wishes()
-    nulls = [wish for wish in together if wish.family == "null"]
-    assert len(nulls) == len(alone) == 2
-    assert [one.files for one in cases.make(nulls, 4)] == [one.files for one in cases.make(alone, 4)]
+    counts = (4, 1, 2, 0, 0, 1, 0)
+    together = runfolder.Asked(*counts, ("null", "compound")).wishes()
+    alone = runfolder.Asked(*counts, ("compound",), left_out=2).wishes()
+    assert [wish.family for wish in together] == ["null", "null", "compound"]
+    (one,), (*_, same) = cases.make(alone, 4), cases.make(together, 4)
+    assert one.identifier == same.identifier
+    assert one.files == same.files
+    assert one.answer == same.answer
 
 
 def test_a_folder_that_holds_a_run_is_not_begun_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,6 +20,7 @@ from concealed.plant import SAMPLE_S, entries
 from concealed.recipes import LENGTH_S, RECORDINGS, TRAINING, Recipe, Wish, draw, equivalent
 from concealed.simulate import Trace, simulate
 from concealed.sizing import batches, find_sizes, visible
+from concealed.whole import put
 
 SCHEMA = "hoopd.concealed/1"
 OVER_RAD = 1.5  # a ball beyond it would fall, which the plain device does not know
@@ -55,14 +56,11 @@ def _case(recipe: Recipe, own: Sequence[Trace]) -> Case:
 
 def write(made: Sequence[Case], cases: Path, answers: Path) -> None:
     """A folder for each case's recordings under `cases`; its answer, elsewhere, comes last."""
-    answers.mkdir(parents=True, exist_ok=True)
     for case in made:
-        folder = cases / case.identifier
-        folder.mkdir(parents=True, exist_ok=True)
         for name, data in case.files.items():
-            (folder / name).write_bytes(data)
+            put(cases / case.identifier / name, data)
         text = json.dumps(case.answer, indent=1, sort_keys=True, allow_nan=False)
-        (answers / f"{case.identifier}.json").write_text(text + "\n", encoding="utf-8")
+        put(answers / f"{case.identifier}.json", (text + "\n").encode())
 
 
 def prepare(recipes: Sequence[Recipe], say: Say = lambda text: None) -> Made:

@@ -1,6 +1,7 @@
 """Command line of the proof: hidden effects, sealed answers, and what `hoopd diagnose` says.
 
 python tools/concealed [--singles 5] [--nulls 60] [--full] [--tuning [SEED]] [--resume DIR [--retry]]    a scored run
+python tools/concealed --family left_out                      effects that the library of who is asked is made to lack
 python tools/concealed calibrate [--nulls 60] [--tuning SEED] [--resume DIR]                  threshold, tuning seeds
 python tools/concealed generate DIR --family single,null --per-effect 1 --seed N               cases and answers
 python tools/concealed report DIR                                                              figures of a run so far
@@ -49,6 +50,7 @@ def score(options: argparse.Namespace) -> None:
     if not options.resume:
         seed = score_seed() if options.tuning is None else options.tuning
         folder.start(asked(options, seed))
+    folder.asked()  # before any worker is started
     with cluster(options.scheduler, options.workers) as client:
         run(folder, client, console, retry=options.retry)
     publish(folder, Console())
@@ -61,6 +63,7 @@ def calibrate(options: argparse.Namespace) -> None:
     folder = RunFolder(options.resume or options.out or Path(f"build/calibration-{time.strftime('%Y%m%d-%H%M%S')}"))
     if not options.resume:
         folder.start(asked(options, options.tuning))
+    folder.asked()
     with cluster(options.scheduler, options.workers) as client:
         run(folder, client, console, rivals=False)
     publish_calibration(folder, Console())

@@ -15,6 +15,7 @@ from concealed import cases
 from concealed.cases import Case
 from concealed.families import FAMILIES
 from concealed.recipes import Wish, numbered
+from concealed.whole import put
 
 import numpy as np  # isort: skip
 
@@ -113,8 +114,4 @@ class RunFolder:
         self._put(f"{kind}/{identifier}.json", found)
 
     def _put(self, name: str, content: object) -> None:
-        path = self.path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(".part")
-        part.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-        part.replace(path)
+        put(self.path / name, (json.dumps(content, indent=1, sort_keys=True) + "\n").encode())

@@ -28,6 +28,7 @@ from concealed.metrics import summary
 from concealed.oracle import NoOracleError, oracle
 from concealed.runfolder import RunFolder
 from concealed.seeds import is_tuning
+from concealed.whole import put
 
 ROOT = Path(__file__).resolve().parents[2]
 DIAGNOSES, ORACLES = "diagnoses", "oracles"
@@ -153,9 +154,9 @@ def publish_calibration(folder: RunFolder, console: Console) -> dict[str, Any]:
     told = [(folder.answer(name), folder.said(DIAGNOSES, name)) for name in folder.identifiers()]
     found = calibration([Judged(answer, said["diagnosis"], said["seconds"]) for answer, said in told if said])
     text = json.dumps(found, indent=1, sort_keys=True, allow_nan=False)
-    (folder.path / "calibration.json").write_text(text + "\n", encoding="utf-8")
+    put(folder.path / "calibration.json", (text + "\n").encode())
     shown = report.calibration_markdown(found, f"tuning seed {folder.asked().seed}")
-    (folder.path / "calibration.md").write_text(shown, encoding="utf-8")
+    put(folder.path / "calibration.md", shown.encode())
     console.print(shown, markup=False, highlight=False, soft_wrap=True)
     return found
 
@@ -178,10 +179,10 @@ def publish(folder: RunFolder, console: Console) -> dict[str, Any]:
     """Writes report.json, report.md and power.png into the run's folder, and prints the tables."""
     result = judged(folder)
     text = json.dumps(result, indent=1, sort_keys=True, allow_nan=False)
-    (folder.path / "report.json").write_text(text + "\n", encoding="utf-8")
+    put(folder.path / "report.json", (text + "\n").encode())
     kind = "tuning" if result["tuning"] else "score"
     shown = report.markdown(result, f"{result['cases']} cases, {kind} seed {result['seed']}")
-    (folder.path / "report.md").write_text(shown, encoding="utf-8")
+    put(folder.path / "report.md", shown.encode())
     if result["power"]:
         report.draw_power(result, folder.path / "power.png")
     console.print(shown, markup=False, highlight=False, soft_wrap=True)
