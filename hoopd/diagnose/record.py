@@ -129,6 +129,7 @@ class FreeRunChoice(_Part, frozen=True):
     effects: list[FreeRunEffect] = []
     heldout_share: Number = None
     fits: Fits = {}
+    chosen_on: str = ""
 
 
 class FitTable(_Part, frozen=True):

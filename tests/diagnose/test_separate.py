@@ -119,6 +119,14 @@ def test_what_no_sensor_tells_apart_and_what_is_hardly_behind_is_not_excluded(le
     assert all(one.reason for one in found.alternatives)
 
 
+def test_a_rival_that_held_out_data_refused_is_excluded(leaning: Named) -> None:
+    """It explained more of what it was fitted to, and lost on the rest."""
+    ahead = replace(leaning, rivals={"frame.tilt": [("hoop.imbalance", -20.0)]})
+    assert "hoop.imbalance" in separations(ahead, LIBRARY)["frame.tilt"].not_excluded
+    refused = separations(replace(ahead, refused={"frame.tilt": ("hoop.imbalance",)}), LIBRARY)["frame.tilt"]
+    assert "hoop.imbalance" not in refused.not_excluded and "hoop.imbalance" not in refused.nats
+
+
 def test_of_two_that_no_sensor_tells_apart_the_hardware_has_to_change(leaning: Named) -> None:
     leaning = replace(leaning, rivals={})
     proposed = next_experiment(leaning, separations(leaning, LIBRARY), LIBRARY)

@@ -14,14 +14,14 @@ sys.path.append(str(ROOT / "tools"))
 
 from concealed import cli, report  # noqa: E402
 from concealed.calibrate import calibration, largest_surprise, tail_threshold  # noqa: E402
-from concealed.metrics import Judged  # noqa: E402
+from concealed.judged import Judged  # noqa: E402
 
 
 def case(family: str, verdict: str, *surprises: float, hidden: str = "") -> Judged:
     effects = [{"name": hidden, "nats": 100.0}] if hidden else []
     candidates = [{"name": f"slot.{i}", "surprise": s, "threshold": 12.0} for i, s in enumerate(surprises)]
     said: dict[str, Any] = {"verdict": verdict, "effects": [], "candidates": candidates}
-    return Judged({"family": family, "effects": effects}, said)
+    return Judged({"family": family, "effects": effects, "flags": {}}, said)
 
 
 def test_the_tail_of_a_known_law() -> None:

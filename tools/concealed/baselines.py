@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import savgol_filter
 
-from concealed.library import FORCES, Sample, forces_of
+from concealed.library import FORCES, SENSORS, Sample, forces_of
 from concealed.plant import SAMPLE_S, Array
 from concealed.windows import Columns, candidates, fit_base, score_candidates
 
@@ -141,3 +141,5 @@ RIVALS: Mapping[str, Callable[[Mapping[str, bytes]], Said]] = {
     "iid BIC": bic,
     "sparse": sparse,
 }
+# The names that each can say at all.
+KNOWN: Mapping[str, tuple[str, ...]] = {"nominal": (), "re-fit": (), "iid BIC": (*FORCES, *SENSORS), "sparse": FORCES}

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from concealed.metrics import Judged, rate
+from concealed.judged import Judged
+from concealed.proportions import rate
 
 AIM = 0.02  # false alarms
 TAIL_FROM = 0.75  # quantile beyond which the tail is taken to be exponential

@@ -20,11 +20,13 @@ from concealed.plant import SAMPLE_S, entries
 from concealed.recipes import LENGTH_S, RECORDINGS, TRAINING, Recipe, Wish, draw, equivalent
 from concealed.simulate import Trace, simulate
 from concealed.sizing import batches, find_sizes, visible
+from concealed.whole import put
 
 SCHEMA = "hoopd.concealed/1"
 OVER_RAD = 1.5  # a ball beyond it would fall, which the plain device does not know
 SHRINK = 0.75  # of the input of a case that went too far
 ATTEMPTS = 4
+LEFT_OUT = "left_out"  # family of effects that the library of who is asked lacks
 Say = Callable[[str], None]
 Made = dict[tuple[str, int], Trace]  # by identifier and recording
 
@@ -38,9 +40,11 @@ class Case:
     answer: dict[str, Any]
 
 
-def make(wishes: Sequence[Wish], seed: int, first: int = 0, say: Say = lambda text: None) -> list[Case]:
-    """Draws, sizes and simulates the cases of a seed; `first` is the number of the first wish among all of them."""
-    recipes = [draw(wish, (seed, first + index)) for index, wish in enumerate(wishes)]
+def make(wishes: Sequence[Wish], seed: int, say: Say = lambda text: None) -> list[Case]:
+    """Draws, sizes and simulates the cases of a seed; ValueError when two have one number."""
+    if len({wish.number for wish in wishes}) < len(wishes):
+        raise ValueError("two cases of one number have the same random numbers")
+    recipes = [draw(wish, (seed, wish.number)) for wish in wishes]
     made = prepare(recipes, say)
     return [_case(recipe, [made[recipe.identifier, index] for index in range(len(RECORDINGS))]) for recipe in recipes]
 
@@ -52,14 +56,11 @@ def _case(recipe: Recipe, own: Sequence[Trace]) -> Case:
 
 def write(made: Sequence[Case], cases: Path, answers: Path) -> None:
     """A folder for each case's recordings under `cases`; its answer, elsewhere, comes last."""
-    answers.mkdir(parents=True, exist_ok=True)
     for case in made:
-        folder = cases / case.identifier
-        folder.mkdir(parents=True, exist_ok=True)
         for name, data in case.files.items():
-            (folder / name).write_bytes(data)
+            put(cases / case.identifier / name, data)
         text = json.dumps(case.answer, indent=1, sort_keys=True, allow_nan=False)
-        (answers / f"{case.identifier}.json").write_text(text + "\n", encoding="utf-8")
+        put(answers / f"{case.identifier}.json", (text + "\n").encode())
 
 
 def prepare(recipes: Sequence[Recipe], say: Say = lambda text: None) -> Made:
@@ -130,6 +131,7 @@ def answer(recipe: Recipe, own: Sequence[Trace]) -> dict[str, Any]:
         "flags": {"closed_loop": w.closed, "heavy_noise": w.heavy, "two_level": w.two_level, "small_angles": w.small,
                   "large_angles": w.large, "burst": w.burst},
         "effects": [_effect(recipe, name) for name in w.effects if not name.startswith("decoy.")],
+        "left_out": list(w.effects) if w.family == LEFT_OUT else [],
         "decoys": [name for name in w.effects if name.startswith("decoy.")] + ["decoy.outlier_burst"] * w.burst,
         "joint_nats": recipe.joint_nats,
         "base": recipe.base,

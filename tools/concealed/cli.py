@@ -1,6 +1,7 @@
 """Command line of the proof: hidden effects, sealed answers, and what `hoopd diagnose` says.
 
 python tools/concealed [--singles 5] [--nulls 60] [--full] [--tuning [SEED]] [--resume DIR [--retry]]    a scored run
+python tools/concealed --family left_out                      effects that the library of who is asked is made to lack
 python tools/concealed calibrate [--nulls 60] [--tuning SEED] [--resume DIR]                  threshold, tuning seeds
 python tools/concealed generate DIR --family single,null --per-effect 1 --seed N               cases and answers
 python tools/concealed report DIR                                                              figures of a run so far
@@ -13,18 +14,20 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from rich.console import Console
 
-from concealed.families import FAMILIES
-from concealed.runfolder import Asked, RunFolder
+from concealed.effects import ALL
+from concealed.families import FAMILIES, USUAL
+from concealed.runfolder import Asked, FolderError, RunFolder
 from concealed.seeds import is_tuning, score_seed
 
 console = Console(stderr=True)
 # A stratified run ends below two hours on two cores; the full one is the same command.
-STRATIFIED = {"singles": 5, "nulls": 60, "decoys": 12, "confounded": 12, "compounds": 20, "unknown": 21}
-CALIBRATING = {"singles": 1, "nulls": 60, "decoys": 12, "confounded": 0, "compounds": 0, "unknown": 0}
-FULL = {"singles": 20, "nulls": 100, "decoys": 30, "confounded": 36, "compounds": 60, "unknown": 70}
+STRATIFIED = {"singles": 5, "nulls": 60, "decoys": 12, "confounded": 12, "compounds": 20, "unknown": 21, "left_out": 1}
+CALIBRATING = {"singles": 1, "nulls": 60, "decoys": 12, "confounded": 0, "compounds": 0, "unknown": 0, "left_out": 0}
+FULL = {"singles": 20, "nulls": 100, "decoys": 30, "confounded": 36, "compounds": 60, "unknown": 70, "left_out": 3}
 
 
 def generate(options: argparse.Namespace) -> None:
@@ -32,8 +35,6 @@ def generate(options: argparse.Namespace) -> None:
     from concealed import cases
 
     wanted, start = asked(options, options.seed).wishes(), time.perf_counter()
-    if options.only:
-        wanted = [wish for wish in wanted if set(options.only.split(",")) & set(wish.effects)]
     console.print(f"{len(wanted)} cases, seed {options.seed}")
     made = cases.make(
         wanted, options.seed, say=lambda text: console.print(f"{time.perf_counter() - start:6.1f} s  {text}")
@@ -49,6 +50,7 @@ def score(options: argparse.Namespace) -> None:
     if not options.resume:
         seed = score_seed() if options.tuning is None else options.tuning
         folder.start(asked(options, seed))
+    folder.asked()  # before any worker is started
     with cluster(options.scheduler, options.workers) as client:
         run(folder, client, console, retry=options.retry)
     publish(folder, Console())
@@ -61,6 +63,7 @@ def calibrate(options: argparse.Namespace) -> None:
     folder = RunFolder(options.resume or options.out or Path(f"build/calibration-{time.strftime('%Y%m%d-%H%M%S')}"))
     if not options.resume:
         folder.start(asked(options, options.tuning))
+    folder.asked()
     with cluster(options.scheduler, options.workers) as client:
         run(folder, client, console, rivals=False)
     publish_calibration(folder, Console())
@@ -79,8 +82,16 @@ def asked(options: argparse.Namespace, seed: int) -> Asked:
     counts = {name: getattr(options, name) if getattr(options, name) is not None else usual[name] for name in usual}
     families = tuple(options.family.split(","))
     if unknown := set(families) - set(FAMILIES):
-        sys.exit(f"concealed: no family {', '.join(sorted(unknown))}; known: {', '.join(FAMILIES)}")
-    return Asked(seed=seed, families=families, **counts)
+        refuse(f"no family {', '.join(sorted(unknown))}; known: {', '.join(FAMILIES)}")
+    if strange := set(options.only) - set(ALL):
+        refuse(f"no effect {', '.join(sorted(strange))}")
+    return Asked(seed=seed, families=families, only=options.only, **counts)
+
+
+def refuse(reason: str) -> NoReturn:
+    """Ends with one line and code 2: what was typed cannot be done."""
+    print(f"concealed: {reason}", file=sys.stderr)
+    raise SystemExit(2)
 
 
 def _counts(parser: argparse.ArgumentParser, family: str, usual: Mapping[str, int] = STRATIFIED) -> None:
@@ -90,6 +101,12 @@ def _counts(parser: argparse.ArgumentParser, family: str, usual: Mapping[str, in
     parser.add_argument("--singles", "--per-effect", type=int, help="cases an effect")
     for name in ("nulls", "decoys", "confounded", "compounds", "unknown"):
         parser.add_argument(f"--{name}", type=int, help="cases")
+    parser.add_argument("--left-out", type=int, help="cases an effect of --family left_out: the library lacks it")
+    parser.add_argument("--only", type=_names, default=(), help="comma-separated effects; cases without effects stay")
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(text.split(","))
 
 
 def _tuning_seed(text: str) -> int:
@@ -103,7 +120,7 @@ def _scored() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="concealed", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    _counts(parser, ",".join(FAMILIES))
+    _counts(parser, ",".join(USUAL))
     parser.add_argument("--tuning", type=_tuning_seed, nargs="?", const=1, help="a tuning seed instead of a drawn one")
     _running(parser)
     parser.set_defaults(run=score)
@@ -131,7 +148,6 @@ def _generating() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="concealed generate", description="Write cases and their answers.")
     parser.add_argument("dir", type=Path)
     _counts(parser, "single,null")
-    parser.add_argument("--only", default="", help="comma-separated names of effects")
     parser.add_argument("--seed", type=_tuning_seed, default=1)
     parser.set_defaults(run=generate)
     return parser
@@ -150,4 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parsers = {"generate": _generating, "report": _reporting, "calibrate": _calibrating}
     parser = parsers[words.pop(0)]() if words and words[0] in parsers else _scored()
     options = parser.parse_args(words)
-    options.run(options)
+    try:
+        options.run(options)
+    except FolderError as error:
+        refuse(str(error))

@@ -205,23 +205,3 @@ _DECOYS: tuple[Hidden, ...] = (
 ALL: Mapping[str, Hidden] = {item.name: item for item in (*_TABLE, *_UNKNOWN, *_DECOYS)}
 SINGLES = tuple(item.name for item in _TABLE)
 UNKNOWN = tuple(item.name for item in _UNKNOWN)
-
-# Which names say the same of a recording; the first line of each is exact, the second near.
-EXACT: tuple[frozenset[str], ...] = (frozenset(("frame.tilt", "camera.angle_offset")),)
-NEAR: tuple[frozenset[str], ...] = (
-    frozenset(("frame.tilt", "camera.angle_offset", "camera.center_offset")),
-    frozenset(("hoop.coulomb_friction", "hoop.stribeck_friction")),
-    frozenset(("ball.coulomb_friction", "ball.rolling_resistance")),
-    frozenset(("actuator.lag", "actuator.delay")),
-    frozenset(("actuator.deadzone", "actuator.saturation", "actuator.torque_gain")),
-)
-
-
-def exact(first: str, second: str) -> bool:
-    """Are these one and the same in every recording?"""
-    return first == second or any(first in names and second in names for names in EXACT)
-
-
-def alike(first: str, second: str) -> bool:
-    """Are these in one class of the contract?"""
-    return exact(first, second) or any(first in names and second in names for names in NEAR)

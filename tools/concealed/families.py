@@ -1,4 +1,4 @@
-"""Which cases there are: singles, nulls, decoys, confounded pairs, compounds, unknown effects.
+"""Which cases there are: singles, nulls, decoys, confounded pairs, compounds, unknown effects, a shorter library.
 
 Rules of this file: a family is a list of wishes; closed loop crosses all of them, one case in five.
 """
@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from concealed.classes import partners
 from concealed.effects import ALL, SINGLES, UNKNOWN
 from concealed.recipes import Wish
 
@@ -28,6 +29,8 @@ _PAIRS: tuple[tuple[tuple[str, ...], dict[str, bool]], ...] = (
     (("actuator.deadzone",), {"two_level": True}),
     (("actuator.saturation",), {"two_level": True}),
 )
+# Taken out of a library these leave no partner of their class; faults of single pictures are counted, not fitted.
+STRANGERS = tuple(name for name in SINGLES if not partners(name) and not ALL[name].drawn)
 _NULLS: tuple[dict[str, bool], ...] = ({}, {}, {"heavy": True}, {"closed": True}, {"calm": True})
 _DECOYS: tuple[tuple[tuple[str, ...], dict[str, bool]], ...] = (
     (("decoy.hand",), {}),
@@ -66,6 +69,11 @@ def unknown(count: int, rng: np.random.Generator) -> list[Wish]:
     return [Wish("unknown", (UNKNOWN[i % len(UNKNOWN)],), closed=_closed(rng)) for i in range(count)]
 
 
+def left_out(per_effect: int, rng: np.random.Generator) -> list[Wish]:
+    """Effects of the table that the library of who is asked lacks."""
+    return [Wish("left_out", (name,), closed=_closed(rng)) for name in STRANGERS for _ in range(per_effect)]
+
+
 FAMILIES: Mapping[str, Callable[[int, np.random.Generator], list[Wish]]] = {
     "single": singles,
     "null": nulls,
@@ -73,7 +81,9 @@ FAMILIES: Mapping[str, Callable[[int, np.random.Generator], list[Wish]]] = {
     "confounded": confounded,
     "compound": compounds,
     "unknown": unknown,
+    "left_out": left_out,  # last: the cases of the others stay what they were
 }
+USUAL = tuple(family for family in FAMILIES if family != "left_out")  # of a run that is told no families
 
 
 def _closed(rng: np.random.Generator) -> bool:

@@ -1,4 +1,4 @@
-"""Figures of a scored run: how often the right thing was said, with the interval that so few cases allow.
+"""Figures of a scored run: how often the right thing was said.
 
 Rules of this file: pure; a case is an answer and what was said about it; a rate without cases is None, never 0.
 """
@@ -6,98 +6,23 @@ Rules of this file: pure; a case is an answer and what was said about it; a rate
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from scipy.stats import beta
+from concealed.classes import alike, exact
+from concealed.coverage import covered, oracle_shares, relative_errors
+from concealed.effects import SINGLES
+from concealed.judged import Judged
+from concealed.naming import names, set_f1
+from concealed.proportions import rate
 
-from concealed.effects import alike, exact
-
-CONFIDENCE = 0.95
 BINS = (25.0, 50.0, 100.0, 200.0, 400.0)  # nats
-ALARMS = ("missing_physics", "unknown_physics")
-SILENT = ("consistent", "parameters")  # right for a null; a diagnosis that failed is not
-NO_EFFECT = "actuator.torque_gain"  # a base parameter of `entries`: "parameters" is the right verdict
-CHANNELS = ("theta_rate", "psi")  # of the held-out gain
-LEAST_GAIN = 0.1  # percent points that the oracle must gain for a share of it to mean anything
 
 
-@dataclass(frozen=True)
-class Judged:
-    """One case: the sealed answer and what was said."""
-
-    answer: Mapping[str, Any]
-    said: Mapping[str, Any] | None  # diagnosis; None when there is none
-    seconds: float = 0.0
-    oracle: Mapping[str, Any] | None = None
-
-    @property
-    def truth(self) -> list[str]:
-        """Names of what is hidden."""
-        return [effect["name"] for effect in self.answer["effects"] if effect["name"] != NO_EFFECT]
-
-    @property
-    def names(self) -> list[str]:
-        """Names that were said, strongest first."""
-        return [effect["name"] for effect in (self.said or {}).get("effects", [])]
-
-    @property
-    def verdict(self) -> str:
-        """The verdict, `failed` when there is no diagnosis."""
-        return str(self.said["verdict"]) if self.said else "failed"
-
-    @property
-    def alarm(self) -> bool:
-        """Was physics said to be missing?"""
-        return self.verdict in ALARMS
-
-    @property
-    def silent(self) -> bool:
-        """Was it said that nothing is missing?"""
-        return self.verdict in SILENT
-
-    @property
-    def nats(self) -> float | None:
-        """How visible the first effect is."""
-        return self.answer["effects"][0]["nats"] if self.answer["effects"] else None
-
-    def family(self, *names: str) -> bool:
-        """Is it one of these families?"""
-        return self.answer["family"] in names
-
-    @property
-    def right(self) -> bool:
-        """The first name is the truth."""
-        return bool(self.names) and any(exact(self.names[0], name) for name in self.truth)
-
-    @property
-    def in_class(self) -> bool:
-        """The first name is of the truth's class."""
-        return bool(self.names) and any(alike(self.names[0], name) for name in self.truth)
-
-
-def rate(cases: Iterable[bool]) -> dict[str, Any]:
-    """{"k", "n", "rate", "interval"}: a share and its Clopper-Pearson interval."""
-    flags = [bool(case) for case in cases]
-    k, n = sum(flags), len(flags)
-    return {"k": k, "n": n, "rate": k / n if n else None, "interval": clopper_pearson(k, n)}
-
-
-def clopper_pearson(k: int, n: int, confidence: float = CONFIDENCE) -> list[float] | None:
-    """Exact binomial interval of k hits in n trials."""
-    if n == 0:
-        return None
-    tail = (1 - confidence) / 2
-    low = float(beta.ppf(tail, k, n - k + 1)) if k else 0.0
-    high = float(beta.ppf(1 - tail, k + 1, n - k)) if k < n else 1.0
-    return [low, high]
-
-
-def rates(cases: Sequence[Judged]) -> dict[str, Any]:
-    """All rates of missing_physics that need names and verdicts only: baselines have them too."""
+def rates(cases: Sequence[Judged], known: Iterable[str] = SINGLES) -> dict[str, Any]:
+    """All rates of missing_physics that need names and verdicts only: baselines, which know fewer names, have them
+    too."""
     single = [case for case in cases if case.family("single") and case.truth]
-    pairs = [case for case in cases if case.family("compound") and len(case.truth) == 2]
     unknown = [case for case in cases if case.family("unknown")]
     return {
         "false_alarms": rate(not case.silent for case in cases if case.family("null", "decoy")),
@@ -107,14 +32,26 @@ def rates(cases: Sequence[Judged]) -> dict[str, Any]:
         "detected": rate(case.alarm for case in single),
         "first_name": rate(case.right for case in single),
         "first_class": rate(case.in_class for case in single),
+        "first_wide_class": rate(case.in_wide_class for case in single),
         "confounded_class": rate(case.in_class for case in cases if case.family("confounded")),
+        "confounded_wide_class": rate(case.in_wide_class for case in cases if case.family("confounded")),
         "unknown_declared": rate(case.verdict == "unknown_physics" for case in unknown),
         "known_declared_unknown": rate(case.verdict == "unknown_physics" for case in single),
+        "location_slot": rate(_located(case) for case in [*single, *unknown]),
+        **_compounds(cases),
+        **_left_out(cases),
+        **names(cases, known),
+        "failed": rate(case.verdict == "failed" for case in cases),
+    }
+
+
+def _compounds(cases: Sequence[Judged]) -> dict[str, Any]:
+    compounds = [case for case in cases if case.family("compound")]
+    pairs = [case for case in compounds if len(case.truth) == 2]
+    return {
         "pair_both": rate(_named(case) == len(case.truth) for case in pairs),
         "pair_one": rate(_named(case) >= 1 for case in pairs),
-        "compound_all": rate(_named(case) == len(case.truth) for case in cases if case.family("compound")),
-        "location_slot": rate(_located(case) for case in [*single, *unknown]),
-        "failed": rate(case.verdict == "failed" for case in cases),
+        "compound_all": rate(_named(case) == len(case.truth) for case in compounds),
     }
 
 
@@ -129,6 +66,26 @@ def _located(case: Judged) -> bool:
     true = case.answer["effects"][0]
     same = {name.split(".")[0] for name in ("frame.tilt", "camera.angle_offset") if exact(name, true["name"])}
     return slot in {true["slot"], *same}
+
+
+def _left_out(cases: Sequence[Judged]) -> dict[str, Any]:
+    """Effects that the library lacked: unknown is right, or a name of their class that it still had."""
+    mine = [case for case in cases if case.family("left_out")]
+    return {
+        "left_out_declared": rate(_stranger(case) for case in mine),
+        "left_out_alone": rate(_stranger(case) and not _misnamed(case) for case in mine),
+        "left_out_slot": rate(_located(case) or case.in_class for case in mine),
+    }
+
+
+def _stranger(case: Judged) -> bool:
+    """Was it said to be unknown, or called by the name of a partner that remained?"""
+    return case.verdict == "unknown_physics" or case.in_class
+
+
+def _misnamed(case: Judged) -> bool:
+    """Was something named that is not of its class?"""
+    return any(not alike(name, true, case.given) for name in case.known_names for true in case.truth)
 
 
 def power(cases: Sequence[Judged]) -> list[dict[str, Any]]:
@@ -148,81 +105,11 @@ def power(cases: Sequence[Judged]) -> list[dict[str, Any]]:
     return [row for row in rows if row["detected"]["n"]]
 
 
-def covered(cases: Sequence[Judged]) -> dict[str, Any]:
-    """Do the 95 % intervals hold the truth: effects that were named right, and the base's entries."""
-    effects = [hit for case in cases for hit in _effect_hits(case)]
-    base = [hit for case in cases for hit in _base_hits(case)]
-    return {"effects": rate(effects), "base": rate(base)}
-
-
-def _effect_hits(case: Judged) -> list[bool]:
-    return [low <= value <= high for value, _, (low, high) in _compared(case) if low is not None]
-
-
-def relative_errors(case: Judged) -> list[float]:
-    """abs(said - true)/abs(true) of the sized parameters of effects named right."""
-    return [abs(said - true) / abs(true) for true, said, _ in _compared(case) if true and said is not None]
-
-
-def _compared(case: Judged) -> list[tuple[float, float | None, tuple[float, float]]]:
-    """(truth, said, interval) of every sized parameter of effects that have their very name."""
-    found = []
-    said = {effect["name"]: effect for effect in (case.said or {}).get("effects", [])}
-    for effect in case.answer["effects"]:
-        if effect["name"] not in said or effect["name"] == NO_EFFECT:
-            continue
-        told = said[effect["name"]]["parameters"]
-        for key in effect["sized"]:
-            if key in told:
-                found.append(_oriented(effect["as_seen"][key], told[key], wave="phi" in effect["as_seen"]))
-    return found
-
-
-def _oriented(true: float, told: Mapping[str, Any], wave: bool) -> tuple[float, float | None, tuple[Any, Any]]:
-    """An amplitude beside a phase has no sign of its own."""
-    value, (low, high) = told["value"], told.get("ci95") or (None, None)
-    if wave and value is not None and value * true < 0:
-        return true, -value, (None if high is None else -high, None if low is None else -low)
-    return true, value, (low, high)
-
-
-def _base_hits(case: Judged) -> list[bool]:
-    told = ((case.said or {}).get("base") or {}).get("parameters", {})
-    wanted = {name: one for name, one in told.items() if name in case.answer["entries"] and one.get("ci95")}
-    # a gain of the actuator is seen as L1 and L2
-    if not case.family("null", "single") or (case.answer["effects"] and not (case.right and case.truth)):
-        return []
-    return [one["ci95"][0] <= case.answer["entries"][name] <= one["ci95"][1] for name, one in wanted.items()]
-
-
-def heldout_gain(fit: Mapping[str, Any]) -> float | None:
-    """Mean gain in percent points of with_effects over base_refit, held-out recordings and channels."""
-    gains = [
-        channel["with_effects"] - channel["base_refit"]
-        for recording in fit.get("heldout", {}).values()
-        for name, channel in recording.items()
-        if name in CHANNELS and channel.get("with_effects") is not None and channel.get("base_refit") is not None
-    ]
-    return sum(gains) / len(gains) if gains else None
-
-
-def oracle_shares(cases: Sequence[Judged]) -> dict[str, Any]:
-    """(E_base_refit - E_tool)/(E_base_refit - E_oracle) on held-out data, median over singles and compounds."""
-    shares = []
-    for case in cases:
-        if not case.oracle or not case.said or not case.truth or not case.family("single", "compound"):
-            continue
-        tool, best = heldout_gain(case.said.get("fit", {})), heldout_gain(case.oracle.get("fit", {}))
-        if tool is not None and best is not None and best > LEAST_GAIN:
-            shares.append(tool / best)
-    return {"n": len(shares), "median": median(shares) if shares else None}
-
-
 def by_effect(cases: Sequence[Judged], family: str = "single") -> list[dict[str, Any]]:
     """A row an effect: how often named, of its class, unknown, nothing said."""
     mine = [case for case in cases if case.family(family) and case.answer["effects"]]
-    names = sorted({case.answer["effects"][0]["name"] for case in mine})
-    return [_row(name, [case for case in mine if case.answer["effects"][0]["name"] == name]) for name in names]
+    found = sorted({case.hidden[0] for case in mine})
+    return [_row(name, [case for case in mine if case.hidden[0] == name]) for name in found]
 
 
 def _row(name: str, cases: Sequence[Judged]) -> dict[str, Any]:
@@ -238,26 +125,30 @@ def _row(name: str, cases: Sequence[Judged]) -> dict[str, Any]:
         "nothing": sum(case.silent for case in cases),
         "median_nats": median(sizes) if sizes else None,
         "median_relative_error": median(errors) if errors else None,
-        "instead": max(set(others), key=others.count) if others else None,
+        "instead": max(sorted(set(others)), key=others.count) if others else None,
     }
 
 
-def summary(cases: Sequence[Judged], rivals: Mapping[str, Sequence[Judged]]) -> dict[str, Any]:
-    """Everything, as JSON."""
+def summary(
+    cases: Sequence[Judged], rivals: Mapping[str, Sequence[Judged]], known: Mapping[str, Iterable[str]] | None = None
+) -> dict[str, Any]:
+    """Everything, as JSON; `known`: the names that each rival can say, none where it is not told."""
     seconds = sorted(case.seconds for case in cases if case.said)
     return {
         "cases": len(cases),
         "rates": rates(cases),
         "power": power(cases),
         "coverage": covered(cases),
+        "set_f1": set_f1(cases),
         "oracle_share": oracle_shares(cases),
         "by_effect": by_effect(cases),
         "by_unknown": by_effect(cases, "unknown"),
+        "by_left_out": by_effect(cases, "left_out"),
         "seconds": {
             "median": median(seconds) if seconds else None,
             "largest": seconds[-1] if seconds else None,
         },
-        "baselines": {name: rates(judged) for name, judged in rivals.items()},
+        "baselines": {name: rates(judged, (known or {}).get(name, ())) for name, judged in rivals.items()},
         "closed_loop": _split(cases, lambda case: bool(case.answer["flags"]["closed_loop"])),
         "calm": _split(cases, lambda case: float(case.answer["disturbance"]["rms_nm"][0]) < 5e-4),
     }

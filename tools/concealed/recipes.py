@@ -6,8 +6,8 @@ a size can change and the noise stays.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class Wish:
     heavy: bool = False  # noise with heavy tails
     calm: bool = False  # no disturbance
     burst: bool = False  # of false detections
+    number: int = 0  # among all cases of the run: with the seed, all that the case's random numbers come from
 
 
 @dataclass
@@ -79,6 +80,11 @@ class Recipe:
     def samples(self, recording: int) -> int:
         """Rows of a recording."""
         return round(LENGTH_S[RECORDINGS[recording]] / SAMPLE_S)
+
+
+def numbered(wishes: Sequence[Wish]) -> list[Wish]:
+    """The same wishes, each with its place among them."""
+    return [replace(wish, number=number) for number, wish in enumerate(wishes)]
 
 
 def draw(wish: Wish, seed: tuple[int, ...]) -> Recipe:

@@ -18,14 +18,26 @@ TITLES: Mapping[str, str] = {
     "gain_is_parameters": "torque gain taken for parameters",
     "detected": "effect detected (singles)",
     "first_name": "right name first (singles)",
+    "first_name_known": "right name first (singles that it knows by name)",
+    "first_three": "right name among the first three named or not excluded (singles)",
+    "abstained": "no name given (singles)",
+    "right_if_answered": "right name first, where a name is given (singles)",
     "first_class": "right class first (singles)",
+    "first_wide_class": "right class first, near partners on any input (singles)",
     "confounded_class": "right class first (confounded)",
+    "confounded_wide_class": "right class first, near partners on any input (confounded)",
     "unknown_declared": "unknown effects declared unknown",
+    "unknown_named": "unknown effects: an effect of the library named",
     "known_declared_unknown": "known effects declared unknown",
+    "spurious": "effects named that are not there, of all that are named",
+    "spurious_cases": "cases with an effect named that is not there",
     "pair_both": "pairs: both names",
     "pair_one": "pairs: at least one name",
     "compound_all": "compounds: all names",
     "location_slot": "slot right",
+    "left_out_declared": "left out of the library: declared unknown",
+    "left_out_alone": "left out of the library: declared unknown, nothing else named",
+    "left_out_slot": "left out of the library: slot right",
     "failed": "no diagnosis",
 }
 
@@ -35,7 +47,16 @@ def percent(found: Mapping[str, Any]) -> str:
     if found["rate"] is None:
         return "-"
     low, high = found["interval"]
-    return f"{100 * found['rate']:.0f} % ({found['k']}/{found['n']}, {100 * low:.0f}-{100 * high:.0f})"
+    cases = f" in {found['cases']} cases" if "cases" in found else ""
+    return f"{100 * found['rate']:.0f} % ({found['k']}/{found['n']}{cases}, {100 * low:.0f}-{100 * high:.0f})"
+
+
+def average(found: Mapping[str, Any]) -> str:
+    """`0.93 (30, 0.88-0.97)`, or a dash."""
+    if found["mean"] is None:
+        return "-"
+    low, high = found["interval"]
+    return f"{found['mean']:.2f} ({found['n']}, {low:.2f}-{high:.2f})"
 
 
 def markdown(result: Mapping[str, Any], head: str) -> str:
@@ -43,6 +64,8 @@ def markdown(result: Mapping[str, Any], head: str) -> str:
     parts = [head, _rates(result), _others(result), _power(result), _effects(result["by_effect"], "Effects")]
     if result["by_unknown"]:
         parts.append(_effects(result["by_unknown"], "Effects outside the library"))
+    if result["by_left_out"]:
+        parts.append(_effects(result["by_left_out"], "Effects left out of the library"))
     return "\n\n".join(parts) + "\n"
 
 
@@ -66,15 +89,24 @@ def _number(value: float | None, digits: int = 3) -> str:
 
 
 def _others(result: Mapping[str, Any]) -> str:
-    share, seconds = result["oracle_share"], result["seconds"]
-    told = f"{_number(share['median'])} (n = {share['n']})" if share["n"] else "not measured: no oracle"
+    seconds, f1 = result["seconds"], result["set_f1"]
     rows = [
-        ["95 % intervals of effects hold the truth", percent(result["coverage"]["effects"])],
-        ["95 % intervals of the base hold the truth", percent(result["coverage"]["base"])],
-        ["share of the oracle's held-out gain, median", told],
+        ["F1 of the set of names, singles and compounds", average(f1["single+compound"])],
+        ["F1 of the set of names, singles", average(f1["single"])],
+        ["F1 of the set of names, compounds", average(f1["compound"])],
+        ["95 % intervals of effects hold the truth, where the name is right", percent(result["coverage"]["effects"])],
+        ["95 % intervals of the base hold the truth, where the name is right", percent(result["coverage"]["base"])],
+        ["share of the oracle's held-out gain, median", _share(result["oracle_share"])],
         ["seconds a case, median and largest", f"{_number(seconds['median'])}, {_number(seconds['largest'])}"],
     ]
     return _table(["", ""], rows)
+
+
+def _share(found: Mapping[str, Any]) -> str:
+    if not found["asked"]:
+        return "not measured: no oracle"
+    counts = f"n = {found['n']}; {found['too_little']} gain too little, {found['errors']} oracles failed"
+    return f"{_number(found['median'])} ({counts})"
 
 
 def _power(result: Mapping[str, Any]) -> str:

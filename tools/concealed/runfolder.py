@@ -14,7 +14,8 @@ from typing import Any
 from concealed import cases
 from concealed.cases import Case
 from concealed.families import FAMILIES
-from concealed.recipes import Wish
+from concealed.recipes import Wish, numbered
+from concealed.whole import put
 
 import numpy as np  # isort: skip
 
@@ -33,15 +34,23 @@ class Asked:
     compounds: int
     unknown: int
     families: tuple[str, ...]
+    left_out: int = 0
+    only: tuple[str, ...] = ()  # effects: other cases with an effect are left away
 
     def wishes(self) -> list[Wish]:
-        """All cases of the run."""
+        """All cases of the run. A case is the same whichever families are asked beside it: it is numbered among all."""
         counts = {"single": self.singles, "null": self.nulls, "decoy": self.decoys, "confounded": self.confounded,
-                  "compound": self.compounds, "unknown": self.unknown}  # fmt: skip
+                  "compound": self.compounds, "unknown": self.unknown, "left_out": self.left_out}  # fmt: skip
         rng = np.random.default_rng([self.seed, 1])
-        # every family is drawn, so that one alone has the same cases as among the others
-        found = {family: make(counts[family], rng) for family, make in FAMILIES.items()}
-        return [wish for family in self.families for wish in found[family]]
+        found = numbered([wish for family, make in FAMILIES.items() for wish in make(counts[family], rng)])
+        return [wish for family in self.families for wish in found if wish.family == family and self._wanted(wish)]
+
+    def _wanted(self, wish: Wish) -> bool:
+        return not self.only or not wish.effects or bool(set(self.only) & set(wish.effects))
+
+
+class FolderError(Exception):
+    """A folder that is not what it was called: one line for who typed it."""
 
 
 class RunFolder:
@@ -51,14 +60,22 @@ class RunFolder:
         self.path = path
 
     def asked(self) -> Asked:
-        """What the run was started with."""
+        """What the run was started with; FolderError when this is no run's folder."""
+        if not self._started():
+            raise FolderError(f"{self.path}: no run.json, so there is no run in this folder")
         stored = json.loads((self.path / "run.json").read_text(encoding="utf-8"))
-        return Asked(**{**stored, "families": tuple(stored["families"])})
+        lists = {name: tuple(stored[name]) for name in ("families", "only") if name in stored}
+        return Asked(**{**stored, **lists})
 
     def start(self, asked: Asked) -> None:
-        """Makes the folder and notes what is asked."""
+        """Makes the folder and notes what is asked; FolderError when it holds a run already."""
+        if self._started():
+            raise FolderError(f"{self.path}: holds a run already; --resume {self.path} goes on with it")
         self.path.mkdir(parents=True, exist_ok=True)
         self._put("run.json", asdict(asked))
+
+    def _started(self) -> bool:
+        return (self.path / "run.json").exists()
 
     def chunks(self) -> list[tuple[int, Sequence[Wish]]]:
         """Number of the first case and wishes of what has not been made yet."""
@@ -97,8 +114,4 @@ class RunFolder:
         self._put(f"{kind}/{identifier}.json", found)
 
     def _put(self, name: str, content: object) -> None:
-        path = self.path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(".part")
-        part.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-        part.replace(path)
+        put(self.path / name, (json.dumps(content, indent=1, sort_keys=True) + "\n").encode())

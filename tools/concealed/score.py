@@ -23,10 +23,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from concealed import baselines, report, worker
 from concealed.calibrate import calibration
 from concealed.cases import make
-from concealed.metrics import Judged, summary
+from concealed.judged import Judged
+from concealed.metrics import summary
 from concealed.oracle import NoOracleError, oracle
 from concealed.runfolder import RunFolder
 from concealed.seeds import is_tuning
+from concealed.whole import put
 
 ROOT = Path(__file__).resolve().parents[2]
 DIAGNOSES, ORACLES = "diagnoses", "oracles"
@@ -73,13 +75,13 @@ def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = T
     kind = "tuning" if is_tuning(asked.seed) else "score"
     console.print(f"{kind} seed {asked.seed}, {len(asked.wishes())} cases, folder {folder.path}")
     with _progress(console) as progress:
-        made: list[Job] = [(make, (wishes, asked.seed, first), first) for first, wishes in folder.chunks()]
+        made: list[Job] = [(make, (wishes, asked.seed), first) for first, wishes in folder.chunks()]
         _each(client, progress, "cases made", made, folder.keep)
-        for kind, (call, more) in _speakers(rivals).items():
-            jobs = [
-                (call, (folder.files(name), *more), name)
+        for kind, call in _speakers(rivals).items():
+            jobs: list[Job] = [
+                (call, (folder.files(name), *_told(folder, kind, name)), name)
                 for name in folder.identifiers()
-                if not _done(folder, kind, name, retry)
+                if not _done(folder, kind, name, retry) and _concerned(folder, kind, name)
             ]
             _each(client, progress, kind, jobs, partial(folder.say, kind))
     _tell_failures(folder, console)
@@ -87,10 +89,19 @@ def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = T
         _ask_oracle(folder, client, console)
 
 
-def _speakers(rivals: bool) -> dict[str, tuple[Callable[..., Any], tuple[Any, ...]]]:
-    """Who says something of every case, and what beside the files it is given."""
-    others = {name: (said, ()) for name, said in baselines.RIVALS.items()} if rivals else {}
-    return {DIAGNOSES: (worker.diagnose, (SEED,)), **others}
+def _speakers(rivals: bool) -> dict[str, Callable[..., Any]]:
+    """Who says something of the cases."""
+    return {DIAGNOSES: worker.diagnose, **(baselines.RIVALS if rivals else {})}
+
+
+def _told(folder: RunFolder, kind: str, name: str) -> tuple[Any, ...]:
+    """What is given beside the files: to `hoopd diagnose` its seed, and which entries its library shall lack."""
+    return (SEED, tuple(folder.answer(name).get("left_out", ()))) if kind == DIAGNOSES else ()
+
+
+def _concerned(folder: RunFolder, kind: str, name: str) -> bool:
+    """Is this one asked about the case? Rivals have no library to take an entry out of."""
+    return kind == DIAGNOSES or not folder.answer(name).get("left_out")
 
 
 def _done(folder: RunFolder, kind: str, name: str, retry: bool) -> bool:
@@ -143,9 +154,9 @@ def publish_calibration(folder: RunFolder, console: Console) -> dict[str, Any]:
     told = [(folder.answer(name), folder.said(DIAGNOSES, name)) for name in folder.identifiers()]
     found = calibration([Judged(answer, said["diagnosis"], said["seconds"]) for answer, said in told if said])
     text = json.dumps(found, indent=1, sort_keys=True, allow_nan=False)
-    (folder.path / "calibration.json").write_text(text + "\n", encoding="utf-8")
+    put(folder.path / "calibration.json", (text + "\n").encode())
     shown = report.calibration_markdown(found, f"tuning seed {folder.asked().seed}")
-    (folder.path / "calibration.md").write_text(shown, encoding="utf-8")
+    put(folder.path / "calibration.md", shown.encode())
     console.print(shown, markup=False, highlight=False, soft_wrap=True)
     return found
 
@@ -161,17 +172,17 @@ def judged(folder: RunFolder) -> dict[str, Any]:
             if (told := folder.said(rival, name)) is not None:
                 found.append(Judged(answer, told))
     asked = folder.asked()
-    return {"seed": asked.seed, "tuning": is_tuning(asked.seed), **summary(cases, rivals)}
+    return {"seed": asked.seed, "tuning": is_tuning(asked.seed), **summary(cases, rivals, baselines.KNOWN)}
 
 
 def publish(folder: RunFolder, console: Console) -> dict[str, Any]:
     """Writes report.json, report.md and power.png into the run's folder, and prints the tables."""
     result = judged(folder)
     text = json.dumps(result, indent=1, sort_keys=True, allow_nan=False)
-    (folder.path / "report.json").write_text(text + "\n", encoding="utf-8")
+    put(folder.path / "report.json", (text + "\n").encode())
     kind = "tuning" if result["tuning"] else "score"
     shown = report.markdown(result, f"{result['cases']} cases, {kind} seed {result['seed']}")
-    (folder.path / "report.md").write_text(shown, encoding="utf-8")
+    put(folder.path / "report.md", shown.encode())
     if result["power"]:
         report.draw_power(result, folder.path / "power.png")
     console.print(shown, markup=False, highlight=False, soft_wrap=True)

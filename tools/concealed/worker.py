@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,23 +19,27 @@ LIMIT_S = 900.0  # of one case: a worker must not hang for ever
 TAIL_CHARS = 2000
 
 
-def diagnose(files: Mapping[str, bytes], seed: int, limit_s: float = LIMIT_S) -> dict[str, Any]:
-    """{"diagnosis": JSON or None, "seconds", "code", "error"} of train_1, train_2 and holdout."""
+def diagnose(
+    files: Mapping[str, bytes], seed: int, without: Sequence[str] = (), limit_s: float = LIMIT_S
+) -> dict[str, Any]:
+    """{"diagnosis": JSON or None, "seconds", "code", "error"} of train_1, train_2 and holdout; `without`: names that
+    the library shall lack."""
     with tempfile.TemporaryDirectory(prefix="case-") as folder:
         for name, data in files.items():
             Path(folder, name).write_bytes(data)
         start = time.perf_counter()
-        code, error = _run(command(seed), folder, limit_s)
+        code, error = _run(command(seed, without), folder, limit_s)
         seconds = time.perf_counter() - start
         out = Path(folder, "diagnosis.json")
         found = json.loads(out.read_text(encoding="utf-8")) if code == 0 and out.exists() else None
     return {"diagnosis": found, "seconds": seconds, "code": code, "error": error}
 
 
-def command(seed: int) -> list[str]:
+def command(seed: int, without: Sequence[str] = ()) -> list[str]:
     """The command line of one case; figures are those of windows, so that no free run is asked for."""
     files = ("train_1.csv", "train_2.csv", "--holdout", "holdout.csv", "--json", "diagnosis.json")
-    return [sys.executable, "-m", "hoopd", "diagnose", *files, "--seed", str(seed), "--no-free-run"]
+    shorter = ("--without", ",".join(without)) if without else ()
+    return [sys.executable, "-m", "hoopd", "diagnose", *files, "--seed", str(seed), "--no-free-run", *shorter]
 
 
 def _run(arguments: list[str], folder: str, limit_s: float) -> tuple[int | None, str]:

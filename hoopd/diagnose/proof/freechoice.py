@@ -1,7 +1,7 @@
 """The effects that make a free run better, as the record tells them: evidence of a simulation, no names of a verdict.
 
-Rules of this file: the set is chosen on the training stretches and kept by the held-out ones; whole recordings give
-the in-sample figures of that set, nothing is chosen on them.
+Rules of this file: the set is chosen on the training stretches alone; held-out ones and whole recordings give figures
+of that set, nothing is chosen on them.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from hoopd.diagnose.record import Fits, FreeRunChoice, FreeRunEffect, Quantity
 from hoopd.physics.effects.base import Effect
 
 WHOLE = "(fitted on all of it)"
+CHOSEN_ON = "the training stretches, each parameter charged; nothing was chosen on held-out data"
 
 
 def free_choice(
@@ -42,7 +43,8 @@ def free_choice(
         gained = 1.0 - after.cost / before.cost
     if whole:
         table |= _in_sample(Selection(whole, (), library, seed), chosen)
-    return FreeRunChoice(effects=effects_of(chosen, final.names), heldout_share=gained, fits=table)
+    found = effects_of(chosen, final.names)
+    return FreeRunChoice(effects=found, heldout_share=gained, fits=table, chosen_on=CHOSEN_ON)
 
 
 def _in_sample(selection: Selection, chosen: Selected) -> Fits:

@@ -3,7 +3,7 @@
 One run over each whole stretch leaves an error; an effect changes the run by its sensitivity (a finite difference).
 Free of what the parameters and the starts could do as well, these changes explain a share of the error by ordinary
 regression, as the screen of the innovations does. What chance alone would gain with the best of the whole library is
-told by the same error with random signs, block by block (wild block bootstrap: Liu 1988, Shao 2010).
+told by the same error with random weights, block by block (`bestofall`).
 
 Rules of this file: a screen proposes; the run itself decides elsewhere. Errors are weighted as in `refine`.
 """
@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.engine.ofrecording import values_of
+from hoopd.diagnose.proof.bestofall import BestOfAll, Choice, given_back
 from hoopd.diagnose.proof.compared import channel_weights, errors_of
 from hoopd.diagnose.proof.refine import DIFFERENCE, Refined, sizes
 from hoopd.diagnose.proof.simulation import Simulated, Simulator
@@ -30,8 +30,8 @@ Array = NDArray[np.float64]
 SMALL = 0.1
 # Directions of the free parameters that the run knows by less than this of the best stay where they are.
 KNOWN = 1e-4
-# Signs drawn, and the blocks that they are drawn for: so many times the error's own memory, at least so many of them.
-DRAWS, BLOCK_MEMORIES, FEWEST_BLOCKS = 399, 2.0, 8
+# Blocks of which chance makes its errors: so many times the error's own memory, at least so many of them.
+BLOCK_MEMORIES, FEWEST_BLOCKS = 2.0, 8
 
 
 class Sensitivity:
@@ -70,20 +70,16 @@ class Sensitivity:
         return {name: float(move * size) for name, move, size in zip(free, moves, scale, strict=False)}
 
     def chance(self, effect: str, gain: float) -> float:
-        """How often the effect gains as much of this error with random signs by blocks, its best member each time."""
-        return float(1 + np.sum(self.by_chance[effect] >= gain)) / (1 + DRAWS)
+        """How often the best of the whole library gains of an error without it what is as rare as this."""
+        return self._by_chance.chance(effect, gain)
 
     @cached_property
-    def by_chance(self) -> dict[str, Array]:
-        """(DRAWS,) gain of every effect's best member."""
-        rng, blocks = np.random.default_rng(self.seed), self._blocks()
-        signs = rng.choice([-1.0, 1.0], size=(DRAWS, int(blocks.max()) + 1))
-        drawn = self._projected(self.residual[:, None] * signs.T[blocks])
-        found: dict[str, Array] = {}
-        for member, z in zip(self.members, self._parts(), strict=True):
-            name = member.effect.name
-            found[name] = np.maximum(found.get(name, np.zeros(DRAWS)), largest(z, drawn, member))
-        return found
+    def _by_chance(self) -> BestOfAll:
+        signed = [np.array([column.signed for column in member.columns]) for member in self.members]
+        names = [member.effect.name for member in self.members]
+        choices = [Choice(*one) for one in zip(names, self._parts(), signed, strict=True)]
+        blocks = self._blocks()
+        return BestOfAll(choices, given_back(self.residual, self._basis, blocks), blocks, self.seed)
 
     def _parts(self) -> list[Array]:
         return np.split(self.vectors, self._ends[:-1], axis=1) if len(self._ends) else []
@@ -218,21 +214,6 @@ def memory(e: Array) -> float:
     rho = rho / max(rho[0], 1e-300)
     zero = int(np.argmax(rho <= 0.0)) if np.any(rho <= 0.0) else len(rho)
     return float(1.0 + 2.0 * rho[1:zero].sum())
-
-
-def largest(z: Array, drawn: Array, member: Member) -> Array:
-    """(k,) gain of a member's columns z (rows, m) for each of k errors (rows, k): best subset that obeys the signs."""
-    signed = np.array([column.signed for column in member.columns])
-    gram, right = z.T @ z, z.T @ drawn
-    best = np.zeros(drawn.shape[1])
-    for count in range(1, len(signed) + 1):
-        for subset in (list(one) for one in combinations(range(len(signed)), count)):
-            part = gram[np.ix_(subset, subset)]
-            ridge = 1e-9 * np.trace(part) / count + 1e-300
-            weight = np.linalg.solve(part + ridge * np.eye(count), right[subset])
-            allowed = np.all((weight >= 0.0) | ~signed[subset, None], axis=0)
-            best = np.maximum(best, np.where(allowed, np.sum(weight * right[subset], axis=0) / 2.0, 0.0))
-    return best
 
 
 def states_of(runs: Sequence[Simulated]) -> list[Array]:

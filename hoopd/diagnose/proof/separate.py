@@ -1,7 +1,8 @@
 """What the recordings do not exclude beside each effect that was named, and why.
 
 Three reasons: the two are the same for every sensor; the other was refitted and is hardly behind; the other was not
-refitted, but on these data its change is so parallel that no fit could be far behind.
+refitted, but on these data its change is so parallel that no fit could be far behind. A rival that held-out data refused
+is excluded by them, however much it explains of what it was fitted to.
 
 Rules of this file: no name of an effect is written here; what is equal or near stands in the effects.
 """
@@ -61,8 +62,10 @@ def parameter_notes(library: Mapping[str, Effect]) -> list[str]:
 
 def _separation(named: Named, one: Tried, library: Mapping[str, Effect]) -> Separation:
     effect = one.effect
-    refitted = {name: behind for name, behind in named.rivals.get(effect.name, []) if name not in named.final.names}
-    expected = _expected(named, one, [e for e in _candidates(named, one, library) if e.name not in refitted])
+    rivals = {name: behind for name, behind in named.rivals.get(effect.name, []) if name not in named.final.names}
+    expected = _expected(named, one, [e for e in _candidates(named, one, library) if e.name not in rivals])
+    refused = named.refused.get(effect.name, ())
+    refitted = {name: behind for name, behind in rivals.items() if name not in refused}
     exact = [*_equal(effect, library), *late_together(named.final, effect, library)]
     found = [*exact, *_refitted(effect, refitted, library), *_parallel(expected)]
     found += _equals_of(found, library)

@@ -49,6 +49,7 @@ class Named:
     screens: dict[int, Screen] = field(default_factory=dict)  # by the fit they are about (its id)
     left: list[Score] = field(default_factory=list)  # screen of the final fit
     rivals: dict[str, list[tuple[str, float]]] = field(default_factory=dict)  # accepted -> (name, nats behind)
+    refused: dict[str, tuple[str, ...]] = field(default_factory=dict)  # accepted -> rivals that held-out data refused
     heldout: dict[str, float] = field(default_factory=dict)  # criterion of nominal, base, final on the held-out data
 
 
@@ -106,14 +107,21 @@ def _next(found: Named, judge: Judge) -> Tried | None:
     if first:
         found.tried = tried
     found.left = scores
+    return _taken(found, judge, tried)
+
+
+def _taken(found: Named, judge: Judge, tried: Sequence[Tried]) -> Tried | None:
+    """The first that the held-out data do not refuse, with its rivals."""
+    refused: list[str] = []
     for one in _in_order(tried):
-        if one.surprise < settings.threshold:
+        if one.surprise < judge.settings.threshold:
             continue
         if not judge.refused(found.final, one.fit, one.gain):
-            better = judge.heldout_gain(found.final, one.fit)
             gap = [(other.effect.name, one.gain - other.gain) for other in tried if other is not one]
-            found.rivals[one.effect.name] = gap
+            better = judge.heldout_gain(found.final, one.fit)
+            found.rivals[one.effect.name], found.refused[one.effect.name] = gap, tuple(refused)
             return replace(one, heldout_gain=None if np.isnan(better) else float(better))
+        refused.append(one.effect.name)
     return None
 
 
@@ -185,7 +193,8 @@ def _better(found: Named, judge: Judge, one: Tried, without: Fit, loss: float) -
             return None
         other = judge.tried(without, score)
         ahead = other.surprise > surprise_of(one.score, loss, judge.train) + OCCAM_NATS
-        if ahead and not judge.refused(found.final, other.fit, other.gain):
+        # what the held-out data may lose is a share of what the swap gains, not of all that the other explains
+        if ahead and not judge.refused(found.final, other.fit, found.final.criterion - other.fit.criterion):
             return other
     return None
 
