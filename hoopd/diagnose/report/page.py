@@ -59,8 +59,9 @@ def _contents(kept: Sequence[tuple[str, str, str]]) -> str:
 def _effects(diagnosis: Diagnosis, shown: Shown) -> str:
     """The names, their sizes, and how each was tested."""
     said = "".join(paragraph(one.statement) for one in diagnosis.effects)
+    numbers = paragraph(tables.numbered(diagnosis))
     lost = "".join(map(paragraph, words.ablation_sentences(diagnosis.effects)))
-    return said + table(tables.effects(diagnosis), caption=False) + table(tables.checks(diagnosis)) + lost
+    return said + table(tables.effects(diagnosis), caption=False) + numbers + table(tables.checks(diagnosis)) + lost
 
 
 def _where(diagnosis: Diagnosis, shown: Shown) -> str:

@@ -6,7 +6,7 @@ Rules of this file: every cell is ready to be read; a table without rows is not 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from hoopd.diagnose.record import (
@@ -55,16 +55,35 @@ class Table:
 def effects(diagnosis: Diagnosis) -> Table:
     """One row a parameter of each named effect."""
     head = ("effect", "parameter", "value", "95 % interval", "nats", "needed")
-    rows = [row for effect in diagnosis.effects for row in _effect_rows(effect)]
+    numbers = {name: f"({number})" for number, name in enumerate(diagnosis.fit.train, start=1)}
+    rows = [row for effect in diagnosis.effects for row in _effect_rows(effect, numbers)]
     return Table("What the model leaves out", head, "llrrrr", rows)
 
 
-def _effect_rows(effect: EffectFinding) -> list[Row]:
+def numbered(diagnosis: Diagnosis) -> str:
+    """Which recording a number in `effects` stands for; empty where there is none."""
+    if not any("@" in name for effect in diagnosis.effects for name in effect.parameters):
+        return ""
+    names = short_names(diagnosis.fit.train)
+    return listed(f"({number}): of {names[name]} alone" for number, name in enumerate(diagnosis.fit.train, start=1))
+
+
+def _effect_rows(effect: EffectFinding, numbers: Mapping[str, str]) -> list[Row]:
     name, evidence = safe(effect.name), effect.evidence
     gain, needed = nats(evidence.log_likelihood_gain), nats(evidence.threshold)
-    sizes = [(safe(name), value_text(one), interval_text(one)) for name, one in effect.parameters.items()]
+    # what each recording has for itself stands there by recording, and once more for the first of them
+    several = {label.split("@")[0] for label in effect.parameters if "@" in label}
+    sizes = [
+        (_label(label, numbers), value_text(one), interval_text(one))
+        for label, one in effect.parameters.items() if label not in several
+    ]  # fmt: skip
     first, *others = sizes or [(NOTHING, NOTHING, NOTHING)]
     return [(name, *first, gain, needed), *(("", *size, "", "") for size in others)]
+
+
+def _label(label: str, numbers: Mapping[str, str]) -> str:
+    name, _, recording = label.partition("@")
+    return safe(f"{name} {numbers.get(recording, recording)}" if recording else name)
 
 
 def checks(diagnosis: Diagnosis) -> Table:
@@ -91,7 +110,8 @@ def fit(title: str, fits: Fits) -> Table:
     """Fit before and after."""
     head = ("recording", "channel", "nominal", "re-fitted", "+ effects", "noise floor", "ceiling")
     names = short_names(fits)
-    rows = [(names[recording], safe(channel), *_fit_cells(one)) for recording, channel, one in each_fit(fits)]
+    every = [(names[recording], safe(channel), *_fit_cells(one)) for recording, channel, one in each_fit(fits)]
+    rows = [row for row in every if any(cell != NOTHING for cell in row[2:])]
     return _without_empty(Table(title, head, "llrrrrr", _without_repeats(rows)))
 
 

@@ -28,7 +28,7 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
     diagnosis = canonical(diagnosis)
     _verdict(diagnosis, console)
     _table(tables.effects(diagnosis), console)
-    _sentences([one.statement for one in diagnosis.effects], console)
+    _sentences([tables.numbered(diagnosis), *(one.statement for one in diagnosis.effects)], console)
     _table(tables.checks(diagnosis), console)
     _sentences(words.ablation_sentences(diagnosis.effects), console)
     _fits(diagnosis, console)

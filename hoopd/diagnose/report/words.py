@@ -17,7 +17,6 @@ from hoopd.diagnose.record import (
     FitTable,
     Location,
     NextExperiment,
-    Number,
     Visible,
 )
 from hoopd.diagnose.report.readable import listed, nats, percent, safe, share, value_text
@@ -136,13 +135,12 @@ def ablation_sentences(effects: Iterable[EffectFinding]) -> list[str]:
         f"Without {one.name} the fit of held-out {channel} {_goes(before, after)}."
         for one in effects if one.ablation is not None
         for channel, before in one.ablation.heldout_with.items()
-        if (after := one.ablation.heldout_without.get(channel)) is not None
+        if before is not None and (after := one.ablation.heldout_without.get(channel)) is not None
     ]  # fmt: skip
 
 
-def _goes(before: Number, after: Number) -> str:
-    rises = before is not None and after is not None and after > before
-    return f"{'rises' if rises else 'falls'} from {percent(before)} to {percent(after)} %"
+def _goes(before: float, after: float) -> str:
+    return f"{'rises' if after > before else 'falls'} from {percent(before)} to {percent(after)} %"
 
 
 def invisible_sentence(power: Mapping[str, Visible]) -> str:
