@@ -126,7 +126,9 @@ def test_many_recordings_with_a_phase_each_are_one_regression() -> None:
     assert solved == [16] and gains == pytest.approx(whole, rel=1e-6)
 
 
-def made_up_null(seed: int, blocks: int = 16, effects: int = 25) -> tuple[list[Choice], np.ndarray, np.ndarray, np.ndarray]:
+def made_up_null(
+    seed: int, blocks: int = 16, effects: int = 25
+) -> tuple[list[Choice], np.ndarray, np.ndarray, np.ndarray]:
     """A library of coloured changes and an error that has nothing of them; blocks of twice the error's memory."""
     random, n, step = np.random.default_rng(seed), 40 * blocks, 20
 

@@ -18,10 +18,11 @@ from hoopd.diagnose.proof.menu import command, entries
 from hoopd.diagnose.proof.nextexperiment import Expected, Pair, expectations, next_experiment, rows_of_recordings
 from hoopd.diagnose.proof.placebo import changes_along, gain_of, placebos, shuffled
 from hoopd.diagnose.proof.separate import late_together, parameter_notes, separations
-from hoopd.diagnose.proof.visible import needed_nats, of_effect, visible
+from hoopd.diagnose.proof.visible import of_effect, visible
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
+from hoopd.diagnose.search.scanned import scanned
 from hoopd.diagnose.search.screen import Column, Member, Screen
-from hoopd.diagnose.search.surprise import THRESHOLD, surprise
+from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
 from hoopd.diagnose.search.trying import Tried
 from hoopd.physics import freerun
 from hoopd.physics.composite import Composite
@@ -293,4 +294,13 @@ def test_power_of_the_whole_library(rubbing: Named) -> None:
     seen = {name: one.smallest for name, one in found.items()}
     assert all(value is not None and value > 0.0 for value in seen.values())
     assert seen["hoop.coulomb_friction"] < rubbing.final.values[HOOP.key("Fc")]
-    assert needed_nats(1, 1000.0, THRESHOLD) > needed_nats(1, 1.0, THRESHOLD)
+
+
+def test_what_a_scan_named_has_to_show_more_than_what_was_looked_at_once(rubbing: Named) -> None:
+    """The best of 1000 places with two numbers each needs a larger gain, and so a larger size."""
+    once = visible(rubbing, {HOOP.name: HOOP})[HOOP.name].smallest
+    score = scanned(rubbing.scores[0], 2, 1000.0)
+    found = replace(rubbing, accepted=[replace(rubbing.accepted[0], score=score)])
+    scan = visible(found, {HOOP.name: HOOP})[HOOP.name].smallest
+    assert once is not None and scan is not None
+    assert scan / once == pytest.approx(np.sqrt(needed_gain(THRESHOLD, 2, 1000.0) / needed_gain(THRESHOLD, 1)))
