@@ -16,7 +16,7 @@ from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.proof.apart import Rows, linear, nats_apart, rows_beside
 from hoopd.diagnose.proof.menu import command, entries
 from hoopd.diagnose.proof.nextexperiment import Expected, Pair, expectations, next_experiment, rows_of_recordings
-from hoopd.diagnose.proof.placebo import changes_along, gain_of, placebos, shuffled
+from hoopd.diagnose.proof.placebo import BLOCK_S, _order, changes_along, gain_of, placebos, shuffled
 from hoopd.diagnose.proof.separate import late_together, parameter_notes, separations
 from hoopd.diagnose.proof.visible import of_effect, visible
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
@@ -256,6 +256,24 @@ def test_a_placebo_does_not_hold_where_its_own_cause_is_left(rubbing: Named) -> 
         patch.setattr("hoopd.diagnose.proof.placebo.BLOCK_S", 1e3)
         own = shuffled(rubbing.base, real, np.random.default_rng(0))
     assert gain_of(rubbing.base, own) == pytest.approx(gain_of(rubbing.base, real))
+
+
+@pytest.mark.parametrize(("nats", "held"), [(3.0, True), (4.5, False), (13.0, False)])
+def test_a_placebo_that_gains_what_chance_seldom_gives_does_not_hold(
+    nats: float, held: bool, rubbing: Named, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The best of eight chance gains of one number exceeds 3.7 nats once in twenty times."""
+    monkeypatch.setattr("hoopd.diagnose.proof.placebo.gain_of", lambda fit, changes: nats)
+    assert placebos(rubbing)[HOOP.name].held is held
+
+
+def test_a_block_keeps_one_sign_wherever_the_short_one_comes() -> None:
+    track = Track(stretch_with(PLANT, "a", 1, 4.6))
+    for seed in range(6):
+        order, sign = _order(track, np.random.default_rng(seed))
+        assert sorted(order) == list(range(len(track.stretch.t)))
+        blocks = order // round(BLOCK_S / STEP_S)
+        assert all(len(np.unique(sign[blocks == k])) == 1 for k in np.unique(blocks))
 
 
 def test_the_same_seed_gives_the_same_placebo(rubbing: Named) -> None:
