@@ -34,7 +34,7 @@ BLOCK_S = 1.0
 
 
 def placebos(named: Named, seed: int = 0, threshold: float = THRESHOLD) -> dict[str, Placebo]:
-    """Of every named effect; one holds when its best shuffle is no rarer than CHANCE, and below what names an effect."""
+    """Of every named effect; it holds when its best shuffle is no rarer than CHANCE, and below what names effects."""
     return {one.effect.name: _placebo(named, one.effect, seed, threshold) for one in named.accepted}
 
 
