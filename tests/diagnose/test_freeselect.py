@@ -25,17 +25,17 @@ SOME = Noise(0.3 * NOISE.force, NOISE.time_s, NOISE.reading)
 TRUE = {"hoop.coulomb_friction.Fc": 0.008}
 
 
-def selection(fc: float) -> Selection:
+def selection(fc: float, seconds: float = 8.0) -> Selection:
     effects, values = ([COULOMB], {"hoop.coulomb_friction.Fc": fc}) if fc else ([], {})
     stretches = [
-        stretch_with(PLANT, name, seed, 8.0, effects, {**PLANT.values, **values}, torque=0.1, noise=SOME)
+        stretch_with(PLANT, name, seed, seconds, effects, {**PLANT.values, **values}, torque=0.1, noise=SOME)
         for name, seed in (("a", 11), ("b", 12))
     ]
     return Selection(stretches[:1], stretches[1:], LIBRARY)
 
 
 def test_a_friction_is_taken_and_a_false_name_left_out() -> None:
-    over = selection(0.008)
+    over = selection(0.008, 16.0)
     with pytest.MonkeyPatch.context() as patch:
         # held-out stretches are for the figures of what was chosen: nothing is chosen on them
         patch.setattr(Selection, "on_heldout", None)
@@ -126,7 +126,9 @@ def test_many_recordings_with_a_phase_each_are_one_regression() -> None:
     assert solved == [16] and gains == pytest.approx(whole, rel=1e-6)
 
 
-def made_up_null(seed: int, blocks: int = 16, effects: int = 25) -> tuple[list[Choice], np.ndarray, np.ndarray, np.ndarray]:
+def made_up_null(
+    seed: int, blocks: int = 16, effects: int = 25
+) -> tuple[list[Choice], np.ndarray, np.ndarray, np.ndarray]:
     """A library of coloured changes and an error that has nothing of them; blocks of twice the error's memory."""
     random, n, step = np.random.default_rng(seed), 40 * blocks, 20
 

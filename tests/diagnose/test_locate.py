@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 from shared import shared_path
 
-from hoopd.diagnose.curves.locate import whiteness
 from hoopd.diagnose.curves.missingforce import binned, missing_force
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
@@ -126,6 +127,36 @@ def test_the_hand_in_a_real_recording_is_set_aside_unasked() -> None:
     assert sum(one.t[-1] - one.t[0] for one in kept) > 20.0
     # what is left is told by far less noise
     assert found.noise[path.name].force[0] < 0.1 * before.noise[path.name].force[0]
+
+
+# Lags of the innovations' correlation: 0.4 s at 50 Hz.
+LAGS = 20
+
+
+class Whiteness(NamedTuple):
+    """Innovations of one channel against what the model expects: 1 and 0."""
+
+    mean_square: float  # of normalised innovations
+    correlation: float  # (Q - lags) / sqrt(2 lags) of Ljung and Box
+
+
+def whiteness(fit: Fit) -> dict[str, Whiteness]:
+    """Of every channel, all recordings together."""
+    parts: dict[str, list[np.ndarray]] = {}
+    for track, rows in zip(fit.tracks, fit.rows, strict=True):
+        innovations = rows[:, 0].reshape(len(track.z), -1)
+        seen = np.isfinite(track.stretch.y)
+        for j, channel in enumerate(track.composite.channels):
+            parts.setdefault(channel, []).append(innovations[seen[:, j], j])
+    return {channel: _whiteness(each) for channel, each in parts.items() if sum(map(len, each)) > LAGS}
+
+
+def _whiteness(parts: Sequence[np.ndarray]) -> Whiteness:
+    energy, n = sum(float(x @ x) for x in parts), sum(map(len, parts))
+    # Q = n (n+2) sum rho_k^2 / (n-k)
+    rho = [sum(float(x[k:] @ x[:-k]) for x in parts if len(x) > k) / max(energy, 1e-300) for k in range(1, LAGS + 1)]
+    q = n * (n + 2) * sum(r**2 / (n - k) for k, r in enumerate(rho, start=1))
+    return Whiteness(energy / n, float((q - LAGS) / np.sqrt(2 * LAGS)))
 
 
 def test_innovations_of_a_clean_fit_are_white_those_of_a_wrong_one_are_not(clean: Fit) -> None:

@@ -62,8 +62,7 @@ def test_a_swap_that_gains_little_may_lose_little_on_held_out_data(
     assert (better is other) is swapped
 
 
-def test_who_was_refused_by_held_out_data_is_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(naming, "replace", lambda one, **more: one)
+def test_who_was_refused_by_held_out_data_is_remembered() -> None:
     first, second = tried("first", 90.0), tried("second", 60.0)
     first.fit, second.fit = SimpleNamespace(criterion=10.0), SimpleNamespace(criterion=40.0)
     judge = HeldOut({100.0: 50.0, 10.0: 80.0, 40.0: 30.0})

@@ -16,12 +16,13 @@ from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.proof.apart import Rows, linear, nats_apart, rows_beside
 from hoopd.diagnose.proof.menu import command, entries
 from hoopd.diagnose.proof.nextexperiment import Expected, Pair, expectations, next_experiment, rows_of_recordings
-from hoopd.diagnose.proof.placebo import changes_along, gain_of, placebos, shuffled
+from hoopd.diagnose.proof.placebo import BLOCK_S, _order, changes_along, gain_of, placebos, shuffled
 from hoopd.diagnose.proof.separate import late_together, parameter_notes, separations
-from hoopd.diagnose.proof.visible import needed_nats, of_effect, visible
+from hoopd.diagnose.proof.visible import of_effect, visible
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
+from hoopd.diagnose.search.scanned import scanned
 from hoopd.diagnose.search.screen import Column, Member, Screen
-from hoopd.diagnose.search.surprise import THRESHOLD, surprise
+from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
 from hoopd.diagnose.search.trying import Tried
 from hoopd.physics import freerun
 from hoopd.physics.composite import Composite
@@ -257,6 +258,24 @@ def test_a_placebo_does_not_hold_where_its_own_cause_is_left(rubbing: Named) -> 
     assert gain_of(rubbing.base, own) == pytest.approx(gain_of(rubbing.base, real))
 
 
+@pytest.mark.parametrize(("nats", "held"), [(3.0, True), (4.5, False), (13.0, False)])
+def test_a_placebo_that_gains_what_chance_seldom_gives_does_not_hold(
+    nats: float, held: bool, rubbing: Named, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The best of eight chance gains of one number exceeds 3.7 nats once in twenty times."""
+    monkeypatch.setattr("hoopd.diagnose.proof.placebo.gain_of", lambda fit, changes: nats)
+    assert placebos(rubbing)[HOOP.name].held is held
+
+
+def test_a_block_keeps_one_sign_wherever_the_short_one_comes() -> None:
+    track = Track(stretch_with(PLANT, "a", 1, 4.6))
+    for seed in range(6):
+        order, sign = _order(track, np.random.default_rng(seed))
+        assert sorted(order) == list(range(len(track.stretch.t)))
+        blocks = order // round(BLOCK_S / STEP_S)
+        assert all(len(np.unique(sign[blocks == k])) == 1 for k in np.unique(blocks))
+
+
 def test_the_same_seed_gives_the_same_placebo(rubbing: Named) -> None:
     assert placebos(rubbing, seed=4) == placebos(rubbing, seed=4) != placebos(rubbing, seed=5)
 
@@ -293,4 +312,13 @@ def test_power_of_the_whole_library(rubbing: Named) -> None:
     seen = {name: one.smallest for name, one in found.items()}
     assert all(value is not None and value > 0.0 for value in seen.values())
     assert seen["hoop.coulomb_friction"] < rubbing.final.values[HOOP.key("Fc")]
-    assert needed_nats(1, 1000.0, THRESHOLD) > needed_nats(1, 1.0, THRESHOLD)
+
+
+def test_what_a_scan_named_has_to_show_more_than_what_was_looked_at_once(rubbing: Named) -> None:
+    """The best of 1000 places with two numbers each needs a larger gain, and so a larger size."""
+    once = visible(rubbing, {HOOP.name: HOOP})[HOOP.name].smallest
+    score = scanned(rubbing.scores[0], 2, 1000.0)
+    found = replace(rubbing, accepted=[replace(rubbing.accepted[0], score=score)])
+    scan = visible(found, {HOOP.name: HOOP})[HOOP.name].smallest
+    assert once is not None and scan is not None
+    assert scan / once == pytest.approx(np.sqrt(needed_gain(THRESHOLD, 2, 1000.0) / needed_gain(THRESHOLD, 1)))

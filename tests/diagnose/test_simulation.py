@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 
 from hoopd.diagnose.engine.track import Track
-from hoopd.diagnose.proof.simulation import Simulator, fitted_starts, windows_of
+from hoopd.diagnose.proof import simulation
+from hoopd.diagnose.proof.simulation import Simulator, Windows, fitted_starts, windows_of
 from hoopd.diagnose.proof.tables import channel_source, nrmse, start_weights
 from hoopd.physics.effects.catalogue import library
 from tests.diagnose.madeup import shipped_plant, stretch_with
@@ -43,6 +47,27 @@ def test_the_true_model_repeats_its_own_data() -> None:
     without = fitted_starts(windows_of(stretch), (), PLANT.values, Track(stretch).z, start_weights(stretch))
     assert nrmse([run])["theta_rate"] > nrmse([without])["theta_rate"] + 5.0
     assert nrmse([run])["psi"] > 90.0
+
+
+class Bent:
+    """One state that is read as its arc tangent: a full step from beyond 1.4 leads further away."""
+
+    def __init__(self, windows: Windows, effects: object) -> None:
+        self.composite = SimpleNamespace(nx=1)
+
+    def run(self, values: object, start: np.ndarray) -> np.ndarray:
+        return start[None]
+
+    def readings(self, values: object, states: np.ndarray) -> np.ndarray:
+        return np.arctan(states)
+
+
+def test_a_step_that_led_away_is_halved_from_the_best_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulation, "Simulator", Bent)
+    windows = Windows(stretch_with(PLANT, "a", 1, 1.0), np.array([0, 1]), np.array([1, 1]), np.zeros((1, 1, 2)))
+    reference = np.array([[1.5], [0.5]])  # the second window's step does not lead away
+    found = fitted_starts(windows, (), PLANT.values, reference, np.ones(1))
+    assert np.abs(found.start).max() < 0.01
 
 
 def test_a_rate_that_is_no_rate_is_said_to_be_replaced() -> None:

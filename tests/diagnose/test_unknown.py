@@ -83,7 +83,6 @@ def test_its_curve_is_the_force(magnetic: Survey) -> None:
 
 def test_its_place_is_located(magnetic: Survey) -> None:
     found = locate(magnetic)
-    assert (found.slot, found.channel, found.depends_on) == ("hoop", "theta", ("theta",))
     assert found.evidence["hoop"] == max(found.evidence.values())
     assert set(found.evidence) == set(PLANT.slots)
 
@@ -113,7 +112,7 @@ def test_nothing_is_unknown_in_clean_data() -> None:
     found = survey(fit([made], (), PLANT.values), RIVALS)
     assert not found.fires
     assert judge_unknown(found) is None
-    assert locate(found).slot is None
+    assert max(locate(found).evidence.values()) <= found.threshold
 
 
 # ---------------------------------------------------------------------------------------------- on data held out

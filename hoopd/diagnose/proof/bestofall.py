@@ -81,7 +81,7 @@ def _gains(
 
 
 def given_back(residual: Array, basis: Array, blocks: NDArray[np.int64]) -> Array:
-    """(rows,) residual with (I - H_b)^-1/2 of every block, H = Q Q' of an orthonormal basis Q (rows, k) of what is free."""
+    """(rows,) residual with (I - Q_b Q_b')^-1/2 of every block; basis Q (rows, k) of what is free, orthonormal."""
     out = residual.copy()
     for rows in np.split(np.arange(len(blocks)), np.flatnonzero(np.diff(blocks)) + 1):
         u, s, _ = np.linalg.svd(basis[rows], full_matrices=False)

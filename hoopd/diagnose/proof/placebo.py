@@ -9,6 +9,8 @@ Rules of this file: seeded; the effect itself stays in the fit, so that its own 
 
 from __future__ import annotations
 
+from math import log
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,12 +27,14 @@ from hoopd.physics.effects.base import Effect
 Array = NDArray[np.float64]
 
 SHUFFLES = 8
+# How often the best of all shuffles of what has no cause may gain more than what is called none.
+CHANCE = 0.05
 # Long against the motion's own memory of a step, short against a recording.
 BLOCK_S = 1.0
 
 
 def placebos(named: Named, seed: int = 0, threshold: float = THRESHOLD) -> dict[str, Placebo]:
-    """Of every named effect."""
+    """Of every named effect; it holds when its best shuffle is no rarer than CHANCE, and below what names effects."""
     return {one.effect.name: _placebo(named, one.effect, seed, threshold) for one in named.accepted}
 
 
@@ -39,7 +43,7 @@ def _placebo(named: Named, effect: Effect, seed: int, threshold: float) -> Place
     changes = changes_along(about, effect, named.final.values)
     random = np.random.default_rng(seed)
     gains = [gain_of(named.final, shuffled(about, changes, random)) for _ in range(SHUFFLES)]
-    held = surprise(max(gains), 1, SHUFFLES) < threshold
+    held = surprise(max(gains), 1, SHUFFLES) < min(-log(CHANCE), threshold)
     return Placebo(log_likelihood_gain=float(np.mean(gains)), held=held, shuffles=SHUFFLES)
 
 
@@ -66,9 +70,9 @@ def _order(track: Track, random: np.random.Generator) -> tuple[NDArray[np.intp],
     n, h = len(track.stretch.t), float(np.median(track.stretch.h))
     starts = np.arange(0, n, max(1, round(BLOCK_S / h)))
     blocks = np.split(np.arange(n), starts[1:])
-    order = np.concatenate([blocks[k] for k in random.permutation(len(blocks))])
+    blocks = [blocks[k] for k in random.permutation(len(blocks))]
     signs = random.choice((-1.0, 1.0), len(blocks))
-    return order, np.repeat(signs, [len(block) for block in blocks])
+    return np.concatenate(blocks), np.repeat(signs, [len(block) for block in blocks])
 
 
 def gain_of(fit: Fit, changes: Changes) -> float:

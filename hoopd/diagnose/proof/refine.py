@@ -11,7 +11,7 @@ named elsewhere.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,13 +45,7 @@ class Refined:
     values: dict[str, float]
     free: tuple[str, ...]
     runs: list[Simulated]
-    cost: float  # sum over channels of |y - yhat|^2 / |y - mean y|^2, mean over the recordings
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-
-    def deviation(self, name: str) -> float:
-        """Standard error of a free parameter."""
-        i = self.free.index(name)
-        return float(np.sqrt(max(self.covariance[i, i], 0.0)))
+    cost: float  # sum of |y - yhat|^2 / |y - mean y|^2 over channels and recordings, with what starts and prior add
 
 
 def refine(
@@ -69,10 +63,10 @@ def refine(
     parts: list[Part] = []
     for length in lengths_s:
         parts = [part_of(s, r, effects, w, free, length) for s, r, w in zip(stretches, starts, weights, strict=True)]
-        here, cost, covariance = _search(parts, here, tuple(free), effects, settled)
+        here, cost = _search(parts, here, tuple(free), effects, settled)
         starts = [node_states(part, here) for part in parts]
     runs = [simulated(part, here) for part in parts]
-    return Refined(here, tuple(free), runs, cost, covariance)
+    return Refined(here, tuple(free), runs, cost)
 
 
 # ---------------------------------------------------------------------------------------------- search
@@ -80,17 +74,16 @@ def refine(
 
 def _search(
     parts: list[Part], values: dict[str, float], free: tuple[str, ...], effects: Sequence[Effect], settled: float
-) -> tuple[dict[str, float], float, Array]:
+) -> tuple[dict[str, float], float]:
     """Levenberg-Marquardt on parameters and starts."""
     scale = sizes(values, free, effects)
     centre = np.array([values[name] for name in free])
     damping, cost = DAMPING, _cost(parts, values, [part.start for part in parts], free, centre, scale)
-    information = np.eye(len(free))
     for _ in range(MOST_STEPS):
         blocks = [_blocks(part, values, free, scale) for part in parts]
         before = cost
         while damping < MOST_DAMPING:
-            delta, moves, information = _step(blocks, values, free, centre, scale, damping)
+            delta, moves = _step(blocks, values, free, centre, scale, damping)
             trial = _moved(values, free, delta, effects)
             starts = [part.start + move for part, move in zip(parts, moves, strict=True)]
             now = _cost(parts, trial, starts, free, centre, scale)
@@ -102,7 +95,7 @@ def _search(
             damping *= HARDER
         if before - cost < settled * before:
             break
-    return values, cost, _covariance(parts, information, scale, cost)
+    return values, cost
 
 
 def sizes(values: Mapping[str, float], free: Sequence[str], effects: Sequence[Effect]) -> Array:
@@ -181,8 +174,8 @@ def _blocks(part: Part, values: Mapping[str, float], free: Sequence[str], scale:
 def _step(
     blocks: Sequence[_Blocks], values: Mapping[str, float], free: Sequence[str], centre: Array, scale: Array,
     damping: float,
-) -> tuple[Array, list[Array], Array]:  # fmt: skip
-    """Parameters' step (m,), starts' steps (nx, b) of each stretch, and the information on the parameters."""
+) -> tuple[Array, list[Array]]:  # fmt: skip
+    """Parameters' step (m,), starts' steps (nx, b) of each stretch."""
     m = len(free)
     off = (np.array([values[name] for name in free]) - centre) / scale
     normal = np.eye(m) * PRIOR_WEIGHT / PRIOR_SIZE**2
@@ -197,7 +190,7 @@ def _step(
     normal = (normal + normal.T) / 2
     delta = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), right) if m else np.zeros(0)
     moves: list[Array] = [np.asarray((gain[..., m] - gain[..., :m] @ delta).T) for gain in solved]
-    return delta * scale, moves, normal
+    return delta * scale, moves
 
 
 def _diagonals(a: Array) -> Array:
@@ -205,10 +198,3 @@ def _diagonals(a: Array) -> Array:
     i = np.arange(a.shape[1])
     out[:, i, i] = a[:, i, i]
     return out
-
-
-def _covariance(parts: Sequence[Part], information: Array, scale: Array, cost: float) -> Array:
-    """Of the parameters, from the residual's own variance; windows are taken as independent, samples as correlated."""
-    inverse = np.linalg.pinv(information, hermitian=True) if len(scale) else np.zeros((0, 0))
-    windows = max(sum(part.start.shape[1] for part in parts), 1)
-    return np.asarray(inverse * np.outer(scale, scale) * cost / max(windows, 1))

@@ -191,15 +191,18 @@ def fitted_starts(
     simulator = Simulator(windows, effects)
     nx = simulator.composite.nx
     start = reference[windows.first, :nx].T.copy()
-    best, cost = start, np.full(start.shape[1], np.inf)
+    best, cost, step = start, np.full(start.shape[1], np.inf), np.zeros_like(start)
     for _ in range(START_STEPS):
         y = simulator.readings(values, simulator.run(values, _perturbed(start)))
         e = _errors(windows, y[..., 0], sigma)
         now = np.sum(e**2, axis=(0, 1))
-        best, cost = np.where(now < cost, start, best), np.minimum(now, cost)
+        better = now < cost
+        best, cost = np.where(better, start, best), np.minimum(now, cost)
         jacobian = np.nan_to_num((y[..., 1:] - y[..., :1]) / _steps(start)[None, None].transpose(0, 1, 3, 2))
         jacobian = np.where(np.isfinite(windows.y)[..., None], jacobian, 0.0) / sigma[None, :, None, None]
-        start = best + _newton(e, jacobian)
+        # from a start that is worse no step is taken: half of the one that led there, from the best
+        step = np.where(better, _newton(e, jacobian), step / 2.0)
+        start = best + step
     y = simulator.readings(values, simulator.run(values, start[:, :, None]))[..., 0]
     worse = np.sum(_errors(windows, y, sigma) ** 2, axis=(0, 1)) > cost
     start = np.where(worse, best, start)

@@ -15,14 +15,13 @@ from math import log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from hoopd.diagnose.record import Visible
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.scanned import Scanned
 from hoopd.diagnose.search.screen import Column, Member, Screen, members_of, touched_grids
-from hoopd.diagnose.search.surprise import THRESHOLD, log_chance, surprise
-from hoopd.diagnose.search.trying import columns_of
+from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain
+from hoopd.diagnose.search.trying import columns_of, needed_of
 from hoopd.physics.effects.base import Effect, EffectParameter
 
 Array = NDArray[np.float64]
@@ -39,7 +38,8 @@ def visible(named: Named, library: Mapping[str, Effect], threshold: float = THRE
     """Of every effect of a library about the final fit, in the library's order; of those named, by what they gain."""
     screen = Screen(named.final, ())
     slots = {slot for track in named.final.tracks for slot in track.stretch.plant.slots}
-    looked_at = {s.member.effect.name: s.candidates for s in named.scores if isinstance(s, Scanned)}
+    scans = {s.member.effect.name: s for s in named.scores if isinstance(s, Scanned)}
+    stretches = [track.stretch for track in named.final.tracks]
     # what is the same as an effect of the fit has nothing left to show
     taken = {name for one in named.final.effects for name in (one.name, *one.same_as)}
     found = {}
@@ -48,7 +48,8 @@ def visible(named: Named, library: Mapping[str, Effect], threshold: float = THRE
             found[name] = _of_named(effect, named, threshold)
         elif name not in taken and effect.found_by in ("screen", "scan") and effect.slot in slots:
             inner = [p.name for one in effect.contains if one in library for p in library[one].parameters]
-            found[name] = of_effect(screen, effect, threshold, looked_at.get(name, PLACES), inner)
+            needed = needed_of(scans[name], threshold, stretches) if name in scans else None
+            found[name] = of_effect(screen, effect, threshold, needed, inner)
     return found
 
 
@@ -56,13 +57,16 @@ def of_effect(
     screen: Screen,
     effect: Effect,
     threshold: float = THRESHOLD,
-    places: float = PLACES,
+    needed: float | None = None,
     inner: Sequence[str] = (),
 ) -> Visible:
-    """Of an effect that the fit does not have; `inner`: parameters that a simpler effect has too, and speaks for."""
-    stretches = [track.stretch for track in screen.fit.tracks]
-    columns, choices = columns_of(effect, stretches)
-    needed = needed_nats(columns, places if effect.found_by == "scan" else choices, threshold)
+    """Of an effect that the fit does not have; `inner`: parameters that a simpler effect has too, and speaks for.
+
+    `needed`: the gain that a scan of it asks for.
+    """
+    if needed is None:
+        columns, choices = columns_of(effect, [track.stretch for track in screen.fit.tracks])
+        needed = needed_gain(threshold, columns, PLACES if effect.found_by == "scan" else choices)
     members = _members(screen, effect)
     z = screen.whitened([(effect, column) for member in members for column in member.columns])
     ends = np.cumsum([len(member.columns) for member in members])[:-1]
@@ -75,18 +79,6 @@ def of_effect(
     rows = np.min([np.array([float(one.sum()) / 2.0]) if phased else one for one in nats], axis=0)
     told = [i for i, a in enumerate(amplitudes) if a.name not in inner] or [0]
     return _of_amplitudes([amplitudes[i] for i in told], rows[told], needed)
-
-
-def needed_nats(columns: int, looked_at: float, threshold: float) -> float:
-    """The gain whose surprise is the threshold."""
-    most = 4.0 * (threshold + log(max(looked_at, 1.0)) + columns)
-
-    def off(gain: float) -> float:
-        return -log_chance(gain, columns) - log(max(looked_at, 1.0)) - threshold
-
-    found = float(brentq(off, 1e-6, most))
-    assert abs(surprise(found, columns, looked_at) - threshold) < 1e-3
-    return found
 
 
 # ---------------------------------------------------------------------------------------------- inside
@@ -151,8 +143,8 @@ def _crossing(sizes: Array, nats: Array, needed: float, most: float) -> float | 
 def _of_named(effect: Effect, named: Named, threshold: float) -> Visible:
     """By what it gained at the size it has."""
     p = next((p for p in effect.parameters if p.role == "amplitude"), effect.parameters[0])
-    stretches = [track.stretch for track in named.final.tracks]
-    needed = needed_nats(*columns_of(effect, stretches), threshold)
+    score = next(one.score for one in named.accepted if one.effect.name == effect.name)
+    needed = needed_of(score, threshold, [track.stretch for track in named.final.tracks])
     value = named.final.values.get(effect.key(p.name), p.neutral)
     if _is_limit(p):
         return Visible(parameter=p.name, unit=p.unit, smallest=value)

@@ -4,7 +4,7 @@ The derivative of the log-likelihood by an addition to the one-step map is the f
 smoother; `filtering.smoothed`). With it the score of any force is one inner product. The same pass over rows of white
 noise shows what the model itself expects of such scores, and so how large the best of many becomes by chance.
 
-Rules of this file: numbers in, numbers out; what is made of the answers stands in `scan` and `events`.
+Rules of this file: numbers in, numbers out; what is made of the answers stands in `tones` and `pushes`.
 """
 
 from __future__ import annotations

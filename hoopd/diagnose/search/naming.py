@@ -10,9 +10,7 @@ Rules of this file: no name of an effect is written here; what is nested, equal 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
@@ -50,7 +48,6 @@ class Named:
     left: list[Score] = field(default_factory=list)  # screen of the final fit
     rivals: dict[str, list[tuple[str, float]]] = field(default_factory=dict)  # accepted -> (name, nats behind)
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)  # accepted -> rivals that held-out data refused
-    heldout: dict[str, float] = field(default_factory=dict)  # criterion of nominal, base, final on the held-out data
 
 
 def name_effects(
@@ -77,7 +74,6 @@ def name_effects(
             _reconsider(found, judge)
     _ablate(found, judge)
     found.screens = {id(one): judge.screens[id(one)] for one in (base, found.final) if id(one) in judge.screens}
-    found.heldout = {"base": judge.on_heldout(base), "final": judge.on_heldout(found.final)}
     return found
 
 
@@ -118,9 +114,8 @@ def _taken(found: Named, judge: Judge, tried: Sequence[Tried]) -> Tried | None:
             continue
         if not judge.refused(found.final, one.fit, one.gain):
             gap = [(other.effect.name, one.gain - other.gain) for other in tried if other is not one]
-            better = judge.heldout_gain(found.final, one.fit)
             found.rivals[one.effect.name], found.refused[one.effect.name] = gap, tuple(refused)
-            return replace(one, heldout_gain=None if np.isnan(better) else float(better))
+            return one
         refused.append(one.effect.name)
     return None
 

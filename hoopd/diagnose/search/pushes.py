@@ -48,7 +48,7 @@ def pushes(screen: Screen, effect: Effect) -> list[Scanned]:
     members = [_member(effect, str(one.recording), one.shape) for one in found]
     best = sorted(zip(_exact(screen, members), found, strict=True), key=lambda pair: -pair[0].gain)
     every = [_edges_moved(screen, one) for one, _ in best[:REFINED]] + [one for one, _ in best[REFINED:]]
-    return [scanned(one, 1, candidates, place.spread) for one, (_, place) in zip(every, best, strict=True)]
+    return [scanned(one, 1, candidates) for one in every]
 
 
 def lengths(shortest_s: float, longest_s: float) -> Array:

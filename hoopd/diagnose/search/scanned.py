@@ -20,7 +20,6 @@ class Scanned(Score):
 
     freedom: int = 1  # parameters that each candidate fits
     candidates: float = 1.0  # independent ones among those looked at
-    spread: float = 1.0  # gains of the candidates around over those the model expects; not below 1
 
     @property
     def threshold_equivalent(self) -> float:
@@ -37,14 +36,14 @@ class Place(NamedTuple):
     """A candidate before it is scored exactly."""
 
     gain: float
-    spread: float
+    spread: float  # gains of the candidates around over those the model expects; not below 1
     shape: dict[str, float]
     recording: str | None = None
 
 
-def scanned(score: Score, freedom: int, candidates: float, spread: float = 1.0) -> Scanned:
+def scanned(score: Score, freedom: int, candidates: float) -> Scanned:
     """The same score, as the best of many."""
-    return Scanned(score.member, score.gain, score.start, score.vector, score.origin, freedom, candidates, spread)
+    return Scanned(score.member, score.gain, score.start, score.vector, score.origin, freedom, candidates)
 
 
 def usual_size(effect: Effect) -> tuple[str, float, float]:

@@ -54,7 +54,7 @@ def tones(screen: Screen, effect: Effect) -> list[Scanned]:
     best = sorted(zip(exact, peaks, strict=True), key=lambda pair: -pair[0].gain)
     finer = _refined(screen, effect, [one for one, _ in best[:REFINED]], spectrum.cell / 4)
     every = finer + [one for one, _ in best[REFINED:]]
-    return [scanned(one, freedom, candidates, place.spread) for one, (_, place) in zip(every, best, strict=True)]
+    return [scanned(one, freedom, candidates) for one in every]
 
 
 def _frequency(effect: Effect) -> str:

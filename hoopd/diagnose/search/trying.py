@@ -45,7 +45,6 @@ class Tried:
     gain: float  # nats over what was there before
     surprise: float
     score: Score
-    heldout_gain: float | None = None
 
 
 class Judge:
