@@ -114,6 +114,20 @@ def test_simulate_prints_every_way_and_the_bound() -> None:
     assert "the bound is 5 ms" in out
 
 
+def test_the_toolbox_stands_beside_its_peers(tmp_path: Path) -> None:
+    path = tmp_path / "speed.json"
+    run_bench("ident_speed.py", "--runs", "1", "--samples", "20000", "--json", str(path))
+    rows = {row["set"]: row for row in json.loads(path.read_text())["rows"]}
+    assert list(rows) == ["arx2", "armax2", "oe2", "mimo4", "mimo4k"]
+    assert all(rows[name]["value"] < 0.06 for name in ("mimo4", "mimo4k"))
+    assert all(rows[name]["value"] < 0.05 for name in ("arx2", "armax2", "oe2"))
+
+
+def test_criteria_prints_rates_with_intervals() -> None:
+    out = run_bench("ident_criteria.py", "--seeds", "1", "--only", "02,49")
+    assert "1/1" in out
+
+
 def test_writeback_shows_that_the_error_falls(tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     out = run_bench("writeback.py", "--seeds", "1", "--only", "imbalance", "--json", str(path))

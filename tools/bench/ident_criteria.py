@@ -57,7 +57,7 @@ def held(area: str, name: str, seed: int) -> tuple[bool, str, float]:
 
 def rates(wanted: dict[str, tuple[str, str]], seeds: int, workers: int) -> dict[str, dict[str, Any]]:
     """{"held", "seeds", "interval", "why", "seconds"} by criterion."""
-    from concealed.metrics import clopper_pearson
+    from concealed.proportions import clopper_pearson
 
     told: dict[str, list[tuple[bool, str, float]]] = {key: [] for key in wanted}
     with ProcessPoolExecutor(workers) as pool:
