@@ -18,6 +18,7 @@ from hoopd.diagnose.engine.dataset import Stretch, stretch_of
 from hoopd.diagnose.engine.fitting import fit
 from hoopd.diagnose.report.pictures import shown_of
 from hoopd.diagnose.search.naming import Named, name_effects
+from hoopd.diagnose.search.trying import Judge, Settings
 from hoopd.ident.normal import Z95
 from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect
@@ -82,8 +83,8 @@ def test_its_dry_friction_is_named_with_its_value(rubbing: Named) -> None:
     (found,) = rubbing.accepted
     final = rubbing.final
     assert found.effect.name == NAME
-    assert found.heldout_gain is not None
-    assert found.heldout_gain > 10.0
+    judge = Judge([], [pushed("b", 2, 10.0, FRICTION_N)], LIBRARY, Settings())
+    assert judge.heldout_gain(rubbing.base, final) > 10.0
     for name, truth in ((f"{NAME}.Fc", FRICTION_N), ("m", MASS_KG), ("b", VISCOUS_N_S_M)):
         assert final.values[name] == pytest.approx(truth, abs=Z95 * final.deviation(name))
         assert final.deviation(name) < 0.2 * truth
