@@ -212,6 +212,12 @@ class Composite:
         """By how much a channel's readings are late."""
         return values.get(self.latencies.get(channel, ""), 0.0)
 
+    @property
+    def settled(self) -> tuple[int | None, ...]:
+        """Of the states behind lags: the plant's state that each follows at rest, None for the demanded torque."""
+        readings = [self.plant.states.index(self.plant.channels[channel]) for _, channel in self._sensor_lags]
+        return (*([None] if self._torque_lags else []), *readings)
+
     def beginning(self, x: Array, u: float = 0.0) -> Array:
         """z from the plant's state (of a state that an effect added: zero): what lags has settled."""
         z = np.zeros(self.nz)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
@@ -20,10 +21,12 @@ from hoopd.diagnose.engine.filtering import (
     smoothed,
     whitened,
 )
+from hoopd.diagnose.engine.fitting import fit
 from hoopd.diagnose.engine.noise import Criterion
 from hoopd.diagnose.engine.tuning import roughness, tuned
+from hoopd.physics.effects.catalogue import library
 
-N, NZ, NQ, NC = 40, 5, 2, 3
+N, NZ, NQ, NC, FOLLOWED = 40, 5, 2, 3, 3
 LEVELS = Noise(np.array([0.3, 0.05]), np.array([0.1, 0.3]), np.array([0.02, 0.1, 0.05]))
 
 
@@ -53,6 +56,7 @@ def model(seed: int = 1, n: int = N) -> Linear:
         seen,
         4,
         random.uniform(0.5, 2.0, (n, NC)),
+        (FOLLOWED,),
     )
 
 
@@ -75,10 +79,12 @@ def dense(m: Linear, noise: Noise) -> Dense:
         for k in range(j, n):
             reach[k * size : (k + 1) * size, j * size : (j + 1) * size] = block
             block = phi[k] @ block if k < n - 1 else block
-    start = [START_POSITION, START_RATE, START_POSITION, START_RATE, START_RATE, *noise.force]
+    # the last state, behind a lag, has settled to one of the others
+    start, settled = [START_POSITION, START_RATE, START_POSITION, START_RATE, 0.0, *noise.force], np.eye(size)
+    settled[NZ - 1, FOLLOWED] = 1.0
     floor = [0.0, RATE_FLOOR, 0.0, RATE_FLOOR, 0.0]
     added = [np.diag([*np.square(floor), *(noise.force**2 * (1 - np.exp(-2 * h / noise.time_s)))]) for h in m.h]
-    state = reach @ block_diag(np.diag(np.square(start)), *added) @ reach.T
+    state = reach @ block_diag(settled @ np.diag(np.square(start)) @ settled.T, *added) @ reach.T
     rows = m.seen.ravel()
     c = block_diag(*(np.hstack([one, np.zeros((NC, NQ))]) for one in m.c))[rows]
     eps = c @ state @ c.T + np.diag(((noise.reading * m.scatter) ** 2).ravel()[rows])
@@ -136,7 +142,9 @@ def test_filtered_and_predicted_states_know_no_later_reading() -> None:
     f, eps = data(m, 1)
     whole = smoothed(m, gains(m, LEVELS), f[:, :, 0], eps[:, :, 0])
     for k in (1, 17):
-        part = Linear(m.a[:k], m.w[:k], m.c[: k + 1], m.h[:k], m.seen[: k + 1].copy(), m.nx, m.scatter[: k + 1])
+        part = Linear(
+            m.a[:k], m.w[:k], m.c[: k + 1], m.h[:k], m.seen[: k + 1].copy(), m.nx, m.scatter[: k + 1], m.settled
+        )
         last = smoothed(part, gains(part, LEVELS), f[:k, :, 0], eps[: k + 1, :, 0])
         assert np.allclose(whole.filtered[k], last.d[k])
         part.seen[k] = False
@@ -207,3 +215,26 @@ def test_roughness_is_the_noise_of_a_smooth_reading() -> None:
     count = 2 * np.pi / 4096
     slow = np.round(0.001 * np.arange(2000) / count) * count
     assert roughness([slow]) >= 0.99 * count / np.sqrt(12.0)
+
+
+@pytest.mark.parametrize("name", ["actuator.lag", "encoder.speed_lag"])
+def test_a_lag_of_no_time_costs_nothing_at_the_start_of_a_stretch(name: str) -> None:
+    """It has settled there: what is behind it is no further unknown."""
+    plant = shipped_plant()
+    lag, made = library(plant)[name], stretch_with(plant, "a", 3, 8.0)
+    base = fit([made], (), plant.values, noise={"a": NOISE}, free=(), tune_noise=False)
+    found = fit([made], (lag,), plant.values, noise={"a": NOISE}, free=(), tune_noise=False)
+    assert [gain.logdet for gain in found.gains] == pytest.approx([gain.logdet for gain in base.gains], abs=1e-3)
+    assert found.criterion == pytest.approx(base.criterion, abs=0.5)
+
+
+def test_a_lag_that_is_there_is_not_behind_a_delay_of_the_same_time() -> None:
+    plant = shipped_plant()
+    library_of = library(plant)
+    made = stretch_with(plant, "a", 3, 20.0, [library_of["actuator.lag"]], {"actuator.lag.T": 1.2e-3})
+    found = {
+        name: fit([made], (library_of[name],), {**plant.values, f"{name}.{key}": 1e-3}, noise={"a": NOISE},
+                  tune_noise=False).criterion
+        for name, key in (("actuator.lag", "T"), ("actuator.delay", "d"))
+    }  # fmt: skip
+    assert found["actuator.lag"] < found["actuator.delay"]

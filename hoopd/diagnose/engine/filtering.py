@@ -54,6 +54,7 @@ class Linear(NamedTuple):
     seen: NDArray[np.bool_]  # (n, nc)
     nx: int  # how many of the nz are positions and rates, alternating
     scatter: Array  # (n, nc) a reading's noise over its channel's level
+    settled: tuple[int | None, ...] = ()  # of the other nz: what each has settled to, a state or a known torque
 
     @property
     def size(self) -> int:
@@ -153,10 +154,22 @@ def smoothed(model: Linear, found: Gains, f: Array, eps: Array) -> Smoothed:
 
 
 def start_covariance(model: Linear, noise: Noise) -> Array:
-    """(size, size) of the first deviation."""
-    spread = np.full(model.a.shape[1], START_RATE)
-    spread[: model.nx : 2] = START_POSITION
-    return np.diag(np.concatenate([spread, noise.force]) ** 2)
+    """(size, size) of the first deviation.
+
+    What is behind a lag has settled, as `Composite.beginning` says. Were it free, the first sample of every stretch
+    would cost a lag two nats that a delay of the same time does not pay.
+    """
+    nz, nx = model.a.shape[1], model.nx
+    spread = np.full(nx, START_RATE)
+    spread[::2] = START_POSITION
+    follows = np.vstack([np.eye(nx), np.zeros((nz - nx, nx))])
+    for row, state in enumerate(model.settled, start=nx):
+        if state is not None:
+            follows[row, state] = 1.0
+    found = np.zeros((model.size, model.size))
+    found[:nz, :nz] = follows * spread**2 @ follows.T
+    found[nz:, nz:] = np.diag(noise.force**2)
+    return found
 
 
 def _process_noise(model: Linear, noise: Noise, decay: Array) -> Array:

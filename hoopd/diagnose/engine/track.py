@@ -168,9 +168,8 @@ class Track:
         f[:, :, 0], eps[:, :, 0] = after + step - self.z[1:], np.nan_to_num(self.stretch.y) - y - reading
         where = [1 + list(free).index(name) for name in mine]
         f[:, :, where], eps[:, :, where] = by_p, -of_p
-        return Columns(
-            Linear(by_z, by_w, of_z, self.stretch.h, np.isfinite(self.stretch.y), c.nx, self.stretch.scatter), f, eps
-        )
+        seen = np.isfinite(self.stretch.y)
+        return Columns(Linear(by_z, by_w, of_z, self.stretch.h, seen, c.nx, self.stretch.scatter, c.settled), f, eps)
 
     def _step_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> tuple[Array, ...]:
         """One-step map (n-1, nz), and its derivatives (n-1, nz, ...) by z, w and parameters, at no disturbance."""
