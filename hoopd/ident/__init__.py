@@ -15,7 +15,7 @@ _GIVEN = {
     "models": "Polynomials Innovations state_space innovations",
     "checks": "IdentificationWarning",
     "prediction": "simulate predict prediction_error estimate_x0",
-    "measures": "fit_percent rms mse sse nrmse criteria compare",
+    "measures": "fit_percent rms mse sse nrmse criteria aic aicc bic fpe parameters_of compare table",
     "residualtests": "residuals whiteness independence",
     "conditioning": "detrend trend applied scaled normalised ramp_in ramp_out joined merged predictor_data fill_gaps",
     "filtering": "prefilter filtered resample resampled_system resampled_covariance",
