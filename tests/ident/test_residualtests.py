@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Polynomials
-from hoopd.ident.residualtests import correlation, independence, residuals, whiteness
+from hoopd.ident.residualtests import independence, residuals, whiteness
 
 A, B = np.array([1.0, -1.5, 0.7]), np.array([0.0, 1.0, 0.5])
 TRUE = Polynomials(1.0, a=A, b=(B,), names=("a1", "a2", "b1", "b2"), values=np.zeros(4))
@@ -26,21 +26,78 @@ def made(seed: int, n: int = 600, feedback: float = 0.0) -> Data:
     return iddata(y, u)
 
 
-def test_whiteness_fails_white_noise_as_seldom_as_it_says() -> None:
-    chances = np.array([whiteness(np.random.default_rng(s).standard_normal(500)).chance for s in range(400)])
-    assert 0.005 <= np.mean(chances < 0.05) <= 0.09
-    coloured = lfilter([1.0], [1.0, -0.3], np.random.default_rng(1).standard_normal(500))
-    assert not whiteness(coloured).passed
+def holed(rng: np.random.Generator, x: np.ndarray, share: float) -> np.ndarray:
+    return np.where(rng.random(len(x)) < share, np.nan, x)
 
 
-def test_independence_fails_independent_signals_as_seldom_as_it_says() -> None:
-    # both coloured: a band for white signals would be far too narrow
+def rate(chances: list[float]) -> float:
+    return float(np.mean(np.array(chances) < 0.05))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
+def test_whiteness_fails_white_noise_as_seldom_as_it_says(share: float) -> None:
     chances = []
-    for seed in range(200):
+    for seed in range(800):
         rng = np.random.default_rng(seed)
-        e, u = (lfilter([1.0], [1.0, -0.9], rng.standard_normal(900))[100:] for _ in range(2))
-        chances.append(independence(e, u).chance)
-    assert np.mean(np.array(chances) < 0.05) <= 0.12
+        chances.append(whiteness(holed(rng, rng.standard_normal(1000), share)).chance)
+    assert 0.03 <= rate(chances) <= 0.07
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_colour_is_seen_with_half_of_the_samples_missing(share: float) -> None:
+    # n r^2 (1 - share)^2 = 3000 x 0.04 x 0.25 = 30 above the 25 of chance, of which 1 in 100 reach 44
+    seen = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        seen.append(not whiteness(holed(rng, lfilter([1.0], [1.0, -0.2], rng.standard_normal(3000)), share)).passed)
+    assert np.mean(seen) > 0.7
+
+
+def test_a_channel_read_at_every_other_sample_is_tested_at_even_lags() -> None:
+    rng = np.random.default_rng(2)
+    chances = []
+    for _ in range(300):
+        x = rng.standard_normal(600)
+        x[::2] = np.nan
+        chances.append(whiteness(x).chance)
+    assert 0.02 <= rate(chances) <= 0.08
+    with pytest.raises(ValueError, match="0 errors are known"):
+        whiteness(np.full(100, np.nan))
+
+
+def signals(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
+    t = np.arange(n)
+    return {
+        "white": rng.standard_normal(n),
+        "coloured": lfilter([1.0], [1.0, -0.9], rng.standard_normal(n)),
+        "steps": np.repeat(rng.standard_normal(n // 20 + 1), 20)[:n],
+        "sine": np.sin(0.3 * t + 6.0 * rng.random()),
+        "three sines": sum((np.sin(w * t + 6.0 * rng.random()) for w in (0.1, 0.37, 0.9)), np.zeros(n)),
+    }
+
+
+@pytest.mark.parametrize("name", ["white", "coloured", "steps", "sine", "three sines"])
+@pytest.mark.parametrize(("colour", "share"), [(0.0, 0.0), (0.9, 0.0), (0.0, 0.3)])
+def test_independence_fails_independent_signals_as_seldom_as_it_says(name: str, colour: float, share: float) -> None:
+    chances = []
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        e = lfilter([1.0], [1.0, -colour], rng.standard_normal(900))[100:]
+        chances.append(independence(holed(rng, e, share), signals(rng, 800)[name]).chance)
+    # two standard deviations of 150 trials about 3 and 7 in 100
+    assert 0.0 <= rate(chances) <= 0.11
+
+
+@pytest.mark.parametrize("name", ["white", "coloured", "steps", "sine", "three sines"])
+def test_a_neglected_lag_is_seen_whatever_the_colour_of_the_input(name: str) -> None:
+    seen, false = [], []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        u = signals(rng, 1000)[name]
+        e = rng.standard_normal(1000) + 0.2 * np.concatenate([[0.0], u[:-1]]) / np.std(u)
+        seen.append(not independence(e, u).passed)
+        false.append(not independence(e, u, 10, after=False).passed)
+    assert np.mean(seen) > 0.7 and np.mean(false) < 0.1
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -59,9 +116,14 @@ def test_a_closed_loop_is_seen_at_negative_lags() -> None:
     assert not any("closed loop" in one for one in residuals(TRUE, made(0, 4000)).warnings)
 
 
-def test_correlation_finds_a_delay_and_skips_what_is_missing() -> None:
-    x = np.random.default_rng(3).standard_normal(400)
-    y = np.concatenate([np.zeros(7), x[:-7]])
-    y[50:60] = np.nan
-    assert int(np.argmax(correlation(x, y, 20))) - 20 == 7
-    assert np.all(correlation(np.ones(50), np.ones(50), 3) == 0.0)
+def test_several_experiments_are_tested_together_and_apart() -> None:
+    parts = [made(seed, 300) for seed in range(3)]
+    found = residuals(TRUE, parts)
+    assert len(found.errors) == 900 and not found.warnings
+    late = Polynomials(1.0, a=A, b=(np.array([0.0, 0.0, 1.0, 0.5]),))
+    # right on the first, wrong on the others
+    shifted = [parts[0], *(iddata(one.y[1:], one.u[:-1]) for one in parts[1:])]
+    assert not residuals(TRUE, shifted[:1]).warnings and residuals(TRUE, shifted).warnings
+    assert residuals(late, parts).independent[0].chance < 1e-6
+    with pytest.raises(ValueError, match="0 errors"):
+        residuals(TRUE, iddata(np.full(300, np.nan), parts[0].u), x0="zero")
