@@ -21,18 +21,20 @@ from hoopd.design.arxlaw import arriving
 from hoopd.design.laws import Spec
 from hoopd.files import InputError
 from hoopd.ident.checks import CONSTANT, IdentificationWarning
+from hoopd.ident.confidence import Estimated, pole_spread, response_spread, zero_spread, zeros_of
 from hoopd.ident.data import Data, iddata
+from hoopd.ident.frequencydata import response
 from hoopd.ident.measures import fit_percent
 from hoopd.ident.models import Innovations, Polynomials, state_space
 from hoopd.ident.polynomial.arx import varx
 from hoopd.ident.polynomial.pem import armax, bj, oe
 from hoopd.ident.prediction import predict
-from hoopd.ident.residualtests import residuals
+from hoopd.ident.residualtests import ResidualReport, residuals
 from hoopd.ident.statespace.pem import pem
 from hoopd.ident.statespace.subspace import subspaceid
 from hoopd.identifiedfile import IdentifiedFile, identified_text
 from hoopd.plots import style
-from hoopd.plots.identification import draw_residuals, draw_said
+from hoopd.plots.identification import Response, Roots, draw_residuals, draw_responses, draw_roots, draw_said
 from hoopd.recording.bytesof import replace_file
 from hoopd.recording.recording import Recording
 
@@ -42,6 +44,7 @@ Progress = Callable[[str], None]
 METHODS = ("arx", "armax", "oe", "bj", "subspace", "pem")
 STATE_SPACE = ("subspace", "pem")
 OUTPUTS = ("dtheta", "psi")
+UNITS = {"theta": "rad", "dtheta": "rad/s", "psi": "rad"}
 HORIZONS = {"1": 1.0, "10": 10.0, "simulation": np.inf}
 # Of a recording without another one to compare with, the last part is held out.
 LAST_SHARE = 1.0 / 3.0
@@ -49,6 +52,8 @@ LAST_SHARE = 1.0 / 3.0
 SHORTEST = 50
 # Readings of an output that a fit in percent and the tests of residuals ask for.
 FEWEST_READINGS = 20
+# Lowest frequency that is drawn, of half of the sampling frequency.
+LOWEST_SHARE = 1e-3
 # Steps that differ by less are rounding of the time stamps.
 SAME_STEP = 1e-6
 
@@ -88,17 +93,14 @@ def run(
         train, held = _split(train)
     _check_held(train, held, ", ".join(holdout) or f"{', '.join(recordings)}, last third")
     progress(f"fitting {wish.method}")
-    model, doubts = _identified(train, wish, recordings)
+    model, parts, doubts = _identified(train, wish, recordings)
     progress("comparing")
     percent, lost = _percents(model, held)
     report = residuals(model, held)
     notes = [*said, *more, *doubts, *lost, *report.warnings]
     file = _file(model, wish, recordings, percent, notes, out)
     if figure is not None:
-        said = {wish.method: predict(model, held[0], HORIZONS["10"])}
-        style.save(draw_said(held[0], said, "10 samples ahead", title=f"{wish.method}, {how}"), figure)
-        beside = figure.with_name(f"{figure.stem}_residuals{figure.suffix}")
-        style.save(draw_residuals(report), beside)
+        _draw(model, parts, wish.method, max(held, key=lambda one: one.n), how, report, figure)
     if out is not None:
         replace_file(out, identified_text(file).encode())
     return {
@@ -224,25 +226,27 @@ def _check(wish: Wish) -> None:
         raise InputError("--order", "", f"at least 1, not {wish.order}")
 
 
-def _identified(train: Sequence[Data], wish: Wish, recordings: Sequence[str]) -> tuple[Innovations, list[str]]:
-    """The model in innovation form, and what its method warned of."""
+def _identified(
+    train: Sequence[Data], wish: Wish, recordings: Sequence[str]
+) -> tuple[Innovations, list[Estimated], list[str]]:
+    """The model in innovation form, as its method gave it (a part an output, or one), and what that warned of."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", IdentificationWarning)
         try:
-            model = _by_method(train, wish)
+            model, parts = _by_method(train, wish)
         except (ValueError, ArithmeticError) as error:
             raise InputError(", ".join(recordings), "", str(error)) from None
     notes = [str(one.message) for one in caught if issubclass(one.category, IdentificationWarning)]
-    return model, list(dict.fromkeys(notes))
+    return model, parts, list(dict.fromkeys(notes))
 
 
-def _by_method(train: Sequence[Data], wish: Wish) -> Innovations:
+def _by_method(train: Sequence[Data], wish: Wish) -> tuple[Innovations, list[Estimated]]:
     if wish.method == "arx":
-        return varx(train, *wish.orders[:2]).state_space
-    if wish.method == "subspace":
-        return subspaceid(train, wish.order)
-    if wish.method == "pem":
-        return pem(train, wish.order)
+        joint = varx(train, *wish.orders[:2])
+        return joint.state_space, [joint]
+    if wish.method in STATE_SPACE:
+        model = subspaceid(train, wish.order) if wish.method == "subspace" else pem(train, wish.order)
+        return model, [model]
     na, nb, nc = (*wish.orders, wish.orders[0])[:3]
     fits: Mapping[str, Callable[[Sequence[Data]], Polynomials]] = {
         "armax": lambda each: armax(each, na, nb, nc),
@@ -250,7 +254,7 @@ def _by_method(train: Sequence[Data], wish: Wish) -> Innovations:
         "bj": lambda each: bj(each, nb, nc, nc, na),
     }
     rows = [fits[wish.method]([one.channels([i]) for one in train]) for i in range(train[0].ny)]
-    return beside([state_space(one) for one in rows])
+    return beside([state_space(one) for one in rows]), [*rows]
 
 
 def beside(models: Sequence[Innovations]) -> Innovations:
@@ -281,6 +285,64 @@ def _percents(model: Innovations, held: Sequence[Data]) -> tuple[dict[str, dict[
 
 def _poles(model: Innovations) -> NDArray[np.complex128]:
     return np.asarray(sorted(np.linalg.eigvals(model.a), key=lambda z: -abs(z)), dtype=complex)
+
+
+# ---------------------------------------------------------------------------------------------- figures
+
+
+def _draw(
+    model: Innovations, parts: Sequence[Estimated], method: str, shown: Data, how: str, report: ResidualReport,
+    figure: Path,
+) -> None:  # fmt: skip
+    """Predictions into the file that was asked for; residuals, responses and roots beside it."""
+    said = {method: predict(model, shown, HORIZONS["10"])}
+    drawn = {
+        "": draw_said(shown, said, "10 samples ahead", title=f"{method}, {how}", units=UNITS),
+        "_residuals": draw_residuals(report),
+        "_bode": draw_responses(_responses(model, parts), title=f"From the torque, {method}{_known(parts)}"),
+        "_roots": draw_roots(_root_sets(model, parts), title=f"Poles and zeros, {method}{_known(parts)}"),
+    }
+    for ending, one in drawn.items():
+        style.save(one, figure.with_name(f"{figure.stem}{ending}{figure.suffix}"))
+
+
+def _known(parts: Sequence[Estimated]) -> str:
+    return ", with 95 % regions" if pole_spread(parts[0]) is not None else ""
+
+
+def _responses(model: Innovations, parts: Sequence[Estimated]) -> list[Response]:
+    """From the torque to each output, over three decades up to half of the sampling frequency."""
+    w = np.geomspace(LOWEST_SHARE, 1.0, 200) * np.pi / model.dt
+    h = response(model.system, w)
+    spreads = [response_spread(one, w) for one in parts]
+    out = []
+    for i, name in enumerate(model.outputs):
+        spread, row = (spreads[0], i) if len(parts) == 1 else (spreads[i], 0)
+        sd = () if spread is None else (spread.gain[:, row, 0], spread.phase[:, row, 0])
+        out.append(Response(f"{name} ({UNITS[name]} per N m)", w, h[:, i, 0], *sd))
+    return out
+
+
+def _root_sets(model: Innovations, parts: Sequence[Estimated]) -> list[Roots]:
+    """Poles once where all outputs have them in common, zeros by output."""
+    none = np.zeros(0, dtype=complex)
+    poles = [pole_spread(one) for one in parts]
+    out = []
+    if len(parts) == 1:
+        shared = poles[0]
+        own = Roots("poles", _poles(model), none) if shared is None else Roots(
+            "poles", shared.roots, none, shared.covariances
+        )  # fmt: skip
+        out.append(own)
+    for i, name in enumerate(model.outputs):
+        part, row = (parts[0], i) if len(parts) == 1 else (parts[i], 0)
+        spread, pole = zero_spread(part, row), poles[0 if len(parts) == 1 else i]
+        zeros, sizes = (zeros_of(model, i), ()) if spread is None else (spread.roots, spread.covariances)
+        if len(parts) == 1 or pole is None:
+            out.append(Roots(f"zeros of {name}", none, zeros, (), sizes))
+        else:
+            out.append(Roots(f"poles and zeros of {name}", pole.roots, zeros, pole.covariances, sizes))
+    return out
 
 
 def _file(

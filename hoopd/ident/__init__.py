@@ -16,6 +16,7 @@ _GIVEN = {
     "checks": "IdentificationWarning",
     "prediction": "simulate predict prediction_error estimate_x0 predictor_system error_system",
     "smoothing": "smoothed",
+    "confidence": "response_spread pole_spread zero_spread",
     "measures": "fit_percent rms mse sse nrmse criteria aic aicc bic fpe parameters_of compare table",
     "residualtests": "residuals whiteness independence",
     "conditioning": "detrend trend applied scaled normalised ramp_in ramp_out joined merged predictor_data fill_gaps",

@@ -174,13 +174,16 @@ def _span(columns: Array) -> Array:
 def _colour(rest: Array) -> tuple[Array, float]:
     """Autoregression 1, a_1, ... of a signal with gaps, and the share of its variance that is new at each sample.
 
-    By the recursion of Levinson and Durbin on the correlations of known pairs; the order is that of the least BIC, for
-    coefficients beyond it add nothing but chance.
+    By the recursion of Levinson and Durbin; the order is that of the least BIC, for coefficients beyond it add nothing
+    but chance. A correlation is that of the pairs that are known, by the powers of these very pairs: those of all
+    samples would leave errors in it that a strong colour makes large. Windows without a gap are what counts as samples.
     """
     known = int(np.isfinite(rest).sum())
     order = min(COLOUR, known // EACH)
-    found = correlation(rest, lags=order)
-    r, pairs = found.values[order:, 0, 0], found.pairs[order:, 0, 0]
+    seen, x = np.isfinite(rest).astype(float), np.nan_to_num(rest)
+    both = [(x[k:], x[: len(x) - k], seen[k:], seen[: len(x) - k]) for k in range(order + 1)]
+    pairs = np.array([m @ n for _, _, m, n in both])
+    r = np.array([a @ b / max(np.sqrt((a**2 @ n) * (b**2 @ m)), np.finfo(float).tiny) for a, b, m, n in both])
     a, share, best, least = np.ones(1), 1.0, (np.ones(1), 1.0), 0.0
     for p in range(1, order + 1):
         step = -float(a @ r[p:0:-1]) / share
@@ -188,7 +191,8 @@ def _colour(rest: Array) -> tuple[Array, float]:
             break
         a = np.concatenate([a, [0.0]]) + step * np.concatenate([[0.0], a[::-1]])
         share *= 1.0 - step**2
-        cost = float(pairs[1 : p + 1].mean()) * np.log(share) + p * np.log(known)
+        windows = np.convolve(seen, np.ones(p + 1), "valid") > p + 0.5
+        cost = float(windows.sum()) * np.log(share) + p * np.log(known)
         if cost < least:
             best, least = (a, share), cost
     return best

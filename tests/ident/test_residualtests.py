@@ -37,7 +37,7 @@ def rate(chances: list[float]) -> float:
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
 def test_whiteness_fails_white_noise_as_seldom_as_it_says(share: float) -> None:
     chances = []
-    for seed in range(800):
+    for seed in range(500):
         rng = np.random.default_rng(seed)
         chances.append(whiteness(holed(rng, rng.standard_normal(1000), share)).chance)
     assert 0.03 <= rate(chances) <= 0.07
@@ -77,15 +77,15 @@ def signals(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", ["white", "coloured", "steps", "sine", "three sines"])
-@pytest.mark.parametrize(("colour", "share"), [(0.0, 0.0), (0.9, 0.0), (0.0, 0.3)])
+@pytest.mark.parametrize(("colour", "share"), [(0.0, 0.0), (0.9, 0.0), (0.9, 0.3)])
 def test_independence_fails_independent_signals_as_seldom_as_it_says(name: str, colour: float, share: float) -> None:
     chances = []
-    for seed in range(150):
+    for seed in range(100):
         rng = np.random.default_rng(seed)
         e = lfilter([1.0], [1.0, -colour], rng.standard_normal(900))[100:]
         chances.append(independence(holed(rng, e, share), signals(rng, 800)[name]).chance)
-    # two standard deviations of 150 trials about 3 and 7 in 100
-    assert 0.0 <= rate(chances) <= 0.11
+    # 3 to 7 in 100, and three standard deviations of 100 trials
+    assert rate(chances) <= 0.13
 
 
 @pytest.mark.parametrize("name", ["white", "coloured", "steps", "sine", "three sines"])
