@@ -53,7 +53,7 @@ SHORTEST = 50
 # Readings of an output that a fit in percent and the tests of residuals ask for.
 FEWEST_READINGS = 20
 # Lowest frequency that is drawn, of half of the sampling frequency.
-LOWEST_SHARE = 1e-3
+LOWEST_SHARE, POINTS = 1e-3, 600
 # Steps that differ by less are rounding of the time stamps.
 SAME_STEP = 1e-6
 
@@ -137,7 +137,7 @@ def stretches(recording: Recording, name: str, wish: Wish) -> tuple[list[Data], 
     y, u = _outputs(recording, wish), np.asarray(recording.u, dtype=float)
     known = np.isfinite(u)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
-    whole = np.isfinite(y).all(axis=1)
+    whole = np.asarray(np.isfinite(y).all(axis=1))
     if not whole.any():
         raise InputError(name, "", "no row holds all of the outputs that are asked for")
     found, step = [], round(recording.sample_time_s, 9)
@@ -312,14 +312,14 @@ def _known(parts: Sequence[Estimated]) -> str:
 
 def _responses(model: Innovations, parts: Sequence[Estimated]) -> list[Response]:
     """From the torque to each output, over three decades up to half of the sampling frequency."""
-    w = np.geomspace(LOWEST_SHARE, 1.0, 200) * np.pi / model.dt
-    h = response(model.system, w)
+    w = np.geomspace(LOWEST_SHARE, 1.0, POINTS) * np.pi / model.dt
+    h = response(model.system, w).frdata
     spreads = [response_spread(one, w) for one in parts]
     out = []
     for i, name in enumerate(model.outputs):
         spread, row = (spreads[0], i) if len(parts) == 1 else (spreads[i], 0)
         sd = () if spread is None else (spread.gain[:, row, 0], spread.phase[:, row, 0])
-        out.append(Response(f"{name} ({UNITS[name]} per N m)", w, h[:, i, 0], *sd))
+        out.append(Response(f"{name} ({UNITS[name]} per N m)", w, h[i, 0], *sd))
     return out
 
 

@@ -92,7 +92,7 @@ def pole_spread(model: Estimated) -> RootSpread | None:
     if known is None:
         return None
     poles = np.asarray(np.linalg.eigvals(known.made(known.values).a), dtype=complex)
-    change = known.change(lambda one: _nearest(poles, np.linalg.eigvals(one.a)))
+    change = known.change(lambda one: _nearest(poles, np.asarray(np.linalg.eigvals(one.a), dtype=complex)))
     return _roots(known, poles, change)
 
 
@@ -117,7 +117,7 @@ def zeros_of(model: Innovations, output: int, channel: int = 0) -> Complex:
     poles = np.linalg.eigvals(model.a)
     # modes of the other outputs are a pole and a zero at once
     own = np.array([np.abs(z - poles).min(initial=np.inf) > np.sqrt(np.finfo(float).eps) for z in found], dtype=bool)
-    return found[own & np.isfinite(found)]
+    return np.asarray(found[own & np.isfinite(found)], dtype=complex)
 
 
 def _roots(known: _Coefficients, roots: Complex, change: Complex) -> RootSpread:

@@ -101,7 +101,7 @@ def _first(model: Innovations, data: Data, noise: _Noise, x0: Start, p0: ArrayLi
         if p0 is None:
             response = free_response(model.c, model.a - model.k @ model.c, min(data.n, 2 * nx + 2)).reshape(-1, nx)
             told = np.linalg.pinv(response.T @ response, rcond=1e-12, hermitian=True)
-            return start, DIFFUSE * float(np.trace(noise.r)) * told
+            return start, np.asarray(DIFFUSE * float(np.trace(noise.r)) * told, dtype=float)
     else:
         start = np.zeros(nx) if isinstance(x0, str) else np.asarray(x0, dtype=float).reshape(-1)
     cov = np.zeros((nx, nx)) if p0 is None else np.asarray(p0, dtype=float)

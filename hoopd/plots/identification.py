@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,6 +34,8 @@ MOST_SAMPLES = 5000
 MEASURED = "#BBBBBB"
 # The z-plane is drawn this far out; what lies beyond is named at the edge.
 FAR = 1.3
+# Of the range of the curves, above and below them.
+ROOM = 0.15
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,7 @@ def draw_responses(responses: Sequence[Response], title: str = "Frequency respon
     """Gain in dB and phase in degrees over rad/s, with 95 % bands."""
     made = style.figure(WIDTH_IN, 5.4, rows=2, columns=1, title=title, sharex=True)
     gain, phase = made.axes
+    limits = [(np.inf, -np.inf)] * 2
     for one, colour in zip(responses, _colours(len(responses)), strict=True):
         size, angle = 20.0 * np.log10(np.abs(one.h)), np.degrees(np.unwrap(np.angle(one.h)))
         gain.semilogx(one.w, size, color=colour, label=one.name)
@@ -118,10 +122,18 @@ def draw_responses(responses: Sequence[Response], title: str = "Frequency respon
             _band(gain, one.w, size, SIGMAS * 20.0 / np.log(10.0) * one.gain_sd, colour)
         if one.phase_sd is not None:
             _band(phase, one.w, angle, SIGMAS * np.degrees(one.phase_sd), colour)
+        limits = [_wider(limits[0], size), _wider(limits[1], angle)]
+    # a band that leaves the picture says that nothing is known there; the curves are to be seen all the same
+    for axes, (low, high) in zip((gain, phase), limits, strict=True):
+        axes.set_ylim(low - ROOM * (high - low) - 1.0, high + ROOM * (high - low) + 1.0)
     style.labelled(gain, "", f"gain (dB{', ' + unit if unit else ''})")
     style.labelled(phase, "frequency (rad/s)", "phase (deg)")
     style.legend(gain)
     return made
+
+
+def _wider(limits: tuple[float, float], values: Array) -> tuple[float, float]:
+    return min(limits[0], float(values.min())), max(limits[1], float(values.max()))
 
 
 def draw_roots(models: Sequence[Roots], title: str = "Poles and zeros") -> Figure:
@@ -131,23 +143,29 @@ def draw_roots(models: Sequence[Roots], title: str = "Poles and zeros") -> Figur
     axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color=style.GREY, linewidth=1.0))
     for one, colour in zip(models, _colours(len(models)), strict=True):
         label: str | None = one.name
-        for roots, mark in ((one.poles, {"marker": "x"}), (one.zeros, {"marker": "o", "fillstyle": "none"})):
+        for roots, mark in ((one.poles, "x"), (one.zeros, "o")):
             if len(roots):
                 axes.plot(
-                    roots.real, roots.imag, linestyle="", color=colour, markersize=7, markeredgewidth=1.5, label=label,
-                    **mark,
+                    roots.real, roots.imag, mark, color=colour, markersize=7, markeredgewidth=1.5, fillstyle="none",
+                    label=label,
                 )  # fmt: skip
                 label = None
-            far += int((np.maximum(np.abs(roots.real), np.abs(roots.imag)) > FAR).sum())
+            far += int((~_near(roots)).sum())
         for roots, sizes in ((one.poles, one.pole_covariances), (one.zeros, one.zero_covariances)):
             for root, covariance in zip(roots, sizes, strict=False):
-                axes.add_patch(_ellipse(root, covariance, colour))
+                # of a root far out only a corner of its ellipse would show
+                if _near(root):
+                    axes.add_patch(_ellipse(root, covariance, colour))
     axes.set_aspect("equal")
     axes.set_xlim(-FAR, FAR)
     axes.set_ylim(-FAR, FAR)
     style.labelled(axes, f"real part{f' ({far} farther out)' if far else ''}", "imaginary part")
     style.legend(axes, loc="upper left")
     return made
+
+
+def _near(roots: Complex | complex) -> Any:
+    return np.maximum(np.abs(np.real(roots)), np.abs(np.imag(roots))) <= FAR
 
 
 def _ellipse(pole: complex, covariance: Array, colour: str) -> Ellipse:
