@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -152,9 +151,9 @@ def draw_roots(models: Sequence[Roots], title: str = "Poles and zeros") -> Figur
                 label = None
             far += int((~_near(roots)).sum())
         for roots, sizes in ((one.poles, one.pole_covariances), (one.zeros, one.zero_covariances)):
-            for root, covariance in zip(roots, sizes, strict=False):
+            for root, covariance, near in zip(roots, sizes, _near(roots), strict=False):
                 # of a root far out only a corner of its ellipse would show
-                if _near(root):
+                if near:
                     axes.add_patch(_ellipse(root, covariance, colour))
     axes.set_aspect("equal")
     axes.set_xlim(-FAR, FAR)
@@ -164,8 +163,8 @@ def draw_roots(models: Sequence[Roots], title: str = "Poles and zeros") -> Figur
     return made
 
 
-def _near(roots: Complex | complex) -> Any:
-    return np.maximum(np.abs(np.real(roots)), np.abs(np.imag(roots))) <= FAR
+def _near(roots: Complex) -> NDArray[np.bool_]:
+    return np.asarray(np.maximum(np.abs(roots.real), np.abs(roots.imag)) <= FAR)
 
 
 def _ellipse(pole: complex, covariance: Array, colour: str) -> Ellipse:
