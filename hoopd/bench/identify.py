@@ -96,7 +96,10 @@ def run(
     model, parts, doubts = _identified(train, wish, recordings)
     progress("comparing")
     percent, lost = _percents(model, held)
-    report = residuals(model, held)
+    try:
+        report = residuals(model, held)
+    except ValueError as error:
+        raise InputError("--method", wish.method, str(error)) from None
     notes = [*said, *more, *doubts, *lost, *report.warnings]
     file = _file(model, wish, recordings, percent, notes, out)
     if figure is not None:

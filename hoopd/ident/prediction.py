@@ -23,6 +23,8 @@ Start = Literal["estimate", "zero"] | ArrayLike
 
 # Samples of the free response that tell the initial state: so many times the slowest time constant.
 SLOWEST = 3.0
+# Responses beyond it are those of an unstable model, and near the largest numbers there are.
+RAN_AWAY = 1e100
 
 
 def simulate(model: Model, data: Data, x0: Start = "estimate", *, seed: int | None = None) -> Array:
@@ -112,9 +114,12 @@ def estimate_x0(
     free = own.a if simulation else own.a - own.k @ own.c
     n = min(data.n, _settled(free, own.nx) if samples is None else max(samples, own.nx))
     part = data[:n]
-    rest = part.y - _run(own, part, np.nan_to_num(start), correct=not simulation)[0]
-    response = free_response(own.c, free, n)[:, :, sought]
-    seen = np.isfinite(rest)
+    with np.errstate(over="ignore", invalid="ignore"):
+        rest = part.y - _run(own, part, np.nan_to_num(start), correct=not simulation)[0]
+    with np.errstate(over="ignore", invalid="ignore"):
+        response = free_response(own.c, free, n)[:, :, sought]
+        # an unstable model says nothing more where it has run away
+        seen = np.isfinite(rest) & (np.abs(rest) < RAN_AWAY) & (np.abs(response) < RAN_AWAY).all(axis=2)
     start[sought] = np.linalg.lstsq(response[seen], rest[seen], rcond=None)[0]
     return start
 

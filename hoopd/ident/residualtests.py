@@ -258,10 +258,13 @@ def residuals(
 ) -> ResidualReport:
     """The one-step errors of a model on data, or on several experiments together, tested.
 
-    ValueError for an output that is missing.
+    ValueError for an output that is missing, and for a prediction that diverges.
     """
     each = experiments(data)
-    errors = [prediction_error(model, one, 1, x0) for one in each]
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = [prediction_error(model, one, 1, x0) for one in each]
+    if any(not np.isfinite(e[np.isfinite(one.y)]).all() for e, one in zip(errors, each, strict=True)):
+        raise ValueError("the prediction one sample ahead diverges: the predictor of the model is unstable")
     e, u = _apart(errors), _apart([one.u for one in each])
     outputs, inputs = each[0].outputs, each[0].inputs
     pairs = [(i, j) for i in range(len(outputs)) for j in range(len(inputs))]

@@ -80,12 +80,12 @@ def signals(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(("colour", "share"), [(0.0, 0.0), (0.9, 0.0), (0.9, 0.3)])
 def test_independence_fails_independent_signals_as_seldom_as_it_says(name: str, colour: float, share: float) -> None:
     chances = []
-    for seed in range(100):
+    for seed in range(60):
         rng = np.random.default_rng(seed)
         e = lfilter([1.0], [1.0, -colour], rng.standard_normal(900))[100:]
         chances.append(independence(holed(rng, e, share), signals(rng, 800)[name]).chance)
-    # 3 to 7 in 100, and three standard deviations of 100 trials
-    assert rate(chances) <= 0.13
+    # 3 to 7 in 100, and three standard deviations of 60 trials
+    assert rate(chances) <= 0.14
 
 
 @pytest.mark.parametrize("name", ["white", "coloured", "steps", "sine", "three sines"])
@@ -127,3 +127,5 @@ def test_several_experiments_are_tested_together_and_apart() -> None:
     assert residuals(late, parts).independent[0].chance < 1e-6
     with pytest.raises(ValueError, match="0 errors"):
         residuals(TRUE, iddata(np.full(300, np.nan), parts[0].u), x0="zero")
+    with pytest.raises(ValueError, match="predictor of the model is unstable"):
+        residuals(Polynomials(1.0, b=(B,), f=(np.array([1.0, -40.0]),)), parts[0])
