@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident.data import Data
+from hoopd.ident.data import Data, experiments
 from hoopd.ident.models import Model, Polynomials
 from hoopd.ident.prediction import Start, predict, prediction_error
 
@@ -56,56 +56,109 @@ def nrmse(y: ArrayLike, yhat: ArrayLike) -> Array:
     return np.asarray(1.0 - fit_percent(y, yhat) / 100.0)
 
 
+# ------------------------------------------------------------------------------------------- information criteria
+
+
+def aic(variance: ArrayLike, samples: int, parameters: int) -> float:
+    """Akaike (1974): n ln det V + 2 d; V the mean squared error, or the mean outer product (ny, ny) of the errors.
+
+    The numbers of V are estimated too, but the same in every model: they would only add a constant, and are left out.
+    """
+    return samples * _log_det(variance) + 2.0 * parameters
+
+
+def aicc(variance: ArrayLike, samples: int, parameters: int) -> float:
+    """AIC corrected for few samples: + 2 k (k + 1)/(n - k - 1), k = d + 1 with the variance among the parameters.
+
+    That is the exact correction of a regression with normal errors (Hurvich and Tsai, Biometrika 76, 1989; Burnham and
+    Anderson, Model Selection, 2002, 2.4, count the variance too). Of several outputs the same k is taken, which asks
+    for more samples than needed. Infinite where n does not exceed k + 1.
+    """
+    k = parameters + 1
+    if samples <= k + 1:
+        return np.inf
+    return aic(variance, samples, parameters) + 2.0 * k * (k + 1) / (samples - k - 1)
+
+
+def bic(variance: ArrayLike, samples: int, parameters: int) -> float:
+    """Schwarz (1978): n ln det V + d ln n."""
+    return samples * _log_det(variance) + parameters * float(np.log(samples))
+
+
+def fpe(variance: ArrayLike, samples: int, parameters: int) -> float:
+    """Akaike's final prediction error (1969; Ljung, 1999, 7.78): det V (1 + d/n)/(1 - d/n); infinite where d reaches n.
+
+    The determinant of the mean, not of the sum, of the errors' outer products.
+    """
+    if parameters >= samples:
+        return np.inf
+    return float(np.exp(_log_det(variance))) * (samples + parameters) / (samples - parameters)
+
+
+def _log_det(variance: ArrayLike) -> float:
+    v = np.atleast_2d(np.asarray(variance, dtype=float))
+    sign, value = np.linalg.slogdet(v)
+    return float(value) if sign > 0.0 else -np.inf
+
+
 @dataclass(frozen=True)
 class Criteria:
-    """Information criteria of a model with d parameters on n samples; smaller is better.
-
-    Gaussian errors with free covariance: n log det S + ..., S the mean outer product of the errors.
-    """
+    """Information criteria of a model with d parameters on the n samples that it was fitted to; smaller is better."""
 
     n: int
     d: int
-    aic: float  # Akaike 1974: n log det S + 2 d
-    aicc: float  # Hurvich and Tsai 1989: + 2 d (d + 1)/(n - d - 1)
-    bic: float  # Schwarz 1978: n log det S + d log n
-    fpe: float  # Akaike 1969: det S (1 + d/n)/(1 - d/n)
+    aic: float
+    aicc: float
+    bic: float
+    fpe: float
 
 
 def criteria(e: ArrayLike, parameters: int) -> Criteria:
-    """Of errors (n, ny) and the number of parameters; ValueError with no more samples than parameters."""
+    """Of errors (n, ny) on the data of the fit and the number of parameters; ValueError with too few samples for them.
+
+    A row in which one of the errors is missing counts nowhere.
+    """
     errors = _two(e)
     errors = errors[np.isfinite(errors).all(axis=1)]
     n, d = len(errors), int(parameters)
     if n <= d + 1:
         raise ValueError(f"{n} samples for {d} parameters: nothing is left to judge them by")
-    determinant = float(np.linalg.det(errors.T @ errors / n))
-    if determinant <= 0.0:
-        return Criteria(n, d, -np.inf, -np.inf, -np.inf, 0.0)
-    likelihood = n * float(np.log(determinant))
-    return Criteria(
-        n,
-        d,
-        likelihood + 2.0 * d,
-        likelihood + 2.0 * d + 2.0 * d * (d + 1.0) / (n - d - 1.0),
-        likelihood + d * float(np.log(n)),
-        determinant * (1.0 + d / n) / (1.0 - d / n),
-    )
+    v = errors.T @ errors / n
+    return Criteria(n, d, aic(v, n, d), aicc(v, n, d), bic(v, n, d), fpe(v, n, d))
 
 
 def parameters_of(model: Model) -> int:
-    """Estimated coefficients; of a state space those of a canonical form: nx (2 ny + nu) and the direct terms."""
-    if len(model.values):
-        return len(model.values)
+    """Coefficients that the data had to tell.
+
+    Of a state space of order n with m inputs and p outputs, by whatever method: n (m + p) for the dynamics from u, n p
+    for the gain K (none where K = 0) and p for every input with a direct term. That is the dimension of the manifold of
+    such systems: the n^2 entries that the matrices have beyond it are the choice of basis (Hannan and Deistler, The
+    Statistical Theory of Linear Systems, 1988, ch. 2; Ljung, 1999, appendix 4A). A grey box has its own parameters.
+    """
     if isinstance(model, Polynomials):
-        parts = (model.a, model.c, model.d, *model.f)
-        return sum(len(one) - 1 for one in parts) + sum(int(np.count_nonzero(one)) for one in model.b)
+        return len(model.values) or _coefficients(model)
+    if len(model.values) and model.names[:1] != ("a[0,0]",):
+        return len(model.values)
     direct = int(np.count_nonzero(np.any(model.d != 0.0, axis=0)))
-    return model.nx * (2 * model.ny + model.nu) + direct * model.ny
+    gain = model.ny if np.any(model.k != 0.0) else 0
+    return model.nx * (model.nu + model.ny + gain) + direct * model.ny
+
+
+def _coefficients(model: Polynomials) -> int:
+    parts = (model.a, model.c, model.d, *model.f)
+    return sum(len(one) - 1 for one in parts) + sum(int(np.count_nonzero(one)) for one in model.b)
+
+
+# ------------------------------------------------------------------------------------------- models side by side
 
 
 @dataclass(frozen=True)
 class Compared:
-    """Fit percent (ny,) of a model on data by horizon (infinity: simulation), and its criteria one step ahead."""
+    """A model's fit percent (ny,) on validation data by horizon, its criteria on the data that it was fitted to.
+
+    Infinity is simulation. `criteria`: None without the data of the fit: a penalty for fitted parameters has no meaning
+    on data that nothing was fitted to.
+    """
 
     name: str
     percent: Mapping[float, Array]
@@ -113,13 +166,51 @@ class Compared:
 
 
 def compare(
-    models: Mapping[str, Model], data: Data, horizons: Sequence[float] = (1, 10, np.inf), x0: Start = "estimate"
+    models: Mapping[str, Model],
+    validation: Data | Sequence[Data],
+    horizons: Sequence[float] = (1, 10, np.inf),
+    x0: Start = "estimate",
+    *,
+    estimation: Data | Sequence[Data] | None = None,
 ) -> list[Compared]:
-    """Models on one set of data, which should not be the data that they were fitted to."""
+    """Models by their fit on `validation`, which none of them was fitted to, and their criteria on `estimation`."""
+    held = experiments(validation)
+    fitted = [] if estimation is None else experiments(estimation)
+    y = np.concatenate([one.y for one in held])
     found = []
     for name, model in models.items():
-        percent = {h: fit_percent(data.y, predict(model, data, h, x0)) for h in horizons}
-        e = prediction_error(model, data, 1, x0)
-        d = parameters_of(model)
-        found.append(Compared(name, percent, criteria(e, d) if len(e) > d + 1 else None))
+        said = {h: np.concatenate([predict(model, one, h, x0) for one in held]) for h in horizons}
+        percent = {h: fit_percent(y, one) for h, one in said.items()}
+        found.append(Compared(name, percent, _criteria(model, fitted, x0)))
     return found
+
+
+def table(compared: Sequence[Compared]) -> str:
+    """As text: a row a model; the columns say what they were taken on."""
+    horizons = list(dict.fromkeys(h for one in compared for h in one.percent))
+    head = ["model", *(_column(h) for h in horizons), *(f"{name} (estimation)" for name in ("AICc", "BIC", "FPE"))]
+    rows = [[one.name, *(_percents(one.percent.get(h)) for h in horizons), *_numbers(one.criteria)] for one in compared]
+    width = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
+    return "\n".join(
+        "  ".join(text.ljust(w) for text, w in zip(row, width, strict=True)).rstrip() for row in (head, *rows)
+    )
+
+
+def _criteria(model: Model, fitted: Sequence[Data], x0: Start) -> Criteria | None:
+    if not fitted:
+        return None
+    e = np.concatenate([prediction_error(model, one, 1, x0) for one in fitted])
+    d = parameters_of(model)
+    return criteria(e, d) if int(np.isfinite(e).all(axis=1).sum()) > d + 1 else None
+
+
+def _column(horizon: float) -> str:
+    return f"fit %, {'simulated' if horizon == np.inf else f'{horizon:g} ahead'} (validation)"
+
+
+def _percents(values: Array | None) -> str:
+    return "-" if values is None else " ".join(f"{one:.1f}" for one in values)
+
+
+def _numbers(found: Criteria | None) -> list[str]:
+    return ["-"] * 3 if found is None else [f"{found.aicc:.1f}", f"{found.bic:.1f}", f"{found.fpe:.4g}"]

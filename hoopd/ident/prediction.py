@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -22,12 +23,32 @@ Start = Literal["estimate", "zero"] | ArrayLike
 
 # Samples of the free response that tell the initial state: so many times the slowest time constant.
 SLOWEST = 3.0
+# Responses beyond it are those of an unstable model, and near the largest numbers there are.
+RAN_AWAY = 1e100
 
 
-def simulate(model: Model, data: Data, x0: Start = "estimate") -> Array:
-    """Outputs (n, ny) from the inputs alone."""
-    own = _state_space(model, data)
-    return _run(own, data, _start(own, data, x0, simulation=True), correct=False)[0]
+def simulate(model: Model, data: Data, x0: Start = "estimate", *, seed: int | None = None) -> Array:
+    """Outputs (n, ny) from the inputs alone; with a `seed`, noise drawn as the model believes it is added.
+
+    The noise is that of the innovation form: white e of covariance r, through k into the states. ValueError for a
+    `seed` where the model does not know r.
+    """
+    own = matched(model, data)
+    start = _start(own, data, x0, simulation=True)
+    said = _run(own, data, start, correct=False)[0]
+    return said if seed is None else said + _disturbance(own, data.n, seed)
+
+
+def _disturbance(model: Innovations, n: int, seed: int) -> Array:
+    if model.r is None:
+        raise ValueError("the model does not know the covariance of its innovations: there is no noise to draw")
+    values, vectors = np.linalg.eigh(model.r)
+    e = np.random.default_rng(seed).standard_normal((n, model.ny)) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    out, x = np.empty((n, model.ny)), np.zeros(model.nx)
+    for i in range(n):
+        out[i] = model.c @ x + e[i]
+        x = model.a @ x + model.k @ e[i]
+    return out
 
 
 def predict(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate") -> Array:
@@ -37,9 +58,7 @@ def predict(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate"
     """
     if horizon == np.inf:
         return simulate(model, data, x0)
-    if horizon < 1 or int(horizon) != horizon:
-        raise ValueError(f"the horizon is a whole number of samples or infinite, not {horizon}")
-    own, h = _state_space(model, data), int(horizon)
+    own, h = matched(model, data), _whole(horizon)
     said, states = _run(own, data, _start(own, data, x0, simulation=False), correct=True)
     return said if h == 1 else _ahead(own, data, states, h)
 
@@ -49,27 +68,78 @@ def prediction_error(model: Model, data: Data, horizon: float = 1, x0: Start = "
     return np.asarray(data.y - predict(model, data, horizon, x0))
 
 
-def estimate_x0(model: Model, data: Data, *, samples: int | None = None, simulation: bool = False) -> Array:
+def predictor_system(model: Model, horizon: float = 1) -> ct.StateSpace:
+    """From [u; y] to the prediction `horizon` samples ahead, as a system: yhat(t) of u up to t and y up to t - horizon.
+
+    x(t|t-h) = x(t|t-1) - sum_{j=1}^{h-1} a^(j-1) k e(t-j), so beside the state of the one-step predictor the last h - 1
+    innovations are its states. Infinity is the simulation, in which y plays no part.
+    """
+    own = state_space(model) if isinstance(model, Polynomials) else model
+    if horizon == np.inf:
+        b, d = np.hstack([own.b, np.zeros_like(own.k)]), np.hstack([own.d, np.zeros((own.ny, own.ny))])
+        return ct.StateSpace(own.a, b, own.c, d, own.dt)
+    held = _whole(horizon) - 1
+    shift = np.eye(own.ny * held, k=-own.ny)
+    first = np.eye(own.ny * held, own.ny)
+    # e = y - c x - d u enters the line of the last ones
+    a = np.block([[own.a - own.k @ own.c, np.zeros((own.nx, own.ny * held))], [-first @ own.c, shift]])
+    b = np.block([[own.b - own.k @ own.d, own.k], [-first @ own.d, first]])
+    back = [own.c @ np.linalg.matrix_power(own.a, j) @ own.k for j in range(held)]
+    c = np.hstack([own.c, *(-one for one in back)])
+    return ct.StateSpace(a, b, c, np.hstack([own.d, np.zeros((own.ny, own.ny))]), own.dt)
+
+
+def error_system(model: Model, horizon: float = 1) -> ct.StateSpace:
+    """From [u; y] to y - yhat, `horizon` samples ahead."""
+    said = predictor_system(model, horizon)
+    nu = said.ninputs - said.noutputs
+    own = np.hstack([np.zeros((said.noutputs, nu)), np.eye(said.noutputs)])
+    return ct.StateSpace(said.A, said.B, -said.C, own - said.D, said.dt)
+
+
+def estimate_x0(
+    model: Model, data: Data, *, samples: int | None = None, simulation: bool = False, fixed: ArrayLike | None = None
+) -> Array:
     """The initial state (nx,) that makes the first prediction errors least.
 
     `samples`: how many are used; without it three times the slowest time constant of the free response, at least nx.
-    Source: linear least squares; the response is linear in the initial state.
+    `fixed` (nx,): states that are known, NaN where they are to be found. Source: linear least squares; the response is
+    linear in the initial state.
     """
-    own = _state_space(model, data)
+    own = matched(model, data)
+    start = np.full(own.nx, np.nan) if fixed is None else np.asarray(fixed, dtype=float).reshape(-1)
+    if len(start) != own.nx or np.isinf(start).any():
+        raise ValueError(f"fixed has {len(start)} numbers for {own.nx} states; NaN marks those that are to be found")
+    sought = np.isnan(start)
     free = own.a if simulation else own.a - own.k @ own.c
     n = min(data.n, _settled(free, own.nx) if samples is None else max(samples, own.nx))
     part = data[:n]
-    rest = part.y - _run(own, part, np.zeros(own.nx), correct=not simulation)[0]
-    response = np.empty((n, own.ny, own.nx))
-    power = np.eye(own.nx)
+    with np.errstate(over="ignore", invalid="ignore"):
+        rest = part.y - _run(own, part, np.nan_to_num(start), correct=not simulation)[0]
+    with np.errstate(over="ignore", invalid="ignore"):
+        response = free_response(own.c, free, n)[:, :, sought]
+        # an unstable model says nothing more where it has run away
+        seen = np.isfinite(rest) & (np.abs(rest) < RAN_AWAY) & (np.abs(response) < RAN_AWAY).all(axis=2)
+    start[sought] = np.linalg.lstsq(response[seen], rest[seen], rcond=None)[0]
+    return start
+
+
+def free_response(c: Array, free: Array, n: int) -> Array:
+    """c free^t, (n, ny, nx)."""
+    response, power = np.empty((n, *c.shape)), np.eye(len(free))
     for i in range(n):
-        response[i] = own.c @ power
+        response[i] = c @ power
         power = free @ power
-    seen = np.isfinite(rest)
-    return np.asarray(np.linalg.lstsq(response[seen], rest[seen], rcond=None)[0])
+    return response
 
 
-def _state_space(model: Model, data: Data) -> Innovations:
+def _whole(horizon: float) -> int:
+    if horizon < 1 or int(horizon) != horizon:
+        raise ValueError(f"the horizon is a whole number of samples or infinite, not {horizon}")
+    return int(horizon)
+
+
+def matched(model: Model, data: Data) -> Innovations:
     own = state_space(model) if isinstance(model, Polynomials) else model
     if (own.ny, own.nu) != (data.ny, data.nu):
         raise ValueError(f"the model has {own.ny} outputs and {own.nu} inputs, the data have {data.ny} and {data.nu}")

@@ -1,20 +1,26 @@
 """Whether what a model leaves is what it believes: white, independent of past inputs, with no way back to the input.
 
-Rules of this file: pure numbers; NaN is a sample that was not measured and counts nowhere.
+Each test holds its level whatever the colour of the input, with missing samples too; a linear model of the noise is
+all that is assumed.
+
+Rules of this file: pure numbers; NaN is a sample that was not measured, and counts nowhere; lags never reach from one
+experiment into another.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import linalg, signal, stats
 
-from hoopd.ident.data import Data
+from hoopd.ident.data import Data, experiments
 from hoopd.ident.models import Model
 from hoopd.ident.normal import Z95
 from hoopd.ident.prediction import Start, prediction_error
+from hoopd.ident.spectral import correlation
 
 Array = NDArray[np.float64]
 
@@ -24,21 +30,14 @@ SIGNIFICANCE = 0.01
 MOST_LAGS = 25
 # A loop that is closed acts within a few samples; more lags would hide it among chance.
 LOOP_LAGS = 10
-
-
-def correlation(x: ArrayLike, y: ArrayLike, lags: int) -> Array:
-    """(2 lags + 1,) r_xy(k) = mean x(t) y(t + k) / (s_x s_y) for k = -lags ... lags; NaN pairs are left out."""
-    a, b = (np.asarray(one, dtype=float).reshape(-1) for one in (x, y))
-    a, b = a - np.nanmean(a), b - np.nanmean(b)
-    scale = np.sqrt(np.nanmean(a**2) * np.nanmean(b**2))
-    n, out = len(a), np.zeros(2 * lags + 1)
-    known = np.isfinite(a) & np.isfinite(b)
-    total = max(int(known.sum()), 1)
-    a, b = np.nan_to_num(a), np.nan_to_num(b)
-    for k in range(-lags, lags + 1):
-        left, right = (a[: n - k], b[k:]) if k >= 0 else (a[-k:], b[: n + k])
-        out[k + lags] = float(left @ right) / total
-    return out / scale if scale > 0.0 else out
+# Coefficients of the autoregression that stands for the colour of a signal, and the samples that each of them asks for.
+COLOUR, EACH = 10, 20
+# Errors (or products of them at one lag) below which chance is not normal.
+FEWEST = 10
+# Directions of a lagged input below this share of the largest are rounding: a sine has two.
+SINGULAR = 1e-7
+# A signal that its own past tells to this share of its power (a sine) answers nobody.
+FORETOLD = 1e-6
 
 
 @dataclass(frozen=True)
@@ -58,52 +57,179 @@ class Test:
 
 
 def whiteness(e: ArrayLike, lags: int = MOST_LAGS, fitted: int = 0, name: str = "e") -> Test:
-    """Whether errors (n,) are white: n (n + 2) sum r_k^2/(n - k) over the lags is chi-square (Ljung and Box 1978).
+    """Whether errors (n,) are white: (1 + 2/n) sum m_k r_k^2 over the lags is chi-square.
 
-    `fitted`: parameters that were estimated on these very data; they take as many degrees of freedom.
+    r_k is the mean of the m_k products at lag k whose two errors are known. Complete, m_k = n - k, that is the
+    statistic of Ljung and Box (1978); with gaps, of Parzen's estimate (Sankhya A 25, 1963), whose r_k have the
+    variances 1/m_k. `fitted`: parameters that were estimated on these very data; they take as many degrees of freedom.
+    ValueError with fewer than 10 errors.
     """
-    x = np.asarray(e, dtype=float).reshape(-1)
+    x = _series(e, name)
     n = int(np.isfinite(x).sum())
-    lags = min(lags, max(n // 4, 1))
-    r = correlation(x, x, lags)[lags + 1 :]
-    k = np.arange(1, lags + 1)
-    statistic = n * (n + 2.0) * float(np.sum(r**2 / np.maximum(n - k, 1)))
-    return Test(
-        f"{name}, {name}", k, r, Z95 / np.sqrt(max(n, 1)), float(stats.chi2.sf(statistic, max(lags - fitted, 1)))
-    )
+    r, pairs = _correlations(x, x, min(lags, n // 4))
+    reach = len(r) // 2
+    k, r, pairs = np.arange(1, reach + 1), r[reach + 1 :], pairs[reach + 1 :]
+    used = pairs >= FEWEST
+    statistic = (1.0 + 2.0 / n) * float(pairs[used] @ r[used] ** 2)
+    chance = float(stats.chi2.sf(statistic, max(int(used.sum()) - fitted, 1)))
+    return Test(f"{name}, {name}", k, r, Z95 / np.sqrt(max(float(np.median(pairs)), 1.0)), chance)
 
 
 def independence(e: ArrayLike, u: ArrayLike, lags: int = MOST_LAGS, *, after: bool = True, name: str = "e, u") -> Test:
     """Whether errors (n,) follow the past input (`after`), or the input follows past errors (a loop is closed).
 
-    sqrt(n) r_ue(k) is normal with variance sum_j r_e(j) r_u(j) (Ljung, System Identification, 1999, 16.6); all lags
-    together are chi-square with the covariance of neighbouring ones by the same formula.
+    `after`: an F-test of the input at lags 0 ... lags in a regression of the errors by generalised least squares. As
+    it asks for the span of the lagged input, its power does not depend on the input's colour. The errors' own colour is
+    an autoregression of what that regression leaves (Cochrane and Orcutt, JASA 44, 1949; Ljung, 1999, 16.6).
+    Otherwise: whether errors 1 ... lags samples ago foretell the input beyond what its own past does (Granger,
+    Econometrica 37, 1969), so errors that hold earlier inputs are no loop.
+    Missing errors, and in `u` the samples between experiments, are NaN. ValueError with fewer than 10 errors.
     """
-    x, w = (np.asarray(one, dtype=float).reshape(-1) for one in (e, u))
-    n = int((np.isfinite(x) & np.isfinite(w)).sum())
-    lags = min(lags, max(n // 4, 1))
-    both = correlation(w, x, lags)
-    ks = np.arange(0, lags + 1) if after else np.arange(-lags, 0)
-    r = both[ks + lags]
-    reach = min(4 * lags, max(n // 4, 1))
-    own = correlation(x, x, reach) * correlation(w, w, reach)
-    # cov(r_i, r_j) n = sum_l r_e(l) r_u(l + i - j)
-    re, ru = correlation(x, x, reach), correlation(w, w, 2 * reach)
-    gap = ks[:, None] - ks[None, :]
-    table = {int(g): float(re @ ru[reach + g : reach + g + 2 * reach + 1]) for g in np.unique(gap)}
-    covariance = np.array([[table[int(g)] for g in row] for row in gap])
-    weight = np.linalg.pinv(covariance, rcond=1e-6, hermitian=True)
-    rank = int(np.linalg.matrix_rank(covariance, tol=1e-6 * float(np.abs(covariance).max())))
-    statistic = n * float(r @ weight @ r)
-    band = Z95 * float(np.sqrt(max(own.sum(), 1.0) / max(n, 1)))
-    return Test(name, ks, r, band, float(stats.chi2.sf(statistic, max(rank, 1))))
+    x, w = _series(e, name), np.asarray(u, dtype=float).reshape(-1)
+    w = w - np.nanmean(w)
+    lags = max(min(lags, int(np.isfinite(x).sum()) // 4), 1)
+    return _after(x - np.nanmean(x), w, lags, name) if after else _before(x - np.nanmean(x), w, lags, name)
+
+
+def _series(e: ArrayLike, name: str) -> Array:
+    x = np.asarray(e, dtype=float).reshape(-1)
+    known = int(np.isfinite(x).sum())
+    if known < FEWEST:
+        raise ValueError(f"{name}: {known} errors are known, {FEWEST} at least are wanted to test them")
+    return x
+
+
+def _correlations(x: Array, y: Array, lags: int) -> tuple[Array, NDArray[np.int_]]:
+    """r_xy(k) = mean x(t + k) y(t) over the known pairs, and how many those are; zero where a signal is constant."""
+    lag = np.arange(-lags, lags + 1)
+    try:
+        found = correlation(x, y, lags)
+    except ValueError:
+        return np.zeros(len(lag)), np.zeros(len(lag), dtype=int)
+    return found.values[:, 0, 0] / (1.0 - np.abs(lag) / len(x)), found.pairs[:, 0, 0]
+
+
+def _after(x: Array, w: Array, lags: int, name: str) -> Test:
+    k = np.arange(lags + 1)
+    columns = _lagged(w, k)
+    rows = np.isfinite(x) & np.isfinite(columns).all(axis=1)
+    columns[~rows] = 0.0
+    known = np.where(rows, x, 0.0)
+    basis, samples = _span(columns), int(rows.sum())
+    rest = np.where(rows, x - basis @ (basis.T @ known), np.nan)
+    spare = samples - basis.shape[1] - COLOUR
+    size = float(np.nansum(rest**2))
+    r = _correlations(x, w, lags)[0][lags:]
+    if basis.shape[1] == 0 or spare < FEWEST or size <= 0.0:
+        return Test(name, k, r, Z95 / np.sqrt(max(samples, 1)), 1.0)
+    colour, share = _colour(rest)
+    white = _whitened(colour, np.where(rows[:, None], np.column_stack([x, basis]), np.nan))
+    into = _span(white[:, 1:])
+    told, degrees = float(np.sum((into.T @ white[:, 0]) ** 2)), into.shape[1]
+    noise = (float(white[:, 0] @ white[:, 0]) - told) / max(len(white) - degrees - len(colour) + 1, 1)
+    chance = float(stats.f.sf(told / degrees / max(noise, np.finfo(float).tiny), degrees, spare))
+    # sd of sum_t u(t - k) e(t), as the errors' own colour makes it
+    spread = signal.lfilter([1.0], colour, columns[::-1], axis=0)
+    deviation = np.sqrt(share * size / (samples - basis.shape[1]) * np.sum(spread**2, axis=0).mean())
+    band = Z95 * deviation / max(samples * np.std(x[rows]) * np.nanstd(w), np.finfo(float).tiny)
+    return Test(name, k, r, float(band), chance)
+
+
+def _before(x: Array, w: Array, lags: int, name: str) -> Test:
+    k = np.arange(-lags, 0)
+    order = min(MOST_LAGS, len(w) // EACH)
+    past = _lagged(w, np.arange(order + 1))
+    late = _lagged(np.nan_to_num(x), -k)
+    rows = np.isfinite(past).all(axis=1) & np.isfinite(late).all(axis=1)
+    past, late = past[rows], late[rows]
+    own = _span(past[:, 1:])
+    fresh = past[:, 0] - own @ (own.T @ past[:, 0])
+    power, spare = float(fresh @ fresh), len(fresh) - own.shape[1] - lags
+    if spare < FEWEST or power <= FORETOLD * float(past[:, 0] @ past[:, 0]):
+        return Test(name, k, np.zeros(lags), Z95 / np.sqrt(max(len(fresh), 1)), 1.0)
+    late = late - own @ (own.T @ late)
+    basis = _span(late)
+    told = float(np.sum((basis.T @ fresh) ** 2))
+    degrees = max(basis.shape[1], 1)
+    chance = float(stats.f.sf(told / degrees / max((power - told) / spare, np.finfo(float).tiny), degrees, spare))
+    size = np.sqrt(power * np.maximum(np.sum(late**2, axis=0), np.finfo(float).tiny))
+    return Test(name, k, late.T @ fresh / size, Z95 / np.sqrt(len(fresh)), chance)
+
+
+def _lagged(w: Array, lags: NDArray[np.int64]) -> Array:
+    """Columns w(t - k); NaN before the first sample."""
+    out = np.full((len(w), len(lags)), np.nan)
+    for i, k in enumerate(lags):
+        out[k:, i] = w[: len(w) - k]
+    return out
+
+
+def _span(columns: Array) -> Array:
+    """Orthonormal basis (n, rank) of the columns."""
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    kept = values > SINGULAR * max(float(values[-1]), np.finfo(float).tiny)
+    return np.asarray(columns @ (vectors[:, kept] / np.sqrt(values[kept])))
+
+
+def _colour(rest: Array) -> tuple[Array, float]:
+    """Autoregression 1, a_1, ... of a signal with gaps, and the share of its variance that is new at each sample.
+
+    By the recursion of Levinson and Durbin; the order is that of the least BIC, for coefficients beyond it add nothing
+    but chance. A correlation is that of the pairs that are known, by the powers of these very pairs: those of all
+    samples would leave errors in it that a strong colour makes large. Windows without a gap are what counts as samples.
+    """
+    known = int(np.isfinite(rest).sum())
+    order = min(COLOUR, known // EACH)
+    seen, x = np.isfinite(rest).astype(float), np.nan_to_num(rest)
+    both = [(x[k:], x[: len(x) - k], seen[k:], seen[: len(x) - k]) for k in range(order + 1)]
+    pairs = np.array([m @ n for _, _, m, n in both])
+    r = np.array([a @ b / max(np.sqrt((a**2 @ n) * (b**2 @ m)), np.finfo(float).tiny) for a, b, m, n in both])
+    a, share, best, least = np.ones(1), 1.0, (np.ones(1), 1.0), 0.0
+    for p in range(1, order + 1):
+        step = -float(a @ r[p:0:-1]) / share
+        if abs(step) >= 1.0 or pairs[p] < FEWEST:
+            break
+        a = np.concatenate([a, [0.0]]) + step * np.concatenate([[0.0], a[::-1]])
+        share *= 1.0 - step**2
+        windows = np.convolve(seen, np.ones(p + 1), "valid") > p + 0.5
+        cost = float(windows.sum()) * np.log(share) + p * np.log(known)
+        if cost < least:
+            best, least = (a, share), cost
+    return best
+
+
+def _whitened(a: Array, columns: Array) -> Array:
+    """Rows of signals (n, m) without what the rows before tell by the autoregression `a`, all of one variance.
+
+    Rows with NaN in the first column are left out; past them a Kalman filter of the autoregression carries on, so what
+    comes out is L^-1 of the known rows, L L' the covariance of such noise at them.
+    """
+    p, known = len(a) - 1, np.isfinite(columns[:, 0])
+    if p == 0:
+        return columns[known]
+    if known.all():
+        return np.asarray(signal.lfilter(a, [1.0], columns, axis=0)[p:])
+    into, new = np.vstack([-a[1:], np.eye(p)[:-1]]), np.diag([1.0] + [0.0] * (p - 1))
+    cov, state = linalg.solve_discrete_lyapunov(into, new), np.zeros((p, columns.shape[1]))
+    out = np.empty((int(known.sum()), columns.shape[1]))
+    row = 0
+    for t in range(len(columns)):
+        if known[t]:
+            gain = cov[:, 0] / cov[0, 0]
+            fresh = columns[t] - state[0]
+            out[row] = fresh / np.sqrt(cov[0, 0])
+            state = state + np.outer(gain, fresh)
+            cov = cov - np.outer(gain, cov[0])
+            row += 1
+        state, cov = into @ state, into @ cov @ into.T + new
+    return out
 
 
 @dataclass(frozen=True)
 class ResidualReport:
     """Tests of one model's one-step errors: white, independent of past inputs, no feedback from them to the input."""
 
-    errors: Array  # (n, ny)
+    errors: Array  # (n, ny), experiments under each other
     white: tuple[Test, ...]  # by output
     independent: tuple[Test, ...]  # output by output, input by input
     feedback: tuple[Test, ...]
@@ -127,25 +253,34 @@ class ResidualReport:
         ]  # fmt: skip
 
 
-def residuals(model: Model, data: Data, lags: int = MOST_LAGS, x0: Start = "estimate") -> ResidualReport:
-    """The one-step errors of a model on data, tested."""
-    e = prediction_error(model, data, 1, x0)
-    pairs = [(i, j) for i in range(data.ny) for j in range(data.nu)]
+def residuals(
+    model: Model, data: Data | Sequence[Data], lags: int = MOST_LAGS, x0: Start = "estimate"
+) -> ResidualReport:
+    """The one-step errors of a model on data, or on several experiments together, tested.
+
+    ValueError for an output that is missing, and for a prediction that diverges.
+    """
+    each = experiments(data)
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = [prediction_error(model, one, 1, x0) for one in each]
+    if any(not np.isfinite(e[np.isfinite(one.y)]).all() for e, one in zip(errors, each, strict=True)):
+        raise ValueError("the prediction one sample ahead diverges: the predictor of the model is unstable")
+    e, u = _apart(errors), _apart([one.u for one in each])
+    outputs, inputs = each[0].outputs, each[0].inputs
+    pairs = [(i, j) for i in range(len(outputs)) for j in range(len(inputs))]
     return ResidualReport(
-        e,
-        tuple(whiteness(e[:, i], lags, name=f"e({data.outputs[i]})") for i in range(data.ny)),
+        np.concatenate(errors),
+        tuple(whiteness(e[:, i], lags, name=f"e({name})") for i, name in enumerate(outputs)),
+        tuple(independence(e[:, i], u[:, j], lags, name=f"{inputs[j]} -> e({outputs[i]})") for i, j in pairs),
         tuple(
-            independence(e[:, i], data.u[:, j], lags, name=f"{data.inputs[j]} -> e({data.outputs[i]})")
-            for i, j in pairs
-        ),
-        tuple(
-            independence(
-                e[:, i],
-                data.u[:, j],
-                min(lags, LOOP_LAGS),
-                after=False,
-                name=f"e({data.outputs[i]}) -> {data.inputs[j]}",
-            )
+            independence(e[:, i], u[:, j], min(lags, LOOP_LAGS), after=False, name=f"e({outputs[i]}) -> {inputs[j]}")
             for i, j in pairs
         ),
     )
+
+
+def _apart(parts: Sequence[Array]) -> Array:
+    """Parts under each other with one NaN between them, which no window reaches across."""
+    gap = np.full((MOST_LAGS, parts[0].shape[1]), np.nan)
+    spaced = [block for one in parts for block in (gap, one)]
+    return np.concatenate(spaced[1:])

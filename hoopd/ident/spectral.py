@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal, stats
 
+from hoopd.ident.checks import CONSTANT
 from hoopd.ident.conditioning import whole
 from hoopd.ident.data import Data, experiments, runs
 
@@ -94,11 +95,15 @@ class Spectrum(NamedTuple):
 
 
 class Correlation(NamedTuple):
-    """Correlations (lags, n first, n second) by lag in samples; beyond `bound` with the probability asked for."""
+    """Correlations (lags, n first, n second) by lag in samples; within `bound` with the probability asked for.
+
+    `pairs`, of the same shape: how many products each is the mean of.
+    """
 
     lag: NDArray[np.int_]
     values: Array
     bound: float
+    pairs: NDArray[np.int_]
 
 
 # ---------------------------------------------------------------------------------------------- estimates
@@ -169,16 +174,25 @@ def correlation(
 ) -> Correlation:
     """Correlation coefficients of first(t + lag) with second(t), means taken off, lags from -lags to lags.
 
-    first (n, p), second (n, q) or `first` itself. Two unrelated white signals stay within normal quantile / sqrt(n).
-    ValueError for constant channels.
+    first (n, p), second (n, q) or `first` itself; NaN is missing. Of m samples whose partner was measured the mean is
+    taken, times the (n - |lag|)/n that makes a matrix of correlations definite. Two unrelated white signals stay within
+    normal quantile / sqrt(n), n the samples that have a partner at lag 0. ValueError for constant channels.
     """
     one, other = (_centred(values) for values in (first, first if second is None else second))
     n, reach = len(one), min(lags, len(one) - 1)
-    size = fft.next_fast_len(2 * n)
-    product = np.fft.rfft(one, size, axis=0)[:, :, None] * np.fft.rfft(other, size, axis=0)[:, None, :].conj()
-    sums = np.fft.irfft(product, size, axis=0)
     lag = np.arange(-reach, reach + 1)
-    return Correlation(lag, sums[lag] / n, float(stats.norm.ppf(0.5 + 0.5 * level)) / np.sqrt(n))
+    sums = _sums(np.nan_to_num(one), np.nan_to_num(other), lag)
+    pairs = np.round(_sums(np.isfinite(one).astype(float), np.isfinite(other).astype(float), lag))
+    values = sums / np.maximum(pairs, 1.0) * (1.0 - np.abs(lag) / n)[:, None, None]
+    at_once = max(float(pairs[reach].min()), 1.0)
+    return Correlation(lag, values, float(stats.norm.ppf(0.5 + 0.5 * level)) / np.sqrt(at_once), pairs.astype(int))
+
+
+def _sums(one: Array, other: Array, lag: NDArray[np.int64]) -> Array:
+    """sum_t one(t + lag) other(t), (lags, p, q)."""
+    size = fft.next_fast_len(2 * len(one))
+    product = np.fft.rfft(one, size, axis=0)[:, :, None] * np.fft.rfft(other, size, axis=0)[:, None, :].conj()
+    return np.asarray(np.fft.irfft(product, size, axis=0)[lag])
 
 
 # ---------------------------------------------------------------------------------------------- cross spectra
@@ -297,10 +311,12 @@ def _positive(values: Array) -> Array:
 def _centred(values: Array) -> Array:
     found = np.asarray(values, dtype=float)
     found = found[:, None] if found.ndim == 1 else found
-    centred = found - found.mean(axis=0)
-    spread = np.sqrt(np.mean(centred**2, axis=0))
-    if not (np.isfinite(spread).all() and (spread > 0.0).all()):
-        raise ValueError("a channel is constant or not finite: it correlates with nothing")
+    if not np.isfinite(found).any(axis=0).all() or np.isinf(found).any():
+        raise ValueError("a channel holds no number, or one that is not finite: it correlates with nothing")
+    centred = found - np.nanmean(found, axis=0)
+    spread = np.sqrt(np.nanmean(centred**2, axis=0))
+    if not (spread > CONSTANT * np.nanmax(np.abs(found), axis=0)).all():
+        raise ValueError("a channel is constant: it correlates with nothing")
     return np.asarray(centred / spread)
 
 

@@ -18,6 +18,7 @@ from hoopd.ident.data import Data
 from hoopd.ident.measures import fit_percent
 from hoopd.ident.normal import Z95
 from hoopd.ident.residualtests import ResidualReport, Test
+from hoopd.ident.spectral import Correlation
 from hoopd.plots import style
 
 Array = NDArray[np.float64]
@@ -28,6 +29,12 @@ WIDTH_IN = 8.0
 SIGMAS, ELLIPSE_SIGMAS = Z95, 2.448
 # Longest part of a record that is drawn sample by sample.
 MOST_SAMPLES = 5000
+# Broad and light, so that what follows it exactly can still be told from it.
+MEASURED = "#BBBBBB"
+# The z-plane is drawn this far out; what lies beyond is named at the edge.
+FAR = 1.3
+# Of the range of the curves, above and below them.
+ROOM = 0.15
 
 
 @dataclass(frozen=True)
@@ -48,20 +55,24 @@ class Roots:
     name: str
     poles: Complex
     zeros: Complex
-    pole_covariances: Sequence[Array] = ()
+    pole_covariances: Sequence[Array] | Array = ()
+    zero_covariances: Sequence[Array] | Array = ()
 
 
-def draw_said(data: Data, said: Mapping[str, Array], how: str, title: str = "") -> Figure:
+def draw_said(
+    data: Data, said: Mapping[str, Array], how: str, title: str = "", units: Mapping[str, str] | None = None
+) -> Figure:
     """Each output with what models say of it (n, ny) by name, the fit in the legend; `how`: "simulated" or the like."""
     names = data.outputs
     made = style.figure(WIDTH_IN, 1.0 + 2.2 * len(names), rows=len(names), columns=1, title=title, sharex=True)
     part = slice(0, MOST_SAMPLES)
     for i, (axes, name) in enumerate(zip(made.axes, names, strict=True)):
-        axes.plot(data.t[part], data.y[part, i], color=style.GREY, linewidth=1.0, label="measured")
+        axes.plot(data.t[part], data.y[part, i], color=MEASURED, linewidth=3.0, label="measured")
         for own, one in said.items():
             percent = fit_percent(data.y[:, i], one[:, i])[0]
             axes.plot(data.t[part], one[part, i], linewidth=1.1, label=f"{own}, {how}: {percent:.1f} %")
-        style.labelled(axes, "time (s)" if axes is made.axes[-1] else "", name)
+        unit = (units or {}).get(name)
+        style.labelled(axes, "time (s)" if axes is made.axes[-1] else "", f"{name} ({unit})" if unit else name)
         style.legend(axes, ncols=2)
     return made
 
@@ -84,7 +95,7 @@ def draw_residuals(report: ResidualReport, title: str = "Residuals") -> Figure:
     return made
 
 
-def _stems(axes: Axes, lags: NDArray[np.int64], values: Array, band: float, colour: str) -> None:
+def _stems(axes: Axes, lags: NDArray[np.int_], values: Array, band: float, colour: str) -> None:
     axes.vlines(lags, 0.0, values, color=colour, linewidth=1.4)
     axes.plot(lags, values, "o", color=colour, markersize=3)
     axes.fill_between([lags[0] - 0.5, lags[-1] + 0.5], -band, band, color=style.GREY, alpha=0.18, linewidth=0.0)
@@ -100,6 +111,7 @@ def draw_responses(responses: Sequence[Response], title: str = "Frequency respon
     """Gain in dB and phase in degrees over rad/s, with 95 % bands."""
     made = style.figure(WIDTH_IN, 5.4, rows=2, columns=1, title=title, sharex=True)
     gain, phase = made.axes
+    limits = [(np.inf, -np.inf)] * 2
     for one, colour in zip(responses, _colours(len(responses)), strict=True):
         size, angle = 20.0 * np.log10(np.abs(one.h)), np.degrees(np.unwrap(np.angle(one.h)))
         gain.semilogx(one.w, size, color=colour, label=one.name)
@@ -109,28 +121,50 @@ def draw_responses(responses: Sequence[Response], title: str = "Frequency respon
             _band(gain, one.w, size, SIGMAS * 20.0 / np.log(10.0) * one.gain_sd, colour)
         if one.phase_sd is not None:
             _band(phase, one.w, angle, SIGMAS * np.degrees(one.phase_sd), colour)
+        limits = [_wider(limits[0], size), _wider(limits[1], angle)]
+    # a band that leaves the picture says that nothing is known there; the curves are to be seen all the same
+    for axes, (low, high) in zip((gain, phase), limits, strict=True):
+        axes.set_ylim(low - ROOM * (high - low) - 1.0, high + ROOM * (high - low) + 1.0)
     style.labelled(gain, "", f"gain (dB{', ' + unit if unit else ''})")
     style.labelled(phase, "frequency (rad/s)", "phase (deg)")
     style.legend(gain)
     return made
 
 
+def _wider(limits: tuple[float, float], values: Array) -> tuple[float, float]:
+    return min(limits[0], float(values.min())), max(limits[1], float(values.max()))
+
+
 def draw_roots(models: Sequence[Roots], title: str = "Poles and zeros") -> Figure:
-    """Poles (crosses) and zeros (rings) in the z-plane with 95 % ellipses and the unit circle."""
-    made = style.figure(5.6, 5.6, title=title)
-    axes = made.axes[0]
+    """Poles (crosses) and zeros (rings) in the z-plane with 95 % ellipses and the unit circle; how many lie farther."""
+    made = style.figure(6.0, 6.0, title=title)
+    axes, far = made.axes[0], 0
     axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color=style.GREY, linewidth=1.0))
     for one, colour in zip(models, _colours(len(models)), strict=True):
-        axes.plot(one.poles.real, one.poles.imag, "x", color=colour, markersize=8, markeredgewidth=1.8, label=one.name)
-        axes.plot(one.zeros.real, one.zeros.imag, "o", color=colour, markersize=7, fillstyle="none")
-        for pole, covariance in zip(one.poles, one.pole_covariances, strict=False):
-            axes.add_patch(_ellipse(pole, covariance, colour))
+        label: str | None = one.name
+        for roots, mark in ((one.poles, "x"), (one.zeros, "o")):
+            if len(roots):
+                axes.plot(
+                    roots.real, roots.imag, mark, color=colour, markersize=7, markeredgewidth=1.5, fillstyle="none",
+                    label=label,
+                )  # fmt: skip
+                label = None
+            far += int((~_near(roots)).sum())
+        for roots, sizes in ((one.poles, one.pole_covariances), (one.zeros, one.zero_covariances)):
+            for root, covariance, near in zip(roots, sizes, _near(roots), strict=False):
+                # of a root far out only a corner of its ellipse would show
+                if near:
+                    axes.add_patch(_ellipse(root, covariance, colour))
     axes.set_aspect("equal")
-    axes.set_xlim(-1.3, 1.3)
-    axes.set_ylim(-1.3, 1.3)
-    style.labelled(axes, "real part", "imaginary part")
+    axes.set_xlim(-FAR, FAR)
+    axes.set_ylim(-FAR, FAR)
+    style.labelled(axes, f"real part{f' ({far} farther out)' if far else ''}", "imaginary part")
     style.legend(axes, loc="upper left")
     return made
+
+
+def _near(roots: Complex) -> NDArray[np.bool_]:
+    return np.asarray(np.maximum(np.abs(roots.real), np.abs(roots.imag)) <= FAR)
 
 
 def _ellipse(pole: complex, covariance: Array, colour: str) -> Ellipse:
@@ -179,6 +213,34 @@ def draw_spectra(
             axes.fill_between(w[kept], low[kept], high[kept], color=colour, alpha=0.2, linewidth=0.0)
     style.labelled(axes, "frequency (rad/s)", "power (unit2 s)")
     style.legend(axes)
+    return made
+
+
+def draw_correlation(found: Correlation, names: Sequence[tuple[str, str]], title: str = "Correlation") -> Figure:
+    """Correlations of pairs of channels over the lag with the band that unrelated white ones stay in.
+
+    `names`: the pairs, second channel running faster, as the values lie.
+    """
+    values = found.values.reshape(len(found.lag), -1)
+    made = style.figure(WIDTH_IN, 0.8 + 1.8 * len(names), rows=len(names), columns=1, title=title, sharex=True)
+    for axes, own, (one, other) in zip(made.axes, values.T, names, strict=True):
+        _stems(axes, found.lag, own, found.bound, style.BLUE)
+        style.labelled(axes, "", f"{one}, {other}")
+    made.axes[-1].set_xlabel("lag (samples); above 0: the first follows the second")
+    return made
+
+
+def draw_spectrogram(t: Array, w: Array, density: Array, title: str = "Spectrogram", unit: str = "unit2/Hz") -> Figure:
+    """A density (nt, nw) in dB over time and frequency: of `model_spectrum`, or of `scipy.signal.spectrogram`'s."""
+    made = style.figure(WIDTH_IN, 4.0, title=title)
+    axes = made.axes[0]
+    power = 10.0 * np.log10(np.maximum(density, np.finfo(float).tiny))
+    top = float(power.max())
+    image = axes.pcolormesh(t, w, power.T, shading="nearest", cmap="viridis", vmin=max(float(power.min()), top - 80.0))
+    axes.grid(visible=False)
+    bar = made.colorbar(image, ax=axes)
+    bar.set_label(f"density (dB, {unit})", fontsize=style.NOTE_PT)
+    style.labelled(axes, "time (s)", "frequency (rad/s)")
     return made
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import control as ct
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from scipy import linalg
 
 from hoopd.ident.data import Data, experiments, iddata, runs
 from hoopd.ident.models import Innovations, Polynomials, innovations, state_space
-from hoopd.ident.prediction import estimate_x0, predict, prediction_error, simulate
+from hoopd.ident.prediction import error_system, estimate_x0, predict, prediction_error, predictor_system, simulate
 
 BJ = Polynomials(
     0.1, a=np.array([1.0, -0.4]), b=(np.array([0.0, 1.0, 0.5]), np.array([0.3])), c=np.array([1.0, 0.4]),
@@ -72,6 +74,54 @@ def test_the_initial_state_is_found(seed: int) -> None:
     data, _, x0 = made(model, 100, seed)
     assert np.allclose(estimate_x0(model, data, samples=8), x0, rtol=1e-9)
     assert np.allclose(simulate(model, data), data.y, atol=1e-9)
+
+
+def test_states_that_are_known_stay_as_they_are() -> None:
+    model = random_model(2)
+    data, _, x0 = made(model, 100, 2)
+    wrong = np.array([np.nan, x0[1] + 1.0, np.nan, np.nan])
+    found = estimate_x0(model, data, simulation=True, fixed=wrong)
+    assert found[1] == x0[1] + 1.0
+    right = np.array([np.nan, x0[1], np.nan, x0[3]])
+    assert np.allclose(estimate_x0(model, data, samples=2, fixed=right), x0, atol=1e-9)
+    # least squares: no change of the others makes the errors less
+    best = np.sum((data.y - simulate(model, data, found)) ** 2)
+    for i in (0, 2, 3):
+        for step in (1e-3, -1e-3):
+            assert np.sum((data.y - simulate(model, data, found + step * np.eye(4)[i])) ** 2) > best
+    with pytest.raises(ValueError, match="fixed has 3 numbers"):
+        estimate_x0(model, data, fixed=np.zeros(3))
+
+
+def test_noise_is_drawn_as_the_model_believes() -> None:
+    model = random_model(3)
+    assert model.r is None
+    data, _, _ = made(model, 20000, 3)
+    with pytest.raises(ValueError, match="no noise to draw"):
+        simulate(model, data, "zero", seed=1)
+    r = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.2], [0.0, 0.2, 0.5]])
+    noisy = replace(model, r=r)
+    said = simulate(noisy, data, "zero", seed=1)
+    assert np.array_equal(said, simulate(noisy, data, "zero", seed=1))
+    assert not np.array_equal(said, simulate(noisy, data, "zero", seed=2))
+    # a one-step predictor of what was drawn leaves white errors of that covariance
+    left = prediction_error(noisy, iddata(said, data.u, data.dt), x0="zero")
+    assert np.allclose(left.T @ left / len(left), r, atol=0.06)
+    assert np.allclose(left[1:].T @ left[:-1] / len(left), 0.0, atol=0.06)
+
+
+@pytest.mark.parametrize("horizon", [1, 2, 5, np.inf])
+def test_a_predictor_is_a_system_too(horizon: float) -> None:
+    for model in (random_model(4), state_space(BJ)):
+        data, _, _ = made(model, 80, 4, noise=0.3)
+        both = np.hstack([data.u, data.y]).T
+        said = ct.forced_response(predictor_system(model, horizon), inputs=both).outputs.reshape(model.ny, -1).T
+        assert np.allclose(said, predict(model, data, horizon, "zero"), atol=1e-9)
+        error = ct.forced_response(error_system(model, horizon), inputs=both).outputs.reshape(model.ny, -1).T
+        assert np.allclose(error, data.y - said, atol=1e-9)
+    assert predictor_system(BJ, 3).nstates == state_space(BJ).nx + 2
+    with pytest.raises(ValueError, match="whole number"):
+        predictor_system(BJ, 0)
 
 
 def test_missing_outputs_correct_nothing_and_stay_missing() -> None:

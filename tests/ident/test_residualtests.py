@@ -1,4 +1,4 @@
-"""Figures of merit and tests of residuals: their laws under the truth, and that they see what is wrong."""
+"""Tests of residuals: their laws under the truth, and that they see what is wrong."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from hoopd.ident.data import Data, iddata
-from hoopd.ident.measures import compare, criteria, fit_percent, mse, nrmse, parameters_of, rms, sse
 from hoopd.ident.models import Polynomials
-from hoopd.ident.residualtests import correlation, independence, residuals, whiteness
+from hoopd.ident.residualtests import independence, residuals, whiteness
 
 A, B = np.array([1.0, -1.5, 0.7]), np.array([0.0, 1.0, 0.5])
 TRUE = Polynomials(1.0, a=A, b=(B,), names=("a1", "a2", "b1", "b2"), values=np.zeros(4))
@@ -27,66 +26,78 @@ def made(seed: int, n: int = 600, feedback: float = 0.0) -> Data:
     return iddata(y, u)
 
 
-def test_fit_is_100_on_itself_and_0_on_the_mean() -> None:
-    y = np.random.default_rng(0).standard_normal((50, 2))
-    assert fit_percent(y, y) == pytest.approx([100.0, 100.0])
-    assert fit_percent(y, np.tile(y.mean(axis=0), (50, 1))) == pytest.approx([0.0, 0.0])
-    y[3, 1] = np.nan
-    assert np.isfinite(fit_percent(y, np.zeros((50, 2)))).all() and nrmse(y[:, 0], y[:, 0]) == pytest.approx([0.0])
-    assert np.isnan(fit_percent(np.ones(5), np.zeros(5))).all()
-    with pytest.raises(ValueError, match="measured is"):
-        fit_percent(np.ones(5), np.ones(4))
+def holed(rng: np.random.Generator, x: np.ndarray, share: float) -> np.ndarray:
+    return np.where(rng.random(len(x)) < share, np.nan, x)
 
 
-def test_sums_of_errors() -> None:
-    e = np.array([3.0, -4.0, np.nan])
-    assert (sse(e)[0], mse(e)[0], rms(e)[0]) == pytest.approx((25.0, 12.5, np.sqrt(12.5)))
+def rate(chances: list[float]) -> float:
+    return float(np.mean(np.array(chances) < 0.05))
 
 
-def test_criteria_do_not_depend_on_how_the_errors_lie_in_memory() -> None:
-    # n = 100, unit mean square: log det = 0
-    e = np.tile([1.0, -1.0], 50)
-    one = criteria(e, 4)
-    assert (one.n, one.aic, one.bic) == (100, pytest.approx(8.0), pytest.approx(4 * np.log(100)))
-    assert one.aicc == pytest.approx(8.0 + 2 * 4 * 5 / 95) and one.fpe == pytest.approx(1.04 / 0.96)
-    # two outputs: the determinant of the MEAN outer product
-    both = criteria(np.column_stack([e, np.roll(e, 1) * np.repeat([1.0, -1.0], 50)]), 4)
-    assert both.fpe == pytest.approx(1.04 / 0.96, rel=1e-3)
-    with pytest.raises(ValueError, match="nothing is left"):
-        criteria(e[:5], 4)
-
-
-def test_the_final_prediction_error_is_what_new_data_show() -> None:
-    # FPE of a linear regression with d parameters is unbiased for the error on new data
-    n, d, ratio = 60, 10, []
-    for seed in range(300):
-        rng = np.random.default_rng(seed)
-        x, y, x2, y2 = rng.standard_normal((n, d)), rng.standard_normal(n), *_more(rng, d)
-        theta = np.linalg.lstsq(x, y, rcond=None)[0]
-        ratio.append((criteria(y - x @ theta, d).fpe, float(np.mean((y2 - x2 @ theta) ** 2))))
-    said, seen = np.mean(ratio, axis=0)
-    assert said == pytest.approx(seen, rel=0.05)
-
-
-def _more(rng: np.random.Generator, d: int) -> tuple[np.ndarray, np.ndarray]:
-    return rng.standard_normal((400, d)), rng.standard_normal(400)
-
-
-def test_whiteness_fails_white_noise_as_seldom_as_it_says() -> None:
-    chances = np.array([whiteness(np.random.default_rng(s).standard_normal(500)).chance for s in range(400)])
-    assert 0.005 <= np.mean(chances < 0.05) <= 0.09
-    coloured = lfilter([1.0], [1.0, -0.3], np.random.default_rng(1).standard_normal(500))
-    assert not whiteness(coloured).passed
-
-
-def test_independence_fails_independent_signals_as_seldom_as_it_says() -> None:
-    # both coloured: a band for white signals would be far too narrow
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
+def test_whiteness_fails_white_noise_as_seldom_as_it_says(share: float) -> None:
     chances = []
-    for seed in range(200):
+    for seed in range(500):
         rng = np.random.default_rng(seed)
-        e, u = (lfilter([1.0], [1.0, -0.9], rng.standard_normal(900))[100:] for _ in range(2))
-        chances.append(independence(e, u).chance)
-    assert np.mean(np.array(chances) < 0.05) <= 0.12
+        chances.append(whiteness(holed(rng, rng.standard_normal(1000), share)).chance)
+    assert 0.03 <= rate(chances) <= 0.07
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_colour_is_seen_with_half_of_the_samples_missing(share: float) -> None:
+    # n r^2 (1 - share)^2 = 3000 x 0.04 x 0.25 = 30 above the 25 of chance, of which 1 in 100 reach 44
+    seen = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        seen.append(not whiteness(holed(rng, lfilter([1.0], [1.0, -0.2], rng.standard_normal(3000)), share)).passed)
+    assert np.mean(seen) > 0.7
+
+
+def test_a_channel_read_at_every_other_sample_is_tested_at_even_lags() -> None:
+    rng = np.random.default_rng(2)
+    chances = []
+    for _ in range(300):
+        x = rng.standard_normal(600)
+        x[::2] = np.nan
+        chances.append(whiteness(x).chance)
+    assert 0.02 <= rate(chances) <= 0.08
+    with pytest.raises(ValueError, match="0 errors are known"):
+        whiteness(np.full(100, np.nan))
+
+
+def signals(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
+    t = np.arange(n)
+    return {
+        "white": rng.standard_normal(n),
+        "coloured": lfilter([1.0], [1.0, -0.9], rng.standard_normal(n)),
+        "steps": np.repeat(rng.standard_normal(n // 20 + 1), 20)[:n],
+        "sine": np.sin(0.3 * t + 6.0 * rng.random()),
+        "three sines": sum((np.sin(w * t + 6.0 * rng.random()) for w in (0.1, 0.37, 0.9)), np.zeros(n)),
+    }
+
+
+@pytest.mark.parametrize("name", ["white", "coloured", "steps", "sine", "three sines"])
+@pytest.mark.parametrize(("colour", "share"), [(0.0, 0.0), (0.9, 0.0), (0.9, 0.3)])
+def test_independence_fails_independent_signals_as_seldom_as_it_says(name: str, colour: float, share: float) -> None:
+    chances = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        e = lfilter([1.0], [1.0, -colour], rng.standard_normal(900))[100:]
+        chances.append(independence(holed(rng, e, share), signals(rng, 800)[name]).chance)
+    # 3 to 7 in 100, and three standard deviations of 60 trials
+    assert rate(chances) <= 0.14
+
+
+@pytest.mark.parametrize("name", ["white", "coloured", "steps", "sine", "three sines"])
+def test_a_neglected_lag_is_seen_whatever_the_colour_of_the_input(name: str) -> None:
+    seen, false = [], []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        u = signals(rng, 1000)[name]
+        e = rng.standard_normal(1000) + 0.2 * np.concatenate([[0.0], u[:-1]]) / np.std(u)
+        seen.append(not independence(e, u).passed)
+        false.append(not independence(e, u, 10, after=False).passed)
+    assert np.mean(seen) > 0.7 and np.mean(false) < 0.1
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -105,19 +116,16 @@ def test_a_closed_loop_is_seen_at_negative_lags() -> None:
     assert not any("closed loop" in one for one in residuals(TRUE, made(0, 4000)).warnings)
 
 
-def test_correlation_finds_a_delay_and_skips_what_is_missing() -> None:
-    x = np.random.default_rng(3).standard_normal(400)
-    y = np.concatenate([np.zeros(7), x[:-7]])
-    y[50:60] = np.nan
-    assert int(np.argmax(correlation(x, y, 20))) - 20 == 7
-    assert np.all(correlation(np.ones(50), np.ones(50), 3) == 0.0)
-
-
-def test_models_side_by_side() -> None:
-    data = made(5)
-    found = compare({"true": TRUE, "static": Polynomials(1.0, b=(np.array([0.0, 1.0]),))}, data)
-    true, static = found
-    assert true.percent[1][0] > 80.0 > static.percent[1][0]
-    assert true.percent[1][0] > true.percent[10][0] >= true.percent[np.inf][0] - 1.0
-    assert true.criteria is not None and static.criteria is not None and true.criteria.bic < static.criteria.bic
-    assert parameters_of(TRUE) == 4 and parameters_of(Polynomials(1.0, a=A, b=(B,))) == 4
+def test_several_experiments_are_tested_together_and_apart() -> None:
+    parts = [made(seed, 300) for seed in range(3)]
+    found = residuals(TRUE, parts)
+    assert len(found.errors) == 900 and not found.warnings
+    late = Polynomials(1.0, a=A, b=(np.array([0.0, 0.0, 1.0, 0.5]),))
+    # right on the first, wrong on the others
+    shifted = [parts[0], *(iddata(one.y[1:], one.u[:-1]) for one in parts[1:])]
+    assert not residuals(TRUE, shifted[:1]).warnings and residuals(TRUE, shifted).warnings
+    assert residuals(late, parts).independent[0].chance < 1e-6
+    with pytest.raises(ValueError, match="0 errors"):
+        residuals(TRUE, iddata(np.full(300, np.nan), parts[0].u), x0="zero")
+    with pytest.raises(ValueError, match="predictor of the model is unstable"):
+        residuals(Polynomials(1.0, b=(B,), f=(np.array([1.0, -40.0]),)), parts[0])

@@ -80,6 +80,22 @@ def test_correlations_find_a_shift_and_stay_within_bounds_elsewhere() -> None:
     assert correlation(u).values[50, 0, 0] == pytest.approx(1.0)
 
 
+def test_correlations_leave_out_what_is_missing() -> None:
+    u = np.random.default_rng(3).standard_normal(400)
+    y = np.concatenate([np.zeros(7), u[:-7]])
+    y[50:60] = np.nan
+    found = correlation(y, u, 20)
+    assert found.lag[np.argmax(found.values[:, 0, 0])] == 7
+    assert found.pairs[20, 0, 0] == 390 and found.pairs[27, 0, 0] == 400 - 7 - 10
+    # the mean of the products that are known, and the weight that keeps the correlations definite
+    a, b = (one - np.nanmean(one) for one in (y, u))
+    mean = np.nanmean(a[3:] * b[:-3]) / np.sqrt(np.nanmean(a**2) * np.mean(b**2))
+    assert found.values[23, 0, 0] == pytest.approx(mean * 397 / 400)
+    for wrong, why in ((np.full(50, 0.1), "constant"), (np.full(50, np.nan), "no number")):
+        with pytest.raises(ValueError, match=why):
+            correlation(wrong)
+
+
 def test_data_that_cannot_tell_are_refused() -> None:
     u = np.random.default_rng(6).standard_normal(500)
     with pytest.raises(ValueError, match="move together"):

@@ -11,11 +11,13 @@ from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Polynomials
 from hoopd.ident.prediction import predict, simulate
 from hoopd.ident.residualtests import residuals
+from hoopd.ident.spectral import correlation
 from hoopd.plots import style
 from hoopd.plots.identification import (
     Response,
     Roots,
     draw_coherence,
+    draw_correlation,
     draw_impulse,
     draw_orders,
     draw_residuals,
@@ -23,6 +25,7 @@ from hoopd.plots.identification import (
     draw_roots,
     draw_said,
     draw_spectra,
+    draw_spectrogram,
 )
 
 MODEL = Polynomials(0.1, a=np.array([1.0, -1.5, 0.7]), b=(np.array([0.0, 1.0, 0.5]),))
@@ -81,3 +84,24 @@ def test_the_other_figures_are_drawn() -> None:
     assert draw_impulse(t, {"fir": np.exp(-t)}, 0.1 * np.ones(20)).axes[0].collections
     assert draw_coherence(w, {"u -> y": np.full(20, 0.9)}).axes[0].get_ylim()[1] > 1.0
     assert draw_spectra(w, {"y": (np.ones(20), 0.5 * np.ones(20), 2 * np.ones(20))}).axes[0].collections
+
+
+def test_raw_correlations_and_spectrograms_are_drawn() -> None:
+    x = np.random.default_rng(0).standard_normal((300, 2))
+    made = draw_correlation(correlation(x, lags=20), [("y", "y"), ("y", "u"), ("u", "y"), ("u", "u")])
+    assert [axes.get_ylabel() for axes in made.axes] == ["y, y", "y, u", "u, y", "u, u"]
+    assert max(made.axes[0].get_lines()[0].get_ydata()) == pytest.approx(1.0)
+    shown = draw_spectrogram(np.arange(5.0), np.arange(1.0, 9.0), np.outer(np.ones(5), np.geomspace(1e-3, 1.0, 8)))
+    (mesh,) = shown.axes[0].collections
+    assert mesh.get_array().shape == (8, 5) and mesh.get_array().max() == pytest.approx(0.0)
+
+
+def test_a_wide_band_does_not_hide_the_curve_nor_a_far_root_the_plane() -> None:
+    w = np.geomspace(0.1, 30.0, 50)
+    h = 1.0 / (1.0 + 1j * w)
+    gain, _ = draw_responses([Response("one", w, h, np.full(50, 1e3), np.full(50, 1e3))]).axes
+    assert np.ptp(gain.get_ylim()) < 60.0
+    far = np.array([0.5 + 0j, 40.0 + 0j])
+    axes = draw_roots([Roots("m", np.array([0.2 + 0j]), far, (), [np.eye(2)] * 2)]).axes[0]
+    assert "1 farther out" in axes.get_xlabel()
+    assert len([one for one in axes.patches if isinstance(one, Ellipse) and one.width != 2.0]) == 1

@@ -5,6 +5,7 @@ The rig's truth is config/models/hoop.yaml; no law of this file has seen it, onl
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 from pathlib import Path
@@ -32,7 +33,24 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
                  f"{method}.png", "--json", f"{method}.json")  # fmt: skip
             done("design", "identified", "--identified", f"{method}.yaml", "--model", "models/hoop.yaml", "--out",
                  f"law_{method}.yaml")  # fmt: skip
+        done("convert", "rec.mcap", "rec.csv")
+        done("convert", "rec.mcap", "slow.csv", "--step", "0.04")
+    spoiled(place, "still.csv", "dtheta", "1.0", range(600, 2000))
+    spoiled(place, "unseen.csv", "psi", "", range(600, 2000))
+    spoiled(place, "torn.csv", "u", "", range(0, 2000, 40))
+    spoiled(place, "cut.csv", "u", "", range(300, 320))
     return place
+
+
+def spoiled(place: Path, name: str, column: str, value: str, rows: range) -> None:
+    """rec.csv with other values in some rows."""
+    with (place / "rec.csv").open(newline="") as file:
+        head, *lines = csv.reader(file)
+    for i in rows:
+        if i < len(lines):
+            lines[i][head.index(column)] = value
+    with (place / name).open("w", newline="") as file:
+        csv.writer(file).writerows([head, *lines])
 
 
 def done(*words: str) -> None:
@@ -47,7 +65,17 @@ def test_the_model_foresees_what_it_was_not_fitted_to(folder: Path, method: str)
     one, ten = told["fit_percent"]["1"], told["fit_percent"]["10"]
     assert min(one.values()) > 98.0 and ten["dtheta"] > 98.0 and ten["psi"] > 92.0
     assert (folder / f"{method}.png").stat().st_size > 10_000
-    assert (folder / f"{method}_residuals.png").stat().st_size > 10_000
+    for ending in ("residuals", "bode", "roots"):
+        assert (folder / f"{method}_{ending}.png").stat().st_size > 10_000
+
+
+def test_torque_that_is_not_known_cuts_the_record_and_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    done("identify", "cut.csv", "--out", "cut.yaml", "--json", "cut.json")
+    (said,) = [one for one in json.loads((folder / "cut.json").read_text())["warnings"] if "torque of" in one]
+    assert (
+        "the torque of 20 rows" in said and "in 2 parts" in said and said in load_identified(folder / "cut.yaml").notes
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -84,6 +112,14 @@ def test_a_file_is_what_was_written(folder: Path) -> None:
         (("identify", "rec.mcap", "--outputs", "psi,psi"), "--outputs"),
         (("identify", "rec.mcap", "--out", "rec.mcap"), "rec.mcap"),
         (("identify", "none.mcap",), "none.mcap"),
+        (("identify", "rec.mcap", "--delay", "-1"), "--delay"),
+        (("identify", "rec.mcap", "--delay", "nan"), "--delay"),
+        (("identify", "rec.mcap", "--delay", "5"), "--delay"),
+        (("identify", "rec.mcap", "--holdout", "slow.csv"), "0.04 s apart"),
+        (("identify", "rec.mcap", "--holdout", "rec.mcap@3:3.2"), "50 at least"),
+        (("identify", "still.csv", "--out", "never.yaml"), "dtheta: is constant"),
+        (("identify", "unseen.csv", "--out", "never.yaml"), "psi: 0 readings"),
+        (("identify", "torn.csv"), "50 rows follow each other"),
         (("identify", "rec.mcap@0:2",), "--holdout"),
         (("identify", "rec.mcap@0:0.5", "--holdout", "rec.mcap@0:0.5"), "rec.mcap"),
         (("design", "identified", "--model", "models/hoop.yaml"), "--identified"),

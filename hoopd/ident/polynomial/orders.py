@@ -2,7 +2,8 @@
 
 All candidates are fitted to the same equations, from one Gram matrix of the longest lags, so their errors compare.
 
-Rules of this file: criteria take the mean squared error and the number of equations; smaller is better.
+Rules of this file: the criteria are those of `hoopd.ident.measures`, of the mean squared error and the number of
+equations; smaller is better.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ from itertools import product
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.measures import aic, aicc, bic, fpe
 from hoopd.ident.polynomial.arx import gram_of
 from hoopd.ident.polynomial.gaussnewton import solved
 from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
@@ -26,37 +28,6 @@ Criterion = Literal["aic", "aicc", "bic", "fpe", "validation"]
 
 # Errors below this share of the output's square are rounding of the Gram matrix: all such models fit alike.
 EXACT = 1e-12
-
-
-def aic(variance: ArrayLike, samples: int, parameters: int) -> float:
-    """Akaike (1974): n ln det V + 2 p; V the mean squared error, or its matrix (ny, ny) for several outputs."""
-    return samples * _log_det(variance) + 2.0 * parameters
-
-
-def aicc(variance: ArrayLike, samples: int, parameters: int) -> float:
-    """AIC corrected for few samples (Hurvich & Tsai, 1989): + 2 k (k + 1)/(n - k - 1), k = p + 1 with the variance.
-
-    Infinite where n does not exceed k + 1.
-    """
-    k = parameters + 1
-    if samples <= k + 1:
-        return np.inf
-    return aic(variance, samples, parameters) + 2.0 * k * (k + 1) / (samples - k - 1)
-
-
-def bic(variance: ArrayLike, samples: int, parameters: int) -> float:
-    """Schwarz (1978): n ln det V + p ln n."""
-    return samples * _log_det(variance) + parameters * float(np.log(samples))
-
-
-def fpe(variance: ArrayLike, samples: int, parameters: int) -> float:
-    """Akaike's final prediction error (1969): det V (1 + p/n)/(1 - p/n); infinite where p reaches n.
-
-    The determinant of the mean, not of the sum, of the errors' outer products.
-    """
-    if parameters >= samples:
-        return np.inf
-    return float(np.exp(_log_det(variance))) * (samples + parameters) / (samples - parameters)
 
 
 @dataclass(frozen=True)
@@ -203,9 +174,3 @@ def _fit(gram: Array, at: NDArray[np.intp]) -> Array:
 def _error(gram: Array, at: NDArray[np.intp], x: Array) -> float:
     total = float(gram[0, 0] - 2.0 * x @ gram[at, 0] + x @ gram[np.ix_(at, at)] @ x)
     return max(total, EXACT * float(gram[0, 0]))
-
-
-def _log_det(variance: ArrayLike) -> float:
-    v = np.atleast_2d(np.asarray(variance, dtype=float))
-    sign, value = np.linalg.slogdet(v)
-    return float(value) if sign > 0.0 else -np.inf

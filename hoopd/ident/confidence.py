@@ -1,0 +1,230 @@
+"""How well frequency responses, poles and zeros of an estimated model are known, whatever form the model has.
+
+By linearisation: the derivatives of a response, a pole or a zero with respect to the estimated coefficients, times the
+coefficients' covariance (Ljung, System Identification, 1999, 9.57). Derivatives are central differences; a zero z of a
+channel has dz = -dG/(dG/dz).
+
+Rules of this file: a model without a covariance gives None; nothing is estimated here.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
+
+from hoopd.ident.models import Innovations, Polynomials, state_space
+from hoopd.ident.polynomial.arx import VectorArx
+from hoopd.ident.statespace import coordinates
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Estimated = Polynomials | VectorArx | Innovations
+
+# Step of the differences: of the coefficient's standard error, and at least of the coefficient.
+STEP, LEAST = 1e-3, 1e-7
+# Roots nearer to zero are delays, or one that is met several times there: they have no derivative.
+AT_ZERO = 0.02
+# Step of dG/dz.
+APART = 1e-6
+
+
+@dataclass(frozen=True)
+class ResponseSpread:
+    """Response h (nw, ny, nu), standard error of |h| relative to it, and that of its phase in rad."""
+
+    h: Complex
+    gain: Array
+    phase: Array
+
+
+@dataclass(frozen=True)
+class RootSpread:
+    """Roots (k,) and the covariances (k, 2, 2) of real and imaginary part, zero where a root has none."""
+
+    roots: Complex
+    covariances: Array
+
+
+@dataclass(frozen=True)
+class _Coefficients:
+    values: Array
+    covariance: Array
+    made: Callable[[Array], Innovations]
+
+    def change(self, function: Callable[[Innovations], Complex]) -> Complex:
+        """Derivatives (..., m) of a function of the model."""
+        sd = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        steps = np.maximum(STEP * sd, LEAST * np.maximum(np.abs(self.values), 1.0))
+        columns = []
+        for i, step in enumerate(steps):
+            up, down = (self.made(self.values + sign * step * np.eye(len(steps))[i]) for sign in (1.0, -1.0))
+            columns.append((function(up) - function(down)) / (2.0 * step))
+        return np.stack(columns, axis=-1)
+
+    def spread(self, change: Complex) -> Array:
+        """Covariances (..., 2, 2) of real and imaginary part."""
+        parts = np.stack([change.real, change.imag], axis=-2)
+        return np.asarray(parts @ self.covariance @ parts.swapaxes(-1, -2))
+
+
+def response_spread(model: Estimated, w: ArrayLike) -> ResponseSpread | None:
+    """The response from u to y at w (nw,) rad/s and its standard errors; None without a covariance."""
+    known = _coefficients(model)
+    if known is None:
+        return None
+    z = np.exp(1j * np.asarray(w, dtype=float) * model.dt)
+    h = _response(known.made(known.values), z)
+    change = known.change(lambda one: _response(one, z))
+    # d ln h = d|h|/|h| + j d arg h
+    relative = known.spread(change / h[..., None])
+    return ResponseSpread(h, np.sqrt(relative[..., 0, 0]), np.sqrt(relative[..., 1, 1]))
+
+
+def pole_spread(model: Estimated) -> RootSpread | None:
+    """Poles of the dynamics from u to y with their covariances; None without a covariance."""
+    known = _coefficients(model)
+    if known is None:
+        return None
+    poles = np.asarray(np.linalg.eigvals(known.made(known.values).a), dtype=complex)
+    change = known.change(lambda one: _nearest(poles, np.asarray(np.linalg.eigvals(one.a), dtype=complex)))
+    return _roots(known, poles, change)
+
+
+def zero_spread(model: Estimated, output: int, channel: int = 0) -> RootSpread | None:
+    """Zeros of one output from one input with their covariances; None without a covariance."""
+    known = _coefficients(model)
+    if known is None:
+        return None
+    own = known.made(known.values)
+    zeros = zeros_of(own, output, channel)
+    slope = [_response(own, zeros + step)[:, output, channel] for step in (APART, -APART)]
+    change = known.change(lambda one: _response(one, zeros)[:, output, channel])
+    return _roots(known, zeros, -change / ((slope[0] - slope[1]) / (2.0 * APART))[:, None])
+
+
+def zeros_of(model: Innovations, output: int, channel: int = 0) -> Complex:
+    """Zeros (k,) of one output from one input; what does not show in that output is left out."""
+    part = ct.StateSpace(
+        model.a, model.b[:, [channel]], model.c[[output]], model.d[[output]][:, [channel]], model.dt
+    )  # fmt: skip
+    found = np.asarray(ct.zeros(part), dtype=complex)
+    poles = np.linalg.eigvals(model.a)
+    # modes of the other outputs are a pole and a zero at once
+    own = np.array([np.abs(z - poles).min(initial=np.inf) > np.sqrt(np.finfo(float).eps) for z in found], dtype=bool)
+    return np.asarray(found[own & np.isfinite(found)], dtype=complex)
+
+
+def _roots(known: _Coefficients, roots: Complex, change: Complex) -> RootSpread:
+    spread = known.spread(change)
+    spread[np.abs(roots) < AT_ZERO] = 0.0
+    return RootSpread(roots, np.nan_to_num(spread, nan=0.0, posinf=0.0, neginf=0.0))
+
+
+def _nearest(before: Complex, after: Complex) -> Complex:
+    """`after` in the order of `before`."""
+    return np.array([after[np.abs(after - one).argmin()] for one in before], dtype=complex)
+
+
+def _response(model: Innovations, z: Complex) -> Complex:
+    minus = z[:, None, None] * np.eye(model.nx) - model.a
+    return np.asarray(model.c @ np.linalg.solve(minus, np.broadcast_to(model.b, (len(z), *model.b.shape))) + model.d)
+
+
+# ------------------------------------------------------------------------------------------- coefficients of a model
+
+
+def _coefficients(model: Estimated) -> _Coefficients | None:
+    if isinstance(model, VectorArx):
+        return _of_rows(model)
+    if model.covariance is None:
+        return None
+    if isinstance(model, Polynomials):
+        return _Coefficients(model.values, model.covariance, lambda values: state_space(_changed(model, values)))
+    if model.names != coordinates.names(model):
+        return None
+    return _Coefficients(model.values, model.covariance, lambda values: coordinates.with_values(model, values))
+
+
+def _place(name: str) -> tuple[str, int, int]:
+    """Polynomial, power of q^-1 and channel of a coefficient's name: b2(3) is ("b", 2, 2)."""
+    found = re.fullmatch(r"([abcdf])(\d+)(?:\((\d+)\))?", name)
+    if found is None:
+        raise ValueError(f"{name!r} is no coefficient of a polynomial model")
+    return found[1], int(found[2]), int(found[3] or 1) - 1
+
+
+def _changed(model: Polynomials, values: Array) -> Polynomials:
+    a, c, d = model.a.copy(), model.c.copy(), model.d.copy()
+    b, f = tuple(one.copy() for one in model.b), tuple(one.copy() for one in model.f)
+    single = {"a": a, "c": c, "d": d}
+    for name, value in zip(model.names, values, strict=True):
+        letter, power, channel = _place(name)
+        target = single[letter] if letter in single else (b if letter == "b" else f)[channel]
+        target[power] = value
+    return replace(model, a=a, b=b, c=c, d=d, f=f)
+
+
+def _of_rows(model: VectorArx) -> _Coefficients | None:
+    """All rows together; their errors are as correlated as the innovations (the same regressors stand in all)."""
+    roots = []
+    for row in model.rows:
+        if row.covariance is None:
+            return None
+        values, vectors = np.linalg.eigh(row.covariance)
+        roots.append(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
+    sd = np.sqrt(np.maximum(np.diag(model.r), np.finfo(float).tiny))
+    related = model.r / np.outer(sd, sd)
+    orders = [_order(model, i) for i in range(len(model.rows))]
+    whole = linalg.block_diag(*(row.covariance for row in model.rows))
+    starts = np.cumsum([0, *(len(row.values) for row in model.rows)])
+    for i in range(len(roots)):
+        for j in range(len(roots)):
+            if i != j and set(orders[i]) == set(orders[j]):
+                same = _reordered(model, i, j, orders)
+                whole[starts[i] : starts[i + 1], starts[j] : starts[j + 1]] = related[i, j] * same
+    return _Coefficients(
+        np.concatenate([row.values for row in model.rows]), whole, lambda values: _with_rows(model, values).state_space
+    )
+
+
+def _reordered(model: VectorArx, i: int, j: int, orders: Sequence[Sequence[tuple[str, int, int]]]) -> Array:
+    """P sqrt(r_ii r_jj), rows by the coefficients of row i and columns by those of row j, P of row i."""
+    own, size = np.asarray(model.rows[i].covariance), np.sqrt(model.r[j, j] / model.r[i, i])
+    signs = [np.array([-1.0 if one[0] == "a" and one[2] != k else 1.0 for one in orders[k]]) for k in (i, j)]
+    at = [orders[i].index(one) for one in orders[j]]
+    return np.asarray((own * np.outer(signs[0], signs[0]))[:, at] * np.outer(signs[0], signs[1]) * size)
+
+
+def _order(model: VectorArx, i: int) -> list[tuple[str, int, int]]:
+    """Which entry of A and B in row i each of its coefficients is: letter, power, column."""
+    row, ny = model.rows[i], len(model.rows)
+    others = [j for j in range(ny) if j != i] if len(model.rows[i].b) > len(model.inputs) else []
+    out = []
+    for name in row.names:
+        letter, power, channel = _place(name)
+        if letter == "a":
+            out.append(("a", power, i))
+        elif channel < len(others):
+            out.append(("a", power, others[channel]))
+        else:
+            out.append(("b", power, channel - len(others)))
+    return out
+
+
+def _with_rows(model: VectorArx, values: Array) -> VectorArx:
+    a, b, at = model.a.copy(), model.b.copy(), 0
+    for i in range(len(model.rows)):
+        for letter, power, column in _order(model, i):
+            if letter == "b":
+                b[power, i, column] = values[at]
+            else:
+                # the past of another output is an input of the row
+                a[power, i, column] = values[at] if column == i else -values[at]
+            at += 1
+    return replace(model, a=a, b=b)
