@@ -12,16 +12,15 @@ from scipy.signal import lfilter
 from hoopd.ident.checks import (
     IdentificationWarning,
     Orders,
-    answers,
     check,
-    check_feedback,
-    check_model,
     check_regressors,
     dependent,
     excitation,
 )
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.lagged import lagged_gram
+from hoopd.ident.loopchecks import answers, check_feedback
+from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Polynomials, innovations
 from hoopd.ident.models import state_space as realised
 

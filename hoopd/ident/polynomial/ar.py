@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter, oaconvolve
 
-from hoopd.ident.checks import check, check_model
+from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.lagged import lagged_gram
+from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Polynomials
-from hoopd.ident.polynomial.arx import arx, regressors, residuals, solve_arx
+from hoopd.ident.polynomial.arx import arx
 from hoopd.ident.polynomial.estimators import Estimator, least_squares
 from hoopd.ident.polynomial.pem import pem
 from hoopd.ident.polynomial.plr import regressed
+from hoopd.ident.polynomial.regression import regressors, residuals, solve_arx
 from hoopd.ident.polynomial.stable import reflected
 from hoopd.ident.polynomial.structure import single, structure
 

@@ -17,11 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
-from hoopd.ident.checks import check, check_feedback, check_model
+from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.loopchecks import check_feedback
+from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Polynomials
-from hoopd.ident.polynomial.arx import residuals, solve_arx
 from hoopd.ident.polynomial.pem import Initial, pem
+from hoopd.ident.polynomial.regression import residuals, solve_arx
 from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
 
 Array = NDArray[np.float64]

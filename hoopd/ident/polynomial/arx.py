@@ -1,9 +1,5 @@
 """ARX models A(q) y = sum_i B_i(q) u_i + e by linear regression, of one output and of several.
 
-The regression is solved from the Gram matrix of the lagged signals, which needs no matrix of regressors (memory
-linear in the samples), and by orthogonal triangles over chunks of rows where that matrix is ill-conditioned or outputs
-are missing (Ljung, System Identification, 1999, 10.1).
-
 Rules of this file: an equation with a missing output in it is dropped; nothing runs across two experiments.
 """
 
@@ -15,21 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import DEPENDENT, check, check_feedback, check_model, check_regressors
-from hoopd.ident.data import Data, experiments, runs
-from hoopd.ident.lagged import lagged_gram
+from hoopd.ident.checks import check
+from hoopd.ident.data import Data, experiments
+from hoopd.ident.loopchecks import check_feedback
+from hoopd.ident.modelchecks import check_excess, check_model, check_order, coefficient, wald
 from hoopd.ident.models import Innovations, Polynomials
 from hoopd.ident.polynomial.estimators import Estimator, band
+from hoopd.ident.polynomial.regression import least_regression, regressors, residuals
 from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
 
 Array = NDArray[np.float64]
-
-# Below this reciprocal condition the Gram matrix loses more than ten digits: triangles instead.
-WELL_CONDITIONED = 1e-6
-# A sum of squared residuals below this share of the outputs' is a difference of nearly equal numbers.
-RESOLVED = 1e-8
-# Rows of regressors that exist at a time.
-CHUNK = 32768
 
 
 def arx(
@@ -51,41 +42,32 @@ def arx(
     """
     each = experiments(data)
     single(each)
+    if estimator is not None and ridge:
+        raise ValueError("ridge belongs to least squares: give it or an estimator, not both")
     own = structure(each[0].nu, na, nb, delay=delay)
     check(each, orders=own.asked)
     fitted = [_focused(one, focus_hz) for one in each] if focus_hz else each
     if estimator is None:
-        model = _regression(fitted, own, ridge)
+        model = least_regression(fitted, own, ridge)
     else:
         a, y = regressors(fitted, na, nb, delay)
+        if len(y) <= own.size:
+            raise ValueError(f"too few samples: {len(y)} equations without a missing output for {own.size} parameters")
         x = estimator(a, y)
         model = own.model(x, each[0], _variance(y - a @ x, own.size))
-    check_model(model, sum(one.n for one in each))
-    if focus_hz is None:
-        for one in each:
-            check_feedback(_padded(model, one), one.u, one.inputs)
+    squares = model if estimator is None and focus_hz is None else least_regression(each, own, ridge)
+    _judged(model, squares, each, ridge)
     return model
 
 
-def regressors(data: Data | Sequence[Data], na: int, nb: Counts = (), delay: Counts = 1) -> tuple[Array, Array]:
-    """A (rows, na + sum nb) and y (rows,) of y = A x: columns -y(t-1) ..., then the inputs' lags, by input.
-
-    Rows of all experiments under each other, without those in which an output is missing.
-    """
-    each = experiments(data)
-    own = structure(each[0].nu, na, nb, delay=delay)
-    parts = [part for one in each for part in _chunks(one, own)] or [np.zeros((0, own.size + 1))]
-    z = np.concatenate(parts)
-    return z[:, 1:], z[:, 0]
-
-
-def residuals(model: Polynomials, data: Data) -> Array:
-    """A y - sum B u (n - longest lag,), NaN where an output in it is missing; the errors of an ARX or AR model."""
-    first = max([len(model.a) - 1, *(len(one) - 1 for one in model.b)])
-    out = np.convolve(data.y[:, 0], model.a)[first : data.n]
-    for i, one in enumerate(model.b):
-        out = out - np.convolve(data.u[:, i], one)[first : data.n]
-    return np.asarray(out)
+def _judged(model: Polynomials, squares: Polynomials, each: Sequence[Data], ridge: float) -> None:
+    """The checks of the result; `squares` is least squares of the data as they are, its errors the innovations."""
+    n = sum(one.n for one in each)
+    check_model(model, n, order=False)
+    if not ridge:
+        check_order(squares, n)
+    for one in each:
+        check_feedback(_padded(squares, one), one.u, one.inputs)
 
 
 @dataclass(frozen=True)
@@ -129,6 +111,8 @@ def varx(
     each = experiments(data)
     ny, nu = each[0].ny, each[0].nu
     own = structure(nu, na, nb, delay=delay)
+    size = own.size + (ny - 1) * na * coupled
+    check(each, orders=replace(own.asked, parameters=size))
     rows = []
     for i in range(ny):
         others = [j for j in range(ny) if j != i] if coupled else []
@@ -136,110 +120,44 @@ def varx(
         wide = Structure(
             na, (na,) * len(others) + own.nb, nf=(0,) * (len(others) + nu), delay=(1,) * len(others) + own.delay
         )
-        check(_complete(seen), orders=wide.asked)
-        rows.append(_regression(seen, wide, ridge))
-    return _joined(rows, each, own, coupled)
+        rows.append(least_regression(seen, wide, ridge))
+    found = _joined(rows, each, own, coupled)
+    _judged_together(found, each, ridge)
+    return found
 
 
-# ------------------------------------------------------------------------------------------------- regression
-
-
-def solve_arx(each: Sequence[Data], own: Structure, ridge: float = 0.0) -> tuple[Array, Array, float]:
-    """Coefficients, inverse of their Gram matrix and sum of squared residuals, with nothing checked.
-
-    For the methods that start from an ARX model; complete data.
-    """
-    gram, _ = gram_of(each, own)
-    m = gram[1:, 1:] + ridge * np.eye(own.size)
-    inverse = np.asarray(np.linalg.pinv(m, rcond=1e-13, hermitian=True), dtype=float)
-    x = inverse @ gram[1:, 0]
-    return x, inverse, float(gram[0, 0] - 2.0 * x @ gram[1:, 0] + x @ gram[1:, 1:] @ x)
-
-
-def _regression(each: Sequence[Data], own: Structure, ridge: float) -> Polynomials:
-    if ridge < 0.0:
-        raise ValueError(f"ridge must not be negative, it is {ridge}")
-    if all(_whole(one) for one in each):
-        gram, rows = gram_of(each, own)
-        if _conditioned(gram[1:, 1:] + ridge * np.eye(own.size)):
-            return _from_gram(gram, rows, each, own, ridge)
-    return _from_triangle(each, own, ridge)
-
-
-def gram_of(each: Sequence[Data], own: Structure) -> tuple[Array, int]:
-    """Gram matrix of [y(t), regressors] over all experiments and the number of equations; for code of this room."""
-    gram, rows = np.zeros((own.size + 1, own.size + 1)), 0
+def _judged_together(found: VectorArx, each: Sequence[Data], ridge: float) -> None:
+    """The checks of the joint result: its poles, the last lags of all rows together, the way from errors to inputs."""
+    n = sum(one.n for one in each)
+    check_model(found.state_space, n)
+    if not ridge:
+        check_excess(_last_lags(found), n)
     for one in each:
-        if _whole(one) and one.n > own.lost:
-            gram += _shifted(one, own)
-            rows += one.n - own.lost
-        elif not _whole(one):
-            for part in _chunks(one, own):
-                gram += part.T @ part
-                rows += len(part)
-    return gram, rows
+        e = _errors(found.a, found.b, one)
+        check_feedback(np.vstack([np.zeros((one.n - len(e), len(found.r))), e]), one.u, one.inputs)
 
 
-def _shifted(data: Data, own: Structure) -> Array:
-    signals = [np.ascontiguousarray(data.y[:, 0]), *(np.ascontiguousarray(column) for column in data.u.T)]
-    signs = np.concatenate([[1.0], -np.ones(own.na), np.ones(sum(own.nb))])
-    return lagged_gram(signals, [range(own.na + 1), *own.lags], own.lost) * np.outer(signs, signs)
+def _last_lags(found: VectorArx) -> Iterator[tuple[str, float, int]]:
+    """Name, Wald statistic and number of the coefficients of the last lag of the outputs, and of the inputs, of all
+    rows together; of inputs that have more than one."""
+    last, nu = len(found.a) - 1, len(found.inputs)
+    for letter in ("a", "b"):
+        told = [wald(row, list(_names_of_last(row, letter, last, nu))) for row in found.rows]
+        count = sum(how_many for _, how_many in told)
+        if count:
+            yield f"lag of the {'outputs' if letter == 'a' else 'inputs'}", sum(one for one, _ in told), count
 
 
-def _whole(data: Data) -> bool:
-    return data.complete and bool(np.isfinite(data.u).all())
-
-
-def _conditioned(gram: Array) -> bool:
-    scale = np.sqrt(np.diag(gram))
-    if not (scale > 0.0).all():
-        return False
-    values = np.linalg.eigvalsh(gram / np.outer(scale, scale))
-    return bool(values[0] > WELL_CONDITIONED * values[-1])
-
-
-def _from_gram(gram: Array, rows: int, each: Sequence[Data], own: Structure, ridge: float) -> Polynomials:
-    inner, right = gram[1:, 1:], gram[1:, 0]
-    inverse = np.linalg.inv(inner + ridge * np.eye(own.size))
-    x = inverse @ right
-    total = float(gram[0, 0] - 2.0 * x @ right + x @ inner @ x)
-    if total < RESOLVED * gram[0, 0]:
-        model = own.model(x, each[0])
-        total = sum(float(np.square(residuals(model, one)).sum()) for one in each)
-    variance = total / max(rows - own.size, 1)
-    return own.model(x, each[0], variance, variance * inverse @ inner @ inverse)
-
-
-def _from_triangle(each: Sequence[Data], own: Structure, ridge: float) -> Polynomials:
-    r, rows = np.zeros((0, own.size + 1)), 0
-    for one in each:
-        for part in _chunks(one, own):
-            r = np.asarray(np.linalg.qr(np.vstack([r, part]), mode="r"))
-            rows += len(part)
-    if rows <= own.size:
-        raise ValueError(f"too few samples: {rows} equations without a missing output for {own.size} parameters")
-    r, right = r[:, 1:], r[:, 0]
-    scale = np.sqrt((r**2).sum(axis=0))
-    scale[scale == 0.0] = 1.0
-    if ridge == 0.0:
-        check_regressors(r, own.names)
-        inverse = np.linalg.pinv(r / scale, rcond=DEPENDENT) / scale[:, None]
-    else:
-        inverse = np.linalg.pinv(np.vstack([r, np.sqrt(ridge) * np.eye(own.size)]))[:, : len(r)]
-    x = inverse @ right
-    variance = float(np.square(right - r @ x).sum()) / max(rows - own.size, 1)
-    return own.model(x, each[0], variance, variance * inverse @ inverse.T)
-
-
-def _chunks(data: Data, own: Structure) -> Iterator[Array]:
-    """[y(t), regressors] of rows without a missing value, `CHUNK` rows at a time."""
-    y = data.y[:, 0]
-    for start in range(own.lost, data.n, CHUNK):
-        t = np.arange(start, min(start + CHUNK, data.n))
-        columns = [y[t], *(-y[t - k] for k in range(1, own.na + 1))]
-        columns += [data.u[t - k, i] for i, lag in enumerate(own.lags) for k in lag]
-        z = np.column_stack(columns)
-        yield z[np.isfinite(z).all(axis=1)]
+def _names_of_last(row: Polynomials, letter: str, last: int, nu: int) -> Iterator[str]:
+    """`row.b` holds the other outputs first, then the nu inputs."""
+    if letter == "a" and last:
+        yield coefficient("a", last)
+        yield from (coefficient("b", last, j, row.nu) for j in range(row.nu - nu))
+    elif letter == "b":
+        for k in range(row.nu - nu, row.nu):
+            lag = len(row.b[k]) - 1
+            if coefficient("b", lag - 1, k, row.nu) in row.names:
+                yield coefficient("b", lag, k, row.nu)
 
 
 def _focused(data: Data, focus_hz: tuple[float, float]) -> Data:
@@ -271,22 +189,6 @@ def _with_outputs(data: Data, i: int, others: Sequence[int]) -> Data:
         data, y=data.y[:, [i]], u=np.hstack([data.y[:, list(others)], data.u]), x=None,
         outputs=(data.outputs[i],), inputs=(*(data.outputs[j] for j in others), *data.inputs),
     )  # fmt: skip
-
-
-def _complete(each: Sequence[Data]) -> list[Data]:
-    """The longest stretch of each experiment without a missing value among outputs that serve as inputs."""
-    found = []
-    for one in each:
-        if np.isfinite(one.u).all():
-            found.append(one)
-            continue
-        whole = replace(one, y=np.hstack([one.y, one.u]), u=one.u)
-        best = max(runs(whole), key=lambda part: part.n, default=None)
-        if best is not None:
-            found.append(replace(best, y=best.y[:, :1]))
-    if not found:
-        raise ValueError("no stretch of samples in which every output was measured")
-    return found
 
 
 def _joined(rows: Sequence[Polynomials], each: Sequence[Data], own: Structure, coupled: bool) -> VectorArx:

@@ -20,8 +20,8 @@ from scipy.special import gammaincinv
 
 from hoopd.ident.checks import Orders, check, warn
 from hoopd.ident.data import Data, experiments, runs
-from hoopd.ident.polynomial.arx import solve_arx
 from hoopd.ident.polynomial.gaussnewton import Stretch, errors, search
+from hoopd.ident.polynomial.regression import solve_arx
 from hoopd.ident.polynomial.starts import LongModel, starts
 from hoopd.ident.polynomial.structure import Structure, structure
 

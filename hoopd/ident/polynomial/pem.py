@@ -16,8 +16,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident.checks import DICKEY_FULLER, check, check_feedback, check_model, warn
+from hoopd.ident.checks import check, unsettled, warn
 from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.loopchecks import check_feedback
+from hoopd.ident.modelchecks import DICKEY_FULLER, check_model
 from hoopd.ident.models import Polynomials
 from hoopd.ident.polynomial.gaussnewton import Optimum, Stretch, errors, jacobian, search
 from hoopd.ident.polynomial.stable import EDGE, radius
@@ -189,14 +191,13 @@ def _reported(
     spread = variance * best.inverse if kind == "white" else _robust(own, pieces, best)
     model = own.model(best.x, each[0], variance, spread)
     if not best.settled:
-        warn(f"the search has not settled after {best.steps} steps: the orders fit the data badly")
+        unsettled(best.steps)
     at_edge = [name for name, one in _guarded(model) if radius(one) > EDGE - 1e-7]
     if at_edge:
         warn(f"{', '.join(at_edge)} ends at the limit of stability: there the estimate has no covariance")
     check_model(model, count)
     for one, p in zip(pieces, best.p, strict=True):
-        if one.seen is None:
-            check_feedback(errors(own, best.x, p, one).e, one.u.T, each[0].inputs)
+        check_feedback(errors(own, best.x, p, one).e, one.u.T, each[0].inputs)
     return model
 
 

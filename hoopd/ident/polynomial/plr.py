@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hoopd.ident.checks import check, check_feedback, check_model
+from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.loopchecks import check_feedback
+from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Polynomials
-from hoopd.ident.polynomial.arx import regressors, residuals
 from hoopd.ident.polynomial.estimators import Estimator, least_squares
+from hoopd.ident.polynomial.regression import regressors, residuals
 from hoopd.ident.polynomial.stable import reflected
 from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
 

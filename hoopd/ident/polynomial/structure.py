@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import Orders, coefficient
+from hoopd.ident.checks import Orders
 from hoopd.ident.data import Data
+from hoopd.ident.modelchecks import coefficient
 from hoopd.ident.models import ONE, Polynomials
 
 Array = NDArray[np.float64]
@@ -61,7 +62,8 @@ class Structure:
     @property
     def asked(self) -> Orders:
         """What the structure asks of data."""
-        lags = max([n + f for n, f in zip(self.nb, self.nf, strict=True)], default=0)
+        # B of n and a denominator of m coefficients want order n + m (Ljung, 1999, 13.2)
+        lags = max([n + f + self.na for n, f in zip(self.nb, self.nf, strict=True) if n], default=0)
         return Orders(self.size, lags, self.lost)
 
     def parts(self) -> Iterator[tuple[str, int, range]]:

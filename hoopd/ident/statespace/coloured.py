@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hoopd.ident.data import Data
 from hoopd.ident.statespace.linear import states
-from hoopd.ident.statespace.subspace import autoregression
+from hoopd.ident.statespace.ordering import autoregression
 
 Array = NDArray[np.float64]
 

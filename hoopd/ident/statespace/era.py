@@ -7,16 +7,17 @@ Rules of this file: no sample time is put into the Markov parameters; they are t
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.checks import warn
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.modelchecks import check_predictor
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace.okid import okid
+from hoopd.ident.statespace.ordering import check_states
 
 Array = NDArray[np.float64]
 
@@ -37,17 +38,23 @@ def era(
     wide = columns or count - high
     if high + wide > count or min(high, wide) < 1:
         raise ValueError(f"{high} rows and {wide} columns need {high + wide} Markov parameters besides D, not {count}")
+    if order is not None and order < 1:
+        raise ValueError(f"order is a whole number from 1 on, not {order}")
+    if not values[1:].any():
+        raise ValueError("all Markov parameters are zero: there are no dynamics")
     u, s, vt = np.linalg.svd(_hankel(values[1:], high, wide), full_matrices=False)
     nx = order or max(int((s > np.sqrt(s[0] * max(s[-1], 1e-16 * s[0]))).sum()), 1)
     if nx > len(s):
         raise ValueError(f"order {nx} is more than the {len(s)} singular values")
     if s[nx - 1] < 1e-12 * s[0]:
-        warnings.warn(f"order {nx} is too high: singular value {nx} is rounding", IdentificationWarning, stacklevel=2)
+        warn(f"order too high: singular value {nx} is rounding")
     root = np.sqrt(np.maximum(s[:nx], 1e-300))
     left, right = u[:, :nx], vt[:nx]
     a = (left.T @ _hankel(values[2:], high, wide) @ right.T) / np.outer(root, root)
     b, c = (root[:, None] * right)[:, :nu], (left * root)[:ny]
-    return Innovations(a, b, c, values[0], np.zeros((nx, ny)), dt, singular_values=s)
+    found = Innovations(a, b, c, values[0], np.zeros((nx, ny)), dt, singular_values=s)
+    check_predictor(found)
+    return found
 
 
 def era_of_data(
@@ -59,6 +66,9 @@ def era_of_data(
     Source: the impulse responses are averaged, so each experiment weighs alike.
     """
     each = experiments(data)
+    if order < 1:
+        raise ValueError(f"order is a whole number from 1 on, not {order}")
+    check_states(each, order)
     own = lags or 5 * order
     need = max(own, (rows or 0) + (columns or 0))
     found = [okid(one, own, count=need, drop=drop, ridge=ridge, curvature=curvature) for one in each]

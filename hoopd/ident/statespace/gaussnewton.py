@@ -42,12 +42,13 @@ class Problem:
 
 @dataclass(frozen=True)
 class Point:
-    """A model, its initial states by experiment, its paths and its cost."""
+    """A model, its initial states by experiment, its paths and its cost; whether the search for it came to an end."""
 
     model: Innovations
     starts: tuple[Array, ...]
     paths: tuple[Trajectory, ...]
     cost: float
+    ended: bool = True
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def minimise(problem: Problem, point: Point, steps: int, tolerance: float = 1e-9
         gained, point = point.cost - better.cost, better
         if gained <= tolerance * (point.cost + 1e-300):
             return point
-    return point
+    return replace(point, ended=False)
 
 
 def normal_equations(problem: Problem, point: Point) -> Normal:

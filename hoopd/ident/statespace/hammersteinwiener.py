@@ -10,6 +10,7 @@ same starts.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,14 +18,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from hoopd.ident.data import Data, experiments, iddata
+from hoopd.ident.checks import IdentificationWarning, Orders, check, check_channels, check_determined, unsettled
+from hoopd.ident.data import Data, experiments
+from hoopd.ident.loopchecks import check_record
+from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coordinates import Freedom
-from hoopd.ident.statespace.guard import check_channels
 from hoopd.ident.statespace.linear import radius, states
-from hoopd.ident.statespace.sensitivities import Directions, Piece, piece
-from hoopd.ident.statespace.subspace import Focus, subspaceid
+from hoopd.ident.statespace.ordering import check_states
+from hoopd.ident.statespace.sensitivities import Directions, Piece, paired, piece
+from hoopd.ident.statespace.subspace import Focus, check_focus, subspaceid
 
 Array = NDArray[np.float64]
 Static = Callable[[Array, Array], Array]
@@ -84,6 +88,7 @@ class _Point:
     starts: tuple[Array, ...]
     paths: tuple[_Path, ...]
     cost: float
+    ended: bool = True
 
 
 def hammerstein_wiener(
@@ -110,6 +115,10 @@ def hammerstein_wiener(
     """
     each = experiments(data)
     check_channels(each)
+    check_record(each, drift=False)
+    check_focus(focus)
+    if min(order, iterations) < 1:
+        raise ValueError(f"order and iterations are from 1 on, not {order} and {iterations}")
     p = np.atleast_1d(np.asarray(p0, dtype=float))
     own = tuple(names) if names is not None else tuple(f"p{i + 1}" for i in range(len(p)))
     if len(own) != len(p) or len(set(own)) != len(p):
@@ -124,7 +133,25 @@ def hammerstein_wiener(
     if focus == "prediction":
         task = replace(task, free=Freedom(direct, True))
         best = _minimised(task, best, iterations)
+    if not best.ended:
+        unsettled(iterations)
+    _check_linear(task, best, each)
     return _result(task, best, own, [one.cost for one in found], each[0])
+
+
+def _check_linear(task: _Task, best: _Point, each: Sequence[Data]) -> None:
+    """The checks of the linear part; its order by the data where the output is its own, else only what drives it."""
+    driven = [_driven(one, path.v) for one, path in zip(each, best.paths, strict=True)]
+    if task.h is _same:
+        check_states(driven, best.model.nx)
+    else:
+        check(driven, orders=Orders(best.model.nx, 2 * best.model.nx))
+    check_model(best.model, sum(one.n for one in each))
+
+
+def _driven(one: Data, v: Array) -> Data:
+    """The data with the signals behind the input map as inputs."""
+    return replace(one, u=v.T, inputs=tuple(f"input_map[{i}]" for i in range(len(v))))
 
 
 def _search(
@@ -159,11 +186,13 @@ def _check_maps(task: _Task, p: Array, one: Data, linear_inputs: int | None) -> 
 def _approximation(task: _Task, each: Sequence[Data], order: int, p: Array) -> Innovations | None:
     """The linear model from g(u, p) to y."""
     try:
-        pairs = [(one, task.g(own.u, p).T) for one, own in zip(each, task.pieces, strict=True)]
-        found = subspaceid([iddata(one.y, v, 1.0) for one, v in pairs], order, focus="simulation", stable=0.999)
+        driven = [_driven(one, task.g(own.u, p)) for one, own in zip(each, task.pieces, strict=True)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", IdentificationWarning)  # of a start; the result is judged at the end
+            found = subspaceid(driven, order, focus="simulation", stable=0.999)
     except ValueError:
         return None
-    return replace(found, k=np.zeros_like(found.k))
+    return replace(found, k=np.zeros_like(found.k), dt=1.0)
 
 
 def _random(task: _Task, order: int, p: Array, rng: np.random.Generator) -> Innovations:
@@ -222,7 +251,7 @@ def _minimised(task: _Task, point: _Point, iterations: int) -> _Point:
         gained, point = point.cost - better.cost, better
         if gained <= 1e-9 * point.cost:
             return point
-    return point
+    return replace(point, ended=False)
 
 
 def _step(
@@ -317,11 +346,12 @@ def _result(task: _Task, best: _Point, names: tuple[str, ...], costs: list[float
     count = sum(int(own.known.sum()) for own in task.pieces)
     _, gram = _normal(task, best, coordinates.basis(best.model, task.free))
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = linalg.pinvh(gram / np.outer(scale, scale), rtol=1e-12) / np.outer(scale, scale)
+    relative, first = gram / np.outer(scale, scale), len(gram) - len(best.p)
+    check_determined(np.roll(relative, len(best.p), axis=(0, 1)), names)
+    inverse = linalg.pinvh(relative, rtol=1e-12) / np.outer(scale, scale)
     whole = inverse * best.cost / max(count - len(gram), 1)
-    first = len(gram) - len(best.p)
-    e = np.hstack([path.e for path in best.paths])
+    r = paired([path.e for path in best.paths], [own.known for own in task.pieces])
     return HammersteinWiener(
         replace(best.model, dt=one.dt, x0=best.starts[0]), dict(zip(names, best.p.tolist(), strict=True)),
-        whole[first:, first:], best.starts, best.cost / count, e @ e.T / e.shape[1], task.g, task.h, tuple(costs),
+        whole[first:, first:], best.starts, best.cost / count, r, task.g, task.h, tuple(costs),
     )  # fmt: skip

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize
 
+from hoopd.ident.checks import check_channels, check_determined, unsettled
 from hoopd.ident.data import Data, experiments
-from hoopd.ident.statespace.guard import check_channels, check_determined
+from hoopd.ident.loopchecks import check_record
 from hoopd.ident.statespace.unscented import Map, System, filtered
 
 Array = NDArray[np.float64]
@@ -95,6 +96,7 @@ def nonlinear_pem(
     """
     each = experiments(data)
     check_channels(each)
+    check_record(each)
     p, start = np.atleast_1d(np.asarray(p0, dtype=float)), np.atleast_1d(np.asarray(x0, dtype=float))
     if not (np.isfinite(p).all() and np.isfinite(start).all()):
         raise ValueError("the guess of the parameters and of the initial state must be finite")
@@ -127,6 +129,8 @@ def _minimised(
         (np.concatenate([bounds[0], -far]), np.concatenate([bounds[1], far])), x_scale="jac",
         ftol=tolerance, xtol=tolerance, gtol=1e-12, max_nfev=iterations,
     )  # fmt: skip
+    if found.status == 0:
+        unsettled(int(found.nfev))
     return _result(task, names, found.x, bounds, int(found.nfev))
 
 

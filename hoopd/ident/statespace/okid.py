@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from hoopd.ident.checks import Orders, check
 from hoopd.ident.data import Data, experiments
-from hoopd.ident.statespace.guard import check_channels
+from hoopd.ident.loopchecks import check_record
 
 Array = NDArray[np.float64]
 
@@ -28,12 +29,13 @@ def okid(
 
     `drop`: first rows left out (all `lags` when not given; less counts samples before the start as zero: only where
     the experiment began at rest). `ridge` adds ridge |Ybar|^2 to the squared errors, `curvature` curvature times the
-    squared second differences of Ybar over the lags.
+    squared second differences of Ybar over the lags. ValueError and warnings: `hoopd.ident.checks`, `loopchecks`.
     """
     each = experiments(data)
-    check_channels(each)
     if lags < 1:
         raise ValueError(f"lags must be at least 1, not {lags}")
+    check(each, orders=Orders(0, lags))
+    check_record(each)
     pairs = [_regression(one, lags, lags if drop is None else drop) for one in each]
     x, y = np.vstack([a for a, _ in pairs]), np.vstack([b for _, b in pairs])
     if len(x) < x.shape[1]:

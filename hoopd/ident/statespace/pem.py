@@ -16,15 +16,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hoopd.ident.checks import check_channels, unsettled
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.loopchecks import check_record
+from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates, gaussnewton, losses
 from hoopd.ident.statespace.coordinates import Freedom
 from hoopd.ident.statespace.gaussnewton import Point, Problem
-from hoopd.ident.statespace.guard import check_channels
 from hoopd.ident.statespace.losses import Loss
-from hoopd.ident.statespace.sensitivities import Piece, piece
-from hoopd.ident.statespace.subspace import Focus, subspaceid
+from hoopd.ident.statespace.ordering import check_states
+from hoopd.ident.statespace.sensitivities import Piece, paired, piece
+from hoopd.ident.statespace.subspace import Focus, check_focus, check_stable, subspaceid
 from hoopd.ident.statespace.uncertainty import coordinates_covariance
 
 Array = NDArray[np.float64]
@@ -72,8 +75,13 @@ def pem(
     """
     each = experiments(data)
     check_channels(each)
-    if focus not in ("prediction", "simulation"):
-        raise ValueError(f'focus is "prediction" or "simulation", not {focus!r}')
+    check_focus(focus)
+    check_stable(stable)
+    if horizon < 1 or iterations < 1:
+        raise ValueError(f"horizon and iterations are from 1 on, not {horizon} and {iterations}")
+    if start is not None:
+        check_record(each, drift=False)
+        check_states(each, start.nx)
     model = _start(each, order, start, direct, focus, stable)
     limit = np.inf if stable is False else 1.0 - 1e-9 if stable is True else float(stable)
     given = None if weight is None else np.asarray(weight, dtype=float)
@@ -83,11 +91,15 @@ def pem(
     )  # fmt: skip
     point, problem = _settle(problem, model, Options(focus, problem.loss, given, iterations, tolerance))
     covariance = coordinates_covariance(problem, point, white=focus == "prediction" and horizon == 1)
-    return replace(
+    if not point.ended:
+        unsettled(iterations)
+    found = replace(
         gaussnewton.settled(point), dt=each[0].dt, r=_covariance(problem, point), q=None, s=None,
         names=coordinates.names(model), values=coordinates.values(point.model), covariance=covariance,
         inputs=each[0].inputs, outputs=each[0].outputs,
     )  # fmt: skip
+    check_model(found, sum(one.n for one in each))
+    return found
 
 
 def _start(
@@ -122,13 +134,13 @@ def _settle(problem: Problem, model: Innovations, options: Options) -> tuple[Poi
     for turn in range(1 if options.weight is not None or (model.ny == 1 and options.loss is None) else ROUNDS):
         before = problem.weight
         problem = replace(problem, weight=_weight(problem, point) if options.weight is None else options.weight)
-        point = gaussnewton.evaluate(problem, point.model, point.starts)
+        point = replace(gaussnewton.evaluate(problem, point.model, point.starts), ended=point.ended)
         if turn and np.linalg.norm(problem.weight - before) < SETTLED * np.linalg.norm(before):
             break
         point = gaussnewton.minimise(problem, point, options.iterations, options.tolerance)
     if options.weight is None:
         problem = replace(problem, weight=_weight(problem, point))
-        point = gaussnewton.evaluate(problem, point.model, point.starts)
+        point = replace(gaussnewton.evaluate(problem, point.model, point.starts), ended=point.ended)
     return point, problem
 
 
@@ -144,8 +156,7 @@ def _weight(problem: Problem, point: Point) -> Array:
 def _covariance(problem: Problem, point: Point) -> Array:
     """Of the errors that count (ny, ny), lifted where there are none; missing ones left out pair by pair."""
     ahead = [path.ahead for path in point.paths]
-    pairs = sum(known.astype(float) @ known.astype(float).T for known in (one.known for one in problem.pieces))
-    r = sum(e @ e.T for e in ahead) / np.maximum(pairs, 1.0)
+    r = paired(ahead, [one.known for one in problem.pieces])
     power = np.array([_power(problem.pieces, i) for i in range(len(r))])
     r = np.asarray(r + np.diag(1e-18 * power + 1e-300))
     low = float(np.linalg.eigvalsh(r / np.sqrt(np.outer(np.diag(r), np.diag(r)))).min())

@@ -10,6 +10,7 @@ Rules of this file: time runs along the last axis; nothing is estimated here.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +79,12 @@ def trajectory(model: Innovations, data: Piece, x0: Array, horizon: int = 1) -> 
     else:
         x, e = _stepped(model, data, x0)
     return Trajectory(x, e, e if horizon == 1 else _errors_ahead(model, data, x, e, horizon))
+
+
+def paired(errors: Sequence[Array], known: Sequence[NDArray[np.bool_]]) -> Array:
+    """Covariance (ny, ny) of errors (ny, n) that are zero where an output is missing, by the pairs that are known."""
+    pairs = sum(one.astype(float) @ one.astype(float).T for one in known)
+    return np.asarray(sum(e @ e.T for e in errors) / np.maximum(pairs, 1.0))
 
 
 def sensitivities(model: Innovations, data: Piece, path: Trajectory, along: Directions, horizon: int = 1) -> Array:

@@ -18,14 +18,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize
 
+from hoopd.ident.checks import Orders, check, check_determined, unsettled
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.loopchecks import check_record
+from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coloured import autoregression_of, shaped
-from hoopd.ident.statespace.guard import check_channels, check_determined
 from hoopd.ident.statespace.linear import radius
-from hoopd.ident.statespace.sensitivities import Directions, Piece, piece, sensitivities, trajectory
-from hoopd.ident.statespace.subspace import Focus
+from hoopd.ident.statespace.sensitivities import Directions, Piece, paired, piece, sensitivities, trajectory
+from hoopd.ident.statespace.subspace import Focus, check_focus
 
 Array = NDArray[np.float64]
 Constructor = Callable[[Array], Any]
@@ -100,7 +102,6 @@ def structured_pem(
     stable predictor, matrices that do not fit the data.
     """
     each = experiments(data)
-    check_channels(each)
     start = np.atleast_1d(np.asarray(p0, dtype=float))
     own = tuple(names) if names is not None else tuple(f"p{i + 1}" for i in range(len(start)))
     if len(own) != len(start) or len(set(own)) != len(own):
@@ -109,6 +110,12 @@ def structured_pem(
     for name, value, a, b in zip(own, start, low, high, strict=True):
         if not a <= value <= b:
             raise ValueError(f"the start of {name} is {value:g}, outside its bounds {a:g} .. {b:g}")
+    if horizon < 1:
+        raise ValueError(f"horizon is from 1 on, not {horizon}")
+    check_focus(focus)
+    # a line of the input gives two numbers of every output
+    check(each, orders=Orders(len(start), -(-len(start) // (each[0].ny * each[0].nu)) if each[0].nu else 0))
+    check_record(each, drift=False)
     build = _built(constructor, each[0].dt, gain, focus == "simulation")
     model = build(start)
     if (model.ny, model.nu) != (each[0].ny, each[0].nu):
@@ -187,6 +194,8 @@ def _minimised(task: _Task, start: Array, bounds: tuple[Array, Array], iteration
         )  # fmt: skip
         z, evaluations = _put(z, free, found.x), evaluations + int(found.nfev)
         weight = _weight(task, _paths(task, z))
+    if found.status == 0:
+        unsettled(evaluations)
     return z, evaluations
 
 
@@ -326,11 +335,11 @@ def _finished(
     near = 1e-9 * np.maximum(np.abs(p), 1e-12)
     bound = (p - bounds[0] <= near) | (bounds[1] - p <= near)
     covariance = _covariance(task, z, paths, np.concatenate([~bound, np.ones(len(z) - task.count, dtype=bool)]))
-    errors = np.hstack(paths)
     model = replace(
-        model, r=errors @ errors.T / errors.shape[1], x0=starts[0], names=task.names, values=p, covariance=covariance,
-        inputs=one.inputs, outputs=one.outputs,
+        model, r=paired(paths, [piece.known for piece in task.pieces]), x0=starts[0], names=task.names, values=p,
+        covariance=covariance, inputs=one.inputs, outputs=one.outputs,
     )  # fmt: skip
+    check_model(model, sum(piece.n for piece in task.pieces))
     at = tuple(n for n, on in zip(task.names, bound, strict=True) if on)
     return Structured(
         dict(zip(task.names, p.tolist(), strict=True)), covariance, model, starts, variance, at, evaluations

@@ -10,7 +10,6 @@ Rules of this file: what makes the answer doubtful is a warning that names the c
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -18,25 +17,25 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.checks import check_channels
 from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.loopchecks import check_record
+from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
-from hoopd.ident.statespace import gaussnewton, projection, windows
+from hoopd.ident.statespace import gaussnewton, projection
 from hoopd.ident.statespace.coordinates import Freedom
-from hoopd.ident.statespace.guard import check_channels, check_feedback, check_poles
 from hoopd.ident.statespace.inputs import Inputs, fit_inputs
 from hoopd.ident.statespace.kalman import gain
 from hoopd.ident.statespace.linear import radius
+from hoopd.ident.statespace.ordering import check_order, check_windows, joined, split_of
 from hoopd.ident.statespace.projection import WEIGHTINGS, Factor, Split, Weighting
-from hoopd.ident.statespace.sensitivities import Piece, piece, trajectory
+from hoopd.ident.statespace.sensitivities import Piece, piece
 from hoopd.ident.statespace.stabilise import bounded
 
 Array = NDArray[np.float64]
 Focus = Literal["prediction", "simulation"]
 
-MOST_HORIZON = 25  # samples of past and of future when nobody says so
 LEAST_NOISE = 1e-4  # of an output: data with less are taken as if they had so much
-LEAST_EXCITATION = 1e-6  # of the inputs of a window; a signal with fewer lines than lags is at rounding
 
 
 @dataclass(frozen=True)
@@ -59,14 +58,6 @@ class Scale:
 
     u: Array
     y: Array
-
-
-@dataclass(frozen=True)
-class Lags:
-    """Lags of an autoregression and the standard deviation of its errors by output."""
-
-    count: int
-    level: Array
 
 
 def subspaceid(
@@ -95,47 +86,52 @@ def subspaceid(
         raise ValueError(f"weighting is one of {', '.join(WEIGHTINGS)}, not {weighting!r}")
     each = experiments(data)
     check_channels(each)
+    choice = Choice(order, weighting, horizon, most_order, direct, focus, stable, refine)
+    _check_choice(choice)
+    check_record(each, drift=False)
     sizes = _scale(each, scale)
     parts = [_divided(part, sizes) for one in each for part in runs(one)]
-    choice = Choice(order, weighting, horizon, most_order, direct, focus, stable, refine)
-    split, level = _split(parts, choice)
+    split, level = split_of(parts, order, horizon)
     # by their noise, so that an output that is mostly noise does not speak for the others
     noise = Scale(np.ones(len(sizes.u)), np.maximum(level, LEAST_NOISE) if scale else np.ones(len(sizes.y)))
     found = _multiplied(_estimate([_divided(one, noise) for one in parts], split, choice), noise)
+    check_model(found, sum(part.n for part in parts))
     return replace(_multiplied(found, sizes), dt=each[0].dt, inputs=each[0].inputs, outputs=each[0].outputs)
 
 
-def autoregression(parts: Sequence[Data], most: int) -> Lags:
-    """The vector autoregression with inputs of least AIC, all of them from one factor of the moments."""
-    z = [_joined(part) for part in parts]
-    nu, ny = parts[0].nu, parts[0].ny
-    m, length = nu + ny, most + 1
-    order = _newest_last(length, m, nu)
-    low = windows.factor(z, length, order)
-    t, rest = windows.count(z, length), low[-ny:]
-    best, chosen, level = np.inf, 1, np.ones(ny)
-    for lags in range(1, most + 1):
-        tail = rest[:, nu + lags * m :]
-        aic = np.linalg.slogdet(tail @ tail.T / t + 1e-14 * np.eye(ny))[1] + 2.0 * ny * (lags * m + nu) / t
-        if aic < best - 1e-9:
-            best, chosen, level = aic, lags, np.linalg.norm(tail, axis=1) / np.sqrt(t)
-    return Lags(chosen, level)
+def _check_choice(choice: Choice) -> None:
+    """ValueError for numbers that mean nothing."""
+    for name in ("order", "horizon", "most_order"):
+        value = getattr(choice, name)
+        if value is not None and (value < 1 or value != int(value)):
+            raise ValueError(f"{name} is a whole number from 1 on, not {value}")
+    if choice.refine < 0:
+        raise ValueError(f"refine is a number of steps, not {choice.refine}")
+    check_focus(choice.focus)
+    check_stable(choice.stable)
 
 
-def _newest_last(length: int, m: int, nu: int) -> Array:
-    """u now, then z of one sample before, two, ..., and y now at the end."""
-    now = (length - 1) * m
-    before = [s * m + i for s in range(length - 2, -1, -1) for i in range(m)]
-    return np.array([*range(now, now + nu), *before, *range(now + nu, now + m)], dtype=int)
+def check_focus(focus: str) -> None:
+    """ValueError for what is no focus."""
+    if focus not in ("prediction", "simulation"):
+        raise ValueError(f'focus is "prediction" or "simulation", not {focus!r}')
+
+
+def check_stable(stable: bool | float) -> None:
+    """ValueError for a limit of the poles that is none."""
+    if not isinstance(stable, bool) and not stable > 0.0:
+        raise ValueError(f"stable is True, False or the largest modulus of a pole, above 0, not {stable}")
 
 
 def _estimate(parts: Sequence[Data], split: Split, choice: Choice) -> Innovations:
-    z = [_joined(part) for part in parts]
+    z = [joined(part) for part in parts]
     found = projection.factor(z, split)
-    _check_windows(found)
+    check_windows(found, parts)
     decomposed = projection.decompose(found, choice.weighting)
     nx = choice.order or projection.choose_order(found, min(choice.most_order, split.future * split.ny - split.ny))
-    _check_order(decomposed.s, found, nx)
+    if nx > len(decomposed.s):
+        raise ValueError(f"order {nx} is more than the horizon can tell: {len(decomposed.s)}")
+    check_order(found, nx)
     gamma = decomposed.observability(nx)
     c = gamma[: split.ny]
     shifted = np.linalg.lstsq(gamma[: -split.ny], gamma[split.ny :], rcond=None)[0]
@@ -149,8 +145,6 @@ def _estimate(parts: Sequence[Data], split: Split, choice: Choice) -> Innovation
     model = Innovations(
         a, rest.b, c, rest.d, k, 1.0, r=innovation, q=q, s=s, x0=rest.starts[0], singular_values=decomposed.s
     )
-    if choice.focus == "prediction":
-        _check_result(model, parts, usable, rest)
     return _refined(model, usable, rest, choice)
 
 
@@ -174,31 +168,6 @@ def _covariance(pieces: Sequence[Piece], point: gaussnewton.Point) -> Array:
     return np.asarray(sum(path.e @ path.e.T for path in point.paths) / sum(p.n for p in pieces))
 
 
-def _split(parts: Sequence[Data], choice: Choice) -> tuple[Split, Array]:
-    """Past and future, and the noise of each output."""
-    nu, ny = parts[0].nu if parts else 0, parts[0].ny if parts else 0
-    if not parts:
-        raise ValueError("no sample has every output measured")
-    least = -(-(choice.order or 1) // ny) + 1
-    # the windows must be more than twice their rows, and the rows of past and future 2 r (nu + ny)
-    longest = max(part.n for part in parts)
-    most = min(MOST_HORIZON, longest // (6 * (nu + ny) + 2))
-    if choice.horizon is not None:
-        if choice.horizon < least:
-            raise ValueError(f"a horizon of {choice.horizon} samples is too short for order {choice.order}: {least}")
-        return Split(choice.horizon, choice.horizon, nu, ny), autoregression(
-            parts, max(min(choice.horizon, most), 1)
-        ).level
-    if most < least:
-        raise ValueError(
-            f"too few consecutive samples with every output measured: the longest run has {longest}, order"
-            f" {choice.order or 1} with {nu} inputs and {ny} outputs needs {least * (6 * (nu + ny) + 2)}"
-        )
-    lags = autoregression(parts, max(most // 2, 1))
-    r = int(np.clip(2 * lags.count, min(max(least, 5), most), most))  # twice the lags: Bauer, 2001
-    return Split(r, r, nu, ny), lags.level
-
-
 def _noise(found: Factor, gamma: Array, a: Array, c: Array, direct: bool) -> tuple[Array, Array, Array]:
     """Covariances Q, R, S of x+ - A x - B u and y - C x - D u, the states taken from the past of each window."""
     split = found.split
@@ -216,42 +185,6 @@ def _noise(found: Factor, gamma: Array, a: Array, c: Array, direct: bool) -> tup
 def _without(rows: Array, u: Array) -> Array:
     """What the inputs do not explain."""
     return rows - np.linalg.lstsq(u.T, rows.T, rcond=1e-10)[0].T @ u if len(u) else rows
-
-
-def _check_windows(found: Factor) -> None:
-    rows = len(found.low)
-    if found.count < rows:
-        raise ValueError(f"too few samples: {found.count} windows for {rows} rows; a shorter horizon needs fewer")
-    if projection.excitation(found) < LEAST_EXCITATION:
-        warnings.warn(
-            f"the input is not persistently exciting of order {found.split.length}: some of its lags are combinations"
-            " of others, so the dynamics between its frequencies are not determined",
-            IdentificationWarning, stacklevel=4,
-        )  # fmt: skip
-
-
-def _check_order(s: Array, found: Factor, nx: int) -> None:
-    if nx > len(s):
-        raise ValueError(f"order {nx} is more than the horizon can tell: {len(s)}")
-    own = projection.correlations(found)[nx - 1]
-    # the edge of the correlations of independent past and future (Marchenko & Pastur, 1967, for many more samples)
-    _, past, future = found.split.sizes
-    chance = (np.sqrt(past) + np.sqrt(future)) / np.sqrt(found.count)
-    if own < chance:
-        warnings.warn(
-            f"order {nx} is too high: past and future are correlated to {own:.2g} by the last state, no more than by"
-            f" chance ({chance:.2g})",
-            IdentificationWarning, stacklevel=4,
-        )  # fmt: skip
-
-
-def _check_result(model: Innovations, parts: Sequence[Data], pieces: Sequence[Piece], rest: Inputs) -> None:
-    """Warnings of feedback and of an integrator."""
-    check_poles(model.a, sum(one.n for one in pieces))
-    longest = max(range(len(pieces)), key=lambda i: pieces[i].n)
-    own = pieces[longest]
-    path = trajectory(model, own, rest.starts[longest])
-    check_feedback(path.e.T, own.u.T, parts[0].inputs, parts[0].outputs)
 
 
 def _limit(stable: bool | float) -> float:
@@ -283,7 +216,3 @@ def _multiplied(model: Innovations, by: Scale) -> Innovations:
         model, b=model.b / by.u, c=y * model.c, d=y * model.d / by.u, k=model.k / by.y,
         r=None if model.r is None else y * model.r * by.y, s=None if model.s is None else model.s * by.y,
     )  # fmt: skip
-
-
-def _joined(part: Data) -> Array:
-    return np.hstack([part.u, part.y])

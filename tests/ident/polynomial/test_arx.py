@@ -10,8 +10,9 @@ from scipy.signal import lfilter
 
 from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, iddata
-from hoopd.ident.polynomial.arx import arx, regressors, residuals, varx
+from hoopd.ident.polynomial.arx import arx, varx
 from hoopd.ident.polynomial.estimators import least_squares
+from hoopd.ident.polynomial.regression import regressors, residuals
 from hoopd.ident.prediction import prediction_error
 
 A = np.array([1.0, -1.5, 0.7])

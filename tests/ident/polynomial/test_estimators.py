@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter, sosfiltfilt
 
 from hoopd.ident.data import Data, iddata
-from hoopd.ident.polynomial.arx import arx, regressors
+from hoopd.ident.polynomial.arx import arx
 from hoopd.ident.polynomial.estimators import (
     band,
     frequency_weighted,
@@ -18,6 +18,7 @@ from hoopd.ident.polynomial.estimators import (
     total_least_squares,
     weighted_total_least_squares,
 )
+from hoopd.ident.polynomial.regression import regressors
 
 
 def noisy(n: int, seed: int = 0, sigma: float = 1.0) -> Data:

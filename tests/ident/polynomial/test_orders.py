@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from hoopd.ident.data import Data, iddata
-from hoopd.ident.polynomial.arx import regressors
 from hoopd.ident.polynomial.orders import aic, aicc, bic, fpe, scan
+from hoopd.ident.polynomial.regression import regressors
 
 A, B = np.array([1.0, -1.5, 0.7]), np.array([0.0, 0.0, 0.0, 1.0, 0.5])
 

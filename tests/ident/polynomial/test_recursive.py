@@ -10,8 +10,8 @@ import pytest
 from scipy.signal import lfilter
 
 from hoopd.ident.data import iddata
-from hoopd.ident.polynomial.arx import regressors
 from hoopd.ident.polynomial.recursive import RecursiveArx
+from hoopd.ident.polynomial.regression import regressors
 
 
 def signals(n: int, seed: int = 0, a: float = -0.8, b: float = 1.0) -> tuple[np.ndarray, np.ndarray]:

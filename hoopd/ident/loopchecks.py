@@ -1,0 +1,167 @@
+"""Feedback in the data and outputs that drift: what the history of a record says before any model is chosen.
+
+Rules of this file: pure statistics of complete stretches; the thresholds are levels of significance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.ident.checks import SINGULAR, check_channels, warn
+from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.lagged import lagged_gram
+from hoopd.ident.modelchecks import drifting, integrator
+
+Array = NDArray[np.float64]
+
+# Lags at which an input may answer a disturbance, and the samples that the test of it needs.
+FEEDBACK_LAGS = 10
+FEEDBACK_SAMPLES = 100
+# Upper 1e-5 point of chi-square with 10 degrees of freedom: one false alarm in 100 000 inputs.
+FEEDBACK_LEVEL = 41.30
+# An input that its own past tells to this share (a sine, a constant) answers nobody.
+FORETOLD = 1e-6
+# Lags of the long model of each output, and the equations that each of its coefficients has at least.
+LONG = 10
+SHARE = 8
+
+
+def check_record(data: Data | Sequence[Data], *, drift: bool = True) -> None:
+    """Warn of feedback and (`drift`) of outputs that integrate, for methods whose own errors or poles do not tell.
+
+    A long ARX model of each output gives the innovations that an input must not follow, and poles that tell an
+    integrator (Said & Dickey, Biometrika 71, 1984). Missing outputs: stretches without gaps are used.
+    ValueError: channels that are constant, missing or not finite.
+    """
+    each = experiments(data)
+    check_channels(each)
+    parts = [_channels(part) for one in each for part in runs(one) if part.n > 2 * LONG]
+    if not parts:
+        return
+    long = _long_models(parts, each[0].ny)
+    if long:
+        for said in (*_drifting(long, each[0].outputs if drift else ()), *_looped(long, parts, each[0].inputs)):
+            warn(said)
+
+
+def check_feedback(errors: Array, u: Array, names: Sequence[str] = ()) -> None:
+    """Warn when inputs u (n, nu) answer earlier prediction errors of a model, (n,) or (n, ny): a loop was closed."""
+    each = errors.reshape(len(errors), -1).T
+    for i in range(u.shape[1]):
+        if any(answers(e, u[:, i]) for e in each):
+            warn(_loop(names[i] if names else f"u{i + 1}"))
+
+
+def answers(errors: Array, u: Array) -> bool:
+    """Whether an input (n,) follows earlier errors (n,) beyond chance, at 1 to 10 samples.
+
+    Both are whitened by their own past, so what an error still holds of earlier inputs does not count; then n times the
+    sum of squared correlations is chi-square (Granger, Econometrica 37, 1969; Box & Jenkins, 1970, 11.2). NaN errors
+    count nothing.
+    """
+    n = len(u)
+    if n < FEEDBACK_SAMPLES:
+        return False
+    m = FEEDBACK_LAGS
+    fresh = _whitened(u, m)
+    power = float(fresh @ fresh) / len(fresh)
+    if power <= FORETOLD * float(u @ u) / n:
+        return False
+    late = _whitened(np.nan_to_num(errors), m)
+    size = float(late @ late) * power
+    together = _following(fresh, late, m)
+    return size > 0.0 and float(together @ together) / size > FEEDBACK_LEVEL
+
+
+def _whitened(signal: Array, m: int) -> Array:
+    """What the m samples before do not tell of a signal (n - m,)."""
+    gram = lagged_gram([np.ascontiguousarray(signal)], [range(m + 1)], m)
+    own = np.linalg.lstsq(gram[1:, 1:], gram[1:, 0], rcond=SINGULAR)[0]
+    return np.convolve(signal, np.concatenate([[1.0], -own]), "valid")
+
+
+def _following(fresh: Array, errors: Array, m: int) -> Array:
+    """sum_t fresh(t) errors(t - k), k = 1 .. m."""
+    return np.array([fresh[k:] @ errors[:-k] for k in range(1, m + 1)])
+
+
+# ------------------------------------------------------------------------------------------------- a long model
+
+
+@dataclass(frozen=True)
+class _Long:
+    """Model of one output on the past of itself, of the inputs and a constant: A in q^-1, one B an input, equations."""
+
+    a: Array
+    b: list[Array]
+    constant: float
+    rows: int
+
+
+def _long_models(parts: Sequence[list[Array]], ny: int) -> list[_Long]:
+    """One model an output, all from one Gram matrix of the channels; none where the data are too few."""
+    count = len(parts[0])
+    rows = sum(len(part[0]) for part in parts)
+    lags = min(LONG, rows // (SHARE * (2 + count - ny)))
+    if lags < 1:
+        return []
+    usable = [part for part in parts if len(part[0]) > 2 * lags]
+    spans = [range(lags + 1)] * ny + [range(1, lags + 1)] * (count - ny) + [range(1)]
+    gram = np.sum([lagged_gram([*part, np.ones(len(part[0]))], spans, lags) for part in usable], axis=0)
+    offsets = np.concatenate([[0], np.cumsum([len(span) for span in spans])])
+    out = []
+    for i in range(ny):
+        own = np.arange(offsets[i] + 1, offsets[i + 1])
+        at = np.concatenate([own, np.arange(offsets[ny], offsets[-1])])
+        x = _least(gram[np.ix_(at, at)], gram[at, offsets[i]])
+        a = np.concatenate([[1.0], -x[:lags]])
+        b = [np.concatenate([[0.0], one]) for one in x[lags:-1].reshape(-1, lags)]
+        out.append(_Long(a, b, float(x[-1]), sum(len(part[0]) - lags for part in usable)))
+    return out
+
+
+def _least(gram: Array, right: Array) -> Array:
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    found = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=SINGULAR)[0]
+    return np.asarray(found / scale)
+
+
+def _drifting(long: Sequence[_Long], outputs: Sequence[str]) -> Iterator[str]:
+    for one, name in zip(long, outputs, strict=False):
+        for pole in drifting(np.roots(one.a).astype(complex), one.rows)[:1]:
+            yield integrator(pole, one.rows, f" in output {name}")
+
+
+def _looped(long: Sequence[_Long], parts: Sequence[list[Array]], inputs: Sequence[str]) -> Iterator[str]:
+    """By the longest stretch."""
+    best = max(parts, key=lambda part: len(part[0]))
+    ny = len(long)
+    late = [_innovations(one, best[i], best[ny:]) for i, one in enumerate(long)]
+    for name, u in zip(inputs, best[ny:], strict=True):
+        if any(answers(e, u) for e in late):
+            yield _loop(name)
+
+
+def _innovations(model: _Long, y: Array, u: Sequence[Array]) -> Array:
+    """A y - B u less the constant (n,), zero where the lags reach before the data."""
+    out = np.convolve(y, model.a)[: len(y)] - model.constant
+    for b, one in zip(model.b, u, strict=True):
+        out -= np.convolve(one, b)[: len(y)]
+    out[: len(model.a) - 1] = 0.0
+    return out
+
+
+def _loop(name: str) -> str:
+    return (
+        f"feedback suspected: input {name} follows earlier disturbances of the output; direct methods with a full "
+        "noise model (armax, bj, pem) stay right in a loop, output-error, correlation and subspace methods do not"
+    )
+
+
+def _channels(part: Data) -> list[Array]:
+    """Outputs, then inputs."""
+    return [np.ascontiguousarray(one) for one in (*part.y.T, *part.u.T)]
