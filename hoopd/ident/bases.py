@@ -25,7 +25,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
+from hoopd.ident.checks import BROAD, Orders, check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.loopchecks import check_record
+from hoopd.ident.modelchecks import check_excess
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -158,19 +161,27 @@ class BasisFit(NamedTuple):
 def fit_basis(data: Data | Sequence[Data], basis: Basis, *, ridge: float = 0.0) -> BasisFit:
     """Least squares of every output on all inputs through the basis, from rest; rows without the output are left out.
 
-    `ridge`: weight on the sum of squared coefficients. ValueError when the inputs do not tell the functions apart.
+    `ridge`: weight on the sum of squared coefficients. Warnings: `hoopd.ident.checks`; ValueError when the inputs do not tell the functions apart.
     """
     each = experiments(data)
     if basis.dt and not np.isclose(basis.dt, each[0].dt):
         raise ValueError(f"the basis has a step of {basis.dt} s, the data of {each[0].dt} s")
+    if each[0].nu == 0:
+        raise ValueError("no input: a basis filters inputs")
+    check(each, orders=Orders(0, min(len(basis), BROAD)))
+    check_record(each)
     rows = np.vstack([np.hstack([basis.filtered(u, one.dt) for u in one.u.T]) for one in each])
     y = np.vstack([one.y for one in each])
     found = [_regressed(rows, column, ridge) for column in y.T]
     shape = (each[0].ny, each[0].nu, len(basis))
     coefficients = np.array([one[0] for one in found]).reshape(shape)
+    deviation = np.array([one[2] for one in found]).reshape(shape)
+    if len(basis) > 1 and not ridge:
+        last = np.square(coefficients[..., -1] / np.maximum(deviation[..., -1], 1e-300))
+        check_excess([("function", float(last.sum()), last.size)], len(rows))
     return BasisFit(
         coefficients, _parallel(basis, coefficients), np.array([one[1] for one in found]),
-        np.array([one[2] for one in found]).reshape(shape),
+        deviation,
     )  # fmt: skip
 
 

@@ -24,8 +24,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import linalg, stats
 
+from hoopd.ident.checks import BROAD, Orders, check
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.kernels import KERNELS, Tuned, tuned
+from hoopd.ident.loopchecks import check_record
 from hoopd.ident.models import Polynomials
 
 Array = NDArray[np.float64]
@@ -105,6 +107,8 @@ def impulseest(
         raise ValueError(f"prior is one of {', '.join(KERNELS)}, without a weight beside it, not {prior!r}")
     if each[0].nu == 0 or n < 1 + (not direct):
         raise ValueError("an impulse response wants an input and at least one lag")
+    check(each, orders=Orders(0, min(n, BROAD)))
+    check_record(each)
     lags = np.arange(0 if direct else 1, n)
     found = [_estimated(_triangle(each, i, lags), each[0].nu, lags, prior, ridge) for i in range(each[0].ny)]
     shape, dt = (each[0].ny, each[0].nu, n), each[0].dt

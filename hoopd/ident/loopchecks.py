@@ -28,6 +28,8 @@ FORETOLD = 1e-6
 # Lags of the long model of each output, and the equations that each of its coefficients has at least.
 LONG = 10
 SHARE = 8
+# Innovations below this share of the output's power are the rounding of the Gram matrix: they tell of no loop.
+RESOLVED = 1e-10
 
 
 def check_record(data: Data | Sequence[Data], *, drift: bool = True) -> None:
@@ -142,7 +144,7 @@ def _looped(long: Sequence[_Long], parts: Sequence[list[Array]], inputs: Sequenc
     ny = len(long)
     late = [_innovations(one, best[i], best[ny:]) for i, one in enumerate(long)]
     for name, u in zip(inputs, best[ny:], strict=True):
-        if any(answers(e, u) for e in late):
+        if any(answers(e, u) for e, y in zip(late, best, strict=False) if e @ e > RESOLVED * (y @ y)):
             yield _loop(name)
 
 

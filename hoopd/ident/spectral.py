@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal, stats
 
-from hoopd.ident.checks import CONSTANT
+from hoopd.ident.checks import BROAD, CONSTANT, Orders, check
 from hoopd.ident.conditioning import whole
 from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.loopchecks import check_record
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -114,9 +115,10 @@ def tfest(data: Given, method: Method = "welch", **options: float) -> Estimate:
 
     Options of "welch": `segment` (samples; a tenth of the longest experiment), `overlap` (samples; half a segment).
     Of "correlation": `width` of the lag window in samples (standard deviation; a twentieth of the experiment).
-    var G_ij = Phi_vv,ii [Phi_uu^-1]_jj / (means - nu); feedback biases G towards -1/controller: no estimate of this
-    kind tells. ValueError for inputs that are missing or alike, and for fewer means than inputs.
+    var G_ij = Phi_vv,ii [Phi_uu^-1]_jj / (means - nu); feedback biases G towards -1/controller: a warning tells of it.
+    ValueError for inputs that are missing or alike, and for fewer means than inputs.
     """
+    _check(data)
     cross = spectra(data, method, **options)
     nu = cross.phi.shape[1] - cross.ny
     spare = _spare(cross, nu)
@@ -148,6 +150,7 @@ def coherence(
     All inputs at once (multiple coherence, which one input's own would understate), or `pairs` by pairs.
     Unrelated channels exceed 1 - (1 - level)^(1/(means - nu)) as seldom as 1 - level.
     """
+    _check(data)
     cross = spectra(data, method, **options)
     nu = 1 if pairs else cross.phi.shape[1] - cross.ny
     spare = _spare(cross, nu)
@@ -271,6 +274,13 @@ def _lagged(data: Data, reach: int) -> Array:
 
 
 # ---------------------------------------------------------------------------------------------- inside
+
+
+def _check(data: Given) -> None:
+    """Between the lines of an input that has few nothing is known; a loop and a drift hide the system."""
+    each = experiments(data)
+    check(each, orders=Orders(0, BROAD))
+    check_record(each)
 
 
 def _spare(cross: Cross, nu: int) -> float:

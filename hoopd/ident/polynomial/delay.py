@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from hoopd.ident.checks import Orders, check, warn
+from hoopd.ident.checks import Orders, check, check_channels, warn
 from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.loopchecks import check_record
 from hoopd.ident.polynomial.gaussnewton import Stretch, errors, search
 from hoopd.ident.polynomial.regression import solve_arx
 from hoopd.ident.polynomial.starts import LongModel, starts
@@ -74,6 +75,9 @@ def delay(
         raise ValueError(f"one output wanted, there are {each[0].ny}: take one with data.channels")
     if not 0.0 < level < 1.0:
         raise ValueError(f"level is between 0 and 1, not {level}")
+    if (order is not None and order < 1) or (longest is not None and longest < 0):
+        raise ValueError(f"order is from 1 on and longest not negative, not {order} and {longest}")
+    check_channels(each)
     chosen = each[0].channels([0], [channel]).inputs[0]
     span = min(LONGEST, max(one.n for one in each) // 8) if longest is None else longest
     pieces = [part for one in each for part in runs(one) if part.n > 2 * (span + LONG)]
@@ -84,6 +88,7 @@ def delay(
             "output; give a smaller `longest`"
         )  # fmt: skip
     check(each, orders=Orders(wide.size, min(span, LONG), wide.lost))
+    check_record(each)
     white = _whitened(pieces, wide, each[0].inputs.index(chosen))
     found = _profile(white, span, order, level, each[0].dt)
     if found.interval[1] == span or not _explained(white, found, span, wide.size):

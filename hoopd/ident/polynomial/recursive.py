@@ -10,7 +10,8 @@ Rules of this file: numpy only; `update` works in arrays made once and returns a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isnan
+from math import isfinite, nan
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 
 # P before any sample: so many times the squared size of coefficients over the noise's variance.
 SURE_OF_NOTHING = 1e4
+# ... and a direction with so much of it left has not been told by the samples.
+UNTOLD = 0.5
 
 
 class RecursiveArx:
@@ -43,13 +46,16 @@ class RecursiveArx:
         self.delay = (delay,) * len(self.nb) if isinstance(delay, int) else tuple(delay)
         size = na + sum(self.nb)
         _allowed(size, self.nb, self.delay, forgetting, dead_zone)
+        if not p0 > 0.0 or (trace_bound is not None and not trace_bound > 0.0):
+            raise ValueError(f"p0 and trace_bound are positive, not {p0} and {trace_bound}")
         self.forgetting, self.dead_zone, self.p0 = forgetting, dead_zone, p0
         self.trace_bound = size * p0 if trace_bound is None else trace_bound
         self.theta = np.zeros(size) if start is None else np.array(start, dtype=float)
         if self.theta.shape != (size,):
             raise ValueError(f"start has {self.theta.size} coefficients, the model {size}")
         self.p = p0 * np.eye(size)
-        self.samples = 0
+        self.samples = self.skipped = 0
+        self._held = 0  # samples until an input that was not finite has left the lags
         self._phi, self._gain, self._outer = np.zeros(size), np.zeros(size), np.zeros((size, size))
         reach = max([na, *(d + n for d, n in zip(self.delay, self.nb, strict=True))])
         # newest first, written twice, so that the last `reach` values always lie side by side
@@ -59,25 +65,28 @@ class RecursiveArx:
     def update(self, y: float, u: float | Sequence[float] | Array = ()) -> float:
         """Take y(t) and u(t) (one number or one an input); the prediction error before the update.
 
-        A y that is NaN is replaced by its prediction and changes no coefficient; the answer is NaN.
+        A y that is not finite is replaced by its prediction and changes no coefficient; the answer is NaN. An input
+        that is not finite is held at its value before, and nothing is learned while it stands among the lags.
+        `skipped` counts both.
         """
         self._step_back(u)
         self._regress()
         said = float(self._phi @ self.theta)
-        missing = isnan(y)
-        self._write(0, said if missing else y)
-        error = y - said
-        if not missing:
-            self._correct(error)
+        known = isfinite(y)
+        self._write(0, float(y) if known else said)
+        if known and not self._held:
+            self._correct(float(y) - said)
             self.samples += 1
-        return error
+        else:
+            self.skipped += 1
+        return float(y) - said if known else nan
 
     def predict(self, u: float | Sequence[float] | Array = ()) -> float:
         """y(t) that `update` with this u would expect; nothing is changed (but scratch)."""
-        before, kept = self._at, self._past.copy()
+        before, kept, held = self._at, self._past.copy(), self._held
         self._step_back(u)
         self._regress()
-        self._at, self._past[:] = before, kept
+        self._at, self._past[:], self._held = before, kept, held
         return float(self._phi @ self.theta)
 
     def reset(self, p0: float | None = None) -> None:
@@ -86,25 +95,47 @@ class RecursiveArx:
         np.fill_diagonal(self.p, self.p0 if p0 is None else p0)
 
     def model(self, dt: float, variance: float = 0.0) -> Polynomials:
-        """The model of this moment, with covariance variance P."""
+        """The model of this moment, with covariance variance P; it warns of directions that no sample told."""
+        from hoopd.ident.modelchecks import check_model
         from hoopd.ident.models import Polynomials
         from hoopd.ident.polynomial.structure import structure
 
         own = structure(len(self.nb), self.na, self.nb, delay=self.delay)
         parts = list(own.split(self.theta))
-        return Polynomials(
+        self._check_told(own.names)
+        found = Polynomials(
             dt, parts[0], tuple(parts[1 : 1 + own.nu]), variance=variance, names=own.names, values=self.theta.copy(),
             covariance=variance * self.p if variance else None,
         )  # fmt: skip
+        memory = self.samples if self.forgetting == 1.0 else min(self.samples, round(1.0 / (1.0 - self.forgetting)))
+        check_model(found, memory)
+        return found
+
+    def _check_told(self, names: Sequence[str]) -> None:
+        """P of a direction that the samples told nothing of stays what it was, or grows to its bound."""
+        from hoopd.ident.checks import warn
+
+        values, vectors = np.linalg.eigh(self.p)
+        untold = np.abs(vectors[:, values > UNTOLD * self.p0])
+        loose = np.flatnonzero((untold > 0.1 * untold.max(axis=0, initial=0.0)).any(axis=1))
+        if len(loose):
+            warn(
+                f"not persistently exciting: the samples in memory do not tell {', '.join(names[int(i)] for i in loose)}; an "
+                "input or the output is constant or has too few lines"
+            )  # fmt: skip
 
     def _step_back(self, u: float | Sequence[float] | Array) -> None:
         """Room for the newest values in front, and the inputs in it."""
-        self._at = (self._at - 1) % self._reach
-        values = (u,) if isinstance(u, (int, float)) else u
-        if len(values) != len(self.nb):
-            raise ValueError(f"{len(values)} inputs given, the model has {len(self.nb)}")
-        for i, value in enumerate(values):
-            self._write(1 + i, float(value))
+        values = (u,) if isinstance(u, Real) or np.ndim(u) == 0 else u
+        if len(values) != len(self.nb):  # type: ignore[arg-type]
+            raise ValueError(f"{len(values)} inputs given, the model has {len(self.nb)}")  # type: ignore[arg-type]
+        before, self._at = self._at, (self._at - 1) % self._reach
+        self._held = max(self._held - 1, 0)
+        for i, value in enumerate(values):  # type: ignore[arg-type]
+            known = isfinite(value)
+            self._write(1 + i, float(value) if known else float(self._past[1 + i, before]))
+            if not known:
+                self._held = self._reach
 
     def _write(self, row: int, value: float) -> None:
         self._past[row, self._at] = self._past[row, self._at + self._reach] = value

@@ -36,6 +36,7 @@ Static = Callable[[Array, Array], Array]
 STEP = 1e-6  # of the central differences of the maps, in the units of their arguments' size
 SCREEN = 30  # steps that every start gets
 FINISHED = 6  # starts that are then brought to their minimum
+EXACT = 1e-20  # of the outputs' power: nothing is left to fit
 AGREE = 1.01  # two starts that end within a percent of the least cost have found the same minimum
 
 
@@ -249,9 +250,13 @@ def _minimised(task: _Task, point: _Point, iterations: int) -> _Point:
         if better is None:
             return point
         gained, point = point.cost - better.cost, better
-        if gained <= 1e-9 * point.cost:
+        if gained <= 1e-9 * point.cost or point.cost <= EXACT * _power(task):
             return point
     return replace(point, ended=False)
+
+
+def _power(task: _Task) -> float:
+    return float(sum(np.vdot(one.y, one.y) for one in task.pieces))
 
 
 def _step(

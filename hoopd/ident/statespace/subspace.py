@@ -35,6 +35,7 @@ from hoopd.ident.statespace.stabilise import bounded
 Array = NDArray[np.float64]
 Focus = Literal["prediction", "simulation"]
 
+LARGEST = 150.0  # natural logarithm of what a response may grow to: products of two and more are numbers still
 LEAST_NOISE = 1e-4  # of an output: data with less are taken as if they had so much
 
 
@@ -141,7 +142,7 @@ def _estimate(parts: Sequence[Data], split: Split, choice: Choice) -> Innovation
     if choice.focus == "simulation":
         k = np.zeros_like(k)
     usable = [piece(part) for part in parts if part.n > nx]
-    rest = fit_inputs(a, c, k, usable, direct=choice.direct)
+    rest = _inputs(a, c, k, usable, choice.direct)
     model = Innovations(
         a, rest.b, c, rest.d, k, 1.0, r=innovation, q=q, s=s, x0=rest.starts[0], singular_values=decomposed.s
     )
@@ -185,6 +186,22 @@ def _noise(found: Factor, gamma: Array, a: Array, c: Array, direct: bool) -> tup
 def _without(rows: Array, u: Array) -> Array:
     """What the inputs do not explain."""
     return rows - np.linalg.lstsq(u.T, rows.T, rcond=1e-10)[0].T @ u if len(u) else rows
+
+
+def _inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], direct: bool) -> Inputs:
+    """`fit_inputs`; ValueError where responses overflow, as those of states that are rounding do."""
+    grown = max(one.n for one in pieces) * np.log(max(radius(a - k @ c), 1e-300))
+    try:
+        with np.errstate(all="ignore"):
+            found = None if grown > LARGEST else fit_inputs(a, c, k, pieces, direct=direct)
+    except ValueError:
+        found = None
+    if found is None or not (np.isfinite(found.b).all() and np.isfinite(found.d).all()):
+        raise ValueError(
+            f"order too high, or a simulation of an unstable system: responses of the estimate of order {len(a)} overflow;"
+            " take a lower order"
+        )
+    return found
 
 
 def _limit(stable: bool | float) -> float:
