@@ -161,7 +161,8 @@ class BasisFit(NamedTuple):
 def fit_basis(data: Data | Sequence[Data], basis: Basis, *, ridge: float = 0.0) -> BasisFit:
     """Least squares of every output on all inputs through the basis, from rest; rows without the output are left out.
 
-    `ridge`: weight on the sum of squared coefficients. Warnings: `hoopd.ident.checks`; ValueError when the inputs do not tell the functions apart.
+    `ridge`: weight on the sum of squared coefficients. Warnings: `hoopd.ident.checks`;
+    ValueError when the inputs do not tell the functions apart.
     """
     each = experiments(data)
     if basis.dt and not np.isclose(basis.dt, each[0].dt):

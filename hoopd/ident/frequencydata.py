@@ -143,8 +143,8 @@ def _check_lines(u: Complex, y: Complex) -> None:
         silent = int((power <= SINGULAR * power.max(axis=0)).any(axis=1).sum())
         if silent and kind == "input":
             warn(
-                f"not persistently exciting: an input has no power at {silent} of {len(power)} frequencies; the response "
-                "there is rounding"
+                f"not persistently exciting: an input has no power at {silent} of {len(power)} frequencies; the "
+                "response there is rounding"
             )
 
 

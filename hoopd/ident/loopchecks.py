@@ -18,11 +18,12 @@ from hoopd.ident.modelchecks import drifting, integrator
 
 Array = NDArray[np.float64]
 
-# Lags at which an input may answer a disturbance, and the samples that the test of it needs.
+# Lags of its own past that an input is foretold by, and the samples that the test of feedback needs.
 FEEDBACK_LAGS = 10
 FEEDBACK_SAMPLES = 100
-# Upper 1e-5 point of chi-square with 10 degrees of freedom: one false alarm in 100 000 inputs.
-FEEDBACK_LEVEL = 41.30
+# Lags at which it may answer an error, with the upper 1e-4 points of chi-square of so many degrees of freedom: three
+# false alarms in 10,000 inputs.
+FEEDBACK_LEVELS = ((1, 15.14), (3, 21.11), (10, 35.56))
 # An input that its own past tells to this share (a sine, a constant) answers nobody.
 FORETOLD = 1e-6
 # Lags of the long model of each output, and the equations that each of its coefficients has at least.
@@ -59,36 +60,27 @@ def check_feedback(errors: Array, u: Array, names: Sequence[str] = ()) -> None:
 
 
 def answers(errors: Array, u: Array) -> bool:
-    """Whether an input (n,) follows earlier errors (n,) beyond chance, at 1 to 10 samples.
+    """Whether an input (n,) follows earlier errors (n,) beyond chance, at 1, 1 to 3 or 1 to 10 samples.
 
-    Both are whitened by their own past, so what an error still holds of earlier inputs does not count; then n times the
-    sum of squared correlations is chi-square (Granger, Econometrica 37, 1969; Box & Jenkins, 1970, 11.2). NaN errors
-    count nothing.
+    How much the errors before add to what the input's own past says of it: n ln(S_0/S_1) is chi-square (Granger,
+    Econometrica 37, 1969), whatever an error still holds of earlier inputs. NaN errors count nothing.
     """
-    n = len(u)
+    n, m = len(u), FEEDBACK_LAGS
     if n < FEEDBACK_SAMPLES:
         return False
-    m = FEEDBACK_LAGS
-    fresh = _whitened(u, m)
-    power = float(fresh @ fresh) / len(fresh)
-    if power <= FORETOLD * float(u @ u) / n:
+    signals = [np.ascontiguousarray(u), np.nan_to_num(errors)]
+    gram = lagged_gram(signals, [range(m + 1), range(1, m + 1)], m)
+    alone = _left(gram[: m + 1, : m + 1])
+    if alone <= FORETOLD * gram[0, 0]:
         return False
-    late = _whitened(np.nan_to_num(errors), m)
-    size = float(late @ late) * power
-    together = _following(fresh, late, m)
-    return size > 0.0 and float(together @ together) / size > FEEDBACK_LEVEL
+    both = [(_left(gram[: m + 1 + lags, : m + 1 + lags]), level) for lags, level in FEEDBACK_LEVELS]
+    return any((n - m) * float(np.log(alone / max(one, FORETOLD * alone))) > level for one, level in both)
 
 
-def _whitened(signal: Array, m: int) -> Array:
-    """What the m samples before do not tell of a signal (n - m,)."""
-    gram = lagged_gram([np.ascontiguousarray(signal)], [range(m + 1)], m)
-    own = np.linalg.lstsq(gram[1:, 1:], gram[1:, 0], rcond=SINGULAR)[0]
-    return np.convolve(signal, np.concatenate([[1.0], -own]), "valid")
-
-
-def _following(fresh: Array, errors: Array, m: int) -> Array:
-    """sum_t fresh(t) errors(t - k), k = 1 .. m."""
-    return np.array([fresh[k:] @ errors[:-k] for k in range(1, m + 1)])
+def _left(gram: Array) -> float:
+    """Squares of the first column that the others leave."""
+    x = _least(gram[1:, 1:], gram[1:, 0])
+    return float(gram[0, 0] - 2.0 * x @ gram[1:, 0] + x @ gram[1:, 1:] @ x)
 
 
 # ------------------------------------------------------------------------------------------------- a long model

@@ -17,7 +17,7 @@ from scipy.signal import lfilter, oaconvolve
 from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.lagged import lagged_gram
-from hoopd.ident.modelchecks import check_model
+from hoopd.ident.modelchecks import check_model, check_order
 from hoopd.ident.models import Polynomials
 from hoopd.ident.polynomial.arx import arx
 from hoopd.ident.polynomial.estimators import Estimator, least_squares
@@ -56,8 +56,10 @@ def arma(
     if method != "two-stage":
         raise ValueError(f'method is "pem" or "two-stage", not {method!r}')
     check(each, orders=replace(own.asked, parameters=own.size + initial_order, lost=own.lost + initial_order))
-    model = regressed(each, own, initial_order, 1, estimator)
-    check_model(model, sum(one.n for one in each))
+    model, spread = regressed(each, own, initial_order, 1, estimator)
+    n = sum(one.n for one in each)
+    check_model(model, n)
+    check_order(replace(model, covariance=spread), n)
     return model
 
 

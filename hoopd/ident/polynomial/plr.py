@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.loopchecks import check_feedback
-from hoopd.ident.modelchecks import check_model
+from hoopd.ident.modelchecks import check_model, check_order
 from hoopd.ident.models import Polynomials
 from hoopd.ident.polynomial.estimators import Estimator, least_squares
 from hoopd.ident.polynomial.regression import regressors, residuals
@@ -42,8 +42,10 @@ def plr(
     single(each)
     own = structure(each[0].nu, na, nb, nc, delay=delay)
     check(each, orders=replace(own.asked, parameters=own.size + initial_order, lost=own.lost + initial_order))
-    model = regressed(each, own, initial_order, passes, estimator)
-    check_model(model, sum(one.n for one in each))
+    model, spread = regressed(each, own, initial_order, passes, estimator)
+    n = sum(one.n for one in each)
+    check_model(model, n)
+    check_order(replace(model, covariance=spread), n)
     for one in each:
         check_feedback(_driving(model, one), one.u, one.inputs)
     return model
@@ -51,8 +53,8 @@ def plr(
 
 def regressed(
     each: Sequence[Data], own: Structure, initial_order: int, passes: int, estimator: Estimator
-) -> Polynomials:  # fmt: skip
-    """The regression on innovations, with nothing checked."""
+) -> tuple[Polynomials, Array]:  # fmt: skip
+    """The regression on innovations, with nothing checked, and its covariance if those were known, not estimated."""
     e = _long(each, own, initial_order)
     for i in range(passes):
         wide = [replace(one, u=np.column_stack([one.u, ei]), inputs=()) for one, ei in zip(each, e, strict=True)]
@@ -64,7 +66,8 @@ def regressed(
         model = own.model(x, each[0], float(rest @ rest) / (len(y) - own.size))
         if i + 1 < passes:
             e = [_driving(model, one) for one in each]
-    return model
+    inverse = np.asarray(np.linalg.pinv(a.T @ a, rcond=1e-12, hermitian=True), dtype=float)
+    return model, model.variance * inverse
 
 
 def _long(each: Sequence[Data], own: Structure, order: int) -> list[Array]:

@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 
 # P before any sample: so many times the squared size of coefficients over the noise's variance.
 SURE_OF_NOTHING = 1e4
-# ... and a direction with so much of it left has not been told by the samples.
-UNTOLD = 0.5
 
 
 class RecursiveArx:
@@ -55,6 +53,9 @@ class RecursiveArx:
             raise ValueError(f"start has {self.theta.size} coefficients, the model {size}")
         self.p = p0 * np.eye(size)
         self.samples = self.skipped = 0
+        inputs = sum(self.nb)
+        self._seen = np.zeros((inputs, inputs))  # Gram matrix of the inputs' lags in memory
+        self._low, self._high = np.full(1 + len(self.nb), np.inf), np.full(1 + len(self.nb), -np.inf)
         self._held = 0  # samples until an input that was not finite has left the lags
         self._phi, self._gain, self._outer = np.zeros(size), np.zeros(size), np.zeros((size, size))
         reach = max([na, *(d + n for d, n in zip(self.delay, self.nb, strict=True))])
@@ -76,6 +77,7 @@ class RecursiveArx:
         self._write(0, float(y) if known else said)
         if known and not self._held:
             self._correct(float(y) - said)
+            self._remember()
             self.samples += 1
         else:
             self.skipped += 1
@@ -95,14 +97,14 @@ class RecursiveArx:
         np.fill_diagonal(self.p, self.p0 if p0 is None else p0)
 
     def model(self, dt: float, variance: float = 0.0) -> Polynomials:
-        """The model of this moment, with covariance variance P; it warns of directions that no sample told."""
+        """The model of this moment, with covariance variance P; it warns of what the samples did not tell."""
         from hoopd.ident.modelchecks import check_model
         from hoopd.ident.models import Polynomials
         from hoopd.ident.polynomial.structure import structure
 
         own = structure(len(self.nb), self.na, self.nb, delay=self.delay)
         parts = list(own.split(self.theta))
-        self._check_told(own.names)
+        self._check_told()
         found = Polynomials(
             dt, parts[0], tuple(parts[1 : 1 + own.nu]), variance=variance, names=own.names, values=self.theta.copy(),
             covariance=variance * self.p if variance else None,
@@ -111,18 +113,19 @@ class RecursiveArx:
         check_model(found, memory)
         return found
 
-    def _check_told(self, names: Sequence[str]) -> None:
-        """P of a direction that the samples told nothing of stays what it was, or grows to its bound."""
-        from hoopd.ident.checks import warn
+    def _check_told(self) -> None:
+        """Warn of channels that never moved and of inputs whose lags in memory depend on each other."""
+        from hoopd.ident.checks import SINGULAR, warn
 
-        values, vectors = np.linalg.eigh(self.p)
-        untold = np.abs(vectors[:, values > UNTOLD * self.p0])
-        loose = np.flatnonzero((untold > 0.1 * untold.max(axis=0, initial=0.0)).any(axis=1))
-        if len(loose):
+        for i in np.flatnonzero(self._low >= self._high):
+            warn(f"{f'input {i}' if i else 'the output'} is constant: it tells nothing of its coefficients")
+        values = np.linalg.eigvalsh(self._seen) if len(self._seen) else np.ones(1)
+        rank = int((values > SINGULAR * values[-1]).sum())
+        if rank < len(values):
             warn(
-                f"not persistently exciting: the samples in memory do not tell {', '.join(names[int(i)] for i in loose)}; an "
-                "input or the output is constant or has too few lines"
-            )  # fmt: skip
+                f"not persistently exciting: the inputs in memory excite order {rank} and {len(values)} is wanted; use "
+                "a richer input"
+            )
 
     def _step_back(self, u: float | Sequence[float] | Array) -> None:
         """Room for the newest values in front, and the inputs in it."""
@@ -148,6 +151,16 @@ class RecursiveArx:
         for i, (d, n) in enumerate(zip(self.delay, self.nb, strict=True)):
             phi[start : start + n] = self._past[1 + i, at + d : at + d + n]
             start += n
+
+    def _remember(self) -> None:
+        """What the check of the excitation needs; the zeros before the first sample are no part of it."""
+        now = self._past[:, self._at]
+        np.minimum(self._low, now, out=self._low)
+        np.maximum(self._high, now, out=self._high)
+        if self.samples >= self._reach:
+            lags = self._phi[self.na :]
+            self._seen *= self.forgetting
+            self._seen += np.multiply.outer(lags, lags)
 
     def _correct(self, error: float) -> None:
         gain, lam = np.dot(self.p, self._phi, out=self._gain), self.forgetting

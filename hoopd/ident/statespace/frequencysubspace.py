@@ -10,7 +10,6 @@ Rules of this file: w is in rad/s and dt in seconds always; dt = 0 is continuous
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 
 import control as ct
@@ -18,10 +17,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.checks import SINGULAR, warn
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace.inputs import least_squares
 from hoopd.ident.statespace.stabilise import stabilise
+
+# Singular values of white noise lie within so many times their median (Marchenko & Pastur, 1967, for square matrices).
+CHANCE = 3.0
+# A pole at this share of the lowest frequency turns the phase there by 63 degrees, an integrator by 90.
+SLOWER = 0.5
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -73,6 +77,8 @@ def frequency_subspace(
     has_transient = (u is not None) if transient is None else transient
     data = _spectra(points, y, u, weights)
     given = known or Known()
+    _check_sizes(order, most_order, horizon)
+    _check_power(own, data)
     if given.a is None:
         a, c, s = _dynamics(data, order, most_order, horizon, has_transient)
         model = _rest(data, stabilise(a) if stable else a, c, direct, has_transient)
@@ -84,7 +90,43 @@ def frequency_subspace(
         model = _outputs(data, _model(given.a, given.b, np.zeros((data.y.shape[1], len(given.a))), start), direct)
     else:
         raise ValueError("known gives A with C, or A with B")
-    return _continuous(model, step) if dt == 0.0 else replace(model, dt=dt)
+    model = _continuous(model, step) if dt == 0.0 else replace(model, dt=dt)
+    _check_slow(model, own)
+    return model
+
+
+def _check_sizes(*sizes: int | None) -> None:
+    if any(one is not None and one < 1 for one in sizes):
+        raise ValueError(f"order, most_order and horizon are from 1 on, not {', '.join(map(str, sizes))}")
+
+
+def _check_power(w: Array, data: Spectra) -> None:
+    """ValueError for a channel that moves at no frequency but 0."""
+    for kind, values in (("output", data.y), ("input", data.u)):
+        power = np.square(np.abs(values)).sum(axis=2)
+        idle = np.flatnonzero(power[w > 0.0].max(axis=0, initial=0.0) <= SINGULAR * power.max(axis=0, initial=0.0))
+        if len(idle):
+            raise ValueError(f"{kind} {idle[0] + 1} is constant or zero: it tells nothing at any frequency")
+
+
+def _check_excitation(inputs: Array, rows: int) -> None:
+    """Warn when the triangular factor of the inputs' block rows (and the transient's) has less than full rank."""
+    size = np.maximum(np.linalg.norm(inputs, axis=0), 1e-300)
+    rank = int(np.linalg.matrix_rank(inputs / size, tol=np.sqrt(SINGULAR * len(size))))
+    if rank < len(size):
+        warn(
+            f"not persistently exciting: the {rows} block rows of the inputs have rank {rank} and {len(size)} is "
+            "wanted; take an input of more lines or a lower order"
+        )
+
+
+def _check_slow(model: Innovations, w: Array) -> None:
+    """Warn of a pole so near to 1 (to 0 in continuous time) that no frequency shows where it ends."""
+    low = w[w > 0.0].min(initial=np.inf)
+    poles = np.linalg.eigvals(model.a).astype(complex)
+    rate = poles if model.dt == 0.0 else np.log(np.where(poles == 0.0, 1e-300, poles)) / model.dt
+    if (np.abs(rate) < SLOWER * low).any():
+        warn(f"an integrator: a pole is slower than the lowest frequency, {low:.3g} rad/s; simulations drift")
 
 
 def from_response(response: ct.FrequencyResponseData, *, dt: float | None = None, **options: object) -> Innovations:
@@ -140,12 +182,15 @@ def _dynamics(
     nu, rows = r * u.shape[1], r * (ny + u.shape[1])
     if len(low) < rows:
         raise ValueError(f"too few frequencies: {len(data.z)} for {r} block rows")
+    _check_excitation(low[:nu, :nu], r)
     left, s, _ = linalg.svd(low[nu:rows, nu:rows].T)
     nx = order or _gap(s, min(most, len(s) - ny))
     if nx > (r - 1) * ny:
         raise ValueError(f"order {nx} needs more than {r} block rows")
     if s[nx - 1] < 1e-13 * s[0]:
-        warnings.warn(f"order {nx} is too high: singular value {nx} is rounding", IdentificationWarning, stacklevel=4)
+        warn(f"order too high: singular value {nx} is rounding")
+    elif s[nx - 1] < CHANCE * np.median(s[nx:]) and len(s) > 2 * nx:
+        warn(f"order too high: singular value {nx} is no larger than those of the noise after it")
     gamma = left[:, :nx]
     a = np.linalg.lstsq(gamma[:-ny], gamma[ny:], rcond=None)[0]
     return np.asarray(a, dtype=float), gamma[:ny], s

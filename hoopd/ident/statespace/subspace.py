@@ -198,8 +198,8 @@ def _inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], direct: bool)
         found = None
     if found is None or not (np.isfinite(found.b).all() and np.isfinite(found.d).all()):
         raise ValueError(
-            f"order too high, or a simulation of an unstable system: responses of the estimate of order {len(a)} overflow;"
-            " take a lower order"
+            f"order too high, or a simulation of an unstable system: responses of the estimate of order {len(a)} "
+            "overflow; take a lower order"
         )
     return found
 
