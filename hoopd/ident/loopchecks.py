@@ -70,17 +70,21 @@ def answers(errors: Array, u: Array) -> bool:
         return False
     signals = [np.ascontiguousarray(u), np.nan_to_num(errors)]
     gram = lagged_gram(signals, [range(m + 1), range(1, m + 1)], m)
-    alone = _left(gram[: m + 1, : m + 1])
-    if alone <= FORETOLD * gram[0, 0]:
+    left = _left(gram)
+    alone = left[m]
+    if alone <= FORETOLD:
         return False
-    both = [(_left(gram[: m + 1 + lags, : m + 1 + lags]), level) for lags, level in FEEDBACK_LEVELS]
-    return any((n - m) * float(np.log(alone / max(one, FORETOLD * alone))) > level for one, level in both)
+    floor = FORETOLD * alone
+    return any((n - m) * np.log(alone / max(left[m + lags], floor)) > level for lags, level in FEEDBACK_LEVELS)
 
 
-def _left(gram: Array) -> float:
-    """Squares of the first column that the others leave."""
-    x = _least(gram[1:, 1:], gram[1:, 0])
-    return float(gram[0, 0] - 2.0 * x @ gram[1:, 0] + x @ gram[1:, 1:] @ x)
+def _left(gram: Array) -> Array:
+    """Share of the first column's square that the next 0, 1, 2, ... columns leave; by one Cholesky factor."""
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    relative = gram / np.outer(scale, scale)
+    low = np.linalg.cholesky(relative[1:, 1:] + SINGULAR * len(gram) * np.eye(len(gram) - 1))
+    z = np.linalg.solve(low, relative[1:, 0])
+    return 1.0 - np.concatenate([[0.0], np.cumsum(z**2)])
 
 
 # ------------------------------------------------------------------------------------------------- a long model
