@@ -210,3 +210,64 @@ ONE_MORE = {"plr", "armax", "ararx", "RecursiveArx", "fit_basis"}
 @pytest.mark.parametrize("name", sorted(set(ESTIMATORS) - ONE_MORE))
 def test_good_data_are_left_in_peace(name: str) -> None:
     assert not said_of(lambda: ESTIMATORS[name][0](made("", N), LOW))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [({"order": 0}, "order"), ({"order": -1}, "order"), ({"horizon": 0}, "horizon"), ({"stable": -0.5}, "stable")],
+)
+def test_numbers_that_mean_nothing_are_refused(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=f"^{said} is"):
+        ident.subspaceid(made("", N), **given)
+
+
+def test_a_ridge_beside_an_estimator_is_refused() -> None:
+    with pytest.raises(ValueError, match="not both"):
+        ident.arx(made("", N), 2, 2, ridge=1.0, estimator=ident.least_squares)
+
+
+def test_a_search_that_stops_early_says_so() -> None:
+    with pytest.warns(IdentificationWarning, match="has not settled after 2 steps"):
+        ident.structured_pem(made("", N), companion, [-1.3, 0.5, 0.5], iterations=2)
+
+
+def test_variance_counts_the_samples_that_were_measured() -> None:
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(2000)
+    y = lfilter(B, A, u) + 0.5 * rng.standard_normal(2000)
+    y[rng.random(2000) < 0.6] = np.nan
+    found = ident.structured_pem(iddata(y, u), companion, [-1.45, 0.65, 0.9])
+    assert found.model.r is not None
+    assert found.model.r[0, 0] == pytest.approx(0.25, rel=0.15)
+
+
+def test_a_missing_output_is_no_constant_one() -> None:
+    data = made("", N)
+    y = np.column_stack([data.y[:, 0], np.roll(data.y[:, 0], 3)])
+    y[::2, 1] = np.nan
+    with pytest.raises(ValueError, match="0 equations without a missing output"):
+        ident.varx(iddata(y, data.u, outputs=["theta", "psi"]), 2, 2)
+
+
+def test_one_missing_output_hides_no_loop() -> None:
+    data = made("loop", N)
+    y = data.y.copy()
+    y[100] = np.nan
+    with pytest.warns(IdentificationWarning, match="feedback suspected"):
+        ident.oe(replace(data, y=y), 2, 2)
+
+
+def test_exact_data_of_a_lower_order_are_told() -> None:
+    u = np.random.default_rng(0).standard_normal(500)
+    assert any("too high" in one for one in said_of(lambda: ident.subspaceid(iddata(lfilter(B, A, u), u), 8)))
+
+
+def test_no_sample_poisons_the_estimate_on_line() -> None:
+    data = made("", N)
+    own = RecursiveArx(2, 2, forgetting=1.0)
+    for t, (y, u) in enumerate(zip(data.y[:, 0], data.u[:, 0], strict=True)):
+        own.update(np.inf if t == 100 else y, np.float32(np.nan) if t == 200 else np.float32(u))
+    assert np.allclose(own.theta, [-1.5, 0.7, 1.0, 0.5], atol=0.15)
+    assert own.skipped > 1 and own.samples + own.skipped == N
+    with pytest.raises(ValueError, match="p0 and trace_bound"):
+        RecursiveArx(1, 1, p0=-1.0)
