@@ -58,10 +58,10 @@ def _contents(kept: Sequence[tuple[str, str, str]]) -> str:
 
 def _effects(diagnosis: Diagnosis, shown: Shown) -> str:
     """The names, their sizes, and how each was tested."""
-    said = "".join(paragraph(one.statement) for one in diagnosis.effects)
+    said = "".join(map(paragraph, words.statements(diagnosis)))
     numbers = paragraph(tables.numbered(diagnosis))
-    lost = "".join(map(paragraph, words.ablation_sentences(diagnosis.effects)))
-    return said + table(tables.effects(diagnosis), caption=False) + numbers + table(tables.checks(diagnosis)) + lost
+    tested = table(tables.checks(diagnosis)) + table(tables.ablations(diagnosis))
+    return said + table(tables.effects(diagnosis), caption=False) + numbers + tested
 
 
 def _where(diagnosis: Diagnosis, shown: Shown) -> str:

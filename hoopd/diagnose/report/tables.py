@@ -102,6 +102,18 @@ def _check(effect: EffectFinding) -> Row:
     return (safe(effect.name), better, loss, held)
 
 
+def ablations(diagnosis: Diagnosis) -> Table:
+    """What becomes of the held-out data when a finding is taken out again."""
+    rows = [
+        (safe(one.name), safe(channel), percent(before), percent(one.ablation.heldout_without.get(channel)))
+        for one in diagnosis.effects if one.ablation is not None
+        for channel, before in one.ablation.heldout_with.items()
+    ]  # fmt: skip
+    known = [row for row in rows if NOTHING not in row[2:]]
+    title = "Fit of held-out data with each finding and without it (NRMSE %)"
+    return Table(title, ("effect", "channel", "with", "without"), "llrr", _without_repeats(known))
+
+
 def _held(held: bool) -> str:
     return "no gain" if held else "GAINS TOO"
 

@@ -28,9 +28,9 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
     diagnosis = canonical(diagnosis)
     _verdict(diagnosis, console)
     _table(tables.effects(diagnosis), console)
-    _sentences([tables.numbered(diagnosis), *(one.statement for one in diagnosis.effects)], console)
+    _sentences([tables.numbered(diagnosis), *words.statements(diagnosis)], console)
     _table(tables.checks(diagnosis), console)
-    _sentences(words.ablation_sentences(diagnosis.effects), console)
+    _table(tables.ablations(diagnosis), console)
     _fits(diagnosis, console)
     if diagnosis.verdict == "parameters":
         _table(tables.parameters(diagnosis), console)

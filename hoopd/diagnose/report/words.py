@@ -6,7 +6,7 @@ Rules of this file: nothing is judged here, only said; a sentence about nothing 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from hoopd.diagnose.record import (
     DataQuality,
@@ -19,7 +19,7 @@ from hoopd.diagnose.record import (
     NextExperiment,
     Visible,
 )
-from hoopd.diagnose.report.readable import listed, nats, percent, safe, share, value_text
+from hoopd.diagnose.report.readable import listed, nats, safe, share, value_text
 
 TITLES = {
     "consistent": "Consistent",
@@ -129,18 +129,9 @@ def experiment_sentence(planned: NextExperiment) -> str:
     return f"Record {planned.signal}{inside}: that tells {listed(planned.tells_apart, 'from')}{bring}."
 
 
-def ablation_sentences(effects: Iterable[EffectFinding]) -> list[str]:
-    """What becomes of the held-out data when a finding is taken out again."""
-    return [
-        f"Without {one.name} the fit of held-out {channel} {_goes(before, after)}."
-        for one in effects if one.ablation is not None
-        for channel, before in one.ablation.heldout_with.items()
-        if before is not None and (after := one.ablation.heldout_without.get(channel)) is not None
-    ]  # fmt: skip
-
-
-def _goes(before: float, after: float) -> str:
-    return f"{'rises' if after > before else 'falls'} from {percent(before)} to {percent(after)} %"
+def statements(diagnosis: Diagnosis) -> list[str]:
+    """What each finding is, in plain words."""
+    return [f"{safe(one.name)}: {one.statement}" for one in diagnosis.effects]
 
 
 def invisible_sentence(power: Mapping[str, Visible]) -> str:
