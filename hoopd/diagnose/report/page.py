@@ -127,7 +127,9 @@ def _proof(diagnosis: Diagnosis, shown: Shown) -> str:
     body += table(tables.fit("One free run over the whole held-out record", fit.free_run))
     if fit.free_run_choice is not None:
         body += table(tables.free_run_choice(fit))
-        body += table(tables.fit("One free run with these", fit.free_run_choice.fits))
+        body += table(tables.fit("One free run with these", fit.free_run_choice.fits)) + paragraph(
+            words.chosen_sentence(fit)
+        )
     return body + table(tables.fit("Data fitted to", fit.train))
 
 

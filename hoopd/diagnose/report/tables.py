@@ -55,14 +55,14 @@ class Table:
 def effects(diagnosis: Diagnosis) -> Table:
     """One row a parameter of each named effect."""
     head = ("effect", "parameter", "value", "95 % interval", "nats", "needed")
-    numbers = {name: f"({number})" for number, name in enumerate(diagnosis.fit.train, start=1)}
-    rows = [row for effect in diagnosis.effects for row in _effect_rows(effect, numbers)]
+    rows = [row for effect in diagnosis.effects for row in _effect_rows(effect, _numbers(diagnosis.fit))]
     return Table("What the model leaves out", head, "llrrrr", rows)
 
 
 def numbered(diagnosis: Diagnosis) -> str:
     """Which recording a number in `effects` stands for; empty where there is none."""
-    if not any("@" in name for effect in diagnosis.effects for name in effect.parameters):
+    marked = any("@" in name for effect in diagnosis.effects for name in effect.parameters)
+    if not marked or len(diagnosis.fit.train) == 1:
         return ""
     names = short_names(diagnosis.fit.train)
     return listed(f"({number}): of {names[name]} alone" for number, name in enumerate(diagnosis.fit.train, start=1))
@@ -71,19 +71,24 @@ def numbered(diagnosis: Diagnosis) -> str:
 def _effect_rows(effect: EffectFinding, numbers: Mapping[str, str]) -> list[Row]:
     name, evidence = safe(effect.name), effect.evidence
     gain, needed = nats(evidence.log_likelihood_gain), nats(evidence.threshold)
-    # what each recording has for itself stands there by recording, and once more for the first of them
-    several = {label.split("@")[0] for label in effect.parameters if "@" in label}
-    sizes = [
-        (_label(label, numbers), value_text(one), interval_text(one))
-        for label, one in effect.parameters.items() if label not in several
-    ]  # fmt: skip
+    sizes = [(label, value_text(one), interval_text(one)) for label, one in _labelled(effect.parameters, numbers)]
     first, *others = sizes or [(NOTHING, NOTHING, NOTHING)]
     return [(name, *first, gain, needed), *(("", *size, "", "") for size in others)]
 
 
-def _label(label: str, numbers: Mapping[str, str]) -> str:
-    name, _, recording = label.partition("@")
-    return safe(f"{name} {numbers.get(recording, recording)}" if recording else name)
+def _numbers(fit: FitTable) -> dict[str, str]:
+    return {name: f"({number})" for number, name in enumerate(fit.train, start=1)}
+
+
+def _labelled(parameters: Mapping[str, Quantity], numbers: Mapping[str, str]) -> list[tuple[str, Quantity]]:
+    """With the number of a recording in place of its name; of what each has for itself the first stands there twice."""
+    several = {label.split("@")[0] for label in parameters if "@" in label}
+    parts = [(*label.partition("@")[::2], one) for label, one in parameters.items() if label not in several]
+    alone = len(numbers) == 1
+    return [
+        (safe(f"{name} {numbers.get(recording, recording)}" if recording and not alone else name), one)
+        for name, recording, one in parts
+    ]
 
 
 def checks(diagnosis: Diagnosis) -> Table:
@@ -131,11 +136,12 @@ def free_run_choice(fit: FitTable) -> Table:
     """What one free run is better with: no names of the verdict."""
     head = ("effect", "parameters", "error taken", "by chance", "named")
     chosen = fit.free_run_choice.effects if fit.free_run_choice is not None else []
-    return Table("What simulates better (evidence of free runs, no verdict)", head, "llrrl", list(map(_chosen, chosen)))
+    rows = [_chosen(one, _numbers(fit)) for one in chosen]
+    return Table("What simulates better (evidence of free runs, no verdict)", head, "llrrl", rows)
 
 
-def _chosen(one: FreeRunEffect) -> Row:
-    sizes = listed([f"{safe(name)} {value_text(value)}" for name, value in one.parameters.items()])
+def _chosen(one: FreeRunEffect, numbers: Mapping[str, str]) -> Row:
+    sizes = listed([f"{name} {value_text(value)}" for name, value in _labelled(one.parameters, numbers)])
     taken = NOTHING if one.error_share is None else f"{100.0 * one.error_share:.1f} %"
     chance = NOTHING if one.chance is None else f"{100.0 * one.chance:.2g} %"
     return (safe(one.name), sizes, taken, chance, "yes" if one.named else "no")

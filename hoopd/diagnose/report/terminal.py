@@ -66,6 +66,7 @@ def _fits(diagnosis: Diagnosis, console: Console) -> None:
     _table(tables.free_run_choice(fit), console)
     if fit.free_run_choice is not None:
         _table(tables.fit("One free run with these (NRMSE %)", fit.free_run_choice.fits), console)
+        _sentences([words.chosen_sentence(fit)], console)
 
 
 def _next(diagnosis: Diagnosis, console: Console) -> None:

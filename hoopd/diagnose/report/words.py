@@ -134,6 +134,12 @@ def statements(diagnosis: Diagnosis) -> list[str]:
     return [f"{safe(one.name)}: {one.statement}" for one in diagnosis.effects]
 
 
+def chosen_sentence(fit: FitTable) -> str:
+    """What the set of a free run was chosen on; empty where none was."""
+    choice = fit.free_run_choice
+    return f"Chosen on {choice.chosen_on}." if choice is not None and choice.chosen_on else ""
+
+
 def invisible_sentence(power: Mapping[str, Visible]) -> str:
     """Effects of which these recordings show nothing, however large; empty when there is none."""
     blind = [name for name, one in power.items() if one.smallest is None]
