@@ -56,8 +56,10 @@ def check_record(data: Data | Sequence[Data], *, drift: bool = True) -> None:
 
 def check_feedback(errors: Array, u: Array, names: Sequence[str] = ()) -> None:
     """Warn when inputs u (n, nu) answer earlier prediction errors of a model, (n,) or (n, ny): a loop was closed."""
-    for i in np.flatnonzero(_answering(errors.reshape(len(errors), -1).T, u.T).any(axis=0)):
-        warn(_loop(names[i] if names else f"u{i + 1}"))
+    looped = _answering(errors.reshape(len(errors), -1).T, u.T).any(axis=0)
+    for i in range(u.shape[1]):
+        if looped[i]:
+            warn(_loop(names[i] if names else f"u{i + 1}"))
 
 
 def answers(errors: Array, u: Array) -> bool:
@@ -156,8 +158,8 @@ def _looped(long: Sequence[_Long], parts: Sequence[list[Array]], inputs: Sequenc
     late = [_innovations(one, best[i], best[ny:]) for i, one in enumerate(long)]
     told = [e for e, y in zip(late, best, strict=False) if e @ e > RESOLVED * (y @ y)]
     if told and inputs:
-        for i in np.flatnonzero(_answering(np.array(told), np.array(best[ny:])).any(axis=0)):
-            yield _loop(inputs[i])
+        looped = _answering(np.array(told), np.array(best[ny:])).any(axis=0)
+        yield from (_loop(name) for name, one in zip(inputs, looped, strict=True) if one)
 
 
 def _innovations(model: _Long, y: Array, u: Sequence[Array]) -> Array:
