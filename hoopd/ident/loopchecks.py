@@ -56,7 +56,7 @@ def check_record(data: Data | Sequence[Data], *, drift: bool = True) -> None:
 
 def check_feedback(errors: Array, u: Array, names: Sequence[str] = ()) -> None:
     """Warn when inputs u (n, nu) answer earlier prediction errors of a model, (n,) or (n, ny): a loop was closed."""
-    looped = _answering(errors.reshape(len(errors), -1).T, u.T).any(axis=0)
+    looped = _answering(errors.reshape(len(errors), -1).T, u.T)
     for i in range(u.shape[1]):
         if looped[i]:
             warn(_loop(names[i] if names else f"u{i + 1}"))
@@ -68,17 +68,19 @@ def answers(errors: Array, u: Array) -> bool:
     How much the errors before add to what the input's own past says of it: n ln(S_0/S_1) is chi-square (Granger,
     Econometrica 37, 1969), whatever an error still holds of earlier inputs. NaN errors count nothing.
     """
-    return bool(_answering(errors[None], u[None]).any())
+    return bool(_answering(errors[None], u[None])[0])
 
 
 def _answering(errors: Array, u: Array) -> NDArray[np.bool_]:
-    """`answers` of each of the inputs (nu, n) to each of the errors (ne, n), (ne, nu); one Gram matrix serves all."""
+    """Which of the inputs (nu, n) answer any of the errors (ne, n), (nu,); one Gram matrix serves all."""
     (nu, n), ne, m = u.shape, len(errors), FEEDBACK_LAGS
     if n < FEEDBACK_SAMPLES or not nu * ne:
-        return np.zeros((ne, nu), dtype=bool)
-    gram = lagged_gram([*u, *np.nan_to_num(errors)], [range(m + 1)] * nu + [range(1, m + 1)] * ne, m)
+        return np.zeros(nu, dtype=bool)
+    signals = [np.ascontiguousarray(one) for one in (*u, *np.nan_to_num(errors))]
+    gram = lagged_gram(signals, [range(m + 1)] * nu + [range(1, m + 1)] * ne, m)
     own = (m + 1) * np.arange(nu)[:, None] + np.arange(m + 1)
     past = (m + 1) * nu + m * np.arange(ne)[:, None] + np.arange(m)
+    # (ne, nu, 2 m + 1): what the input was, the errors before, the input now
     at = np.array([[[*now[1:], *late, now[0]] for now in own] for late in past])
     left = _left(gram[at[..., :, None], at[..., None, :]])
     alone = left[..., m]
@@ -86,7 +88,7 @@ def _answering(errors: Array, u: Array) -> NDArray[np.bool_]:
     own_only = np.maximum(alone, FORETOLD)
     gain = (n - m) * np.log(own_only / np.maximum(after, FORETOLD * own_only))
     levels = np.array([level for _, level in FEEDBACK_LEVELS])[:, None, None]
-    return np.asarray((alone > FORETOLD) & (gain > levels).any(axis=0))
+    return np.asarray(((alone > FORETOLD) & (gain > levels)).any(axis=(0, 1)))
 
 
 def _left(gram: Array) -> Array:
@@ -158,7 +160,7 @@ def _looped(long: Sequence[_Long], parts: Sequence[list[Array]], inputs: Sequenc
     late = [_innovations(one, best[i], best[ny:]) for i, one in enumerate(long)]
     told = [e for e, y in zip(late, best, strict=False) if e @ e > RESOLVED * (y @ y)]
     if told and inputs:
-        looped = _answering(np.array(told), np.array(best[ny:])).any(axis=0)
+        looped = _answering(np.array(told), np.array(best[ny:]))
         yield from (_loop(name) for name, one in zip(inputs, looped, strict=True) if one)
 
 
