@@ -19,8 +19,7 @@ from typing import Annotated, Any, Literal, NoReturn
 import typer
 
 from hoopd import cli_bench
-from hoopd.cli_bench import JsonOption
-from hoopd.cli_identify import identify
+from hoopd.cli_options import JsonOption
 from hoopd.files import InputError
 from hoopd.output import print_result, write_json
 
@@ -43,7 +42,6 @@ app = typer.Typer(
 )
 
 cli_bench.register(app)
-app.command()(identify)
 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="Configuration file (YAML).", metavar="FILE")]
 SetOption = Annotated[list[str], typer.Option("--set", help="Override one key: a.b=value.", metavar="KEY=VALUE")]

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from hoopd.cli_bench import ColumnsOption, FigureOption, JsonOption, finish, shown_progress
+from hoopd.cli_options import ColumnsOption, FigureOption, JsonOption, finish, shown_progress
 
 
 def identify(

@@ -15,6 +15,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+# Signals from which on one matrix product of all of them is faster than products pair by pair.
+MANY = 4
+# Samples that are gone through at all lags before the next: so many of a few signals stay in a core's cache.
+PART = 8192
+
 
 def lagged_gram(signals: Sequence[Array], lags: Sequence[range], first: int) -> Array:
     """Gram (p, p) of the columns s_i(t - k), k in lags[i] (consecutive), over t = first .. n - 1.
@@ -25,6 +30,13 @@ def lagged_gram(signals: Sequence[Array], lags: Sequence[range], first: int) -> 
     n = len(signals[0])
     if not all(lag.start >= 0 and lag.step == 1 and (not lag or lag[-1] <= first) for lag in lags) or first >= n:
         raise ValueError(f"lags {list(lags)} do not fit into the samples {first} to {n - 1}")
+    return (_by_pairs if len(signals) < MANY else _together)(signals, lags, first)
+
+
+# ------------------------------------------------------------------------------------------------- pair by pair
+
+
+def _by_pairs(signals: Sequence[Array], lags: Sequence[range], first: int) -> Array:
     offsets = np.concatenate([[0], np.cumsum([len(lag) for lag in lags])])
     gram = np.empty((offsets[-1], offsets[-1]))
     for i, (a, la) in enumerate(zip(signals, lags, strict=True)):
@@ -60,3 +72,44 @@ def _ends(a: Array, la: range, first: int, n: int) -> tuple[Array, Array]:
     """Values that enter at the first and leave at the last sample, by lag but the last."""
     lag = np.arange(la.start, la.stop - 1)
     return a[first - 1 - lag], a[n - 1 - lag]
+
+
+# ------------------------------------------------------------------------------------------------- all at once
+
+
+def _together(signals: Sequence[Array], lags: Sequence[range], first: int) -> Array:
+    """All signals at as many lags as the most that one has, of which those asked for are kept."""
+    count, size = len(signals), max(map(len, lags))
+    if size == 0:
+        return np.zeros((0, 0))
+    whole = _all_lags(signals, lags, first, size).transpose(2, 0, 3, 1).reshape(count * size, count * size)
+    kept = np.concatenate([i * size + np.arange(len(lag)) for i, lag in enumerate(lags)])
+    return np.asarray(whole[np.ix_(kept, kept)])
+
+
+def _all_lags(signals: Sequence[Array], lags: Sequence[range], first: int, size: int) -> Array:
+    """G[k, l, i, j] = sum_t r_i(t - k) r_j(t - l), r_i(t) = s_i(t - lags[i].start), k and l < size."""
+    n, before = len(signals[0]), size - 1
+    gram = np.zeros((size, size, len(signals), len(signals)))
+    for start in range(first, n, PART):
+        rows = _shifted(signals, lags, start - before, min(start + PART, n))
+        for lag in range(size):
+            gram[0, lag] += rows[:, before:] @ rows[:, before - lag : rows.shape[1] - lag].T
+    gram[1:, 0] = gram[0, 1:].transpose(0, 2, 1)
+    # G[k+1, l+1] = G[k, l] + r(first-1-k) r(first-1-l)' - r(n-1-k) r(n-1-l)'
+    ends = (_shifted(signals, lags, end - before, end).T[::-1] for end in (first, n))
+    enter, leave = (one[:, None, :, None] * one[None, :, None, :] for one in ends)
+    change = enter - leave
+    for lag in range(before):
+        gram[lag + 1, 1:] = gram[lag, :-1] + change[lag]
+    return gram
+
+
+def _shifted(signals: Sequence[Array], lags: Sequence[range], start: int, end: int) -> Array:
+    """Rows r_i(t), t = start .. end - 1; zero before the data, where no lag that is asked for reaches."""
+    rows = np.zeros((len(signals), end - start))
+    for row, signal, lag in zip(rows, signals, lags, strict=True):
+        if lag:
+            late = max(lag.start, start)
+            row[late - start :] = signal[late - lag.start : end - lag.start]
+    return rows

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from hoopd.ident.checks import SINGULAR, check_channels, warn
 from hoopd.ident.data import Data, experiments, runs
@@ -31,6 +32,8 @@ LONG = 10
 SHARE = 8
 # Innovations below this share of the output's power are the rounding of the Gram matrix: they tell of no loop.
 RESOLVED = 1e-10
+# Reciprocal condition above which no singular value of a hundred columns is below SINGULAR.
+REGULAR = 100.0 * SINGULAR
 
 
 def check_record(data: Data | Sequence[Data], *, drift: bool = True) -> None:
@@ -53,9 +56,9 @@ def check_record(data: Data | Sequence[Data], *, drift: bool = True) -> None:
 
 def check_feedback(errors: Array, u: Array, names: Sequence[str] = ()) -> None:
     """Warn when inputs u (n, nu) answer earlier prediction errors of a model, (n,) or (n, ny): a loop was closed."""
-    each = errors.reshape(len(errors), -1).T
+    looped = _answering(errors.reshape(len(errors), -1).T, u.T)
     for i in range(u.shape[1]):
-        if any(answers(e, u[:, i]) for e in each):
+        if looped[i]:
             warn(_loop(names[i] if names else f"u{i + 1}"))
 
 
@@ -65,26 +68,38 @@ def answers(errors: Array, u: Array) -> bool:
     How much the errors before add to what the input's own past says of it: n ln(S_0/S_1) is chi-square (Granger,
     Econometrica 37, 1969), whatever an error still holds of earlier inputs. NaN errors count nothing.
     """
-    n, m = len(u), FEEDBACK_LAGS
-    if n < FEEDBACK_SAMPLES:
-        return False
-    signals = [np.ascontiguousarray(u), np.nan_to_num(errors)]
-    gram = lagged_gram(signals, [range(m + 1), range(1, m + 1)], m)
-    left = _left(gram)
-    alone = left[m]
-    if alone <= FORETOLD:
-        return False
-    floor = FORETOLD * alone
-    return any((n - m) * np.log(alone / max(left[m + lags], floor)) > level for lags, level in FEEDBACK_LEVELS)
+    return bool(_answering(errors[None], u[None])[0])
+
+
+def _answering(errors: Array, u: Array) -> NDArray[np.bool_]:
+    """Which of the inputs (nu, n) answer any of the errors (ne, n), (nu,); one Gram matrix serves all."""
+    (nu, n), ne, m = u.shape, len(errors), FEEDBACK_LAGS
+    if n < FEEDBACK_SAMPLES or not nu * ne:
+        return np.zeros(nu, dtype=bool)
+    signals = [np.ascontiguousarray(one) for one in (*u, *np.nan_to_num(errors))]
+    gram = lagged_gram(signals, [range(m + 1)] * nu + [range(1, m + 1)] * ne, m)
+    own = (m + 1) * np.arange(nu)[:, None] + np.arange(m + 1)
+    past = (m + 1) * nu + m * np.arange(ne)[:, None] + np.arange(m)
+    # (ne, nu, 2 m + 1): what the input was, the errors before, the input now
+    at = np.array([[[*now[1:], *late, now[0]] for now in own] for late in past])
+    left = _left(gram[at[..., :, None], at[..., None, :]])
+    alone = left[..., m]
+    after = np.stack([left[..., m + lags] for lags, _ in FEEDBACK_LEVELS])
+    own_only = np.maximum(alone, FORETOLD)
+    gain = (n - m) * np.log(own_only / np.maximum(after, FORETOLD * own_only))
+    levels = np.array([level for _, level in FEEDBACK_LEVELS])[:, None, None]
+    return np.asarray(((alone > FORETOLD) & (gain > levels)).any(axis=(0, 1)))
 
 
 def _left(gram: Array) -> Array:
-    """Share of the first column's square that the next 0, 1, 2, ... columns leave; by one Cholesky factor."""
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    relative = gram / np.outer(scale, scale)
-    low = np.linalg.cholesky(relative[1:, 1:] + SINGULAR * len(gram) * np.eye(len(gram) - 1))
-    z = np.linalg.solve(low, relative[1:, 0])
-    return 1.0 - np.concatenate([[0.0], np.cumsum(z**2)])
+    """Share of the last column's square that the first 0, 1, 2, ... columns leave, of Gram matrices (..., p, p)."""
+    scale = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 1e-300))
+    relative = gram / (scale[..., :, None] * scale[..., None, :])
+    # L z = r stands in the last row of the whole matrix's factor; twice the last square, so that there always is one
+    count = gram.shape[-1]
+    relative[..., range(count), range(count)] = [1.0 + SINGULAR * count] * (count - 1) + [2.0]
+    z = np.linalg.cholesky(relative)[..., -1, :-1]
+    return 1.0 - np.concatenate([np.zeros((*z.shape[:-1], 1)), np.cumsum(z**2, axis=-1)], axis=-1)
 
 
 # ------------------------------------------------------------------------------------------------- a long model
@@ -123,9 +138,13 @@ def _long_models(parts: Sequence[list[Array]], ny: int) -> list[_Long]:
 
 
 def _least(gram: Array, right: Array) -> Array:
+    """The smallest x of least |gram x - right|; by Cholesky's factor where no direction is near to rounding."""
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    found = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=SINGULAR)[0]
-    return np.asarray(found / scale)
+    relative = gram / np.outer(scale, scale)
+    low, failed = lapack.dpotrf(relative, lower=1)
+    if not failed and lapack.dpocon(low, np.abs(relative).sum(axis=0).max(), uplo="L")[0] > REGULAR:
+        return np.asarray(lapack.dpotrs(low, right / scale, lower=1)[0] / scale)
+    return np.asarray(np.linalg.lstsq(relative, right / scale, rcond=SINGULAR)[0] / scale)
 
 
 def _drifting(long: Sequence[_Long], outputs: Sequence[str]) -> Iterator[str]:
@@ -139,9 +158,10 @@ def _looped(long: Sequence[_Long], parts: Sequence[list[Array]], inputs: Sequenc
     best = max(parts, key=lambda part: len(part[0]))
     ny = len(long)
     late = [_innovations(one, best[i], best[ny:]) for i, one in enumerate(long)]
-    for name, u in zip(inputs, best[ny:], strict=True):
-        if any(answers(e, u) for e, y in zip(late, best, strict=False) if e @ e > RESOLVED * (y @ y)):
-            yield _loop(name)
+    told = [e for e, y in zip(late, best, strict=False) if e @ e > RESOLVED * (y @ y)]
+    if told and inputs:
+        looped = _answering(np.array(told), np.array(best[ny:]))
+        yield from (_loop(name) for name, one in zip(inputs, looped, strict=True) if one)
 
 
 def _innovations(model: _Long, y: Array, u: Sequence[Array]) -> Array:

@@ -15,18 +15,17 @@ off it is.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, Protocol
-
 import control as ct
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import optimize
 
 from hoopd.ident.bases import Basis
+from hoopd.ident.denominators import Denominator, Free, Stable, powers_of
+from hoopd.ident.rationalproblem import Problem, RationalFit, Weight, solved
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Weight = Literal["log", "equal"] | ArrayLike
 
 # Relative change of the error at which the first stage has settled.
 SETTLED = 1e-10
@@ -34,17 +33,6 @@ SETTLED = 1e-10
 SHARES = (0.0, 0.5, 1.0)
 # Steps of the second stage from every start, and those that finish the best of them.
 FEW, MANY = 100, 500
-# Smallest damping of a stable factor, beside its frequency: where exp(p) would run away to 0.
-LEAST = 1e-9
-
-
-class RationalFit(NamedTuple):
-    """The system, log(system/data) (nw,) nepers + j rad at w (nw,) rad/s, and the weighted root mean square of it."""
-
-    system: ct.TransferFunction | ct.StateSpace
-    w: Array
-    error: Complex
-    rms: float
 
 
 def rational(
@@ -65,7 +53,7 @@ def rational(
     the half planes of poles and zeros in the first stage. stable: poles stay in the left half plane.
     ValueError for more unknowns than data, and for a response that is zero or not finite.
     """
-    problem = _Problem.of(response, weight)
+    problem = Problem.of(response, weight)
     guess = poles if isinstance(poles, ct.TransferFunction) else None
     n = len(guess.den[0][0]) - 1 if guess else int(poles)
     m = (len(guess.num[0][0]) - 1 if guess else n - 1) if zeros is None else zeros
@@ -90,12 +78,12 @@ def fit_basis_response(
 
     Begins from linear least squares of (sum - l)/l and goes on with log |.|, or the whole logarithm with `phase`.
     """
-    problem = _Problem.of(response, weight)
+    problem = Problem.of(response, weight)
     columns = basis.responses(problem.w)
     if direct:
         columns = np.hstack([columns, np.ones((len(columns), 1))])
     scale = np.linalg.norm(columns, axis=0)
-    start = _solved(columns / scale / problem.data[:, None] * problem.root[:, None], problem.root.astype(complex))
+    start = solved(columns / scale / problem.data[:, None] * problem.root[:, None], problem.root.astype(complex))
 
     def misses(x: Array) -> Array:
         return problem.misses((columns / scale) @ x, phase)
@@ -125,137 +113,14 @@ def minimum_phase(system: ct.TransferFunction | ct.StateSpace) -> ct.TransferFun
     return ct.tf(sign * top, bottom, tf.dt)
 
 
-# ---------------------------------------------------------------------------------------------- denominators
-
-
-class _Denominator(Protocol):
-    """A(s) of degree n by n numbers, its leading coefficient 1."""
-
-    start: Array
-
-    def at(self, s: Complex, x: Array) -> tuple[Complex, Complex]:
-        """A (nw,) and d log A (nw, n)."""
-
-    def coefficients(self, x: Array) -> Array:
-        """(n + 1,) from the highest power."""
-
-
-class _Free:
-    """By its coefficients, from the lowest power."""
-
-    def __init__(self, start: Array) -> None:
-        self.start = start
-
-    @classmethod
-    def of(cls, a: Array) -> _Free:
-        return cls(a[:0:-1].copy())
-
-    def at(self, s: Complex, x: Array) -> tuple[Complex, Complex]:
-        powers = _powers(s, len(x))
-        value = powers @ np.append(x, 1.0)
-        return value, powers[:, :-1] / value[:, None]
-
-    def coefficients(self, x: Array) -> Array:
-        return np.append(1.0, x[::-1])
-
-
-class _Stable:
-    """By the logarithms of the coefficients of factors s^2 + e^p s + e^q and s + e^r: stable whatever they are."""
-
-    def __init__(self, start: Array) -> None:
-        self.start = start
-
-    @classmethod
-    def of(cls, a: Array) -> _Stable:
-        roots = np.roots(a)
-        roots = np.where(roots.real > 0.0, -roots.conj(), roots)
-        pairs, reals = roots[roots.imag > 0.0], np.sort(roots[roots.imag == 0.0].real)
-        left = [(-2.0 * one.real, abs(one) ** 2) for one in pairs]
-        left += [(-one - other, one * other) for one, other in zip(reals[::2], reals[1::2], strict=False)]
-        values = [max(c, LEAST * max(q, 1.0)) for pair in left for c, q in ((pair[0], pair[1] ** 0.5), (pair[1], 1.0))]
-        values += [max(-reals[-1], LEAST)] if len(reals) % 2 else []
-        return cls(np.log(np.array(values)))
-
-    def at(self, s: Complex, x: Array) -> tuple[Complex, Complex]:
-        value, slopes = np.ones(len(s), complex), np.empty((len(s), len(x)), complex)
-        for i in range(0, len(x) - 1, 2):
-            factor = s**2 + np.exp(x[i]) * s + np.exp(x[i + 1])
-            slopes[:, i], slopes[:, i + 1] = np.exp(x[i]) * s / factor, np.exp(x[i + 1]) / factor
-            value = value * factor
-        if len(x) % 2:
-            slopes[:, -1] = np.exp(x[-1]) / (s + np.exp(x[-1]))
-            value = value * (s + np.exp(x[-1]))
-        return value, slopes
-
-    def coefficients(self, x: Array) -> Array:
-        a = np.ones(1)
-        for i in range(0, len(x) - 1, 2):
-            a = np.convolve(a, [1.0, np.exp(x[i]), np.exp(x[i + 1])])
-        return np.convolve(a, [1.0, np.exp(x[-1])]) if len(x) % 2 else a
-
-
 # ---------------------------------------------------------------------------------------------- stages
 
 
-class _Problem(NamedTuple):
-    """`data` l at w, s = jw/unit, and the square roots of the weights."""
-
-    w: Array
-    data: Complex
-    s: Complex
-    unit: float
-    root: Array
-
-    @classmethod
-    def of(cls, response: ct.FRD, weight: Weight) -> _Problem:
-        if response.ninputs != 1 or response.noutputs != 1:
-            raise ValueError("a rational function is fitted to one input and output: take one entry of the response")
-        axis, kept = np.asarray(response.omega, float), np.asarray(response.omega) > 0.0
-        w, values = axis[kept], np.asarray(response.frdata[0, 0], complex)[kept]
-        if not len(w) or not np.isfinite(values).all() or (values == 0.0).any():
-            raise ValueError("the response must be finite and nowhere zero: leave those frequencies out")
-        shares = _shares(w, weight, kept)
-        unit = float(np.exp(np.mean(np.log(w[[0, -1]]))))
-        return cls(w, values, 1j * w / unit, unit, np.sqrt(shares / np.sum(shares)))
-
-    def misses(self, said: Complex, phase: bool) -> Array:
-        return self.parts(np.log(said / self.data), phase)
-
-    def rms(self, b: Array, a: Array, phase: bool) -> float:
-        """Of polynomials in s/unit."""
-        return float(np.linalg.norm(self.misses(np.polyval(b, self.s) / np.polyval(a, self.s), phase)))
-
-    def parts(self, values: Complex, phase: bool) -> Array:
-        """Weighted real parts, and the imaginary ones under them when the phase counts."""
-        root = self.root if values.ndim == 1 else self.root[:, None]
-        weighted = root * values
-        return np.concatenate([weighted.real, weighted.imag]) if phase else np.asarray(weighted.real)
-
-    def answered(self, b: Array, a: Array, phase: bool) -> RationalFit:
-        system = ct.tf(b, a)
-        return self.answer(system, np.polyval(b, 1j * self.w) / np.polyval(a, 1j * self.w), phase)
-
-    def answer(self, system: ct.TransferFunction | ct.StateSpace, said: Complex, phase: bool) -> RationalFit:
-        rms = float(np.linalg.norm(self.misses(said, phase)))
-        return RationalFit(system, self.w, np.log(said / self.data), rms)
-
-
-def _shares(w: Array, weight: Weight, kept: NDArray[np.bool_]) -> Array:
-    if isinstance(weight, str):
-        if weight not in {"log", "equal"}:
-            raise ValueError(f'the weight is "log", "equal" or an array, not {weight!r}')
-        return np.gradient(np.log(w)) if weight == "log" and len(w) > 1 else np.ones(len(w))
-    given = np.asarray(weight, dtype=float).reshape(-1)
-    if len(given) != len(kept) or not (given >= 0.0).all() or not given.any():
-        raise ValueError(f"{len(kept)} weights wanted, none negative and not all 0")
-    return np.asarray(given[kept])
-
-
 def _linear(
-    problem: _Problem, n: int, m: int, before: Array | None, iterations: int, share: float
+    problem: Problem, n: int, m: int, before: Array | None, iterations: int, share: float
 ) -> tuple[Array, Array]:
     """The first stage: coefficients from the highest power, of the nearest iterate by |said/l - 1| |l|^share."""
-    s, powers = problem.s, _powers(problem.s, max(n, m))
+    s, powers = problem.s, powers_of(problem.s, max(n, m))
     # without a guess: as large as (s + 1)^n, so that no end of the band outweighs the other
     size = (1.0 + s) ** n if before is None else np.polyval(before, s)
     scale = np.abs(problem.data) ** share
@@ -266,7 +131,7 @@ def _linear(
         rows = np.hstack([powers[:, : m + 1] / size[:, None] / problem.data[:, None], -shape]) * root[:, None]
         # the mean of A/A' is 1: a leading coefficient of 1 would pull A, and with it the fit, towards 0 where noise is
         fixed = np.concatenate([np.zeros(m + 1), root**2 @ shape.real])
-        x = _solved(np.vstack([rows, fixed]), np.append(np.zeros(len(s)), 1.0).astype(complex))
+        x = solved(np.vstack([rows, fixed]), np.append(np.zeros(len(s)), 1.0).astype(complex))
         b, a = x[m::-1] / x[-1], x[:m:-1] / x[-1]
         size = np.polyval(a, s)
         error = float(np.linalg.norm(root * (np.polyval(b, s) / size / problem.data - 1.0)))
@@ -278,9 +143,9 @@ def _linear(
     return kept
 
 
-def _finished(problem: _Problem, b: Array, a: Array, steps: int, *, stable: bool, phase: bool) -> tuple[Array, Array]:
+def _finished(problem: Problem, b: Array, a: Array, steps: int, *, stable: bool, phase: bool) -> tuple[Array, Array]:
     """So many steps of the second stage; if `stable`, from a denominator whose roots are mirrored and B fitted anew."""
-    denominator: _Denominator = _Stable.of(a) if stable else _Free.of(a)
+    denominator: Denominator = Stable.of(a) if stable else Free.of(a)
     if stable and (np.roots(a).real > 0.0).any():
         b = _numerator(problem, len(b) - 1, denominator.at(problem.s, denominator.start)[0])
     return (
@@ -288,16 +153,16 @@ def _finished(problem: _Problem, b: Array, a: Array, steps: int, *, stable: bool
     )
 
 
-def _numerator(problem: _Problem, m: int, a: Complex) -> Array:
+def _numerator(problem: Problem, m: int, a: Complex) -> Array:
     """B of a given A, by relative least squares; from the highest power."""
     weight = problem.root / np.abs(problem.data)
-    columns = _powers(problem.s, m) / a[:, None] * weight[:, None]
-    return _solved(columns, problem.data * weight)[::-1]
+    columns = powers_of(problem.s, m) / a[:, None] * weight[:, None]
+    return solved(columns, problem.data * weight)[::-1]
 
 
-def _refined(problem: _Problem, b: Array, a: _Denominator, steps: int, phase: bool) -> tuple[Array, Array]:
+def _refined(problem: Problem, b: Array, a: Denominator, steps: int, phase: bool) -> tuple[Array, Array]:
     """The second stage."""
-    powers, size = _powers(problem.s, len(b) - 1), len(b)
+    powers, size = powers_of(problem.s, len(b) - 1), len(b)
 
     def misses(x: Array) -> Array:
         return problem.misses(powers @ x[:size] / a.at(problem.s, x[size:])[0], phase)
@@ -314,20 +179,6 @@ def _refined(problem: _Problem, b: Array, a: _Denominator, steps: int, phase: bo
 
 
 # ---------------------------------------------------------------------------------------------- inside
-
-
-def _powers(s: Complex, n: int) -> Complex:
-    """1, s .. s^n, (nw, n + 1)."""
-    return np.asarray(np.vander(s, n + 1, increasing=True))
-
-
-def _solved(columns: Complex, target: Complex) -> Array:
-    """Real least squares of complex rows, columns brought to one length."""
-    rows = np.vstack([columns.real, columns.imag])
-    scale = np.linalg.norm(rows, axis=0)
-    scale[scale == 0.0] = 1.0
-    x = np.linalg.lstsq(rows / scale, np.concatenate([target.real, target.imag]), rcond=None)[0]
-    return np.asarray(x / scale)
 
 
 def _unscaled(b: Array, a: Array, unit: float) -> tuple[Array, Array]:

@@ -38,13 +38,25 @@ def quiet(call: Callable[[], None]) -> None:
         call()
 
 
-def test_gram_of_lags_equals_the_matrix_of_lags() -> None:
-    rng = np.random.default_rng(1)
-    a, b, lags, first = rng.standard_normal(40), rng.standard_normal(40), (range(4), range(2, 8)), 9
-    rows = [[a[t - k] for k in lags[0]] + [b[t - k] for k in lags[1]] for t in range(first, 40)]
-    assert np.allclose(lagged_gram([a, b], lags, first), np.transpose(rows) @ rows, atol=1e-12)
+@pytest.mark.parametrize(
+    ("lags", "first"),
+    [
+        ((range(4), range(2, 8)), 9),
+        ((range(6), range(3, 6)), 5),  # the longest reach into the first samples, which the shorter do not
+        ((range(5, 5), range(1, 2)), 1),
+        ((range(7, 8), range(12)), 11),
+    ],
+)
+@pytest.mark.parametrize(("pairs", "n"), [(1, 40), (2, 40), (2, 9000)])
+def test_gram_of_lags_equals_the_matrix_of_lags(lags: tuple[range, range], first: int, pairs: int, n: int) -> None:
+    signals, spans = list(np.random.default_rng(1).standard_normal((2 * pairs, n))), lags * pairs
+    columns = np.stack([s[first - k : n - k] for s, span in zip(signals, spans, strict=True) for k in span], axis=1)
+    assert np.allclose(lagged_gram(signals, spans, first), columns.T @ columns, atol=1e-10)
+
+
+def test_lags_before_the_data_are_refused() -> None:
     with pytest.raises(ValueError, match="do not fit"):
-        lagged_gram([a], [range(4)], 2)
+        lagged_gram([np.ones(40)], [range(4)], 2)
 
 
 def test_good_data_are_left_in_peace() -> None:
@@ -115,6 +127,14 @@ def test_feedback_is_seen_and_its_absence_too(seed: int) -> None:
     assert not answers(e + lfilter([0.0, 1.0], [1.0, -0.5], slow), slow)
     with pytest.warns(IdentificationWarning, match="input torque follows"):
         check_feedback(e, u[:, None], ["torque"])
+
+
+def test_of_several_inputs_the_one_in_the_loop_is_named() -> None:
+    e, r = np.random.default_rng(0).standard_normal((2, 3, 1000))
+    closed = r[1] + 0.5 * np.roll(e[2], 2)
+    with pytest.warns(IdentificationWarning) as said:
+        check_feedback(e.T, np.stack([r[0], closed], axis=1), ["gate", "torque"])
+    assert [str(one.message).split(" follows")[0] for one in said] == ["feedback suspected: input torque"]
 
 
 def test_a_sine_answers_nobody() -> None:

@@ -6,6 +6,7 @@ import control as ct
 import numpy as np
 import pytest
 
+from hoopd.ident import empirical
 from hoopd.ident import frequencydata as fd
 from hoopd.ident.data import iddata
 
@@ -35,10 +36,10 @@ def test_a_periodic_record_gives_the_response_exactly() -> None:
         u = np.tile(np.random.default_rng(seed).standard_normal((n, 2)), (8, 1))
         y = ct.forced_response(system, U=u.T).outputs.T
         each.append(iddata(y, u, 0.1)[-n:])
-    found = fd.empirical(each)
+    found = empirical(each)
     assert np.allclose(found.frdata, fd.response(system, found.omega).frdata, atol=1e-10) and found.dt == 0.1
     with pytest.raises(ValueError, match="2 inputs want"):
-        fd.empirical(each[0])
+        empirical(each[0])
 
 
 @pytest.mark.parametrize("sign", [-1, 1])

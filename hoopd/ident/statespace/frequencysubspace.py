@@ -19,7 +19,7 @@ from scipy import linalg
 
 from hoopd.ident.checks import SINGULAR, warn
 from hoopd.ident.models import Innovations
-from hoopd.ident.statespace.inputs import least_squares
+from hoopd.ident.statespace.frequencyinputs import Spectra, fit_inputs, fit_outputs, fit_rest, ones
 from hoopd.ident.statespace.stabilise import stabilise
 
 # Singular values of white noise lie within so many times their median (Marchenko & Pastur, 1967, for square matrices).
@@ -29,16 +29,6 @@ SLOWER = 0.5
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-
-@dataclass(frozen=True)
-class Spectra:
-    """Points of z (n,), outputs (n, ny, m) and inputs (n, nu, m); a frequency response has m = nu unit inputs."""
-
-    z: Complex
-    y: Complex
-    u: Complex
-    weights: Array
 
 
 @dataclass(frozen=True)
@@ -81,13 +71,12 @@ def frequency_subspace(
     _check_power(own, data)
     if given.a is None:
         a, c, s = _dynamics(data, order, most_order, horizon, has_transient)
-        model = _rest(data, stabilise(a) if stable else a, c, direct, has_transient)
+        model = fit_rest(data, stabilise(a) if stable else a, c, direct, has_transient)
         model = replace(model, singular_values=s)
     elif given.c is not None:
-        model = _inputs(data, given.a, given.c, direct, has_transient)
+        model = fit_inputs(data, given.a, given.c, direct, has_transient)
     elif given.b is not None:
-        start = np.zeros(len(given.a))
-        model = _outputs(data, _model(given.a, given.b, np.zeros((data.y.shape[1], len(given.a))), start), direct)
+        model = fit_outputs(data, given.a, given.b, np.zeros(len(given.a)), direct)
     else:
         raise ValueError("known gives A with C, or A with B")
     model = _continuous(model, step) if dt == 0.0 else replace(model, dt=dt)
@@ -175,7 +164,7 @@ def _dynamics(
 ) -> tuple[Array, Array, Array]:
     """A, C and the singular values."""
     ny = data.y.shape[1]
-    u = data.u if not transient else np.concatenate([data.u, _ones(data) * data.z[:, None, None]], axis=1)
+    u = data.u if not transient else np.concatenate([data.u, ones(data) * data.z[:, None, None]], axis=1)
     columns = 2 * len(data.z) * data.y.shape[2]
     r = horizon or min(2 * (order or most) + 2, max(columns // (2 * (ny + u.shape[1])), 2))
     low = linalg.qr(np.vstack([_stacked(data, u, r), _stacked(data, data.y, r)]).T, mode="r")[0]
@@ -203,67 +192,10 @@ def _stacked(data: Spectra, values: Complex, r: int) -> Array:
     return np.asarray(np.hstack([all_rows.real, all_rows.imag]))
 
 
-def _ones(data: Spectra) -> Complex:
-    return np.ones((len(data.z), 1, data.y.shape[2]), dtype=complex)
-
-
 def _gap(s: Array, most: int) -> int:
     """Where neighbouring singular values differ most, rounding counted as nothing."""
     floor = np.maximum(s, 1e-13 * s[0])
     return int(np.argmax(floor[:most] / floor[1 : most + 1])) + 1
-
-
-def _rest(data: Spectra, a: Array, c: Array, direct: bool, transient: bool) -> Innovations:
-    """B, D, x0, then C and D, then B, D, x0 again: each a linear least squares."""
-    model = _inputs(data, a, c, direct, transient)
-    model = _outputs(data, model, direct)
-    return _inputs(data, a, model.c, direct, transient)
-
-
-def _inputs(data: Spectra, a: Array, c: Array, direct: bool, transient: bool) -> Innovations:
-    """Y = C (zI - A)^-1 (B U + z x0) + D U for B, D, x0."""
-    nx, (ny, nu) = len(a), (data.y.shape[1], data.u.shape[1])
-    seen = np.linalg.solve(_minus(data.z, a).transpose(0, 2, 1), np.broadcast_to(c.T, (len(data.z), nx, ny))).transpose(
-        0, 2, 1
-    )
-    parts = [np.einsum("nyx,num->nymux", seen, data.u)]
-    if direct:
-        parts.append(np.einsum("yi,num->nymui", np.eye(ny), data.u))
-    if transient:
-        parts.append(np.einsum("n,nyx,nm->nymx", data.z, seen, _ones(data)[:, 0])[:, :, :, None])
-    found = _solved(data, [one.reshape(*data.y.shape, -1) for one in parts], data.y)
-    b, rest = found[: nu * nx].reshape(nu, nx).T, found[nu * nx :]
-    d = rest[: nu * ny].reshape(nu, ny).T if direct else np.zeros((ny, nu))
-    return replace(_model(a, b, c, rest[len(rest) - nx :] if transient else np.zeros(nx)), d=d)
-
-
-def _outputs(data: Spectra, model: Innovations, direct: bool) -> Innovations:
-    """The same equation for C and D."""
-    nx, (ny, nu) = model.nx, (data.y.shape[1], data.u.shape[1])
-    start = np.zeros(nx) if model.x0 is None else model.x0
-    pushed = model.b @ data.u + data.z[:, None, None] * start[:, None]
-    x = np.linalg.solve(_minus(data.z, model.a), pushed)
-    parts = [np.einsum("yi,nxm->nymix", np.eye(ny), x)]
-    if direct:
-        parts.append(np.einsum("yi,num->nymiu", np.eye(ny), data.u))
-    found = _solved(data, [one.reshape(*data.y.shape, -1) for one in parts], data.y)
-    d = found[ny * nx :].reshape(ny, nu) if direct else np.zeros((ny, nu))
-    return replace(model, c=found[: ny * nx].reshape(ny, nx), d=d)
-
-
-def _solved(data: Spectra, parts: list[Complex], y: Complex) -> Array:
-    columns = np.concatenate(parts, axis=3) * data.weights[:, None, None, None]
-    target = (y * data.weights[:, None, None]).ravel()
-    flat = columns.reshape(target.size, -1)
-    return least_squares(np.vstack([flat.real, flat.imag]), np.concatenate([target.real, target.imag]))
-
-
-def _minus(z: Complex, a: Array) -> Complex:
-    return np.asarray(z[:, None, None] * np.eye(len(a)) - a)
-
-
-def _model(a: Array, b: Array, c: Array, x0: Array) -> Innovations:
-    return Innovations(a, b, c, np.zeros((len(c), b.shape[1])), np.zeros((len(a), len(c))), 1.0, x0=x0)
 
 
 def _continuous(model: Innovations, step: float) -> Innovations:

@@ -1,8 +1,8 @@
 """A linear model between static nonlinearities of known shape and unknown parameters.
 
 v = g(u, p), x+ = A x + B v + K e, z = C x + D v, y = h(z, p) + e. All matrices (in minimal local coordinates), p and
-the initial states are fitted by damped Gauss-Newton with exact derivatives of the linear part and central differences
-of the static maps. Behind a map that hides signs the cost has many minima: hence many starts.
+the initial states are fitted by damped Gauss-Newton (`hammersteinerrors` has errors and derivatives). Behind a map that
+hides signs the cost has many minima: hence many starts.
 
 Rules of this file: maps take signals (channels, n) with time along the last axis, and keep it; the same seed gives the
 same starts.
@@ -11,7 +11,7 @@ same starts.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,15 +25,14 @@ from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coordinates import Freedom
-from hoopd.ident.statespace.linear import radius, states
+from hoopd.ident.statespace.hammersteinerrors import Point, Static, Task, evaluated, normal_equations, same
+from hoopd.ident.statespace.linear import states
 from hoopd.ident.statespace.ordering import check_states
-from hoopd.ident.statespace.sensitivities import Directions, Piece, paired, piece
+from hoopd.ident.statespace.sensitivities import paired, piece
 from hoopd.ident.statespace.subspace import Focus, check_focus, subspaceid
 
 Array = NDArray[np.float64]
-Static = Callable[[Array, Array], Array]
 
-STEP = 1e-6  # of the central differences of the maps, in the units of their arguments' size
 SCREEN = 30  # steps that every start gets
 FINISHED = 6  # starts that are then brought to their minimum
 EXACT = 1e-20  # of the outputs' power: nothing is left to fit
@@ -64,32 +63,6 @@ class HammersteinWiener:
         v = self.input_map(np.ascontiguousarray(data.u.T), self.p)
         x = states(self.linear.a, self.linear.b @ v, x0)
         return np.asarray(self.output_map(self.linear.c @ x + self.linear.d @ v, self.p).T)
-
-
-@dataclass(frozen=True)
-class _Task:
-    pieces: Sequence[Piece]
-    g: Static
-    h: Static
-    free: Freedom
-
-
-@dataclass(frozen=True)
-class _Path:
-    v: Array
-    x: Array
-    z: Array
-    e: Array
-
-
-@dataclass(frozen=True)
-class _Point:
-    model: Innovations
-    p: Array
-    starts: tuple[Array, ...]
-    paths: tuple[_Path, ...]
-    cost: float
-    ended: bool = True
 
 
 def hammerstein_wiener(
@@ -124,7 +97,7 @@ def hammerstein_wiener(
     own = tuple(names) if names is not None else tuple(f"p{i + 1}" for i in range(len(p)))
     if len(own) != len(p) or len(set(own)) != len(p):
         raise ValueError(f"{len(p)} different names wanted, not {list(own)}")
-    task = _Task([piece(one) for one in each], input_map or _same, output_map or _same, Freedom(direct, False))
+    task = Task([piece(one) for one in each], input_map or same, output_map or same, Freedom(direct, False))
     _check_maps(task, p, each[0], linear_inputs)
     first = start or _approximation(task, each, order, p)
     found = _search(task, first, order, p, starts, np.random.default_rng(seed), iterations)
@@ -140,10 +113,10 @@ def hammerstein_wiener(
     return _result(task, best, own, [one.cost for one in found], each[0])
 
 
-def _check_linear(task: _Task, best: _Point, each: Sequence[Data]) -> None:
+def _check_linear(task: Task, best: Point, each: Sequence[Data]) -> None:
     """The checks of the linear part; its order by the data where the output is its own, else only what drives it."""
     driven = [_driven(one, path.v) for one, path in zip(each, best.paths, strict=True)]
-    if task.h is _same:
+    if task.h is same:
         check_states(driven, best.model.nx)
     else:
         check(driven, orders=Orders(best.model.nx, 2 * best.model.nx))
@@ -156,13 +129,13 @@ def _driven(one: Data, v: Array) -> Data:
 
 
 def _search(
-    task: _Task, first: Innovations | None, order: int, p: Array, starts: int, rng: np.random.Generator, iterations: int
-) -> list[_Point]:
+    task: Task, first: Innovations | None, order: int, p: Array, starts: int, rng: np.random.Generator, iterations: int
+) -> list[Point]:
     """Minima of the simulation from many starts, the least first: all are begun, the best of them finished."""
-    begun: list[_Point] = []
+    begun: list[Point] = []
     for i in range(max(starts, 1)):
         model = first if i == 0 and first is not None else _random(task, order, p, rng)
-        begun.append(_minimised(task, _evaluated(task, model, p, None), min(SCREEN, iterations)))
+        begun.append(_minimised(task, evaluated(task, model, p, None), min(SCREEN, iterations)))
         least = min(one.cost for one in begun)
         if sum(one.cost <= AGREE * least for one in begun) > 1:
             break
@@ -170,11 +143,7 @@ def _search(
     return sorted((_minimised(task, one, iterations) for one in begun[:FINISHED]), key=lambda one: one.cost)
 
 
-def _same(signal: Array, p: Array) -> Array:
-    return signal
-
-
-def _check_maps(task: _Task, p: Array, one: Data, linear_inputs: int | None) -> None:
+def _check_maps(task: Task, p: Array, one: Data, linear_inputs: int | None) -> None:
     v = np.asarray(task.g(task.pieces[0].u, p))
     wanted = (one.nu if linear_inputs is None else linear_inputs, one.n)
     if v.shape != wanted:
@@ -184,7 +153,7 @@ def _check_maps(task: _Task, p: Array, one: Data, linear_inputs: int | None) -> 
         raise ValueError(f"output_map gives {y.shape}, not {(one.ny, one.n)}: channels first, time last")
 
 
-def _approximation(task: _Task, each: Sequence[Data], order: int, p: Array) -> Innovations | None:
+def _approximation(task: Task, each: Sequence[Data], order: int, p: Array) -> Innovations | None:
     """The linear model from g(u, p) to y."""
     try:
         driven = [_driven(one, task.g(own.u, p)) for one, own in zip(each, task.pieces, strict=True)]
@@ -196,7 +165,7 @@ def _approximation(task: _Task, each: Sequence[Data], order: int, p: Array) -> I
     return replace(found, k=np.zeros_like(found.k), dt=1.0)
 
 
-def _random(task: _Task, order: int, p: Array, rng: np.random.Generator) -> Innovations:
+def _random(task: Task, order: int, p: Array, rng: np.random.Generator) -> Innovations:
     """Random stable poles, each pair with its own time scale; the output as large as the data's."""
     a = np.zeros((order, order))
     for i in range(0, order - 1, 2):
@@ -212,39 +181,13 @@ def _random(task: _Task, order: int, p: Array, rng: np.random.Generator) -> Inno
     return Innovations(a, b, c, np.zeros((ny, len(v))), np.zeros((order, ny)), 1.0)
 
 
-def _evaluated(task: _Task, model: Innovations, p: Array, starts: tuple[Array, ...] | None) -> _Point:
-    own = starts if starts is not None else tuple(np.zeros(model.nx) for _ in task.pieces)
-    if radius(model.a) >= 1.0 + 1e-9:
-        return _Point(model, p, own, (), np.inf)
-    with np.errstate(all="ignore"):
-        paths = tuple(_path(task, one, model, p, x) for one, x in zip(task.pieces, own, strict=True))
-    cost = float(sum(np.vdot(one.e, one.e) for one in paths))
-    return _Point(model, p, own, paths, cost if np.isfinite(cost) else np.inf)
-
-
-def _path(task: _Task, data: Piece, model: Innovations, p: Array, x0: Array) -> _Path:
-    v = np.asarray(task.g(data.u, p), dtype=float)
-    if not model.k.any():
-        x = states(model.a, model.b @ v, x0)
-        z = model.c @ x + model.d @ v
-        return _Path(v, x, z, (data.y - task.h(z, p)) * data.known)
-    x, z, e, now = np.empty((model.nx, data.n)), np.empty(data.y.shape), np.empty(data.y.shape), x0
-    driven, direct = model.b @ v, model.d @ v
-    for i in range(data.n):
-        x[:, i] = now
-        z[:, i] = model.c @ now + direct[:, i]
-        e[:, i] = (data.y[:, i] - task.h(z[:, i : i + 1], p)[:, 0]) * data.known[:, i]
-        now = model.a @ now + driven[:, i] + model.k @ e[:, i]
-    return _Path(v, x, z, e)
-
-
-def _minimised(task: _Task, point: _Point, iterations: int) -> _Point:
+def _minimised(task: Task, point: Point, iterations: int) -> Point:
     damping = 1e-3
     for _ in range(iterations):
         if not np.isfinite(point.cost):
             return point
         columns = coordinates.basis(point.model, task.free)
-        gradient, gram = _normal(task, point, columns)
+        gradient, gram = normal_equations(task, point, columns)
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-12 * np.diag(gram).max(initial=0.0) + 1e-300))
         better, damping = _step(task, point, columns, (gradient / scale, gram / np.outer(scale, scale), scale), damping)
         if better is None:
@@ -255,101 +198,29 @@ def _minimised(task: _Task, point: _Point, iterations: int) -> _Point:
     return replace(point, ended=False)
 
 
-def _power(task: _Task) -> float:
+def _power(task: Task) -> float:
     return float(sum(np.vdot(one.y, one.y) for one in task.pieces))
 
 
 def _step(
-    task: _Task, point: _Point, columns: Array, normal: tuple[Array, Array, Array], damping: float
-) -> tuple[_Point | None, float]:
+    task: Task, point: Point, columns: Array, normal: tuple[Array, Array, Array], damping: float
+) -> tuple[Point | None, float]:
     gradient, gram, scale = normal
     m, nx = columns.shape[1], point.model.nx
     for _ in range(10):
         step = -np.linalg.lstsq(gram + damping * np.eye(len(gram)), gradient, rcond=None)[0] / scale
         model = coordinates.with_values(point.model, coordinates.values(point.model) + columns @ step[:m])
         starts = tuple(x + step[m + i * nx : m + (i + 1) * nx] for i, x in enumerate(point.starts))
-        found = _evaluated(task, model, point.p + step[m + nx * len(starts) :], starts)
+        found = evaluated(task, model, point.p + step[m + nx * len(starts) :], starts)
         if found.cost < point.cost:
             return found, max(damping * 0.2, 1e-9)
         damping = max(damping, 1e-6) * 8.0
     return None, damping
 
 
-def _normal(task: _Task, point: _Point, columns: Array) -> tuple[Array, Array]:
-    """Gradient and Gram over the model's coordinates, the initial states by experiment, and p."""
-    m, nx, count = columns.shape[1], point.model.nx, len(point.p)
-    total = m + nx * len(task.pieces) + count
-    gradient, gram = np.zeros(total), np.zeros((total, total))
-    along = coordinates.joined(coordinates.directions(point.model, columns), coordinates.starts(point.model))
-    for i, (data, path) in enumerate(zip(task.pieces, point.paths, strict=True)):
-        j = _change(task, data, point, path, along).transpose(1, 0, 2).reshape(m + nx + count, -1)
-        own = np.concatenate([np.arange(m), m + i * nx + np.arange(nx), total - count + np.arange(count)])
-        gradient[own] += j @ path.e.ravel()
-        gram[np.ix_(own, own)] += j @ j.T
-    return gradient, gram
-
-
-def _change(task: _Task, data: Piece, point: _Point, path: _Path, along: Directions) -> Array:
-    """de (ny, directions + p, n)."""
-    model, p = point.model, point.p
-    slope = _slope(task.h, path.z, p)  # (ny, ny, n) of the output map by its signal
-    of_p = _by_parameters(task.h, path.z, p)  # (ny, count, n)
-    dv = _by_parameters(task.g, data.u, p)
-    seen = np.concatenate(
-        [_on(along.c, path.x) + _on(along.d, path.v), np.tensordot(model.d, dv, 1)], axis=1
-    )  # of z, before the state's share
-    push = np.concatenate(
-        [_on(along.a, path.x) + _on(along.b, path.v) + _on(along.k, path.e), np.tensordot(model.b, dv, 1)], axis=1
-    )
-    static = np.einsum("yzn,zmn->ymn", slope, seen)
-    static[:, along.count :] += of_p
-    start = np.concatenate([along.x0.T, np.zeros((model.nx, len(p)))], axis=1)
-    known = data.known[:, None, :]
-    if not model.k.any():
-        dx = states(model.a, push, start)
-    else:
-        dx = _varying(model, push - np.tensordot(model.k, static * known, 1), slope * known, start)
-    return np.asarray(-(np.einsum("yzn,zmn->ymn", slope, np.tensordot(model.c, dx, 1)) + static) * known)
-
-
-def _varying(model: Innovations, push: Array, slope: Array, start: Array) -> Array:
-    dx, now = np.empty_like(push), start
-    for i in range(push.shape[-1]):
-        dx[:, :, i] = now
-        now = (model.a - model.k @ slope[:, :, i] @ model.c) @ now + push[:, :, i]
-    return dx
-
-
-def _on(matrices: Array, signals: Array) -> Array:
-    m, rows, s = matrices.shape
-    return np.asarray((matrices.transpose(1, 0, 2).reshape(rows * m, s) @ signals).reshape(rows, m, -1))
-
-
-def _slope(of: Static, z: Array, p: Array) -> Array:
-    """(rows, channels, n): derivative of a map by its signal."""
-    if of is _same:
-        return np.repeat(np.eye(len(z))[:, :, None], z.shape[1], axis=2)
-    columns: list[Array] = []
-    for i in range(len(z)):
-        h = STEP * max(float(np.abs(z[i]).max(initial=0.0)), 1e-9)
-        step = np.zeros((len(z), 1))
-        step[i] = h
-        columns.append((of(z + step, p) - of(z - step, p)) / (2.0 * h))
-    return np.asarray(np.stack(columns, axis=1))
-
-
-def _by_parameters(of: Static, z: Array, p: Array) -> Array:
-    """(rows, count, n): derivative of a map by its parameters."""
-    if of is _same or not len(p):
-        return np.zeros((len(z), len(p), z.shape[1]))
-    steps = STEP * np.maximum(np.abs(p), 1e-3)
-    sides = [(of(z, p + h * unit), of(z, p - h * unit), h) for h, unit in zip(steps, np.eye(len(p)), strict=True)]
-    return np.stack([(np.asarray(up) - np.asarray(down)) / (2.0 * h) for up, down, h in sides], axis=1)
-
-
-def _result(task: _Task, best: _Point, names: tuple[str, ...], costs: list[float], one: Data) -> HammersteinWiener:
+def _result(task: Task, best: Point, names: tuple[str, ...], costs: list[float], one: Data) -> HammersteinWiener:
     count = sum(int(own.known.sum()) for own in task.pieces)
-    _, gram = _normal(task, best, coordinates.basis(best.model, task.free))
+    _, gram = normal_equations(task, best, coordinates.basis(best.model, task.free))
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     relative, first = gram / np.outer(scale, scale), len(gram) - len(best.p)
     check_determined(np.roll(relative, len(best.p), axis=(0, 1)), names)

@@ -1,8 +1,8 @@
 """Linear grey box: the user builds the system from parameters, the data choose them.
 
 The errors of the predictor (or of the simulation) are minimised over the parameters, the gain and the initial states
-by a trust region method within bounds (Branch, Coleman & Li, 1999, as in scipy). Derivatives of the errors are exact
-filters; those of the matrices are central differences of the user's function.
+by a trust region method within bounds (Branch, Coleman & Li, 1999, as in scipy); `structurederrors` knows them and
+their derivatives.
 
 Rules of this file: the user's function is the only model; a continuous system is sampled with held inputs.
 """
@@ -23,19 +23,24 @@ from hoopd.ident.data import Data, experiments
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
-from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coloured import autoregression_of, shaped
-from hoopd.ident.statespace.linear import radius
-from hoopd.ident.statespace.sensitivities import Directions, Piece, paired, piece, sensitivities, trajectory
+from hoopd.ident.statespace.sensitivities import paired, piece
+from hoopd.ident.statespace.structurederrors import (
+    Task,
+    allowed,
+    errors,
+    parts_of,
+    paths_of,
+    slope,
+    variance_of,
+    weight_of,
+)
 from hoopd.ident.statespace.subspace import Focus, check_focus
 
 Array = NDArray[np.float64]
 Constructor = Callable[[Array], Any]
 
 ROUNDS = 3  # of weights of the outputs
-STEP = 1e-5  # relative, of the central differences: error of order STEP^2
-SLOW = 20.0
-FAR = 1e6  # errors (in standard deviations of the output) of parameters whose predictor is not stable
 
 
 @dataclass(frozen=True)
@@ -62,21 +67,6 @@ class Structured:
     def deviations(self) -> dict[str, float]:
         """Standard errors by name."""
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
-
-
-@dataclass(frozen=True)
-class _Task:
-    constructor: Constructor
-    pieces: Sequence[Piece]
-    dt: float
-    count: int  # parameters
-    free_gain: bool
-    estimate: bool  # initial states
-    fixed: tuple[Array, ...]  # initial states otherwise
-    horizon: int
-    simulation: bool
-    regulariser: Callable[[Array, Innovations], Array] | None
-    names: tuple[str, ...]
 
 
 def structured_pem(
@@ -120,7 +110,7 @@ def structured_pem(
     model = build(start)
     if (model.ny, model.nu) != (each[0].ny, each[0].nu):
         raise ValueError(f"the constructor gives {model.ny} outputs and {model.nu} inputs, the data have others")
-    task = _Task(
+    task = Task(
         build, [piece(one) for one in each], each[0].dt, len(start), isinstance(gain, str) and gain == "free",
         isinstance(x0, str) and x0 == "estimate", tuple(_fixed(x0, model) for _ in each), horizon,
         focus == "simulation", regulariser, own,
@@ -171,10 +161,10 @@ def _fixed(x0: Any, model: Innovations) -> Array:
     return start
 
 
-def _minimised(task: _Task, start: Array, bounds: tuple[Array, Array], iterations: int) -> tuple[Array, int]:
+def _minimised(task: Task, start: Array, bounds: tuple[Array, Array], iterations: int) -> tuple[Array, int]:
     """All variables and the evaluations."""
     model = task.constructor(start)
-    if not _allowed(task, model):
+    if not allowed(task, model):
         raise ValueError("the predictor of the start is not stable: start elsewhere, or give a gain")
     extra = model.k.size * task.free_gain + model.nx * len(task.pieces) * task.estimate
     z = np.concatenate(
@@ -184,16 +174,16 @@ def _minimised(task: _Task, start: Array, bounds: tuple[Array, Array], iteration
         np.concatenate([side, np.full(extra, far)]) for side, far in zip(bounds, (-np.inf, np.inf), strict=True)
     )
     free = lower < upper
-    weight, evaluations = _weight(task, None), 0
+    weight, evaluations = weight_of(task, None), 0
     for _ in range(ROUNDS if model.ny > 1 else 1):
         found = optimize.least_squares(
-            lambda v, at, w: _errors(task, _put(at, free, v), w), z[free],
-            lambda v, at, w: _slope(task, _put(at, free, v), w)[:, free],
+            lambda v, at, w: errors(task, _put(at, free, v), w), z[free],
+            lambda v, at, w: slope(task, _put(at, free, v), w)[:, free],
             (lower[free], upper[free]), x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-15, max_nfev=iterations,
             args=(z, weight),
         )  # fmt: skip
         z, evaluations = _put(z, free, found.x), evaluations + int(found.nfev)
-        weight = _weight(task, _paths(task, z))
+        weight = weight_of(task, paths_of(task, z))
     if found.status == 0:
         unsettled(evaluations)
     return z, evaluations
@@ -205,133 +195,16 @@ def _put(z: Array, free: NDArray[np.bool_], v: Array) -> Array:
     return whole
 
 
-def _parts(task: _Task, z: Array) -> tuple[Innovations, tuple[Array, ...]]:
-    """Model and initial states of all variables."""
-    model = task.constructor(z[: task.count])
-    first = task.count
-    if task.free_gain:
-        model = replace(model, k=z[first : first + model.nx * model.ny].reshape(model.nx, model.ny))
-        first += model.nx * model.ny
-    if not task.estimate:
-        return model, task.fixed
-    return model, tuple(z[first + i * model.nx : first + (i + 1) * model.nx] for i in range(len(task.pieces)))
-
-
-def _allowed(task: _Task, model: Innovations) -> bool:
-    finite = all(np.isfinite(one).all() for one in (model.a, model.b, model.c, model.d, model.k))
-    # an error that grows less than SLOW-fold over the data is judged by the errors themselves, an integrator among them
-    edge = 1.0 + np.log(SLOW) / max(one.n for one in task.pieces)
-    return finite and (not model.k.any() or radius(model.a - model.k @ model.c) < edge)
-
-
-def _errors(task: _Task, z: Array, weight: Array) -> Array:
-    model, starts = _parts(task, z)
-    count = sum(one.y.size for one in task.pieces)
-    if not _allowed(task, model):
-        return np.full(count + _extra(task, z, model), FAR)
-    paths = [trajectory(model, one, x, task.horizon).ahead for one, x in zip(task.pieces, starts, strict=True)]
-    out = np.concatenate([(weight @ e).ravel() for e in paths]) / np.sqrt(count)
-    out = np.where(np.isfinite(out), out, FAR)
-    return out if task.regulariser is None else np.concatenate([out, _penalty(task, z, model)])
-
-
-def _penalty(task: _Task, z: Array, model: Innovations) -> Array:
-    assert task.regulariser is not None
-    return np.atleast_1d(np.asarray(task.regulariser(z[: task.count], model), dtype=float))
-
-
-def _extra(task: _Task, z: Array, model: Innovations) -> int:
-    return 0 if task.regulariser is None else len(_penalty(task, z, model))
-
-
-def _slope(task: _Task, z: Array, weight: Array) -> Array:
-    """Derivatives (rows, variables) of `_errors`."""
-    model, starts = _parts(task, z)
-    along = _directions(task, z, model)
-    count = sum(one.y.size for one in task.pieces)
-    blocks, m = [], along.count
-    for i, (one, x) in enumerate(zip(task.pieces, starts, strict=True)):
-        change = sensitivities(model, one, trajectory(model, one, x, task.horizon), along, task.horizon)
-        flat = np.tensordot(weight, change, 1).transpose(0, 2, 1).reshape(-1, m) / np.sqrt(count)
-        rows = np.zeros((len(flat), len(z)))
-        shared = m - model.nx if task.estimate else m
-        rows[:, :shared] = flat[:, :shared]
-        if task.estimate:
-            rows[:, shared + i * model.nx : shared + (i + 1) * model.nx] = flat[:, shared:]
-        blocks.append(rows)
-    whole = np.vstack(blocks)
-    if task.regulariser is None:
-        return whole
-    return np.vstack([whole, _differences(lambda v: _penalty(task, v, _parts(task, v)[0]), z)])
-
-
-def _differences(of: Callable[[Array], Array], z: Array) -> Array:
-    columns = []
-    for i in range(len(z)):
-        h = STEP * max(abs(z[i]), 1e-3)
-        step = np.zeros(len(z))
-        step[i] = h
-        columns.append((of(z + step) - of(z - step)) / (2.0 * h))
-    return np.stack(columns, axis=1)
-
-
-def _directions(task: _Task, z: Array, model: Innovations) -> Directions:
-    """What each parameter does to the matrices, then the free gain's entries, then the initial state's."""
-    p = z[: task.count]
-
-    def full(v: Array) -> Array:
-        return np.concatenate([coordinates.values(task.constructor(v)), _own_start(task, v)])
-
-    change = _differences(full, p)
-    size = len(coordinates.values(model))
-    along = coordinates.directions(model, change[:size])
-    along = replace(along, x0=change[size:].T) if not task.estimate and len(change) > size else along
-    if task.free_gain:
-        along = replace(along, k=np.zeros_like(along.k))
-        along = coordinates.joined(along, coordinates.directions(model, np.eye(size)[:, size - model.k.size :]))
-    return coordinates.joined(along, coordinates.starts(model)) if task.estimate else along
-
-
-def _own_start(task: _Task, p: Array) -> Array:
-    """Initial states that the user's function gives may depend on the parameters."""
-    x0 = task.constructor(p).x0
-    return np.zeros(0) if x0 is None else x0
-
-
-def _paths(task: _Task, z: Array) -> list[Array]:
-    model, starts = _parts(task, z)
-    return [trajectory(model, one, x, task.horizon).ahead for one, x in zip(task.pieces, starts, strict=True)]
-
-
-def _power(task: _Task) -> Array:
-    return np.asarray(
-        sum(np.sum(one.y**2, axis=1) for one in task.pieces) / sum(one.known.sum(axis=1) for one in task.pieces)
-    )
-
-
-def _variance(task: _Task, paths: Sequence[Array]) -> Array:
-    return np.asarray(sum(np.sum(e**2, axis=1) for e in paths) / sum(one.known.sum(axis=1) for one in task.pieces))
-
-
-def _weight(task: _Task, paths: Sequence[Array] | None) -> Array:
-    """Diagonal: outputs by their power first, then by their errors, of the same overall size."""
-    power = _power(task)
-    if paths is None:
-        return np.diag(1.0 / np.sqrt(power))
-    share = np.maximum(_variance(task, paths) / power, 1e-18)
-    return np.diag(np.sqrt(np.exp(np.mean(np.log(share))) / share / power))
-
-
 def _finished(
-    task: _Task,
+    task: Task,
     bounds: tuple[Array, Array],
     z: Array,
     evaluations: int,
     one: Data,
 ) -> Structured:
-    model, starts = _parts(task, z)
-    paths = _paths(task, z)
-    p, variance = z[: task.count], _variance(task, paths)
+    model, starts = parts_of(task, z)
+    paths = paths_of(task, z)
+    p, variance = z[: task.count], variance_of(task, paths)
     near = 1e-9 * np.maximum(np.abs(p), 1e-12)
     bound = (p - bounds[0] <= near) | (bounds[1] - p <= near)
     covariance = _covariance(task, z, paths, np.concatenate([~bound, np.ones(len(z) - task.count, dtype=bool)]))
@@ -346,12 +219,12 @@ def _finished(
     )
 
 
-def _covariance(task: _Task, z: Array, paths: Sequence[Array], free: NDArray[np.bool_]) -> Array:
+def _covariance(task: Task, z: Array, paths: Sequence[Array], free: NDArray[np.bool_]) -> Array:
     """(count, count): the inverse of J'J of whitened errors; J'SJ between two of them where they are not white."""
     count = sum(one.y.size for one in task.pieces)
-    sd = np.sqrt(np.maximum(_variance(task, paths), 1e-300))
+    sd = np.sqrt(np.maximum(variance_of(task, paths), 1e-300))
     whiten = np.diag(1.0 / sd)
-    j = _slope(replace(task, regulariser=None), z, whiten)[:, free] * np.sqrt(count)
+    j = slope(replace(task, regulariser=None), z, whiten)[:, free] * np.sqrt(count)
     scale = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     gram = (j / scale).T @ (j / scale)
     check_determined(gram, [task.names[i] for i in np.flatnonzero(free[: task.count])])
