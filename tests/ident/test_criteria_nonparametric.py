@@ -9,7 +9,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "tools" / "bench"))
 
-from identcriteria import nonparametric as criteria  # noqa: E402
+from identcriteria import nonparametric as criteria
 
 NAMES = sorted(name for name in vars(criteria) if name.startswith("criterion_"))
 

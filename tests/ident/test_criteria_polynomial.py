@@ -9,7 +9,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "tools" / "bench"))
 
-from identcriteria import polynomial  # noqa: E402
+from identcriteria import polynomial
 
 SEEDS = (0, 1)
 

@@ -98,7 +98,7 @@ def criterion_42(seed: int) -> Verdicts:
 
 
 def criterion_43(seed: int) -> Verdicts:
-    """Sums, products, quotients, feedback, the four responses of a loop, Bode, Nyquist: equal to those of the systems."""
+    """Sums, products, quotients, feedback, the four loop responses, Bode, Nyquist: equal to those of the systems."""
     rng, w = np.random.default_rng(seed), np.geomspace(1e-2, 1e2, 100)
     p = ct.tf([float(np.exp(rng.standard_normal()))], [1.0, float(np.exp(rng.standard_normal()))])
     c = ct.tf(np.exp(rng.standard_normal(2)), [1.0, 0.0])
@@ -111,7 +111,9 @@ def criterion_43(seed: int) -> Verdicts:
         "T": (g * k * s, ct.feedback(p * c, 1)), "append": (g.append(k), ct.append(ct.ss(p), ct.ss(c))),
     }  # fmt: skip
     drawn = [ct.frequency_response(one, w) for one in (g * k, p * c)]
-    bode = max(float(np.abs(getattr(drawn[0], part) - getattr(drawn[1], part)).max()) for part in ("magnitude", "phase"))
+    bode = max(
+        float(np.abs(getattr(drawn[0], part) - getattr(drawn[1], part)).max()) for part in ("magnitude", "phase")
+    )
     curves = [ct.nyquist_response(one, omega=w, warn_encirclements=False) for one in (g * k, p * c)]
     nyquist = float(np.abs(curves[0].response - curves[1].response).max())
     errors = {
@@ -177,8 +179,12 @@ def criterion_46(seed: int) -> Verdicts:
         "ramps": bool(np.allclose(faded.y, y * gain) and np.allclose(faded.u, u * gain)),
         "seconds": bool(np.array_equal(part.y, y[100:200]) and np.isclose(part.t[0], 10.0)),
         "tenth": bool(tenth.n == 100 and np.isclose(tenth.dt, 1.0) and tenth.t0 == data.t0),
-        "resampled_error": slow, "resampled": bool(slow < 3e-3), "alias": alias, "no_alias": bool(alias < 1e-3),
-        "line_error": line, "line": bool(line < 1e-10),
+        "resampled_error": slow,
+        "resampled": bool(slow < 3e-3),
+        "alias": alias,
+        "no_alias": bool(alias < 1e-3),
+        "line_error": line,
+        "line": bool(line < 1e-10),
         "every_tenth": bool(np.array_equal(data[::10].y, y[::10]) and np.isclose(data[::10].dt, 1.0)),
         "columns_refused": _refused(y.T),
         "scaling": bool(np.allclose(conditioning.scaled(data, matrix, 2.0).y, y @ matrix.T)),

@@ -61,14 +61,15 @@ def small_systems(seed: int, noise: float = 1e-3) -> tuple[Data, Innovations]:
 def criterion_15(seed: int) -> Verdicts:
     """Integrators and a pole outside: poles held to 0.99, one-step errors below 1 % of the output's power.
 
-    By all weightings and at the full order, also where fewer states than that can be told apart.
+    By all weightings and at the full order, also where fewer states than that can be told apart. The source allows the
+    poles 1e-5 of the bound, and so do we: where several meet at it, rounding can move them by more.
     """
     data, nx = integrators(seed)
     worst, poles = 0.0, 0.0
     for weighting in WEIGHTINGS:
         model = _quiet(data, nx, weighting, stable=0.99)
         worst, poles = max(worst, _share(model, data)), max(poles, radius(model.a))
-    return {"pole": poles, "error": worst, "poles held": poles <= 0.99 + 1e-9, "predicts": worst < 0.01}
+    return {"pole": poles, "error": worst, "poles held": poles <= 0.99 * (1.0 + 1e-5), "predicts": worst < 0.01}
 
 
 def _quiet(data: Data, order: int, weighting: str, **options: float) -> Innovations:
