@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
 from pathlib import Path
 
 import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "tools" / "bench"))
-criteria = importlib.import_module("identcriteria.nonparametric")
+
+from identcriteria import nonparametric as criteria
+
 NAMES = sorted(name for name in vars(criteria) if name.startswith("criterion_"))
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.append(str(Path(__file__).parents[2] / "tools" / "bench"))
 
-from tools.bench.identcriteria import polynomial
+from identcriteria import polynomial
 
 SEEDS = (0, 1)
 
@@ -19,3 +19,8 @@ def test_criterion(criterion: polynomial.Criterion) -> None:
     for seed in SEEDS:
         found = criterion(seed)
         assert found["passed"], (seed, found)
+
+
+def test_all_criteria_are_asked() -> None:
+    named = {name for name in vars(polynomial) if name.startswith(("criterion_", "bar_"))}
+    assert named == {one.__name__ for one in polynomial.FUNCTIONS}

@@ -1,8 +1,8 @@
 """Criteria of the polynomial models, one function each: `criterion_NN(seed)` gives figures and whether they passed.
 
-The numbers are those of the inventory of ControlSystemIdentification.jl, section 3. Bounds hold for any seed (a rate
-over 100 seeds is the benchmark's); where the same figure was met by a lucky seed there, the bound here is the honest
-one. FRT: the largest difference of log10 squared gain over 30 frequencies from 0.001 to pi.
+The numbers are those of the tests of ControlSystemIdentification.jl, and so are the bounds: how often they hold is the
+benchmark's to print. Where a bound is another one, the docstring says "ours" and why. FRT: the largest difference of
+log10 squared gain over 30 frequencies from 0.001 to pi.
 """
 
 from __future__ import annotations
@@ -11,12 +11,16 @@ import warnings
 from collections.abc import Callable
 from functools import wraps
 
+import control as ct
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
+from scipy.stats import multivariate_normal
 
 from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.conditioning import predictor_data
 from hoopd.ident.data import Data, iddata
+from hoopd.ident.measures import criteria, fit_percent, fpe, mse, nrmse, rms, sse
 from hoopd.ident.models import Polynomials
 from hoopd.ident.polynomial.ar import ar, arma, arma_ssa, driving_noise
 from hoopd.ident.polynomial.ararx import ararx, innovations
@@ -30,12 +34,12 @@ from hoopd.ident.polynomial.estimators import (
     weighted_total_least_squares,
 )
 from hoopd.ident.polynomial.gaussnewton import search
-from hoopd.ident.polynomial.orders import aic, aicc, bic, fpe, scan
+from hoopd.ident.polynomial.orders import scan
 from hoopd.ident.polynomial.pem import armax, oe, stretches
 from hoopd.ident.polynomial.plr import plr
 from hoopd.ident.polynomial.structure import structure
-from hoopd.ident.prediction import predict, simulate
-from tools.bench.identcriteria import sets
+from hoopd.ident.prediction import error_system, predict, simulate
+from identcriteria import sets
 
 Array = NDArray[np.float64]
 Figures = dict[str, float | bool]
@@ -97,7 +101,7 @@ def _first_by_all(data: Data) -> dict[str, float]:
 def criterion_01(seed: int) -> Figures:
     """0.8/(z - 0.9), 2000 samples, output noise of one: bias of LS and TLS, none of weighted TLS and PLR."""
     found = _first_by_all(_first(2000, seed, 1.0))
-    out = passed(found, ls=1.5, tls=1.0, wtls=0.2, plr=0.12)
+    out = passed(found, ls=1.5, tls=1.0, wtls=0.12, plr=0.12)
     out["passed"] = bool(out["passed"]) and found["ls"] > 0.7 and found["tls"] > 0.5
     return out
 
@@ -121,20 +125,25 @@ def criterion_03(seed: int) -> Figures:
 
 @quiet
 def criterion_04(seed: int) -> Figures:
-    """ARX on 20 samples without noise in every shape of orders; two copies equal one."""
+    """ARX on 20 samples without noise in every shape of orders; two copies equal one; drawn by their covariance, 500
+    sets of coefficients have the true ones for their mean (the source's particles)."""
     rng = np.random.default_rng(seed)
-    worst = 0.0
+    worst, copies, particles = 0.0, 0.0, 0.0
     for na, nb, lag in ((1, (1,), (1,)), (1, (2,), (1,)), (0, (1,), (1,)), (1, (1,), (2,)), (1, (1,), (0,)),
-                        (1, (2, 3), (2, 3))):  # fmt: skip
+                        (1, (2, 3), (1, 1)), (1, (2, 3), (2, 3))):  # fmt: skip
         own = structure(len(nb), na, nb, delay=lag)
         true = np.concatenate([-rng.uniform(0.2, 0.9, na), rng.uniform(0.5, 2.0, sum(nb))])
         u = rng.standard_normal((20, len(nb)))
         parts = list(own.split(true))
         y = lfilter([1.0], parts[0], sum(lfilter(b, [1.0], u[:, i]) for i, b in enumerate(parts[1 : 1 + len(nb)])))
         data = iddata(y, u)
-        one, two = arx(data, na, nb, lag).values, arx([data, data], na, nb, lag).values
-        worst = max(worst, float(np.abs(one / true - 1.0).max()), 100.0 * float(np.abs(one - two).max()))
-    return passed({"error": worst}, error=1e-8)
+        one, two = arx(data, na, nb, lag), arx([data, data], na, nb, lag)
+        assert one.covariance is not None
+        drawn = rng.multivariate_normal(one.values, one.covariance, 500).mean(axis=0)
+        worst = max(worst, float(np.abs(one.values / true - 1.0).max()))
+        copies = max(copies, float(np.abs(one.values - two.values).max()))
+        particles = max(particles, float(np.abs(drawn - true).max()))
+    return passed({"error": worst, "copies": copies, "particles": particles}, error=1e-8, copies=1e-10, particles=1e-4)
 
 
 @quiet
@@ -177,13 +186,14 @@ def criterion_07(seed: int) -> Figures:
     rms = float(np.sqrt(np.mean(driving_noise(model, data)[1:] ** 2)))
     return passed(
         {"pole": abs(model.values[0] + 0.9), "frt": frt((np.ones(1), model.a), (np.ones(1), np.array([1.0, -0.9]))),
-         "rms": rms}, pole=0.02, frt=0.09, rms=0.0106,
+         "rms": rms}, pole=0.02, frt=0.08, rms=0.0105,
     )  # fmt: skip
 
 
 @quiet
 def criterion_08(seed: int) -> Figures:
-    """ARMA (z + 0.1)/(z^2 - 0.9 z + 0.1), 5000 samples, both methods."""
+    """ARMA (z + 0.1)/(z^2 - 0.9 z + 0.1), 5000 samples, both methods; two coefficients of a and, the leading one fixed,
+    one of c (the source counts it: two). FRT 0.15, ours: 0.3 there, 0.12 at most seen."""
     c, a = np.array([1.0, 0.1]), np.array([1.0, -0.9, 0.1])
     e = np.random.default_rng(seed).standard_normal(5000)
     data = iddata(lfilter(c, a, e))
@@ -192,7 +202,7 @@ def criterion_08(seed: int) -> Figures:
         model = arma(data, 2, 1, method=name)  # type: ignore[arg-type]
         found[f"{name} coefficients"] = float(np.abs(model.values - [-0.9, 0.1, 0.1]).max())
         found[f"{name} frt"] = frt((model.c, model.a), (c, a))
-        found[f"{name} noise"] = float(np.mean((driving_noise(model, data) - e)[50:] ** 2))
+        found[f"{name} noise"] = float(np.mean((driving_noise(model, data) - e) ** 2))
     bounds = {f"{name} {what}": b for name in ("pem", "two-stage")
               for what, b in (("coefficients", 0.5), ("frt", 0.15), ("noise", 0.01))}  # fmt: skip
     return passed(found, **bounds)
@@ -201,13 +211,24 @@ def criterion_08(seed: int) -> Figures:
 @quiet
 def criterion_09(seed: int) -> Figures:
     """ARMA by singular spectra: 1/(s^2 + 0.2 s + 1) sampled at 1 s and driven by noise, 1000 samples, 200 lags."""
+    return passed(_by_singular_spectra(seed), numerator=0.7, denominator=0.2, frt=2.1)
+
+
+@quiet
+def bar_arma_ssa(seed: int) -> Figures:
+    """The same to bounds that tell more: half of the denominator's, a quarter of the response's."""
+    return passed(_by_singular_spectra(seed), denominator=0.1, frt=0.6)
+
+
+def _by_singular_spectra(seed: int) -> dict[str, float]:
     b, a, _ = cont2discrete(([1.0], [1.0, 0.2, 1.0]), 1.0)
     e = np.random.default_rng(seed).standard_normal(1000)
     model = arma_ssa(iddata(lfilter(b[0], a, e)), 2, 1, window=200)
     shown = (np.sqrt(model.variance) * model.c, model.a)
-    return passed(
-        {"denominator": float(np.abs(model.a - a).max()), "frt": frt(shown, (b[0][1:], a))}, denominator=0.1, frt=0.6
-    )
+    return {
+        "numerator": float(np.abs(shown[0] - b[0][1:]).max()), "denominator": float(np.abs(model.a - a).max()),
+        "frt": frt(shown, (b[0][1:], a)),
+    }  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------------------- 10 to 14: ARARX
@@ -232,13 +253,20 @@ def _both(data: Data, e: Array, a: float, d: float, prior: Array | None = None) 
 
 @quiet
 def criterion_10(seed: int) -> Figures:
-    """S1: a 0.8, d 0.7, noise of one, 500 samples; prediction beats simulation."""
+    """S1: a 0.8, d 0.7, noise of one, 500 samples; the filter of the errors; prediction beats simulation."""
     data, e = _soderstrom(0.8, 0.7, 1.0, 500, seed)
     found = _both(data, e, 0.8, 0.7)
     model = ararx(data, 1, 1, 1)
-    errors = [float(np.mean((data.y - said)[5:] ** 2)) for said in (predict(model, data), simulate(model, data))]
-    return passed(found | {"prediction over simulation": errors[0] / errors[1]}, g=0.12, h=0.12, e=0.1,
-                  **{"prediction over simulation": 1.0})  # fmt: skip
+    errors = [float(np.mean((data.y - said) ** 2)) for said in (predict(model, data), simulate(model, data))]
+    found["prediction over simulation"] = errors[0] / errors[1]
+    found["filter"] = _filter_error(model, data, e)
+    return passed(found, g=0.1, h=0.1, e=0.1, filter=0.2, **{"prediction over simulation": 1.0})
+
+
+def _filter_error(model: Polynomials, data: Data, e: Array) -> float:
+    """|ehat - e|/|e| of the errors that the model's own filter makes of [u; y], from rest."""
+    said = ct.forced_response(error_system(model), U=predictor_data(data).u.T).outputs
+    return float(np.linalg.norm(np.squeeze(said) - e) / np.linalg.norm(e))
 
 
 @quiet
@@ -250,21 +278,32 @@ def criterion_11(seed: int) -> Figures:
 
 @quiet
 def criterion_12(seed: int) -> Figures:
-    """AR noise model of moving-average noise 1 + 0.7 q^-1 of 0.1; the best D is 1 - 0.7/1.49 q^-1."""
+    """AR noise model of moving-average noise 1 + 0.7 q^-1 of 0.1: D within 0.1 of 1 - 0.49 q^-1.
+
+    The best D is 1 - 0.7/1.49 q^-1, 0.02 from it, and the estimates scatter about that one by 0.04.
+    """
     u, e = np.random.default_rng(seed).standard_normal((2, 500))
     y = lfilter([0.0, 1.0], [1.0, 0.8], u) + lfilter([1.0, 0.7], [1.0, 0.8], 0.1 * e)
-    return passed(_both(iddata(y, u), 0.1 * e, 0.8, -0.7 / 1.49), g=0.1, h=0.12)
+    return passed(_both(iddata(y, u), 0.1 * e, 0.8, -0.49), g=0.1, h=0.1)
 
 
 @quiet
 def criterion_13(seed: int) -> Figures:
-    """S10: a 0.5, d 0.5, noise of 5, 2000 samples, the noise model given first."""
+    """S10: a 0.5, d 0.5, noise of 5, 2000 samples, the noise model given first.
+
+    H within 0.1 by the ten turns of the source, which end as soon as the residual variance moves by less than 0.001:
+    they stay at the D that they were given. H within 0.2, ours, at the least sum of squares: there d has a standard
+    error of 0.09 (a and d can hardly be told apart under such noise), so that 0.1 holds at five seeds of six.
+    """
     data, e = _soderstrom(0.5, 0.5, 5.0, 2000, seed)
     prior = np.array([1.0, 0.5])
-    model = ararx(data, 1, 1, 1, prior=prior)
+    few = ararx(data, 1, 1, 1, method="gls", prior=prior, iterations=10, tolerance=1e-3)
     found = _both(data, e, 0.5, 0.5, prior)
-    return passed(found | {"frt": frt(model.dynamics(0), (np.array([0.0, 1.0]), np.array([1.0, 0.5])))},
-                  g=0.4, h=0.2, frt=0.5)  # fmt: skip
+    found["few turns g"] = float(np.abs(few.values[:2] - [0.5, 1.0]).max())
+    found["few turns h"] = float(abs(few.values[2] - 0.5))
+    models = (few, ararx(data, 1, 1, 1, prior=prior))
+    found["frt"] = max(frt(one.dynamics(0), (np.array([0.0, 1.0]), np.array([1.0, 0.5]))) for one in models)
+    return passed(found, g=0.4, h=0.2, frt=0.5, **{"few turns g": 0.4, "few turns h": 0.1})
 
 
 @quiet
@@ -279,7 +318,7 @@ def criterion_14(seed: int) -> Figures:
         model = ararx(iddata(y, u), 1, [1, 1], 1, lag)
         found[f"g{lag}"] = float(np.abs(model.values[:3] - [0.8, 1.0, 2.0]).max())
         found[f"h{lag}"] = float(abs(model.values[3] - 0.7))
-    return passed(found, g1=0.3, h1=0.3, g2=0.2, h2=0.15)
+    return passed(found, g1=0.3, h1=0.3, g2=0.1, h2=0.1)
 
 
 # ------------------------------------------------------------------------------------------------- others
@@ -287,37 +326,83 @@ def criterion_14(seed: int) -> Figures:
 
 @quiet
 def criterion_41(seed: int) -> Figures:
-    """Two resonances, 10 and 20 rad/s, damping 0.02, step 0.05 s: ARX(2, 2) focused on each finds its poles."""
+    """Two resonances, 10 and 20 rad/s, damping 0.02, step 0.05 s: ARX(2, 2) focused on each finds its poles.
+
+    Poles in continuous time, relative to their own distance from 0, and log10 squared gain over a tenth to either side;
+    noise of 5 % of the output, ours: the source has none.
+    """
     dt, rng = 0.05, np.random.default_rng(seed)
     u = rng.standard_normal(3000)
     true = [cont2discrete(([w * w], [1.0, 0.04 * w, w * w]), dt) for w in (10.0, 20.0)]
     y = sum(lfilter(b[0], a, u) for b, a, _ in true)
     data = iddata(y + 0.05 * np.std(y) * rng.standard_normal(3000), u, dt)
     poles, gains = [], []
-    for w in (10.0, 20.0):
-        model = arx(data, 2, 3, 0, focus_hz=(0.9 * w / (2 * np.pi), 1.1 * w / (2 * np.pi)))
-        root = np.log(np.roots(model.a)[0]) / dt
-        poles.append(abs(abs(root) / w - 1.0))
+    for w, (_, own, _) in zip((10.0, 20.0), true, strict=True):
+        model = arx(data, 2, 2, focus_hz=(0.9 * w / (2 * np.pi), 1.1 * w / (2 * np.pi)))
+        poles.append(float(abs(_upper_rate(model.a, dt) / _upper_rate(own, dt) - 1.0)))
         omega = np.linspace(0.9 * w, 1.1 * w, 50) * dt
         exact = sum(response(b[0], a, omega) for b, a, _ in true)
-        gains.append(np.quantile(np.abs(np.log10(np.abs(response(*model.dynamics(0), omega) / exact))), 0.9))
+        off = 2.0 * np.log10(np.abs(response(*model.dynamics(0), omega) / exact))
+        gains.append(float(np.quantile(np.abs(off), 0.9)))
     return passed({"poles": max(poles), "gain": max(gains)}, poles=0.05, gain=0.22)
+
+
+def _upper_rate(a: Array, dt: float) -> complex:
+    """The pole of 1/A in continuous time, the one with positive imaginary part; 1/s."""
+    return complex(max((np.log(complex(one)) / dt for one in np.roots(a)), key=lambda one: one.imag))
 
 
 @quiet
 def criterion_49(seed: int) -> Figures:
-    """Criteria against their formulas for vectors and matrices; BIC finds the orders of arx2."""
-    e = np.random.default_rng(seed).standard_normal((60, 2))
-    v, p, n = e.T @ e / 60, 7, 60
-    det = float(np.linalg.det(v))
-    wanted = [n * np.log(det) + 2 * p, n * np.log(det) + 2 * p + 2 * 8 * 9 / 51, n * np.log(det) + p * np.log(n)]
-    error = max(abs(one(v, n, p) - w) for one, w in zip((aic, aicc, bic), wanted, strict=True))
-    error = max(error, abs(fpe(v, n, p) - det * (n + p) / (n - p)))
+    """Fit, sums and criteria as the toolbox gives them: 100 % and 0 on equal signals, their definitions on others.
+
+    Two outputs, a sample in ten of the second missing. BIC finds the orders of arx2 (ours: the source scans by AIC).
+    """
+    rng = np.random.default_rng(seed)
+    y, said = rng.standard_normal((2, 60, 2))
+    out = passed({"itself": float(np.abs(fit_percent(y, y) - 100.0).max()), "nothing": _all_errors(np.zeros((60, 2))),
+                  "sums": _sums(y, said), "criteria": _information(y - said, 7)},
+                 itself=1e-12, nothing=1e-12, sums=1e-12, criteria=1e-9)  # fmt: skip
     best = scan(sets.arx2(2000, seed)[0], range(1, 5), range(1, 5), range(3)).best("bic")
-    out = passed({"error": error}, error=1e-9)
     out["orders"] = (best.na, best.nb, best.delay) == (2, (2,), (1,))
     out["passed"] = bool(out["passed"]) and bool(out["orders"])
     return out
+
+
+def _all_errors(e: Array) -> float:
+    """The largest of the sums and means, and the prediction error of a covariance of no errors."""
+    return max(float(np.max(one(e))) for one in (sse, mse, rms)) + fpe(e.T @ e / len(e), len(e), 3)
+
+
+def _sums(y: Array, said: Array) -> float:
+    """Relative distance from the definitions, written out sample by sample."""
+    y = y.copy()
+    y[::10, 1] = np.nan
+    worst = 0.0
+    for i in range(2):
+        pairs = [(a, b) for a, b in zip(y[:, i], said[:, i], strict=True) if np.isfinite(a)]
+        total = sum((a - b) ** 2 for a, b in pairs)
+        middle = sum(a for a, _ in pairs) / len(pairs)
+        ratio = (total / sum((a - middle) ** 2 for a, _ in pairs)) ** 0.5
+        wanted = (total, total / len(pairs), (total / len(pairs)) ** 0.5, ratio, 100.0 * (1.0 - ratio))
+        e = y - said
+        told = (sse(e)[i], mse(e)[i], rms(e)[i], nrmse(y, said)[i], fit_percent(y, said)[i])
+        worst = max(worst, *(abs(a / b - 1.0) for a, b in zip(told, wanted, strict=True)))
+    return float(worst)
+
+
+def _information(e: Array, d: int) -> float:
+    """`measures.criteria` against the likelihood: what the log likelihood of normal errors differs by from -AIC/2."""
+    found, n = criteria(e, d), len(e)
+    v = e.T @ e / n
+    likelihood = float(np.sum(multivariate_normal(np.zeros(2), v).logpdf(e)))
+    aic = -2.0 * (likelihood + n * (1.0 + np.log(2.0 * np.pi))) + 2.0 * d
+    k = d + 1
+    wanted = {
+        "aic": aic, "aicc": aic + 2.0 * k * (k + 1) / (n - k - 1), "bic": aic + d * (np.log(n) - 2.0),
+        "fpe": float(np.prod(np.linalg.eigvalsh(v))) * (1.0 + d / n) / (1.0 - d / n),
+    }  # fmt: skip
+    return max(abs(getattr(found, name) / value - 1.0) for name, value in wanted.items())
 
 
 @quiet
@@ -371,5 +456,5 @@ def bar_oe2(seed: int) -> Figures:
 FUNCTIONS: tuple[Criterion, ...] = (
     criterion_01, criterion_02, criterion_03, criterion_04, criterion_05, criterion_06, criterion_07, criterion_08,
     criterion_09, criterion_10, criterion_11, criterion_12, criterion_13, criterion_14, criterion_41, criterion_49,
-    criterion_delay, bar_arx2, bar_armax2, bar_oe2,
+    criterion_delay, bar_arma_ssa, bar_arx2, bar_armax2, bar_oe2,
 )  # fmt: skip

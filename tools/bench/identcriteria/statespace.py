@@ -40,14 +40,14 @@ def _output_error(a: Array, rng: np.random.Generator, nu: int, ny: int) -> Innov
     return Innovations(a, b, c, np.zeros((ny, nu)), np.zeros((nx, ny)), 1.0)
 
 
-def integrators(seed: int) -> Data:
-    """nx 1 to 5 integrators, one with a pole of 1.01, 500 samples, noise 0.1."""
+def integrators(seed: int) -> tuple[Data, int]:
+    """nx 1 to 5 integrators, one with a pole of 1.01, 500 samples, noise 0.1; and nx."""
     rng = np.random.default_rng(seed)
     nx, nu, ny = _shape(rng)
     a = np.eye(nx)
     a[0, 0] = 1.01
     model = _output_error(a, rng, nu, ny)
-    return made(model, rng.standard_normal((500, nu)), 0.1 * rng.standard_normal((500, ny)))
+    return made(model, rng.standard_normal((500, nu)), 0.1 * rng.standard_normal((500, ny))), nx
 
 
 def small_systems(seed: int, noise: float = 1e-3) -> tuple[Data, Innovations]:
@@ -59,21 +59,28 @@ def small_systems(seed: int, noise: float = 1e-3) -> tuple[Data, Innovations]:
 
 
 def criterion_15(seed: int) -> Verdicts:
-    """Integrators and a pole outside: poles held to 0.99, one-step errors below 1 % of the output's power."""
-    data = integrators(seed)
+    """Integrators and a pole outside: poles held to 0.99, one-step errors below 1 % of the output's power.
+
+    By all weightings and at the full order, also where fewer states than that can be told apart. The source allows the
+    poles 1e-5 of the bound, and so do we: where several meet at it, rounding can move them by more.
+    """
+    data, nx = integrators(seed)
     worst, poles = 0.0, 0.0
     for weighting in WEIGHTINGS:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            model = subspaceid(data, min(_minimal(data), 5), weighting=weighting, stable=0.99)
-        e = data.y - predict(model, data)
-        worst = max(worst, float(np.mean(e[50:] ** 2) / np.mean(data.y**2)))
-        poles = max(poles, radius(model.a))
-    return {"pole": poles, "error": worst, "poles held": poles <= 0.99 + 1e-9, "predicts": worst < 0.01}
+        model = _quiet(data, nx, weighting, stable=0.99)
+        worst, poles = max(worst, _share(model, data)), max(poles, radius(model.a))
+    return {"pole": poles, "error": worst, "poles held": poles <= 0.99 * (1.0 + 1e-5), "predicts": worst < 0.01}
 
 
-def _minimal(data: Data) -> int:
-    return 1 + min(data.nu, data.ny)
+def _quiet(data: Data, order: int, weighting: str, **options: float) -> Innovations:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return subspaceid(data, order, weighting=weighting, **options)  # type: ignore[arg-type]
+
+
+def _share(model: Innovations, data: Data) -> float:
+    """Mean squared one-step error over the mean square of the outputs."""
+    return float(np.mean((data.y - predict(model, data)) ** 2) / np.mean(data.y**2))
 
 
 def criterion_16(seed: int) -> Verdicts:
@@ -82,8 +89,11 @@ def criterion_16(seed: int) -> Verdicts:
 
 
 def criterion_18(seed: int) -> Verdicts:
-    """The same by all weightings; automatic order at most two above."""
-    return _small(seed, WEIGHTINGS, 2.0)
+    """The same by all weightings; automatic order at most two above; S below twice the noise by each (the source allows
+    five times by CVA and IVM). Errors below 12 % on integrators with a pole outside that is left where it is."""
+    data, nx = integrators(seed)
+    worst = max(_share(_quiet(data, nx, weighting), data) for weighting in WEIGHTINGS)
+    return _small(seed, WEIGHTINGS, 2.0) | {"integrators": worst, "predicts integrators": worst < 0.12}
 
 
 def _small(seed: int, weightings: tuple[str, ...], share: float) -> Verdicts:
@@ -106,7 +116,7 @@ def _small(seed: int, weightings: tuple[str, ...], share: float) -> Verdicts:
 
 
 def criterion_17(seed: int) -> Verdicts:
-    """First order, b/(z - a): both within 0.01, frequency response within 0.01."""
+    """First order, b/(z - a): both within 0.01, frequency response within 0.01; one of the source's hundred cells."""
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-0.99, 0.99), rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 5.0)
     one = np.ones((1, 1))
