@@ -107,7 +107,7 @@ def estimate_x0(
     linear in the initial state.
     """
     own = matched(model, data)
-    start = np.full(own.nx, np.nan) if fixed is None else np.asarray(fixed, dtype=float).reshape(-1)
+    start = np.full(own.nx, np.nan) if fixed is None else np.array(fixed, dtype=float).reshape(-1)
     if len(start) != own.nx or np.isinf(start).any():
         raise ValueError(f"fixed has {len(start)} numbers for {own.nx} states; NaN marks those that are to be found")
     sought = np.isnan(start)

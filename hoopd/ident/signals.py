@@ -92,7 +92,7 @@ def multisine(samples: int, step_s: float, low_hz: float, high_hz: float, seed: 
     duration = samples * step_s
     lines = np.arange(max(1, int(np.ceil(low_hz * duration - 1e-9))), int(np.floor(high_hz * duration + 1e-9)) + 1)
     if len(lines) == 0 or 2 * lines[-1] >= samples:
-        raise ValueError(f"no line of {1.0 / duration:.3g} Hz between {low_hz:g} and {high_hz:g} Hz")
+        raise ValueError(f"{samples} samples of {step_s:g} s have no line between {low_hz:g} and {high_hz:g} Hz")
     k = np.arange(1, len(lines) + 1)
     spectrum = np.zeros(samples // 2 + 1, complex)
     spectrum[lines] = np.exp(-1j * pi * k * (k - 1) / len(lines))

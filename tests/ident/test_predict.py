@@ -80,7 +80,9 @@ def test_states_that_are_known_stay_as_they_are() -> None:
     model = random_model(2)
     data, _, x0 = made(model, 100, 2)
     wrong = np.array([np.nan, x0[1] + 1.0, np.nan, np.nan])
+    given = wrong.copy()
     found = estimate_x0(model, data, simulation=True, fixed=wrong)
+    assert np.array_equal(wrong, given, equal_nan=True)  # the caller's own stays
     assert found[1] == x0[1] + 1.0
     right = np.array([np.nan, x0[1], np.nan, x0[3]])
     assert np.allclose(estimate_x0(model, data, samples=2, fixed=right), x0, atol=1e-9)

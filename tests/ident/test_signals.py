@@ -71,6 +71,12 @@ def test_chirp_spends_as_long_on_every_octave() -> None:
     assert np.array_equal(chirp(100, STEP_S, 0.5, 8.0, seed=3), -chirp(100, STEP_S, 0.5, 8.0))
 
 
+@pytest.mark.parametrize("samples", [0, 1, 5])
+def test_a_multisine_without_a_line_in_its_band_is_refused(samples: int) -> None:
+    with pytest.raises(ValueError, match="have no line between"):
+        multisine(samples, STEP_S, 0.3, 5.0)
+
+
 def test_multisine_has_equal_lines_in_its_band_and_nothing_else() -> None:
     u = multisine(1000, STEP_S, 0.3, 5.0, seed=2)
     frequency, power = spectrum(u, STEP_S)
