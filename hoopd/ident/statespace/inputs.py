@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from hoopd.ident.statespace.linear import states
+from hoopd.ident.statespace.linear import run_down
 from hoopd.ident.statespace.sensitivities import Piece
 
 Array = NDArray[np.float64]
@@ -37,8 +37,9 @@ def fit_inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], *, direct:
     """The least squares of the errors one step ahead (k = 0: of the simulation) of complete pieces."""
     nx, ny = len(a), len(c)
     nu = len(pieces[0].u)
-    inner = a - k @ c
-    blocks = [_columns(inner, c, k, one, direct) for one in pieces]
+    # in the Schur basis of the recursion an unknown drives one row of it, and two changes of basis are saved
+    t, z = linalg.schur(a - k @ c)
+    blocks = [_columns(t, c @ z, z.T @ k, one, direct) for one in pieces]
     shared = blocks[0][0].shape[1]
     rows = [len(block) for block, _, _ in blocks]
     x = np.zeros((sum(rows), shared + nx * len(pieces)))
@@ -49,8 +50,8 @@ def fit_inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], *, direct:
         first += len(block)
     found = least_squares(x, np.concatenate([target for _, _, target in blocks]))
     d = found[nu * nx : shared].reshape(nu, ny).T if direct else np.zeros((ny, nu))
-    b = found[: nu * nx].reshape(nu, nx).T + k @ d
-    return Inputs(b, d, tuple(found[shared + i * nx : shared + (i + 1) * nx] for i in range(len(pieces))))
+    b = z @ found[: nu * nx].reshape(nu, nx).T + k @ d
+    return Inputs(b, d, tuple(z @ found[shared + i * nx : shared + (i + 1) * nx] for i in range(len(pieces))))
 
 
 def least_squares(x: Array, y: Array) -> Array:
@@ -71,13 +72,22 @@ def least_squares(x: Array, y: Array) -> Array:
     return np.asarray(linalg.lstsq(x / unit, y, lapack_driver="gelsy", cond=1e-14)[0] / unit)
 
 
-def _columns(inner: Array, c: Array, k: Array, data: Piece, direct: bool) -> tuple[Array, Array, Array]:
-    """Columns of B - K D (input by input, state by state) and D; of x0; the target; rows by output, then time."""
-    nx, ny, n, nu = len(inner), len(c), data.n, len(data.u)
-    driven = np.einsum("ij,kn->ikjn", np.eye(nx), data.u).reshape(nx, nu * nx, n)
-    rows = np.tensordot(c, states(inner, driven), 1).transpose(0, 2, 1).reshape(ny * n, nu * nx)
+def _columns(t: Array, c: Array, k: Array, data: Piece, direct: bool) -> tuple[Array, Array, Array]:
+    """Columns of B - K D (input by input, state by state) and D; of x0; the target; rows by output, then time.
+
+    t: a real Schur form, c and k in its basis.
+    """
+    nx, ny, n, nu = len(t), len(c), data.n, len(data.u)
+    driven = np.zeros((nx, nu + 1, nx, n))
+    for state in range(nx):
+        driven[state, :nu, state, 1:] = data.u[:, :-1]
+        driven[state, nu, state, 0] = 1.0
+    reading = np.zeros((nx, n))
+    reading[:, 1:] = k @ data.y[:, :-1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        seen = np.tensordot(c, run_down(t, driven), 1).reshape(ny, (nu + 1) * nx, n).transpose(0, 2, 1)
+        target = data.y - c @ run_down(t, reading)
+    rows, free = seen[:, :, : nu * nx].reshape(ny * n, -1), seen[:, :, nu * nx :].reshape(ny * n, nx)
     if direct:
         rows = np.hstack([rows, np.einsum("ij,kn->inkj", np.eye(ny), data.u).reshape(ny * n, nu * ny)])
-    free = np.tensordot(c, states(inner, np.zeros((nx, nx, n)), np.eye(nx)), 1).transpose(0, 2, 1).reshape(ny * n, nx)
-    target = data.y - c @ states(inner, k @ data.y)
     return rows, free, target.ravel()

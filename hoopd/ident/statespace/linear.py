@@ -27,11 +27,16 @@ def states(a: Array, driven: Array, x0: Array | None = None) -> Array:
     w[..., 1:] = np.tensordot(z.T, driven[..., :-1], 1)
     w[..., 0] = 0.0 if x0 is None else np.tensordot(z.T, x0, 1)
     with np.errstate(over="ignore", invalid="ignore"):
-        for rows in _blocks_upwards(t):
-            if rows.stop < nx:
-                w[rows, ..., 1:] += np.tensordot(t[rows, rows.stop :], w[rows.stop :, ..., :-1], 1)
-            w[rows] = _block(t[rows, rows], w[rows])
-        return np.asarray(np.tensordot(z, w, 1))
+        return np.asarray(np.tensordot(z, run_down(t, w), 1))
+
+
+def run_down(t: Array, w: Array) -> Array:
+    """s(k) = t s(k-1) + w(k), (nx, ..., n), for a real Schur form t (nx, nx); w (nx, ..., n) is overwritten."""
+    for rows in _blocks_upwards(t):
+        if rows.stop < len(t):
+            w[rows, ..., 1:] += np.tensordot(t[rows, rows.stop :], w[rows.stop :, ..., :-1], 1)
+        w[rows] = _block(t[rows, rows], w[rows])
+    return w
 
 
 def outputs(a: Array, c: Array, driven: Array, x0: Array | None = None) -> Array:
