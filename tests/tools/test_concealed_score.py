@@ -198,7 +198,7 @@ def test_a_diagnosis_that_failed_is_an_answer(folder: runfolder.RunFolder) -> No
     assert not score._done(folder, kind, "nobody", False)
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(900)  # 30 s of a processor, which other work may share
 def test_a_run_names_what_is_hidden_and_nothing_where_nothing_is(
     folder: runfolder.RunFolder, capsys: pytest.CaptureFixture[str]
 ) -> None:
