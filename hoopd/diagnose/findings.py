@@ -184,7 +184,8 @@ def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played]) -> EffectFi
         evidence=Evidence(log_likelihood_gain=unknown.gain, threshold=unknown.threshold, heldout_gain_percent=gain),
         not_excluded=[f"unknown.{slot}" for slot in unknown.not_excluded],
         statement=f"something that is not in the library, at the {unknown.curve.slot}, "
-        f"follows {' and '.join(unknown.curve.depends_on)}",
+        f"follows {' and '.join(unknown.curve.depends_on)}"
+        f"{'' if unknown.carries_over else ', by another curve in the held-out recordings'}",
         ablation=ablation,
     )
 
@@ -202,6 +203,7 @@ def unexplained_of(unknown: Unknown | None) -> Unexplained | None:
             x=shape.x.tolist(), y=shape.y.tolist(), low=shape.low.tolist(), high=shape.high.tolist(),
         ),
         share=unknown.share,
+        carries_over=unknown.carries_over,
     )  # fmt: skip
 
 

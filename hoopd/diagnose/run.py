@@ -115,7 +115,7 @@ def diagnose(case: Case) -> Outcome:
     unknown = missing.unknown
     case.progress("proof on held-out data")
     fits = played(heldout_fits(named, runs, missing.base, missing.proof))
-    final = named.final if missing.proof is None else missing.proof.joint
+    final = missing.joint or named.final
     table = FitTable(
         train=fits_of(played({"nominal": named.nominal, "base": named.base, "final": final})),
         heldout=fits_of(fits) if fits else {},

@@ -125,7 +125,9 @@ def test_an_unknown_effect_is_proven_on_held_out_data_and_is_the_ceiling(magneti
     quiet = Noise(0.1 * NOISE.force, NOISE.time_s, NOISE.reading)
     held = HeldOut([stretch_with(PLANT, "held", 21, 10.0, [MAGNET], {"hoop.magnet.A": PULL}, noise=quiet)])
     proof = proven(found, held)
-    assert proof is not None and proof.heldout_gain is not None and proof.heldout_gain > 10.0
+    assert proof is not None and proof.joint is not None and proof.heldout is not None and proof.unknown.carries_over
+    without = held.of(magnetic.fit)
+    assert without is not None and without.criterion - proof.heldout.criterion > 10.0
     assert proof.unknown.gain == pytest.approx(magnetic.fit.criterion - proof.joint.criterion)
     fits = played(heldout_fits(Named(magnetic.fit, magnetic.fit, magnetic.fit), held, magnetic, proof))
     told, row = unknown_finding(proof.unknown, fits).ablation, fits_of(fits)["held"]
@@ -141,6 +143,19 @@ def test_an_unknown_effect_that_the_held_out_data_deny_is_not_declared(magnetic:
     found = judge_unknown(magnetic)
     assert found is not None
     assert proven(found, HeldOut([stretch_with(PLANT, "held", 22, 10.0)])) is None
+
+
+def test_what_the_held_out_data_ask_for_with_other_values_is_unknown_and_in_no_model(magnetic: Survey) -> None:
+    found = judge_unknown(magnetic)
+    assert found is not None
+    held = HeldOut([stretch_with(PLANT, "held", 23, 20.0, [MAGNET], {"hoop.magnet.A": -PULL})])
+    proof = proven(found, held)
+    assert proof is not None and not proof.unknown.carries_over
+    assert proof.joint is None and proof.heldout is None
+    fits = played(heldout_fits(Named(magnetic.fit, magnetic.fit, magnetic.fit), held, magnetic, proof))
+    assert fits["final"] is fits["named"]
+    told = unknown_finding(proof.unknown, fits)
+    assert told.ablation is None and told.statement.endswith("by another curve in the held-out recordings")
 
 
 def test_a_name_that_a_scan_or_a_refit_found_is_not_called_unknown(rubbed: tuple[Survey, Fit]) -> None:

@@ -32,7 +32,10 @@ BAD: dict[str, tuple[tuple[str, ...], str]] = {
     "speed beyond the fault's": (("prbs", *LOCKSTEP, "--max-speed", "60"), "--max-speed: 60 rad/s must be below"),
     "endless speed": (("prbs", *LOCKSTEP, "--max-speed", "nan"), "--max-speed"),
     "no band": (("chirp", *LOCKSTEP, "--low", "5", "--high", "1"), "experiment chirp: needs 0 < low < high"),
-    "band of nothing": (("multisine", *LOCKSTEP, "--low", "0.6", "--high", "0.9"), "have no line between 0.6 and 0.9 Hz"),
+    "band of nothing": (
+        ("multisine", *LOCKSTEP, "--low", "0.6", "--high", "0.9"),
+        "have no line between 0.6 and 0.9 Hz",
+    ),
     "too short": (("decay", *LOCKSTEP), "experiment decay: 50 samples are too short"),
     "two places": (("prbs", *LOCKSTEP, "--out", "FOLDER/a.mcap", "--record", "FOLDER"), "--out: either"),
     "no folder": (("prbs", *LOCKSTEP, "--out", "FOLDER/none/a.mcap"), "--out: no such folder"),

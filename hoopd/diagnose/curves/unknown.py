@@ -139,6 +139,7 @@ class Unknown:
     not_excluded: tuple[str, ...]  # other slots, the likeliest first
     channels: dict[str, float]  # share of the change that each channel shows
     reason: str
+    carries_over: bool = True  # False: held-out data ask for such a curve with other values
 
     @property
     def curve(self) -> Curve:

@@ -1,7 +1,9 @@
 """What has no name, proven like a name: its curve fitted with everything else, and run on the held-out recordings.
 
 A screen has said where a curve would help; here the joint fit and data that no value of it was fitted to decide. What
-had to be fitted again to a new recording pays half a nat a value: so much would chance give it.
+had to be fitted again to a new recording pays half a nat a value: so much would chance give it. Held-out data that
+refuse the values may still ask for a curve of the same variable at the same place: they reach beyond its knots, or it
+stands for a law of more variables than one. Then something is there, and no model of it is kept.
 
 Rules of this file: the held-out data refuse a curve by the rule that refuses a name.
 """
@@ -11,8 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from hoopd.diagnose.curves.curve import Curve, curves
+from hoopd.diagnose.curves.screen import CurveScreen, null_quantiles
 from hoopd.diagnose.curves.shapes import fitted_shapes, recordings_of, together
-from hoopd.diagnose.curves.unknown import Survey, Unknown, judge_unknown, survey
+from hoopd.diagnose.curves.unknown import DETECTION_CHANCE, Survey, Unknown, judge_unknown, survey
 from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.proof.heldout import HeldOut, on_heldout
 from hoopd.diagnose.search.naming import Named
@@ -27,12 +31,11 @@ class Proven:
     """An unknown effect as fitted."""
 
     unknown: Unknown  # with the gain and the shapes of the joint fit
-    joint: Fit
-    heldout: Fit | None  # the joint hypothesis on the held-out recordings
-    heldout_gain: float | None  # nats
+    joint: Fit | None  # None: held-out data ask for such a curve, but refuse this one's values
+    heldout: Fit | None = None  # the joint hypothesis on the held-out recordings
 
 
-def proven(unknown: Unknown, held: HeldOut) -> Proven | None:
+def proven(unknown: Unknown, held: HeldOut, seed: int = 0) -> Proven | None:
     """None when the joint fit or the held-out data do not bear it out."""
     joint, (curve,) = together([unknown.score], unknown.beside)
     gain = unknown.beside.criterion - joint.criterion
@@ -43,11 +46,20 @@ def proven(unknown: Unknown, held: HeldOut) -> Proven | None:
     found = replace(unknown, shapes=shapes, gain=gain, surprise=size)
     without = held.of(unknown.beside)
     if without is None:
-        return Proven(found, joint, None, None)
+        return Proven(found, joint)
     after, again = on_heldout(joint, held.stretches, unknown.beside)
     better = without.criterion - after.criterion - again / 2.0
-    refused = better <= -max(HELD_OUT_LOSS, HELD_OUT_SHARE * gain)
-    return None if refused else Proven(found, joint, after, better)
+    if better > -max(HELD_OUT_LOSS, HELD_OUT_SHARE * gain):
+        return Proven(found, joint, after)
+    return Proven(replace(found, carries_over=False), None) if asked_for(unknown.curve, without, seed) else None
+
+
+def asked_for(curve: Curve, beside: Fit, seed: int = 0) -> bool:
+    """Whether data ask, beyond chance, for a curve of the same variable at the same place, whatever its values."""
+    alike = [one for one in curves(beside) if (one.slot, one.depends_on) == (curve.slot, curve.depends_on)]
+    screen = CurveScreen(beside, alike)
+    most = max((one.surprise for one in screen.scores()), default=0.0)
+    return most > null_quantiles(None, screen, seed=seed).threshold(DETECTION_CHANCE)
 
 
 @dataclass(frozen=True)
@@ -62,6 +74,11 @@ class Missing:
         """As fitted."""
         return None if self.proof is None else self.proof.unknown
 
+    @property
+    def joint(self) -> Fit | None:
+        """With its curve, where the held-out data bear its values out."""
+        return None if self.proof is None else self.proof.joint
+
 
 def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int) -> Missing:
     """What `effects` have no name for; names that explain nothing beside it are dropped."""
@@ -72,7 +89,7 @@ def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int
     first = of(named.base, named.scores, [replace(one.score, gain=one.gain) for one in named.tried])
     second = of(named.final, [s for s in named.left if s.origin is named.final]) if named.accepted else None
     unknown = judge_unknown(first, second, seed=seed)
-    proof = None if unknown is None else proven(unknown, held)
+    proof = None if unknown is None else proven(unknown, held, seed)
     if proof is not None and not proof.unknown.beside_names:
         drop_names(named)
     return Missing(first, proof)
