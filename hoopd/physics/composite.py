@@ -222,10 +222,7 @@ class Composite:
         """z from the plant's state (of a state that an effect added: zero): what lags has settled."""
         z = np.zeros(self.nz)
         z[: len(x)] = x
-        if self._torque_lags:
-            z[self.nx] = u
-        for index, (_, channel) in enumerate(self._sensor_lags):
-            z[self.nx + bool(self._torque_lags) + index] = self._seen(channel, z)
+        z[self.nx :] = [u if state is None else z[state] for state in self.settled]
         return z
 
 

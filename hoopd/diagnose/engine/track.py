@@ -49,17 +49,19 @@ class Track:
         self.z[:, : x.shape[1]] = x
         for k, state in enumerate(self.composite.plant.states[x.shape[1] :], start=x.shape[1]):
             self.z[:, k] = self.composite.plant.held.get(state, 0.0)
-        u = np.append(stretch.u, stretch.u[-1])
-        for k in range(len(self.z)):
-            self.z[k, self.composite.nx :] = self.composite.beginning(self.z[k, : self.composite.nx], u[k])[
-                self.composite.nx :
-            ]
-
-        self._at_reference()
-
-    def _at_reference(self) -> None:
-        """Before a filter has run, its states are the reference's."""
+        self.z = self._lagged(self.z)
+        # before a filter has run, its states are the reference's
         self.filtered, self.predicted = self.z, self.z
+
+    def _lagged(self, z: Array) -> Array:
+        """States (n, nz) with what lags behind the plant's settled at every node.
+
+        The first node's is no guess: the filter ties what lags there to the state that it follows.
+        """
+        c, z, u = self.composite, z.copy(), np.append(self.stretch.u, self.stretch.u[-1])
+        for column, state in enumerate(c.settled, start=c.nx):
+            z[:, column] = u if state is None else z[:, state]
+        return z
 
     def moved(self, z: Array, w: Array, filtered: Array, predicted: Array) -> None:
         """To another reference, and the filter's own states there."""
@@ -76,9 +78,8 @@ class Track:
         """Takes over the reference of a track of the same stretch with other effects."""
         nx = min(self.composite.nx, other.composite.nx)
         added = self.z[:, nx:]
-        self.z = np.hstack([other.z[:, :nx], added])
-        self.filtered = np.hstack([other.filtered[:, :nx], added])
-        self.predicted = np.hstack([other.predicted[:, :nx], added])
+        known = other.z, other.filtered, other.predicted
+        self.z, self.filtered, self.predicted = (self._lagged(np.hstack([z[:, :nx], added])) for z in known)
         self.w[:, : min(self.w.shape[1], other.w.shape[1])] = other.w[:, : self.w.shape[1]]
         return self
 
