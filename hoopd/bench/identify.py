@@ -37,6 +37,7 @@ from hoopd.plots import style
 from hoopd.plots.identification import Response, Roots, draw_residuals, draw_responses, draw_roots, draw_said
 from hoopd.recording.bytesof import replace_file
 from hoopd.recording.recording import Recording
+from hoopd.spans import spans
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -139,14 +140,13 @@ def stretches(recording: Recording, name: str, wish: Wish) -> tuple[list[Data], 
     """
     y, u = _outputs(recording, wish), np.asarray(recording.u, dtype=float)
     known = np.isfinite(u)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
     whole = np.asarray(np.isfinite(y).all(axis=1))
     if not whole.any():
         raise InputError(name, "", "no row holds all of the outputs that are asked for")
-    found, step = [], round(recording.sample_time_s, 9)
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
+    found, step, parts = [], round(recording.sample_time_s, 9), spans(known)
+    for start, end in parts:
         first = start + int(np.argmax(whole[start:end]))
-        if whole[first] and end - first >= (SHORTEST if len(edges) > 2 else 1):
+        if whole[first] and end - first >= (SHORTEST if len(parts) > 1 else 1):
             found.append(_data(y[first:end], u[first:end], step, name, wish))
     if not found:
         raise InputError(name, "u", f"no {SHORTEST} rows follow each other of which the torque is known")

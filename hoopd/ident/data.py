@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hoopd.spans import spans
+
 Array = NDArray[np.float64]
 
 
@@ -136,10 +138,9 @@ def experiments(data: Data | Sequence[Data]) -> list[Data]:
 
 def runs(data: Data) -> Iterator[Data]:
     """Pieces of consecutive samples in which every output was measured, in the order of time."""
-    known = np.isfinite(data.y).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        yield data[int(first) : int(last)]
+    known = np.asarray(np.isfinite(data.y).all(axis=1))
+    for first, last in spans(known):
+        yield data[first:last]
 
 
 def _columns(values: Any, name: str) -> Array:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hoopd.recording.recording import Recording
 from hoopd.recording.unwrap import unwrapped
+from hoopd.spans import spans
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -64,11 +65,10 @@ def timelines(recording: Recording) -> list[Timeline]:
     """One timeline for each stretch of two rows or more with a torque, angles unwrapped; ValueError without any."""
     recording = unwrapped(recording)
     whole = np.isfinite(recording.u) & np.isfinite(recording.t) & driven(recording)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(int)))
     cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS * usual_steps(recording.t)) + 1
     stretches = [
         (int(c), int(d))
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
+        for a, b in spans(whole)
         for c, d in pairwise([a, *cuts[(cuts > a) & (cuts < b)], b])
         if d - c >= 2
     ]

@@ -17,6 +17,7 @@ from hoopd.diagnose.curves.curve import Curve
 from hoopd.diagnose.curves.screen import CurveScore
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.ident.normal import Z95
+from hoopd.spans import spans
 
 Array = NDArray[np.float64]
 
@@ -35,8 +36,7 @@ class Shape:
     def region(self) -> list[tuple[float, float]]:
         """Intervals of the variable in which the band excludes zero."""
         active = (self.low > 0.0) | (self.high < 0.0)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], active, [False]]).astype(int)))
-        return [(float(self.x[a]), float(self.x[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        return [(float(self.x[a]), float(self.x[b - 1])) for a, b in spans(active)]
 
 
 def shapes_of(score: CurveScore, recordings: Sequence[str]) -> tuple[Shape, ...]:

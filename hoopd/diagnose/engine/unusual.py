@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from hoopd.spans import spans
+
 Array = NDArray[np.float64]
 
 # Energy is taken over windows of this length; what is nearer than this to its neighbour is one interval.
@@ -86,7 +88,7 @@ def _found(t: Array, x: Array, width: int, needed: float) -> list[tuple[float, f
     if len(x) < width:
         return []
     energy, found = mean_squares(x, width), []
-    for a, b in _runs(energy > GROWN_TO):
+    for a, b in spans(energy > GROWN_TO):
         if energy[a:b].max() > needed:
             first, last = _trimmed(x, a, b)
             found.append((float(t[first]), float(t[last])))
@@ -97,11 +99,6 @@ def _trimmed(x: Array, a: int, b: int) -> tuple[int, int]:
     """Without the half windows at both ends in which the signal itself is usual."""
     loud = np.flatnonzero(np.nan_to_num(np.abs(x[a:b])) > CLIP)
     return (a, b - 1) if len(loud) == 0 else (a + int(loud[0]), a + int(loud[-1]))
-
-
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def merged(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

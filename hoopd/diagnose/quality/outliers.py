@@ -6,10 +6,10 @@ aside, no property of the sensor, and does not count in the sensor's share.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
+
+from hoopd.spans import spans
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -27,8 +27,7 @@ def bursts(false: Mask, seen: Mask) -> list[tuple[int, int]]:
         return []
     dense = np.convolve(false[rows].astype(int), np.ones(WINDOW, dtype=int), "valid") >= DENSE
     covered = np.convolve(dense.astype(int), np.ones(WINDOW, dtype=int)) > 0
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], covered, [False]]).astype(int)))
-    return [_trimmed(rows[a:b], false) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [_trimmed(rows[a:b], false) for a, b in spans(covered)]
 
 
 def _trimmed(rows: NDArray[np.int64], false: Mask) -> tuple[int, int]:
@@ -59,5 +58,4 @@ def inside(n: int, stretches: list[tuple[int, int]]) -> Mask:
 
 def stretches(mask: Mask) -> list[tuple[int, int]]:
     """First and last row of each stretch of a mask (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [(int(a), int(b) - 1) for a, b in pairwise(edges)][::2]
+    return [(a, b - 1) for a, b in spans(mask)]
