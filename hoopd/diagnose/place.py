@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.locate import Located, locate
+from hoopd.diagnose.curves.locate import locate
 from hoopd.diagnose.curves.unknown import Survey, Unknown
 from hoopd.diagnose.record import EffectFinding, Location, Verdict
 from hoopd.diagnose.search.naming import Named
@@ -34,31 +34,33 @@ def location_of(
     named: Named, base: Survey, unknown: Unknown | None, verdict: Verdict, findings: Sequence[EffectFinding] = ()
 ) -> Location:
     """Of the first of the findings (they come with the most evidence first); of a channel where parameters are it."""
-    found = locate(base)
+    evidence: dict[str, float | None] = {**locate(base)}
     if verdict == "parameters":
         return Location(
             slot=None, channel=_most(base.screen.shares(_moved(named))), segments=None, depends_on=[],
-            evidence={**found.evidence},
+            evidence=evidence,
         )  # fmt: skip
     if not findings:
-        return Location.nowhere(found.evidence)
+        return Location.nowhere(evidence)
     first = findings[0]
     if unknown is not None and first.name == unknown.name:
-        return _at(unknown.curve.slot, unknown.curve.depends_on, unknown.score.vector, base, found)
+        return _at(unknown.curve.slot, unknown.curve.depends_on, unknown.score.vector, base, evidence)
     effect = next((one.effect for one in named.accepted if one.effect.name == first.name), None)
     if effect is None:
         # a fault of the camera, counted before any model: it is there all the time
         return Location(
-            slot=first.slot, channel=FAULTY, segments=None, depends_on=[], evidence={**found.evidence}
+            slot=first.slot, channel=FAULTY, segments=None, depends_on=[], evidence=evidence
         )  # fmt: skip
-    return _at(effect.slot, effect.depends_on, change_by(effect, named), base, found)
+    return _at(effect.slot, effect.depends_on, change_by(effect, named), base, evidence)
 
 
-def _at(slot: str, depends_on: tuple[str, ...], vector: Array, base: Survey, found: Located) -> Location:
+def _at(
+    slot: str, depends_on: tuple[str, ...], vector: Array, base: Survey, evidence: dict[str, float | None]
+) -> Location:
     shares = base.screen.shares(vector)
     return Location(
         slot=slot, channel=_most(shares), segments=segments_of(vector, base), depends_on=list(depends_on),
-        evidence={**found.evidence},
+        evidence=evidence,
     )  # fmt: skip
 
 

@@ -93,7 +93,7 @@ def test_its_dry_friction_is_named_with_its_value(rubbing: Named) -> None:
 def test_it_is_located_and_no_curve_is_asked_for_beside_it(rubbing: Named) -> None:
     effects = list(LIBRARY.values())
     before = survey(rubbing.base, effects)
-    evidence = locate(before).evidence
+    evidence = locate(before)
     assert max(evidence, key=lambda slot: evidence[slot]) == "slide"
     assert judge_unknown(before, survey(rubbing.final, effects)) is None
 

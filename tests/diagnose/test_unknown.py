@@ -82,9 +82,9 @@ def test_its_curve_is_the_force(magnetic: Survey) -> None:
 
 
 def test_its_place_is_located(magnetic: Survey) -> None:
-    found = locate(magnetic)
-    assert found.evidence["hoop"] == max(found.evidence.values())
-    assert set(found.evidence) == set(PLANT.slots)
+    evidence = locate(magnetic)
+    assert evidence["hoop"] == max(evidence.values())
+    assert set(evidence) == set(PLANT.slots)
 
 
 def test_a_named_effect_is_not_called_unknown(rubbed: tuple[Survey, Fit]) -> None:
@@ -112,7 +112,7 @@ def test_nothing_is_unknown_in_clean_data() -> None:
     found = survey(fit([made], (), PLANT.values), RIVALS)
     assert not found.fires
     assert judge_unknown(found) is None
-    assert max(locate(found).evidence.values()) <= found.threshold
+    assert max(locate(found).values()) <= found.threshold
 
 
 # ---------------------------------------------------------------------------------------------- on data held out

@@ -9,25 +9,17 @@ Rules of this file: it ranks what `unknown.survey` measured and fits nothing.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from hoopd.diagnose.curves.unknown import Survey
 from hoopd.diagnose.search.trying import surprise_of
 
 
-@dataclass(frozen=True)
-class Located:
-    """Evidence of every slot, found or not."""
-
-    evidence: dict[str, float]  # nats by slot
-
-
-def locate(found: Survey) -> Located:
-    """From a survey beside the re-fitted base."""
+def locate(found: Survey) -> dict[str, float]:
+    """Nats by slot, of every slot of the plant, from a survey beside the re-fitted base."""
     evidence: dict[str, float] = dict.fromkeys(found.fit.tracks[0].stretch.plant.slots, 0.0)
     for slot, surprise in _explanations(found):
         evidence[slot] = max(evidence.get(slot, 0.0), surprise)
-    return Located(evidence)
+    return evidence
 
 
 def _explanations(found: Survey) -> Iterator[tuple[str, float]]:

@@ -81,10 +81,11 @@ def survey(
     screen = Screen(found, library) if screen is None else screen
     of_curves = CurveScreen(found)
     null = null_quantiles(screen, of_curves, draws, seed)
-    known = [_beside(screen, one) for one in fitted]
-    names = {one.member.effect.name for one in known}
-    hoped = [one for one in (*screen.scores(), *also) if one.member.effect.name not in names]
-    named = best_of_each([*known, *(_beside(screen, one) for one in hoped)])
+    fitted = list(fitted)
+    names = {one.member.effect.name for one in fitted}
+    told = [_beside(screen, one) for one in (*fitted, *(s for s in also if s.member.effect.name not in names))]
+    hoped = [one for one in screen.scores() if one.member.effect.name not in names]
+    named = best_of_each([*told, *hoped])
     threshold = null.threshold(DETECTION_CHANCE)
     return Survey(found, screen, named, of_curves, of_curves.scores(), null, threshold, frozenset(names))
 

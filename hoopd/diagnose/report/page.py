@@ -59,7 +59,7 @@ def _contents(kept: Sequence[tuple[str, str, str]]) -> str:
 def _effects(diagnosis: Diagnosis, shown: Shown) -> str:
     """The names, their sizes, and how each was tested."""
     said = "".join(map(paragraph, words.statements(diagnosis)))
-    numbers = paragraph(tables.numbered(diagnosis))
+    numbers = paragraph(words.numbers_sentence(diagnosis))
     tested = table(tables.checks(diagnosis)) + table(tables.ablations(diagnosis))
     return said + table(tables.effects(diagnosis), caption=False) + numbers + tested
 

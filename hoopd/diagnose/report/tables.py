@@ -34,7 +34,7 @@ from hoopd.diagnose.report.readable import (
     short_names,
     value_text,
 )
-from hoopd.diagnose.report.words import each_fit
+from hoopd.diagnose.report.words import each_fit, numbers_of
 
 Row = tuple[str, ...]
 
@@ -55,17 +55,8 @@ class Table:
 def effects(diagnosis: Diagnosis) -> Table:
     """One row a parameter of each named effect."""
     head = ("effect", "parameter", "value", "95 % interval", "nats", "needed")
-    rows = [row for effect in diagnosis.effects for row in _effect_rows(effect, _numbers(diagnosis.fit))]
+    rows = [row for effect in diagnosis.effects for row in _effect_rows(effect, numbers_of(diagnosis.fit))]
     return Table("What the model leaves out", head, "llrrrr", rows)
-
-
-def numbered(diagnosis: Diagnosis) -> str:
-    """Which recording a number in `effects` stands for; empty where there is none."""
-    marked = any("@" in name for effect in diagnosis.effects for name in effect.parameters)
-    if not marked or len(diagnosis.fit.train) == 1:
-        return ""
-    names = short_names(diagnosis.fit.train)
-    return listed(f"({number}): of {names[name]} alone" for number, name in enumerate(diagnosis.fit.train, start=1))
 
 
 def _effect_rows(effect: EffectFinding, numbers: Mapping[str, str]) -> list[Row]:
@@ -74,10 +65,6 @@ def _effect_rows(effect: EffectFinding, numbers: Mapping[str, str]) -> list[Row]
     sizes = [(label, value_text(one), interval_text(one)) for label, one in _labelled(effect.parameters, numbers)]
     first, *others = sizes or [(NOTHING, NOTHING, NOTHING)]
     return [(name, *first, gain, needed), *(("", *size, "", "") for size in others)]
-
-
-def _numbers(fit: FitTable) -> dict[str, str]:
-    return {name: f"({number})" for number, name in enumerate(fit.train, start=1)}
 
 
 def _labelled(parameters: Mapping[str, Quantity], numbers: Mapping[str, str]) -> list[tuple[str, Quantity]]:
@@ -136,7 +123,7 @@ def free_run_choice(fit: FitTable) -> Table:
     """What one free run is better with: no names of the verdict."""
     head = ("effect", "parameters", "error taken", "by chance", "named")
     chosen = fit.free_run_choice.effects if fit.free_run_choice is not None else []
-    rows = [_chosen(one, _numbers(fit)) for one in chosen]
+    rows = [_chosen(one, numbers_of(fit)) for one in chosen]
     return Table("What simulates better (evidence of free runs, no verdict)", head, "llrrl", rows)
 
 

@@ -28,7 +28,7 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
     diagnosis = canonical(diagnosis)
     _verdict(diagnosis, console)
     _table(tables.effects(diagnosis), console)
-    _sentences([tables.numbered(diagnosis), *words.statements(diagnosis)], console)
+    _sentences([words.numbers_sentence(diagnosis), *words.statements(diagnosis)], console)
     _table(tables.checks(diagnosis), console)
     _table(tables.ablations(diagnosis), console)
     _fits(diagnosis, console)

@@ -19,7 +19,7 @@ from hoopd.diagnose.record import (
     NextExperiment,
     Visible,
 )
-from hoopd.diagnose.report.readable import listed, nats, safe, share, value_text
+from hoopd.diagnose.report.readable import listed, nats, safe, share, short_names, value_text
 
 TITLES = {
     "consistent": "Consistent",
@@ -133,6 +133,20 @@ def experiment_sentence(planned: NextExperiment) -> str:
 def statements(diagnosis: Diagnosis) -> list[str]:
     """What each finding is, in plain words."""
     return [f"{safe(one.name)}: {one.statement}" for one in diagnosis.effects]
+
+
+def numbers_of(fit: FitTable) -> dict[str, str]:
+    """Numbers that stand for recordings, in their order."""
+    return {name: f"({number})" for number, name in enumerate(fit.train, start=1)}
+
+
+def numbers_sentence(diagnosis: Diagnosis) -> str:
+    """Which recording a number in the table of effects stands for; empty where there is none."""
+    marked = any("@" in name for effect in diagnosis.effects for name in effect.parameters)
+    if not marked or len(diagnosis.fit.train) == 1:
+        return ""
+    names = short_names(diagnosis.fit.train)
+    return listed(f"{number}: of {names[name]} alone" for name, number in numbers_of(diagnosis.fit).items())
 
 
 def chosen_sentence(fit: FitTable) -> str:
