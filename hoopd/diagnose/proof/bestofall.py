@@ -51,10 +51,6 @@ class BestOfAll:
         rarest = [self._as_large(name, gains) for name, gains in drawn.items()]
         self._rarest = np.sort(np.min(rarest, axis=0)) if rarest else np.full(DRAWS, DRAWS)
 
-    def own_chance(self, name: str, gain: float) -> float:
-        """How often the effect itself gains as much."""
-        return (1 + float(self._as_large(name, np.array(gain)))) / (1 + DRAWS)
-
     def chance(self, name: str, gain: float) -> float:
         """How often any effect gains what is as rare for it."""
         # among all errors, drawn and real, the drawn one counts itself, the real one too

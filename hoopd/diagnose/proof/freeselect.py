@@ -115,10 +115,6 @@ class Selection:
             starts.append(self.further(effects, {**near.values, **own, **weak}, near))
         return min(starts, key=lambda one: one.cost)
 
-    def heldout_error(self, one: Selected) -> float:
-        """Of held-out stretches, parameters frozen."""
-        return self.on_heldout(one).cost
-
     def on_heldout(self, one: Selected) -> Refined:
         """Held-out stretches: their starts are fitted, and phases of a recording that is new."""
         known = {s.recording for s in self.train}
