@@ -9,18 +9,20 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "tools" / "bench"))
 
-from identcriteria import polynomial
+from identcriteria import optima, polynomial
+from identcriteria.judged import Criterion
 
 SEEDS = (0, 1)
 
 
-@pytest.mark.parametrize("criterion", polynomial.FUNCTIONS, ids=lambda one: one.__name__)
-def test_criterion(criterion: polynomial.Criterion) -> None:
+@pytest.mark.parametrize("criterion", (*polynomial.FUNCTIONS, *optima.FUNCTIONS), ids=lambda one: one.__name__)
+def test_criterion(criterion: Criterion) -> None:
     for seed in SEEDS:
         found = criterion(seed)
         assert found["passed"], (seed, found)
 
 
 def test_all_criteria_are_asked() -> None:
-    named = {name for name in vars(polynomial) if name.startswith(("criterion_", "bar_"))}
-    assert named == {one.__name__ for one in polynomial.FUNCTIONS}
+    for module in (polynomial, optima):
+        named = {name for name in vars(module) if name.startswith(("criterion_", "bar_"))}
+        assert named == {one.__name__ for one in module.FUNCTIONS}

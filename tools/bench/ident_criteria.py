@@ -24,7 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tools" / "bench"), str(ROOT / "tools")]
 
-AREAS = ("polynomial", "statespace", "realisation", "prediction", "nonparametric")
+AREAS = ("polynomial", "optima", "statespace", "realisation", "prediction", "nonparametric")
 MARKS = ("criterion_", "bar_")
 
 
