@@ -8,7 +8,6 @@ unless the mode is RUNNING or STOPPING, and every torque passes the limiter last
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import isfinite, nan, tau
 from typing import Any, NamedTuple, Protocol
 
@@ -28,6 +27,7 @@ from hoopd.core.records import (
     TorqueCommand,
     Vector,
 )
+from hoopd.core.ticksettings import TickSettings
 
 # What the board itself has latched goes only by a clearing request, so that an arm may wait this long for it.
 WISH_TICKS = 10
@@ -81,34 +81,6 @@ class Output(NamedTuple):
     command: TorqueCommand
     record: TickRecord
     notes: tuple[Note, ...]
-
-
-@dataclass(frozen=True)
-class TickSettings:
-    """Numbers of the tick."""
-
-    period_s: float = 0.02
-    wire_s: float = 8 * 10 / 115200  # a request's time on the wire
-    reference_limit_rad: float = 0.5  # larger angles leave the region where the linear design holds
-    brake_nm_per_rad_s: float = 0.01  # hoop inertia 1.5e-3 kg m2: a time constant of 0.15 s
-    brake_limit_nm: float = 0.1
-    stopped_rad_s: float = 0.5
-    stopping_s: float = 1.0  # then off, at rest or not
-
-    def __post_init__(self) -> None:
-        """Refuse a period that no camera or board of this kind can keep, and a stop that does not end."""
-        ranges = {
-            "period_s": (0.005, 0.1),
-            "wire_s": (0.0, 0.02),
-            "reference_limit_rad": (0.0, 1.5),  # the ball leaves the track near a quarter turn
-            "brake_nm_per_rad_s": (0.0, 0.1),  # above, one tick of delay turns the brake into an oscillator
-            "brake_limit_nm": (0.0, 0.7),
-            "stopped_rad_s": (0.0, 60.0),
-            "stopping_s": (0.0, 10.0),
-        }
-        for name, (low, high) in ranges.items():
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f"{name} must be between {low:g} and {high:g}")
 
 
 class Tick:

@@ -19,7 +19,7 @@ import yaml
 from msgspec import Meta
 
 from hoopd.core.health import Thresholds
-from hoopd.core.tick import TickSettings
+from hoopd.core.ticksettings import TickSettings
 from hoopd.files import ANY_NUMBER, InputError, load_yaml, parse_yaml, read_text, to_struct
 from hoopd.shipped import defaults_folder
 

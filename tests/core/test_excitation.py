@@ -17,7 +17,8 @@ from hoopd.core.hooponly import HoopOnly
 from hoopd.core.limits import Limiter
 from hoopd.core.modes import Mode
 from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, LinkCounts
-from hoopd.core.tick import Tick, TickSettings
+from hoopd.core.tick import Tick
+from hoopd.core.ticksettings import TickSettings
 
 LIMITS = ExcitationLimits(0.3, 45.0, 1.25)
 HOLD = LqgGains(k_dtheta=0.006, k_psi=0.12, k_dpsi=0.04)
