@@ -15,7 +15,7 @@ from rich.console import Console
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tools"))
 
-from concealed import baselines, cases, cli, recipes, runfolder, score, seeds, worker  # noqa: E402
+from concealed import baselines, cases, cli, recipes, runfolder, score, seeds, version, worker  # noqa: E402
 from concealed.recipes import Wish  # noqa: E402
 
 CONSISTENT: dict[str, Any] = {"verdict": "consistent", "effects": []}
@@ -124,6 +124,27 @@ def test_a_folder_that_holds_a_run_is_not_begun_again(tmp_path: Path, capsys: py
         assert told.count("\n") == 1 and "--resume" in told
     assert (tmp_path / "run.json").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
+
+
+def test_answers_of_two_versions_of_the_code_are_told(tmp_path: Path) -> None:
+    folder = runfolder.RunFolder(tmp_path)
+    folder.start(runfolder.Asked(7, 1, 0, 0, 0, 0, 0, ("single",)))
+    assert folder.versions() == [] and score._mixed(folder) == ""
+    for one in ("a", "b", "a"):
+        folder.speaks(one)
+    assert folder.versions() == ["a", "b"]
+    assert score._mixed(folder).endswith("a, b") and score.judged(folder)["versions"] == ["a", "b"]
+
+
+def test_the_version_is_that_of_the_modules(tmp_path: Path) -> None:
+    (tmp_path / "hoopd").mkdir()
+    module = tmp_path / "hoopd" / "a.py"
+    seen = []
+    for text in ("x = 1\n", "x = 2\n", "x = 1\n"):
+        module.write_text(text)
+        seen.append(version.version(tmp_path))
+    module.rename(module.with_name("b.py"))
+    assert seen[0] == seen[2] != seen[1] and version.version(tmp_path) not in seen
 
 
 def test_a_folder_without_a_run_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

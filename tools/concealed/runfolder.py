@@ -74,6 +74,17 @@ class RunFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         self._put("run.json", asdict(asked))
 
+    def versions(self) -> list[str]:
+        """Of the code that has spoken, the first one first."""
+        path = self.path / "versions.json"
+        return list(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else []
+
+    def speaks(self, version: str) -> None:
+        """Notes that this code speaks from now on."""
+        before = self.versions()
+        if version not in before:
+            self._put("versions.json", [*before, version])
+
     def _started(self) -> bool:
         return (self.path / "run.json").exists()
 

@@ -28,6 +28,7 @@ from concealed.metrics import summary
 from concealed.oracle import NoOracleError, oracle
 from concealed.runfolder import RunFolder
 from concealed.seeds import is_tuning
+from concealed.version import version
 from concealed.whole import put
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -74,6 +75,9 @@ def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = T
     asked = folder.asked()
     kind = "tuning" if is_tuning(asked.seed) else "score"
     console.print(f"{kind} seed {asked.seed}, {len(asked.wishes())} cases, folder {folder.path}")
+    folder.speaks(version())
+    if (mixed := _mixed(folder)) and folder.identifiers():
+        console.print(f"[yellow]{mixed}[/]")
     with _progress(console) as progress:
         made: list[Job] = [(make, (wishes, asked.seed), first) for first, wishes in folder.chunks()]
         _each(client, progress, "cases made", made, folder.keep)
@@ -87,6 +91,12 @@ def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = T
     _tell_failures(folder, console)
     if rivals:
         _ask_oracle(folder, client, console)
+
+
+def _mixed(folder: RunFolder) -> str:
+    """A sentence when more than one version of the code has spoken."""
+    versions = folder.versions()
+    return f"answers of {len(versions)} versions of the code are mixed: {', '.join(versions)}" if versions[1:] else ""
 
 
 def _speakers(rivals: bool) -> dict[str, Callable[..., Any]]:
@@ -172,7 +182,8 @@ def judged(folder: RunFolder) -> dict[str, Any]:
             if (told := folder.said(rival, name)) is not None:
                 found.append(Judged(answer, told))
     asked = folder.asked()
-    return {"seed": asked.seed, "tuning": is_tuning(asked.seed), **summary(cases, rivals, baselines.KNOWN)}
+    told = {"seed": asked.seed, "tuning": is_tuning(asked.seed), "versions": folder.versions()}
+    return {**told, **summary(cases, rivals, baselines.KNOWN)}
 
 
 def publish(folder: RunFolder, console: Console) -> dict[str, Any]:
@@ -181,7 +192,8 @@ def publish(folder: RunFolder, console: Console) -> dict[str, Any]:
     text = json.dumps(result, indent=1, sort_keys=True, allow_nan=False)
     put(folder.path / "report.json", (text + "\n").encode())
     kind = "tuning" if result["tuning"] else "score"
-    shown = report.markdown(result, f"{result['cases']} cases, {kind} seed {result['seed']}")
+    by = f", code {', '.join(result['versions'])}" if result["versions"] else ""
+    shown = report.markdown(result, f"{result['cases']} cases, {kind} seed {result['seed']}{by}")
     put(folder.path / "report.md", shown.encode())
     if result["power"]:
         report.draw_power(result, folder.path / "power.png")
