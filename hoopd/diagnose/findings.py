@@ -185,7 +185,7 @@ def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played]) -> EffectFi
         not_excluded=[f"unknown.{slot}" for slot in unknown.not_excluded],
         statement=f"something that is not in the library, at the {unknown.curve.slot}, "
         f"follows {' and '.join(unknown.curve.depends_on)}"
-        f"{'' if unknown.carries_over else ', by another curve in the held-out recordings'}",
+        f"{', by another curve in the held-out recordings' if unknown.carries_over is False else ''}",
         ablation=ablation,
     )
 

@@ -158,14 +158,15 @@ class Curve(_Part, frozen=True):
 class Unexplained(_Part, frozen=True):
     """What remains after the named effects. `share`: of what the re-fitted base left unexplained, 0 to 1.
 
-    Without `carries_over` the held-out recordings ask for such a curve too, but with other values: no model has it.
+    `carries_over` is false where the held-out recordings ask for such a curve too, but with other values: no model has
+    it then; null without any.
     """
 
     fires: bool
     slot: str | None
     curve: Curve | None
     share: Number = None
-    carries_over: bool = True
+    carries_over: bool | None = None
 
 
 class NextExperiment(_Part, frozen=True):

@@ -218,6 +218,12 @@ class Composite:
         readings = [self.plant.states.index(self.plant.channels[channel]) for _, channel in self._sensor_lags]
         return (*([None] if self._torque_lags else []), *readings)
 
+    @property
+    def lags(self) -> tuple[str, ...]:
+        """The parameters (s) of the lags, in the order of `settled`."""
+        sensors = [effect.key(effect.sensor_lag[channel]) for effect, channel in self._sensor_lags]
+        return (*(e.key(str(e.lag)) for e in self._torque_lags[:1]), *sensors)
+
     def beginning(self, x: Array, u: float = 0.0) -> Array:
         """z from the plant's state (of a state that an effect added: zero): what lags has settled."""
         z = np.zeros(self.nz)

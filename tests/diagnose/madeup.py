@@ -45,7 +45,8 @@ def stretch_with(
     x = random.uniform(-0.4, 0.4, composite.nx) * [1.0 - i % 2 for i in range(composite.nx)]
     w = _coloured(random, n, noise)
     z = _run(composite, composite.beginning(x, u[0]), t, u, w, {**composite.values, **(values or {})})
-    y = np.column_stack([z[:, plant.states.index(state)] for state in plant.channels.values()])
+    p = composite.vector({**composite.values, **(values or {})})
+    y = np.array([composite.reading_function(z[k], t[k], p).full().ravel() for k in range(n)])
     return Stretch(name, plant, t, u, y + random.normal(size=y.shape) * noise.reading)
 
 

@@ -16,6 +16,7 @@ from hoopd.diagnose.engine.filtering import (
     START_POSITION,
     START_RATE,
     Array,
+    Lagged,
     Linear,
     Noise,
     gains,
@@ -27,7 +28,7 @@ from hoopd.diagnose.engine.noise import Criterion
 from hoopd.diagnose.engine.tuning import roughness, tuned
 from hoopd.physics.effects.catalogue import library
 
-N, NZ, NQ, NC, FOLLOWED = 40, 5, 2, 3, 3
+N, NZ, NQ, NC, FOLLOWED, OFF = 40, 5, 2, 3, 3, 0.7
 LEVELS = Noise(np.array([0.3, 0.05]), np.array([0.1, 0.3]), np.array([0.02, 0.1, 0.05]))
 
 
@@ -57,7 +58,7 @@ def model(seed: int = 1, n: int = N) -> Linear:
         seen,
         4,
         random.uniform(0.5, 2.0, (n, NC)),
-        (FOLLOWED,),
+        (Lagged(FOLLOWED, OFF),),
     )
 
 
@@ -80,8 +81,8 @@ def dense(m: Linear, noise: Noise) -> Dense:
         for k in range(j, n):
             reach[k * size : (k + 1) * size, j * size : (j + 1) * size] = block
             block = phi[k] @ block if k < n - 1 else block
-    # the last state, behind a lag, has settled to one of the others
-    start, settled = [START_POSITION, START_RATE, START_POSITION, START_RATE, 0.0, *noise.force], np.eye(size)
+    # the last state, behind a lag, follows one of the others, and is off by something
+    start, settled = [START_POSITION, START_RATE, START_POSITION, START_RATE, OFF, *noise.force], np.eye(size)
     settled[NZ - 1, FOLLOWED] = 1.0
     floor = [0.0, RATE_FLOOR, 0.0, RATE_FLOOR, 0.0]
     added = [np.diag([*np.square(floor), *(noise.force**2 * (1 - np.exp(-2 * h / noise.time_s)))]) for h in m.h]
@@ -144,7 +145,7 @@ def test_filtered_and_predicted_states_know_no_later_reading() -> None:
     whole = smoothed(m, gains(m, LEVELS), f[:, :, 0], eps[:, :, 0])
     for k in (1, 17):
         part = Linear(
-            m.a[:k], m.w[:k], m.c[: k + 1], m.h[:k], m.seen[: k + 1].copy(), m.nx, m.scatter[: k + 1], m.settled
+            m.a[:k], m.w[:k], m.c[: k + 1], m.h[:k], m.seen[: k + 1].copy(), m.nx, m.scatter[: k + 1], m.lagged
         )
         last = smoothed(part, gains(part, LEVELS), f[:k, :, 0], eps[: k + 1, :, 0])
         assert np.allclose(whole.filtered[k], last.d[k])
@@ -220,7 +221,7 @@ def test_roughness_is_the_noise_of_a_smooth_reading() -> None:
 
 @pytest.mark.parametrize("name", ["actuator.lag", "encoder.speed_lag"])
 def test_a_lag_of_no_time_costs_nothing_at_the_start_of_a_stretch(name: str) -> None:
-    """It has settled there: what is behind it is no further unknown."""
+    """What is behind it is no further unknown."""
     plant = shipped_plant()
     lag, made = library(plant)[name], stretch_with(plant, "a", 3, 8.0)
     # from rest, and from the midst of a motion
@@ -233,6 +234,20 @@ def test_a_lag_of_no_time_costs_nothing_at_the_start_of_a_stretch(name: str) -> 
         # beside a fit that has a lag already
         again = fit([part], (lag,), plant.values, noise={"a": NOISE}, free=(), tune_noise=False, like=found)
         assert again.criterion == pytest.approx(base.criterion, abs=0.1)
+
+
+@pytest.mark.parametrize("name", ["actuator.lag", "encoder.speed_lag"])
+def test_the_start_of_a_stretch_in_motion_is_as_likely_as_the_rest_of_it(name: str) -> None:
+    """Where it begins the torque was another one before, and a reading that lags is not the rate."""
+    plant, key = shipped_plant(), f"{name}.T"
+    lag, off = library(plant)[name], []
+    for seed in range(4):
+        made = stretch_with(plant, "a", seed, 8.0, [lag], {key: 0.03})
+        switch = 100 + int(np.argmax(np.diff(made.u[100:]) != 0.0)) + 1
+        part = Stretch("a", plant, made.t[switch:], made.u[switch:], made.y[switch:])
+        found = fit([part], (lag,), {**plant.values, key: 0.03}, noise={"a": NOISE}, free=(), tune_noise=False)
+        off.append(np.sum(found.rows[0][:15, 0] ** 2) / 15.0)
+    assert np.mean(off) < 2.0
 
 
 def test_a_lag_that_is_there_is_not_behind_a_delay_of_the_same_time() -> None:

@@ -11,6 +11,7 @@ import pytest
 from diagnose.examples import bad_data
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
+from hoopd.diagnose.curves.curve import curves
 from hoopd.diagnose.curves.locate import locate
 from hoopd.diagnose.curves.shapes import fitted_shapes, recordings_of, together
 from hoopd.diagnose.curves.unknown import Survey, chance_of_lead, judge_unknown, survey
@@ -19,10 +20,11 @@ from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.engine.stepcheck import step_nats, step_sentence
 from hoopd.diagnose.findings import fits_of, unknown_finding
 from hoopd.diagnose.place import location_of, segments_of
+from hoopd.diagnose.proof import unnamed
 from hoopd.diagnose.proof.heldout import HeldOut
 from hoopd.diagnose.proof.hypotheses import heldout_fits
 from hoopd.diagnose.proof.tables import played
-from hoopd.diagnose.proof.unnamed import proven
+from hoopd.diagnose.proof.unnamed import asked_for, proven
 from hoopd.diagnose.search.naming import Named
 from hoopd.physics.effects.base import Effect, EffectParameter
 from hoopd.physics.effects.catalogue import library
@@ -151,11 +153,47 @@ def test_what_the_held_out_data_ask_for_with_other_values_is_unknown_and_in_no_m
     held = HeldOut([stretch_with(PLANT, "held", 23, 20.0, [MAGNET], {"hoop.magnet.A": -PULL})])
     proof = proven(found, held)
     assert proof is not None and not proof.unknown.carries_over
-    assert proof.joint is None and proof.heldout is None
+    assert proof.joint is None and proof.heldout is None and proof.unknown.beside_names
     fits = played(heldout_fits(Named(magnetic.fit, magnetic.fit, magnetic.fit), held, magnetic, proof))
-    assert fits["final"] is fits["named"]
+    assert fits["final"] is fits["named"] and fits["ceiling"] is fits["base"]
     told = unknown_finding(proof.unknown, fits)
     assert told.ablation is None and told.statement.endswith("by another curve in the held-out recordings")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "depends_on"),
+    [
+        ("hoop.coulomb_friction", {"Fc": 2.5e-3}, ("dtheta",)),
+        ("hoop.quadratic_drag", {"c": 2e-5}, ("dtheta",)),
+        ("ball.coulomb_friction", {"Fc": 3e-4}, ("dtheta-dpsi",)),
+    ],
+)
+def test_parameters_that_are_off_do_not_ask_for_a_curve(
+    name: str, values: dict[str, float], depends_on: tuple[str, ...]
+) -> None:
+    """What is there in the training data alone bends the base, and a bent base is no curve of the held-out data."""
+    hidden = {f"{name}.{key}": value for key, value in values.items()}
+    base = fit([stretch_with(PLANT, "r", 3, 15.0, [LIBRARY[name]], hidden)], (), PLANT.values)
+    place = (LIBRARY[name].slot, "force", *depends_on)
+    curve = next(one for one in curves(base) if one.place == place)
+    clean = HeldOut([stretch_with(PLANT, "held", 4, 15.0)]).of(base)
+    again = HeldOut([stretch_with(PLANT, "held", 5, 15.0, [LIBRARY[name]], hidden)]).of(base)
+    assert clean is not None and not asked_for(curve, clean)
+    assert again is not None and asked_for(curve, again)
+
+
+def test_names_stay_where_the_held_out_data_refuse_the_curve_that_was_to_stand_alone(
+    magnetic: Survey, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = judge_unknown(magnetic)
+    assert found is not None and not found.beside_names
+    held = HeldOut([stretch_with(PLANT, "held", 23, 20.0, [MAGNET], {"hoop.magnet.A": -PULL})])
+    named = Named(magnetic.fit, magnetic.fit, magnetic.fit)
+    named.accepted.append(object())  # type: ignore[arg-type]
+    monkeypatch.setattr(unnamed, "survey", lambda *_, **__: magnetic)
+    monkeypatch.setattr(unnamed, "judge_unknown", lambda *_, **__: found)
+    told = unnamed.missing_of(named, held, (), 0)
+    assert told.unknown is not None and told.joint is None and named.accepted
 
 
 def test_a_name_that_a_scan_or_a_refit_found_is_not_called_unknown(rubbed: tuple[Survey, Fit]) -> None:

@@ -64,6 +64,12 @@ class Curve:
         return (self.variable.name,) if self.factor is None else (self.factor.name, self.variable.name)
 
     @property
+    def place(self) -> tuple[str, ...]:
+        """Slot, way of acting, variables and the channels of a reading: equal for curves of one kind."""
+        channels = self.site.on if self.site.acts == "reading" else ()
+        return (self.slot, self.site.acts, *self.depends_on, *channels)
+
+    @property
     def unit(self) -> str:
         """Of the values at the knots."""
         return self.site.unit if self.factor is None else f"{self.site.unit} / ({self.factor.unit})"
@@ -125,7 +131,7 @@ def curves(fit: Fit) -> list[Curve]:
         for want in wanted(plant):
             made = _made(want, plant, fit)
             if made:
-                found.setdefault((made[0].slot, made[0].site.acts, *made[0].depends_on, str(want[1].period)), made)
+                found.setdefault((*made[0].place, str(want[1].period)), made)
     return [curve for made in found.values() for curve in made]
 
 

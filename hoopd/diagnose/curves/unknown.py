@@ -140,7 +140,7 @@ class Unknown:
     not_excluded: tuple[str, ...]  # other slots, the likeliest first
     channels: dict[str, float]  # share of the change that each channel shows
     reason: str
-    carries_over: bool = True  # False: held-out data ask for such a curve with other values
+    carries_over: bool | None = None  # False: held-out data ask for such a curve with other values; None: not asked
 
     @property
     def curve(self) -> Curve:

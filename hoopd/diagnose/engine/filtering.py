@@ -44,6 +44,13 @@ class Noise(NamedTuple):
     reading: Array  # standard deviation of each channel, at scatter 1
 
 
+class Lagged(NamedTuple):
+    """What is behind a lag where a stretch begins: what it follows, and by how much it may be off."""
+
+    state: int | None  # of the plant; None: the demanded torque, which is known
+    deviation: float
+
+
 class Linear(NamedTuple):
     """The linear model along a reference of n nodes; of f and eps the first column is the residual."""
 
@@ -54,7 +61,7 @@ class Linear(NamedTuple):
     seen: NDArray[np.bool_]  # (n, nc)
     nx: int  # how many of the nz are positions and rates, alternating
     scatter: Array  # (n, nc) a reading's noise over its channel's level
-    settled: tuple[int | None, ...] = ()  # of the other nz: what each has settled to, a state or a known torque
+    lagged: tuple[Lagged, ...] = ()  # the other nz
 
     @property
     def size(self) -> int:
@@ -156,18 +163,19 @@ def smoothed(model: Linear, found: Gains, f: Array, eps: Array) -> Smoothed:
 def start_covariance(model: Linear, noise: Noise) -> Array:
     """(size, size) of the first deviation.
 
-    What is behind a lag has settled, as `Composite.beginning` says. Were it free, the first sample of every stretch
-    would cost a lag two nats that a delay of the same time does not pay.
+    What is behind a lag is tied to what it follows. Were it free, the first sample of every stretch would cost a lag
+    two nats that a delay of the same time does not pay.
     """
     nz, nx = model.a.shape[1], model.nx
     spread = np.full(nx, START_RATE)
     spread[::2] = START_POSITION
     follows = np.vstack([np.eye(nx), np.zeros((nz - nx, nx))])
-    for row, state in enumerate(model.settled, start=nx):
-        if state is not None:
-            follows[row, state] = 1.0
+    for row, one in enumerate(model.lagged, start=nx):
+        if one.state is not None:
+            follows[row, one.state] = 1.0
     found = np.zeros((model.size, model.size))
     found[:nz, :nz] = follows * spread**2 @ follows.T
+    found[range(nx, nz), range(nx, nz)] += np.square([one.deviation for one in model.lagged])
     found[nz:, nz:] = np.diag(noise.force**2)
     return found
 

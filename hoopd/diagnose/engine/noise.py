@@ -42,7 +42,7 @@ class Criterion:
         for first in range(0, n - min(BLOCK, n) + 1, BLOCK * EVERY):
             nodes, steps = slice(first, first + BLOCK), slice(first, first + BLOCK - 1)
             model = Linear(
-                m.a[steps], m.w[steps], m.c[nodes], m.h[steps], m.seen[nodes], m.nx, m.scatter[nodes], m.settled
+                m.a[steps], m.w[steps], m.c[nodes], m.h[steps], m.seen[nodes], m.nx, m.scatter[nodes], m.lagged
             )
             found.append(Criterion(model, self._f[steps, :, 0], self._eps[nodes, :, 0]))
         return found

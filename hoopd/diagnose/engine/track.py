@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hoopd.diagnose.engine.calls import mapped
 from hoopd.diagnose.engine.composites import carrying, composite_of, derivatives_of, fitting_effects
 from hoopd.diagnose.engine.dataset import Held, Stretch, first_states
-from hoopd.diagnose.engine.filtering import Gains, Linear, Noise, Smoothed, gains, smoothed, whitened
+from hoopd.diagnose.engine.filtering import Gains, Lagged, Linear, Noise, Smoothed, gains, smoothed, whitened
 from hoopd.diagnose.engine.ofrecording import names_of, values_of
 from hoopd.physics.composite import Composite
 from hoopd.physics.effects.base import Effect
@@ -54,10 +54,8 @@ class Track:
         self.filtered, self.predicted = self.z, self.z
 
     def _lagged(self, z: Array) -> Array:
-        """States (n, nz) with what lags behind the plant's settled at every node.
-
-        The first node's is no guess: the filter ties what lags there to the state that it follows.
-        """
+        """States (n, nz) with what lags behind the plant's settled at every node: at the first one about this the
+        filter spreads it."""
         c, z, u = self.composite, z.copy(), np.append(self.stretch.u, self.stretch.u[-1])
         for column, state in enumerate(c.settled, start=c.nx):
             z[:, column] = u if state is None else z[:, state]
@@ -170,7 +168,22 @@ class Track:
         where = [1 + list(free).index(name) for name in mine]
         f[:, :, where], eps[:, :, where] = by_p, -of_p
         seen = np.isfinite(self.stretch.y)
-        return Columns(Linear(by_z, by_w, of_z, self.stretch.h, seen, c.nx, self.stretch.scatter, c.settled), f, eps)
+        model = Linear(by_z, by_w, of_z, self.stretch.h, seen, c.nx, self.stretch.scatter, self._behind(values))
+        return Columns(model, f, eps)
+
+    def _behind(self, values: Mapping[str, float]) -> tuple[Lagged, ...]:
+        """What lags where the stretch begins: a torque that was another one before, a reading by time times rate.
+
+        At no time either is worth nothing: the torque that was is forgotten at once.
+        """
+        c, found = self.composite, []
+        for state, lag in zip(c.settled, c.lags, strict=True):
+            if state is None:
+                found.append(Lagged(None, float(np.sqrt(np.mean(self.stretch.u**2)))))
+            else:
+                rate = np.diff(self.z[:, state]) / self.stretch.h
+                found.append(Lagged(state, values[lag] * float(np.sqrt(np.mean(rate**2)))))
+        return tuple(found)
 
     def _step_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> tuple[Array, ...]:
         """One-step map (n-1, nz), and its derivatives (n-1, nz, ...) by z, w and parameters, at no disturbance."""

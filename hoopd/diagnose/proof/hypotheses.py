@@ -39,8 +39,9 @@ def ceiling(base: Survey, heldout: Sequence[Stretch], proof: Proven | None, noth
     chosen = best_curves(base)
     if not chosen:
         return nothing
-    if proof is not None and proof.heldout is not None and _is(proof.unknown, chosen, base.fit):
-        return proof.heldout
+    if proof is not None and _is(proof.unknown, chosen, base.fit) and proof.unknown.carries_over is not None:
+        # refused there, it is no ceiling
+        return nothing if proof.heldout is None else proof.heldout
     return on_heldout(together(chosen, base.fit)[0], heldout, base.fit)[0]
 
 

@@ -17,7 +17,7 @@ from hoopd.diagnose.curves.curve import Curve, curves
 from hoopd.diagnose.curves.screen import CurveScreen, null_quantiles
 from hoopd.diagnose.curves.shapes import fitted_shapes, recordings_of, together
 from hoopd.diagnose.curves.unknown import DETECTION_CHANCE, Survey, Unknown, judge_unknown, survey
-from hoopd.diagnose.engine.fitting import Fit
+from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.proof.heldout import HeldOut, on_heldout
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Score
@@ -30,7 +30,7 @@ from hoopd.physics.effects.base import Effect
 class Proven:
     """An unknown effect as fitted."""
 
-    unknown: Unknown  # with the gain and the shapes of the joint fit
+    unknown: Unknown  # with the gain and the shapes of the joint fit, also where the held-out data refuse them
     joint: Fit | None  # None: held-out data ask for such a curve, but refuse this one's values
     heldout: Fit | None = None  # the joint hypothesis on the held-out recordings
 
@@ -50,14 +50,23 @@ def proven(unknown: Unknown, held: HeldOut, seed: int = 0) -> Proven | None:
     after, again = on_heldout(joint, held.stretches, unknown.beside)
     better = without.criterion - after.criterion - again / 2.0
     if better > -max(HELD_OUT_LOSS, HELD_OUT_SHARE * gain):
-        return Proven(found, joint, after)
-    return Proven(replace(found, carries_over=False), None) if asked_for(unknown.curve, without, seed) else None
+        return Proven(replace(found, carries_over=True), joint, after)
+    if not asked_for(unknown.curve, without, seed):
+        return None
+    # what it stands beside stays: no model without names has it in their place
+    return Proven(replace(found, carries_over=False, beside_names=True), None)
 
 
-def asked_for(curve: Curve, beside: Fit, seed: int = 0) -> bool:
-    """Whether data ask, beyond chance, for a curve of the same variable at the same place, whatever its values."""
-    alike = [one for one in curves(beside) if (one.slot, one.depends_on) == (curve.slot, curve.depends_on)]
-    screen = CurveScreen(beside, alike)
+def asked_for(curve: Curve, frozen: Fit, seed: int = 0) -> bool:
+    """Whether data ask, beyond chance, for a curve of the same variable at the same place, whatever its values.
+
+    Beside parameters fitted to these very data: frozen ones are off by what the curve is, or by chance, and a friction
+    or a gain that is off looks like a curve.
+    """
+    stretches = [track.stretch for track in frozen.tracks]
+    own = fit(stretches, frozen.effects, frozen.values, like=frozen, noise=frozen.noise)
+    alike = [one for one in curves(own) if one.place == curve.place]
+    screen = CurveScreen(own, alike)
     most = max((one.surprise for one in screen.scores()), default=0.0)
     return most > null_quantiles(None, screen, seed=seed).threshold(DETECTION_CHANCE)
 

@@ -118,7 +118,8 @@ def unexplained_sentence(diagnosis: Diagnosis) -> str:
     part = f"{share(rest.share)} of what the re-fitted base leaves unexplained" if rest.share is not None else "A part"
     where = f" in slot {rest.slot}" if rest.slot else ""
     curve = f"; a curve over {rest.curve.regressor} was fitted to it" if rest.curve is not None else ""
-    other = "" if rest.carries_over else ". The held-out recordings ask for another such curve: no model of it is kept"
+    denied = rest.carries_over is False
+    other = ". The held-out recordings ask for another such curve: no model of it is kept" if denied else ""
     return f"{part} has no name in the library{where}{curve}{other}."
 
 
