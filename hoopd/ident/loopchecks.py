@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 FEEDBACK_LAGS = 10
 FEEDBACK_SAMPLES = 100
 # Lags at which it may answer an error, with the upper 1e-4 points of chi-square of so many degrees of freedom: three
-# false alarms in 10,000 inputs.
+# false alarms in 10,000 pairs of an input and an error.
 FEEDBACK_LEVELS = ((1, 15.14), (3, 21.11), (10, 35.56))
 # An input that its own past tells to this share (a sine, a constant) answers nobody.
 FORETOLD = 1e-6
@@ -76,7 +76,8 @@ def _answering(errors: Array, u: Array) -> NDArray[np.bool_]:
     (nu, n), ne, m = u.shape, len(errors), FEEDBACK_LAGS
     if n < FEEDBACK_SAMPLES or not nu * ne:
         return np.zeros(nu, dtype=bool)
-    signals = [np.ascontiguousarray(one) for one in (*u, *np.nan_to_num(errors))]
+    # without their means, which any lag would stand in for
+    signals = [np.ascontiguousarray(np.nan_to_num(one - np.nanmean(one))) for one in (*u, *errors)]
     gram = lagged_gram(signals, [range(m + 1)] * nu + [range(1, m + 1)] * ne, m)
     own = (m + 1) * np.arange(nu)[:, None] + np.arange(m + 1)
     past = (m + 1) * nu + m * np.arange(ne)[:, None] + np.arange(m)

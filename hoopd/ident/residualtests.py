@@ -208,7 +208,7 @@ def residuals(
         errors = [prediction_error(model, one, 1, x0) for one in each]
     if any(not np.isfinite(e[np.isfinite(one.y)]).all() for e, one in zip(errors, each, strict=True)):
         raise ValueError("the prediction one sample ahead diverges: the predictor of the model is unstable")
-    e, u = _apart(errors), _apart([one.u for one in each])
+    e, u = (_apart(parts, max(lags, MOST_LAGS)) for parts in (errors, [one.u for one in each]))
     outputs, inputs = each[0].outputs, each[0].inputs
     pairs = [(i, j) for i in range(len(outputs)) for j in range(len(inputs))]
     return ResidualReport(
@@ -222,8 +222,8 @@ def residuals(
     )
 
 
-def _apart(parts: Sequence[Array]) -> Array:
-    """Parts under each other with one NaN between them, which no window reaches across."""
-    gap = np.full((MOST_LAGS, parts[0].shape[1]), np.nan)
+def _apart(parts: Sequence[Array], rows: int) -> Array:
+    """Parts under each other with so many rows of NaN between them: no lag of fewer reaches across."""
+    gap = np.full((rows, parts[0].shape[1]), np.nan)
     spaced = [block for one in parts for block in (gap, one)]
     return np.concatenate(spaced[1:])

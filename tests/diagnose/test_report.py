@@ -145,6 +145,18 @@ def test_what_simulates_better_is_told_with_what_it_was_chosen_on() -> None:
         assert f"phi@{TRAIN}" not in text
 
 
+def test_numbers_of_recordings_are_explained_whichever_table_has_them() -> None:
+    diagnosis, _ = coulomb()
+    phase = Quantity(value=0.3, unit="rad", ci95=None, nominal=0.0)
+    own = {"phi": phase, f"phi@{TRAIN}": phase, "phi@other.csv": phase}
+    wave = FreeRunEffect(name="hoop.imbalance", named=False, parameters=own)
+    assert words.numbers_sentence(diagnosis) == ""
+    fit = msgspec.structs.replace(
+        diagnosis.fit, train={**diagnosis.fit.train, "other.csv": {}}, free_run_choice=FreeRunChoice(effects=[wave])
+    )
+    assert "(2): of other" in words.numbers_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+
+
 def test_what_remains_beside_a_named_effect_is_said() -> None:
     diagnosis = msgspec.structs.replace(
         coulomb()[0], verdict="unknown_physics", unexplained=unknown()[0].unexplained,

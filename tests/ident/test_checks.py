@@ -129,6 +129,16 @@ def test_feedback_is_seen_and_its_absence_too(seed: int) -> None:
         check_feedback(e, u[:, None], ["torque"])
 
 
+@pytest.mark.parametrize(("input_mean", "error_mean"), [(1.0, 1.0), (300.0, 2.0), (0.0, 3.0)])
+def test_means_of_input_and_error_are_no_feedback(input_mean: float, error_mean: float) -> None:
+    said = 0
+    for seed in range(40):
+        e, u = np.random.default_rng(seed).standard_normal((2, 1000))
+        e[::9] = np.nan
+        said += answers(e + error_mean, u + input_mean)
+    assert said == 0
+
+
 def test_of_several_inputs_the_one_in_the_loop_is_named() -> None:
     e, r = np.random.default_rng(0).standard_normal((2, 3, 1000))
     closed = r[1] + 0.5 * np.roll(e[2], 2)

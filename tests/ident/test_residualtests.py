@@ -116,6 +116,17 @@ def test_a_closed_loop_is_seen_at_negative_lags() -> None:
     assert not any("closed loop" in one for one in residuals(TRUE, made(0, 4000)).warnings)
 
 
+def test_no_lag_reaches_from_one_experiment_into_the_next() -> None:
+    """The second experiment's errors are the first one's last inputs: 60 samples apart, were there 25 between them."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((2, 200))
+    e = rng.standard_normal((2, 200))
+    e[1, :35] = 20.0 * u[0, -35:]
+    white = Polynomials(1.0, b=(np.zeros(2),))
+    found = residuals(white, [iddata(e[i], u[i]) for i in range(2)], lags=60, x0="zero")
+    assert abs(found.independent[0].values[60]) < 0.2
+
+
 def test_several_experiments_are_tested_together_and_apart() -> None:
     parts = [made(seed, 300) for seed in range(3)]
     found = residuals(TRUE, parts)

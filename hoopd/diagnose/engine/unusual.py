@@ -101,10 +101,10 @@ def _trimmed(x: Array, a: int, b: int) -> tuple[int, int]:
     return (a, b - 1) if len(loud) == 0 else (a + int(loud[0]), a + int(loud[-1]))
 
 
-def merged(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Spans nearer than a window are one."""
+def merged(intervals: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Intervals nearer than a window are one."""
     kept: list[tuple[float, float]] = []
-    for t0, t1 in sorted(spans):
+    for t0, t1 in sorted(intervals):
         if kept and t0 <= kept[-1][1] + WINDOW_S:
             kept[-1] = (kept[-1][0], max(kept[-1][1], t1))
         else:

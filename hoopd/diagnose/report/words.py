@@ -142,8 +142,10 @@ def numbers_of(fit: FitTable) -> dict[str, str]:
 
 
 def numbers_sentence(diagnosis: Diagnosis) -> str:
-    """Which recording a number in the table of effects stands for; empty where there is none."""
-    marked = any("@" in name for effect in diagnosis.effects for name in effect.parameters)
+    """Which recording a number in a table of effects stands for; empty where there is none."""
+    choice = diagnosis.fit.free_run_choice
+    shown = [*diagnosis.effects, *(choice.effects if choice is not None else ())]
+    marked = any("@" in name for effect in shown for name in effect.parameters)
     if not marked or len(diagnosis.fit.train) == 1:
         return ""
     names = short_names(diagnosis.fit.train)
