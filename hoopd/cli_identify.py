@@ -41,7 +41,8 @@ def identify(
     json_path: JsonOption = None,
 ) -> None:
     """Identify a linear model from recordings, compare it with data it has not seen (docs/identify.md)."""
-    from hoopd.bench.identify import Wish, run
+    from hoopd.bench.identify import run
+    from hoopd.bench.identifydata import Wish
     from hoopd.bench.inputs import whole_numbers
 
     wish = Wish(
