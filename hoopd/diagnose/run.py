@@ -41,7 +41,7 @@ from hoopd.diagnose.proof.visible import visible
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, FreeRunChoice, RecordingQuality
 from hoopd.diagnose.recordfile import rounded
 from hoopd.diagnose.report.pictures import shown_of
-from hoopd.diagnose.search.aside import Data, looked_at_again, without_events
+from hoopd.diagnose.search.aside import Data, looked_at_again, start_ups, without_events
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.diagnose.search.stiff import likeliest
 from hoopd.diagnose.search.trying import Settings, free_of_recordings
@@ -51,6 +51,8 @@ from hoopd.physics.effects.base import Effect
 Progress = Callable[[str], None]
 
 LAST_SHARE = 1.0 / 3.0
+# A start-up of a drive takes a second or two.
+MOST_START_UPS = 2
 
 
 @dataclass
@@ -108,6 +110,7 @@ def diagnose(case: Case) -> Outcome:
     data, nominal, base = training(case, train, nominal)
     data_held = proving(held, base)
     named = name_effects(data.kept, data_held.kept, case.library, nominal, base, case.settings)
+    named, data = _started(case, named, data, data_held)
     named, data = looked_at_again(named, data, case.settings.threshold)
     data_held, runs = _heldout_again(named, data_held, HeldOut(data_held.kept))
     case.progress("what no name explains")
@@ -144,7 +147,7 @@ def diagnose(case: Case) -> Outcome:
         unexplained=unexplained_of(unknown),
         next_experiment=next_experiment(named, apart, case.library, case.seed),
         data_quality=quality_of(
-            [*case.train, *case.heldout], [*data.aside, *data_held.aside], [step_sentence(step_nats(named.final))]
+            [*case.train, *case.heldout], [*data.ignored, *data_held.ignored], [step_sentence(step_nats(named.final))]
         ),
         seed=case.seed,
         candidates=candidates_of(named, threshold),
@@ -167,6 +170,20 @@ def training(case: Case, train: list[Stretch], nominal: Fit) -> tuple[Data, Fit,
     return data, nominal, base
 
 
+def _started(case: Case, named: Named, data: Data, held: Data) -> tuple[Named, Data]:
+    """Named again without the start-ups of the drive that were named as pushes."""
+    for _ in range(MOST_START_UPS):
+        early = start_ups(named)
+        if not early:
+            break
+        case.progress("without a start-up")
+        data = data.begun_later(early)
+        base = likeliest(fit(data.kept, case.effects, case.values))
+        nominal = fit(data.kept, case.effects, case.values, move=False)
+        named = name_effects(data.kept, held.kept, case.library, nominal, base, case.settings)
+    return named, data
+
+
 def proving(held: list[Stretch], base: Fit) -> Data:
     """What counts of the held-out data."""
 
@@ -181,7 +198,7 @@ def _choice(case: Case, named: Named, data: Data, held: Data) -> FreeRunChoice |
     if not case.choose_free_run:
         return None
     case.progress("effects by the free run")
-    whole = () if data.aside or held.aside else stretches_of(case.whole)
+    whole = () if data.ignored or held.ignored else stretches_of(case.whole)
     return free_choice(named.final, held.kept, case.library, case.seed, whole)
 
 

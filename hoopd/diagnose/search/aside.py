@@ -13,14 +13,15 @@ from dataclasses import dataclass, field, replace
 
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.intervals import Interval
-from hoopd.diagnose.engine.setaside import set_aside, still_unusual, without
+from hoopd.diagnose.engine.intervals import Interval, Signal
+from hoopd.diagnose.engine.setaside import leaving_enough, set_aside, still_unusual, without
+from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.stiff import likeliest
 from hoopd.diagnose.search.trying import free_of_recordings, surprise_of
 
-# A disturbance of the drive's coordinate that began within these seconds is a start-up.
-START_UP_S = 0.3
+# A disturbance of the drive's coordinate that began within these seconds is a start-up, and lasts so long at least.
+START_UP_S, STARTED_S = 0.3, 1.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,12 @@ class Data:
     whole: Sequence[Stretch]
     kept: Sequence[Stretch]
     aside: Sequence[Interval] = field(default_factory=tuple)
+    begun: Sequence[Interval] = field(default_factory=tuple)  # start-ups: in none of them any more
+
+    @property
+    def ignored(self) -> list[Interval]:
+        """All that does not count."""
+        return [*self.begun, *self.aside]
 
     def brought_back(self, found: Fit) -> Data:
         """With the intervals that a hypothesis, as it is fitted, explains."""
@@ -38,7 +45,13 @@ class Data:
         new = [name for name in free_of_recordings(found.effects, self.whole) if name not in found.values]
         again = fit(self.whole, found.effects, found.values, noise=found.noise, free=new, tune_noise=False)
         still = still_unusual(self.aside, again, found)
-        return self if len(still) == len(self.aside) else Data(self.whole, without(self.whole, still), still)
+        return self if len(still) == len(self.aside) else replace(self, kept=without(self.whole, still), aside=still)
+
+    def begun_later(self, early: Sequence[Interval]) -> Data:
+        """Without these start-ups."""
+        return replace(
+            self, whole=without(self.whole, early), kept=without(self.kept, early), begun=[*self.begun, *early]
+        )
 
 
 def without_events(
@@ -55,6 +68,29 @@ def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:
     if one.kind == "force" and mine and one.where == mine[0].plant.driven:
         return one.t0 < float(mine[0].t[0]) + START_UP_S
     return True
+
+
+def start_ups(named: Named) -> list[Interval]:
+    """Beginnings of recordings with a named push on the driven coordinate: a drive that was not up yet."""
+    found = []
+    for effect in (one.effect for one in named.accepted):
+        for recording, tracks in _by_recording(named.final).items():
+            plant, first = tracks[0].stretch.plant, min(float(track.stretch.t[0]) for track in tracks)
+            slot = plant.slots.get(effect.slot)
+            t0, t1 = (named.final.values.get(f"{effect.key(name)}@{recording}", 0.0) for name in ("t0", "t1"))
+            if slot is None or (slot.kind, slot.coordinate) != ("push", plant.driven):
+                continue
+            if t0 < first + START_UP_S and first < t1 and t0 < t1:
+                until = max(t1, first + STARTED_S)
+                found.append(Interval(recording, first, until, (Signal(slot.coordinate, "force", 0.0, 0.0),)))
+    return leaving_enough([track.stretch for track in named.final.tracks], found)
+
+
+def _by_recording(found: Fit) -> dict[str, list[Track]]:
+    out: dict[str, list[Track]] = {}
+    for track in found.tracks:
+        out.setdefault(track.stretch.recording, []).append(track)
+    return out
 
 
 def looked_at_again(named: Named, data: Data, threshold: float) -> tuple[Named, Data]:
