@@ -51,8 +51,6 @@ from hoopd.physics.effects.base import Effect
 Progress = Callable[[str], None]
 
 LAST_SHARE = 1.0 / 3.0
-# A start-up of a drive takes a second or two.
-MOST_START_UPS = 2
 
 
 @dataclass
@@ -110,7 +108,7 @@ def diagnose(case: Case) -> Outcome:
     data, nominal, base = training(case, train, nominal)
     data_held = proving(held, base)
     named = name_effects(data.kept, data_held.kept, case.library, nominal, base, case.settings)
-    named, data = _started(case, named, data, data_held)
+    named, data, data_held = _started(case, named, data, data_held)
     named, data = looked_at_again(named, data, case.settings.threshold)
     data_held, runs = _heldout_again(named, data_held, HeldOut(data_held.kept))
     case.progress("what no name explains")
@@ -170,18 +168,17 @@ def training(case: Case, train: list[Stretch], nominal: Fit) -> tuple[Data, Fit,
     return data, nominal, base
 
 
-def _started(case: Case, named: Named, data: Data, held: Data) -> tuple[Named, Data]:
-    """Named again without the start-ups of the drive that were named as pushes."""
-    for _ in range(MOST_START_UPS):
-        early = start_ups(named)
-        if not early:
-            break
-        case.progress("without a start-up")
-        data = data.begun_later(early)
-        base = likeliest(fit(data.kept, case.effects, case.values))
-        nominal = fit(data.kept, case.effects, case.values, move=False)
-        named = name_effects(data.kept, held.kept, case.library, nominal, base, case.settings)
-    return named, data
+def _started(case: Case, named: Named, data: Data, held: Data) -> tuple[Named, Data, Data]:
+    """Named again without the start-ups of the drive that were named as pushes; the held-out data judged anew."""
+    early = start_ups(named, {source.name: float(source.stretches[0].t[0]) for source in case.train})
+    if not early:
+        return named, data, held
+    case.progress("without a start-up")
+    data = data.begun_later(early)
+    base = likeliest(fit(data.kept, case.effects, case.values))
+    nominal = fit(data.kept, case.effects, case.values, move=False)
+    held = proving(list(held.whole), base)
+    return name_effects(data.kept, held.kept, case.library, nominal, base, case.settings), data, held
 
 
 def proving(held: list[Stretch], base: Fit) -> Data:

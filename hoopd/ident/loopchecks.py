@@ -77,7 +77,7 @@ def _answering(errors: Array, u: Array) -> NDArray[np.bool_]:
     if n < FEEDBACK_SAMPLES or not nu * ne:
         return np.zeros(nu, dtype=bool)
     # without their means, which any lag would stand in for
-    signals = [np.ascontiguousarray(np.nan_to_num(one - np.nanmean(one))) for one in (*u, *errors)]
+    signals = [_centred(one) for one in (*u, *errors)]
     gram = lagged_gram(signals, [range(m + 1)] * nu + [range(1, m + 1)] * ne, m)
     own = (m + 1) * np.arange(nu)[:, None] + np.arange(m + 1)
     past = (m + 1) * nu + m * np.arange(ne)[:, None] + np.arange(m)
@@ -90,6 +90,12 @@ def _answering(errors: Array, u: Array) -> NDArray[np.bool_]:
     gain = (n - m) * np.log(own_only / np.maximum(after, FORETOLD * own_only))
     levels = np.array([level for _, level in FEEDBACK_LEVELS])[:, None, None]
     return np.asarray(((alone > FORETOLD) & (gain > levels)).any(axis=(0, 1)))
+
+
+def _centred(x: Array) -> Array:
+    """Less the mean of what is known, zero elsewhere."""
+    known = np.isfinite(x)
+    return np.where(known, x - (x[known].mean() if known.any() else 0.0), 0.0)
 
 
 def _left(gram: Array) -> Array:

@@ -28,7 +28,9 @@ def test_a_drive_that_is_off_at_first_is_a_start_up() -> None:
     late = Stretch("r", PLANT, made.t, told, made.y)
     named = named_in(late)
     assert [one.effect.name for one in named.accepted] == [PUSH.name]
-    (early,) = start_ups(named)
+    (early,) = start_ups(named, {"r": 0.0})
+    # it began with the recording, not with what is left of it
+    assert start_ups(named, {"r": -1.0}) == []
     assert (early.recording, early.t0, early.where, early.kind) == ("r", 0.0, "theta", "force")
     data = Data([late], [late]).begun_later([early])
     assert data.ignored == [early] and data.kept[0].t[0] >= early.t1 >= 1.0
@@ -42,4 +44,4 @@ def test_a_push_later_on_is_an_effect() -> None:
     named = named_in(stretch_with(PLANT, "r", 4, 15.0, [PUSH], {**values, **own}))
     assert [one.effect.name for one in named.accepted] == [PUSH.name]
     assert np.isclose(named.final.values[f"{PUSH.name}.t0@r"], 6.0, atol=0.1)
-    assert start_ups(named) == []
+    assert start_ups(named, {"r": 0.0}) == []

@@ -153,7 +153,7 @@ def test_what_the_held_out_data_ask_for_with_other_values_is_unknown_and_in_no_m
     held = HeldOut([stretch_with(PLANT, "held", 23, 20.0, [MAGNET], {"hoop.magnet.A": -PULL})])
     proof = proven(found, held)
     assert proof is not None and not proof.unknown.carries_over
-    assert proof.joint is None and proof.heldout is None and proof.unknown.beside_names
+    assert proof.joint is None and proof.heldout is None
     fits = played(heldout_fits(Named(magnetic.fit, magnetic.fit, magnetic.fit), held, magnetic, proof))
     assert fits["final"] is fits["named"] and fits["ceiling"] is fits["base"]
     told = unknown_finding(proof.unknown, fits)

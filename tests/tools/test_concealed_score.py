@@ -133,6 +133,10 @@ def test_answers_of_two_versions_of_the_code_are_told(tmp_path: Path) -> None:
     for one in ("a", "b", "a"):
         folder.speaks(one)
     assert folder.versions() == ["a", "b"]
+    other = runfolder.RunFolder(tmp_path / "before")
+    (other.path / "diagnoses").mkdir(parents=True)
+    other.speaks("a")
+    assert other.versions() == ["unknown", "a"]
     assert score._mixed(folder).endswith("a, b") and score.judged(folder)["versions"] == ["a", "b"]
 
 

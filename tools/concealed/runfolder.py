@@ -81,7 +81,7 @@ class RunFolder:
 
     def speaks(self, version: str) -> None:
         """Notes that this code speaks from now on."""
-        before = self.versions()
+        before = self.versions() or (["unknown"] if (self.path / "diagnoses").exists() else [])
         if version not in before:
             self._put("versions.json", [*before, version])
 

@@ -75,9 +75,6 @@ def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = T
     asked = folder.asked()
     kind = "tuning" if is_tuning(asked.seed) else "score"
     console.print(f"{kind} seed {asked.seed}, {len(asked.wishes())} cases, folder {folder.path}")
-    folder.speaks(version())
-    if (mixed := _mixed(folder)) and folder.identifiers():
-        console.print(f"[yellow]{mixed}[/]")
     with _progress(console) as progress:
         made: list[Job] = [(make, (wishes, asked.seed), first) for first, wishes in folder.chunks()]
         _each(client, progress, "cases made", made, folder.keep)
@@ -87,8 +84,12 @@ def run(folder: RunFolder, client: Client, console: Console, *, rivals: bool = T
                 for name in folder.identifiers()
                 if not _done(folder, kind, name, retry) and _concerned(folder, kind, name)
             ]
+            if kind == DIAGNOSES and jobs:
+                folder.speaks(version())
             _each(client, progress, kind, jobs, partial(folder.say, kind))
     _tell_failures(folder, console)
+    if mixed := _mixed(folder):
+        console.print(f"[yellow]{mixed}[/]")
     if rivals:
         _ask_oracle(folder, client, console)
 

@@ -1,4 +1,4 @@
-"""Which code spoke: a digest of everything that can change what a run finds.
+"""Which code spoke: a digest of the modules here, taken when a run begins or goes on; not of the packages below them.
 
 Rules of this file: standard library only.
 """

@@ -15,6 +15,7 @@ from hoopd.diagnose.engine.fitting import Fit
 from hoopd.diagnose.proof.heldout import HeldOut, on_heldout
 from hoopd.diagnose.proof.unnamed import Proven
 from hoopd.diagnose.search.naming import Named
+from hoopd.diagnose.search.trying import HELD_OUT_LOSS
 
 
 def heldout_fits(named: Named, held: HeldOut, base: Survey, proof: Proven | None) -> Mapping[str, Fit]:
@@ -39,10 +40,11 @@ def ceiling(base: Survey, heldout: Sequence[Stretch], proof: Proven | None, noth
     chosen = best_curves(base)
     if not chosen:
         return nothing
-    if proof is not None and _is(proof.unknown, chosen, base.fit) and proof.unknown.carries_over is not None:
-        # refused there, it is no ceiling
-        return nothing if proof.heldout is None else proof.heldout
-    return on_heldout(together(chosen, base.fit)[0], heldout, base.fit)[0]
+    if proof is not None and proof.heldout is not None and _is(proof.unknown, chosen, base.fit):
+        return proof.heldout
+    found, again = on_heldout(together(chosen, base.fit)[0], heldout, base.fit)
+    # what the held-out data refuse is no ceiling
+    return found if found.criterion + again / 2.0 < nothing.criterion + HELD_OUT_LOSS else nothing
 
 
 def _is(unknown: Unknown, chosen: Sequence[CurveScore], beside: Fit) -> bool:

@@ -53,8 +53,7 @@ def proven(unknown: Unknown, held: HeldOut, seed: int = 0) -> Proven | None:
         return Proven(replace(found, carries_over=True), joint, after)
     if not asked_for(unknown.curve, without, seed):
         return None
-    # what it stands beside stays: no model without names has it in their place
-    return Proven(replace(found, carries_over=False, beside_names=True), None)
+    return Proven(replace(found, carries_over=False), None)
 
 
 def asked_for(curve: Curve, frozen: Fit, seed: int = 0) -> bool:
@@ -99,7 +98,7 @@ def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int
     second = of(named.final, [s for s in named.left if s.origin is named.final]) if named.accepted else None
     unknown = judge_unknown(first, second, seed=seed)
     proof = None if unknown is None else proven(unknown, held, seed)
-    if proof is not None and not proof.unknown.beside_names:
+    if proof is not None and proof.joint is not None and not proof.unknown.beside_names:
         drop_names(named)
     return Missing(first, proof)
 

@@ -8,20 +8,20 @@ Rules of this file: `engine.intervals` says what is unusual; here is what become
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hoopd.diagnose.engine.dataset import Stretch
 from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.engine.intervals import Interval, Signal
 from hoopd.diagnose.engine.setaside import leaving_enough, set_aside, still_unusual, without
-from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.stiff import likeliest
 from hoopd.diagnose.search.trying import free_of_recordings, surprise_of
 
-# A disturbance of the drive's coordinate that began within these seconds is a start-up, and lasts so long at least.
-START_UP_S, STARTED_S = 0.3, 1.0
+# A disturbance of the drive's coordinate that began within these seconds is a start-up. Named as a push it is one that
+# is over within so long, and takes as long at least.
+START_UP_S, LONGEST_START_UP_S, SHORTEST_START_UP_S = 0.3, 2.0, 1.0
 
 
 @dataclass(frozen=True)
@@ -70,27 +70,19 @@ def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:
     return True
 
 
-def start_ups(named: Named) -> list[Interval]:
-    """Beginnings of recordings with a named push on the driven coordinate: a drive that was not up yet."""
+def start_ups(named: Named, starts: Mapping[str, float]) -> list[Interval]:
+    """Beginnings of recordings (`starts`, s) with a named push on the driven coordinate: the drive was not up yet."""
     found = []
     for effect in (one.effect for one in named.accepted):
-        for recording, tracks in _by_recording(named.final).items():
-            plant, first = tracks[0].stretch.plant, min(float(track.stretch.t[0]) for track in tracks)
-            slot = plant.slots.get(effect.slot)
+        for recording, plant in {t.stretch.recording: t.stretch.plant for t in named.final.tracks}.items():
+            slot, first = plant.slots.get(effect.slot), starts[recording]
             t0, t1 = (named.final.values.get(f"{effect.key(name)}@{recording}", 0.0) for name in ("t0", "t1"))
             if slot is None or (slot.kind, slot.coordinate) != ("push", plant.driven):
                 continue
-            if t0 < first + START_UP_S and first < t1 and t0 < t1:
-                until = max(t1, first + STARTED_S)
+            if t0 < min(t1, first + START_UP_S) and first < t1 <= first + LONGEST_START_UP_S:
+                until = max(t1, first + SHORTEST_START_UP_S)
                 found.append(Interval(recording, first, until, (Signal(slot.coordinate, "force", 0.0, 0.0),)))
     return leaving_enough([track.stretch for track in named.final.tracks], found)
-
-
-def _by_recording(found: Fit) -> dict[str, list[Track]]:
-    out: dict[str, list[Track]] = {}
-    for track in found.tracks:
-        out.setdefault(track.stretch.recording, []).append(track)
-    return out
 
 
 def looked_at_again(named: Named, data: Data, threshold: float) -> tuple[Named, Data]:
