@@ -15,6 +15,7 @@ import numpy as np
 
 from hoopd.core.frames import Answer, Decoder, Layout, Request, encode_answer, encode_request
 from hoopd.sim.board import BYTE_S, FAULT_BITS, DriverBoard, FaultName
+from hoopd.sim.lying_encoder import LIES, LyingEncoder
 
 Direction = Literal["request", "answer"]
 
@@ -39,6 +40,11 @@ KINDS: Final[Mapping[str, KindRow]] = {
     "board_silent": KindRow("link", {}, "the board hears nothing and says nothing; its own time-out goes on"),
     "implausible_speed": KindRow("link", {"value": 5000.0}, "answers carry this dtheta in rad/s with a good CRC"),
     "implausible_current": KindRow("link", {"value": 80.0}, "answers carry this current in A with a good CRC"),
+    "encoder_frozen": KindRow("link", {}, "answers hold the hoop's angle and carry speed 0; the hoop turns on"),
+    "encoder_coasts": KindRow("link", {}, "answers carry on with the speed of the beginning, whatever the hoop does"),
+    "encoder_scale": KindRow(
+        "link", {"factor": 0.5}, "turns from the beginning on and speed are multiplied; -1 is an encoder turned round"
+    ),
     "drive_blocked": KindRow("link", {}, "an emergency stop holds the drive: requests reach it without enable"),
     "board_reset": KindRow("board", {}, "the board restarts once, at the beginning"),
     "board_fault": KindRow("board", {"name": "overcurrent"}, "overcurrent, encoder or supply condition persists"),
@@ -75,7 +81,7 @@ class Fault:
             raise ValueError(f"{self.kind}: direction must be request, answer or both, not {self['direction']!r}")
         if self.kind == "board_fault" and self["name"] not in FAULT_BITS:
             raise ValueError(f"board_fault: name must be {', '.join(FAULT_BITS)}, not {self['name']!r}")
-        for name in ("value", "psi_rad"):
+        for name in ("value", "psi_rad", "factor"):
             value = self[name]
             if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
                 raise ValueError(f"{self.kind}: {name} must be a number, not {value!r}")
@@ -133,6 +139,8 @@ class FaultyWire:
         self._layout = layout
         self._rng = {name: np.random.default_rng([script.seed, i]) for i, name in enumerate(("request", "answer"))}
         self._frames = {"request": 0, "answer": 0}
+        self._encoder = LyingEncoder(script.active)
+        self._encoder_lies = any(fault.kind in LIES for fault in script.faults)
 
     def request(self, t: float, data: bytes) -> list[Delivery]:
         """What the board gets of bytes that the host sent, `t` their arrival without faults."""
@@ -195,16 +203,21 @@ class FaultyWire:
         return b"".join(encode_request(self._layout, f.seq, False, f.clear_fault, f.torque_nm) for f in asked)
 
     def _falsify(self, t: float, data: bytes) -> bytes:
-        """The same answer with an implausible value and its CRC made good."""
+        """The same answer with a wrong value and its CRC made good."""
         changes: dict[str, Any] = {}
         if fault := self._script.active(t, "implausible_speed"):
             changes["dtheta"] = float(fault["value"])
         if fault := self._script.active(t, "implausible_current"):
             changes["current"] = float(fault["value"])
-        if not changes:
+        if not changes and not self._encoder_lies:
             return data
         frames = Decoder(self._layout, "answer", bounds={}).feed(data)
-        return b"".join(encode_answer(self._layout, f._replace(**changes)) for f in frames if isinstance(f, Answer))
+        answers = [self._lied(t, frame) for frame in frames if isinstance(frame, Answer)]
+        return b"".join(encode_answer(self._layout, answer._replace(**changes)) for answer in answers)
+
+    def _lied(self, t: float, answer: Answer) -> Answer:
+        theta, dtheta = self._encoder.report(t, answer.theta, answer.dtheta)
+        return answer._replace(theta=theta, dtheta=dtheta)
 
 
 class BoardFaults:

@@ -11,6 +11,7 @@ from hoopd.core.frames import (
     DEFAULT_LAYOUT,
     ERROR_SUPPLY,
     STATUS_FAULT,
+    THETA_WRAP_RAD,
     Answer,
     Decoder,
     LinkFault,
@@ -137,3 +138,61 @@ def test_a_mistake_is_one_clear_line(row: dict[str, object], word: str) -> None:
         fault_from_table(row)
     with pytest.raises(ValueError, match="gremlin"):
         FaultScript().active(0.0, "gremlin")
+
+
+def told_by(line: FaultyWire, t: float, theta: float, dtheta: float) -> tuple[float, float]:
+    """Angle and speed of the answer that the host gets."""
+    ((_, data),) = line.answer(t, encode_answer(DEFAULT_LAYOUT, Answer(1, 1, 0, theta, dtheta, 0.1, 20)))
+    (answer,) = Decoder(DEFAULT_LAYOUT).feed(data)
+    assert isinstance(answer, Answer)
+    return answer.theta, answer.dtheta
+
+
+def turning(kind: str, **params: object) -> list[tuple[float, float, float]]:
+    """(t, theta, dtheta) told every 20 ms: at rest until 1 s, then 5 rad/s^2; the lie begins at 1.5 s."""
+    line = FaultyWire(FaultScript([Fault(kind, 1.5, 1.0, params)]), DEFAULT_LAYOUT)
+    told = []
+    for k in range(150):
+        t, since = 0.02 * k, max(0.02 * k - 1.0, 0.0)
+        told.append((t, *told_by(line, t, 2.5 * since**2, 5.0 * since)))
+    return told
+
+
+def test_a_frozen_encoder_holds_its_angle_and_says_that_nothing_turns() -> None:
+    told = turning("encoder_frozen")
+    before = told[74]
+    assert {row[1:] for row in told[75:125]} == {(before[1], 0.0)}
+    assert told[74][2] == pytest.approx(5.0 * 0.48)
+    assert told[130][1] == pytest.approx(2.5 * 1.6**2)  # the truth went on, and comes back
+
+
+def test_a_coasting_encoder_goes_on_with_the_speed_it_had() -> None:
+    told = turning("encoder_coasts")
+    t0, theta0, speed = told[74]
+    for t, theta, dtheta in told[75:125]:
+        assert theta == pytest.approx(theta0 + speed * (t - t0), abs=1e-6)
+        assert dtheta == speed
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0, -1.0])
+def test_a_scaled_encoder_does_not_jump_and_turns_by_its_factor(factor: float) -> None:
+    told = turning("encoder_scale", factor=factor)
+    t0, theta0, _ = told[74]
+    for t, theta, dtheta in told[75:125]:
+        assert theta == pytest.approx(theta0 + factor * 2.5 * ((t - 1.0) ** 2 - (t0 - 1.0) ** 2), abs=1e-5)
+        assert dtheta == pytest.approx(factor * 5.0 * (t - 1.0), abs=1e-5)
+
+
+def test_a_scaled_encoder_wraps_where_the_board_wraps() -> None:
+    line = FaultyWire(FaultScript([Fault("encoder_scale", 1.0, 9.0, {"factor": 2.0})]), DEFAULT_LAYOUT)
+    told_by(line, 0.98, THETA_WRAP_RAD - 1.0, 50.0)
+    theta, _ = told_by(line, 1.0, THETA_WRAP_RAD - 0.2, 50.0)
+    assert theta == pytest.approx(-THETA_WRAP_RAD + 0.6, abs=1e-3)
+    theta, _ = told_by(line, 1.02, -THETA_WRAP_RAD + 0.6, 50.0)  # the true count wraps
+    assert theta == pytest.approx(-THETA_WRAP_RAD + 2.2, abs=1e-3)
+
+
+@pytest.mark.parametrize("factor", ["half", math.nan])
+def test_a_factor_is_a_number(factor: object) -> None:
+    with pytest.raises(ValueError, match="factor must be a number"):
+        fault_from_table({"kind": "encoder_scale", "at_s": 0, "params": {"factor": factor}})
