@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 
 from hoopd.core.frames import STATUS_ENABLED, STATUS_FAULT, STATUS_TIMEOUT
 from hoopd.core.records import CameraSample, DriverSample
-from hoopd.files import InputError
+from hoopd.files import PORT_MISSING, InputError
 
 
 class Verdict(StrEnum):
@@ -34,6 +34,7 @@ class CheckResult(NamedTuple):
     granted: str
     verdict: Verdict
     advice: str = ""
+    code: int = 1  # exit code when it fails
 
 
 class Board(Protocol):
@@ -64,8 +65,8 @@ POWER_BITS = ("undervoltage", "clock capped", "throttled", "soft temperature lim
 # --- serial port and board -------------------------------------------------------------------------------------------
 
 
-def serial_port(port: str, baud: int, failure: str) -> CheckResult:
-    """The port could be opened, alone and at this rate."""
+def serial_port(port: str, baud: int, failure: str, *, missing: bool = False) -> CheckResult:
+    """The port could be opened, alone and at this rate; one that is `missing` may come yet."""
     wanted = f"{port} at {baud} baud"
     if not failure:
         return CheckResult("serial port", wanted, "opened", Verdict.OK)
@@ -73,7 +74,7 @@ def serial_port(port: str, baud: int, failure: str) -> CheckResult:
     advice = (
         "stop the daemon first: systemctl stop hoopd" if busy else "see serial.port; user in group dialout? reboot?"
     )
-    return CheckResult("serial port", wanted, failure, Verdict.FAIL, advice)
+    return CheckResult("serial port", wanted, failure, Verdict.FAIL, advice, PORT_MISSING if missing else 1)
 
 
 def board_answers(board: Board) -> CheckResult:
@@ -292,8 +293,8 @@ def run_checks(checks: Sequence[tuple[str, Check]]) -> list[CheckResult]:
 
 
 def exit_code(rows: Sequence[CheckResult]) -> int:
-    """0 when nothing failed, else 1."""
-    return int(any(row.verdict is Verdict.FAIL for row in rows))
+    """0 when nothing failed, 3 when the port is missing (which fails what hangs on it, too), else 1."""
+    return max((row.code for row in rows if row.verdict is Verdict.FAIL), default=0)
 
 
 def as_data(rows: Sequence[CheckResult]) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from hoopd.files import InputError, parse_yaml, read_text
 from hoopd.shell import probe
 from hoopd.shell.clock import TickTimer
 from hoopd.shell.config import Config, find
+from hoopd.shell.link import is_missing
 from hoopd.shell.loop import Eye
 from hoopd.shell.service import granted_realtime
 
@@ -107,7 +108,7 @@ def _board(config: Config, layout: Layout) -> list[CheckResult]:
     try:
         line = probe.BoardLine(port, baud, layout)
     except OSError as error:
-        row = check.serial_port(port, baud, error.strerror or str(error))
+        row = check.serial_port(port, baud, error.strerror or str(error), missing=is_missing(error))
         return [row, *(CheckResult(name, "", "no port", Verdict.SKIPPED) for name in ("board", "board time-out"))]
     with closing(line):
         rows = [check.serial_port(port, baud, ""), check.board_answers(line)]

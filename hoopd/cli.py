@@ -1,7 +1,7 @@
 """The command line.
 
 Rules of this file: parse, call, print; no decision is taken here. Heavy imports are made inside the commands, so
-that the daemon starts fast. Unusable input is one line on standard error and exit code 2.
+that the daemon starts fast. Unusable input is one line on standard error and exit code 2; a missing port, 3.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import typer
 
 from hoopd import cli_bench
 from hoopd.cli_options import JsonOption
-from hoopd.files import InputError
+from hoopd.files import PORT_MISSING, InputError, PortMissingError
 from hoopd.output import print_result, write_json
 
 # Matrices of four by four gain nothing from threads, and lose milliseconds to them; before numpy is imported.
@@ -272,7 +272,7 @@ def _own_streams() -> None:
 
 
 def main() -> None:
-    """Entry point: one clear line and exit code 2 for unusable input."""
+    """Entry point: one clear line and exit code 2 for unusable input, 3 for a missing port."""
     _own_streams()
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # what a library warns of comes as our one line, or in the result's notes
@@ -282,6 +282,8 @@ def main() -> None:
         code = app(standalone_mode=False)
     except UsageError as error:
         _refuse(f"{error.format_message()} (see hoopd --help)")
+    except PortMissingError as error:
+        _refuse(str(error), PORT_MISSING)
     except InputError as error:
         _refuse(str(error))
     except MemoryError:
@@ -298,6 +300,6 @@ def main() -> None:
         sys.exit(code or 0)
 
 
-def _refuse(line: str) -> NoReturn:
+def _refuse(line: str, code: int = 2) -> NoReturn:
     sys.stderr.write(f"hoopd: {line}\n")
-    sys.exit(2)
+    sys.exit(code)

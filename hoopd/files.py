@@ -1,7 +1,8 @@
 """Reading of YAML files into typed records, with one clear line for everything that is wrong.
 
 Rules of this file: no defaults and no laws here; an unknown key, a wrong unit or an unsafe value raises
-`InputError`, whose text is the whole message (file: key: reason); the command line ends with exit code 2 on it.
+`InputError`, whose text is the whole message (file: key: reason); the command line ends with exit code 2 on it,
+and with 3 when it is the board's port that is missing.
 A number may be written plainly, in the unit that its key ends in, or as text with a unit ("20 ms").
 """
 
@@ -49,12 +50,20 @@ MAX_VALUES = 100_000
 MAX_PART_CHARS = 300
 
 
+# Exit code of a run whose port was missing: the one failure that waiting mends, so a service tries again.
+PORT_MISSING = 3
+
+
 class InputError(ValueError):
     """Unusable input: file, key (or row and column) and reason in one line."""
 
     def __init__(self, path: object, key: str, reason: str) -> None:
         self.path, self.key, self.reason = str(path), key, reason
         super().__init__(": ".join(_printable(part) for part in (self.path, key, reason) if part))
+
+
+class PortMissingError(InputError):
+    """The board's port cannot be had now: absent, busy, or not ours yet; later it may be, so the exit code is 3."""
 
 
 def read_text(path: Path) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import os
 import termios
 import threading
@@ -16,7 +17,7 @@ from collections.abc import Callable
 from hoopd.core.frames import Decoder, Layout, encode_request
 from hoopd.core.linkstate import AnswerFilter
 from hoopd.core.records import DriverSample, LinkCounts, TorqueCommand
-from hoopd.files import InputError
+from hoopd.files import InputError, PortMissingError
 from hoopd.shell.helpers import start_helper
 
 BITS_PER_BYTE = 10  # start, eight data, stop
@@ -27,6 +28,11 @@ SILENCE_S = 0.002
 READ_BYTES = 512
 # A port that brings more than this between two ticks (a USB adapter knows no baud rate) is flushed, not decoded.
 FLOOD_BYTES = 1024
+# What waiting or plugging in mends: no such device, one that goes as it is opened, one that another program holds, one
+# whose rights udev has not set yet. Everything else (no serial port at all, a rate it has not) is unusable input.
+MISSING = frozenset(
+    {errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO, errno.EBUSY, errno.EAGAIN, errno.EACCES, errno.EPERM}
+)
 
 
 def wire_time(count: int, baud: int) -> float:
@@ -96,7 +102,8 @@ class SerialDrive:
         try:
             self._adopt(open_port(self._port_name, self._baud))
         except OSError as error:
-            raise InputError(self._port_name, "serial.port", (error.strerror or str(error)).lower()) from None
+            kind = PortMissingError if is_missing(error) else InputError
+            raise kind(self._port_name, "serial.port", (error.strerror or str(error)).lower()) from None
 
     def take(self) -> tuple[DriverSample | None, LinkCounts]:
         """Newest answer and what else came since the last tick."""
@@ -201,6 +208,11 @@ class SerialDrive:
         else:
             self._adopt(port)
             self._say(f"{self._port_name} is open again")
+
+
+def is_missing(error: OSError) -> bool:
+    """The port cannot be had now, but may be later."""
+    return error.errno in MISSING
 
 
 def open_port(name: str, baud: int) -> object:

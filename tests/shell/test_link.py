@@ -13,7 +13,7 @@ import serial
 
 from hoopd.core.frames import DEFAULT_LAYOUT, Answer, encode_answer
 from hoopd.core.records import TorqueCommand
-from hoopd.files import InputError
+from hoopd.files import PortMissingError
 from hoopd.shell.link import Codec, SerialDrive, open_port, wire_time
 
 COMMAND = TorqueCommand(7, True, False, 0.25)
@@ -61,7 +61,7 @@ def test_a_missing_port_is_one_clear_line() -> None:
     async def run() -> None:
         SerialDrive("/dev/no-such-port", 115200, Codec(DEFAULT_LAYOUT, 115200), lambda: 0.0, 0.05).open()
 
-    with pytest.raises(InputError, match=r"/dev/no-such-port: serial\.port: no such file"):
+    with pytest.raises(PortMissingError, match=r"/dev/no-such-port: serial\.port: no such file"):
         asyncio.run(run())
 
 

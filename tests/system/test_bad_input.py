@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import serial
 from system.runs import run
 
 from hoopd import cli
@@ -109,9 +110,9 @@ CASES: dict[str, tuple[Maker, str]] = {
         controller("sample_time_s: 0.02", "sample_time_s: 0.01"),
         "sample_time_s: designed",
     ),
-    "missing serial device": (
-        words("--duration", "1", "--set", "camera.command=['true']", "--set", "serial.port=/dev/none"),
-        "/dev/none: serial.port: no such file",
+    "serial device that is none": (
+        words("--duration", "1", "--set", "camera.command=['true']", "--set", "serial.port=/dev/null"),
+        "/dev/null: serial.port: could not configure port",
     ),
     "endpoint that is none": (
         words("--sim", "--camera", "direct", "--duration", "1", "--set", "telemetry.endpoint=bogus"),
@@ -160,8 +161,8 @@ def call(arguments: tuple[str, ...]) -> tuple[int, str, str]:
     return int(end.value.code or 0), out.getvalue(), errors.getvalue()
 
 
-def one_line(code: int, out: str, errors: str, expected: str) -> None:
-    assert code == 2, errors
+def one_line(code: int, out: str, errors: str, expected: str, wanted: int = 2) -> None:
+    assert code == wanted, errors
     assert errors.startswith("hoopd: ")
     assert errors.count("\n") == 1 and errors.endswith("\n"), errors
     assert expected in errors
@@ -195,7 +196,36 @@ def test_a_recording_torn_before_its_first_row(tmp_path: Path) -> None:
         assert errors.count("torn.mcap") == 1
 
 
-@pytest.mark.parametrize("name", ["unknown key", "missing serial device", "missing recording", "unknown option"])
+MISSING_PORT = ("--duration", "1", "--set", "camera.command=['true']", "--set")
+
+
+@pytest.mark.parametrize("port", ["/dev/none", "FOLDER/dangling", "FOLDER/taken"])
+def test_a_port_that_may_come_yet_has_an_exit_code_of_its_own(port: str, tmp_path: Path) -> None:
+    """Absent, unplugged with its link left behind, or held by another program."""
+    (tmp_path / "dangling").symlink_to(tmp_path / "gone")
+    master, slave = os.openpty()
+    (tmp_path / "taken").symlink_to(os.ttyname(slave))
+    holder = serial.Serial(os.ttyname(slave), exclusive=True)
+    name = port.replace("FOLDER", str(tmp_path))
+    try:
+        one_line(*call((*MISSING_PORT, f"serial.port={name}")), f"{name}: serial.port: ", wanted=3)
+    finally:
+        holder.close()
+        os.close(master)
+        os.close(slave)
+
+
+def test_a_missing_port_as_a_process_leaves_no_recording(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "hoopd", *MISSING_PORT, "serial.port=/dev/none", "--record", tmp_path],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, timeout=30, check=False,
+    )  # fmt: skip
+    one_line(done.returncode, done.stdout, done.stderr, "/dev/none: serial.port: no such file", wanted=3)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["unknown key", "serial device that is none", "missing recording", "unknown option"])
 def test_the_same_as_a_process(name: str, tmp_path: Path) -> None:
     make, expected = CASES[name]
     done = subprocess.run(

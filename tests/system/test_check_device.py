@@ -94,11 +94,16 @@ def test_a_device_that_is_well(rig: Path, capsys: pytest.CaptureFixture[str]):
 
 def test_nothing_is_plugged_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     config = load(f"serial.port={tmp_path / 'nowhere'}", f"recording.directory={tmp_path / 'none'}")
-    assert device.check_device(config, None, DEFAULT_LAYOUT, no_camera, tmp_path / "check.json") == 1
+    assert device.check_device(config, None, DEFAULT_LAYOUT, no_camera, tmp_path / "check.json") == 3
     found = verdicts(tmp_path / "check.json")
     assert (found["serial port"], found["camera"], found["disk"]) == ("fail", "fail", "fail")
     assert found["board time-out"] == "skipped"
     assert "rpicam-vid" in capsys.readouterr().out
+
+
+def test_a_port_that_is_none_is_no_missing_one(tmp_path: Path):
+    config = load("serial.port=/dev/null", f"recording.directory={tmp_path / 'none'}")
+    assert device.check_device(config, None, DEFAULT_LAYOUT, no_camera) == 1
 
 
 def test_a_camera_that_gives_nothing_ends_in_time(monkeypatch: pytest.MonkeyPatch):

@@ -61,6 +61,7 @@ def test_service_says_what_the_safety_chain_needs():
     assert unit["NotifyAccess"] == ["main"]
     assert unit["Restart"] == ["on-failure"]
     assert unit["RestartPreventExitStatus"] == ["2"]
+    assert unit["StartLimitIntervalSec"] == ["0"]  # a port that is missing for an hour still starts it
     assert unit["CPUSchedulingPolicy"] == ["fifo"]
     assert int(unit["LimitRTPRIO"][0]) >= int(unit["CPUSchedulingPriority"][0])
     assert unit["LimitMEMLOCK"] == ["infinity"]
