@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from math import isfinite, isinf
+from math import isfinite, isinf, pi, tau
 from typing import NamedTuple
 
 from hoopd.core.drift import Drift, Level
@@ -75,6 +75,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault("ball_lost", Action.PAUSE, 10, 10, False, "no ball for ten pictures in a row"),
     # A hand on the ball, or something red that is not the ball: it does not move as a ball under this torque must.
     Fault("ball_implausible", Action.STOP, 1, SECOND, True, "what the camera tracks does not move as a ball"),
+    # No law was designed for that: gravity pulls the ball further away, and a real one has left its track.
+    Fault("ball_runaway", Action.STOP, 1, SECOND, True, "the ball went over the top of the hoop under torque"),
     Fault("overrun", Action.NOTE, 1, 1, False, "lateness and execution exceeded the period"),
     Fault("overrun_repeated", Action.FLAG, 3, SECOND, False, "three periods in a row were overrun"),
     Fault("overrun_persistent", Action.STOP, 10, SECOND, True, "ten periods in a row were overrun"),
@@ -88,7 +90,7 @@ FAULTS: tuple[Fault, ...] = (
     # `core.drift`: half a minute in which the innovations last; once in a run, the model does not change while it runs.
     Fault("model_drift", Action.NOTE, 1, 1, True, "the device does not move as the model says: run `hoopd diagnose`"),
 )
-CAMERA_FAULTS = ("camera_late", "camera_lost", "ball_missing", "ball_lost", "ball_implausible")
+CAMERA_FAULTS = ("camera_late", "camera_lost", "ball_missing", "ball_lost", "ball_implausible", "ball_runaway")
 BY_NAME: Mapping[str, Fault] = {fault.name: fault for fault in FAULTS}
 
 
@@ -167,6 +169,7 @@ class Health:
         self._camera_t = float("-inf")
         self._ball = False
         self._refusals: deque[bool] = deque(maxlen=SECOND)  # of the last pictures with a ball: against the model
+        self._bottom_rad = 0.0  # the bottom that the ball was nearest to when torque was last zero, in whole turns
         self._seen_enabled = False
         self._id: int | None = None
         self._overran = 0
@@ -266,6 +269,7 @@ class Health:
             "recorder_trouble": inputs.trouble & 1,
             "telemetry_trouble": inputs.trouble >> 1 & 1,
             **self._camera(inputs, estimate),
+            **self._top(float(estimate.x[2]), sent),
             **self._board(inputs, sent),
         }
 
@@ -296,6 +300,14 @@ class Health:
             "ball_lost": int(missing),
             "ball_implausible": int(sum(self._refusals) >= REFUSALS),
         }
+
+    def _top(self, psi: float, sent: Sent) -> dict[str, int]:
+        """Without torque a hand may carry the ball round."""
+        if not (self.thresholds.ball_expected and isfinite(psi)):
+            return {}
+        if sent.torque_nm == 0.0:
+            self._bottom_rad = tau * round(psi / tau)
+        return {"ball_runaway": int(abs(psi - self._bottom_rad) > pi)}
 
     def _board(self, inputs: Inputs, sent: Sent) -> dict[str, int]:
         driver = inputs.driver

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, nan
+from math import inf, nan, tau
 
 import numpy as np
 import pytest
@@ -30,6 +30,7 @@ class Bench:
         self.k = 0
         self.sent = Sent(0.0, 0.0, 0)
         self.board_ms = 0
+        self.torque_nm = 0.05  # what every tick sends
 
     def run(
         self, ticks: int, *, estimate: dict | None = None, driver: dict | None = None, **inputs: object
@@ -44,7 +45,7 @@ class Bench:
             camera = CameraSample(self.k, t - 0.05, t - 0.005, 0.1, 1.0, 0.0, 0.0)
             base = Inputs(self.k, t, camera, sample, LinkCounts(good=1), (), 1e-4, 5e-4, False, 0)
             guess = Estimate(np.zeros(4), True, 0.0, 0.0, True, 1.0)._replace(**(estimate or {}))
-            self.sent = Sent(t, 0.0, self.sent.enabled_for + 1)
+            self.sent = Sent(t, self.torque_nm, self.sent.enabled_for + 1)
             self.health.update(base._replace(**inputs), guess, self.sent)
         return [fault.name for fault in self.health.active()]
 
@@ -71,6 +72,7 @@ BAD = {
     "ball_missing": {"no_ball": True},
     "ball_lost": {"no_ball": True},
     "ball_implausible": {"estimate": {"psi_accepted": False}},
+    "ball_runaway": {"estimate": {"x": np.array([0.0, 0.0, -3.2, 0.0])}},
     "overrun": {"lateness_s": 0.015, "execution_s": 0.01},
     "overrun_repeated": {"lateness_s": 0.015, "execution_s": 0.01},
     "overrun_persistent": {"lateness_s": 0.015, "execution_s": 0.01},
@@ -129,6 +131,14 @@ def test_a_fault_clears_as_its_row_says(name: str) -> None:
     assert (name in bench.active) is fault.latched
     bench.health.acknowledge()
     assert name not in bench.active
+
+
+def test_a_hand_may_carry_the_ball_round_and_the_next_top_counts_from_there() -> None:
+    bench = started()
+    for turns in (1.0, 0.9, 1.1):  # a full turn by hand, then torque with the ball about the new bottom
+        bench.torque_nm = 0.0 if turns == 1.0 else 0.05
+        assert "ball_runaway" not in bench.run(1, estimate={"x": np.array([0.0, 0.0, turns * tau, 0.0])})
+    assert "ball_runaway" in bench.run(1, estimate={"x": np.array([0.0, 0.0, 0.4 * tau, 0.0])})
 
 
 def test_an_operator_cannot_acknowledge_what_still_is_wrong() -> None:

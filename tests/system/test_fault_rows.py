@@ -85,6 +85,23 @@ class Law:
 """
 
 
+LOOPING_LAW = """
+class Law:
+    def update(self, m):
+        pumping = (0.7 if m.x[3] > 0 else -0.7) - 0.01 * m.x[1]
+        torque = -0.005 * m.x[1] - 0.05 * m.x[2] - 0.02 * m.x[3]
+        return (pumping if {at} <= m.t < {at} + 1.0 else torque), {{}}
+    def reset(self):
+        pass
+    def tune(self, key, value):
+        return False
+"""
+
+
+def law_that_loops(patch: pytest.MonkeyPatch, folder: Path) -> None:
+    (folder / "law.py").write_text(LOOPING_LAW.format(at=AT_S))
+
+
 def law_that_fails(patch: pytest.MonkeyPatch, folder: Path) -> None:
     (folder / "law.py").write_text(LAW.format(at=AT_S))
 
@@ -146,6 +163,7 @@ CASES: dict[str, Case] = {
     "ball_lost": Case("pause", CAMERA_S + 0.2, "ball_gone", 0.5),
     # Twenty refusals among the pictures of a second: the filter follows after five, and the held ball leaves it again.
     "ball_implausible": Case("stop", CAMERA_S + 1.0, "ball_held", 0.9, {"psi_rad": -0.4}, clears="operator"),
+    "ball_runaway": Case("stop", 0.4, clears="operator", config={"control": {"law": "law.py"}}, prepare=law_that_loops),
     "overrun": Case("goes on", 0.02, prepare=late_from(1), seen=overran),
     "overrun_repeated": Case("goes on", 3 * 0.04 + 0.02, prepare=late_from(3)),
     "overrun_persistent": Case("stop", 10 * 0.04 + 0.02, clears="operator", prepare=late_from(12)),
