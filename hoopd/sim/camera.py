@@ -21,6 +21,7 @@ import cv2
 import msgspec
 import numpy as np
 
+from hoopd.sim import lies
 from hoopd.sim.faults import FaultScript, fault_from_table
 from hoopd.sim.scene import Image, Scene, SceneSettings
 from hoopd.sim.statering import StateRingReader
@@ -64,22 +65,35 @@ class Painter:
     def __init__(self, config: CameraConfig, script: FaultScript) -> None:
         self.settings = SceneSettings(**config.scene)
         self._config, self._script, self._scene = config, script, Scene(self.settings)
+        self._frozen: Image | None = None
 
     def paint(self, frame: int, t: float, state: tuple[float, float, float, float], frame_s: float) -> Image:
         """BGR picture taken at run time `t`."""
+        if self._script.active(t, "pictures_frozen") is None:
+            self._frozen = None
+            return self._paint(frame, t, state, frame_s)
+        if self._frozen is None:
+            self._frozen = self._paint(frame, t, state, frame_s)
+        return self._frozen
+
+    def _paint(self, frame: int, t: float, state: lies.State, frame_s: float) -> Image:
         config = self._config
         if self._script.active(t, "black_pictures"):
             return np.zeros((self.settings.height, self.settings.width, 3), np.uint8)
-        held = self._script.active(t, "ball_held")
-        psi = (float(held["psi_rad"]) if held else state[2]) + config.angle_offset_rad
+        theta, dtheta, psi, dpsi = lies.seen_state(self._script, t, state)
+        psi += config.angle_offset_rad
         if config.disturbance_at_s <= t < config.disturbance_at_s + frame_s:
             psi += config.disturbance_rad
-        return self._scene.render(
+        painted = lies.painted_psi(self._script, t)
+        picture = self._scene.render(
             frame,
-            (state[0], state[1], psi, state[3]),
-            ball=self._script.active(t, "ball_gone") is None,
+            (theta, dtheta, psi, dpsi),
+            ball=painted is None and self._script.active(t, "ball_gone") is None,
             red_object=self._false_object(t),
         )
+        if painted is not None:
+            self._scene.paint_ball(picture, painted)
+        return picture
 
     def _false_object(self, t: float) -> tuple[float, float, float] | None:
         if self._script.active(t, "false_red_object") is None:
@@ -134,7 +148,7 @@ class Program:
         late = self._script.active(t, "late_pictures")
         due = self._config.start + t + self._config.delay_s + (float(late["delay_s"]) if late else 0.0)
         _sleep_until(max(due - RENDER_S, self._config.start + t + 0.003))
-        state = self._ring.at(self._config.start + t)
+        state = self._ring.at(self._config.start + t - lies.age_s(self._script, t))
         if state is None or self._script.active(t, "camera_stall"):
             return
         picture = self._painter.paint(frame, t, (state.theta, state.dtheta, state.psi, state.dpsi), frame_s)

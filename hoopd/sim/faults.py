@@ -54,7 +54,17 @@ KINDS: Final[Mapping[str, KindRow]] = {
     "false_red_object": KindRow("camera", {}, "a second red object is in the picture"),
     "ball_held": KindRow("camera", {"psi_rad": 0.3}, "pictures show the ball held at psi_rad, whatever the torque"),
     "late_pictures": KindRow("camera", {"delay_s": 0.1}, "pictures are delivered later than they should"),
+    "pictures_frozen": KindRow("camera", {}, "the same picture comes again and again, with fresh stamps"),
+    "picture_ball_painted": KindRow(
+        "camera",
+        {"psi_rad": 0.0, "swing_rad": 0.0, "period_s": 3.0},
+        "in place of the ball one is painted on at psi_rad, at rest or swinging about it, without noise of its own",
+    ),
+    "picture_scale": KindRow("camera", {"factor": 0.5}, "pictures show the ball at factor times its angle"),
+    "pictures_aged": KindRow("camera", {"delay_s": 0.1}, "pictures are this much older than their stamps say"),
 }
+# What the rig remembers of its plant's past for a camera that shows an older state.
+OLDEST_PICTURE_S: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -81,7 +91,7 @@ class Fault:
             raise ValueError(f"{self.kind}: direction must be request, answer or both, not {self['direction']!r}")
         if self.kind == "board_fault" and self["name"] not in FAULT_BITS:
             raise ValueError(f"board_fault: name must be {', '.join(FAULT_BITS)}, not {self['name']!r}")
-        for name in ("value", "psi_rad", "factor"):
+        for name in ("value", "psi_rad", "swing_rad", "factor"):
             value = self[name]
             if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
                 raise ValueError(f"{self.kind}: {name} must be a number, not {value!r}")
@@ -89,6 +99,11 @@ class Fault:
             value = self[name]
             if value is not None and not (isinstance(value, int | float) and value >= 0):
                 raise ValueError(f"{self.kind}: {name} must be a number >= 0, not {value!r}")
+        period_s = self["period_s"]
+        if period_s is not None and not (isinstance(period_s, int | float) and 0.0 < period_s < math.inf):
+            raise ValueError(f"{self.kind}: period_s must be a number above 0, not {period_s!r}")
+        if self.kind == "pictures_aged" and not self["delay_s"] <= OLDEST_PICTURE_S:
+            raise ValueError(f"pictures_aged: delay_s must be at most {OLDEST_PICTURE_S:g}, not {self['delay_s']!r}")
 
     def __getitem__(self, name: str) -> Any:
         """A parameter with the table's default; None for one that this kind lacks."""

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from hoopd.core.records import CameraSample, DriverSample, LinkCounts, TorqueCommand
+from hoopd.sim import lies
 from hoopd.sim.faults import FaultScript
 from hoopd.sim.watchers import Watcher
 from hoopd.sim.wiredboard import WiredBoard
@@ -73,6 +74,7 @@ class LockstepRig:
         self._events: list[tuple[float, int, Callable[[float], None]]] = []
         self._sample: CameraSample | None = None
         self._last_picture_t = 0.0
+        self._past = lies.Past()
         self._at(phase_s, self._expose)
 
     # --- the loop's timer ---
@@ -140,10 +142,12 @@ class LockstepRig:
     def _expose(self, now: float) -> None:
         self._frames += 1
         self._at(self._frames * self._frame_s + self._phase_s, self._expose)
+        self._board.advance(now)
+        self._past.add(now, self._plant.shown)
         if self._script.active(now, "camera_stall"):
             return
-        self._board.advance(now)
-        sample = self._watcher.see(self._frames, now, self._plant.shown)
+        shown = self._past.at(now - lies.age_s(self._script, now))
+        sample = self._watcher.see(self._frames, now, shown)
         late = self._script.active(now, "late_pictures")
         delay = self._delay_s + (float(late["delay_s"]) if late else 0.0)
         self._at(now + delay, lambda at: self._deliver(at, sample))

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from hoopd.core.records import CameraSample
 from hoopd.shell.helpers import start_helper
-from hoopd.sim import boardprocess
+from hoopd.sim import boardprocess, lies
 from hoopd.sim.boardprocess import ProcessConfig
 from hoopd.sim.faults import FaultScript
 from hoopd.sim.statering import StateRingReader
@@ -115,7 +115,8 @@ class DirectEye:
 
     def _deliver(self, frame: int) -> None:
         t = self._taken(frame)
-        state = None if self._script.active(t, "camera_stall") else self._ring.at(self._start + t)
+        taken = self._start + t - lies.age_s(self._script, t)
+        state = None if self._script.active(t, "camera_stall") else self._ring.at(taken)
         if state is None:
             return
         sample = self._watcher.see(frame, t, (state.theta, state.dtheta, state.psi, state.dpsi))

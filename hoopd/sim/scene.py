@@ -73,6 +73,10 @@ class Scene:
         lit = cv2.multiply(picture, self._lamp, scale=brightness, dtype=cv2.CV_8U)
         return self._with_noise(np.asarray(lit, np.uint8), frame)
 
+    def paint_ball(self, picture: Image, psi: float) -> None:
+        """Lay a ball at rest over a finished picture: without the camera's noise and lamp."""
+        self._ball(picture, psi, 0.0)
+
     def ball_centre(self, psi: float) -> tuple[float, float]:
         """Where the ball's centre is in the picture."""
         cx, cy = self.settings.centre

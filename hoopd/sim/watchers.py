@@ -14,11 +14,12 @@ import numpy as np
 
 from hoopd.core.records import CameraSample
 from hoopd.eye import Analyser
+from hoopd.sim import lies
 from hoopd.sim.camera import Painter
 from hoopd.sim.faults import FaultScript
 from hoopd.vision.calibration import wrap
 
-State = tuple[float, float, float, float]
+State = lies.State
 
 
 class Watcher(Protocol):
@@ -58,15 +59,25 @@ class DirectWatcher:
         self._noise, self._offset = noise_rad, offset_rad
         self._centre, self._radius = centre_px, radius_px
         self._disturbance, self._frame_s = disturbance, frame_s
+        self._frozen: CameraSample | None = None
 
     def see(self, frame: int, t: float, state: State) -> CameraSample:
         """One sample of the ball's angle."""
         noise = self._noise * self._rng.standard_normal()
+        sample = self._see(frame, t, state, noise)
+        if self._script.active(t, "pictures_frozen") is None:
+            self._frozen = None
+            return sample
+        self._frozen = self._frozen or sample
+        return self._frozen._replace(frame=frame, t=t, t_arrival=t)
+
+    def _see(self, frame: int, t: float, state: State, noise: float) -> CameraSample:
         if self._script.active(t, "black_pictures") or self._script.active(t, "ball_gone"):
             return CameraSample(frame, t, t, nan, 0.0, nan, nan)
-        held = self._script.active(t, "ball_held")
-        true = float(held["psi_rad"]) if held else state[2]
-        psi = true + self._offset + noise + self._disturbance.of(t, self._frame_s)
+        psi = lies.painted_psi(self._script, t)
+        if psi is None:
+            shown = lies.seen_state(self._script, t, state)[2]
+            psi = shown + self._offset + noise + self._disturbance.of(t, self._frame_s)
         x = self._centre[0] - self._radius * sin(psi)
         y = self._centre[1] + self._radius * cos(psi)
         return CameraSample(frame, t, t, wrap(psi), 1.0, x, y)
