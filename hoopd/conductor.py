@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from math import inf, isfinite
 
-from hoopd.core.modes import ENERGISED, Mode
+from hoopd.core.modes import ENERGISED, REVOKING, Mode
 from hoopd.core.records import Inputs, TickRecord
 from hoopd.core.tick import Note
 from hoopd.shell.keys import pressed
@@ -35,6 +35,7 @@ class Conductor:
         self.outcome = ""  # why it ended
         self.started_t = self.ended_t = float("nan")  # s, first tick of the signal and first one after it
         self._patience_from = 0.0 if armed else inf
+        self._armed = armed
         self._mode = Mode.DISARMED
         self._loop: Loop | None = None
         self._asked = False  # the loop was told to end
@@ -73,6 +74,8 @@ class Conductor:
         """Remember why it ended."""
         if note.name == "law_ended":
             self.outcome = self.outcome or note.fields["reason"]
+        elif note.name == "operator" and note.fields["command"] in REVOKING:
+            self._refused = self._refused or self._armed  # it does not arm by itself any more
         elif note.name == "mode":
             self._causes = tuple(note.fields["because"]) or self._causes
 

@@ -2,6 +2,7 @@
 
 Rules of this file: transitions are the table, code only reads it; a pair that is not in the table changes
 nothing; torque may flow in the modes of `ENERGISED` only, and no entry leads into one of those but from an arm.
+Disarm and stop have a row in every mode, also where they change nothing, so that no weaker event is taken beside them.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ class Event(StrEnum):
 
 TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
     (Mode.DISARMED, Event.ARM): Mode.READY,
+    (Mode.DISARMED, Event.DISARM): Mode.DISARMED,
+    (Mode.DISARMED, Event.STOP): Mode.DISARMED,
     (Mode.READY, Event.GO): Mode.RUNNING,
     (Mode.READY, Event.STOP): Mode.DISARMED,
     (Mode.READY, Event.DISARM): Mode.DISARMED,
@@ -43,20 +46,28 @@ TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
     (Mode.RUNNING, Event.DISARM): Mode.DISARMED,
     (Mode.RUNNING, Event.CUT): Mode.FAULT,
     (Mode.STOPPING, Event.STOPPED): Mode.DISARMED,
+    (Mode.STOPPING, Event.STOP): Mode.STOPPING,
     (Mode.STOPPING, Event.DISARM): Mode.DISARMED,
     (Mode.STOPPING, Event.CUT): Mode.FAULT,
+    (Mode.FAULT, Event.DISARM): Mode.FAULT,
+    (Mode.FAULT, Event.STOP): Mode.FAULT,
     (Mode.FAULT, Event.CLEAR): Mode.DISARMED,
     (Mode.FAULT, Event.ARM): Mode.READY,
 }
 
 ENERGISED = frozenset({Mode.READY, Mode.RUNNING, Mode.STOPPING})
 
-# Strongest first: when several events come in one tick, the first that the table knows is taken.
+# Operators' commands that switch off: each is its event, and takes back every arm and clear that waits or comes in the
+# same tick, whatever the order. After a shutdown (SIGTERM, the end of a run) no arm is taken any more.
+REVOKING: dict[str, Event] = {"disarm": Event.DISARM, "stop": Event.STOP, "shutdown": Event.STOP}
+
+# Strongest first: when several events come in one tick, the first that the table knows is taken. A stop that is over is
+# over, however often somebody asks for it again.
 PRECEDENCE = (
     Event.CUT,
     Event.DISARM,
-    Event.STOP,
     Event.STOPPED,
+    Event.STOP,
     Event.PAUSE,
     Event.CLEAR,
     Event.ARM,

@@ -58,7 +58,7 @@ class LinkCounts(NamedTuple):
 class Command(NamedTuple):
     """A wish of the operator, applied at a tick's edge."""
 
-    name: str  # arm | disarm | clear | reference | tune | stop | experiment
+    name: str  # arm | disarm | clear | reference | tune | stop | shutdown | experiment
     value: float = 0.0
     key: str = ""  # tune: name of the parameter
 

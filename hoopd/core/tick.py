@@ -17,9 +17,9 @@ from hoopd.core.feedforward import FeedForward
 from hoopd.core.health import BY_NAME, Action, Health, Sent, Thresholds
 from hoopd.core.limits import Limiter
 from hoopd.core.modes import ENERGISED, Event, Mode, next_mode
+from hoopd.core.operator import Operator
 from hoopd.core.records import (
     CameraSample,
-    Command,
     DriverSample,
     Estimate,
     Inputs,
@@ -28,11 +28,6 @@ from hoopd.core.records import (
     Vector,
 )
 from hoopd.core.ticksettings import TickSettings
-
-# What the board itself has latched goes only by a clearing request, so that an arm may wait this long for it.
-WISH_TICKS = 10
-BOARD_LATCHES = frozenset({"board_fault", "board_timeout", "board_reset"})
-
 
 DRIFT_SAYS = (
     "for half a minute the device has not moved as the model says: run `hoopd diagnose` on the recording of this run"
@@ -100,14 +95,13 @@ class Tick:
         self.feedforward = feedforward or FeedForward()
         self.health = Health(thresholds, settings.period_s, levels)
         self.mode = Mode.DISARMED
-        self.reference = 0.0
+        self.operator = Operator(self.health, controller, settings.reference_limit_rad, self._note)
         self._sent = Sent(0.0, 0.0, 0)
         self._added = 0.0  # N m, what feed-forward added to the torque that was sent last
         self._unfed = False  # feed-forward failed in this run, and that has been said
         self._faults: tuple[str, ...] = ()
         self._seq = -1
         self._stopping_since = 0.0
-        self._wish, self._patience = "", 0
         self._over = ""
         self._notes: list[Note] = []
 
@@ -140,72 +134,14 @@ class Tick:
             held=self.mode is not Mode.RUNNING,
         )
         self.health.update(inputs, estimate, self._sent)
-        asked = self._take_commands(inputs.commands)
+        asked = self.operator.take(inputs.commands, self.mode)
+        self._unfed = self._unfed and Event.ARM not in asked
         self._move(asked | self._own_events(inputs, estimate))
         torque = self._torque(inputs, estimate)
         self._watch(inputs.t, estimate)
         self._report_faults()
         command = self._command(inputs, torque)
         return Output(command, self._record(inputs, estimate, command), tuple(self._notes))
-
-    def _take_commands(self, commands: tuple[Command, ...]) -> frozenset[Event]:
-        events = {self._take(command) for command in commands}
-        events.add(self._acknowledged())
-        return frozenset(event for event in events if event is not None)
-
-    def _take(self, command: Command) -> Event | None:
-        if command.name == "reference":
-            self._set_reference(command.value)
-        elif command.name == "tune":
-            self._tune(command)
-        elif command.name in ("arm", "clear"):
-            self._wish, self._patience = command.name, WISH_TICKS
-        elif command.name in ("disarm", "stop"):
-            self._note("operator", "info", command=command.name)
-            return Event(command.name)
-        else:
-            self._note("command_refused", "warning", command=command.name, reason="not known here")
-        return None
-
-    def _set_reference(self, value: float) -> None:
-        if not isfinite(value):
-            self._note("command_refused", "warning", command="reference", reason="not a finite number")
-            return
-        limit = self.settings.reference_limit_rad
-        self.reference = min(limit, max(-limit, value))
-        self._note("reference", "info", reference=self.reference)
-
-    def _tune(self, command: Command) -> None:
-        try:
-            done = isfinite(command.value) and self.controller.tune(command.key, command.value)
-        except Exception:  # a user's own law may have nothing to tune
-            done = False
-        if done:
-            self._note("tuned", "info", key=command.key, value=command.value)
-        else:
-            self._note("command_refused", "warning", command="tune", reason=f"no tunable {command.key!r}")
-
-    def _acknowledged(self) -> Event | None:
-        """The wish to arm or to clear, once nothing forbids it; what the board latched is cleared meanwhile."""
-        if self._wish and self.mode in ENERGISED:
-            self._note("command_refused", "warning", command=self._wish, reason=f"the mode is {self.mode}")
-            self._wish = ""
-        if not self._wish:
-            return None
-        hindrances = self.health.hindrances()
-        if hindrances and self._patience > 0 and set(hindrances) <= BOARD_LATCHES:
-            self._patience -= 1
-            return None
-        name, self._wish = self._wish, ""
-        if hindrances:
-            self._note("command_refused", "warning", command=name, reason=", ".join(hindrances))
-            return None
-        self.health.acknowledge()
-        if name == "arm":
-            self.health.begin()
-            self._unfed = False
-        self._note("operator", "info", command=name)
-        return Event(name)
 
     def _own_events(self, inputs: Inputs, estimate: Estimate) -> frozenset[Event]:
         events: set[Event] = set()
@@ -233,7 +169,7 @@ class Tick:
         if self.mode is before:
             return
         if self.mode not in ENERGISED:
-            self.reference = 0.0  # the next arm begins at the bottom, not where somebody once wanted the ball
+            self.operator.reference = 0.0  # the next arm begins at the bottom, not where somebody once wanted the ball
         level = "error" if self.mode is Mode.FAULT else "info"
         causes = [fault.name for fault in self.health.active() if fault.action >= Action.PAUSE]
         self._note("mode", level, mode=str(self.mode), was=str(before), because=causes)
@@ -312,7 +248,7 @@ class Tick:
             psi_measured=nan if camera is None else camera.psi,
             psi_fresh=camera is not None and estimate.psi_accepted,
             dtheta_measured=nan if driver is None else driver.dtheta,
-            reference=self.reference,
+            reference=self.operator.reference,
             torque_previous=self._sent.torque_nm - self._added,  # a law knows the plant without missing physics
             dt=self.settings.period_s,
         )
@@ -337,7 +273,7 @@ class Tick:
         enable = self.mode in ENERGISED
         if self.mode is not Mode.STOPPING:
             self._stopping_since = 0.0
-        clear = self.health.board_latched and (self.mode is Mode.READY or bool(self._wish))
+        clear = self.health.board_latched and (self.mode is Mode.READY or self.operator.waits)
         self._sent = Sent(inputs.t, torque, self._sent.enabled_for + 1 if enable else 0)
         return TorqueCommand(self.next_seq(), enable, clear, torque)
 
@@ -356,7 +292,7 @@ class Tick:
             y_t=nan if driver is None else driver.t,
             psi_t=nan if camera is None else camera.t,
             x_hat=(x0, x1, x2, x3),
-            reference=self.reference,
+            reference=self.operator.reference,
             status=0 if driver is None else driver.status,
             errors=0 if driver is None else driver.errors,
             lateness_s=inputs.lateness_s,

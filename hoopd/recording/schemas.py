@@ -74,7 +74,7 @@ LINK: Table = {
 }
 
 COMMAND: Table = {
-    "name": Field("", "arm, disarm, clear, reference, tune, stop or experiment"),
+    "name": Field("", "arm, disarm, clear, reference, tune, stop, shutdown or experiment"),
     "value": Field("", "in the unit of what it sets"),
     "key": Field("", "tune: name of the parameter; experiment: its name"),
 }

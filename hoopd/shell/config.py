@@ -163,7 +163,7 @@ class SimCommand(Strict, frozen=True):
     """One scripted command of the operator, for runs without one."""
 
     at_s: NotNegative
-    name: Literal["arm", "disarm", "stop", "clear", "reference", "tune"]
+    name: Literal["arm", "disarm", "stop", "shutdown", "clear", "reference", "tune"]
     value: Annotated[float, ANY_NUMBER] = 0.0
     key: str = ""
 

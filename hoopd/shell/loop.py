@@ -11,7 +11,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from hoopd.core.modes import ENERGISED, Mode
+from hoopd.core.modes import ENERGISED, REVOKING, Mode
+from hoopd.core.operator import SHUTDOWN
 from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, LinkCounts, TickRecord, TorqueCommand
 from hoopd.core.tick import Note, Output, Tick
 from hoopd.shell.statistics import RunStatistics
@@ -100,7 +101,7 @@ class Loop:
         """End the run: a controlled stop first; asked twice, the drive goes off at once."""
         if self._stop_since is None:
             self._stop_since = self.timer.now()
-            self._own.append(Command("stop"))
+            self._own.append(Command(SHUTDOWN))
         else:
             self._own.append(Command("disarm"))
 
@@ -153,14 +154,20 @@ class Loop:
             self.request_stop()
         if self._stop_since is not None and t - self._stop_since > STOP_PATIENCE_S and not self._own:
             self._own.append(Command("disarm"))
-        if self._auto_arm and self.tick.mode is Mode.DISARMED and self.tick.armable and self._stop_since is None:
-            self._auto_arm = False
-            self._own.append(Command("arm"))
         commands = list(self._own)
         self._own.clear()
         for source in self.sources:
             commands.extend(source(t))
-        return tuple(commands)
+        return (*self._armed_by_itself(commands), *commands)
+
+    def _armed_by_itself(self, commands: list[Command]) -> tuple[Command, ...]:
+        """The automatic arm, once; whoever switches off or arms before takes it back for good."""
+        if self.tick.mode is not Mode.DISARMED or any(command.name in REVOKING for command in commands):
+            self._auto_arm = False
+        if not (self._auto_arm and self.tick.armable):
+            return ()
+        self._auto_arm = False
+        return (Command("arm"),)
 
     def _hand_on(self, inputs: Inputs, output: Output) -> None:
         self.record = output.record._replace(execution_s=self._execution_s)

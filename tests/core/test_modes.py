@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import re
+from pathlib import Path
 
 import pytest
 
-from hoopd.core.modes import ENERGISED, TRANSITIONS, Event, Mode, next_mode
+from hoopd.core.modes import ENERGISED, REVOKING, TRANSITIONS, Event, Mode, next_mode
 
 ALL = list(itertools.product(Mode, Event))
 
@@ -43,10 +45,34 @@ def test_the_strongest_event_wins_in_every_set() -> None:
 
 
 def test_a_fault_is_left_by_the_operator_only() -> None:
-    leaving = {event for (mode, event) in TRANSITIONS if mode is Mode.FAULT}
+    leaving = {event for (mode, event), after in TRANSITIONS.items() if mode is Mode.FAULT is not after}
     assert leaving == {Event.CLEAR, Event.ARM}
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("name", REVOKING)
+def test_whatever_comes_beside_it_what_switches_off_wins(name: str, mode: Mode) -> None:
+    allowed = {Mode.DISARMED, Mode.FAULT}
+    if REVOKING[name] is Event.STOP and mode in (Mode.RUNNING, Mode.STOPPING):
+        allowed.add(Mode.STOPPING)
+    for size in range(len(Event) + 1):
+        for others in itertools.combinations(Event, size):
+            assert next_mode(mode, frozenset({REVOKING[name], *others})) in allowed
+
+
+def test_a_stop_that_is_over_is_over_however_often_it_is_asked_for() -> None:
+    assert next_mode(Mode.STOPPING, frozenset({Event.STOP, Event.STOPPED})) is Mode.DISARMED
 
 
 def test_every_mode_can_be_reached_and_left() -> None:
     assert {mode for mode, _ in TRANSITIONS} == set(Mode)
     assert set(TRANSITIONS.values()) == set(Mode)
+
+
+def test_the_diagram_of_the_readme_is_the_table() -> None:
+    """Rows that stay where they are have no arrow; an arrow may say after its events where they come from."""
+    text = (Path(__file__).resolve().parents[2] / "README.md").read_text()
+    diagram = text.split("stateDiagram-v2")[1].split("```")[0]
+    arrows = re.findall(r"(\w+) --> (\w+): ([a-z, ]+)", diagram)
+    drawn = {(Mode(a), Event(event.strip()), Mode(b)) for a, b, events in arrows for event in events.split(",")}
+    assert drawn == {(mode, event, after) for (mode, event), after in TRANSITIONS.items() if mode is not after}

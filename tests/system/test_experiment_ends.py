@@ -92,6 +92,13 @@ def test_a_fault_before_the_signal_ends_it_soon(tmp_path: Path) -> None:
     assert found.torque.max_abs() == 0.0
 
 
+@pytest.mark.parametrize("name", ["disarm", "stop"])
+def test_switched_off_before_it_armed_it_ends_at_once(name: str, tmp_path: Path) -> None:
+    found = perform(tmp_path, Plan("prbs", 2.0), f"sim.commands=[{{at_s: 0.5, name: {name}}}]")
+    assert found.result["outcome"] == "not started: disarmed by the operator" and found.result["exit"] == 1
+    assert found.torque.max_abs() == 0.0 and found.run.ticks[-1].t < 0.7
+
+
 def test_a_watcher_that_fails_leaves_zero_torque(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_: Conductor) -> None:
         raise RuntimeError("no more")
