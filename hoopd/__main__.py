@@ -1,14 +1,24 @@
 """`python -m hoopd`, and what the installed `hoopd` runs.
 
-Rules of this file: until the command line is there, Ctrl-C ends the process quietly instead of inside an import. The
-built-in module behind `signal` needs no import of its own that could be interrupted.
+Rules of this file: until the command line is there, Ctrl-C ends the process quietly instead of inside an import (the
+built-in module behind `signal` needs no import of its own that could be interrupted); the last resort stands before
+anything large is imported.
 """
 
 import _signal
 
 _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
 
-from hoopd.cli import main  # noqa: E402
+from hoopd import failure  # noqa: E402
+
+
+def main() -> None:
+    """Run the command line; whatever nobody foresaw is one line and exit code 1."""
+    failure.watch()
+    from hoopd.cli import main as command_line
+
+    failure.run(command_line)
+
 
 if __name__ == "__main__":
     main()

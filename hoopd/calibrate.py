@@ -19,7 +19,6 @@ from typing import Any, TypeVar
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from hoopd.files import InputError, os_reason
@@ -27,6 +26,7 @@ from hoopd.recording.mcap import read_run
 from hoopd.vision.calibration import CalibrationError, Proposal, RunProposal, propose, propose_from_run
 from hoopd.vision.circles import Circle
 from hoopd.vision.draw import draw_proposal, draw_run
+from hoopd.yamltext import text_of
 
 Image = NDArray[np.uint8]
 T = TypeVar("T")
@@ -132,7 +132,7 @@ def config_fragment(result: dict[str, Any]) -> str:
     """The `vision:` section with what was found."""
     section = {key: result[key] for key in CONFIG_KEYS if key in result}
     head = "# Proposed by `hoopd calibrate`; weights are of R, G, B; circle_px: on which the ball's centre moves.\n"
-    return head + yaml.safe_dump({"vision": section}, sort_keys=False, default_flow_style=None)
+    return head + text_of({"vision": section}, default_flow_style=None)
 
 
 def read_picture(path: Path) -> Image:

@@ -286,8 +286,6 @@ def main() -> None:
         _refuse(str(error), PORT_MISSING)
     except InputError as error:
         _refuse(str(error))
-    except MemoryError:
-        _refuse("the memory is not enough for this input")
     except (typer.Abort, KeyboardInterrupt):
         sys.exit(128 + signal.SIGINT)
     except OSError as error:

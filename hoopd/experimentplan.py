@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-import yaml
 
 from hoopd.core.controllers import DONE, Measurement
 from hoopd.core.excitation import Excitation
@@ -25,6 +24,7 @@ from hoopd.ident import signals
 from hoopd.modelfiles import ControllerFile, controller_of, parse_controller, parse_model
 from hoopd.physics.equations import without_ball
 from hoopd.physics.plant import Plant
+from hoopd.yamltext import text_of
 
 # Torques to try when none is asked for: 0.1 N m is what the recordings of the real hoop were made with.
 AMPLITUDES_NM = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02, 0.01)
@@ -113,7 +113,7 @@ def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: flo
 
     use, file, amplitude_nm, forecast = _choose(plan, make, plant, period_s)
     table = file.gains["table_nm"]
-    text = yaml.safe_dump(msgspec.to_builtins(file), sort_keys=False, default_flow_style=None, width=120)
+    text = text_of(msgspec.to_builtins(file), default_flow_style=None, width=120)
     parse_controller(text, "experiment")
     warnings = tuple(_warnings(plan, use, amplitude_nm, forecast))
     return Score(text, amplitude_nm, len(table) * period_s, forecast, warnings)

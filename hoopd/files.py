@@ -11,15 +11,18 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import os
 import re
+import stat
 import types
 import typing
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, BinaryIO, TypeVar, Union, get_args, get_origin
 
 import msgspec
-import yaml
+
+from hoopd import yamltext
 
 T = TypeVar("T")
 
@@ -44,8 +47,6 @@ _QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*([A-Za-z][A-Za-z /0-9]*)?\s*$")
 _AT = re.compile(r" - at `\$\.?([^`]*)`$")
 # Thousands of times what any of our files holds: what is larger (a picture, a device file) is not one of them.
 MAX_FILE_BYTES = 2**20
-# Aliases of aliases make a few lines grow without end.
-MAX_VALUES = 100_000
 # A line for a person: of a value that is longer its beginning tells enough.
 MAX_PART_CHARS = 300
 
@@ -66,61 +67,45 @@ class PortMissingError(InputError):
     """The board's port cannot be had now: absent, busy, or not ours yet; later it may be, so the exit code is 3."""
 
 
+def open_regular(path: Path) -> BinaryIO:
+    """An open file of a disk; InputError for a pipe, which may never say a word, and a device, which has no end."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe is not waited for
+    except (OSError, ValueError) as error:
+        raise InputError(path, "", os_reason(error)) from None
+    mode = os.fstat(handle).st_mode
+    if stat.S_ISREG(mode):
+        return os.fdopen(handle, "rb")
+    os.close(handle)
+    raise InputError(path, "", "is a directory" if stat.S_ISDIR(mode) else "not a file")
+
+
+def read_bytes(path: Path, max_bytes: int) -> bytes:
+    """Content of a file; InputError when it is none, is larger or cannot be read."""
+    with open_regular(path) as file:
+        try:
+            data = file.read(max_bytes + 1)
+        except OSError as error:
+            raise InputError(path, "", os_reason(error)) from None
+    if len(data) > max_bytes:
+        raise InputError(path, "", f"larger than {max_bytes} bytes: no file of this program")
+    return data
+
+
 def read_text(path: Path) -> str:
     """Text of a file; InputError when it cannot be read."""
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
-        text = data.decode()
-    except (OSError, ValueError) as error:
+        return read_bytes(path, MAX_FILE_BYTES).decode()
+    except UnicodeDecodeError as error:
         raise InputError(path, "", os_reason(error)) from None
-    if len(data) > MAX_FILE_BYTES:
-        raise InputError(path, "", f"larger than {MAX_FILE_BYTES} bytes: no file of this program")
-    return text
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML in which no key stands twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        """A mapping; ConstructorError names the line of a repeated key."""
-        seen: set[tuple[str, str]] = set()
-        for key, _ in node.value:
-            name = (key.tag, str(key.value))
-            if name in seen and isinstance(key, yaml.ScalarNode):
-                raise yaml.constructor.ConstructorError(None, None, f"{key.value!r} stands twice", key.start_mark)
-            seen.add(name)
-        return super().construct_mapping(node, deep)
 
 
 def load_yaml(text: str, path: object) -> Any:
     """Plain data of a YAML text; InputError names the line of a mistake."""
     try:
-        data = yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"line {mark.line + 1}" if mark is not None else ""
-        raise InputError(path, where, f"not YAML: {getattr(error, 'problem', None) or 'cannot be read'}") from None
-    except RecursionError:
-        raise InputError(path, "", "nested too deeply") from None
-    except Exception as error:  # what the library's own constructors raise: a 31st of February, !!int of a word
-        raise InputError(path, "", f"not YAML: {error}") from None
-    _refuse_endless(data, path)
-    return data
-
-
-def _refuse_endless(data: Any, path: object) -> None:
-    """InputError when aliases make the data too large, or hold themselves."""
-    count, waiting = 0, [data]
-    while waiting:
-        item = waiting.pop()
-        count += 1
-        if count + len(waiting) > MAX_VALUES:
-            raise InputError(path, "", f"more than {MAX_VALUES} values once its aliases are resolved")
-        if isinstance(item, dict):
-            waiting.extend(item.values())
-        elif isinstance(item, list | tuple | set):
-            waiting.extend(item)
+        return yamltext.data_of(text)
+    except yamltext.YamlError as error:
+        raise InputError(path, error.where, error.reason) from None
 
 
 def parse_yaml(text: str, path: object) -> dict[str, Any]:
@@ -192,7 +177,7 @@ def _number(value: Any, kind: Any, path: object, key: str) -> Any:
     if match is None:
         raise InputError(path, key, f"expected a number, got {value!r}")
     number, unit = _finite(match.group(1), path, key), (match.group(2) or "").strip()
-    if not unit:  # YAML 1.1 takes 1e-8, without a point, for text
+    if not unit:
         return number
     if unit not in units:
         allowed = ", ".join(units) or "no unit"

@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from hoopd.files import InputError, parse_yaml, read_text, to_struct
+from hoopd.yamltext import text_of
 
 Array = NDArray[np.float64]
 Rows = list[list[float]]
@@ -73,7 +73,7 @@ def identified_text(file: IdentifiedFile) -> str:
     """As YAML, a row of a matrix on a line."""
     plain = msgspec.to_builtins(file)
     head = {key: value for key, value in plain.items() if key not in MATRICES}
-    text = yaml.safe_dump(head, sort_keys=False, allow_unicode=True)
+    text = text_of(head, allow_unicode=True)
     return text + "".join(f"{name}:\n{_rows(plain[name])}" for name in MATRICES)
 
 

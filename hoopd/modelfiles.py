@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
-import yaml
 
 from hoopd.core.controllers import Controller, LinearGains, Lqg, LqgGains, LqgLinear, TransferFunctionController
 from hoopd.core.drift import CHANNELS, Level
@@ -25,6 +24,7 @@ from hoopd.physics.effects.catalogue import library
 from hoopd.physics.found import EffectError, Found, FoundEffect, check_region, checked, weak_end
 from hoopd.physics.parameters import PARAMETER_UNITS, ParameterError, check_parameters
 from hoopd.physics.plant import Plant
+from hoopd.yamltext import text_of
 
 # No number of such a device is outside of these: a typing error, and products of such numbers leave the computer's.
 SMALLEST, LARGEST = 1e-15, 1e12
@@ -151,8 +151,7 @@ def model_text(model: ModelFile) -> str:
 
 def _flow(value: Any) -> str:
     """One line of YAML."""
-    text: str = yaml.safe_dump(value, sort_keys=False, default_flow_style=True, width=10**6)
-    return text.removesuffix("...\n").strip()
+    return text_of(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
 
 
 def plant_of(model: ModelFile) -> Plant:

@@ -10,9 +10,9 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-import yaml
 
 from hoopd.core.estimator import EkfSettings
+from hoopd.yamltext import text_of
 
 ESTIMATOR_KEYS = ("q", "r_theta", "r_dtheta", "r_psi", "gate_nis", "reacquire_after", "horizon_s")
 DIGITS = 8
@@ -58,4 +58,4 @@ def controller_data(
 
 def controller_text(data: Mapping[str, Any], head: str) -> str:
     """The file: a comment of one line, then YAML."""
-    return f"# {head}\n" + yaml.safe_dump(dict(data), sort_keys=False, default_flow_style=None, width=118)
+    return f"# {head}\n" + text_of(dict(data), default_flow_style=None, width=118)

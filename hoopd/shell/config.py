@@ -15,13 +15,13 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-import yaml
 from msgspec import Meta
 
 from hoopd.core.health import Thresholds
 from hoopd.core.ticksettings import TickSettings
 from hoopd.files import ANY_NUMBER, InputError, load_yaml, parse_yaml, read_text, to_struct
 from hoopd.shipped import defaults_folder
+from hoopd.yamltext import text_of
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -264,7 +264,7 @@ def dump(config: Config) -> str:
     """The resolved configuration as YAML text, keys in the order of this file, without secrets: recordings travel."""
     data = msgspec.to_builtins(config)
     data["telemetry"]["zenoh"] = _without_secrets(data["telemetry"]["zenoh"])
-    return yaml.safe_dump(data, sort_keys=False)
+    return text_of(data)
 
 
 def _without_secrets(data: Any) -> Any:

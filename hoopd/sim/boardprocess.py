@@ -28,6 +28,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from hoopd import failure
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import layout_from_table
 from hoopd.sim.board import BoardConfig, DriverBoard, Plant
@@ -267,4 +268,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    failure.watch()
     sys.exit(main())

@@ -21,6 +21,7 @@ import cv2
 import msgspec
 import numpy as np
 
+from hoopd import failure
 from hoopd.sim import lies
 from hoopd.sim.faults import FaultScript, fault_from_table
 from hoopd.sim.scene import Image, Scene, SceneSettings
@@ -211,4 +212,5 @@ def _end_with_parent() -> None:
 
 
 if __name__ == "__main__":
+    failure.watch()
     sys.exit(main())

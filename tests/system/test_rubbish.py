@@ -44,10 +44,11 @@ ROOT = Path(__file__).resolve().parents[2]
 TEXTS = {
     "deep list": "a: " + "[" * 5000 + "]" * 5000,
     "deep mapping": "a: " + "{a: " * 3000 + "1" + "}" * 3000,
-    "no such day": "a: 2024-02-31",
     "tagged word": "a: !!int word",
     "tagged truth": "a: !!bool word",
     "tagged time": "a: !!timestamp word",
+    "merge key": "a: &x {b: 1}\nc: {<<: *x}",
+    "two documents": "a: 1\n---\nb: 2",
     "too many digits": "a: " + "9" * 5000,
     "key twice": "a: 1\na: 2",
     "holds itself": "a: &x [*x]",
