@@ -32,11 +32,8 @@ def test_nan_is_a_number() -> None:
 
 
 def test_what_is_written_is_read_back() -> None:
-    data = {
-        "words": list(WORDS),
-        "numbers": [1e22, 1e-8, -0.0, 10**17, math.inf],
-        "nested": {"": None, "x": [True, {}]},
-    }
+    numbers = [1e22, 1e-8, -0.0, 10**17, math.inf]
+    data = {"words": list(WORDS), "numbers": numbers, "nested": {"": None, "x": [True, {}]}}
     assert data_of(text_of(data)) == data
 
 
