@@ -28,6 +28,7 @@ ERROR_SEQ_GAP: Final = 0x02
 ERROR_OVERCURRENT: Final = 0x04
 ERROR_ENCODER: Final = 0x08
 ERROR_SUPPLY: Final = 0x10
+ERROR_OVERSPEED: Final = 0x20
 
 # The board wraps theta here, so that its f32 stays finer than one count of the encoder (2 pi / 4096 = 1.5e-3 rad).
 THETA_WRAP_RAD: Final = 512 * 2 * math.pi

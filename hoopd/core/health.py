@@ -17,6 +17,7 @@ from hoopd.core.drift import Drift, Level
 from hoopd.core.frames import (
     ERROR_ENCODER,
     ERROR_OVERCURRENT,
+    ERROR_OVERSPEED,
     ERROR_SUPPLY,
     STATUS_ENABLED,
     STATUS_FAULT,
@@ -26,7 +27,7 @@ from hoopd.core.frames import (
 from hoopd.core.records import DriverSample, Estimate, Inputs
 
 # Conditions of the hardware; the drive stays off while one lasts.
-HARD_ERRORS = ERROR_OVERCURRENT | ERROR_ENCODER | ERROR_SUPPLY
+HARD_ERRORS = ERROR_OVERCURRENT | ERROR_ENCODER | ERROR_SUPPLY | ERROR_OVERSPEED
 BOARD_CLOCK_MS = 65536
 
 
@@ -62,7 +63,14 @@ FAULTS: tuple[Fault, ...] = (
     Fault("frame_bad", Action.NOTE, 1, 1, False, "a frame of the board was damaged, out of order or implausible"),
     # 60 ms: the board's own time-out is 100 ms, so the host gives up first.
     Fault("link_lost", Action.CUT, 3, SECOND, True, "no good answer of the board for 60 ms, or the port is gone"),
-    Fault("board_fault", Action.CUT, 1, 1, True, "the board reports overcurrent, encoder, supply or an internal fault"),
+    Fault(
+        "board_fault",
+        Action.CUT,
+        1,
+        1,
+        True,
+        "the board reports overcurrent, encoder, supply, overspeed or its own fault",
+    ),
     Fault("board_timeout", Action.CUT, 1, 1, True, "the board's own time-out switched the torque off"),
     Fault("board_reset", Action.CUT, 1, 1, True, "the board restarted: its clock jumped or its drive went off"),
     Fault("board_refuses", Action.CUT, SECOND, 1, True, "the board did not enable its drive within a second"),
@@ -166,6 +174,7 @@ class Health:
         self._counts = {fault.name: _Count(fault) for fault in FAULTS}
         self._active: tuple[Fault, ...] = ()
         self._driver: DriverSample | None = None
+        self._asked_nm = 0.0  # the torque that was sent before the last one
         self._camera_t = float("-inf")
         self._ball = False
         self._refusals: deque[bool] = deque(maxlen=SECOND)  # of the last pictures with a ball: against the model
@@ -181,6 +190,7 @@ class Health:
         self._look()
         if inputs.driver is not None:
             self._driver = inputs.driver
+        self._asked_nm = sent.torque_nm
         self._id = inputs.id
 
     def watch(self, t: float, estimate: Estimate, *, acting: bool) -> tuple[str, ...]:
@@ -343,7 +353,10 @@ class Health:
         constant = self.thresholds.torque_constant_nm_per_a
         if constant == 0.0 or sent.enabled_for < 3 or driver.status & STATUS_LIMITED:
             return False
-        return abs(constant * driver.current - sent.torque_nm) > self.thresholds.current_mismatch_nm
+        # The sample is of the instant at which the board begins to leave the torque that it had (its slew limit).
+        torque = constant * driver.current
+        low, high = sorted((self._asked_nm, sent.torque_nm))
+        return max(low - torque, torque - high) > self.thresholds.current_mismatch_nm
 
     def _speed_off(self, driver: DriverSample) -> bool:
         if self._driver is None or not 0.0 < driver.t - self._driver.t < 3 * self.period_s:

@@ -37,7 +37,7 @@ class DriverSample(NamedTuple):
     t: float  # s, run time: request written + its time on the wire
     seq: int  # echo of the request's sequence number
     status: int  # bit0 enabled, 1 time-out latched, 2 torque limited, 3 fault
-    errors: int  # bit0 crc, 1 seq gap, 2 overcurrent, 3 encoder, 4 supply
+    errors: int  # bit0 crc, 1 seq gap, 2 overcurrent, 3 encoder, 4 supply, 5 overspeed
     theta: float  # rad, wrapped by the board at +-512 turns
     dtheta: float  # rad/s
     current: float  # A

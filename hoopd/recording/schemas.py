@@ -38,7 +38,7 @@ TICK: Table = {
     "x_hat": Field("rad, rad/s, rad, rad/s", "estimate of theta, dtheta, psi, dpsi at t"),
     "reference": Field("rad", "wanted ball angle"),
     "status": Field("", "board: bit0 enabled, 1 time-out latched, 2 torque limited, 3 fault"),
-    "errors": Field("", "board: bit0 crc, 1 seq gap, 2 overcurrent, 3 encoder, 4 supply"),
+    "errors": Field("", "board: bit0 crc, 1 seq gap, 2 overcurrent, 3 encoder, 4 supply, 5 overspeed"),
     "lateness_s": Field("s", "start of this tick against its deadline"),
     "execution_s": Field("s", "duration of the previous tick, slots taken to frame written"),
 }

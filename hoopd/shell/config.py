@@ -175,6 +175,15 @@ class SimEffect(Strict, frozen=True):
     parameters: dict[str, float] = {}
 
 
+class SimBoard(Strict, frozen=True):
+    """What the rig's board refuses by itself (docs/board.md); the defaults are what a firmware must have."""
+
+    # The host calls 200 rad/s implausible: a cut beyond it could not be told from a broken answer.
+    overspeed_rad_s: Annotated[float, Meta(gt=0, le=200)] = 100.0
+    current_limit_a: Annotated[float, Meta(gt=0, le=1000)] = 2.5
+    slew_nm_per_ms: Annotated[float, Meta(ge=1e-3, le=1000)] = 0.7
+
+
 class Sim(Strict, frozen=True):
     """The simulated rig."""
 
@@ -190,6 +199,7 @@ class Sim(Strict, frozen=True):
     dtheta_noise_rad_s: Annotated[float, Meta(ge=0, le=1000)] = 0.05
     current_noise_a: Annotated[float, Meta(ge=0, le=1000)] = 0.02
     torque_constant_nm_per_a: Annotated[float, Meta(ge=1e-3, le=1000)] = 0.37
+    board: SimBoard = SimBoard()
     disturbance_rad: Moderate = 0.0  # added to psi of one picture
     disturbance_at_s: NotNegative = 0.0
     effects: list[SimEffect] = []  # beside those of the rig's model; no recording tells of them

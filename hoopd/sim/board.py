@@ -32,7 +32,9 @@ from hoopd.core.frames import (
     Request,
     encode_answer,
 )
-from hoopd.sim.torque_log import Sink, TorqueRow
+from hoopd.sim.guards import CURRENT_LIMIT_A, OVERSPEED_RAD_S, Guards
+from hoopd.sim.torque_log import Sink
+from hoopd.sim.torquestage import SLEW_NM_PER_MS, TorqueStage
 
 # The motor driver saturates here (PHYSICS: +-0.7 N m).
 TORQUE_LIMIT_NM: Final = 0.7
@@ -70,6 +72,9 @@ class BoardConfig:
     """Constants of the board and its sensors."""
 
     torque_limit_nm: float = TORQUE_LIMIT_NM
+    slew_nm_per_ms: float = SLEW_NM_PER_MS
+    overspeed_rad_s: float = OVERSPEED_RAD_S
+    current_limit_a: float = CURRENT_LIMIT_A
     timeout_s: float = TIMEOUT_S
     partial_frame_s: float = PARTIAL_FRAME_S
     byte_s: float = BYTE_S
@@ -96,7 +101,8 @@ class DriverBoard:
         self._rng = rng
         self._layout = layout
         self._config = config
-        self._sink = sink
+        self._stage = TorqueStage(config.slew_nm_per_ms, sink)
+        self._guards = Guards(config.overspeed_rad_s, config.current_limit_a)
         self._now = t
         self._injected = 0  # error bits of conditions that persist
         self._answers: list[tuple[float, bytes]] = []
@@ -114,10 +120,11 @@ class DriverBoard:
         return None
 
     def advance(self, t: float) -> None:
-        """Let time pass: partial frames are dropped, the time-out falls, the plant moves."""
+        """Let time pass: partial frames are dropped, the time-out falls, torque and plant move, the guards look."""
         while self._next_deadline() <= t:
             self._at_deadline(self._next_deadline())
         self._move(t)
+        self._look(t)
 
     def outgoing(self, t: float) -> list[tuple[float, bytes]]:
         """Answers whose first byte may go on the wire by `t`, each with that instant; every one is given once."""
@@ -146,17 +153,17 @@ class DriverBoard:
     @property
     def torque_nm(self) -> float:
         """Torque applied now."""
-        return self._torque
+        return self._stage.torque_nm
 
     @property
     def enabled(self) -> bool:
-        return self._enabled
+        return self._stage.enabled
 
     @property
     def status(self) -> int:
         """Status byte as an answer would carry it now."""
         return (
-            (STATUS_ENABLED if self._enabled else 0)
+            (STATUS_ENABLED if self.enabled else 0)
             | (STATUS_TIMEOUT if self._timed_out else 0)
             | (STATUS_LIMITED if self._limited else 0)
             | (STATUS_FAULT if self._fault else 0)
@@ -169,8 +176,8 @@ class DriverBoard:
         self._t_zero = t  # of board_ms
         self._t_byte = -math.inf  # the last byte came in
         self._t_good = math.inf  # the last good request; none yet, so no time-out yet
-        self._enabled = self._timed_out = self._limited = self._fault = False
-        self._torque = 0.0
+        self._timed_out = self._limited = self._fault = False
+        self._t_look = t  # the guards' next look at the sensors
         self._fault_bits = 0
         self._line_errors = 0  # crc and seq gap since the last answer
         self._seq: int | None = None
@@ -179,7 +186,7 @@ class DriverBoard:
             self._trip(t)
 
     def _next_deadline(self) -> float:
-        return min(self._silence_deadline(), self._timeout_deadline())
+        return min(self._silence_deadline(), self._timeout_deadline(), self._stage.deadline(), self._t_look)
 
     def _silence_deadline(self) -> float:
         return self._t_byte + self._config.partial_frame_s if self._decoder.pending else math.inf
@@ -188,24 +195,32 @@ class DriverBoard:
         return math.inf if self._timed_out else self._t_good + self._config.timeout_s
 
     def _at_deadline(self, t: float) -> None:
+        self._move(t)
+        self._look(t)
         if self._silence_deadline() <= t:
             self._handle(t, self._decoder.silence())
-        else:
+        elif self._timeout_deadline() <= t:
             self._timed_out = True
             self._apply(t, 0.0, False, "timeout")
+        elif self._stage.deadline() <= t:
+            self._stage.step(t)
 
     def _move(self, t: float) -> None:
         if t > self._now:
-            self._plant.advance(t, self._torque)
+            self._plant.advance(t, self.torque_nm)
             self._now = t
 
+    def _look(self, t: float) -> None:
+        """Compare speed and current with what the board stands for."""
+        _, speed, current = self._measured()
+        self._t_look = t + self._guards.pause_s(speed)
+        if begun := self._guards.begun(speed, current) & ~self._fault_bits:
+            self._trip(t, begun)
+
     def _apply(self, t: float, torque_nm: float, enabled: bool, reason: str) -> None:
-        """From `t` on the motor gets this torque."""
-        self._move(t)
-        self._torque, self._enabled = torque_nm, enabled
+        """Tell the torque stage; what has come to pass until `t` is done."""
         self._limited = self._limited and enabled
-        if self._sink:
-            self._sink(TorqueRow(t, torque_nm, enabled, reason))
+        self._stage.go(t, torque_nm, enabled, reason)
 
     # --- requests ---
 
@@ -246,15 +261,16 @@ class DriverBoard:
 
     def _clear(self, t: float) -> None:
         """Forget what is latched, unless its condition persists; a clearing request never enables by itself."""
+        _, speed, current = self._measured()
         self._timed_out = False
-        self._fault_bits = self._injected
-        self._fault = bool(self._injected)
+        self._fault_bits = self._injected | self._fault_bits & self._guards.lasting(speed, current)
+        self._fault = bool(self._fault_bits)
         self._apply(t, 0.0, False, "cleared")
 
-    def _trip(self, t: float) -> None:
-        """Latch a fault: an injected condition, or a demand that is not a number (no error bit of its own)."""
+    def _trip(self, t: float, bits: int = 0) -> None:
+        """Latch a fault: a guard's, an injected condition, or a demand that is not a number (no bit of its own)."""
         self._fault = True
-        self._fault_bits |= self._injected
+        self._fault_bits |= self._injected | bits
         self._apply(t, 0.0, False, "fault")
 
     # --- answers ---
@@ -270,13 +286,16 @@ class DriverBoard:
     def _sensors(self) -> tuple[float, float, float]:
         """theta by the encoder, wrapped; dtheta and current with noise."""
         config = self._config
-        theta, dtheta, current = self._plant.sample()
-        if math.isnan(current):
-            current = self._torque / config.kt  # tau = kt i
+        theta, dtheta, current = self._measured()
         count = 2 * math.pi / config.counts_per_turn
         theta = math.floor(theta / count) * count
         noise = self._rng.standard_normal(2)
         return wrap_theta(theta), dtheta + config.dtheta_noise * noise[0], current + config.current_noise * noise[1]
+
+    def _measured(self) -> tuple[float, float, float]:
+        """theta, dtheta and current without noise, as encoder and shunt have them."""
+        theta, dtheta, current = self._plant.sample()
+        return theta, dtheta, self.torque_nm / self._config.kt if math.isnan(current) else current  # tau = kt i
 
 
 def wrap_theta(theta: float) -> float:

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from hoopd.core.layout import Layout, layout_to_table
 from hoopd.eye import Analyser
 from hoopd.files import InputError
@@ -93,6 +95,7 @@ def board_constants(config: Config) -> dict[str, Any]:
         "dtheta_noise": sim.dtheta_noise_rad_s,
         "current_noise": sim.current_noise_a,
         "kt": sim.torque_constant_nm_per_a,
+        **msgspec.structs.asdict(sim.board),
     }
 
 

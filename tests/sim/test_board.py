@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sim.boardbench import Bench, Wheel
 
 from hoopd.core.frames import (
     DEFAULT_LAYOUT,
@@ -19,71 +19,20 @@ from hoopd.core.frames import (
     STATUS_LIMITED,
     STATUS_TIMEOUT,
     THETA_WRAP_RAD,
-    Answer,
-    Decoder,
     encode_request,
 )
-from hoopd.sim.board import BYTE_S, TIMEOUT_S, BoardConfig, DriverBoard, wrap_theta
-from hoopd.sim.torque_log import TorqueLog, TorqueLogFile, TorqueRow, read
-
-
-class Wheel:
-    """Plant stub: a free inertia."""
-
-    def __init__(self, theta: float = 0.0) -> None:
-        self.t, self.theta, self.dtheta = 0.0, theta, 0.0
-
-    def advance(self, t: float, torque_nm: float) -> None:
-        step = max(t - self.t, 0.0)
-        self.theta += self.dtheta * step
-        self.dtheta += 500.0 * torque_nm * step
-        self.t = max(t, self.t)
-
-    def sample(self) -> tuple[float, float, float]:
-        return self.theta, self.dtheta, math.nan
-
-    @property
-    def state(self) -> tuple[float, float, float, float]:
-        return self.theta, self.dtheta, 0.0, 0.0
-
-
-QUIET = BoardConfig(dtheta_noise=0.0, current_noise=0.0)
-
-
-class Bench:
-    """A board with its log and a host that asks."""
-
-    def __init__(self, config: BoardConfig = QUIET, plant: Wheel | None = None) -> None:
-        self.rows: list[TorqueRow] = []
-        self.plant = plant or Wheel()
-        rng = np.random.default_rng(1)
-        self.board = DriverBoard(self.plant, rng, config=config, sink=self.rows.append)
-        self.decoder = Decoder(DEFAULT_LAYOUT)
-        self.seq = 0
-
-    def ask(self, t: float, torque: float = 0.0, enable: bool = True, clear: bool = False) -> Answer:
-        self.seq = (self.seq + 1) & 0xFF
-        self.board.receive(t, encode_request(DEFAULT_LAYOUT, self.seq, enable, clear, torque))
-        ((ready, data),) = self.board.outgoing(t)
-        assert ready == t
-        (answer,) = self.decoder.feed(data)
-        assert isinstance(answer, Answer)
-        assert answer.seq == self.seq
-        return answer
-
-    @property
-    def log(self) -> TorqueLog:
-        return TorqueLog(self.rows)
+from hoopd.sim.board import BYTE_S, TIMEOUT_S, BoardConfig, wrap_theta
+from hoopd.sim.torque_log import TorqueLogFile, TorqueRow, read
 
 
 def test_torque_acts_from_the_last_byte_and_the_sample_is_of_that_instant() -> None:
     bench = Bench()
-    bench.ask(0.020, 0.1)
+    bench.ask(0.020, 0.06)
     bench.board.advance(0.040)
-    assert bench.plant.dtheta == pytest.approx(500 * 0.1 * 0.020)
-    answer = bench.ask(0.040, -0.1)
-    assert answer.dtheta == pytest.approx(1.0)
-    assert answer.current == pytest.approx(-0.1 / 0.37)
+    assert bench.plant.dtheta == pytest.approx(500 * 0.06 * 0.020)
+    answer = bench.ask(0.040, -0.01)
+    assert answer.dtheta == pytest.approx(0.6)
+    assert answer.current == pytest.approx(-0.01 / 0.37)
     assert answer.status == STATUS_ENABLED
     assert answer.board_ms == 40
 
@@ -91,6 +40,7 @@ def test_torque_acts_from_the_last_byte_and_the_sample_is_of_that_instant() -> N
 def test_torque_saturates_with_its_status_bit() -> None:
     bench = Bench()
     assert bench.ask(0.02, -3.0).status == STATUS_ENABLED | STATUS_LIMITED
+    bench.board.advance(0.03)
     assert bench.board.torque_nm == -0.7
     assert bench.ask(0.04, 0.7).status == STATUS_ENABLED
     assert bench.log.max_abs() == 0.7

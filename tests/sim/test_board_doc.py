@@ -7,10 +7,13 @@ import re
 import struct
 from pathlib import Path
 
+import msgspec
 import pytest
+from sim.boardbench import Bench, Pushed
 
 from hoopd.core import frames, layout
 from hoopd.core.frames import DEFAULT_LAYOUT, Answer, Decoder, encode_answer, encode_request
+from hoopd.shell.config import SimBoard
 from hoopd.sim import board
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "board.md").read_text()
@@ -69,7 +72,7 @@ def test_request_vectors() -> None:
 
 def test_answer_vectors() -> None:
     rows = TABLES["Test vectors/answer"]
-    assert len(rows) == 3
+    assert len(rows) == 4
     for values, text in rows:
         numbers = [float(v) if "." in v else int(v) for v in values.split(",")]
         answer = Answer(*numbers)
@@ -79,10 +82,52 @@ def test_answer_vectors() -> None:
 
 def test_timing() -> None:
     values = {row[0]: float(row[1].split()[0]) for row in TABLES["Timing/name"]}
-    assert values["torque limit"] == board.TORQUE_LIMIT_NM
     assert values["time-out"] == 1e3 * board.TIMEOUT_S
     assert values["partial frame"] == 1e3 * board.PARTIAL_FRAME_S
     assert values["byte"] == pytest.approx(1e6 * board.BYTE_S, abs=0.05)
+
+
+def test_limits_of_its_own() -> None:
+    rows = {row[0]: row for row in TABLES["Limits of its own/limit"]}
+    values = {name: float(row[1].split()[0]) for name, row in rows.items()}
+    constants = board.BoardConfig()
+    assert values == {
+        "torque limit": constants.torque_limit_nm,
+        "slew limit": constants.slew_nm_per_ms,
+        "overspeed": constants.overspeed_rad_s,
+        "current limit": constants.current_limit_a,
+        "time-out": 1e3 * constants.timeout_s,
+    }
+    keys = {row[3].removeprefix("sim.board."): values[name] for name, row in rows.items() if row[3] != "-"}
+    assert keys == msgspec.structs.asdict(SimBoard())
+
+
+def test_vectors_of_the_slew_limit() -> None:
+    rows = TABLES["Vectors of the slew limit/from"]
+    assert len(rows) == 4
+    for cells in rows:
+        before, after, *expected = map(float, cells)
+        bench = Bench()
+        bench.ask(0.02, before)
+        bench.ask(0.04, after)
+        bench.board.advance(0.06)
+        got = [bench.log.torque_at(0.04 + 1e-3 * ms) for ms in (0.05, 0.45, 0.95, 1.95)]
+        assert got == pytest.approx(expected, abs=1e-6)  # the request carries an f32
+
+
+def test_vectors_of_the_cuts() -> None:
+    rows = TABLES["Vectors of the cuts/speed"]
+    assert len(rows) == 5
+    for speed, current, told, cleared_at, told_then in rows:
+        hoop = Pushed()
+        bench = Bench(plant=hoop)
+        bench.ask(0.02, 0.1)
+        hoop.dtheta, hoop.current = float(speed), float(current)
+        first = bench.ask(0.04, 0.1)
+        hoop.dtheta, hoop.current = float(cleared_at), 0.0
+        second = bench.ask(0.06, clear=True)
+        for answer, words in ((first, told), (second, told_then)):
+            assert [answer.status, answer.errors] == [int(word, 16) for word in words.split(", ")]
 
 
 def test_bounds_of_the_host() -> None:
@@ -100,6 +145,7 @@ def test_the_layout_example_is_one() -> None:
 
 def test_reasons_of_the_log() -> None:
     words = re.search(r"Reasons: ([a-z, ]+)\.", TEXT).group(1).split(", ")
-    source = Path(board.__file__).read_text() + Path(board.__file__).with_name("boardprocess.py").read_text()
+    files = ("board.py", "boardprocess.py", "torquestage.py")
+    source = "".join(Path(board.__file__).with_name(name).read_text() for name in files)
     for word in words:
         assert f'"{word}"' in source
