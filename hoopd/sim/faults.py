@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from hoopd.core.frames import Answer, Decoder, Layout, Request, encode_answer, encode_request
-from hoopd.sim.board import BYTE_S, FAULT_BITS, DriverBoard, FaultName
+from hoopd.sim.board import BYTE_S, FAULT_BITS, TORQUE_LIMIT_NM, DriverBoard, FaultName
 from hoopd.sim.lying_encoder import LIES, LyingEncoder
 
 Direction = Literal["request", "answer"]
@@ -46,6 +46,11 @@ KINDS: Final[Mapping[str, KindRow]] = {
         "link", {"factor": 0.5}, "turns from the beginning on and speed are multiplied; -1 is an encoder turned round"
     ),
     "drive_blocked": KindRow("link", {}, "an emergency stop holds the drive: requests reach it without enable"),
+    "host_mad": KindRow(
+        "link",
+        {"torque_nm": TORQUE_LIMIT_NM, "pattern": "constant", "period_s": 0.4},
+        "good requests carry this torque with enable, whatever the daemon asked; pattern constant or alternate",
+    ),
     "board_reset": KindRow("board", {}, "the board restarts once, at the beginning"),
     "board_fault": KindRow("board", {"name": "overcurrent"}, "overcurrent, encoder or supply condition persists"),
     "camera_stall": KindRow("camera", {}, "no pictures come"),
@@ -89,9 +94,13 @@ class Fault:
     def _check_params(self) -> None:
         if self["direction"] not in (None, "request", "answer", "both"):
             raise ValueError(f"{self.kind}: direction must be request, answer or both, not {self['direction']!r}")
+        if self["pattern"] not in (None, "constant", "alternate"):
+            raise ValueError(f"{self.kind}: pattern must be constant or alternate, not {self['pattern']!r}")
+        if self["period_s"] is not None and not (isinstance(self["period_s"], int | float) and self["period_s"] > 0):
+            raise ValueError(f"{self.kind}: period_s must be a number > 0, not {self['period_s']!r}")
         if self.kind == "board_fault" and self["name"] not in FAULT_BITS:
             raise ValueError(f"board_fault: name must be {', '.join(FAULT_BITS)}, not {self['name']!r}")
-        for name in ("value", "psi_rad", "swing_rad", "factor"):
+        for name in ("value", "psi_rad", "swing_rad", "factor", "torque_nm"):
             value = self[name]
             if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
                 raise ValueError(f"{self.kind}: {name} must be a number, not {value!r}")
@@ -159,7 +168,7 @@ class FaultyWire:
 
     def request(self, t: float, data: bytes) -> list[Delivery]:
         """What the board gets of bytes that the host sent, `t` their arrival without faults."""
-        return self._pass(t, self._blocked(t, data), "request")
+        return self._pass(t, self._usurped(t, self._blocked(t, data)), "request")
 
     def answer(self, t: float, data: bytes) -> list[Delivery]:
         """What the host gets of one answer of the board, `t` its arrival without faults."""
@@ -217,6 +226,14 @@ class FaultyWire:
         asked = (f for f in frames if isinstance(f, Request))
         return b"".join(encode_request(self._layout, f.seq, False, f.clear_fault, f.torque_nm) for f in asked)
 
+    def _usurped(self, t: float, data: bytes) -> bytes:
+        """A request in the place of each of the daemon's: drive on, the worst torque, CRC good."""
+        fault = self._script.active(t, "host_mad")
+        if fault is None:
+            return data
+        asked = (f for f in Decoder(self._layout, "request", bounds={}).feed(data) if isinstance(f, Request))
+        return b"".join(encode_request(self._layout, f.seq, True, False, _mad_torque(fault, t)) for f in asked)
+
     def _falsify(self, t: float, data: bytes) -> bytes:
         """The same answer with a wrong value and its CRC made good."""
         changes: dict[str, Any] = {}
@@ -233,6 +250,12 @@ class FaultyWire:
     def _lied(self, t: float, answer: Answer) -> Answer:
         theta, dtheta = self._encoder.report(t, answer.theta, answer.dtheta)
         return answer._replace(theta=theta, dtheta=dtheta)
+
+
+def _mad_torque(fault: Fault, t: float) -> float:
+    """Constant, or alternating from the fault's beginning on: half a period the one way, half a period the other."""
+    back = fault["pattern"] == "alternate" and (t - fault.at_s) % fault["period_s"] >= 0.5 * fault["period_s"]
+    return -float(fault["torque_nm"]) if back else float(fault["torque_nm"])
 
 
 class BoardFaults:

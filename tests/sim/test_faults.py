@@ -87,6 +87,28 @@ def test_implausible_values_come_with_a_good_crc(kind: str, field: str) -> None:
     assert Decoder(DEFAULT_LAYOUT).feed(data) == [LinkFault("implausible", 1, field)]
 
 
+def mad_torques(line: FaultyWire, times: list[float]) -> list[float]:
+    """What the board is asked for when the daemon asks to be off and to clear."""
+    meek = encode_request(DEFAULT_LAYOUT, 7, False, True, 0.0)
+    asked = [Decoder(DEFAULT_LAYOUT, "request").feed(line.request(t, meek)[0][1]) for t in times]
+    assert all((one.seq, one.enable, one.clear_fault) == (7, True, False) for (one,) in asked)
+    return [round(one.torque_nm, 6) for (one,) in asked]
+
+
+def test_a_mad_host_asks_for_its_own_torque_in_good_frames() -> None:
+    times = [1.0, 1.19, 1.21, 1.39, 1.41]
+    assert mad_torques(wire("host_mad"), times) == [0.7] * 5
+    assert mad_torques(wire("host_mad", torque_nm=-5.0), times) == [-5.0] * 5
+    assert mad_torques(wire("host_mad", pattern="alternate"), times) == [0.7, 0.7, -0.7, -0.7, 0.7]
+    assert mad_torques(wire("host_mad", pattern="alternate", period_s=0.2), times) == [0.7, -0.7, 0.7, -0.7, 0.7]
+
+
+@pytest.mark.parametrize("params", [{"pattern": "random"}, {"period_s": 0.0}, {"torque_nm": math.nan}])
+def test_a_madness_that_is_none_is_refused(params: dict) -> None:
+    with pytest.raises(ValueError, match="host_mad"):
+        Fault("host_mad", 1.0, 1.0, params)
+
+
 def test_the_same_seed_does_the_same() -> None:
     lines = [wire("bit_flips", rate=0.1) for _ in range(2)]
     assert [lines[0].answer(1.5, ANSWER) for _ in range(50)] == [lines[1].answer(1.5, ANSWER) for _ in range(50)]
