@@ -23,16 +23,18 @@ from hoopd.core.tick import Note, Tick
 from hoopd.files import InputError
 from hoopd.modelfiles import load_model
 from hoopd.recording.mcap import Header
-from hoopd.report import Watch, print_summary, status, status_line, summarise
+from hoopd.report import Watch, operator_status, print_summary, status, status_line, summarise
 from hoopd.shell import config as configuration
 from hoopd.shell import log, signals
-from hoopd.shell.commands import Ranges
+from hoopd.shell.commands import Gate, Ranges
+from hoopd.shell.commandserver import CommandServer
 from hoopd.shell.config import Config
 from hoopd.shell.loop import Loop, Sink
 from hoopd.shell.recorder import Recorder
 from hoopd.shell.run_files import Limits as RoomLimits
 from hoopd.shell.service import Notifier, freeze_garbage, is_under_systemd, lock_memory
-from hoopd.sinks import RecorderSink, TelemetrySink
+from hoopd.shell.socketfile import listening_socket
+from hoopd.sinks import CommandSink, RecorderSink, TelemetrySink
 from hoopd.world import Say, World, camera_eye, device, lockstep, read_layout, realtime_rig, rig_devices
 
 # The interpreter hands over between threads this often; the default of 5 ms is a quarter of a tick.
@@ -171,10 +173,17 @@ async def _run(
     virtual = options.speed == "max"
     world.drive.open()  # first: without its port a run leaves no file and no log
     with ExitStack() as stack:
+        gate = Gate(Ranges(_both_ways(config.loop.reference_limit_rad), TUNABLE))
+        operators = CommandSink(gate, lambda: operator_status(loop, gate, recorder, telemetry))
+        if not virtual:
+            _serve_commands(stack, options, config, reporter, operators)
         recorder = _recorder(stack, options, config, texts, reporter)
-        telemetry = None if virtual else _telemetry(stack, config, texts, reporter, lambda: status(loop, recorder))
+        telemetry = (
+            None if virtual else _telemetry(stack, config, texts, reporter, gate, lambda: status(loop, recorder))
+        )
         watch = Watch()
-        sinks: list[Sink] = [sink for sink in (reporter, recorder, telemetry, watch, guest) if sink is not None]
+        watchers = (reporter, recorder, telemetry, operators, watch, guest)
+        sinks: list[Sink] = [sink for sink in watchers if sink is not None]
         loop = Loop(
             tick,
             world.timer,
@@ -182,7 +191,7 @@ async def _run(
             world.eye,
             sinks=tuple(sinks),
             troubles=tuple(_trouble(sink) for sink in (recorder, telemetry)),
-            sources=(_script(config), *([telemetry.commands] if telemetry else [])),
+            sources=(_script(config), operators.commands),
             beat=_beat(notifier, tick),
             auto_arm=options.sim or options.arm,
             duration_s=options.duration_s,
@@ -275,24 +284,46 @@ def _telemetry(
     config: Config,
     texts: Texts,
     reporter: log.Reporter,
+    gate: Gate,
     status: Callable[[], dict[str, Any]],
 ) -> TelemetrySink | None:
     if not config.telemetry.enabled:
         return None
     from hoopd.shell.telemetry import Settings, Telemetry
 
-    limit = config.loop.reference_limit_rad
     settings = Settings(
         device=config.device.name,
         endpoint=config.telemetry.endpoint,
         commands=config.telemetry.commands,
-        ranges=Ranges(reference=(-limit, limit), tune=TUNABLE),
         zenoh=config.telemetry.zenoh,
     )
-    telemetry = Telemetry(settings, config_text=texts.config, on_event=_tell(reporter))
+    telemetry = Telemetry(settings, gate, config_text=texts.config, on_event=_tell(reporter))
     telemetry.start()
     stack.callback(_close, telemetry.close, "telemetry")
     return TelemetrySink(telemetry, status)
+
+
+def _serve_commands(
+    stack: ExitStack, options: Options, config: Config, reporter: log.Reporter, operators: CommandSink
+) -> None:
+    """Listen at the command socket. Without it nobody could command the device: then it does not start; a rig does,
+    because several may stand side by side, and says so."""
+    if not config.commands.enabled:
+        return
+    try:
+        listening = listening_socket(config.device.name, config.commands.socket)
+    except InputError as error:
+        if not options.sim:
+            raise
+        reporter.note(0.0, Note("commands_unavailable", "warning", {"reason": str(error)}))
+        return
+    server = CommandServer(listening, operators.gate, operators.ask, on_event=_tell(reporter))
+    server.start()
+    stack.callback(_close, server.close, "commands")
+
+
+def _both_ways(limit: float) -> tuple[float, float]:
+    return -limit, limit
 
 
 def _close(close: Callable[[], bool], what: str) -> None:

@@ -78,6 +78,7 @@ def without_places(config: Config) -> Config:
         device=change(device, model=_name(device.model)),
         control=change(control, file=_name(control.file), law=_name(control.law)),
         recording=change(config.recording, directory=""),
+        commands=change(config.commands, socket=_name(config.commands.socket)),
         sim=change(config.sim, model=_name(config.sim.model), directory="", effects=[]),
     )
 

@@ -113,27 +113,42 @@ def check(
     raise typer.Exit(check_device(config, sets, sim=sim, json_path=json_path))
 
 
-def _command(name: str, value: float | None, config: Path | None, sets: list[str]) -> None:
+def _ask(request: dict[str, Any], config: Path | None, sets: list[str]) -> dict[str, Any]:
     from hoopd.shell import config as configuration
-    from hoopd.shell.commands import operate
+    from hoopd.shell.operator import ask
 
     settings = configuration.load(config, sim=False, overrides=sets)
-    telemetry = settings.telemetry
-    # Of zenoh's keys an operator shares user, password and certificates with the daemon, not where it listens.
-    extras = {key: value for key, value in telemetry.zenoh.items() if key.partition("/")[0] == "transport"}
-    typer.echo(operate(name, value, telemetry.endpoint, settings.device.name, extras=extras))
+    return ask(request, settings.device.name, settings.commands.socket)
+
+
+def _command(request: dict[str, Any], config: Path | None, sets: list[str]) -> None:
+    """Send it and print how the daemon stood once it had obeyed."""
+    answer = _ask(request, config, sets)
+    typer.echo(f"{request['command']}: {answer['mode']}, reference {answer['reference']:g} rad")
 
 
 @app.command()
 def arm(config: ConfigOption = None, sets: SetOption = []) -> None:  # noqa: B006
     """Arm the running daemon (acknowledges faults that are over)."""
-    _command("arm", None, config, sets)
+    _command({"command": "arm"}, config, sets)
 
 
 @app.command()
 def disarm(config: ConfigOption = None, sets: SetOption = []) -> None:  # noqa: B006
     """Switch the running daemon's drive off at once."""
-    _command("disarm", None, config, sets)
+    _command({"command": "disarm"}, config, sets)
+
+
+@app.command()
+def stop(config: ConfigOption = None, sets: SetOption = []) -> None:  # noqa: B006
+    """Let the running daemon brake the hoop, then disarm."""
+    _command({"command": "stop"}, config, sets)
+
+
+@app.command()
+def clear(config: ConfigOption = None, sets: SetOption = []) -> None:  # noqa: B006
+    """Acknowledge the running daemon's faults that are over; it stays disarmed."""
+    _command({"command": "clear"}, config, sets)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})
@@ -143,7 +158,34 @@ def ref(
     sets: SetOption = [],  # noqa: B006
 ) -> None:
     """Set the running daemon's reference."""
-    _command("reference", value, config, sets)
+    _command({"command": "reference", "value": _number(value)}, config, sets)
+
+
+@app.command(context_settings={"ignore_unknown_options": True})
+def tune(
+    key: Annotated[str, typer.Argument(help="Parameter of the running law.", metavar="KEY")],
+    value: Annotated[float, typer.Argument(help="Its new value.")],
+    config: ConfigOption = None,
+    sets: SetOption = [],  # noqa: B006
+) -> None:
+    """Change a parameter of the running daemon's law."""
+    _command({"command": "tune", "key": key, "value": _number(value)}, config, sets)
+
+
+@app.command()
+def status(config: ConfigOption = None, sets: SetOption = [], json_path: JsonOption = None) -> None:  # noqa: B006
+    """Show the running daemon's mode, faults and what clears them, reference, lateness and counts."""
+    _check_json(json_path)
+    answer = _ask({"command": "status"}, config, sets)
+    fields = {**answer["status"], "session": answer["session"]}
+    write_json(json_path, fields)
+    print_result(fields)
+
+
+def _number(value: float) -> float:
+    if not isfinite(value):
+        raise InputError("VALUE", "", f"must be a finite number, not {value}")
+    return value
 
 
 @app.command()

@@ -10,9 +10,11 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
+from hoopd.core.health import Fault
 from hoopd.core.modes import Mode
 from hoopd.core.records import Inputs, LinkCounts, TickRecord
 from hoopd.core.tick import Note
+from hoopd.shell.commands import Gate
 from hoopd.shell.loop import Loop
 from hoopd.sinks import RecorderSink, TelemetrySink
 
@@ -86,6 +88,38 @@ def status(loop: Loop, recorder: RecorderSink | None) -> dict[str, Any]:
         "execution_p99_s": statistics.execution.quantile(0.99),
         "recorder": recorder.recorder.counts._asdict() if recorder else None,
     }
+
+
+def operator_status(
+    loop: Loop, gate: Gate, recorder: RecorderSink | None, telemetry: TelemetrySink | None
+) -> dict[str, Any]:
+    """How the daemon stands, for an operator who asks."""
+    record, statistics = loop.record, loop.statistics
+    health = loop.tick.health
+    hindrances = health.hindrances()
+    return {
+        "mode": str(loop.tick.mode),
+        "t": record.t if record else None,
+        "reference": loop.tick.reference,
+        "psi": record.x_hat[2] if record else None,
+        "u": record.u if record else None,
+        "faults": {
+            fault.name: {"meaning": fault.meaning, "clears": clearing(fault, fault.name in hindrances)}
+            for fault in health.active()
+        },
+        "arming": ", ".join(hindrances) or "possible",
+        **statistics.summary(),
+        "commands": {"accepted": gate.accepted, "refused": gate.refused},
+        "recorder": recorder.recorder.counts._asdict() if recorder else None,
+        "telemetry": telemetry.telemetry.counts._asdict() if telemetry else None,
+    }
+
+
+def clearing(fault: Fault, lasts: bool) -> str:
+    """What makes a fault go."""
+    if not fault.latched:
+        return f"by itself, after {fault.off} good periods"
+    return "first its cause, then `hoopd clear`" if lasts else "it is over: `hoopd clear` or `hoopd arm`"
 
 
 def status_line(loop: Loop) -> str:

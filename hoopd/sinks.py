@@ -1,15 +1,18 @@
-"""Recorder and telemetry as the loop sees them.
+"""Recorder, telemetry and the gate of commands as the loop sees them.
 
 Rules of this file: adapts, decides nothing; every call returns at once.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from hoopd.core.records import Command, Inputs, TickRecord
 from hoopd.core.tick import Note
+from hoopd.shell.commands import Gate
+from hoopd.shell.commandserver import StatusTicket
 from hoopd.shell.recorder import Recorder
 
 if TYPE_CHECKING:
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
 
 # Rows between two status messages: a second.
 STATUS_EVERY = 50
+STATUS_WAITING = 16  # questions after the status that one tick answers
 
 
 class RecorderSink:
@@ -61,6 +65,34 @@ class TelemetrySink:
         """Publish one fact."""
         self.telemetry.event(t, note.name, note.level, **note.fields)
 
+
+class CommandSink:
+    """The gate of commands as the loop sees it: gives the tick what was asked for, tells who asked what came of it."""
+
+    trouble = False
+
+    def __init__(self, gate: Gate, status: Callable[[], dict[str, Any]]) -> None:
+        self.gate, self._status = gate, status
+        self._asked: deque[StatusTicket] = deque(maxlen=STATUS_WAITING)
+        self._record: TickRecord | None = None
+
+    def ask(self, ticket: StatusTicket) -> None:
+        """Fill the ticket in the next tick; from any thread."""
+        self._asked.append(ticket)
+
     def commands(self, t: float) -> tuple[Command, ...]:
         """What operators asked for since the last tick."""
-        return self.telemetry.take_commands()
+        return self.gate.take()
+
+    def put(self, record: TickRecord, inputs: Inputs) -> None:
+        """Look at one tick, and tell how it stands to who asked."""
+        self._record = record
+        if self._asked:
+            fields = self._status()
+            while self._asked:
+                self._asked.popleft().fields = fields
+
+    def note(self, t: float, note: Note) -> None:
+        """Settle the commands that a fact speaks of."""
+        if self._record is not None:
+            self.gate.settle(note, self._record)

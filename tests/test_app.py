@@ -8,7 +8,6 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -93,13 +92,3 @@ def test_the_filter_uses_the_model_that_the_controller_was_designed_on(tmp_path:
 def test_an_option_of_the_daemon_before_a_command_is_refused(option: list[str]) -> None:
     with pytest.raises(InputError, match=r"belongs after the command: hoopd check"):
         cli.app([*option, "check"], standalone_mode=False)
-
-
-def test_an_operator_says_who_it_is_by_the_configuration(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    seen: dict[str, Any] = {}
-    monkeypatch.setattr("hoopd.shell.commands.operate", lambda *a, **k: seen.update(k) or "armed")
-    path = tmp_path / "mine.yaml"
-    user = {"auth": {"usrpwd": {"user": "operator", "password": "turn"}}}
-    path.write_text(f"telemetry: {{zenoh: {{transport: {user}, listen/endpoints: [tcp/0.0.0.0:7447]}}}}\n")
-    cli.app(["arm", "--config", str(path)], standalone_mode=False)
-    assert seen["extras"] == {"transport": user}

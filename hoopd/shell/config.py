@@ -143,6 +143,13 @@ class Telemetry(Strict, frozen=True):
     zenoh: dict[str, Any] = {}  # zenoh's own keys: TLS, user and password, access control
 
 
+class Commands(Strict, frozen=True):
+    """The socket by which programs of this machine command; who may open it may."""
+
+    enabled: bool = True
+    socket: str = ""  # its file; empty: /run/hoopd, $XDG_RUNTIME_DIR/hoopd or /tmp/hoopd-UID, by the device's name
+
+
 class Log(Strict, frozen=True):
     """How facts are logged."""
 
@@ -220,6 +227,7 @@ class Config(Strict, frozen=True):
     faults: Thresholds = Thresholds()
     recording: Recording = Recording()
     telemetry: Telemetry = Telemetry()
+    commands: Commands = Commands()
     log: Log = Log()
     sim: Sim = Sim()
 

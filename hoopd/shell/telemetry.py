@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import msgspec
 import zenoh
 
-from hoopd.core.records import Command, TickRecord
+from hoopd.core.records import TickRecord
 from hoopd.files import InputError
 from hoopd.recording.mcap import without_secrets
 from hoopd.recording.rows import encode_event, encode_tick
 from hoopd.recording.schemas import Event
-from hoopd.shell.commands import NAMES, Gate, Ranges, RefusedError
+from hoopd.shell.commands import NAMES, Gate, RefusedError
 from hoopd.shell.helpers import start_helper
 from hoopd.shell.session import DEVICE, ENDPOINT, asks_who, device_key, exposed, listening, reason
 
@@ -35,6 +35,7 @@ QUERIES_PER_TURN = 4  # of one key: a flood costs at most a fraction of a millis
 QUERY_RING = 64  # waiting queries of one key; beyond it the oldest go without an answer
 BAD_PUTS = 20  # in a row: the session is broken, open another
 JSON = "application/json"
+COMMANDS_OFF = "commands are off: set telemetry.commands to true in the daemon's configuration"
 
 OnEvent = Callable[[str, str, Mapping[str, Any]], None]
 
@@ -46,7 +47,6 @@ class Settings:
     device: str = DEVICE
     endpoint: str = ENDPOINT
     commands: bool = False
-    ranges: Ranges = field(default_factory=Ranges)
     zenoh: Mapping[str, Any] = field(default_factory=dict)
     retry_s: float = RETRY_S
 
@@ -97,12 +97,14 @@ class _Summary:
 class Telemetry:
     """Publishes ticks, events and status; answers queries; hands commands to the tick."""
 
-    def __init__(self, settings: Settings, *, config_text: str = "", on_event: OnEvent | None = None) -> None:
+    def __init__(
+        self, settings: Settings, gate: Gate, *, config_text: str = "", on_event: OnEvent | None = None
+    ) -> None:
         self._settings, self._on_event = settings, on_event
         self._config_text = without_secrets(config_text)
         self._zenoh_config = listening(settings.endpoint, settings.zenoh)
         _refuse_open_door(settings, self._zenoh_config)
-        self._gate = Gate(settings.ranges, enabled=settings.commands)
+        self.gate = gate
         self._slot: deque[TickRecord | Event] = deque()
         self._summary, self._extra, self._status = _Summary(), {}, b"{}"  # type: tuple[_Summary, Mapping[str, Any], bytes]
         self._published = self._dropped = self._errors = self._queries = self._bad_puts = 0
@@ -128,7 +130,7 @@ class Telemetry:
     @property
     def counts(self) -> TelemetryCounts:
         """Counters for the status line."""
-        gate, is_open = self._gate, self._session is not None
+        gate, is_open = self.gate, self._session is not None
         return TelemetryCounts(
             is_open, self._published, self._dropped, self._errors, self._queries, gate.accepted, gate.refused
         )
@@ -144,10 +146,6 @@ class Telemetry:
     def set_status(self, fields: Mapping[str, Any]) -> None:
         """Further fields of the status message (faults, recorder, link ...); do not change the mapping afterwards."""
         self._extra = fields
-
-    def take_commands(self) -> tuple[Command, ...]:
-        """What operators asked for since the last tick."""
-        return self._gate.take()
 
     def close(self, timeout_s: float = 2.0) -> bool:
         """Close the session; False when zenoh did not let go in time (the caller should then end with os._exit)."""
@@ -286,7 +284,8 @@ class Telemetry:
             if str(query.key_expr) != exact:  # a curious `hoopd/**` must not arm anything
                 raise RefusedError("a command needs its exact key")
             payload = query.payload
-            command = self._gate.offer(name, b"" if payload is None else payload.to_bytes())
+            trusted = "" if self._settings.commands else COMMANDS_OFF
+            command = self.gate.offer(name, b"" if payload is None else payload.to_bytes(), trusted=trusted).command
             return msgspec.json.encode(
                 {"ok": True, "command": command.name, "value": command.value, "key": command.key}
             )

@@ -13,7 +13,7 @@ from typing import Any
 import zenoh
 
 from hoopd.core.records import TickRecord
-from hoopd.shell.commands import Ranges
+from hoopd.shell.commands import Gate, Ranges
 from hoopd.shell.session import connecting
 from hoopd.shell.telemetry import Settings, Telemetry
 
@@ -45,7 +45,7 @@ def wait_until(condition: Any, timeout_s: float = 10.0) -> bool:
 @contextlib.contextmanager
 def running(settings: Settings, **options: Any) -> Iterator[Telemetry]:
     """Telemetry that is open, and closed in time."""
-    telemetry = Telemetry(settings, **options)
+    telemetry = Telemetry(settings, Gate(RANGES), **options)
     telemetry.start()
     try:
         assert wait_until(lambda: telemetry.counts.open)

@@ -12,11 +12,11 @@ from hoopd.shell.commands import NAMES, WAITING, Gate, Ranges, RefusedError
 RANGES = Ranges((-1.0, 1.0), {"q_psi": (0.0, 10.0)}, {"step": (0.0, 0.3)})
 
 
-def test_off_takes_only_disarm_and_stop() -> None:
-    gate = Gate(RANGES, enabled=False)
+def test_who_is_not_trusted_may_disarm_and_stop() -> None:
+    gate = Gate(RANGES)
     for name in set(NAMES) - {"disarm", "stop"}:
         with pytest.raises(RefusedError, match=r"commands are off: set telemetry.commands"):
-            gate.offer(name, b"0.1")
+            gate.offer(name, b"0.1", trusted="commands are off: set telemetry.commands")
     gate.offer("stop")
     gate.offer("disarm")
     assert gate.take() == (Command("stop"), Command("disarm"))
@@ -26,11 +26,11 @@ def test_off_takes_only_disarm_and_stop() -> None:
 
 def test_a_daemon_without_experiments_says_where_they_are() -> None:
     with pytest.raises(RefusedError, match=r"starts none; end it and run `hoopd experiment`"):
-        Gate(Ranges(), enabled=True).offer("experiment", b'{"key": "prbs", "value": 1}')
+        Gate(Ranges()).offer("experiment", b'{"key": "prbs", "value": 1}')
 
 
 def test_order_and_safe_ones_last() -> None:
-    gate = Gate(RANGES, enabled=True)
+    gate = Gate(RANGES)
     gate.offer("disarm")
     gate.offer("reference", b"0.5")
     gate.offer("tune", b'{"key": "q_psi", "value": 2}')
@@ -55,14 +55,14 @@ def test_order_and_safe_ones_last() -> None:
     ],
 )
 def test_refusals_say_what_would_be_right(name: str, payload: bytes, says: str) -> None:
-    gate = Gate(RANGES, enabled=True)
+    gate = Gate(RANGES)
     with pytest.raises(RefusedError, match=says):
         gate.offer(name, payload)
     assert gate.take() == ()
 
 
 def test_flood_is_bounded_and_disarm_still_comes_through() -> None:
-    gate = Gate(RANGES, enabled=True)
+    gate = Gate(RANGES)
     for _ in range(WAITING):
         gate.offer("arm")
     for _ in range(1000):
@@ -75,7 +75,7 @@ def test_flood_is_bounded_and_disarm_still_comes_through() -> None:
 
 @given(st.sampled_from(NAMES), st.binary(max_size=40))
 def test_any_payload_is_taken_or_refused(name: str, payload: bytes) -> None:
-    gate = Gate(RANGES, enabled=True)
+    gate = Gate(RANGES)
     try:
         gate.offer(name, payload)
     except RefusedError:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import threading
 
 import pytest
 import zenoh
-from shell.peers import RANGES, ask, client, free_endpoint, receive, running, tick, wait_until
+from shell.peers import ask, client, free_endpoint, receive, running, tick, wait_until
 
 from hoopd.core.records import Command
 from hoopd.recording.rows import decode_tick
-from hoopd.shell.commands import CommandError, operate, send
+from hoopd.shell.operator import CommandError
+from hoopd.shell.remote import send
 from hoopd.shell.telemetry import Settings
 
 
@@ -67,7 +67,7 @@ def test_snapshot_and_config() -> None:
 
 def test_commands_taken_and_refused() -> None:
     endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint, commands=True, ranges=RANGES)) as telemetry:
+    with running(Settings(endpoint=endpoint, commands=True)) as telemetry:
         assert json.loads(send("reference", 0.25, endpoint)) == {
             "ok": True,
             "command": "reference",
@@ -76,14 +76,14 @@ def test_commands_taken_and_refused() -> None:
         }
         send("tune", 2.0, endpoint, key="q_psi")
         send("disarm", endpoint=endpoint)
-        assert telemetry.take_commands() == (
+        assert telemetry.gate.take() == (
             Command("reference", 0.25),
             Command("tune", 2.0, "q_psi"),
             Command("disarm"),
         )
         with pytest.raises(CommandError, match=r"refused: reference: 9 is outside -1 to 1"):
             send("reference", 9.0, endpoint)
-        assert telemetry.take_commands() == ()
+        assert telemetry.gate.take() == ()
 
 
 def test_commands_are_off_by_default_but_disarm_works() -> None:
@@ -93,14 +93,14 @@ def test_commands_are_off_by_default_but_disarm_works() -> None:
             send("arm", endpoint=endpoint)
         send("disarm", endpoint=endpoint)
         send("stop", endpoint=endpoint)
-        assert telemetry.take_commands() == (Command("disarm"), Command("stop"))
+        assert telemetry.gate.take() == (Command("disarm"), Command("stop"))
 
 
 def test_curious_wildcard_commands_nothing() -> None:
     endpoint = free_endpoint()
     with running(Settings(endpoint=endpoint, commands=True)) as telemetry, client(endpoint) as session:
         assert len(list(session.get("hoopd/**", timeout=5.0))) >= 3
-        assert telemetry.take_commands() == ()
+        assert telemetry.gate.take() == ()
 
 
 def test_no_daemon_and_other_device_are_one_clear_line() -> None:
@@ -126,31 +126,7 @@ def test_flood_of_commands_is_bounded() -> None:
     with running(Settings(endpoint=endpoint, commands=True)) as telemetry, client(endpoint) as session:
         pending = [session.get("hoopd/hoop/cmd/arm", timeout=5.0) for _ in range(400)]
         send("disarm", endpoint=endpoint)
-        taken = telemetry.take_commands()
+        taken = telemetry.gate.take()
         assert len(taken) <= 17 and taken[-1] == Command("disarm")
         replies = [reply for handler in pending for reply in handler]
         assert any(reply.err is not None and "busy" in reply.err.payload.to_string() for reply in replies)
-
-
-def test_operate_says_what_became_of_a_command() -> None:
-    seen = {"mode": "DISARMED", "reference": 0.0}
-    settings = Settings(endpoint=free_endpoint(), commands=True)
-    done = threading.Event()
-
-    def ticks() -> None:
-        while not done.wait(0.01):
-            for command in telemetry.take_commands():
-                if command.name == "reference":
-                    seen["reference"] = command.value
-            telemetry.put(tick(1)._replace(mode=seen["mode"], reference=seen["reference"]))
-
-    with running(settings) as telemetry:
-        thread = threading.Thread(target=ticks)
-        thread.start()
-        try:
-            assert "reference 0.25 rad" in operate("reference", 0.25, settings.endpoint)
-            with pytest.raises(CommandError, match="the daemon stays DISARMED"):
-                operate("arm", None, settings.endpoint, timeout_s=0.5)
-        finally:
-            done.set()
-            thread.join()

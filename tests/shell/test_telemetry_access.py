@@ -11,7 +11,9 @@ from shell.peers import client, free_endpoint, receive, running, tick, wait_unti
 
 from hoopd.core.records import Command
 from hoopd.files import InputError
-from hoopd.shell.commands import CommandError, send
+from hoopd.shell.commands import Gate, Ranges
+from hoopd.shell.operator import CommandError
+from hoopd.shell.remote import send
 from hoopd.shell.telemetry import Settings, Telemetry
 
 
@@ -66,9 +68,9 @@ def test_users_and_access_rules(tmp_path: Path) -> None:
             send("arm", endpoint=endpoint, timeout_s=1.0, extras=who("operator", "wrong"))
         with pytest.raises(CommandError, match="access rules"):
             send("arm", endpoint=endpoint, timeout_s=1.0, extras=who("viewer", "look"))
-        assert telemetry.take_commands() == ()
+        assert telemetry.gate.take() == ()
         send("arm", endpoint=endpoint, extras=who("operator", "turn"))
-        assert telemetry.take_commands() == (Command("arm"),)
+        assert telemetry.gate.take() == (Command("arm"),)
         with client(endpoint, **who("viewer", "look")) as session:
             rows = session.declare_subscriber("hoopd/hoop/tick", zenoh.handlers.RingChannel(10))
             assert wait_until(lambda: telemetry._publishers["tick"].matching_status.matching)
@@ -92,4 +94,4 @@ def test_users_and_access_rules(tmp_path: Path) -> None:
 )
 def test_unsafe_settings_are_refused_before_anything_opens(settings: Settings, says: str) -> None:
     with pytest.raises(InputError, match=says):
-        Telemetry(settings)
+        Telemetry(settings, Gate(Ranges()))

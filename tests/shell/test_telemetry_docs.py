@@ -20,7 +20,9 @@ import pytest
 import yaml
 
 from hoopd.core.records import Command, TickRecord
-from hoopd.shell.commands import ALWAYS, NAMES, CommandError, send
+from hoopd.shell.commands import ALWAYS, NAMES, Gate, Ranges
+from hoopd.shell.operator import CommandError
+from hoopd.shell.remote import send
 from hoopd.shell.telemetry import Settings, Telemetry
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,7 +39,7 @@ def free_port() -> int:
 @contextlib.contextmanager
 def ticking(settings: Settings) -> Iterator[Telemetry]:
     """Telemetry with 50 ticks a second from a thread."""
-    telemetry, stop = Telemetry(settings), threading.Event()
+    telemetry, stop = Telemetry(settings, Gate(Ranges())), threading.Event()
 
     def feed() -> None:
         k = 0
@@ -103,7 +105,9 @@ def test_example_with_tls_users_and_access_rules(tmp_path: Path) -> None:
     (tmp_path / "client.json").write_text(json.dumps(keys), encoding="utf-8")
     operator = {**keys, "transport/auth/usrpwd/user": "operator", "transport/auth/usrpwd/password": "turn"}
     settings = Settings(endpoint=endpoint, commands=example["commands"], zenoh=example["zenoh"])
-    Telemetry(Settings(endpoint=example["endpoint"], commands=True, zenoh=example["zenoh"]))  # the page's own: accepted
+    Telemetry(
+        Settings(endpoint=example["endpoint"], commands=True, zenoh=example["zenoh"]), Gate(Ranges())
+    )  # the page's own: accepted
     with ticking(settings) as telemetry:
         done = subscriber(
             endpoint, "--count", "5", "--seconds", "15", "--json", "--zenoh", str(tmp_path / "client.json")
@@ -113,9 +117,9 @@ def test_example_with_tls_users_and_access_rules(tmp_path: Path) -> None:
             send("arm", endpoint=endpoint, extras=keys, timeout_s=1.0)
         with pytest.raises(CommandError):
             send("arm", endpoint=endpoint, timeout_s=1.0)
-        assert telemetry.take_commands() == ()
+        assert telemetry.gate.take() == ()
         send("arm", endpoint=endpoint, extras=operator)
-        assert telemetry.take_commands() == (Command("arm"),)
+        assert telemetry.gate.take() == (Command("arm"),)
 
 
 def test_subscriber_prints_lines_and_ends() -> None:

@@ -15,6 +15,7 @@ import pytest
 from shell.peers import ROOT, free_endpoint, running, tick, wait_until
 
 from hoopd.shell import telemetry as module
+from hoopd.shell.commands import Gate, Ranges
 from hoopd.shell.telemetry import Settings, Telemetry
 
 
@@ -25,7 +26,7 @@ def test_taken_port_is_one_warning_and_heals() -> None:
         told.append((event, level, fields.get("reason")))
 
     with running(Settings(endpoint=endpoint)):
-        second = Telemetry(Settings(endpoint=endpoint, retry_s=0.1), on_event=on_event)
+        second = Telemetry(Settings(endpoint=endpoint, retry_s=0.1), Gate(Ranges()), on_event=on_event)
         second.start()
         assert wait_until(lambda: second.counts.errors >= 3)
         for k in range(1000):
@@ -52,7 +53,7 @@ def test_full_slot_drops_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
         raise RuntimeError("too late")
 
     monkeypatch.setattr(module.zenoh, "open", hang)
-    telemetry = Telemetry(Settings(endpoint=free_endpoint()))
+    telemetry = Telemetry(Settings(endpoint=free_endpoint()), Gate(Ranges()))
     telemetry.start()
     assert hanging.wait(10.0)
     for k in range(500):
@@ -102,8 +103,9 @@ def test_frozen_subscriber_delays_nothing() -> None:
 
 OPEN_ENDED = """
 import sys, time
+from hoopd.shell.commands import Gate, Ranges
 from hoopd.shell.telemetry import Settings, Telemetry
-telemetry = Telemetry(Settings(endpoint=sys.argv[1]))
+telemetry = Telemetry(Settings(endpoint=sys.argv[1]), Gate(Ranges()))
 telemetry.start()
 while not telemetry.counts.open:
     time.sleep(0.01)

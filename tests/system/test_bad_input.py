@@ -141,7 +141,7 @@ CASES: dict[str, tuple[Maker, str]] = {
     "unknown option": (words("--bogus"), "No such option: --bogus"),
     "unknown subcommand": (words("bogus"), "No such command 'bogus'"),
     "arm without a terminal": (words(*LOCKSTEP, "--arm"), "--arm: only on a terminal"),
-    "no daemon to arm": (words("arm", "--set", "telemetry.endpoint=tcp/127.0.0.1:9"), "no daemon answers"),
+    "no daemon to arm": (words("arm", "--set", "commands.socket=/nowhere/hoop.sock"), "no daemon of device"),
     # recordings
     "missing recording": (words("replay", "FOLDER/none.mcap"), "no such file"),
     "empty recording": (recording(b""), "the file is empty"),

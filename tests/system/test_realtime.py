@@ -23,7 +23,7 @@ from system.witness import Witness, witnessed
 
 from hoopd.core.modes import Mode
 from hoopd.replay import replay
-from hoopd.shell.commands import send
+from hoopd.shell.remote import send
 
 pytestmark = pytest.mark.realtime
 

@@ -1,0 +1,247 @@
+"""The command socket: a line of JSON in, a line of JSON out, on a thread of its own.
+
+Rules of this file: the loop is never waited for and never waits; lines, connections, their time and the work of a turn
+are bounded; whoever says nothing makes room for who does, so that idle connections keep nobody out. Who may open the
+socket may command: the file's rights are the access rules.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any, NamedTuple
+
+import msgspec
+
+from hoopd.shell.commands import SETTLE_S, Gate, RefusedError, Ticket
+from hoopd.shell.helpers import start_helper
+from hoopd.shell.socketfile import ListeningSocket
+
+LINE_BYTES = 4096
+CONNECTIONS = 8
+ACCEPTS_PER_TURN = 32  # of connections: about half a millisecond of this thread
+POLL_S = 0.01  # a request may wait so long: waking this thread would cost the tick more than it costs to look
+TALK_S = 2.0  # for a line to come and for an answer to be taken
+TELL_S = 1.0
+STATUS = "status"
+ONE_LINE = 'expected one line of JSON: {"command": name, "value": number, "key": text}'
+
+OnEvent = Callable[[str, str, Mapping[str, Any]], None]
+
+
+class Request(msgspec.Struct, forbid_unknown_fields=True):
+    """What a client may ask."""
+
+    command: str
+    value: float | None = None
+    key: str = ""
+
+
+class Peer(NamedTuple):
+    """Who is at the other end, as the kernel tells."""
+
+    pid: int
+    uid: int
+    gid: int
+
+
+@dataclass
+class StatusTicket:
+    """A wish to know how the daemon stands; the loop fills it in its next tick."""
+
+    fields: dict[str, Any] | None = None
+
+
+@dataclass
+class _Client:
+    """One connection: what it said, what it waits for, what it is still to be told."""
+
+    socket: socket.socket
+    peer: Peer
+    since: float = field(default_factory=time.monotonic)
+    heard: bytes = b""
+    ticket: Ticket | StatusTicket | None = None
+    to_say: bytes = b""
+
+    @property
+    def silent(self) -> bool:
+        """It has asked nothing yet."""
+        return self.ticket is None and not self.to_say
+
+
+class CommandServer:
+    """Takes commands from the socket to the gate, and the outcomes back."""
+
+    def __init__(
+        self,
+        listening: ListeningSocket,
+        gate: Gate,
+        ask_status: Callable[[StatusTicket], None],
+        *,
+        session: str = "",
+        on_event: OnEvent | None = None,
+    ) -> None:
+        self._listening, self._gate, self._ask_status = listening, gate, ask_status
+        self._session, self._on_event = session, on_event
+        self._clients: list[_Client] = []
+        self._told: dict[tuple[int, str], float] = {}
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Serve in a helper thread; returns at once."""
+        self._thread = start_helper("commands", self._run)
+
+    def close(self, timeout_s: float = 1.0) -> bool:
+        """Stop serving and take the socket away; False when the thread did not end in time."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(timeout_s)
+        self._listening.close()
+        return self._thread is None or not self._thread.is_alive()
+
+    # ---- helper thread ----
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.wait(POLL_S):
+                self._turn()
+            self._turn()  # whoever asked for the end may learn that it came
+        finally:
+            for client in self._clients:
+                client.socket.close()
+
+    def _turn(self) -> None:
+        for _ in range(ACCEPTS_PER_TURN):
+            if not self._accept():
+                break
+        for client in list(self._clients):
+            self._serve(client)
+            time.sleep(0)  # lets a waiting tick in
+
+    def _accept(self) -> bool:
+        """Take one connection; what it says first is heard at once, so that idle ones can be told apart."""
+        try:
+            connection, _ = self._listening.socket.accept()
+        except OSError:  # nobody waits, or no descriptor is left: then who is idle has to go
+            return False
+        connection.setblocking(False)
+        client = _Client(connection, _peer(connection))
+        self._clients.append(client)
+        self._hear(client)
+        if len(self._clients) > CONNECTIONS:
+            self._drop(self._most_idle())
+        return True
+
+    def _most_idle(self) -> _Client:
+        """Who has to go: the oldest that asked nothing, of the process that holds most connections."""
+        held = Counter(client.peer.pid for client in self._clients)
+        return min(self._clients, key=lambda client: (not client.silent, -held[client.peer.pid], client.since))
+
+    def _serve(self, client: _Client) -> None:
+        if client.silent:
+            self._hear(client)
+        if client.ticket is not None:
+            self._settle(client)
+        if client.to_say:
+            self._say(client)
+        if client in self._clients and time.monotonic() - client.since > TALK_S:
+            self._drop(client)
+
+    def _hear(self, client: _Client) -> None:
+        """Read what came; a whole line is a request."""
+        try:
+            data = client.socket.recv(LINE_BYTES + 1 - len(client.heard))
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(client)
+            return
+        client.heard += data
+        line, end, _ = client.heard.partition(b"\n")
+        if end:
+            self._ask(client, line)
+        elif len(client.heard) > LINE_BYTES:
+            self._refuse(client, "", f"more than {LINE_BYTES} bytes in a line")
+
+    def _ask(self, client: _Client, line: bytes) -> None:
+        try:
+            request = msgspec.json.decode(line, type=Request)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            self._refuse(client, "", ONE_LINE)
+            return
+        if request.command == STATUS:
+            client.ticket = StatusTicket()
+            self._ask_status(client.ticket)
+            return
+        try:
+            client.ticket = self._gate.offer(request.command, _payload(request))
+        except RefusedError as refusal:
+            self._refuse(client, request.command, str(refusal))
+        else:
+            self._tell(client.peer, request.command)
+
+    def _settle(self, client: _Client) -> None:
+        """Answer once the loop has told what became of it, or has been silent for too long."""
+        ticket = client.ticket
+        over = time.monotonic() - client.since > SETTLE_S
+        if isinstance(ticket, StatusTicket):
+            if ticket.fields is not None:
+                self._answer(client, {"ok": True, "command": STATUS, "status": ticket.fields})
+            elif over:
+                self._refuse(client, STATUS, f"the loop has not ticked for {SETTLE_S:g} s")
+        elif ticket is not None and (ticket.outcome is not None or over):
+            try:
+                self._answer(client, ticket.answer())
+            except RefusedError as refusal:
+                self._refuse(client, ticket.command.name, str(refusal))
+
+    def _refuse(self, client: _Client, command: str, reason: str) -> None:
+        self._answer(client, {"ok": False, "command": command, "reason": reason})
+
+    def _answer(self, client: _Client, fields: dict[str, Any]) -> None:
+        client.ticket = None
+        client.to_say = msgspec.json.encode({**fields, "session": self._session}, enc_hook=str) + b"\n"
+        self._say(client)
+
+    def _say(self, client: _Client) -> None:
+        try:
+            sent = client.socket.send(client.to_say)
+        except BlockingIOError:
+            return
+        except OSError:
+            sent = len(client.to_say)  # the asker is gone
+        client.to_say = client.to_say[sent:]
+        if not client.to_say:
+            self._drop(client)
+
+    def _drop(self, client: _Client) -> None:
+        if client in self._clients:
+            self._clients.remove(client)
+        client.socket.close()
+
+    def _tell(self, peer: Peer, command: str) -> None:
+        """Who asked for what goes to the log, once a second of the same user: a flood would push out the rest."""
+        now, same = time.monotonic(), (peer.uid, command)
+        if self._on_event is not None and now - self._told.get(same, -inf) > TELL_S:
+            self._told[same] = now
+            with contextlib.suppress(Exception):
+                self._on_event("command", "info", {"command": command, "uid": peer.uid, "pid": peer.pid})
+
+
+def _payload(request: Request) -> bytes:
+    return msgspec.json.encode({"value": request.value, "key": request.key})
+
+
+def _peer(connection: socket.socket) -> Peer:
+    size = struct.calcsize("3i")
+    return Peer(*struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)))

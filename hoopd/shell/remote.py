@@ -1,0 +1,59 @@
+"""Commands over zenoh, from another machine or another program: a query on the exact key, and the daemon's answer.
+
+Rules of this file: every failure is one line; on the daemon's own machine `hoopd.shell.operator` is the way.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import MappingProxyType
+from typing import Any
+
+import zenoh
+
+from hoopd.shell.operator import CommandError
+from hoopd.shell.session import DEVICE, ENDPOINT, connecting, device_key, reason
+
+
+def send(
+    command: str,
+    value: float | None = None,
+    endpoint: str = ENDPOINT,
+    device: str = DEVICE,
+    timeout_s: float = 2.0,
+    *,
+    key: str = "",
+    extras: Mapping[str, Any] = MappingProxyType({}),
+) -> str:
+    """The daemon's answer; CommandError when none answers or it refuses."""
+    content = json.dumps({"key": key} if value is None else {"value": value, "key": key})
+    with _session(endpoint, extras, timeout_s) as session:
+        return _ask(session, device_key(device, "cmd", command), content, timeout_s, endpoint, device)
+
+
+@contextmanager
+def _session(endpoint: str, extras: Mapping[str, Any], timeout_s: float) -> Iterator[zenoh.Session]:
+    try:
+        with zenoh.open(connecting(endpoint, extras, timeout_s)) as session:
+            if not session.info.transports():
+                raise CommandError(f"the daemon at {endpoint} does not let us in (user, password or certificate?)")
+            yield session
+    except zenoh.ZError as error:
+        raise CommandError(f"no daemon answers at {endpoint}: {reason(error)}") from None
+
+
+def _ask(session: zenoh.Session, key: str, content: str, timeout_s: float, endpoint: str, device: str) -> str:
+    return _answer(list(session.get(key, payload=content, timeout=timeout_s)), endpoint, device)
+
+
+def _answer(replies: list[zenoh.Reply], endpoint: str, device: str) -> str:
+    for reply in replies:
+        if reply.ok is not None:
+            return str(reply.ok.payload.to_string())
+        if reply.err is not None:
+            raise CommandError(f"refused: {reply.err.payload.to_string()}")
+    raise CommandError(
+        f"no daemon of device {device!r} answers at {endpoint} (or it is flooded, or its access rules forbid it)"
+    )
