@@ -100,7 +100,7 @@ def operator_status(
     return {
         "mode": str(loop.tick.mode),
         "t": record.t if record else None,
-        "reference": loop.tick.reference,
+        "reference": loop.tick.operator.reference,
         "psi": record.x_hat[2] if record else None,
         "u": record.u if record else None,
         "faults": {
