@@ -146,6 +146,12 @@ class SmallRig:
         """Ticks without a command; their modes."""
         return [self.step().record.mode for _ in range(ticks)]
 
+    def stall(self, ticks: int) -> None:
+        """The host misses so many ticks; the board waits for it."""
+        self.k += ticks
+        for _ in range(ticks):
+            self.board.hear(None)
+
     def refused(self) -> list[tuple[str, str]]:
         """What was refused so far, and why."""
         return [(n.fields["command"], n.fields["reason"]) for n in self.notes if n.name == "command_refused"]
