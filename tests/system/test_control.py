@@ -141,7 +141,8 @@ def test_lead_fails_with_a_camera(tmp_path: Path, frames: int) -> None:
 def test_the_lead_on_the_default_rig_ends_by_itself(tmp_path: Path) -> None:
     """The circling ball once ran on without a fault, its angle hundreds of radians away."""
     run = run_rig(tmp_path, controller("lead"), duration_s=20.0)
-    assert run.summary["faults"]["ball_runaway"] == 1 and run.summary["running_s"] < 2.0
+    # which of the two comes first is decided within a few ticks
+    assert set(run.summary["faults"]) & {"ball_runaway", "hoop_overspeed"} and run.summary["running_s"] < 2.0
     assert run.torque.longest_nonzero_after(3.0) == 0.0
 
 
