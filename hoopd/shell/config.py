@@ -198,7 +198,7 @@ class Sim(Strict, frozen=True):
     psi_rad: Annotated[float, Meta(ge=-3.2, le=3.2)] = 0.4  # released from here
     held: bool = True  # a hand holds the ball there until the drive gives its first torque
     hold_s: NotNegative = 0.0  # and at least this long
-    directory: str = ""  # existing folder for the board's log of its torque; in lock-step for the true state too
+    directory: str = ""  # existing folder for the board's log of its torque and for the true state
     delay_frames: Annotated[float, Meta(ge=0, le=10)] = 2.0
     camera_phase: Fraction = 0.35  # of a period, between the tick and the exposure's middle
     psi_noise_rad: Annotated[float, Meta(ge=0, le=1000)] = 0.002  # of --camera direct

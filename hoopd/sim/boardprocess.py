@@ -35,11 +35,15 @@ from hoopd.sim.board import BoardConfig, DriverBoard, Plant
 from hoopd.sim.faults import FaultScript, fault_from_table
 from hoopd.sim.statering import StateRingWriter
 from hoopd.sim.torque_log import TorqueLogFile, TorqueRow
+from hoopd.sim.truth import TruthFile
 from hoopd.sim.wiredboard import WiredBoard
 
 # The plant lags the clock by at most this, and the state ring has a row as often: readers interpolate by rates, so
 # a finer grid would only cost wake-ups (requests are met at their own instant whatever this is).
 ROW_S: Final = 0.002
+# Every so many rows the true state is written: 20 ms, and in between a polynomial through states and rates is exact to
+# 1e-5 rad.
+TRUTH_ROWS: Final = 10
 # How often the parent is looked for, beside the kernel's own signal.
 PARENT_CHECK_S: Final = 0.25
 # A board does not know that its host was killed: it goes on until its own time-out, here no longer than twice that.
@@ -56,6 +60,7 @@ class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     plant: str  # "package.module:callable"; called with plant_arguments it gives a hoopd.sim.board.Plant at t = 0
     torque_log: str  # path of the JSON lines
+    truth_log: str = ""  # path of the plant's true state, empty for none
     plant_arguments: dict[str, Any] = {}
     state_ring: str = ""  # path, empty for none
     seed: int = 0
@@ -78,11 +83,13 @@ class BoardProcess:
         self._plant = _make_plant(config)
         self._log = TorqueLogFile(Path(config.torque_log))
         self._ring = StateRingWriter(Path(config.state_ring)) if config.state_ring else None
+        self._truth = TruthFile(Path(config.truth_log)) if config.truth_log else None
         self._t_start = clock()
         shift_s = 0.0 if config.t0 is None else self._t_start - config.t0
         board = DriverBoard(self._plant, rng, layout=layout, config=constants, sink=self._write_row)
         self._board = WiredBoard(board, script, layout=layout, byte_s=constants.byte_s, shift_s=shift_s)
         self._t_row = 0.0  # of the next row
+        self._rows = 0
 
     def now(self) -> float:
         """Board's clock, s."""
@@ -105,7 +112,10 @@ class BoardProcess:
             self._board.advance(self._t_row)
             if self._ring:
                 self._ring.push(self._t_row + self._t_start, shown(self._plant))
+            if self._truth and self._rows % TRUTH_ROWS == 0:
+                self._truth(self._t_row + self._t_start, self._plant.state)
             self._t_row += ROW_S
+            self._rows += 1
         if self._board.next_event() <= now:
             self._board.advance(now)
         for _, chunk in self._board.arrived(now):
@@ -120,6 +130,8 @@ class BoardProcess:
         """The motor's supply goes: last row of the log."""
         self._write_row(TorqueRow(self.now(), 0.0, False, "end"))
         self._log.close()
+        if self._truth:
+            self._truth.close()
         if self._ring:
             self._ring.close()
 

@@ -29,7 +29,7 @@ from hoopd.sim.truth import TruthFile
 from hoopd.sim.watchers import DirectWatcher, Disturbance, PictureWatcher, Watcher
 
 TORQUE_LOG = "torque.jsonl"
-TRUTH_LOG = "truth.csv"  # of lock-step alone
+TRUTH_LOG = "truth.csv"
 
 
 def plant_arguments(config: Config, model: ModelFile) -> dict[str, Any]:
@@ -175,6 +175,7 @@ def board_process(
         plant="hoopd.sim.plant:make_plant",
         plant_arguments=plant,
         torque_log=str(logs / TORQUE_LOG),
+        truth_log=str(logs / TRUTH_LOG) if config.sim.directory else "",
         state_ring=str(folder / "ring"),
         seed=seed,
         t0=start,

@@ -1,6 +1,7 @@
-"""The plant's true state at every tick of a lock-step run: what tests and figures judge a controller by.
+"""The plant's true state every 20 ms: what tests and figures judge a controller by.
 
-Rules of this file: comma separated, one header, one row a tick, full precision; times in s, angles in rad.
+Rules of this file: comma separated, one header, full precision; times in s, angles in rad. In lock-step a row belongs
+to a tick and `t` is its run time; in real time the board writes the rows and `t` is the machine's monotonic clock.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ State = tuple[float, float, float, float]
 class Truth(NamedTuple):
     """Columns of one length."""
 
-    t: Column  # s, the tick's deadline
+    t: Column  # s, the tick's deadline (lock-step) or the monotonic clock
     theta: Column  # rad, unwrapped
     dtheta: Column  # rad/s
     psi: Column  # rad, unwrapped
@@ -41,6 +42,10 @@ class TruthFile:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Write what is left."""
         self._file.close()
 
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ import psutil
 import pytest
 
 from hoopd.core.frames import DEFAULT_LAYOUT, STATUS_ENABLED, STATUS_TIMEOUT, Answer, Decoder, encode_request
+from hoopd.sim import truth
 from hoopd.sim.boardprocess import ProcessConfig, start
 from hoopd.sim.statering import PlantState, StateRingReader, StateRingWriter
 from hoopd.sim.torque_log import read
@@ -128,6 +130,20 @@ def test_the_port_may_be_closed_and_opened_again(folder: Path, board: object) ->
         assert host.ask() is not None
         host.close()
         time.sleep(0.02)
+
+
+def test_the_true_state_is_written_on_the_clock_of_the_torque_log(folder: Path) -> None:
+    process = start(folder / "port", config(folder, truth_log=str(folder / "truth.csv")))
+    host = Host(folder / "port")
+    for _ in range(10):
+        host.ask(0.02)
+    end(process)
+    log, true = read(folder / "torque.jsonl"), truth.read(folder / "truth.csv")
+    assert log.rows[0].t - 0.01 < true.t[0] and true.t[-1] < log.rows[-1].t
+    assert np.diff(true.t) == pytest.approx(0.02)
+    last = true.t[-1]
+    pushed = sum(min(b.t, last) - a.t for a, b in pairwise(log.rows) if a.torque_nm and a.t < last)
+    assert true.dtheta[-1] == pytest.approx(500.0 * 0.02 * pushed, rel=0.01)
 
 
 def test_the_state_ring_follows_the_clock(folder: Path, board: object) -> None:
