@@ -181,7 +181,7 @@ async def _run(
         telemetry = (
             None if virtual else _telemetry(stack, config, texts, reporter, gate, lambda: status(loop, recorder))
         )
-        watch = Watch()
+        watch = Watch(world.truth)
         watchers = (reporter, recorder, telemetry, operators, watch, guest)
         sinks: list[Sink] = [sink for sink in watchers if sink is not None]
         loop = Loop(

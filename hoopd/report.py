@@ -6,7 +6,6 @@ Rules of this file: reads the loop and its sinks, changes nothing; plain data fi
 from __future__ import annotations
 
 import contextlib
-from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,10 +16,9 @@ from hoopd.core.tick import Note
 from hoopd.shell.commands import Gate
 from hoopd.shell.loop import Loop
 from hoopd.sinks import RecorderSink, TelemetrySink
+from hoopd.trackingerror import RELEASE_S, TrackingError, Truth
 
 WELL = LinkCounts(good=1)
-# The angle's error is that of the last seconds, once a release is over: 0.6 s by the LQG, 2.4 s by the PID.
-RELEASE_S, SETTLED_S = 2.5, 5.0
 
 
 class Watch:
@@ -28,13 +26,13 @@ class Watch:
 
     trouble = False
 
-    def __init__(self) -> None:
+    def __init__(self, truth: Truth | None = None) -> None:
+        """`truth`: of the rig, where there is one."""
+        self.error = TrackingError(truth)
         self.faults: dict[str, int] = {}
         self.link: dict[str, int] = {}  # what was wrong on the line, by kind
         self.running_ticks = self._ticks = 0
         self.max_torque_nm = 0.0
-        self.settled: deque[tuple[float, float]] = deque()  # time and psi less its reference
-        self._running_t: float | None = None  # since when
 
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """Look at one tick."""
@@ -42,19 +40,8 @@ class Watch:
         self._ticks += 1
         if self._ticks > 1 and (inputs.link != WELL or inputs.driver is None):  # nothing was asked before the first
             self._count_link(inputs)
-        if record.mode != Mode.RUNNING:
-            self._running_t = None
-            return
-        self.running_ticks += 1
-        if self._running_t is None:
-            self._running_t = record.t
-        if record.t - self._running_t >= RELEASE_S:
-            self._settle(record.t, record.x_hat[2] - record.reference)
-
-    def _settle(self, t: float, error_rad: float) -> None:
-        self.settled.append((t, error_rad))
-        while t - self.settled[0][0] > SETTLED_S:
-            self.settled.popleft()
+        self.running_ticks += record.mode == Mode.RUNNING
+        self.error.put(record)
 
     def _count_link(self, inputs: Inputs) -> None:
         link = inputs.link
@@ -144,16 +131,14 @@ def summarise(
 ) -> dict[str, Any]:
     """What a run was, as plain data."""
     record = loop.record
-    times, errors = zip(*watch.settled, strict=True) if watch.settled else ((), ())
     return {
         "exit": 0,
         "seconds": record.t if record else 0.0,
         "real_time_factor": loop.statistics.last_t / wall_s if wall_s else 0.0,
-        **loop.statistics.summary(),
+        **loop.statistics.summary(loop.tick.settings.period_s),
         "final_mode": str(loop.tick.mode),
         "running_s": watch.running_ticks * loop.tick.settings.period_s,
-        "psi_error_rms_last_5s_rad": (sum(e * e for e in errors) / len(errors)) ** 0.5 if errors else None,
-        "psi_error_over_s": [times[0], times[-1]] if times else None,
+        "psi_error": watch.error.summary() if loop.tick.health.thresholds.ball_expected else None,
         "max_torque_nm": watch.max_torque_nm,
         "faults": watch.faults,
         "link": watch.link,
@@ -179,20 +164,35 @@ def print_summary(summary: dict[str, Any], *, virtual: bool = False) -> None:
 def _summary_rows(summary: dict[str, Any], virtual: bool) -> Iterator[tuple[str, str]]:
     late, execution = summary["lateness_s"], summary["execution_s"]
     faster = f" at {summary['real_time_factor']:.1f} x real time" if virtual else ""
-    yield "duration", f"{summary['seconds']:.2f} s{faster}"
-    yield "ticks", f"{summary['ticks']}, {summary['missed']} missed"
+    start_up = f", of it {summary['start_up_s']:.2f} s start-up" if summary["start_up_s"] else ""
+    yield "duration", f"{summary['seconds']:.2f} s{start_up}{faster}"
+    yield "ticks", f"{summary['ticks']} and {summary['missed']} missed, every {1e3 * summary['period_s']:g} ms"
     yield "mean period", f"{1e3 * summary['mean_period_s']:.4f} ms"
     yield "lateness p50 / p99 / max", " / ".join(f"{1e3 * late[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
     yield "execution p50 / p99 / max", " / ".join(f"{1e3 * execution[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
     yield "mode at the end", f"{summary['final_mode']}, controlled for {summary['running_s']:.1f} s"
-    if summary["psi_error_over_s"] is not None:
-        first, last = summary["psi_error_over_s"]
-        yield f"psi error, {first:.1f} to {last:.1f} s", f"{summary['psi_error_rms_last_5s_rad']:.4f} rad rms"
-    elif summary["running_s"] > 0:
-        yield "psi error", f"- (controlled for less than {RELEASE_S:g} s at a time)"
+    yield from _error_rows(summary)
     yield "largest torque", f"{summary['max_torque_nm']:.3f} N m"
     yield "faults", ", ".join(f"{name} x{count}" for name, count in summary["faults"].items()) or "none"
     yield "serial line", ", ".join(f"{name} {count}" for name, count in summary["link"].items()) or "well"
     for part in ("recording", "telemetry"):
         if summary[part]:
             yield part, ", ".join(f"{key} {value}" for key, value in summary[part].items())
+
+
+def _error_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    if summary["psi_error"] is None or summary["running_s"] == 0:
+        return
+    measured, true = summary["psi_error"]["measured"], summary["psi_error"]["true"]
+    if measured is None:
+        yield "psi error", f"- (never controlled for more than {RELEASE_S:g} s with the ball in sight)"
+    else:
+        about = f"{measured['samples']} pictures, their noise {measured['noise_rad']:.4f}"
+        yield f"psi error, {_span(measured)}", f"{measured['rms_rad']:.4f} rad rms ({about})"
+    if true is not None:
+        yield "  by the rig's own state", f"{true['rms_rad']:.4f} rad rms, {_span(true)}"
+
+
+def _span(judged: dict[str, Any]) -> str:
+    first, last = judged["over_s"]
+    return f"{first:.1f} to {last:.1f} s"

@@ -26,6 +26,7 @@ from hoopd.shell.clock import TickTimer
 from hoopd.shell.config import Config, find
 from hoopd.shell.link import BITS_PER_BYTE, Codec, SerialDrive
 from hoopd.shell.loop import Drive, Eye, Timer
+from hoopd.trackingerror import Truth
 
 if TYPE_CHECKING:
     from hoopd.sim.rig import Rig
@@ -39,6 +40,7 @@ class World(NamedTuple):
     timer: Timer
     drive: Drive
     eye: Eye
+    truth: Truth | None = None  # of the rig
 
 
 def read_layout(config: Config, config_path: Path | None) -> Layout:
@@ -78,6 +80,8 @@ def realtime_rig(
     config: Config, layout: Layout, plant: dict[str, Any], seed: int, *, direct: bool, say: Say
 ) -> Iterator[World]:
     """The rig as processes of its own on the machine's clock."""
+    from hoopd.sim.rig import TruePsi
+
     with ExitStack() as stack:
         timer = stack.enter_context(TickTimer(config.loop.period_s))
         start = timer.start_ns / 1e9
@@ -88,7 +92,7 @@ def realtime_rig(
             eye = stack.enter_context(direct_eye(config, rig, seed, timer, start))
         elif config.faults.ball_expected:
             eye = stack.enter_context(camera_eye(rigged, timer, say))
-        yield World(timer, drive, eye)
+        yield World(timer, drive, eye, TruePsi(rig.truth, start))
 
 
 @contextmanager
@@ -200,6 +204,6 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
             truth=truth,
         )
         try:
-            yield World(rig, rig, LockstepEye(rig, config.camera.stall_s))
+            yield World(rig, rig, LockstepEye(rig, config.camera.stall_s), rig.true_psi)
         finally:  # the last frame is on its way whatever ended the loop
             rig.finish(2.0 * constants.timeout_s)

@@ -52,15 +52,17 @@ class RunStatistics:
         self.ticks = 0
         self.missed = 0
         self.first_t = self.last_t = 0.0
-        self.first_id = self.last_id = 0
+        self.first_id = self.last_id = self.before_first = 0
         self.worst_recent_s = 0.0
 
     def add(self, tick_id: int, t: float, lateness_s: float, execution_s: float) -> None:
         """Count one tick."""
+        skipped = tick_id - self.last_id - 1
         if self.ticks <= 1:  # the very first tick comes whenever start-up is done, not at its deadline
             self.first_t, self.first_id = t, tick_id
+            self.before_first += skipped
         else:
-            self.missed += tick_id - self.last_id - 1
+            self.missed += skipped
         self.ticks += 1
         self.last_t, self.last_id = t, tick_id
         if self.ticks > 1:  # the first tick is as late as start-up took
@@ -78,9 +80,11 @@ class RunStatistics:
         worst, self.worst_recent_s = self.worst_recent_s, 0.0
         return worst
 
-    def summary(self) -> dict[str, Any]:
-        """Everything, for the end of a run."""
+    def summary(self, period_s: float) -> dict[str, Any]:
+        """Everything, for the end of a run: its length is start-up and (ticks + missed) periods."""
         return {
+            "period_s": period_s,
+            "start_up_s": self.before_first * period_s,
             "ticks": self.ticks,
             "missed": self.missed,
             "mean_period_s": self.mean_period_s(),

@@ -62,7 +62,8 @@ class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     torque_log: str  # path of the JSON lines
     truth_log: str = ""  # path of the plant's true state, empty for none
     plant_arguments: dict[str, Any] = {}
-    state_ring: str = ""  # path, empty for none
+    state_ring: str = ""  # path of what a camera sees, empty for none
+    truth_ring: str = ""  # path of the plant's state, empty for none
     seed: int = 0
     t0: float | None = None  # monotonic time of run time zero, for the faults' times; None: when the process starts
     layout: dict[str, Any] | None = None  # for hoopd.core.layout.layout_from_table; None: the default
@@ -82,7 +83,11 @@ class BoardProcess:
         rng = np.random.default_rng([config.seed, 1])
         self._plant = _make_plant(config)
         self._log = TorqueLogFile(Path(config.torque_log))
-        self._ring = StateRingWriter(Path(config.state_ring)) if config.state_ring else None
+        self._rings = [
+            (StateRingWriter(Path(path)), look)
+            for path, look in ((config.state_ring, shown), (config.truth_ring, state))
+            if path
+        ]
         self._truth = TruthFile(Path(config.truth_log)) if config.truth_log else None
         self._t_start = clock()
         shift_s = 0.0 if config.t0 is None else self._t_start - config.t0
@@ -110,10 +115,10 @@ class BoardProcess:
         """Catch up with the clock: plant and requests in the order of time, then answers."""
         while self._t_row <= now:
             self._board.advance(self._t_row)
-            if self._ring:
-                self._ring.push(self._t_row + self._t_start, shown(self._plant))
+            for ring, look in self._rings:
+                ring.push(self._t_row + self._t_start, look(self._plant))
             if self._truth and self._rows % TRUTH_ROWS == 0:
-                self._truth(self._t_row + self._t_start, self._plant.state)
+                self._truth(self._t_row + self._t_start, state(self._plant))
             self._t_row += ROW_S
             self._rows += 1
         if self._board.next_event() <= now:
@@ -132,11 +137,16 @@ class BoardProcess:
         self._log.close()
         if self._truth:
             self._truth.close()
-        if self._ring:
-            self._ring.close()
+        for ring, _ in self._rings:
+            ring.close()
 
     def _write_row(self, row: TorqueRow) -> None:
         self._log(row._replace(t=row.t + self._t_start))
+
+
+def state(plant: Plant) -> tuple[float, float, float, float]:
+    """What a plant really does."""
+    return plant.state
 
 
 def shown(plant: Plant) -> tuple[float, float, float, float]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import heapq
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -17,6 +18,8 @@ from hoopd.sim.faults import FaultScript
 from hoopd.sim.watchers import Watcher
 from hoopd.sim.wiredboard import WiredBoard
 
+# Ticks whose true state is remembered: half a second.
+REMEMBERED = 25
 # Ticks between two looks at signals; virtual time never really sleeps.
 YIELD_EVERY = 50
 
@@ -70,6 +73,7 @@ class LockstepRig:
         self._script, self._period_s, self._delay_s = script, period_s, delay_s
         self._frame_s, self._phase_s = frame_s, phase_s
         self._now = 0.0
+        self._psi: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)  # time, true angle
         self._ticks = self._frames = self._made = 0
         self._events: list[tuple[float, int, Callable[[float], None]]] = []
         self._sample: CameraSample | None = None
@@ -83,6 +87,7 @@ class LockstepRig:
         """Advance to the next deadline."""
         self._ticks += 1
         self._run_until(self._ticks * self._period_s)
+        self._psi.append((self._now, self._plant.state[2]))
         if self._truth is not None:
             self._truth(self._now, self._plant.state)
         if self._ticks % YIELD_EVERY == 0:
@@ -98,6 +103,10 @@ class LockstepRig:
 
     def close(self) -> None:
         """Nothing to free."""
+
+    def true_psi(self, t: float) -> float | None:
+        """The plant's ball angle in rad at the tick at `t`; None when that is too long ago."""
+        return next((psi for at, psi in reversed(self._psi) if abs(at - t) < 0.5 * self._period_s), None)
 
     # --- the loop's drive ---
 

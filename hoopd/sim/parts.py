@@ -177,6 +177,7 @@ def board_process(
         torque_log=str(logs / TORQUE_LOG),
         truth_log=str(logs / TRUTH_LOG) if config.sim.directory else "",
         state_ring=str(folder / "ring"),
+        truth_ring=str(folder / "truth"),
         seed=seed,
         t0=start,
         layout=layout_to_table(layout),

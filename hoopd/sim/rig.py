@@ -32,7 +32,8 @@ class Rig(NamedTuple):
     """Where the rig's parts are."""
 
     port: Path
-    ring: Path
+    ring: Path  # what a camera sees
+    truth: Path  # the plant's state
     torque_log: Path
     folder: Path
 
@@ -45,7 +46,9 @@ def rig_processes(make: Callable[[Path], ProcessConfig], *, fifo: bool) -> Itera
         config = make(folder)
         process = boardprocess.start(folder / "board", config, fifo=fifo)
         try:
-            yield Rig(folder / "board", Path(config.state_ring), Path(config.torque_log), folder)
+            yield Rig(
+                folder / "board", Path(config.state_ring), Path(config.truth_ring), Path(config.torque_log), folder
+            )
         finally:
             _end(process)
 
@@ -58,6 +61,19 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
+
+
+class TruePsi:
+    """The plant's true ball angle in the last second."""
+
+    def __init__(self, ring: Path, start: float) -> None:
+        """`start`: monotonic time of run time zero."""
+        self._ring, self._start = StateRingReader(ring), start
+
+    def __call__(self, t: float) -> float | None:
+        """psi in rad at run time `t`; None when the ring does not hold it."""
+        state = self._ring.at(self._start + t)
+        return None if state is None else state.psi
 
 
 class DirectEye:

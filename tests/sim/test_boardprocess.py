@@ -20,6 +20,7 @@ import pytest
 from hoopd.core.frames import DEFAULT_LAYOUT, STATUS_ENABLED, STATUS_TIMEOUT, Answer, Decoder, encode_request
 from hoopd.sim import truth
 from hoopd.sim.boardprocess import ProcessConfig, start
+from hoopd.sim.rig import TruePsi
 from hoopd.sim.statering import PlantState, StateRingReader, StateRingWriter
 from hoopd.sim.torque_log import read
 
@@ -40,6 +41,10 @@ class Wheel:
     @property
     def state(self):
         return self.theta, self.dtheta, 2.0 * self.t, 2.0
+class Shown(Wheel):
+    @property
+    def shown(self):
+        return self.theta, self.dtheta, 2.0 * self.t + 0.1, 2.0
 """
 
 
@@ -163,6 +168,22 @@ def test_the_state_ring_follows_the_clock(folder: Path, board: object) -> None:
     assert late.psi - early.psi == pytest.approx(2.0 * 0.05, abs=1e-6)
     assert reader.at(now + 1.0) is None
     assert reader.at(now - 10.0) is None
+
+
+def test_the_truth_s_ring_has_the_state_and_not_what_the_camera_sees(folder: Path) -> None:
+    process = start(
+        folder / "port", config(folder, plant="wheelstub:Shown", truth_ring=str(folder / "truth"), t0=time.monotonic())
+    )
+    try:
+        time.sleep(0.1)
+        seen, now = StateRingReader(folder / "ring"), time.monotonic()
+        true = TruePsi(folder / "truth", start=now - 5.0)
+        psi, shown = true(4.95), seen.at(now - 0.05)
+        assert psi is not None and shown is not None
+        assert shown.psi - psi == pytest.approx(0.1, abs=1e-6)
+        assert true(3.0) is None and true(6.0) is None
+    finally:
+        end(process)
 
 
 def test_scripted_faults_act_in_run_time(folder: Path) -> None:
