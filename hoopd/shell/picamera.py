@@ -57,8 +57,8 @@ class Picamera2Backend:
             self._number += 1
         self._last_stamp = stamp
         exposure_s = metadata.get("ExposureTime", self._camera.exposure_s * 1e6) * 1e-6
-        t, stamped = self._stamps.mid_exposure(stamp * 1e-9 or None, STAMP_TO_MIDDLE * exposure_s, t_arrival)
-        self.note = self.note or ("" if stamped else NO_STAMP)
+        t, _ = self._stamps.mid_exposure(stamp * 1e-9 or None, STAMP_TO_MIDDLE * exposure_s, t_arrival)
+        self.note = self.note or (NO_STAMP if self._stamps.unusable else "")
         size = (self._camera.width_px, self._camera.height_px, int(planes.shape[1]))
         return Frame(self._number, t, t_arrival, planes.reshape(-1), "i420", size)
 

@@ -15,10 +15,14 @@ import numpy.typing as npt
 Image = npt.NDArray[np.uint8]
 Clock = Callable[[], float]
 
-# A stamp is believed when it makes the picture this old on arrival: a frame can neither come from the future (but for
-# the clocks' reading one after the other) nor have waited for longer than any queue of a camera.
+# A clock is believed when it makes one of the last pictures this old on arrival: a frame can neither come from the
+# future (but for the clocks' reading one after the other) nor do they all wait longer than any queue of a camera.
 YOUNGEST_S = -0.002
 OLDEST_S = 1.0
+LATEST_S = 5.0  # by a clock that is believed; a camera that hangs for longer is started anew
+# Lateness only ever adds to a picture's age, and a busy computer catches up with its pictures: so many in a row that
+# are all impossible (half a second of them) are no lateness.
+DOUBTFUL_PICTURES = 25
 # The stamp of a camera on a CSI-2 cable is the frame start: the first row's readout, which ends that row's exposure.
 STAMP_TO_MIDDLE = -0.5  # of the exposure time
 NO_STAMP = "pictures carry no usable stamp; their time is taken as arrival less camera.delay_s"
@@ -63,23 +67,40 @@ class Backend(Protocol):
 
 
 class Stamps:
-    """Brings camera stamps into run time."""
+    """Brings camera stamps into run time.
+
+    A stamp counts in CLOCK_MONOTONIC or in CLOCK_BOOTTIME, whichever makes the pictures' age possible; they are the
+    same on a computer that never sleeps.
+    """
 
     def __init__(self, t0: float, delay_s: float) -> None:
         self._t0 = t0
         self._delay_s = delay_s
+        self._doubts = [DOUBTFUL_PICTURES, DOUBTFUL_PICTURES]  # pictures since the clock's last possible age
+        self._pictures = 0
+
+    @property
+    def unusable(self) -> bool:
+        """None of many pictures in a row had a stamp of a clock that we know."""
+        return self._pictures >= DOUBTFUL_PICTURES and min(self._doubts) >= DOUBTFUL_PICTURES
 
     def mid_exposure(self, stamp_s: float | None, to_middle_s: float, t_arrival: float) -> tuple[float, bool]:
         """Run time of the exposure's middle, and whether the stamp gave it.
 
-        The stamp counts in CLOCK_MONOTONIC or in CLOCK_BOOTTIME, whichever makes the picture's age possible; they are
-        the same on a computer that never sleeps. Without a usable stamp: arrival less the usual delay.
+        A picture that is older than OLDEST_S by a clock that is believed is late, and its stamp says how late. Without
+        a usable stamp: arrival less the usual delay.
         """
-        if stamp_s is not None:
-            for ahead_s in (0.0, boottime_ahead_s()):
-                t = stamp_s - ahead_s - self._t0 + to_middle_s
-                if YOUNGEST_S <= t_arrival - t <= OLDEST_S:
-                    return min(t, t_arrival), True
+        self._pictures += 1
+        if stamp_s is None:
+            self._doubts = [doubts + 1 for doubts in self._doubts]
+            return t_arrival - self._delay_s, False
+        times = [stamp_s - ahead_s - self._t0 + to_middle_s for ahead_s in (0.0, boottime_ahead_s())]
+        for clock, t in enumerate(times):
+            possible = YOUNGEST_S <= t_arrival - t <= OLDEST_S
+            self._doubts[clock] = 0 if possible else self._doubts[clock] + 1
+        for doubts, t in zip(self._doubts, times, strict=True):
+            if doubts < DOUBTFUL_PICTURES and YOUNGEST_S <= t_arrival - t <= LATEST_S:
+                return min(t, t_arrival), True
         return t_arrival - self._delay_s, False
 
 

@@ -205,15 +205,15 @@ class RpicamVid:
             patience_s = METADATA_PATIENCE_S if number > 0 else FIRST_PATIENCE_S
             self._drain_metadata(patience_s if self._patience > 0 else 0.0, number)
             stamp = self._metadata.take(number)
-        if stamp is None:
+        if stamp is None or stamp.t is None:
             self._patience -= 1
-            t, stamped = self._stamps.mid_exposure(None, 0.0, t_arrival)
+            t, _ = self._stamps.mid_exposure(None, 0.0, t_arrival)
         else:
             self._patience = PATIENT_FRAMES
             exposure_s = stamp.exposure_s or self._camera.exposure_s
-            t, stamped = self._stamps.mid_exposure(stamp.t, STAMP_TO_MIDDLE * exposure_s, t_arrival)
-        if not self.note and (self._patience <= 0 or (stamp is not None and not stamped)):
-            what = "carry no metadata in time" if stamp is None else "carry stamps of another clock"
+            t, _ = self._stamps.mid_exposure(stamp.t, STAMP_TO_MIDDLE * exposure_s, t_arrival)
+        if not self.note and (self._patience <= 0 or self._stamps.unusable):
+            what = "carry no metadata in time" if self._patience <= 0 else "carry stamps of another clock"
             self.note = f"pictures {what}; their time is taken as arrival less camera.delay_s"
         return t
 

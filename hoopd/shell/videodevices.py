@@ -81,10 +81,10 @@ class V4l2Backend:
     def _frame(self, picture: Image) -> Frame:
         t_arrival = self._clock()
         stamp_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3 or None
-        t, stamped = self._stamps.mid_exposure(stamp_s, USB_STAMP_TO_MIDDLE * self._camera.exposure_s, t_arrival)
+        t, _ = self._stamps.mid_exposure(stamp_s, USB_STAMP_TO_MIDDLE * self._camera.exposure_s, t_arrival)
         if not self._repeated(picture, stamp_s):
             self._number += 1
-        self.note = self.note or ("" if stamped else NO_STAMP)
+        self.note = self.note or (NO_STAMP if self._stamps.unusable else "")
         height, width = picture.shape[:2]
         return Frame(self._number, t, t_arrival, picture, "bgr", (width, height, width))
 

@@ -16,7 +16,7 @@ import pytest
 from shell.cameras import H, W, read, until
 
 from hoopd.shell.metadata import MetadataStream
-from hoopd.shell.pictures import CameraError, Stamps
+from hoopd.shell.pictures import DOUBTFUL_PICTURES, CameraError, Stamps
 from hoopd.shell.rpicam import RpicamVid
 
 
@@ -179,9 +179,48 @@ def test_metadata_records_are_counted_however_they_are_cut(form: str, step: int)
     assert stream.take(5) is None
 
 
+def aged(stamps: Stamps, ages_s: list[float]) -> list[tuple[float, bool]]:
+    """What becomes of pictures of these ages: age that was taken, and whether the stamp gave it."""
+    start = time.monotonic() - stamps._t0
+    taken = []
+    for number, age in enumerate(ages_s):
+        t_arrival = start + 0.02 * number
+        t, stamped = stamps.mid_exposure(stamps._t0 + t_arrival - age, 0.0, t_arrival)
+        taken.append((round(t_arrival - t, 6), stamped))
+    return taken
+
+
 def test_a_stamp_of_another_clock_is_not_believed() -> None:
+    for off_s in (1e4, -0.5, -1.7e9):
+        stamps = Stamps(t0=time.monotonic() - 10.0, delay_s=0.04)
+        assert set(aged(stamps, [off_s] * DOUBTFUL_PICTURES)) == {(0.04, False)}
+        assert stamps.unusable
+
+
+def test_late_scheduling_is_not_another_clock() -> None:
+    """A computer that stands still for seconds hands over old pictures: their stamps are right, and say so."""
     stamps = Stamps(t0=time.monotonic() - 10.0, delay_s=0.04)
-    assert stamps.mid_exposure(5.0, 0.0, 10.0) == (pytest.approx(9.96), False)
-    t, stamped = stamps.mid_exposure(time.monotonic() - 0.02, 0.0, 10.0)
-    assert stamped
-    assert t == pytest.approx(9.98, abs=0.005)
+    late = [0.03, 0.05, 1.8, 1.7, 2.9, 1.2, 0.04]
+    assert aged(stamps, late) == [(age, True) for age in late]
+    assert not stamps.unusable
+
+
+def test_a_slow_start_is_not_another_clock() -> None:
+    """The first pictures may have waited for the daemon; the clock is known with the first one that has not."""
+    stamps = Stamps(t0=time.monotonic() - 10.0, delay_s=0.04)
+    taken = aged(stamps, [1.6, 1.4, 0.06, 1.3])
+    assert taken == [(0.04, False), (0.04, False), (0.06, True), (1.3, True)]
+    assert not stamps.unusable
+
+
+def test_a_picture_from_the_future_or_of_ages_ago_is_not_timed_by_its_stamp() -> None:
+    stamps = Stamps(t0=time.monotonic() - 10.0, delay_s=0.04)
+    assert aged(stamps, [0.03, -0.5, 60.0, 0.03]) == [(0.03, True), (0.04, False), (0.04, False), (0.03, True)]
+    assert not stamps.unusable
+
+
+def test_a_clock_that_is_lost_for_good_is_no_longer_believed() -> None:
+    stamps = Stamps(t0=time.monotonic() - 10.0, delay_s=0.04)
+    taken = aged(stamps, [0.03, *[3.0] * (DOUBTFUL_PICTURES + 1)])
+    assert taken[1] == (3.0, True) and taken[-1] == (0.04, False)
+    assert stamps.unusable

@@ -17,7 +17,7 @@ from shell.cameras import FakeCapture, H, W, read, v4l2
 from hoopd.files import InputError
 from hoopd.shell.camera import make_backend
 from hoopd.shell.config import Camera
-from hoopd.shell.pictures import CameraError
+from hoopd.shell.pictures import DOUBTFUL_PICTURES, CameraError
 
 
 def test_v4l2_repeated_stamp_or_picture_is_no_new_one(clock, opened) -> None:
@@ -30,10 +30,13 @@ def test_v4l2_repeated_stamp_or_picture_is_no_new_one(clock, opened) -> None:
 def test_v4l2_stamp_is_used_where_it_is_sane(clock, opened) -> None:
     time.sleep(0.03)
     stamp_ms = (time.monotonic() - 0.02) * 1e3
-    backend = opened(v4l2(FakeCapture([(True, 1, stamp_ms), (True, 2, 12.0)]), clock))
+    backend = opened(v4l2(FakeCapture([(True, 1, stamp_ms), *[(True, 2, 12.0)] * DOUBTFUL_PICTURES]), clock))
     assert read(backend).t == pytest.approx(stamp_ms * 1e-3 - clock.t0 + 0.0025, abs=1e-4)
     frame = read(backend)
     assert frame.t_arrival - frame.t == pytest.approx(0.04)
+    assert backend.note == ""  # one of them says nothing of the clock
+    for _ in range(DOUBTFUL_PICTURES - 1):
+        read(backend)
     assert "stamp" in backend.note
 
 
