@@ -135,7 +135,7 @@ def summarise(
         "exit": 0,
         "seconds": record.t if record else 0.0,
         "real_time_factor": loop.statistics.last_t / wall_s if wall_s else 0.0,
-        **loop.statistics.summary(loop.tick.settings.period_s),
+        **loop.statistics.summary(),
         "final_mode": str(loop.tick.mode),
         "running_s": watch.running_ticks * loop.tick.settings.period_s,
         "psi_error": watch.error.summary() if loop.tick.health.thresholds.ball_expected else None,

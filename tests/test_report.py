@@ -52,10 +52,10 @@ def test_the_error_is_that_of_the_recorded_pictures_and_of_the_rig_s_truth(tmp_p
 
 
 def test_start_up_ticks_and_missed_ones_are_the_run() -> None:
-    statistics = RunStatistics()
+    statistics = RunStatistics(0.02)
     for tick_id in (44, 46, 47, 50, 1003):  # the first two come whenever start-up is done
         statistics.add(tick_id, 0.02 * tick_id + 0.0003, 0.0003, 0.001)
-    told = statistics.summary(0.02)
+    told = statistics.summary()
     assert (told["ticks"], told["missed"]) == (5, 2 + 952)
     assert told["start_up_s"] + 0.02 * (told["ticks"] + told["missed"]) == pytest.approx(20.06)
 

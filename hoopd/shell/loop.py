@@ -88,7 +88,7 @@ class Loop:
     ) -> None:
         self.tick, self.timer, self.drive, self.eye = tick, timer, drive, eye
         self.sinks, self.sources, self.troubles, self.beat = sinks, sources, troubles, beat
-        self.statistics = RunStatistics()
+        self.statistics = RunStatistics(tick.settings.period_s)
         self.record: TickRecord | None = None
         self._own: deque[Command] = deque()
         self._auto_arm, self._duration_s, self._collect = auto_arm, duration_s, collect

@@ -47,7 +47,8 @@ class Histogram:
 class RunStatistics:
     """What the loop counts about itself."""
 
-    def __init__(self) -> None:
+    def __init__(self, period_s: float) -> None:
+        self.period_s = period_s
         self.lateness, self.execution = Histogram(), Histogram()
         self.ticks = 0
         self.missed = 0
@@ -80,11 +81,11 @@ class RunStatistics:
         worst, self.worst_recent_s = self.worst_recent_s, 0.0
         return worst
 
-    def summary(self, period_s: float) -> dict[str, Any]:
+    def summary(self) -> dict[str, Any]:
         """Everything, for the end of a run: its length is start-up and (ticks + missed) periods."""
         return {
-            "period_s": period_s,
-            "start_up_s": self.before_first * period_s,
+            "period_s": self.period_s,
+            "start_up_s": self.before_first * self.period_s,
             "ticks": self.ticks,
             "missed": self.missed,
             "mean_period_s": self.mean_period_s(),
