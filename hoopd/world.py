@@ -6,7 +6,6 @@ the rig in real time is the device with two other device files, the serial port 
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -26,6 +25,7 @@ from hoopd.shell.clock import TickTimer
 from hoopd.shell.config import Config, find
 from hoopd.shell.link import BITS_PER_BYTE, Codec, SerialDrive
 from hoopd.shell.loop import Drive, Eye, Timer
+from hoopd.shell.service import fifo_priority
 from hoopd.trackingerror import Truth
 
 if TYPE_CHECKING:
@@ -107,11 +107,12 @@ def rig_devices(
     def board(folder: Path) -> ProcessConfig:
         return parts.board_process(config, layout, plant, seed, start, folder)
 
-    with rig_processes(board, fifo=os.sched_getscheduler(0) == os.SCHED_FIFO) as rig:
+    fifo = fifo_priority()  # beside a load that would hold the rig up, a judge of the loop would judge the rig
+    with rig_processes(board, fifo=fifo) as rig:
         told = parts.camera_config(config, seed, ring=str(rig.ring), start=start)
         path = rig.folder / "camera.json"
         path.write_bytes(msgspec.json.encode(told))
-        command = (sys.executable, "-m", "hoopd.sim.camera", "--rig", str(path))
+        command = (sys.executable, "-m", "hoopd.sim.camera", "--rig", str(path), "--fifo", str(fifo))
         camera = msgspec.structs.replace(config.camera, backend="rpicam", command=command)
         serial = msgspec.structs.replace(config.serial, port=str(rig.port))
         yield msgspec.structs.replace(config, camera=camera, serial=serial), rig

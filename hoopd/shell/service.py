@@ -115,10 +115,15 @@ def settle_helper_thread() -> None:
     A helper at ordinary priority that is preempted with the interpreter lock in its hand stops a FIFO loop for a whole
     time slice of somebody else. So helpers follow the loop's policy at the lowest priority; what they start does not.
     """
+    if not (fifo_priority() and raise_thread_priority(HELPER_PRIORITY)):
+        lower_thread_priority()
+
+
+def fifo_priority() -> int:
+    """FIFO priority of the loop's thread, 0 when it runs at an ordinary one."""
     main = os.getpid()  # the main thread's id is the process's
     fifo = os.sched_getscheduler(main) & ~_SCHED_RESET_ON_FORK == os.SCHED_FIFO
-    if not (fifo and raise_thread_priority(HELPER_PRIORITY)):
-        lower_thread_priority()
+    return os.sched_getparam(main).sched_priority if fifo else 0
 
 
 def raise_thread_priority(priority: int) -> bool:

@@ -31,6 +31,7 @@ import numpy as np
 from hoopd import failure
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import layout_from_table
+from hoopd.shell.service import raise_thread_priority
 from hoopd.sim.board import BoardConfig, DriverBoard, Plant
 from hoopd.sim.faults import FaultScript, fault_from_table
 from hoopd.sim.statering import StateRingWriter
@@ -48,8 +49,6 @@ TRUTH_ROWS: Final = 10
 PARENT_CHECK_S: Final = 0.25
 # A board does not know that its host was killed: it goes on until its own time-out, here no longer than twice that.
 LINGER_S: Final = 0.2
-# Below the daemon's own priority: the rig must not starve what it tests.
-FIFO_PRIORITY: Final = 10
 _READ_BYTES: Final = 4096
 _PR_SET_PDEATHSIG: Final = 1
 _PR_SET_TIMERSLACK: Final = 29
@@ -164,7 +163,7 @@ def _make_plant(config: ProcessConfig) -> Plant:
 # --- the process -----------------------------------------------------------------------------------------------------
 
 
-def run(link: Path, config: ProcessConfig, fifo: bool = False) -> None:
+def run(link: Path, config: ProcessConfig, fifo: int = 0) -> None:
     """Open the port, publish its link, work until told to stop."""
     stop = _stop_on_sigterm()
     _tie_to_parent()
@@ -215,15 +214,12 @@ def _tie_to_parent() -> None:
     libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
 
 
-def _settle_process(fifo: bool) -> None:
-    """What exists now stays: the collector need not walk it; real-time priority when asked for and granted."""
+def _settle_process(fifo: int) -> None:
+    """What exists now stays: the collector need not walk it; this real-time priority when asked for and granted."""
     gc.collect()
     gc.freeze()
-    if fifo:
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
-        except PermissionError:
-            sys.stderr.write("board: real-time priority was not granted, going on without\n")
+    if fifo and not raise_thread_priority(fifo):
+        sys.stderr.write("board: real-time priority was not granted, going on without\n")
 
 
 def _stdin_is_pipe() -> bool:
@@ -253,7 +249,7 @@ def _withdraw(link: Path, device: str) -> None:
 # --- starting one ----------------------------------------------------------------------------------------------------
 
 
-def start(link: Path, config: ProcessConfig, fifo: bool = False, timeout_s: float = 10.0) -> subprocess.Popen[bytes]:
+def start(link: Path, config: ProcessConfig, fifo: int = 0, timeout_s: float = 10.0) -> subprocess.Popen[bytes]:
     """Start the process beside its link and wait for the port; RuntimeError with its last line when it fails.
 
     Close its stdin or terminate it to end it. Call it from the main thread: the board dies with the caller's thread."""
@@ -261,7 +257,7 @@ def start(link: Path, config: ProcessConfig, fifo: bool = False, timeout_s: floa
     path.write_bytes(msgspec.json.encode(config))
     link.unlink(missing_ok=True)
     command = [sys.executable, "-m", __name__ if __name__ != "__main__" else __spec__.name]
-    command += ["--link", str(link), "--config", str(path), *(["--fifo"] if fifo else [])]
+    command += ["--link", str(link), "--config", str(path), "--fifo", str(fifo)]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
     deadline = time.monotonic() + timeout_s
     while not link.is_symlink():
@@ -278,7 +274,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="hoopd.sim.boardprocess", description=__doc__)
     parser.add_argument("--link", type=Path, required=True, help="symbolic link to make for the port")
     parser.add_argument("--config", type=Path, required=True, help="JSON file, keys of ProcessConfig")
-    parser.add_argument("--fifo", action="store_true", help="ask for real-time priority")
+    parser.add_argument("--fifo", type=int, default=0, metavar="N", help="ask for this real-time priority (0: none)")
     options = parser.parse_args(arguments)
     try:
         config = msgspec.json.decode(options.config.read_bytes(), type=ProcessConfig)

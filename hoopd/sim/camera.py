@@ -22,6 +22,7 @@ import msgspec
 import numpy as np
 
 from hoopd import failure
+from hoopd.shell.service import raise_thread_priority
 from hoopd.sim import lies
 from hoopd.sim.faults import FaultScript, fault_from_table
 from hoopd.sim.scene import Image, Scene, SceneSettings
@@ -185,12 +186,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--shutter", type=float, default=5000.0, help="us")
     parser.add_argument("--stride", type=int, default=0, help="bytes of a row; 0: the width")
     parser.add_argument("--metadata", type=Path)
+    parser.add_argument("--fifo", type=int, default=0, metavar="N", help="ask for this real-time priority (0: none)")
     options, _ = parser.parse_known_args(arguments)
     form = Format(
         options.width, options.height, options.framerate, options.shutter * 1e-6, options.stride or options.width
     )
     _end_with_parent()
     cv2.setNumThreads(1)
+    if options.fifo:
+        raise_thread_priority(options.fifo)  # refused: the daemon was granted more than its rig
     try:
         config = msgspec.json.decode(options.rig.read_bytes(), type=CameraConfig)
         metadata = options.metadata.open("wb") if options.metadata else None

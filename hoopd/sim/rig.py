@@ -39,8 +39,8 @@ class Rig(NamedTuple):
 
 
 @contextmanager
-def rig_processes(make: Callable[[Path], ProcessConfig], *, fifo: bool) -> Iterator[Rig]:
-    """A running board; `make` gets the rig's folder and gives the board's configuration."""
+def rig_processes(make: Callable[[Path], ProcessConfig], *, fifo: int) -> Iterator[Rig]:
+    """A running board at this priority (0: an ordinary one); `make` gets the rig's folder and tells the board's."""
     with tempfile.TemporaryDirectory(prefix="hoopd-rig-") as name:
         folder = Path(name)
         config = make(folder)

@@ -96,7 +96,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--plant", default="", help="package.module:callable; default: a free wheel")
     parser.add_argument("--rig", action="store_true", help="the rig's own plant: the rolling model")
-    parser.add_argument("--fifo", action="store_true")
+    parser.add_argument("--fifo", type=int, default=0, metavar="N", help="real-time priority of the board")
     options = parser.parse_args()
     sys.path.insert(0, str(Path(__file__).parent))
     os.environ["PYTHONPATH"] += os.pathsep + str(Path(__file__).parent)
