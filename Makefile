@@ -12,10 +12,10 @@ LAMP_GPIO ?= 18
 INSTALL_FLAGS := --root "$(DESTDIR)/" $(if $(DRY_RUN),--dry-run)
 
 .DEFAULT_GOAL := help
-.PHONY: help sim test lint figures install uninstall lock wheels clean
+.PHONY: help sim test lint figures install uninstall lock wheels check-pi clean
 
 help: ## this list
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
 
 sim: $(VENV)/.runtime ## run the daemon against the simulated rig (DURATION=20)
 	$(VENV)/bin/hoopd --sim --duration $(DURATION)
@@ -43,6 +43,9 @@ lock: ## newest versions that fit into the lock files (PYTHON=python3.11)
 
 wheels: $(VENV)/.runtime ## does every pinned package have wheels for the Raspberry Pi?
 	$(RUN) tools/check_wheels.py
+
+check-pi: $(VENV)/.runtime ## arm64 by emulation and the service under a real systemd (as root; ARGS=arm64 or systemd)
+	$(RUN) tools/pi $(ARGS)
 
 clean: ## remove the environment and everything that was built
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

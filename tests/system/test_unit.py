@@ -65,6 +65,7 @@ def test_service_says_what_the_safety_chain_needs():
     assert unit["CPUSchedulingPolicy"] == ["fifo"]
     assert int(unit["LimitRTPRIO"][0]) >= int(unit["CPUSchedulingPriority"][0])
     assert unit["LimitMEMLOCK"] == ["infinity"]
+    assert 1 < float(unit["LimitRTTIME"][0].removesuffix("s")) <= 10  # more than a start takes, less than for ever
     assert unit["RestrictRealtime"] == ["no"]
     assert "--arm" not in unit["ExecStart"][0]
 
