@@ -208,6 +208,30 @@ def clock(period_s: float, resolution_s: float, lateness_s: Sequence[float]) -> 
     )
 
 
+def cores(
+    allowed: set[int], present: set[int], isolated: set[int], lateness_s: dict[int, list[float]], period_s: float
+) -> CheckResult:
+    """Where the loop may run, who else may, and how late a timer wakes it there."""
+    worst = {core: max(late) for core, late in lateness_s.items() if late}
+    late = ", ".join(f"{core} by {1e3 * seconds:.2f} ms" for core, seconds in worst.items())
+    granted = f"may run on {_listed(allowed)}; isolated: {_listed(isolated)}; timer late at worst on core {late or '-'}"
+    wanted = "a core of its own, or all of them"
+    verdict, advice = Verdict.WARN, ""
+    if isolated and not allowed <= isolated:
+        advice = "cores are isolated, but the loop may run elsewhere: CPUAffinity= in the unit (docs/pi.md)"
+    elif not isolated and allowed != present:
+        advice = "held to a core that is everybody's: isolcpus= as well, or no CPUAffinity= (docs/pi.md)"
+    elif max(worst.values(), default=0.0) > LATENESS_SHARE * period_s:
+        advice = "what else runs there at real-time priority, or does the machine itself stand still?"
+    else:
+        verdict = Verdict.OK
+    return CheckResult("cores", wanted, granted, verdict, advice)
+
+
+def _listed(numbers: set[int]) -> str:
+    return ", ".join(map(str, sorted(numbers))) or "none"
+
+
 def wall_clock(synchronised: bool | None) -> CheckResult:
     """Only dates of files and logs depend on the wall clock; control does not."""
     if synchronised is None:

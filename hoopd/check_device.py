@@ -6,6 +6,7 @@ which a person would look.
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
 from collections.abc import Callable
@@ -36,6 +37,7 @@ SETTLING_PICTURES = 10
 # Ten looks in a picture's period: the slot holds one picture only.
 LOOK_S = 0.002
 TIMER_TICKS = 50
+CORE_TICKS = 25
 SERVICE_RECORDINGS = Path("/var/lib/hoopd")
 FORMATS = {"model": "hoopd.model/1", "controller": "hoopd.controller/1"}
 
@@ -88,6 +90,7 @@ def device_checks(config: Config, config_path: Path | None, layout: Layout, watc
         ("priority", _scheduling),
         ("memory lock", _memory_lock),
         ("clock", lambda: _clock(period_s)),
+        ("cores", lambda: _cores(period_s)),
         ("wall clock", lambda: check.wall_clock(probe.clock_synchronised())),
         ("power", lambda: check.power(probe.throttled_word())),
         ("disk", lambda: _disk(config)),
@@ -144,6 +147,12 @@ def _memory_lock() -> CheckResult:
 
 def _clock(period_s: float) -> CheckResult:
     return check.clock(period_s, probe.clock_resolution_s(), probe.timer_lateness_s(period_s, TIMER_TICKS))
+
+
+def _cores(period_s: float) -> CheckResult:
+    allowed = os.sched_getaffinity(probe.service_pid())
+    late = probe.core_lateness_s(allowed, FIFO_PRIORITY, period_s, CORE_TICKS)
+    return check.cores(allowed, set(range(os.cpu_count() or 1)), probe.isolated_cores(), late, period_s)
 
 
 def _disk(config: Config) -> CheckResult:

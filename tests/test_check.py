@@ -218,3 +218,22 @@ def test_a_check_that_breaks_is_a_row_and_the_others_go_on(capsys):
 def test_unusable_input_is_not_a_row():
     with pytest.raises(InputError):
         check.run_checks([("files", unusable)])
+
+
+@pytest.mark.parametrize(
+    ("allowed", "isolated", "late_s", "verdict", "advice"),
+    [
+        ({0, 1, 2, 3}, set(), 0.0001, Verdict.OK, ""),
+        ({3}, {3}, 0.0001, Verdict.OK, ""),
+        ({0, 1, 2}, {3}, 0.0001, Verdict.WARN, "CPUAffinity"),
+        ({2, 3}, {3}, 0.0001, Verdict.WARN, "CPUAffinity"),
+        ({3}, set(), 0.0001, Verdict.WARN, "isolcpus"),
+        ({3}, {3}, 0.004, Verdict.WARN, "what else runs"),
+    ],
+)
+def test_cores(allowed, isolated, late_s, verdict, advice):
+    late = {core: [0.00005, late_s] for core in allowed}
+    row = check.cores(allowed, {0, 1, 2, 3}, isolated, late, 0.02)
+    assert row.verdict is verdict
+    assert advice in row.advice
+    assert f"{1e3 * late_s:.2f} ms" in row.granted

@@ -125,3 +125,16 @@ def test_memory_lock_probe():
     code = "from hoopd.shell.probe import try_memory_lock; r, n = try_memory_lock(); print((not r) == (n > 0))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT, timeout=30)
     assert out.stdout == "True\n"
+
+
+@pytest.mark.parametrize(("text", "cores"), [("\n", set()), ("3\n", {3}), ("0-1,3\n", {0, 1, 3}), ("2,3", {2, 3})])
+def test_lists_of_cores(text, cores):
+    assert probe.parse_cores(text) == cores
+
+
+def test_lateness_is_measured_on_each_core_and_leaves_the_caller_where_it_was():
+    allowed = os.sched_getaffinity(0)
+    late = probe.core_lateness_s(allowed | {4096}, 1, 0.005, 3)
+    assert late.keys() == allowed  # a core that is not there has no entry
+    assert all(len(values) <= 3 and min(values) >= 0.0 for values in late.values())
+    assert os.sched_getaffinity(0) == allowed
