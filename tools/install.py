@@ -36,6 +36,7 @@ BACKUP_ENDING = ".hoopd-backup"
 # Pin 12. The lamp is switched by a transistor there and lit by the firmware at boot, so that the light does not
 # depend on any program and the exposure can stay locked.
 LAMP_GPIO = "18"
+UDEV_RUNS = Path("/run/udev/control")
 GPIOS = [str(number) for number in range(2, 28)]
 # picamera2 is built for the distribution's numpy; this one of its parts must match the numpy of the venv.
 PICAMERA2_REBUILT = "simplejpeg"
@@ -266,9 +267,18 @@ def activate(target: Target) -> None:
     target.run_if_there("systemd-tmpfiles", *offline, "--create", "hoopd.conf")
     target.run_if_there("systemctl", *offline, "enable", "hoopd.service")
     if target.live:
-        target.run_if_there("udevadm", "control", "--reload")
-        target.run_if_there("udevadm", "trigger", "--subsystem-match=tty", "--subsystem-match=video4linux")
+        reload_udev(target, trigger=True)
         target.run_if_there("systemctl", "daemon-reload")
+
+
+def reload_udev(target: Target, *, trigger: bool) -> None:
+    """Let udev read its rules anew (and apply them to what is there); a container has devices but no udev."""
+    if not UDEV_RUNS.exists():
+        target.say("skip udev: it does not run here")
+        return
+    target.run_if_there("udevadm", "control", "--reload")
+    if trigger:
+        target.run_if_there("udevadm", "trigger", "--subsystem-match=tty", "--subsystem-match=video4linux")
 
 
 def uninstall(target: Target, options: argparse.Namespace) -> None:
@@ -283,7 +293,7 @@ def uninstall(target: Target, options: argparse.Namespace) -> None:
         target.remove(target.path(place))
     if target.live:
         target.run_if_there("systemctl", "daemon-reload")
-        target.run_if_there("udevadm", "control", "--reload")
+        reload_udev(target, trigger=False)
     if options.purge:
         purge(target)
     else:

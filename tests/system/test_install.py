@@ -194,6 +194,16 @@ def test_environment_is_built_from_the_lock_and_moved_to_its_place(tmp_path, mon
     assert (tmp_path / "opt/hoopd/bin/hoopd").read_text() == "#!/opt/hoopd/bin/python\n"
 
 
+@pytest.mark.parametrize("runs", [True, False])
+def test_udev_is_told_only_where_it_runs(runs, tmp_path, monkeypatch):
+    """A container has no udev: that is no failure of an installation."""
+    calls = []
+    monkeypatch.setattr(installer, "UDEV_RUNS", tmp_path if runs else tmp_path / "none")
+    monkeypatch.setattr(installer.Target, "run_if_there", lambda target, *words: calls.append(words[:2]))
+    installer.reload_udev(installer.Target(Path("/")), trigger=True)
+    assert calls == ([("udevadm", "control"), ("udevadm", "trigger")] if runs else [])
+
+
 def test_live_system_needs_root(monkeypatch, capsys):
     monkeypatch.setattr(installer.os, "geteuid", lambda: 1000)
     assert installer.main(["install"]) == 1
