@@ -1,0 +1,90 @@
+"""One run of the daemon with one fault, in real time or in lock-step, and what it left behind.
+
+Rules of this file: the daemon is a process of its own in both ways; all times of a trial are on the clock of its torque
+log (the monotonic one in real time, virtual seconds in lock-step).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+from system.realrun import ENVIRONMENT, Daemon, zero_of
+from system.runs import Run, load
+
+from hoopd.sim import truth
+from hoopd.sim.truth import Truth
+
+from .kinds import AT_S, Kind
+
+OBSERVE_S = 3.0  # after the fault
+PATIENCE_S = 240.0  # for a run in lock-step with pictures on a busy machine
+KEEP_BUSY = {"at_s": AT_S - 1.2, "name": "reference", "value": 0.1}  # the motor works and the hoop turns
+
+
+class Way(NamedTuple):
+    """How the daemon is run."""
+
+    direct: bool
+    fifo: bool = False
+    lockstep: bool = False
+
+    def __str__(self) -> str:
+        camera = "angles without pictures" if self.direct else "rendered pictures"
+        clock = "lock-step" if self.lockstep else f"real time, {'FIFO' if self.fifo else 'no priority'}"
+        return f"{clock}, {camera}"
+
+
+class Trial(NamedTuple):
+    """What a run left behind; `at`: the fault, `zero`: run time zero."""
+
+    run: Run
+    truth: Truth
+    at: float
+    zero: float
+    exit_code: int
+
+
+def perform(folder: Path, kind: Kind, way: Way) -> Trial:
+    """Run the daemon with one fault."""
+    run, at, code = _in_lockstep(folder, kind, way) if way.lockstep else _in_real_time(folder, kind, way)
+    zero = 0.0 if way.lockstep else zero_of(run)
+    return Trial(run, truth.read(folder / "truth.csv"), zero + AT_S if math.isnan(at) else at, zero, code)
+
+
+def _rig(kind: Kind) -> dict[str, Any]:
+    """Keys of the rig's section."""
+    faults = [kind.script] if kind.script else []
+    return {"faults": faults, "commands": [KEEP_BUSY, *kind.commands], **kind.sim}
+
+
+def _in_real_time(folder: Path, kind: Kind, way: Way) -> tuple[Run, float, int]:
+    with Daemon(folder, direct=way.direct, fifo=way.fifo, **_rig(kind)) as daemon:
+        daemon.wait_for(event="mode", mode="RUNNING")
+        daemon.wait_for(event="reference")
+        time.sleep(0.6)
+        at = kind.act(daemon) if kind.act else math.nan
+        begun = time.monotonic()
+        while time.monotonic() < begun + OBSERVE_S and daemon.process.poll() is None:
+            time.sleep(0.05)
+        code = daemon.stop() if daemon.process.poll() is None else daemon.wait_exit()
+        return daemon.result(), at, code
+
+
+def _in_lockstep(folder: Path, kind: Kind, way: Way) -> tuple[Run, float, int]:
+    record, summary = folder / "rec", folder / "summary.json"
+    record.mkdir(parents=True)
+    content = {"log": {"format": "json"}, "sim": {"directory": str(folder), **_rig(kind)}}
+    (folder / "run.yaml").write_text(yaml.safe_dump(content))
+    command = [sys.executable, "-m", "hoopd", "--sim", "--speed", "max", "--config", str(folder / "run.yaml")]
+    command += ["--duration", str(AT_S + OBSERVE_S), "--record", str(record), "--json", str(summary)]
+    command += ["--camera", "direct"] if way.direct else []
+    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=PATIENCE_S, check=False)
+    told = json.loads(summary.read_text()) if summary.exists() else {}
+    return load(folder, record, done.stderr, told), math.nan, done.returncode
