@@ -111,11 +111,13 @@ class Gate:
         return ticket
 
     def take(self) -> tuple[Command, ...]:
-        """All that wait, in order, `disarm` and `stop` last: with both in one tick the safe one wins."""
+        """All that wait, in order, `disarm` and `stop` last."""
         if not self._waiting and not self._always:
             return ()
-        tickets = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        tickets += [self._always.pop(name) for name in list(self._always)]
+        # Looked for first: an arm that was offered before one of these comes in its tick, which revokes it, or in an
+        # earlier one, but never in a later one, where it would energise.
+        safe = [self._always.pop(name) for name in list(self._always)]
+        tickets = [self._waiting.popleft() for _ in range(len(self._waiting))] + safe
         self._taken += tickets
         return tuple(ticket.command for ticket in tickets)
 

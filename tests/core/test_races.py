@@ -46,6 +46,7 @@ HAPPENINGS: dict[str, Callable[[SmallRig], None]] = {
 GAPS = (0, 0, 0, 1, 1, 1, 2, 3, 5, 9, 11, 30, 60)
 EVENT = st.tuples(st.sampled_from([*COMMANDS, *COMMANDS, *HAPPENINGS]), st.sampled_from(GAPS))
 Sequence = list[tuple[str, int]]
+SEQUENCE = st.lists(EVENT, min_size=2, max_size=20)
 
 
 def by_tick(sequence: Sequence) -> list[list[str]]:
@@ -84,7 +85,7 @@ def broken(sequence: Sequence) -> list[str]:
 @example([("arm", 60), ("stop", 1), ("arm", 0)])
 @example([("arm", 60), ("overcurrent", 0), ("arm", 2), ("healed", 30)])
 @settings(max_examples=SEQUENCES, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(st.lists(EVENT, min_size=2, max_size=20))
+@given(SEQUENCE)
 def test_what_switches_off_always_wins(sequence: Sequence) -> None:
     assert broken(sequence) == []
 

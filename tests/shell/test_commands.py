@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hoopd.core.records import Command
-from hoopd.shell.commands import NAMES, WAITING, Gate, Ranges, RefusedError
+from hoopd.shell.commands import NAMES, WAITING, Gate, Ranges, RefusedError, Ticket
 
 RANGES = Ranges((-1.0, 1.0), {"q_psi": (0.0, 10.0)}, {"step": (0.0, 0.3)})
 
@@ -82,3 +84,24 @@ def test_any_payload_is_taken_or_refused(name: str, payload: bytes) -> None:
         assert gate.take() == ()
     else:
         assert len(gate.take()) == 1
+
+
+def test_an_arm_offered_before_a_disarm_never_comes_in_a_later_tick() -> None:
+    gate = Gate(RANGES)
+
+    class Interrupted(deque[Ticket]):
+        """A queue after whose first taken command another thread offers both."""
+
+        def popleft(self) -> Ticket:
+            gate._waiting = deque(self)
+            ticket = gate._waiting.popleft()
+            self.clear()
+            gate.offer("arm")
+            gate.offer("disarm")
+            return ticket
+
+    gate._waiting = Interrupted()
+    gate.offer("reference", b"0.1")
+    ticks = [gate.take(), gate.take()]
+    armed, disarmed = (next(k for k, taken in enumerate(ticks) if Command(name) in taken) for name in ("arm", "disarm"))
+    assert armed <= disarmed

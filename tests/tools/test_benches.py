@@ -108,6 +108,12 @@ def test_experiments_prints_its_rows() -> None:
     assert "ball rad" in out and "1/1" in out
 
 
+def test_races_keep_the_rule_and_print_how_they_began() -> None:
+    out = run_bench("races.py", "--races", "20", "--sequences", "20")
+    assert "20 races, the rule holds" in out and "random sequences on the tick alone, the rule holds" in out
+    assert "about to arm itself" in out
+
+
 def test_simulate_prints_every_way_and_the_bound() -> None:
     out = run_bench("simulate.py", "--runs", "5", "--slow", "1")
     assert out.count("scipy") == 4 and out.count("hoopd, steps") == 2
