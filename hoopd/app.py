@@ -7,6 +7,7 @@ everything that was opened is closed, each within a bound.
 from __future__ import annotations
 
 import asyncio
+import secrets
 import sys
 import time
 from collections import deque
@@ -26,7 +27,7 @@ from hoopd.recording.mcap import Header
 from hoopd.report import Watch, operator_status, print_summary, status, status_line, summarise
 from hoopd.shell import config as configuration
 from hoopd.shell import log, signals
-from hoopd.shell.commands import Gate, Ranges
+from hoopd.shell.commands import NO_CONTROL, Gate, Ranges
 from hoopd.shell.commandserver import CommandServer
 from hoopd.shell.config import Config
 from hoopd.shell.loop import Loop, Sink
@@ -48,6 +49,8 @@ TUNABLE = {
     "feedforward": (-5.0, 5.0),
     "gain": (0.0, 3.0),
 }
+# A name for the run beside every message, so that two daemons are not taken for one.
+SESSION_BYTES = 8
 # Without a board the service still comes up, disarmed, and says what is missing.
 READY_PATIENCE_S = 5.0
 
@@ -113,6 +116,8 @@ def check_options(options: Options, config: Config) -> None:
     for flag, given in (("--speed max", options.speed == "max"), ("--camera direct", options.direct)):
         if given and not options.sim:
             raise InputError(flag, "", "only with --sim")
+    if config.telemetry.commands and not config.telemetry.control.endpoint:
+        raise InputError("configuration", "telemetry.commands", NO_CONTROL)
     if options.arm and is_under_systemd():
         raise InputError("--arm", "", "refused under systemd: the daemon starts disarmed; use `hoopd arm`")
     if options.arm and not sys.stdin.isatty():
@@ -173,13 +178,14 @@ async def _run(
     virtual = options.speed == "max"
     world.drive.open()  # first: without its port a run leaves no file and no log
     with ExitStack() as stack:
+        session = secrets.token_hex(SESSION_BYTES)
         gate = Gate(Ranges(_both_ways(config.loop.reference_limit_rad), TUNABLE))
-        operators = CommandSink(gate, lambda: operator_status(loop, gate, recorder, telemetry))
+        operators = CommandSink(gate, session, lambda: operator_status(loop, gate, recorder, telemetry))
         if not virtual:
             _serve_commands(stack, options, config, reporter, operators)
         recorder = _recorder(stack, options, config, texts, reporter)
         telemetry = (
-            None if virtual else _telemetry(stack, config, texts, reporter, gate, lambda: status(loop, recorder))
+            None if virtual else _telemetry(stack, config, texts, reporter, operators, lambda: status(loop, recorder))
         )
         watch = Watch(world.truth)
         watchers = (reporter, recorder, telemetry, operators, watch, guest)
@@ -284,7 +290,7 @@ def _telemetry(
     config: Config,
     texts: Texts,
     reporter: log.Reporter,
-    gate: Gate,
+    operators: CommandSink,
     status: Callable[[], dict[str, Any]],
 ) -> TelemetrySink | None:
     if not config.telemetry.enabled:
@@ -295,16 +301,23 @@ def _telemetry(
         device=config.device.name,
         endpoint=config.telemetry.endpoint,
         commands=config.telemetry.commands,
+        control_endpoint=config.telemetry.control.endpoint,
+        control_zenoh=config.telemetry.control.zenoh,
+        session=operators.session,
         zenoh=config.telemetry.zenoh,
     )
-    telemetry = Telemetry(settings, gate, config_text=texts.config, on_event=_tell(reporter))
+    telemetry = Telemetry(settings, operators.gate, config_text=texts.config, on_event=_tell(reporter))
     telemetry.start()
     stack.callback(_close, telemetry.close, "telemetry")
     return TelemetrySink(telemetry, status)
 
 
 def _serve_commands(
-    stack: ExitStack, options: Options, config: Config, reporter: log.Reporter, operators: CommandSink
+    stack: ExitStack,
+    options: Options,
+    config: Config,
+    reporter: log.Reporter,
+    operators: CommandSink,
 ) -> None:
     """Listen at the command socket. Without it nobody could command the device: then it does not start; a rig does,
     because several may stand side by side, and says so."""
@@ -317,7 +330,8 @@ def _serve_commands(
             raise
         reporter.note(0.0, Note("commands_unavailable", "warning", {"reason": str(error)}))
         return
-    server = CommandServer(listening, operators.gate, operators.ask, on_event=_tell(reporter))
+    asking, name = operators.ask, operators.session
+    server = CommandServer(listening, operators.gate, asking, session=name, on_event=_tell(reporter))
     server.start()
     stack.callback(_close, server.close, "commands")
 

@@ -6,6 +6,7 @@ that the daemon starts fast. Unusable input is one line on standard error and ex
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import signal
@@ -14,7 +15,7 @@ import threading
 import warnings
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 
@@ -22,6 +23,9 @@ from hoopd import cli_bench
 from hoopd.cli_options import JsonOption
 from hoopd.files import PORT_MISSING, InputError, PortMissingError
 from hoopd.output import print_result, write_json
+
+if TYPE_CHECKING:
+    from hoopd.shell.config import Config
 
 # Matrices of four by four gain nothing from threads, and lose milliseconds to them; before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -115,10 +119,35 @@ def check(
 
 def _ask(request: dict[str, Any], config: Path | None, sets: list[str]) -> dict[str, Any]:
     from hoopd.shell import config as configuration
-    from hoopd.shell.operator import ask
+    from hoopd.shell.operator import NoDaemonError, ask
 
     settings = configuration.load(config, sim=False, overrides=sets)
-    return ask(request, settings.device.name, settings.commands.socket)
+    try:
+        return ask(request, settings.device.name, settings.commands.socket)
+    except NoDaemonError:
+        answer = _ask_over_zenoh(request, settings)
+        if answer is None:
+            raise
+        return answer
+
+
+def _ask_over_zenoh(request: dict[str, Any], settings: Config) -> dict[str, Any] | None:
+    """The other way: where a configuration names the session of control, and for what is taken from everybody."""
+    from hoopd.shell.commands import ALWAYS
+    from hoopd.shell.operator import NoDaemonError
+    from hoopd.shell.remote import send
+
+    telemetry, name = settings.telemetry, request["command"]
+    places = [(telemetry.control.endpoint, telemetry.control.zenoh)] if name != "status" else []
+    places += [(telemetry.endpoint, telemetry.zenoh)] if name in ALWAYS else []
+    for endpoint, zenoh in places:
+        # Of zenoh's keys an operator shares user, password and certificates with the daemon, not where it listens.
+        extras = {key: value for key, value in zenoh.items() if key.partition("/")[0] == "transport"}
+        with contextlib.suppress(NoDaemonError):
+            if endpoint:
+                value, key = request.get("value"), request.get("key", "")
+                return send(name, value, endpoint, settings.device.name, key=key, extras=extras)
+    return None
 
 
 def _command(request: dict[str, Any], config: Path | None, sets: list[str]) -> None:

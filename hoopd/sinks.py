@@ -71,8 +71,9 @@ class CommandSink:
 
     trouble = False
 
-    def __init__(self, gate: Gate, status: Callable[[], dict[str, Any]]) -> None:
-        self.gate, self._status = gate, status
+    def __init__(self, gate: Gate, session: str, status: Callable[[], dict[str, Any]]) -> None:
+        """`session`: tells this run from every other."""
+        self.gate, self.session, self._status = gate, session, status
         self._asked: deque[StatusTicket] = deque(maxlen=STATUS_WAITING)
         self._record: TickRecord | None = None
 

@@ -1,8 +1,8 @@
 """Watch a running daemon: one live line a second, or every message as JSON lines.
 
-An example to copy from. It shows the four things that a subscriber of zenoh should do: connect as a client to one
-endpoint (no scouting), take samples from a ring instead of a callback (a callback's thread keeps the process alive),
-always close the session (`with`), and read null as "missing".
+An example to copy from. It shows the five things that a subscriber should do: connect as a client to one endpoint
+(no scouting), take samples from a ring instead of a callback (a callback's thread keeps the process alive), always
+close the session (`with`), read null as "missing", and tell daemons apart by the name of their run, the attachment.
 
     python tools/subscriber.py                      # until Ctrl-C
     python tools/subscriber.py --seconds 10 --json  # JSON lines, at most ten seconds
@@ -36,23 +36,26 @@ class Line:
 
     def __init__(self) -> None:
         self.ticks, self.begun = 0, time.monotonic()
+        self.fresh = True  # something came since the line before
         self.tick: dict[str, Any] = {}
         self.status: dict[str, Any] = {}
 
     def add(self, kind: str, message: dict[str, Any]) -> None:
         """Take one message."""
+        self.fresh = True
         if kind == "tick":
             self.ticks, self.tick = self.ticks + 1, message
         elif kind == "status":
             self.status = message
 
-    def text(self) -> str:
+    def text(self, run: str) -> str:
         """The line; counting begins anew."""
         rate = self.ticks / max(1e-9, time.monotonic() - self.begun)
-        self.ticks, self.begun = 0, time.monotonic()
+        self.ticks, self.begun, self.fresh = 0, time.monotonic(), self.ticks > 0
         dropped = self.status.get("telemetry", {}).get("dropped", "-")
         psi, torque = _number(self.tick.get("psi"), "rad"), _number(self.tick.get("u"), "N m")
-        return f"{rate:5.1f} ticks/s  {self.tick.get('mode', '-'):<9} psi {psi}  torque {torque}  dropped {dropped}"
+        mode = self.tick.get("mode", "-")
+        return f"{run[:8]:8} {rate:5.1f} ticks/s  {mode:<9} psi {psi}  torque {torque}  dropped {dropped}"
 
 
 def _number(value: float | None, unit: str) -> str:
@@ -61,7 +64,8 @@ def _number(value: float | None, unit: str) -> str:
 
 def watch(session: zenoh.Session, options: argparse.Namespace) -> int:
     """Print what comes until enough has come; the number of ticks seen."""
-    begun, shown, seen, line = time.monotonic(), time.monotonic(), 0, Line()
+    begun, shown, seen = time.monotonic(), time.monotonic(), 0
+    lines: dict[str, Line] = {}  # by run: two daemons of one name are two lines
     ring = session.declare_subscriber(f"hoopd/{options.device}/*", zenoh.handlers.RingChannel(RING))
     while (options.count is None or seen < options.count) and not _over(begun, options.seconds):
         sample = ring.try_recv()
@@ -69,13 +73,17 @@ def watch(session: zenoh.Session, options: argparse.Namespace) -> int:
             time.sleep(0.005)
         else:
             kind, message = str(sample.key_expr).rsplit("/", 1)[1], json.loads(sample.payload.to_bytes())
+            run = sample.attachment.to_string() if sample.attachment is not None else ""
             seen += kind == "tick"
-            line.add(kind, message)
+            lines.setdefault(run, Line()).add(kind, message)
             if options.json:
-                print(json.dumps({"key": kind, **message}), flush=True)
+                print(json.dumps({"key": kind, "session": run, **message}), flush=True)
         if not options.json and time.monotonic() - shown >= 1.0:
             shown = time.monotonic()
-            print(line.text(), end="\r" if sys.stdout.isatty() else "\n", flush=True)
+            end = "\r" if sys.stdout.isatty() and len(lines) == 1 else "\n"
+            for run, line in lines.items():
+                print(line.text(run), end=end, flush=True)
+            lines = {run: line for run, line in lines.items() if line.fresh}
     return seen
 
 

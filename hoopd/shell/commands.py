@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from hoopd.core.modes import ENERGISED
 from hoopd.core.records import Command, TickRecord
 from hoopd.core.tick import Note
 
@@ -30,6 +31,11 @@ PAYLOAD_BYTES = 1000
 # From a command to the note of what became of it: an arm waits 0.2 s for the board at most, the rest one tick.
 SETTLE_S = 1.0
 UNSETTLED = "the loop did not tell what became of it"
+# What is wrong with `telemetry.commands: true` alone, as it stood in configurations of before.
+NO_CONTROL = (
+    "needs telemetry.control with an endpoint and users or certificates (docs/telemetry.md); take the key away if "
+    "commands come from this machine only: `hoopd arm` goes through the command socket and needs none"
+)
 REFUSED = "command_refused"
 # Notes of the tick that settle commands, and of which command each speaks when it does not say so itself.
 SETTLING: Mapping[str, str] = MappingProxyType({"operator": "", REFUSED: "", "reference": "reference", "tuned": "tune"})
@@ -94,16 +100,16 @@ class Gate:
         self._taken: deque[Ticket] = deque(maxlen=TAKEN)  # by the loop, not settled yet
         self.accepted = self.refused = 0
 
-    def offer(self, name: str, payload: bytes = b"", *, trusted: str = "") -> Ticket:
+    def offer(self, name: str, payload: bytes = b"", *, untrusted: str = "") -> Ticket:
         """The ticket of a command that the next tick takes; RefusedError with the reason.
 
         Parameters
         ----------
         name, payload : command, and a number or an object with value and key as JSON
-        trusted : empty, or why the sender may not send what is not always taken
+        untrusted : empty, or why the sender may not send what is not always taken
         """
         try:
-            ticket = self._checked(name, payload, trusted)
+            ticket = self._checked(name, payload, untrusted)
         except RefusedError:
             self.refused += 1
             raise
@@ -131,16 +137,18 @@ class Gate:
             concerned = concerned[:1]
         refused = str(note.fields.get("reason", "")) if note.name == REFUSED else ""
         for ticket in concerned:
+            if name == "arm" and not refused and record.mode not in ENERGISED:
+                refused = f"obeyed, and at once {record.mode}"  # a cut in the same tick
             ticket.outcome = Outcome(refused, record.t, record.mode, record.reference)
             self._taken.remove(ticket)
 
-    def _checked(self, name: str, payload: bytes, trusted: str) -> Ticket:
+    def _checked(self, name: str, payload: bytes, untrusted: str) -> Ticket:
         if name in ALWAYS:
             return self._always.setdefault(name, Ticket(Command(name)))
         if name not in NAMES:
             raise RefusedError(f"unknown command {name[:40]!r}; known: {', '.join(NAMES)}")
-        if trusted:
-            raise RefusedError(trusted)
+        if untrusted:
+            raise RefusedError(untrusted)
         if len(self._waiting) >= WAITING:
             raise RefusedError(f"busy: {WAITING} commands are waiting for the next tick")
         ticket = Ticket(_command(name, _parsed(payload), self._ranges))

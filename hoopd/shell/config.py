@@ -134,12 +134,20 @@ class Recording(Strict, frozen=True):
     min_free_bytes: Bytes = 200 * 2**20
 
 
+class ControlSession(Strict, frozen=True):
+    """The session for commands over zenoh: nobody gets in without a password or a certificate."""
+
+    endpoint: str = ""  # tls/0.0.0.0:7448
+    zenoh: dict[str, Any] = {}  # as below
+
+
 class Telemetry(Strict, frozen=True):
     """Publishing and commands over zenoh; the defaults never leave this machine."""
 
     enabled: bool = True
     endpoint: str = "tcp/127.0.0.1:7447"
-    commands: bool = False
+    commands: bool = False  # over `control`; `disarm` and `stop` need neither
+    control: ControlSession = ControlSession()
     zenoh: dict[str, Any] = {}  # zenoh's own keys: TLS, user and password, access control
 
 
@@ -281,7 +289,8 @@ def find(name: str, config_path: Path | None) -> Path:
 def dump(config: Config) -> str:
     """The resolved configuration as YAML text, keys in the order of this file, without secrets: recordings travel."""
     data = msgspec.to_builtins(config)
-    data["telemetry"]["zenoh"] = _without_secrets(data["telemetry"]["zenoh"])
+    for session in (data["telemetry"], data["telemetry"]["control"]):
+        session["zenoh"] = _without_secrets(session["zenoh"])
     return text_of(data)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import zenoh
 
-from hoopd.shell.operator import CommandError
+from hoopd.shell.operator import CommandError, NoDaemonError
 from hoopd.shell.session import DEVICE, ENDPOINT, connecting, device_key, reason
 
 
@@ -22,15 +22,16 @@ def send(
     value: float | None = None,
     endpoint: str = ENDPOINT,
     device: str = DEVICE,
-    timeout_s: float = 2.0,
+    timeout_s: float = 3.0,
     *,
     key: str = "",
     extras: Mapping[str, Any] = MappingProxyType({}),
-) -> str:
+) -> dict[str, Any]:
     """The daemon's answer; CommandError when none answers or it refuses."""
     content = json.dumps({"key": key} if value is None else {"value": value, "key": key})
     with _session(endpoint, extras, timeout_s) as session:
-        return _ask(session, device_key(device, "cmd", command), content, timeout_s, endpoint, device)
+        replies = session.get(device_key(device, "cmd", command), payload=content, timeout=timeout_s)
+        return _answer(command, list(replies), endpoint, device)
 
 
 @contextmanager
@@ -41,19 +42,16 @@ def _session(endpoint: str, extras: Mapping[str, Any], timeout_s: float) -> Iter
                 raise CommandError(f"the daemon at {endpoint} does not let us in (user, password or certificate?)")
             yield session
     except zenoh.ZError as error:
-        raise CommandError(f"no daemon answers at {endpoint}: {reason(error)}") from None
+        raise NoDaemonError(f"no daemon answers at {endpoint}: {reason(error)}") from None
 
 
-def _ask(session: zenoh.Session, key: str, content: str, timeout_s: float, endpoint: str, device: str) -> str:
-    return _answer(list(session.get(key, payload=content, timeout=timeout_s)), endpoint, device)
-
-
-def _answer(replies: list[zenoh.Reply], endpoint: str, device: str) -> str:
+def _answer(command: str, replies: list[zenoh.Reply], endpoint: str, device: str) -> dict[str, Any]:
     for reply in replies:
         if reply.ok is not None:
-            return str(reply.ok.payload.to_string())
+            answer: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
+            return answer
         if reply.err is not None:
-            raise CommandError(f"refused: {reply.err.payload.to_string()}")
-    raise CommandError(
+            raise CommandError(f"{command}: refused: {reply.err.payload.to_string()}")
+    raise NoDaemonError(
         f"no daemon of device {device!r} answers at {endpoint} (or it is flooded, or its access rules forbid it)"
     )

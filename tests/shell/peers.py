@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,13 +13,16 @@ from typing import Any
 
 import zenoh
 
-from hoopd.core.records import TickRecord
+from hoopd.core.records import Command, TickRecord
+from hoopd.core.tick import Note
 from hoopd.shell.commands import Gate, Ranges
+from hoopd.shell.commandserver import StatusTicket
 from hoopd.shell.session import connecting
 from hoopd.shell.telemetry import Settings, Telemetry
 
 ROOT = Path(__file__).resolve().parents[2]
 RANGES = Ranges((-1.0, 1.0), {"q_psi": (0.0, 10.0)})
+MODES = {"arm": "READY", "disarm": "DISARMED", "stop": "STOPPING", "clear": "DISARMED"}
 
 
 def free_endpoint() -> str:
@@ -26,6 +30,17 @@ def free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+OPERATOR = {"transport/auth/usrpwd/user": "operator", "transport/auth/usrpwd/password": "turn"}
+
+
+def controlled(folder: Path) -> Settings:
+    """Telemetry for everybody, and control for the operator with a password."""
+    users = folder / "users.txt"
+    users.write_text("viewer:look\noperator:turn\n", encoding="utf-8")
+    proof = {"transport": {"auth": {"usrpwd": {"user": "hoop", "password": "x", "dictionary_file": str(users)}}}}
+    return Settings(endpoint=free_endpoint(), commands=True, control_endpoint=free_endpoint(), control_zenoh=proof)
 
 
 def tick(k: int) -> TickRecord:
@@ -40,6 +55,49 @@ def wait_until(condition: Any, timeout_s: float = 10.0) -> bool:
     while not condition() and time.monotonic() < end:
         time.sleep(0.02)
     return bool(condition())
+
+
+class Ticks:
+    """A loop that takes commands every 10 ms and tells what became of them: refused with a reason, or done."""
+
+    def __init__(self, gate: Gate, refused: dict[str, str] | None = None) -> None:
+        self.gate, self.refused = gate, refused or {}
+        self.taken: list[Command] = []
+        self.asked: list[StatusTicket] = []
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Ticks:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.hang()
+
+    def hang(self) -> None:
+        """No tick comes any more."""
+        self._done.set()
+        self._thread.join(5.0)
+
+    def take(self) -> tuple[Command, ...]:
+        """What was taken since the last call."""
+        taken, self.taken = self.taken, []
+        return tuple(taken)
+
+    def _run(self) -> None:
+        while not self._done.wait(0.01):
+            while self.asked:
+                self.asked.pop().fields = {"mode": "DISARMED"}
+            for command in self.gate.take():
+                self.taken.append(command)
+                self.gate.settle(self._note(command), tick(1)._replace(mode=MODES.get(command.name, "RUNNING")))
+
+    def _note(self, command: Command) -> Note:
+        if command.name in self.refused:
+            fields = {"command": command.name, "reason": self.refused[command.name]}
+            return Note("command_refused", "warning", fields)
+        name = {"reference": "reference", "tune": "tuned"}.get(command.name, "operator")
+        return Note(name, "info", {"command": command.name} if name == "operator" else {})
 
 
 @contextlib.contextmanager

@@ -18,7 +18,7 @@ def test_who_is_not_trusted_may_disarm_and_stop() -> None:
     gate = Gate(RANGES)
     for name in set(NAMES) - {"disarm", "stop"}:
         with pytest.raises(RefusedError, match=r"commands are off: set telemetry.commands"):
-            gate.offer(name, b"0.1", trusted="commands are off: set telemetry.commands")
+            gate.offer(name, b"0.1", untrusted="commands are off: set telemetry.commands")
     gate.offer("stop")
     gate.offer("disarm")
     assert gate.take() == (Command("stop"), Command("disarm"))

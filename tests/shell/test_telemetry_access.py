@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
-from shell.peers import client, free_endpoint, receive, running, tick, wait_until
+from shell.peers import Ticks, client, controlled, receive, running, tick, wait_until
 
 from hoopd.core.records import Command
 from hoopd.files import InputError
@@ -15,14 +16,6 @@ from hoopd.shell.commands import Gate, Ranges
 from hoopd.shell.operator import CommandError
 from hoopd.shell.remote import send
 from hoopd.shell.telemetry import Settings, Telemetry
-
-
-def users(folder: Path) -> Path:
-    """zenoh's own file of users."""
-    path = folder / "users.txt"
-    path.write_text("viewer:look\noperator:turn\n", encoding="utf-8")
-    return path
-
 
 WATCHING = ["put", "declare_subscriber", "liveliness_token", "declare_liveliness_subscriber", "liveliness_query"]
 
@@ -56,26 +49,29 @@ def who(user: str, password: str) -> dict[str, Any]:
 
 
 def test_users_and_access_rules(tmp_path: Path) -> None:
-    endpoint = free_endpoint()
-    extras = {
-        "transport": {"auth": {"usrpwd": {"user": "hoop", "password": "x", "dictionary_file": str(users(tmp_path))}}},
-        "access_control": ACCESS,
-    }
-    with running(Settings(endpoint=endpoint, commands=True, zenoh=extras)) as telemetry:
+    settings = controlled(tmp_path)
+    proof = {**settings.control_zenoh, "access_control": ACCESS}
+    settings = dataclasses.replace(settings, zenoh=proof, control_zenoh=proof)
+    control = settings.control_endpoint
+    with running(settings) as telemetry, Ticks(telemetry.gate) as ticks:
         with pytest.raises(CommandError, match=r"does not let us in|no daemon answers"):
-            send("arm", endpoint=endpoint, timeout_s=1.0)
+            send("arm", endpoint=control, timeout_s=1.0)
         with pytest.raises(CommandError, match=r"does not let us in|no daemon answers"):
-            send("arm", endpoint=endpoint, timeout_s=1.0, extras=who("operator", "wrong"))
+            send("arm", endpoint=control, timeout_s=1.0, extras=who("operator", "wrong"))
         with pytest.raises(CommandError, match="access rules"):
-            send("arm", endpoint=endpoint, timeout_s=1.0, extras=who("viewer", "look"))
-        assert telemetry.gate.take() == ()
-        send("arm", endpoint=endpoint, extras=who("operator", "turn"))
-        assert telemetry.gate.take() == (Command("arm"),)
-        with client(endpoint, **who("viewer", "look")) as session:
+            send("arm", endpoint=control, timeout_s=1.0, extras=who("viewer", "look"))
+        assert ticks.take() == ()
+        send("arm", endpoint=control, extras=who("operator", "turn"))
+        assert ticks.take() == (Command("arm"),)
+        with client(settings.endpoint, **who("viewer", "look")) as session:
             rows = session.declare_subscriber("hoopd/hoop/tick", zenoh.handlers.RingChannel(10))
             assert wait_until(lambda: telemetry._publishers["tick"].matching_status.matching)
             telemetry.put(tick(1))
             assert len(receive(rows, 1)) == 1
+
+
+MUTUAL = {"transport": {"link": {"tls": {"enable_mtls": True}}}}
+HERE = "tcp/127.0.0.1:7448"
 
 
 @pytest.mark.parametrize(
@@ -85,13 +81,33 @@ def test_users_and_access_rules(tmp_path: Path) -> None:
         (Settings(endpoint="foo"), r"telemetry\.endpoint: 'foo': expected something like tcp/127\.0\.0\.1:7447"),
         (Settings(endpoint="tcp/127.0.0.1:99999"), r"telemetry\.endpoint"),
         (Settings(device="a/b"), r"device\.name: 'a/b'"),
+        (Settings(commands=True), r"telemetry\.commands: needs telemetry\.control with an endpoint and users"),
+        (Settings(commands=True, control_endpoint="bogus"), r"telemetry\.control\.endpoint: 'bogus'"),
         (
-            Settings(endpoint="tcp/0.0.0.0:7447", commands=True),
-            r"telemetry\.commands: tcp/0\.0\.0\.0:7447 is open to other",
+            Settings(commands=True, control_endpoint=HERE, control_zenoh={"typo": 1}),
+            r"telemetry\.control\.zenoh\.typo: zenoh refuses it",
         ),
-        (Settings(commands=True, zenoh={"listen/endpoints": ["tls/[::]:7447"]}), "is open to other machines"),
+        (Settings(commands=True, control_endpoint=HERE), r"telemetry\.control\.zenoh: lets in who does not say"),
+        # a certificate is shown on a link of TLS only
+        (Settings(commands=True, control_endpoint=HERE, control_zenoh=MUTUAL), "lets in who does not say"),
+        (
+            Settings(
+                commands=True,
+                control_endpoint="tls/127.0.0.1:7448",
+                control_zenoh={**MUTUAL, "listen/endpoints": ["tls/[::1]:7448", HERE]},
+            ),
+            "lets in who does not say",
+        ),
     ],
 )
 def test_unsafe_settings_are_refused_before_anything_opens(settings: Settings, says: str) -> None:
     with pytest.raises(InputError, match=says):
         Telemetry(settings, Gate(Ranges()))
+
+
+def test_a_file_without_users_lets_everybody_in_and_is_refused(tmp_path: Path) -> None:
+    nobody = tmp_path / "users.txt"
+    nobody.write_text("\n")
+    proof = {"transport/auth/usrpwd/dictionary_file": str(nobody)}
+    with pytest.raises(InputError, match="lets in who does not say"):
+        Telemetry(Settings(commands=True, control_endpoint=HERE, control_zenoh=proof), Gate(Ranges()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import os
 import re
@@ -17,9 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
+from shell.peers import Ticks
 
 from hoopd.core.records import Command, TickRecord
+from hoopd.files import load_yaml
 from hoopd.shell.commands import ALWAYS, NAMES, Gate, Ranges
 from hoopd.shell.operator import CommandError
 from hoopd.shell.remote import send
@@ -99,37 +101,45 @@ def at_home(text: str, folder: Path) -> str:
 def test_example_with_tls_users_and_access_rules(tmp_path: Path) -> None:
     certificates(tmp_path)
     (tmp_path / "users.txt").write_text("viewer:look\noperator:turn\n", encoding="utf-8")
-    example: dict[str, Any] = yaml.safe_load(at_home(block("yaml"), tmp_path))["telemetry"]
+    example: dict[str, Any] = load_yaml(at_home(block("yaml"), tmp_path), PAGE)["telemetry"]
     keys: dict[str, Any] = json.loads(at_home(block("json"), tmp_path))
-    endpoint = f"tls/127.0.0.1:{free_port()}"
     (tmp_path / "client.json").write_text(json.dumps(keys), encoding="utf-8")
     operator = {**keys, "transport/auth/usrpwd/user": "operator", "transport/auth/usrpwd/password": "turn"}
-    settings = Settings(endpoint=endpoint, commands=example["commands"], zenoh=example["zenoh"])
-    Telemetry(
-        Settings(endpoint=example["endpoint"], commands=True, zenoh=example["zenoh"]), Gate(Ranges())
-    )  # the page's own: accepted
-    with ticking(settings) as telemetry:
+    own = Settings(
+        endpoint=example["endpoint"],
+        zenoh=example["zenoh"],
+        commands=example["commands"],
+        control_endpoint=example["control"]["endpoint"],
+        control_zenoh=example["control"]["zenoh"],
+    )
+    Telemetry(own, Gate(Ranges()))  # the page's own: accepted
+    endpoint, control = f"tls/127.0.0.1:{free_port()}", f"tls/127.0.0.1:{free_port()}"
+    with ticking(dataclasses.replace(own, endpoint=endpoint, control_endpoint=control)) as telemetry:
         done = subscriber(
             endpoint, "--count", "5", "--seconds", "15", "--json", "--zenoh", str(tmp_path / "client.json")
         )
         assert done.returncode == 0, done.stderr
-        with pytest.raises(CommandError):
-            send("arm", endpoint=endpoint, extras=keys, timeout_s=1.0)
-        with pytest.raises(CommandError):
-            send("arm", endpoint=endpoint, timeout_s=1.0)
+        assert subscriber(endpoint, "--seconds", "2").returncode != 0  # nobody
+        for extras in (keys, {}):
+            with pytest.raises(CommandError):
+                send("arm", endpoint=control, extras=extras, timeout_s=1.0)
+        with pytest.raises(CommandError, match=r"needs telemetry\.control"):
+            send("arm", endpoint=endpoint, extras=operator, timeout_s=1.0)
         assert telemetry.gate.take() == ()
-        send("arm", endpoint=endpoint, extras=operator)
-        assert telemetry.gate.take() == (Command("arm"),)
+        with Ticks(telemetry.gate) as ticks:
+            send("arm", endpoint=control, extras=operator)
+            assert ticks.take() == (Command("arm"),)
 
 
 def test_subscriber_prints_lines_and_ends() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with ticking(Settings(endpoint=endpoint)):
+    with ticking(Settings(endpoint=endpoint, session="0123abcd")):
         live = subscriber(endpoint, "--seconds", "2.5")
         assert live.returncode == 0, live.stderr
-        assert re.search(r"\d\d\.\d ticks/s  RUNNING +psi +\+0\.200 rad  torque +\+0\.100 N m", live.stdout)
+        assert re.search(r"0123abcd  \d\d\.\d ticks/s  RUNNING +psi +\+0\.200 rad  torque +\+0\.100 N m", live.stdout)
         rows = [json.loads(line) for line in subscriber(endpoint, "--count", "5", "--json").stdout.splitlines()]
         assert sum(row["key"] == "tick" for row in rows) == 5
+        assert {row["session"] for row in rows} == {"0123abcd"}
 
 
 def test_subscriber_without_daemon_is_one_line() -> None:
@@ -139,6 +149,7 @@ def test_subscriber_without_daemon_is_one_line() -> None:
 
 
 def test_every_command_is_documented() -> None:
-    rows = dict(re.findall(r"^\| `(\w+)` \| .* \| (yes|no) \|$", PAGE, re.MULTILINE))
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \| .* \| (yes|no) \|$", page, re.MULTILINE))
     assert set(rows) == set(NAMES)
     assert {name for name, always in rows.items() if always == "yes"} == set(ALWAYS)

@@ -15,6 +15,7 @@ import socket
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterable
 from functools import cache
@@ -25,6 +26,8 @@ from typing import Any
 import psutil
 import yaml
 from system.runs import Run, load
+
+from hoopd.shell.operator import ask
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests")))}
@@ -58,9 +61,11 @@ class Daemon:
         self.folder, self.record = folder, folder / "rec"
         self.record.mkdir(parents=True, exist_ok=True)
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.socket = Path(tempfile.mkdtemp(prefix="hoopd-")) / "hoop.sock"  # short: an address has 107 bytes at most
         content = {
             "log": {"format": "json"},
-            "telemetry": {"endpoint": self.endpoint, "commands": True},
+            "telemetry": {"endpoint": self.endpoint},
+            "commands": {"socket": str(self.socket)},
             **(config or {}),
             "sim": {"directory": str(folder), **sim},
         }
@@ -94,6 +99,11 @@ class Daemon:
             if member.poll() is None if isinstance(member, subprocess.Popen) else member.is_running():
                 member.kill()
         self.process.wait()
+        shutil.rmtree(self.socket.parent, ignore_errors=True)
+
+    def command(self, name: str, **fields: Any) -> dict[str, Any]:
+        """What the daemon answers to a command of an operator."""
+        return ask({"command": name, **fields}, "hoop", str(self.socket))
 
     @property
     def process(self) -> subprocess.Popen[bytes]:

@@ -23,7 +23,6 @@ from system.witness import Witness, witnessed
 
 from hoopd.core.modes import Mode
 from hoopd.replay import replay
-from hoopd.shell.remote import send
 
 pytestmark = pytest.mark.realtime
 
@@ -144,12 +143,16 @@ def test_a_full_disk_does_not_touch_control(tmp_path: Path) -> None:
 FLOOD = """
 import sys, time, zenoh
 from hoopd.shell.session import connecting
+from hoopd.shell.operator import CommandError, ask
 with zenoh.open(connecting(sys.argv[1], {}, 2.0)) as session:
-    end = time.monotonic() + float(sys.argv[2])
+    end = time.monotonic() + float(sys.argv[3])
     while time.monotonic() < end:
         for _ in range(20):
             session.get("hoopd/hoop/cmd/reference", zenoh.handlers.RingChannel(1), payload="0.1", timeout=0.5)
-        time.sleep(0.002)
+        try:
+            ask({"command": "reference", "value": 0.1}, "hoop", sys.argv[2])
+        except CommandError:
+            pass
 """
 
 SUBSCRIBER = """
@@ -187,10 +190,10 @@ def test_a_flood_of_commands_delays_nothing_and_disarm_is_obeyed(tmp_path: Path)
         with Daemon(folder, fifo=fifo_granted(), commands=REFERENCE) as daemon:
             daemon.wait_running()
             start = time.monotonic()
-            with neighbour(FLOOD, daemon.endpoint, "3"):
+            with neighbour(FLOOD, daemon.endpoint, str(daemon.socket), "3"):
                 time.sleep(1.5)
                 asked = time.monotonic()
-                send("disarm", endpoint=daemon.endpoint)
+                assert daemon.command("disarm")["mode"] == "DISARMED"
                 answered = time.monotonic()
                 time.sleep(0.3)
                 assert daemon.stop() == 0
