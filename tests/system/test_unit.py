@@ -67,6 +67,7 @@ def test_service_says_what_the_safety_chain_needs():
     assert unit["LimitMEMLOCK"] == ["infinity"]
     assert 1 < float(unit["LimitRTTIME"][0].removesuffix("s")) <= 10  # more than a start takes, less than for ever
     assert unit["RestrictRealtime"] == ["no"]
+    assert (unit["RuntimeDirectory"], unit["RuntimeDirectoryMode"]) == (["hoopd"], ["0750"])  # the command socket's
     assert "--arm" not in unit["ExecStart"][0]
 
 
