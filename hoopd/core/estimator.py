@@ -28,6 +28,9 @@ LONGEST_STEP_S = 0.02  # what a `Step` is accurate for
 SAME_INSTANT_S = 1e-3  # a sample this close to a torque switch was taken by the same request
 RESTART_GAP_S = 1.0  # a gap this long outlives the ball's swing: start again rather than predict
 THETA_JUMP_RAD = 1.0  # no prediction misses by this much: the board restarted its count
+# No hoop within its board's limit carries a ball so fast (85 rad/s, docs/board.md); beyond half a turn a picture the
+# angles of a slow ball fit a fast one as well, and a filter that took it for fast would never come back.
+IMPOSSIBLE_RAD_S = 100.0
 BALL_SPEED_LIMIT_RAD_S = 15.0  # rejected samples that move faster are not one ball; one let go at the side has 12
 
 
@@ -205,7 +208,8 @@ class DelayedEkf:
         innovation = psi - predicted
         nis = innovation * innovation / (float(node.p[2, 2]) + self.settings.r_psi)
         surprising = nis > self.settings.gate_nis
-        node.start_ball = not self._ball_seen or (surprising and self._insists(camera))
+        lost = not self._ball_seen or abs(float(node.x[3])) > IMPOSSIBLE_RAD_S
+        node.start_ball = lost or (surprising and self._insists(camera))
         if surprising and not node.start_ball:
             self._nodes.remove(node)
             return False, innovation, nis
