@@ -32,7 +32,7 @@ from hoopd.modelfiles import (
 )
 from hoopd.physics.found import Found
 from hoopd.shell.config import Config, dump, find
-from hoopd.writeback import Unused, estimator_with, feedforward_of, unused
+from hoopd.writeback import Unused, ball_motion, estimator_with, feedforward_of, unused
 
 # The line of a controller file that names its model, when the way there leads through folders of this machine.
 _MODEL_FOLDERS = re.compile(r"(?m)^(model: +[\"']?)(?:/|~|\.\.).*/(?=[^/\n]+$)")
@@ -109,7 +109,7 @@ def build_tick(config: Config, texts: Texts) -> Tick:
         found, settings = effects_of(model), settings_of(file)
         feedforward = _feed_forward(config, found, settings, law, limiter)
         estimator, levels = estimator_with(found, settings), levels_of(file)
-        return Tick(config.loop, config.faults, estimator, law, limiter, feedforward, levels)
+        return Tick(config.loop, config.faults, estimator, law, limiter, feedforward, levels, ball_motion(found))
     _needs_no_ball(config, file, law)
     return Tick(config.loop, config.faults, HoopOnly(), law, limiter)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+from hoopd.core.ballresponse import BallMotion
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.feedforward import WANTED, Bound, FeedForward, Part
 from hoopd.core.late import Delays, LateEstimator
@@ -100,6 +101,25 @@ def estimator_with(found: Found, settings: EkfSettings) -> DelayedEkf | LateEsti
     if correct is None and not any(delays):
         return inner
     return LateEstimator(inner, plant.step_and_jacobian, delays, correct)
+
+
+def ball_motion(found: Found) -> BallMotion:
+    """The ball's own equation at the bottom, driven by the hoop: the torque is put out of the two of the model.
+
+    theta'' = J1 x + K1 sin psi + L1 u, psi'' = J2 x + K2 sin psi + L2 u, c = L2/L1:
+    psi'' - c theta'' = (J2 - c J1) x + (K2 - c K1) sin psi
+    """
+    a, b = Plant(found.structure, found.base).linearize()
+    carried = float(b[3, 0] / b[1, 0])
+    hoop, ball = a[1], a[3]
+    delays = delays_of(found.believed())
+    return BallMotion(
+        carried,
+        float(ball[1] - carried * hoop[1]),
+        float(ball[3] - carried * hoop[3]),
+        float(carried * hoop[2] - ball[2]),
+        delays.camera_s - delays.encoder_s,
+    )
 
 
 def feedforward_of(

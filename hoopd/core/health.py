@@ -13,6 +13,7 @@ from enum import IntEnum
 from math import isfinite, isinf, pi, tau
 from typing import NamedTuple
 
+from hoopd.core.ballresponse import BallMotion
 from hoopd.core.drift import Drift, Level
 from hoopd.core.frames import (
     ERROR_ENCODER,
@@ -24,6 +25,8 @@ from hoopd.core.frames import (
     STATUS_LIMITED,
     STATUS_TIMEOUT,
 )
+from hoopd.core.picturechecks import NAMES as PICTURE_FAULTS
+from hoopd.core.picturechecks import PictureChecks
 from hoopd.core.records import DriverSample, Estimate, Inputs
 
 # Conditions of the hardware; the drive stays off while one lasts.
@@ -85,6 +88,11 @@ FAULTS: tuple[Fault, ...] = (
     Fault("ball_implausible", Action.STOP, 1, SECOND, True, "what the camera tracks does not move as a ball"),
     # No law was designed for that: gravity pulls the ball further away, and a real one has left its track.
     Fault("ball_runaway", Action.STOP, 1, SECOND, True, "the ball went over the top of the hoop under torque"),
+    # `core.picturechecks` and `core.ballresponse`: what they count is said there. A camera that lies ends control.
+    Fault("pictures_identical", Action.STOP, 1, SECOND, True, "the same picture comes again and again as a new one"),
+    Fault("angle_stuck", Action.STOP, 1, SECOND, True, "the ball's angle stays equal while the hoop moves the ball"),
+    Fault("angle_noiseless", Action.STOP, 1, SECOND, True, "the ball's angle has lost its noise: nothing measures it"),
+    Fault("ball_unresponsive", Action.STOP, 1, SECOND, True, "the ball does not answer the hoop as a ball must"),
     Fault("overrun", Action.NOTE, 1, 1, False, "lateness and execution exceeded the period"),
     Fault("overrun_repeated", Action.FLAG, 3, SECOND, False, "three periods in a row were overrun"),
     Fault("overrun_persistent", Action.STOP, 10, SECOND, True, "ten periods in a row were overrun"),
@@ -98,7 +106,10 @@ FAULTS: tuple[Fault, ...] = (
     # `core.drift`: half a minute in which the innovations last; once in a run, the model does not change while it runs.
     Fault("model_drift", Action.NOTE, 1, 1, True, "the device does not move as the model says: run `hoopd diagnose`"),
 )
-CAMERA_FAULTS = ("camera_late", "camera_lost", "ball_missing", "ball_lost", "ball_implausible", "ball_runaway")
+CAMERA_FAULTS = (
+    *("camera_late", "camera_lost", "ball_missing", "ball_lost", "ball_implausible", "ball_runaway"),
+    *PICTURE_FAULTS,
+)
 BY_NAME: Mapping[str, Fault] = {fault.name: fault for fault in FAULTS}
 
 
@@ -167,10 +178,17 @@ class _Count:
 class Health:
     """Judges every tick's inputs by the table; deterministic, knows no clock."""
 
-    def __init__(self, thresholds: Thresholds, period_s: float, levels: Mapping[str, Level] | None = None) -> None:
-        """`levels`: what the filter's innovations are while the device is as the model says."""
+    def __init__(
+        self,
+        thresholds: Thresholds,
+        period_s: float,
+        levels: Mapping[str, Level] | None = None,
+        ball: BallMotion | None = None,
+    ) -> None:
+        """`levels`: what the filter's innovations are while the device is as the model says; `ball`: the model's."""
         self.thresholds, self.period_s = thresholds, period_s
         self.drift = Drift(levels)
+        self._pictures = PictureChecks(ball)
         self._counts = {fault.name: _Count(fault) for fault in FAULTS}
         self._active: tuple[Fault, ...] = ()
         self._driver: DriverSample | None = None
@@ -278,7 +296,7 @@ class Health:
             "overrun_persistent": late,
             "recorder_trouble": inputs.trouble & 1,
             "telemetry_trouble": inputs.trouble >> 1 & 1,
-            **self._camera(inputs, estimate),
+            **self._camera(inputs, estimate, sent),
             **self._top(float(estimate.x[2]), sent),
             **self._board(inputs, sent),
         }
@@ -288,10 +306,11 @@ class Health:
             return {}
         return {"link_lost": int(inputs.driver is None or inputs.link.lost)}
 
-    def _camera(self, inputs: Inputs, estimate: Estimate) -> dict[str, int]:
+    def _camera(self, inputs: Inputs, estimate: Estimate, sent: Sent) -> dict[str, int]:
         limits = self.thresholds
         if not limits.ball_expected:
             return dict.fromkeys(CAMERA_FAULTS, 0)
+        pictures = self._pictures.update(inputs, sent.torque_nm)
         if inputs.camera is None and isinf(self._camera_t) and inputs.t < START_GRACE_S:
             return {}
         if inputs.camera is not None:
@@ -309,6 +328,7 @@ class Health:
             "ball_missing": int(missing),
             "ball_lost": int(missing),
             "ball_implausible": int(sum(self._refusals) >= REFUSALS),
+            **pictures,
         }
 
     def _top(self, psi: float, sent: Sent) -> dict[str, int]:

@@ -29,6 +29,7 @@ class CameraSample(NamedTuple):
     confidence: float  # 0..1
     x_px: float  # ball centre, NaN when no ball was found
     y_px: float
+    corners: int = 0  # checksum of the picture's corners, which show neither hoop nor ball; 0: not told
 
 
 class DriverSample(NamedTuple):

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from math import isfinite, nan, tau
 from typing import Any, NamedTuple, Protocol
 
+from hoopd.core.ballresponse import BallMotion
 from hoopd.core.controllers import DONE, Controller, Measurement
 from hoopd.core.drift import Level
 from hoopd.core.feedforward import FeedForward
@@ -90,10 +91,11 @@ class Tick:
         limiter: Limiter,
         feedforward: FeedForward | None = None,
         levels: Mapping[str, Level] | None = None,
+        ball: BallMotion | None = None,
     ) -> None:
         self.settings, self.estimator, self.controller, self.limiter = settings, estimator, controller, limiter
         self.feedforward = feedforward or FeedForward()
-        self.health = Health(thresholds, settings.period_s, levels)
+        self.health = Health(thresholds, settings.period_s, levels, ball)
         self.mode = Mode.DISARMED
         self.operator = Operator(self.health, controller, settings.reference_limit_rad, self._note)
         self._sent = Sent(0.0, 0.0, 0)

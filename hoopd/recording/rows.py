@@ -9,7 +9,7 @@ records, never written twice.
 from __future__ import annotations
 
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import msgspec
@@ -17,6 +17,9 @@ import numpy as np
 
 from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, LinkCounts, TickRecord
 from hoopd.recording.schemas import RECORDS, Event
+
+# Fields that recordings made before them lack, and what they are then.
+LATER_FIELDS: Mapping[type, Mapping[str, Any]] = {CameraSample: {"corners": 0}}
 
 _NAN = float("nan")
 _INFINITE = {"inf": float("inf"), "-inf": float("-inf")}
@@ -40,9 +43,9 @@ def row_type(record: type) -> type[msgspec.Struct]:
     """Struct with the fields of a record, as they stand in JSON."""
     if record not in _rows:
         hints = get_type_hints(record)
-        _rows[record] = msgspec.defstruct(
-            record.__name__ + "Row", [(n, _wire(hints[n])) for n in RECORDS[record]], gc=False
-        )
+        later = LATER_FIELDS.get(record, {})
+        fields = [(n, _wire(hints[n]), *([later[n]] if n in later else [])) for n in RECORDS[record]]
+        _rows[record] = msgspec.defstruct(record.__name__ + "Row", fields, gc=False)
     return _rows[record]
 
 

@@ -51,6 +51,7 @@ CAMERA: Table = {
     "confidence": Field("", "0 to 1"),
     "x_px": Field("px", "ball centre, to the right; null when no ball was found"),
     "y_px": Field("px", "ball centre, downwards; null when no ball was found"),
+    "corners": Field("", "checksum of the picture's four corners, by which equal pictures are known; 0 when not told"),
 }
 
 DRIVER: Table = {

@@ -73,14 +73,15 @@ class DirectWatcher:
 
     def _see(self, frame: int, t: float, state: State, noise: float) -> CameraSample:
         if self._script.active(t, "black_pictures") or self._script.active(t, "ball_gone"):
-            return CameraSample(frame, t, t, nan, 0.0, nan, nan)
+            return CameraSample(frame, t, t, nan, 0.0, nan, nan, frame)
         psi = lies.painted_psi(self._script, t)
         if psi is None:
             shown = lies.seen_state(self._script, t, state)[2]
             psi = shown + self._offset + noise + self._disturbance.of(t, self._frame_s)
         x = self._centre[0] - self._radius * sin(psi)
         y = self._centre[1] + self._radius * cos(psi)
-        return CameraSample(frame, t, t, wrap(psi), 1.0, x, y)
+        # what differs from picture to picture, as a sensor's noise does
+        return CameraSample(frame, t, t, wrap(psi), 1.0, x, y, frame)
 
 
 class PictureWatcher:

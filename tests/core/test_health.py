@@ -17,6 +17,7 @@ from hoopd.core.health import (
     Sent,
     Thresholds,
 )
+from hoopd.core.picturechecks import NAMES as PICTURE_FAULTS
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Inputs, LinkCounts
 
 PERIOD = 0.02
@@ -188,8 +189,9 @@ def test_nothing_seen_yet_forbids_arming() -> None:
 
 
 def test_every_row_of_the_table_is_tested() -> None:
-    # the board's refusal is above, drift is half a minute's work: test_drift
-    assert {fault.name for fault in FAULTS} == set(BAD) | {"board_refuses", "model_drift"}
+    # the board's refusal is above, drift is half a minute's work: test_drift; of pictures that lie: test_picturechecks
+    elsewhere = {"board_refuses", "model_drift", *PICTURE_FAULTS}
+    assert {fault.name for fault in FAULTS} == set(BAD) | elsewhere
 
 
 def test_infinite_state_is_not_finite() -> None:

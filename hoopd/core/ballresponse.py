@@ -1,0 +1,182 @@
+"""Does the ball in the pictures answer the hoop? Its angle over a second and a half against what the hoop did.
+
+The hoop's motion drives the ball, whatever moves the hoop: with the model at the bottom
+
+    psi'' = carried theta'' + hoop_rate theta' + ball_rate psi' - stiffness sin psi
+
+Integrated twice over a window, every term is a known function of time, the derivatives are gone, and the angle is
+linear in what is not known:
+
+    psi = p0 + p1 t + lean stiffness t^2/2 - k stiffness II(sin psi) + g carried theta
+          + d (hoop_rate I(theta) + ball_rate I(psi)) - late carried theta' + (an encoder that runs out)
+
+A ball has a stiffness k and a gain g of about one, a lean (of the frame, of the camera's zero) and a lateness of about
+zero. The window is fitted twice: as a ball, with what a real device may be off, and freely. The evidence against a ball
+is by how much the free fit is better. A push is explained by neither and is no evidence; a window in which the hoop
+moves the ball and that fits a ball takes all evidence away.
+
+Rules of this file: pure; times are those of the samples; nothing is learned, so that no lie is absorbed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import isfinite, pi, tau
+from typing import NamedTuple
+
+import numpy as np
+
+from hoopd.core.records import CameraSample, DriverSample, Vector
+
+WINDOW_S = 1.5  # two swings of the ball
+EVERY_TICKS = 15
+# What of an angle the model may leave unexplained: the camera's noise, a frame that shakes, an uneven ring.
+SIGMA_RAD = 0.01
+# Evidence of one window in nats times two: beyond it the window speaks against a ball. Thirty percent of g or k cost 4.
+LEAST_EVIDENCE = 7.0
+# Below it a window that tells something speaks for a ball; between both it says nothing.
+MOST_DOUBT = 3.0
+# The free fit must be this good: what neither explains is a push, a collision, a ball that flies.
+MOST_RESIDUAL_RAD = 0.005
+# A window tells something of the ball when it fixes g as well as this.
+INFORMATIVE = 0.35
+# Windows that overlap one push last 1.5 s; this is more than two pushes spoil.
+ENOUGH_S = 3.3
+FEWEST_SAMPLES = 50
+WIDEST_RAD = 1.2  # beyond, a ball may leave the ring
+JUMP_RAD = 10.0  # between two reports: the board has begun to count anew
+
+# Of p0, p1, lean rad, k, g, d, late s, and the two parts of an encoder's eccentricity in rad.
+_MEAN = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+_BALL = np.array([1e3, 1e3, 0.05, 0.15, 0.15, 3.0, 0.02, 0.03, 0.03])
+_FREE = np.array([1e3, 1e3, 0.05, 3.0, 3.0, 3.0, 0.2, 0.03, 0.03])
+_GAIN = 4
+
+
+class BallMotion(NamedTuple):
+    """The model's ball at the bottom, see the head of the file."""
+
+    carried: float
+    hoop_rate: float  # 1/s
+    ball_rate: float  # 1/s
+    stiffness: float  # 1/s^2
+    late_s: float = 0.0  # by how much pictures are known to be later than the encoder
+
+
+class Judgement(NamedTuple):
+    """What one window says."""
+
+    evidence: float  # against a ball
+    residual_rad: float  # rms, of the free fit
+    gain_sd: float  # how well the window fixes g
+
+
+class BallResponse:
+    """Follows hoop and ball while the law acts."""
+
+    def __init__(self, motion: BallMotion) -> None:
+        self.motion = motion
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing was seen."""
+        self.against_s = 0.0  # s of windows that speak against a ball
+        self._restart()
+
+    def _restart(self) -> None:
+        """Samples of before do not belong to what comes."""
+        self._hoop: deque[tuple[float, float, float]] = deque(maxlen=150)
+        self._ball: deque[tuple[float, float]] = deque(maxlen=100)
+        self._ticks = 0
+
+    def update(self, driver: DriverSample | None, camera: CameraSample | None, *, acting: bool) -> bool:
+        """Take in one tick; True in the tick in which there is enough evidence that this is no ball."""
+        if not acting:
+            self.reset()
+            return False
+        if driver is not None:
+            self._add_hoop(driver)
+        if camera is not None and isfinite(camera.psi):
+            self._add_ball(camera)
+        self._ticks += 1
+        if self._ticks % EVERY_TICKS or self._ticks * 0.02 < WINDOW_S:
+            return False
+        self._weigh(self._judge())
+        return self.against_s >= ENOUGH_S
+
+    def _add_hoop(self, driver: DriverSample) -> None:
+        if self._hoop and abs(driver.theta - self._hoop[-1][1]) > JUMP_RAD:
+            self._restart()
+        self._hoop.append((driver.t, driver.theta, driver.dtheta))
+
+    def _add_ball(self, camera: CameraSample) -> None:
+        before = self._ball[-1][1] if self._ball else 0.0
+        self._ball.append((camera.t - self.motion.late_s, camera.psi + tau * round((before - camera.psi) / tau)))
+
+    def _weigh(self, judged: Judgement | None) -> None:
+        if judged is None or judged.residual_rad > MOST_RESIDUAL_RAD:
+            return
+        if judged.evidence > LEAST_EVIDENCE:
+            self.against_s += EVERY_TICKS * 0.02
+        elif judged.evidence < MOST_DOUBT and judged.gain_sd < INFORMATIVE:
+            self.against_s = 0.0
+
+    def _judge(self) -> Judgement | None:
+        """None when the window cannot be judged."""
+        if len(self._hoop) < FEWEST_SAMPLES or len(self._ball) < FEWEST_SAMPLES:
+            return None
+        rows = np.array(self._ball)
+        rows = rows[rows[:, 0] > rows[-1, 0] - WINDOW_S]
+        hoop = np.array(self._hoop)
+        if (
+            len(rows) < FEWEST_SAMPLES
+            or np.ptp(rows[:, 1]) > pi
+            or np.abs(np.sin(rows[:, 1] / 2)).max() > np.sin(WIDEST_RAD / 2)
+        ):
+            return None
+        x = self._terms(rows[:, 0], rows[:, 1], hoop) / SIGMA_RAD
+        y = rows[:, 1] / SIGMA_RAD
+        xx, xy = x.T @ x, x.T @ y
+        best, free, inverse = _fit(xx, xy, _FREE)
+        ball, _, _ = _fit(xx, xy, _BALL)
+        residual = y - x @ free
+        rms = float(np.sqrt(residual @ residual / len(y))) * SIGMA_RAD
+        return Judgement(ball - best, rms, float(np.sqrt(inverse[_GAIN, _GAIN])))
+
+    def _terms(self, t: Vector, psi: Vector, hoop: Vector) -> Vector:
+        """Column by column the functions of time that the angle is made of."""
+        m, at = self.motion, t - t[0]
+        theta = np.interp(t, hoop[:, 0], hoop[:, 1])
+        speed = np.interp(t, hoop[:, 0], hoop[:, 2])
+        moved = theta - theta[0]
+        columns = (
+            np.ones_like(at),
+            at,
+            0.5 * m.stiffness * at * at,
+            -m.stiffness * _integral(t, _integral(t, np.sin(psi))),
+            m.carried * moved,
+            _integral(t, m.hoop_rate * moved + m.ball_rate * psi),
+            -m.carried * speed,
+            m.carried * np.sin(theta),
+            m.carried * np.cos(theta),
+        )
+        return np.column_stack(columns)
+
+
+def _integral(t: Vector, y: Vector) -> Vector:
+    """From the first sample on, by trapezoids."""
+    out = np.zeros_like(y)
+    np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(t), out=out[1:])
+    return out
+
+
+def _fit(xx: Vector, xy: Vector, deviation: Vector) -> tuple[float, Vector, Vector]:
+    """Least squares with known means and deviations: what is left, up to a constant, the parameters, their covariance.
+
+    N p = b with N = x'x + 1/s^2, b = x'y + m/s^2; the least sum is y'y + m^2/s^2 - b p
+    """
+    weight = 1.0 / (deviation * deviation)
+    inverse = np.linalg.inv(xx + np.diag(weight)).astype(np.float64)
+    b = xy + weight * _MEAN
+    p: Vector = inverse @ b
+    return float((weight * _MEAN * _MEAN).sum() - b @ p), p, inverse

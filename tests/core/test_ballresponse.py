@@ -1,0 +1,136 @@
+"""A ball that answers the hoop, and angles that only look like one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, pi, sin
+
+import numpy as np
+import pytest
+
+from hoopd.core.ballresponse import ENOUGH_S, BallMotion, BallResponse
+from hoopd.core.records import CameraSample, DriverSample
+
+MOTION = BallMotion(0.402, 0.319, -0.319, 73.7)
+PERIOD_S = 0.02
+LATE_S = 0.05
+Seen = Callable[[float, float], float]  # run time and the ball's true angle -> angle in the picture
+
+
+class Ball:
+    """A hoop that swings as a law makes it, and a ball in it, with the model's equation and parameters of its own."""
+
+    def __init__(self, motion: BallMotion = MOTION, seed: int = 0) -> None:
+        self._motion, self._rng = motion, np.random.default_rng(seed)
+        self.t = self.psi = self.dpsi = 0.0
+
+    def hoop(self, t: float) -> tuple[float, float, float]:
+        """Angle, speed and acceleration: three tones, none of them the ball's own."""
+        tones = ((0.8, 2.0), (0.4, 5.0), (0.2, 11.0))
+        theta = sum(a * sin(w * t) for a, w in tones)
+        speed = sum(a * w * cos(w * t) for a, w in tones)
+        return theta, speed, -sum(a * w * w * sin(w * t) for a, w in tones)
+
+    def tick(self) -> tuple[DriverSample, float]:
+        """What the encoder says, and the ball's true angle, one tick later."""
+        m, h = self._motion, PERIOD_S / 20
+        for _ in range(20):
+            _, speed, acceleration = self.hoop(self.t)
+            force = m.carried * acceleration + m.hoop_rate * speed + m.ball_rate * self.dpsi
+            self.dpsi += h * (force - m.stiffness * sin(self.psi))
+            self.psi += h * self.dpsi
+            self.t += h
+        theta, speed, _ = self.hoop(self.t)
+        noise = 0.05 * self._rng.standard_normal()
+        return DriverSample(self.t, 0, 1, 0, theta, speed + noise, 0.0, 0), self.psi
+
+
+def watch(seconds: float, seen: Seen, motion: BallMotion = MOTION, push: tuple[float, ...] = ()) -> float:
+    """Most evidence against a ball, in s."""
+    ball, response, rng, most = Ball(motion), BallResponse(MOTION), np.random.default_rng(1), 0.0
+    late: list[CameraSample] = []
+    for k in range(round(seconds / PERIOD_S)):
+        driver, psi = ball.tick()
+        ball.dpsi += sum(1.5 for t in push if abs(ball.t - t) < PERIOD_S / 2)
+        psi = seen(ball.t, psi) + 0.002 * rng.standard_normal()
+        late.append(CameraSample(k, ball.t, ball.t, psi, 1.0, 0.0, 0.0))
+        camera = late.pop(0) if ball.t - late[0].t > LATE_S else None
+        response.update(driver, camera, acting=True)
+        most = max(most, response.against_s)
+    return most
+
+
+LIES: dict[str, Seen] = {
+    "rests": lambda t, psi: 0.1,
+    "half": lambda t, psi: 0.5 * psi,
+    "double": lambda t, psi: 2.0 * psi,
+    "mirrored": lambda t, psi: -psi,
+    "swings slowly": lambda t, psi: 0.1 * sin(2 * pi * t / 3.0),
+    "swings as a free ball": lambda t, psi: 0.1 * sin(8.6 * t),
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_an_angle_that_does_not_answer_the_hoop_is_told(lie: str) -> None:
+    assert watch(12.0, LIES[lie]) >= ENOUGH_S
+
+
+def test_an_old_angle_is_told() -> None:
+    past: list[float] = []
+
+    def old(t: float, psi: float) -> float:
+        past.append(psi)
+        return past[-6] if len(past) > 5 else psi
+
+    assert watch(12.0, old) >= ENOUGH_S
+
+
+OFF = {
+    "as the model": {},
+    "a heavier ball": {"carried": 0.402 * 1.25, "stiffness": 73.7 / 1.2},
+    "a lighter ball": {"carried": 0.402 * 0.75, "stiffness": 73.7 * 1.2},
+    "rubs": {"hoop_rate": 1.0, "ball_rate": -1.0},
+}
+TRUE: dict[str, Seen] = {
+    "well": lambda t, psi: psi,
+    "off by its zero": lambda t, psi: psi + 0.04,
+}
+
+
+@pytest.mark.parametrize("off", OFF)
+@pytest.mark.parametrize("seen", TRUE)
+def test_a_real_ball_is_left_alone(off: str, seen: str) -> None:
+    assert watch(20.0, TRUE[seen], MOTION._replace(**OFF[off])) == 0.0
+
+
+def test_pushes_are_no_evidence_that_lasts() -> None:
+    assert watch(30.0, TRUE["well"], push=(5.01, 9.01, 14.01, 21.01)) <= 0.5 * ENOUGH_S
+
+
+def test_who_does_not_act_judges_nothing() -> None:
+    ball, response = Ball(), BallResponse(MOTION)
+    for k in range(800):
+        driver, _ = ball.tick()
+        camera = CameraSample(k, ball.t - LATE_S, ball.t, 0.1, 1.0, 0.0, 0.0)
+        assert not response.update(driver, camera, acting=k % 50 != 0)
+    assert response.against_s == 0.0
+
+
+def test_a_hoop_at_rest_tells_nothing_of_a_ball_at_rest() -> None:
+    response, rng = BallResponse(MOTION), np.random.default_rng(0)
+    for k in range(1000):
+        t = k * PERIOD_S
+        driver = DriverSample(t, 0, 1, 0, 0.0, 0.05 * rng.standard_normal(), 0.0, 0)
+        camera = CameraSample(k, t - LATE_S, t, 0.02 + 0.002 * rng.standard_normal(), 1.0, 0.0, 0.0)
+        assert not response.update(driver, camera, acting=True)
+    assert response.against_s == 0.0
+
+
+def test_lateness_that_the_model_knows_is_taken_off() -> None:
+    response, ball, past = BallResponse(MOTION._replace(late_s=0.1)), Ball(), []
+    for k in range(800):
+        driver, psi = ball.tick()
+        past.append(psi)
+        if k > 10:
+            response.update(driver, CameraSample(k, ball.t, ball.t, past[-6], 1.0, 0.0, 0.0), acting=True)
+    assert response.against_s == 0.0
