@@ -28,22 +28,24 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tools" / "bench")]
 
 from hypothesis import HealthCheck  # noqa: E402
 from processes import cores, progress  # noqa: E402
+from racing import live  # noqa: E402
 from racing.judge import Outcome  # noqa: E402
+from racing.live import Answered  # noqa: E402
 from racing.lockstep import run  # noqa: E402
-from racing.script import SIGTERM  # noqa: E402
+from racing.script import ARMS_ITSELF, SIGTERM  # noqa: E402
 
 RACES_PER_RUN = 10
 RUNS_PER_WORKER = 50  # then a fresh process: a daemon's run leaves what it froze behind
 QUIET = (HealthCheck.too_slow,)
+MODES = {ARMS_ITSELF: "DISARMED"}  # by how a race begins, where that is no mode
 SHOWN = 20  # broken races told in full
 
 
 def played(seed: int, races: int, workers: int) -> list[Outcome]:
     """So many races in virtual time, on so many processes."""
-    counts = [RACES_PER_RUN] * (races // RACES_PER_RUN) + ([races % RACES_PER_RUN] if races % RACES_PER_RUN else [])
     outcomes: list[Outcome] = []
     with ProcessPoolExecutor(workers, max_tasks_per_child=RUNS_PER_WORKER) as pool:
-        waiting = [pool.submit(run, seed + index, count) for index, count in enumerate(counts)]
+        waiting = [pool.submit(run, seed + index, count) for index, count in enumerate(_counts(races))]
         for done in as_completed(waiting):
             outcomes += done.result()
             progress(f"{len(outcomes)} of {races} races in virtual time")
@@ -51,10 +53,43 @@ def played(seed: int, races: int, workers: int) -> list[Outcome]:
     return sorted(outcomes, key=lambda outcome: outcome.seed)
 
 
+def raced(seed: int, races: int, workers: int) -> tuple[list[Outcome], list[Answered]]:
+    """So many races on the machine's clock, a daemon a run."""
+    outcomes: list[Outcome] = []
+    answers: list[Answered] = []
+    with ProcessPoolExecutor(workers) as pool:
+        waiting = [pool.submit(live.run, seed + index, count) for index, count in enumerate(_counts(races))]
+        for done in as_completed(waiting):
+            run_outcomes, run_answers = done.result()
+            outcomes += run_outcomes
+            answers += run_answers
+            progress(f"{len(outcomes)} of {races} races over real transports")
+    progress("")
+    return sorted(outcomes, key=lambda outcome: outcome.seed), answers
+
+
+def _counts(races: int) -> list[int]:
+    """Races by run."""
+    return [RACES_PER_RUN] * (races // RACES_PER_RUN) + ([races % RACES_PER_RUN] if races % RACES_PER_RUN else [])
+
+
 def show(title: str, outcomes: Sequence[Outcome], took_s: float) -> None:
     """The table of one kind of races, and what broke the rule."""
     print(f"\n{title}")
-    head = ("races", "commands", "arms", "obeyed", "revoked", "disarm", "stop", SIGTERM, "faults", "left on", "broken")
+    head = (
+        "races",
+        "as said",
+        "commands",
+        "arms",
+        "obeyed",
+        "revoked",
+        "disarm",
+        "stop",
+        SIGTERM,
+        "faults",
+        "left on",
+        "broken",
+    )
     print(f"{'begins':<20}" + "".join(f"{name:>9}" for name in head))
     for begins in dict.fromkeys(sorted(outcome.begins for outcome in outcomes)):
         print(_row(begins, [outcome for outcome in outcomes if outcome.begins == begins]))
@@ -70,6 +105,7 @@ def _row(name: str, outcomes: Sequence[Outcome]) -> str:
     sent = sum((outcome.sent for outcome in outcomes), Counter[str]())
     figures: Iterable[int] = (
         len(outcomes),
+        sum(outcome.mode == MODES.get(outcome.begins, outcome.begins.split(",")[0]) for outcome in outcomes),
         sent.total(),
         sent["arm"],
         sum(outcome.obeyed for outcome in outcomes),
@@ -130,6 +166,12 @@ def main() -> int:
         title = "virtual time, the whole daemon on the rig"
         parts[title] = played(options.seed, options.races, options.workers)
         show(title, parts[title], time.monotonic() - begun)
+    if options.real:
+        begun = time.monotonic()
+        title = "the machine's clock, real transports"
+        parts[title], answers = raced(options.seed, options.real, options.workers)
+        show(title, parts[title], time.monotonic() - begun)
+        print("\n".join(live.counted(answers)))
     if options.json:
         options.json.write_text(json.dumps({k: [o._asdict() for o in v] for k, v in parts.items()}, indent=1))
     return int(not fine or any(outcome.wrong for outcomes in parts.values() for outcome in outcomes))

@@ -80,18 +80,24 @@ def modes_wrong(found: Run) -> list[Wrong]:
 
 
 def torque_wrong(
-    found: Run, rows: Sequence[Taken], deaf: Sequence[tuple[float, float]] = (), zero: float = 0.0
+    found: Run,
+    rows: Sequence[Taken],
+    deaf: Sequence[tuple[float, float]] = (),
+    *,
+    zero: float = 0.0,
+    margin_s: float = WIRE_S,
 ) -> list[Wrong]:
     """Where the board had torque or its drive on after a command that switches off, before anybody armed again.
 
-    `deaf`: from when to when the board hears nothing; `zero`: run time zero on the board's clock.
+    `deaf`: from when to when the board hears nothing; `zero`: run time zero on the board's clock; `margin_s`: how late
+    the board may be.
     """
     wrong = []
     ends = [*(row.t for row in rows[1:]), found.torque.rows[-1].t - zero]
     off_from = inf  # the board must be off
     for row, end in zip(rows, ends, strict=True):
         if any(name in REVOKING for name in row.names):
-            off_from = min(off_from, row.heard + WIRE_S + (0.0 if "disarm" in row.names else STOPPING_S + 0.04))
+            off_from = min(off_from, row.heard + margin_s + (0.0 if "disarm" in row.names else STOPPING_S + 0.04))
         elif "arm" in row.names:
             off_from = inf
         start = max([off_from, *(_heard(off_from, a, b) for a, b in deaf)])

@@ -17,6 +17,7 @@ FIRST = 52  # the tick around which a rig arms itself
 RACE_AT, RACE_TICKS = 40, 20  # a race after its preparation, and how long commands are sent in it
 QUIET = 60  # ticks after it, more than a second: a fault is well again, a stop is over
 SIGTERM = "SIGTERM"
+ARMS_ITSELF = "about to arm itself"
 COMMANDS = ("arm", "arm", "arm", "disarm", "disarm", "stop", "clear", "reference")
 # Ticks between two commands of one operator.
 STEPS = (0, 0, 0, 0, 1, 1, 1, 2, 3, 5, 9)
@@ -64,6 +65,13 @@ class Script:
         """How long it lasts."""
         return self.races[-1].tick + RACE_TICKS + QUIET
 
+    def shift_first(self, ticks: int) -> None:
+        """The loop begins so much later than at run time zero, and with it the race that is about its beginning."""
+        first = self.races[0]
+        if first.begins == ARMS_ITSELF:
+            moved = [Sent(sent.tick + ticks, sent.name) for sent in first.sent]
+            self.races[0] = Race(first.begins, first.slot, first.tick + ticks, moved)
+
     def fault(self, kind: str, tick: int, ticks: int, **params: Any) -> None:
         """Something goes wrong for so many ticks."""
         self.faults.append(
@@ -87,7 +95,7 @@ def _ready(script: Script, start: int) -> None:
 
 def _stopping(script: Script, start: int) -> None:
     _armed(script, start)
-    script.prepared.append(Sent(start + RACE_AT - 2, "stop"))
+    script.prepared.append(Sent(start + RACE_AT - 3, "stop"))
 
 
 def _fault_over(script: Script, start: int) -> None:
@@ -122,7 +130,6 @@ BEGINNINGS: dict[str, Beginning] = {
     "FAULT, lasts": Beginning(_fault_lasts),
     "FAULT, timed out": Beginning(_timed_out, 20 + 7 + 52),  # a stall forbids arms for a second
 }
-ARMS_ITSELF = "about to arm itself"
 
 
 def _beside(script: Script, tick: int, draw: random.Random) -> None:
@@ -149,10 +156,13 @@ def _signalled(race: Race, draw: random.Random) -> None:
         race.sent.append(Sent(tick + draw.choice([1, 2, 5]), SIGTERM))
 
 
-def make_script(seed: int, races: int) -> Script:
-    """A run of so many races: the first when the rig is about to arm itself, the last ended by SIGTERM."""
+def make_script(seed: int, races: int, origin: int = 0) -> Script:
+    """A run of so many races: the first when the rig is about to arm itself, the last ended by SIGTERM.
+
+    `origin`: tick before which no other than the first begins.
+    """
     draw = random.Random(seed)
-    script, start = Script(), 0
+    script, start = Script(), 0 if races > 1 else origin
     for index in range(races):
         first = index == 0 and races > 1
         begins = ARMS_ITSELF if first else draw.choice(list(BEGINNINGS))
@@ -168,5 +178,5 @@ def make_script(seed: int, races: int) -> Script:
             _signalled(race, draw)
         draw.shuffle(race.sent)  # in one tick, nobody is first
         script.races.append(race)
-        start = race.tick + RACE_TICKS + QUIET
+        start = max(origin, race.tick + RACE_TICKS + QUIET)
     return script
