@@ -26,7 +26,7 @@ from hoopd.modelfiles import load_model
 from hoopd.recording.mcap import Header
 from hoopd.report import Watch, operator_status, print_summary, status, status_line, summarise
 from hoopd.shell import config as configuration
-from hoopd.shell import log, signals
+from hoopd.shell import descriptors, log, signals
 from hoopd.shell.commands import NO_CONTROL, Gate, Ranges
 from hoopd.shell.commandserver import CommandServer
 from hoopd.shell.config import Config
@@ -95,6 +95,7 @@ def perform(options: Options, config: Config, texts: Texts, guest: Guest | None 
     log.configure(config.log.format, config.log.level)
     tick = build_tick(config, texts)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    descriptors.raise_limit()
     notifier = Notifier()
     with ExitStack() as stack:
         stack.enter_context(signals.unwinding())
@@ -203,6 +204,8 @@ async def _run(
             duration_s=options.duration_s,
             collect=not virtual,
         )
+        descriptors.RESERVE.fill(descriptors.KEPT)  # the last to be opened: what is open already needs none
+        stack.callback(descriptors.RESERVE.empty)
         stack.callback(reporter.close)
         reporter.start(guest.status if guest else lambda: status_line(loop))
         signals.handle(loop.request_stop)

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from hoopd.shell.commands import SETTLE_S, Gate, RefusedError, Ticket
+from hoopd.shell.descriptors import RESERVE, opened
 from hoopd.shell.helpers import start_helper
 from hoopd.shell.socketfile import ListeningSocket
 
@@ -122,6 +123,7 @@ class CommandServer:
         for _ in range(ACCEPTS_PER_TURN):
             if not self._accept():
                 break
+        RESERVE.refill()
         for client in list(self._clients):
             self._serve(client)
             time.sleep(0)  # lets a waiting tick in
@@ -129,8 +131,8 @@ class CommandServer:
     def _accept(self) -> bool:
         """Take one connection; what it says first is heard at once, so that idle ones can be told apart."""
         try:
-            connection, _ = self._listening.socket.accept()
-        except OSError:  # nobody waits, or no descriptor is left: then who is idle has to go
+            connection, _ = opened(self._listening.socket.accept, 1)
+        except OSError:  # nobody waits, or not even the reserve has a descriptor
             return False
         connection.setblocking(False)
         client = _Client(connection, _peer(connection))

@@ -18,8 +18,10 @@ from hoopd.core.frames import Decoder, Layout, encode_request
 from hoopd.core.linkstate import AnswerFilter
 from hoopd.core.records import DriverSample, LinkCounts, TorqueCommand
 from hoopd.files import InputError, PortMissingError
+from hoopd.shell.descriptors import opened
 from hoopd.shell.helpers import start_helper
 
+DESCRIPTORS = 5  # of an open port: itself, and the pipes that the library makes to interrupt its own waits
 BITS_PER_BYTE = 10  # start, eight data, stop
 # The board drops a partial frame after this silence; the host does the same, so that both start afresh together.
 SILENCE_S = 0.002
@@ -194,7 +196,7 @@ class SerialDrive:
     def _reopen(self) -> None:
         while not self._closing.wait(self._reopen_s):
             try:
-                port = open_port(self._port_name, self._baud)
+                port = opened(lambda: open_port(self._port_name, self._baud), DESCRIPTORS)
             except OSError:
                 continue
             with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile

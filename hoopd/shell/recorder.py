@@ -21,6 +21,7 @@ import msgspec
 from hoopd.core.records import Inputs, TickRecord
 from hoopd.recording.mcap import Header, Writer
 from hoopd.recording.schemas import Event
+from hoopd.shell.descriptors import opened
 from hoopd.shell.helpers import start_helper
 from hoopd.shell.run_files import Limits, create, make_room
 
@@ -28,6 +29,7 @@ QUEUE_ROWS = 1500  # 30 s of ticks: longer than the stalls of an SD card (2.5 s 
 POLL_S = 0.1  # with the writer's quarter second this bounds what a kill can take: 0.35 s and the write itself
 RETRY_S = (5.0, 10.0, 20.0, 60.0)  # after the first, second ... failure in a row; then always the last
 ROOM_ROWS = 1500  # rows between two looks at the quota
+DESCRIPTORS = 3  # to begin a file: itself, its folder, and one to look at the others
 FILE_SHARE = 0.5  # of the quota: a longer run goes on in a next part, so that its own beginning can be deleted
 
 OnEvent = Callable[[str, str, Mapping[str, Any]], None]  # name, level, particulars
@@ -65,9 +67,9 @@ class _Sink:
     def add(self, row: Row) -> list[str]:
         """Write one row, opening a file when there is none; names of runs deleted on the way."""
         self.unsafe.append(row)
-        deleted = self._room() if self._rows % ROOM_ROWS == ROOM_ROWS - 1 else []
+        deleted = opened(self._room, DESCRIPTORS) if self._rows % ROOM_ROWS == ROOM_ROWS - 1 else []
         if self._writer is None:
-            return self._open()
+            return opened(self._open, DESCRIPTORS)
         self._write(self.unsafe[-1:])
         return deleted
 
@@ -80,7 +82,7 @@ class _Sink:
     def finish(self, keep: int = 0) -> None:
         """Close the file whole; the next row opens another; the last `keep` rows are for that one."""
         if self._writer is None and self.unsafe:
-            self._open()
+            opened(self._open, DESCRIPTORS)
         writer, file = self._writer, self._file
         if writer is not None and file is not None:
             writer.finish()

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from hoopd.shell.descriptors import WANTED
+
 ROOT = Path(__file__).resolve().parents[2]
 UNIT = ROOT / "systemd/hoopd.service"
 SYSTEM_UNITS = Path("/usr/lib/systemd/system")
@@ -68,6 +70,7 @@ def test_service_says_what_the_safety_chain_needs():
     assert 1 < float(unit["LimitRTTIME"][0].removesuffix("s")) <= 10  # more than a start takes, less than for ever
     assert unit["RestrictRealtime"] == ["no"]
     assert (unit["RuntimeDirectory"], unit["RuntimeDirectoryMode"]) == (["hoopd"], ["0750"])  # the command socket's
+    assert unit["LimitNOFILE"] == [str(WANTED)]
     assert "--arm" not in unit["ExecStart"][0]
 
 
