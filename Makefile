@@ -21,7 +21,7 @@ sim: $(VENV)/.runtime ## run the daemon against the simulated rig (DURATION=20)
 	$(VENV)/bin/hoopd --sim --duration $(DURATION)
 
 test: $(VENV)/.development ## run all tests (ARGS="-k name")
-	$(RUN) -m pytest -q $(ARGS)
+	$(RUN) tools/suite.py $(ARGS)
 
 lint: $(VENV)/.development ## style, types and import contracts
 	$(RUN) -m ruff check .

@@ -1,0 +1,46 @@
+"""The two passes of the tests: each finds its own, a failure in either fails the whole, nothing found is told."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SUITE = Path(__file__).parents[2] / "tools" / "suite.py"
+TESTS = """
+import pytest
+
+def test_side_by_side():
+    assert {first}
+
+@pytest.mark.realtime
+def test_on_the_clock():
+    assert {second}
+"""
+
+
+def suite(folder: Path, *arguments: str, first: bool = True, second: bool = True) -> tuple[int, str]:
+    (folder / "test_made_up.py").write_text(TESTS.format(first=first, second=second))
+    (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n  realtime: the clock counts\n")
+    command = [sys.executable, str(SUITE), "-n", "0", "-p", "no:cacheprovider", *arguments]
+    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=100, check=False)
+    return ended.returncode, ended.stdout.splitlines()[-1]
+
+
+def test_both_passes_run(tmp_path: Path) -> None:
+    assert suite(tmp_path) == (0, "2 passed, 0 failed, 0 skipped")
+
+
+@pytest.mark.parametrize("broken", ["first", "second"])
+def test_a_failure_in_either_pass_fails(tmp_path: Path, broken: str) -> None:
+    assert suite(tmp_path, **{broken: False}) == (1, "1 passed, 1 failed, 0 skipped")
+
+
+def test_a_choice_that_leaves_one_pass_empty_is_well(tmp_path: Path) -> None:
+    assert suite(tmp_path, "-k", "clock") == (0, "1 passed, 0 failed, 0 skipped")
+
+
+def test_a_choice_that_finds_nothing_is_told(tmp_path: Path) -> None:
+    assert suite(tmp_path, "-k", "nothing_of_this_name") == (5, "0 passed, 0 failed, 0 skipped")
