@@ -96,8 +96,6 @@ class Fault:
             raise ValueError(f"{self.kind}: direction must be request, answer or both, not {self['direction']!r}")
         if self["pattern"] not in (None, "constant", "alternate"):
             raise ValueError(f"{self.kind}: pattern must be constant or alternate, not {self['pattern']!r}")
-        if self["period_s"] is not None and not (isinstance(self["period_s"], int | float) and self["period_s"] > 0):
-            raise ValueError(f"{self.kind}: period_s must be a number > 0, not {self['period_s']!r}")
         if self.kind == "board_fault" and self["name"] not in FAULT_BITS:
             raise ValueError(f"board_fault: name must be {', '.join(FAULT_BITS)}, not {self['name']!r}")
         for name in ("value", "psi_rad", "swing_rad", "factor", "torque_nm"):

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import pytest
-from sim.boardbench import Bench, Pushed
+from sim.boardbench import QUIET, Bench, Pushed
 
 from hoopd.core import frames, layout
 from hoopd.core.frames import DEFAULT_LAYOUT, Answer, Decoder, encode_answer, encode_request
@@ -115,19 +116,35 @@ def test_vectors_of_the_slew_limit() -> None:
         assert got == pytest.approx(expected, abs=1e-6)  # the request carries an f32
 
 
-def test_vectors_of_the_cuts() -> None:
+@pytest.mark.parametrize(("speeds", "currents"), [(1.0, 1.0), (0.3, 1.0), (1.0, 3.0), (1.3, 0.2)])
+def test_vectors_of_the_cuts(speeds: float, currents: float) -> None:
+    """With other limits, too: the vectors scale with them."""
     rows = TABLES["Vectors of the cuts/speed"]
     assert len(rows) == 5
+    limits = {"overspeed_rad_s": 100.0 * speeds, "current_limit_a": 2.5 * currents}
     for speed, current, told, cleared_at, told_then in rows:
         hoop = Pushed()
-        bench = Bench(plant=hoop)
+        bench = Bench(replace(QUIET, **limits), plant=hoop)
         bench.ask(0.02, 0.1)
-        hoop.dtheta, hoop.current = float(speed), float(current)
+        hoop.dtheta, hoop.current = speeds * float(speed), currents * float(current)
         first = bench.ask(0.04, 0.1)
-        hoop.dtheta, hoop.current = float(cleared_at), 0.0
+        hoop.dtheta, hoop.current = speeds * float(cleared_at), 0.0
         second = bench.ask(0.06, clear=True)
         for answer, words in ((first, told), (second, told_then)):
             assert [answer.status, answer.errors] == [int(word, 16) for word in words.split(", ")]
+
+
+def test_a_cut_comes_within_the_time_that_is_demanded() -> None:
+    """From the instant at which speed or current pass their limit, whenever that is between two requests."""
+    within_s = 1e-3 * float(re.search(r"drive off within (\d+) ms", TEXT).group(1))
+    for torque, config in ((0.7, QUIET), (-0.2, QUIET), (0.5, replace(QUIET, current_limit_a=1.0))):
+        bench = Bench(config)
+        for k in range(1, 60):
+            bench.ask(0.02 * k, torque)
+        cut = next(row.t for row in bench.log.rows if row.reason == "fault")
+        passed = 0.02 + (0.0 if config.current_limit_a < 2.5 else 100.0 / (500.0 * abs(torque)))
+        assert cut - passed <= within_s
+        assert bench.log.zero_for_good_from(cut) == 0.0
 
 
 def test_bounds_of_the_host() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ import numpy as np
 import pytest
 from system.runs import TORQUE_LIMIT_NM, run
 
-from hoopd.core.frames import ERROR_OVERSPEED, STATUS_ENABLED, STATUS_FAULT
+from hoopd.core.frames import ERROR_OVERCURRENT, ERROR_OVERSPEED, STATUS_ENABLED, STATUS_FAULT
+from hoopd.core.health import HARD_ERRORS
 from hoopd.core.modes import Mode
 from hoopd.replay import replay
 from hoopd.sim import truth
@@ -67,8 +69,26 @@ def test_a_torque_that_turns_round_stays_below_the_limit_and_ends_with_the_madne
     assert math.isfinite(found.fault_at("hoop_overspeed"))  # the daemon is sane and off; nobody listens to it
 
 
-def test_the_limit_is_configured(tmp_path: Path) -> None:
+def test_the_overspeed_limit_is_configured(tmp_path: Path) -> None:
     found = run(tmp_path, faults=mad(torque_nm=0.2), board={"overspeed_rad_s": 30.0})
     true = truth.read(tmp_path / "truth.csv")
     assert 29.0 < np.abs(true.dtheta).max() < 31.0
     assert found.torque.zero_for_good_from(found.fault_at("board_fault")) == 0.0
+
+
+def test_the_current_limit_is_configured(tmp_path: Path) -> None:
+    """0.2 N m are 0.54 A: no fault of the shipped limit, one of 0.5 A."""
+    found = run(tmp_path, faults=mad(torque_nm=0.2), board={"current_limit_a": 0.5})
+    assert found.torque.max_abs(AT_S, AT_S + 2.0) <= 0.2 + 1e-6
+    assert found.torque.zero_for_good_from(AT_S) <= 0.03
+    told = next(tick for tick in found.ticks if tick.t > AT_S + 0.1)
+    assert (told.status, told.errors & HARD_ERRORS) == (STATUS_FAULT, ERROR_OVERCURRENT)
+
+
+def test_the_slew_limit_is_configured(tmp_path: Path) -> None:
+    """0.05 N m/ms from whatever the law asked to 0.7 N m: 14 ms at most, in steps of 0.005 N m."""
+    found = run(tmp_path, duration_s=3.0, faults=mad(for_s=1.0), board={"slew_nm_per_ms": 0.05})
+    steps = [abs(b.torque_nm - a.torque_nm) for a, b in pairwise(found.torque.rows) if b.enabled]
+    assert max(steps) == pytest.approx(0.005, abs=1e-9)
+    assert found.torque.torque_at(AT_S + 0.005) < 0.4
+    assert found.torque.torque_at(AT_S + 0.02) == pytest.approx(TORQUE_LIMIT_NM)
