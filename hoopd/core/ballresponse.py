@@ -30,14 +30,13 @@ from hoopd.core.records import CameraSample, DriverSample, Vector
 
 WINDOW_S = 1.5  # two swings of the ball
 EVERY_TICKS = 15
-# What of an angle the model may leave unexplained: the camera's noise, a frame that shakes, an uneven ring.
+# What of an angle the model may leave unexplained: the camera's noise, a frame that shakes, an uneven ring. Where the
+# free fit leaves more than that, so much is taken for it: what neither explains, as a push, is weak evidence.
 SIGMA_RAD = 0.01
 # Evidence of one window in nats times two: beyond it the window speaks against a ball. Thirty percent of g or k cost 4.
 LEAST_EVIDENCE = 7.0
 # Below it a window that tells something speaks for a ball; between both it says nothing.
 MOST_DOUBT = 3.0
-# The free fit must be this good: what neither explains is a push, a collision, a ball that flies.
-MOST_RESIDUAL_RAD = 0.005
 # A window tells something of the ball when it fixes g as well as this.
 INFORMATIVE = 0.35
 # Windows that overlap one push last 1.5 s; this is more than two pushes spoil.
@@ -67,7 +66,6 @@ class Judgement(NamedTuple):
     """What one window says."""
 
     evidence: float  # against a ball
-    residual_rad: float  # rms, of the free fit
     gain_sd: float  # how well the window fixes g
 
 
@@ -114,7 +112,7 @@ class BallResponse:
         self._ball.append((camera.t - self.motion.late_s, camera.psi + tau * round((before - camera.psi) / tau)))
 
     def _weigh(self, judged: Judgement | None) -> None:
-        if judged is None or judged.residual_rad > MOST_RESIDUAL_RAD:
+        if judged is None:
             return
         if judged.evidence > LEAST_EVIDENCE:
             self.against_s += EVERY_TICKS * 0.02
@@ -140,8 +138,8 @@ class BallResponse:
         best, free, inverse = _fit(xx, xy, _FREE)
         ball, _, _ = _fit(xx, xy, _BALL)
         residual = y - x @ free
-        rms = float(np.sqrt(residual @ residual / len(y))) * SIGMA_RAD
-        return Judgement(ball - best, rms, float(np.sqrt(inverse[_GAIN, _GAIN])))
+        left = max(1.0, float(residual @ residual) / len(y))
+        return Judgement((ball - best) / left, float(np.sqrt(left * inverse[_GAIN, _GAIN])))
 
     def _terms(self, t: Vector, psi: Vector, hoop: Vector) -> Vector:
         """Column by column the functions of time that the angle is made of."""

@@ -1,0 +1,60 @@
+"""The real device's ball answers its hoop, and lies told about it do not: recordings of the device, replayed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shared import ROOT, shared_path
+
+from hoopd.core.ballresponse import ENOUGH_S, BallResponse
+from hoopd.core.records import CameraSample, DriverSample, Vector
+from hoopd.modelfiles import effects_of, load_model
+from hoopd.recording.recording import Recording
+from hoopd.recording.slices import read_recording
+from hoopd.writeback import ball_motion
+
+# The camera of the first loses its ball at 48.2 s and repeats the angle to the end.
+WITH_BALL = {"meas_hoop01_prbs": 48.0, "meas_hoopAndBall2_01": 20.0}
+MOTION = ball_motion(effects_of(load_model(ROOT / "config" / "models" / "hoop.yaml")))
+
+
+def most_against(name: str, end_s: float, lie: str = "") -> float:
+    """Most evidence against a ball in s."""
+    recording = read_recording(str(shared_path(f"recordings/{name}.mat")))
+    response, most = BallResponse(MOTION), 0.0
+    told = _told(recording, lie)
+    for k, t in enumerate(recording.t):
+        if t > end_s:
+            break
+        driver = DriverSample(t, k % 256, 1, 0, recording.theta[k], recording.dtheta[k], 0.0, 0)
+        response.update(driver, CameraSample(k, t, t, told[k], 1.0, 0.0, 0.0), acting=True)
+        most = max(most, response.against_s)
+    return most
+
+
+def _told(recording: Recording, lie: str) -> Vector:
+    t, psi = recording.t, recording.psi
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    return {
+        "": psi,
+        "half": 0.5 * psi,
+        "mirrored": -psi,
+        "rests": 0.1 + noise,
+        "swings": 0.05 * np.sin(8.5 * t) + noise,
+    }[lie]
+
+
+@pytest.mark.parametrize("name", WITH_BALL)
+def test_the_true_ball_is_left_alone(name: str) -> None:
+    assert most_against(name, WITH_BALL[name]) < 0.5 * ENOUGH_S
+
+
+@pytest.mark.parametrize("lie", ["half", "mirrored", "rests", "swings"])
+@pytest.mark.parametrize("name", WITH_BALL)
+def test_a_lie_about_it_is_told(name: str, lie: str) -> None:
+    assert most_against(name, WITH_BALL[name], lie) >= ENOUGH_S
+
+
+def test_a_column_that_is_no_angle_of_a_ball_is_told() -> None:
+    # The fourth column of this one is the motor's current.
+    assert most_against("meas_hoop02_chirp", 20.0) >= ENOUGH_S
