@@ -1,4 +1,4 @@
-"""The real device's ball answers its hoop, and lies told about it do not: recordings of the device, replayed."""
+"""The real device's pictures, replayed: what is true fires nothing, what is not does."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import pytest
 from shared import ROOT, shared_path
 
 from hoopd.core.ballresponse import ENOUGH_S, BallResponse
-from hoopd.core.records import CameraSample, DriverSample, Vector
+from hoopd.core.picturechecks import PictureChecks
+from hoopd.core.records import CameraSample, DriverSample, Inputs, LinkCounts, Vector
 from hoopd.modelfiles import effects_of, load_model
 from hoopd.recording.recording import Recording
 from hoopd.recording.slices import read_recording
 from hoopd.writeback import ball_motion
 
-# The camera of the first loses its ball at 48.2 s and repeats the angle to the end.
+# The camera of the first loses its ball soon after 48 s and repeats the angle to the end.
 WITH_BALL = {"meas_hoop01_prbs": 48.0, "meas_hoopAndBall2_01": 20.0}
 MOTION = ball_motion(effects_of(load_model(ROOT / "config" / "models" / "hoop.yaml")))
 
@@ -58,3 +59,19 @@ def test_a_lie_about_it_is_told(name: str, lie: str) -> None:
 def test_a_column_that_is_no_angle_of_a_ball_is_told() -> None:
     # The fourth column of this one is the motor's current.
     assert most_against("meas_hoop02_chirp", 20.0) >= ENOUGH_S
+
+
+@pytest.mark.parametrize("name", [*WITH_BALL, "meas_ballOnly01"])
+def test_all_four_rows_on_what_the_camera_really_said(name: str) -> None:
+    recording = read_recording(str(shared_path(f"recordings/{name}.mat")))
+    checks, fired = PictureChecks(MOTION), dict[str, float]()
+    for k, t in enumerate(recording.t):
+        camera = CameraSample(k, t, t, recording.psi[k], 1.0, 0.0, 0.0)
+        driver = DriverSample(t, k % 256, 1, 0, recording.theta[k], recording.dtheta[k], 0.0, 0)
+        inputs = Inputs(k, t, camera, driver, LinkCounts(1), (), 0.0, 0.0, False, 0)
+        for row, weight in checks.update(inputs, recording.u[k - 1] if k else 0.0).items():
+            if weight:
+                fired.setdefault(row, t)
+    if name == "meas_hoop01_prbs":
+        assert 48.0 < fired.pop("angle_stuck") < 49.0
+    assert not fired
