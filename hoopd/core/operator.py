@@ -20,6 +20,7 @@ BOARD_LATCHES = frozenset({"board_fault", "board_timeout", "board_reset"})
 # From here on only what switches off is obeyed.
 SHUTDOWN = "shutdown"
 ENDING = "the daemon is ending"
+FOLLOWED = "followed by "  # arm or clear: the one that counts, because it came later
 
 
 class Tell(Protocol):
@@ -69,7 +70,7 @@ class Operator:
 
     def _take_wish(self, name: str) -> None:
         if self._wish != name:
-            self._refuse_wish(f"followed by {name}")
+            self._refuse_wish(FOLLOWED + name)
         self._wish, self._patience = name, WISH_TICKS
 
     def _refuse_wish(self, reason: str) -> None:

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from hoopd.core.modes import ENERGISED
+from hoopd.core.operator import FOLLOWED
 from hoopd.core.records import Command, TickRecord
 from hoopd.core.tick import Note
 
@@ -133,14 +134,22 @@ class Gate:
             return
         name = note.fields.get("command") or SETTLING[note.name]
         concerned = [ticket for ticket in self._taken if ticket.command.name == name]
+        refused = str(note.fields.get("reason", "")) if note.name == REFUSED else ""
         if name in ONE_NOTE_EACH:
             concerned = concerned[:1]
-        refused = str(note.fields.get("reason", "")) if note.name == REFUSED else ""
+        elif refused.startswith(FOLLOWED):
+            concerned = self._before(name, refused.removeprefix(FOLLOWED))
         for ticket in concerned:
             if name == "arm" and not refused and record.mode not in ENERGISED:
                 refused = f"obeyed, and at once {record.mode}"  # a cut in the same tick
             ticket.outcome = Outcome(refused, record.t, record.mode, record.reference)
             self._taken.remove(ticket)
+
+    def _before(self, name: str, follower: str) -> list[Ticket]:
+        """Tickets of a name up to the first of its follower: the note knows nothing of what came after that."""
+        names = [ticket.command.name for ticket in self._taken]
+        end = names.index(follower) if follower in names else len(names)
+        return [ticket for ticket in list(self._taken)[:end] if ticket.command.name == name]
 
     def _checked(self, name: str, payload: bytes, untrusted: str) -> Ticket:
         if name in ALWAYS:

@@ -1,8 +1,8 @@
 """The command socket: a line of JSON in, a line of JSON out, on a thread of its own.
 
 Rules of this file: the loop is never waited for and never waits; lines, connections, their time and the work of a turn
-are bounded; whoever says nothing makes room for who does, so that idle connections keep nobody out. Who may open the
-socket may command: the file's rights are the access rules.
+are bounded; whoever holds most and says nothing makes room for the others, so that nobody is kept out. What goes wrong
+with a connection ends it and nothing else. Who may open the socket may command: the file's rights are the access rules.
 """
 
 from __future__ import annotations
@@ -137,17 +137,28 @@ class CommandServer:
         connection.setblocking(False)
         client = _Client(connection, _peer(connection))
         self._clients.append(client)
-        self._hear(client)
+        self._serve(client)
         if len(self._clients) > CONNECTIONS:
-            self._drop(self._most_idle())
+            self._drop(self._greediest())
         return True
 
-    def _most_idle(self) -> _Client:
-        """Who has to go: the oldest that asked nothing, of the process that holds most connections."""
-        held = Counter(client.peer.pid for client in self._clients)
-        return min(self._clients, key=lambda client: (not client.silent, -held[client.peer.pid], client.since))
+    def _greediest(self) -> _Client:
+        """Who has to go: of the user and then the process that hold most connections the oldest that asked nothing."""
+        users = Counter(client.peer.uid for client in self._clients)
+        processes = Counter(client.peer.pid for client in self._clients)
+
+        def rank(client: _Client) -> tuple[int, int, bool, float]:
+            return -users[client.peer.uid], -processes[client.peer.pid], not client.silent, client.since
+
+        return min(self._clients, key=rank)
 
     def _serve(self, client: _Client) -> None:
+        try:
+            self._attend(client)
+        except Exception:  # an end of this thread would keep everybody out
+            self._drop(client)
+
+    def _attend(self, client: _Client) -> None:
         if client.silent:
             self._hear(client)
         if client.ticket is not None:

@@ -1,10 +1,13 @@
 """The operator's side of the command socket: one request, one answer.
 
-Rules of this file: every failure is one line; where two daemons of a name answer, nobody guesses which is meant.
+Rules of this file: every failure is one line; where two daemons of a name answer, nobody guesses which is meant; a
+request goes to all that it concerns before any answer is waited for; what switches off is said again when others left
+no room for it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import socket
@@ -15,10 +18,14 @@ from typing import Any
 
 from hoopd.files import InputError, os_reason
 from hoopd.shell.commands import ALWAYS
-from hoopd.shell.socketfile import folders
+from hoopd.shell.socketfile import PATH_BYTES, SERVICE_FOLDER, check_private, folders
 
 PATIENCE_S = 3.0  # the server's own bounds are below it
+TRIES = 20  # where the server hangs up without an answer; what may not be said twice has one
+REPEATABLE = (*ALWAYS, "status")
 ANSWER_BYTES = 2**20
+HUNG_UP = "the daemon ended, or had no room: no answer"
+NO_ADDRESS = f"longer than the {PATH_BYTES} bytes of a socket's address"
 
 
 class CommandError(InputError):
@@ -32,40 +39,79 @@ class NoDaemonError(CommandError):
     """Nobody answers at the command socket."""
 
 
+class _HungUpError(CommandError):
+    """The server closed without a word."""
+
+
+Connection = tuple[Path, socket.socket]
+
+
 def ask(request: Mapping[str, Any], device: str, configured: str = "") -> dict[str, Any]:
     """The answer of the daemon of this device; CommandError when none answers, or when it refuses.
 
     `disarm` and `stop` go to every daemon of that name that this user may command, everything else to one.
     """
+    for _ in range(TRIES - 1 if request["command"] in REPEATABLE else 0):
+        with contextlib.suppress(_HungUpError):
+            return _ask_once(request, device, configured)
+    return _ask_once(request, device, configured)
+
+
+def _ask_once(request: Mapping[str, Any], device: str, configured: str) -> dict[str, Any]:
     paths = [Path(configured)] if configured else [folder / f"{device}.sock" for folder in folders()]
-    connections, closed = _connected(paths)
+    connections, closed = _connected(paths, trusted=bool(configured))
     if not connections:
         raise NoDaemonError(_nobody(device, paths, closed))
-    if len(connections) > 1 and request["command"] not in ALWAYS:
-        names = " and ".join(str(path) for path, _ in connections)
-        raise CommandError(f"two daemons of device {device!r} run: name one by --set commands.socket=PATH ({names})")
-    answers = [_exchange(path, connection, request) for path, connection in connections]
-    for answer in answers:
-        if not answer.get("ok"):
-            raise CommandError(f"{request['command']}: refused: {answer.get('reason', 'no reason given')}")
+    with contextlib.ExitStack() as stack:
+        for _, connection in connections:
+            stack.enter_context(connection)
+        if len(connections) > 1 and request["command"] not in ALWAYS:
+            names = " and ".join(str(path) for path, _ in connections)
+            raise CommandError(
+                f"two daemons of device {device!r} run: name one by --set commands.socket=PATH ({names})"
+            )
+        return _exchanged(request, connections)
+
+
+def _exchanged(request: Mapping[str, Any], connections: list[Connection]) -> dict[str, Any]:
+    """The first answer; CommandError when any of them failed or refused."""
+    line = json.dumps(request).encode() + b"\n"
+    for _, connection in connections:
+        with contextlib.suppress(OSError):  # the answer tells: it may have been refused before all was said
+            connection.sendall(line)
+    answers, failures = [], []
+    for path, connection in connections:
+        try:
+            answers.append(_answer(request, path, connection))
+        except CommandError as error:
+            failures.append(error)
+    if len(failures) > 1 or (failures and answers):
+        raise CommandError("; ".join([*map(str, failures), *(f"obeyed: {answer['mode']}" for answer in answers)]))
+    if failures:
+        raise failures[0]
     return answers[0]
 
 
-def _connected(paths: list[Path]) -> tuple[list[tuple[Path, socket.socket]], list[str]]:
-    """Connections to who listens there, and what is there but not for us."""
+def _connected(paths: list[Path], *, trusted: bool) -> tuple[list[Connection], list[str]]:
+    """Connections to who listens there, and what is there but not for us; `trusted`: the user named the file."""
     connections, closed = [], []
     for path in dict.fromkeys(paths):
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
         # Before a full queue a socket with Python's own time-out would give up at once instead of standing in line.
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", int(PATIENCE_S), 0))
         try:
+            if not trusted and path.parent != SERVICE_FOLDER:
+                check_private(path.parent)  # whoever laid it there could answer in the daemon's name
             connection.connect(str(path))
             connection.settimeout(PATIENCE_S)
         except (FileNotFoundError, ConnectionRefusedError, NotADirectoryError):  # none, or a dead one's file
             connection.close()
+        except InputError as error:
+            connection.close()
+            closed.append(str(error))
         except OSError as error:
             connection.close()
-            closed.append(f"{path}: {os_reason(error)}{_group_hint(error)}")
+            closed.append(f"{path}: {os_reason(error, NO_ADDRESS)}{_group_hint(error)}")
         else:
             connections.append((path, connection))
     return connections, closed
@@ -84,19 +130,24 @@ def _group_hint(error: OSError) -> str:
     return f" (operators are in group hoopd: sudo usermod -aG hoopd {user}, then log in again)"
 
 
-def _exchange(path: Path, connection: socket.socket, request: Mapping[str, Any]) -> dict[str, Any]:
-    """One line there, one line back."""
-    with connection:
-        try:
-            connection.sendall(json.dumps(request).encode() + b"\n")
-            line = b""
-            while not line.endswith(b"\n") and len(line) < ANSWER_BYTES and (data := connection.recv(65536)):
-                line += data
-            answer = json.loads(line)
-        except OSError as error:
-            raise CommandError(f"{path}: {os_reason(error, 'no answer in time')}") from None
-        except ValueError:
-            raise CommandError(f"{path}: the daemon ended, or had no room: no answer") from None
+def _answer(request: Mapping[str, Any], path: Path, connection: socket.socket) -> dict[str, Any]:
+    """One line back; CommandError for none, and for a refusal."""
+    line = b""
+    try:
+        while not line.endswith(b"\n") and len(line) < ANSWER_BYTES and (data := connection.recv(65536)):
+            line += data
+    except ConnectionResetError:
+        raise _HungUpError(f"{path}: {HUNG_UP}") from None
+    except OSError as error:
+        raise CommandError(f"{path}: {os_reason(error, 'no answer in time')}") from None
+    if not line:
+        raise _HungUpError(f"{path}: {HUNG_UP}")
+    try:
+        answer = json.loads(line)
+    except (ValueError, RecursionError):
+        answer = None
     if not isinstance(answer, dict):
         raise CommandError(f"{path}: not the answer of a daemon")
+    if not answer.get("ok"):
+        raise CommandError(f"{request['command']}: refused: {answer.get('reason', 'no reason given')}")
     return answer

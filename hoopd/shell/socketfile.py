@@ -44,7 +44,9 @@ def listening_socket(device: str, configured: str = "", environ: Mapping[str, st
     service = _service_folder(environ)
     try:
         if not configured and service is None:
-            _make_private(path.parent)
+            with contextlib.suppress(FileExistsError):
+                path.parent.mkdir(mode=0o700)
+            check_private(path.parent)
         return ListeningSocket(path, GROUP if service is not None else PRIVATE)
     except OSError as error:
         raise InputError(path, "commands.socket", os_reason(error, "cannot be made")) from None
@@ -82,10 +84,8 @@ def _own_folder(environ: Mapping[str, str]) -> Path:
     return Path(given) / "hoopd" if given.startswith("/") else Path(f"/tmp/hoopd-{os.getuid()}")
 
 
-def _make_private(folder: Path) -> None:
-    """A folder of ours that nobody else may enter; InputError for a link, a stranger's, or an open one."""
-    with contextlib.suppress(FileExistsError):
-        folder.mkdir(mode=0o700)
+def check_private(folder: Path) -> None:
+    """InputError for what is no folder of ours that nobody else may enter: a link, a stranger's, or an open one."""
     state = folder.lstat()  # of the name itself: a link to a folder of ours is somebody's trick, too
     if not stat.S_ISDIR(state.st_mode):
         raise InputError(folder, "", "is no folder (a link?): take it away")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 
 import pytest
+from core.smallrig import healthy
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -105,3 +106,15 @@ def test_an_arm_offered_before_a_disarm_never_comes_in_a_later_tick() -> None:
     ticks = [gate.take(), gate.take()]
     armed, disarmed = (next(k for k, taken in enumerate(ticks) if Command(name) in taken) for name in ("arm", "disarm"))
     assert armed <= disarmed
+
+
+def test_who_arms_after_a_clear_is_not_told_what_became_of_the_arm_before_it() -> None:
+    rig, gate = healthy(), Gate(Ranges())
+    first, clear, last = gate.offer("arm"), gate.offer("clear"), gate.offer("arm")
+    output = rig.step(*(command.name for command in gate.take()))
+    for note in output.notes:
+        gate.settle(note, output.record)
+    assert output.record.mode == "READY" and last.answer()["mode"] == "READY"
+    for ticket, reason in ((first, "followed by clear"), (clear, "followed by arm")):
+        with pytest.raises(RefusedError, match=reason):
+            ticket.answer()

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shell.peers import Ticks
+from shell.peers import Ticks, wait_until
 
 from hoopd.core.records import Command
 from hoopd.files import InputError
-from hoopd.shell import commandserver
+from hoopd.shell import commandserver, operator
 from hoopd.shell.commands import Gate, Ranges
-from hoopd.shell.commandserver import CommandServer
+from hoopd.shell.commandserver import CommandServer, Peer
 from hoopd.shell.operator import CommandError, NoDaemonError, ask
 from hoopd.shell.socketfile import listening_socket, socket_path
 
@@ -90,6 +90,14 @@ def test_a_loop_that_hangs_is_told_and_status_says_so(tmp_path: Path) -> None:
         (b'{"command": "tune", "key": "mass", "value": 1}\n', "unknown key 'mass'; known: gain"),
         (b"x" * 5000, "more than 4096 bytes in a line"),
         (b'{"command": "' + b"x" * 4000 + b'"}\n', "unknown command"),
+        (b'{"command": "tune", "key": "gain", "value": NaN}\n', "expected one line of JSON"),
+        (b'{"command": "tune", "key": "gain", "value": 1e999}\n', "expected one line of JSON"),
+        (b'{"command": "tune", "key": "gain", "value": 1e308}\n', "1e+308 is outside 0 to 3"),
+        (b'{"command": "tune", "key": "gain", "value": ' + b"1" * 400 + b"}\n", "expected one line of JSON"),
+        (b'{"command": "tune", "key": "gain", "value": ' + b"[" * 3900 + b"}\n", "expected one line of JSON"),
+        (b'{"command": "tune", "key": "gain", "value": null}\n', "expected a finite number from 0 to 3"),
+        (b'{"command": "tune", "key": "\\u0000\\n", "value": 1}\n', r"unknown key '\x00\n'"),
+        (b'{"command": "tune", "key": "' + b"k" * 3000 + b'", "value": 1}\n', "more than 1000 bytes"),
     ],
 )
 def test_whatever_comes_is_answered_with_one_line(tmp_path: Path, data: bytes, says: str) -> None:
@@ -111,6 +119,131 @@ def test_idle_connections_keep_nobody_out(tmp_path: Path, monkeypatch: pytest.Mo
         before = len(os.listdir("/proc/self/fd"))  # noqa: PTH208
         assert ask({"command": "disarm"}, "hoop", str(path))["mode"] == "DISARMED"
         assert before - 300 < 60  # those of the server are not among them: it holds eight at most
+
+
+def test_who_holds_most_connections_makes_room_even_while_they_wait(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    greedy, patient = Peer(1, 0, 0), Peer(2, 0, 0)
+    came = [greedy] * commandserver.CONNECTIONS + [patient]
+    monkeypatch.setattr(commandserver, "_peer", lambda connection: came.pop(0))
+    path = tmp_path / "hoop.sock"
+    with serving(path) as ticks, contextlib.ExitStack() as stack:
+        ticks.hang()  # so that each of them waits for an answer
+        for _ in range(commandserver.CONNECTIONS):
+            waiting = stack.enter_context(socket.socket(socket.AF_UNIX))
+            waiting.connect(str(path))
+            waiting.sendall(b'{"command": "arm"}\n')
+        with socket.socket(socket.AF_UNIX) as slow:
+            slow.settimeout(10.0)
+            slow.connect(str(path))
+            assert wait_until(lambda: not came)  # heard of, and nothing said yet
+            time.sleep(3 * commandserver.POLL_S)
+            slow.sendall(b'{"command": "disarm"}\n')
+            assert b"the loop did not tell" in slow.recv(4096)
+
+
+def test_a_connection_that_goes_wrong_ends_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "hoop.sock"
+    with serving(path) as ticks:
+        with monkeypatch.context() as patch:
+            patch.setattr(Gate, "offer", lambda *_: 1 / 0)
+            with pytest.raises(CommandError, match="no answer"):
+                ask({"command": "arm"}, "hoop", str(path))
+        assert ask({"command": "arm"}, "hoop", str(path))["ok"]
+        assert list(ticks.taken) == [Command("arm")]
+
+
+def test_what_switches_off_is_said_again_when_there_was_no_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, closed = tmp_path / "hoop.sock", []
+    attend = CommandServer._attend
+
+    def full(self: CommandServer, client: Any) -> None:
+        if len(closed) < 3:
+            closed.append(client)
+            self._drop(client)
+        else:
+            attend(self, client)
+
+    monkeypatch.setattr(CommandServer, "_attend", full)
+    with serving(path) as ticks:
+        assert ask({"command": "disarm"}, "hoop", str(path))["ok"] and len(closed) == 3
+        closed.clear()
+        with pytest.raises(CommandError, match="the daemon ended, or had no room: no answer"):
+            ask({"command": "arm"}, "hoop", str(path))  # it might have been taken, and revoked since
+        assert list(ticks.taken) == [Command("disarm")]
+
+
+def test_a_daemon_that_hangs_keeps_no_disarm_from_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(operator, "PATIENCE_S", 0.3)
+    monkeypatch.setattr(operator, "folders", lambda: [tmp_path / "a", tmp_path / "b"])
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir(mode=0o700)
+    with socket.socket(socket.AF_UNIX) as hangs, serving(tmp_path / "b" / "hoop.sock") as ticks:
+        hangs.bind(str(tmp_path / "a" / "hoop.sock"))
+        hangs.listen()
+        with pytest.raises(CommandError, match=r"a/hoop\.sock: no answer in time; obeyed: DISARMED$"):
+            ask({"command": "disarm"}, "hoop")
+        assert list(ticks.taken) == [Command("disarm")]
+        with pytest.raises(CommandError, match="two daemons of device 'hoop' run: name one by"):
+            ask({"command": "arm"}, "hoop")
+        assert list(ticks.taken) == [Command("disarm")]
+
+
+def test_both_daemons_of_a_name_are_disarmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folders = [tmp_path / "a", tmp_path / "b"]
+    for folder in folders:
+        folder.mkdir(mode=0o700)
+    monkeypatch.setattr(operator, "folders", lambda: folders)
+    with serving(folders[0] / "hoop.sock") as first, serving(folders[1] / "hoop.sock") as second:
+        assert ask({"command": "disarm"}, "hoop")["mode"] == "DISARMED"
+        assert list(first.taken) == list(second.taken) == [Command("disarm")]
+
+
+def test_a_strangers_folder_is_no_daemon_of_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever lays a socket where ours would be could say that he has disarmed."""
+    folder = tmp_path / "hoopd"
+    folder.mkdir(mode=0o700)
+    monkeypatch.setattr(operator, "folders", lambda: [folder])
+    with serving(folder / "hoop.sock") as ticks:
+        folder.chmod(0o711)
+        with pytest.raises(NoDaemonError, match=r"hoopd: others may enter it \(mode 711\)"):
+            ask({"command": "disarm"}, "hoop")
+        folder.chmod(0o700)
+        if os.getuid() == 0:
+            os.chown(folder, 12345, 12345)
+            with pytest.raises(NoDaemonError, match="belongs to user 12345, not to us"):
+                ask({"command": "disarm"}, "hoop")
+            os.chown(folder, 0, 0)
+        folder.rename(tmp_path / "real")
+        folder.symlink_to(tmp_path / "real")
+        with pytest.raises(NoDaemonError, match="is no folder"):
+            ask({"command": "disarm"}, "hoop")
+        folder.unlink()
+        (tmp_path / "real").rename(folder)
+        assert list(ticks.taken) == []
+        assert ask({"command": "disarm"}, "hoop")["ok"]
+
+
+def test_a_link_in_place_of_the_socket_is_left_alone(tmp_path: Path) -> None:
+    path, other = tmp_path / "hoop.sock", tmp_path / "precious"
+    other.write_text("kept")
+    path.symlink_to(other)
+    with pytest.raises(InputError, match=r"hoop\.sock: commands\.socket: exists and is no socket"):
+        listening_socket("hoop", str(path))
+    path.unlink()
+    path.with_suffix(".lock").unlink()
+    path.with_suffix(".lock").symlink_to(other)
+    with pytest.raises(InputError, match=r"hoop\.sock: commands\.socket: too many levels of symbolic links"):
+        listening_socket("hoop", str(path))
+    assert other.read_text() == "kept"
+
+
+def test_an_address_that_is_too_long_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(NoDaemonError, match="longer than the 107 bytes of a socket's address"):
+        ask({"command": "status"}, "hoop", str(tmp_path / ("h" * 120)))
 
 
 def test_a_connection_that_says_nothing_is_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
