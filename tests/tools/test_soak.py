@@ -104,7 +104,7 @@ def test_follower_sees_who_runs_and_who_is_stopped(tmp_path: Path, attribution: 
     begin, end = found.span
     at_work = found.grown("loop_run_s", begin, stopped) + found.grown("loop_wait_s", begin, stopped)
     assert at_work == pytest.approx(stopped - begin, rel=0.3)
-    assert found.grown("loop_run_s", stopped + 0.1, end) == 0.0
+    assert found.grown("loop_run_s", stopped + 0.2, end) < 0.05  # it is told when it next runs
 
 
 @pytest.mark.realtime
