@@ -37,6 +37,9 @@ SIGMA_RAD = 0.01
 LEAST_EVIDENCE = 7.0
 # Below it a window that tells something speaks for a ball; between both it says nothing.
 MOST_DOUBT = 3.0
+# A lateness beyond some 50 ms is no linear term: where the free fit leaves more, it is tried with an older hoop.
+OLDER_S = (0.08, 0.16, 0.24, 0.32, 0.4)
+GOOD_RAD = 0.005
 # A window tells something of the ball when it fixes g as well as this.
 INFORMATIVE = 0.35
 # Windows that overlap one push last 1.5 s; this is more than two pushes spoil.
@@ -67,6 +70,14 @@ class Judgement(NamedTuple):
 
     evidence: float  # against a ball
     gain_sd: float  # how well the window fixes g
+
+
+class Fit(NamedTuple):
+    """Least squares of one window."""
+
+    least: float  # the least sum
+    residual_rad: float  # rms
+    gain_sd: float  # deviation of g
 
 
 class BallResponse:
@@ -132,20 +143,21 @@ class BallResponse:
             or np.abs(np.sin(rows[:, 1] / 2)).max() > np.sin(WIDEST_RAD / 2)
         ):
             return None
-        x = self._terms(rows[:, 0], rows[:, 1], hoop) / SIGMA_RAD
-        y = rows[:, 1] / SIGMA_RAD
-        xx, xy = x.T @ x, x.T @ y
-        best, free, inverse = _fit(xx, xy, _FREE)
-        ball, _, _ = _fit(xx, xy, _BALL)
-        residual = y - x @ free
-        left = max(1.0, float(residual @ residual) / len(y))
-        return Judgement((ball - best) / left, float(np.sqrt(left * inverse[_GAIN, _GAIN])))
+        x, y = self._terms(rows[:, 0], rows[:, 1], hoop) / SIGMA_RAD, rows[:, 1] / SIGMA_RAD
+        ball, free = _fit(x, y, _BALL), _fit(x, y, _FREE)
+        for late_s in OLDER_S:
+            if ball.least - free.least < LEAST_EVIDENCE or free.residual_rad < GOOD_RAD:
+                break
+            older = _fit(self._terms(rows[:, 0], rows[:, 1], hoop, late_s) / SIGMA_RAD, y, _FREE)
+            free = min(free, older, key=lambda fit: fit.least)
+        left = max(1.0, free.residual_rad / SIGMA_RAD)
+        return Judgement((ball.least - free.least) / (left * left), left * free.gain_sd)
 
-    def _terms(self, t: Vector, psi: Vector, hoop: Vector) -> Vector:
-        """Column by column the functions of time that the angle is made of."""
+    def _terms(self, t: Vector, psi: Vector, hoop: Vector, late_s: float = 0.0) -> Vector:
+        """Column by column the functions of time that the angle is made of; `late_s`: of a hoop of so long ago."""
         m, at = self.motion, t - t[0]
-        theta = np.interp(t, hoop[:, 0], hoop[:, 1])
-        speed = np.interp(t, hoop[:, 0], hoop[:, 2])
+        theta = np.interp(t - late_s, hoop[:, 0], hoop[:, 1])
+        speed = np.interp(t - late_s, hoop[:, 0], hoop[:, 2])
         moved = theta - theta[0]
         columns = (
             np.ones_like(at),
@@ -168,13 +180,18 @@ def _integral(t: Vector, y: Vector) -> Vector:
     return out
 
 
-def _fit(xx: Vector, xy: Vector, deviation: Vector) -> tuple[float, Vector, Vector]:
-    """Least squares with known means and deviations: what is left, up to a constant, the parameters, their covariance.
+def _fit(x: Vector, y: Vector, deviation: Vector) -> Fit:
+    """Least squares with known means and deviations.
 
     N p = b with N = x'x + 1/s^2, b = x'y + m/s^2; the least sum is y'y + m^2/s^2 - b p
     """
     weight = 1.0 / (deviation * deviation)
-    inverse = np.linalg.inv(xx + np.diag(weight)).astype(np.float64)
-    b = xy + weight * _MEAN
+    inverse = np.linalg.inv(x.T @ x + np.diag(weight))
+    b = x.T @ y + weight * _MEAN
     p: Vector = inverse @ b
-    return float((weight * _MEAN * _MEAN).sum() - b @ p), p, inverse
+    residual = y - x @ p
+    return Fit(
+        float(y @ y + (weight * _MEAN * _MEAN).sum() - b @ p),
+        float(np.sqrt(residual @ residual / len(y))) * SIGMA_RAD,
+        float(np.sqrt(inverse[_GAIN, _GAIN])),
+    )

@@ -140,14 +140,15 @@ class FaultScript:
     def __init__(self, faults: Iterable[Fault] = (), seed: int = 0) -> None:
         self.faults = tuple(faults)
         self.seed = seed
+        self._by_kind: dict[str, list[Fault]] = {}
+        for fault in self.faults:
+            self._by_kind.setdefault(fault.kind, []).append(fault)
 
     def active(self, t: float, kind: str) -> Fault | None:
         """The first fault of this kind that is active at run time `t`."""
         if kind not in KINDS:
             raise ValueError(f"unknown fault kind {kind!r}, known: {', '.join(KINDS)}")
-        if not self.faults:
-            return None
-        return next((f for f in self.faults if f.kind == kind and f.active(t)), None)
+        return next((fault for fault in self._by_kind.get(kind, ()) if fault.active(t)), None)
 
 
 Delivery = tuple[float, bytes]  # run time of the last byte, bytes

@@ -74,6 +74,13 @@ def test_pictures_of_a_tenth_of_a_second_ago(tmp_path: Path) -> None:
     ended_by(found, "ball_unresponsive", 14.0)
 
 
+def test_pictures_of_a_tenth_of_a_second_ago_while_the_reference_steps(tmp_path: Path) -> None:
+    """The hoop turns fast meanwhile: so late a ball is no small change of a ball that is not."""
+    found = lie(tmp_path, "pictures_aged", 16.0, delay_s=0.1)
+    assert AT_S < found.fault_at("ball_unresponsive") < 14.0
+    assert found.mode_at(15.9) == "DISARMED"
+
+
 @pytest.mark.parametrize("direct", [True, False])
 def test_an_honest_camera_is_believed(tmp_path: Path, direct: bool) -> None:
     found = run(tmp_path, duration_s=16.0, direct=direct, commands=STEPS, angle_offset_rad=0.03)

@@ -140,3 +140,28 @@ def test_writeback_shows_that_the_error_falls(tmp_path: Path) -> None:
     assert "written back" in out
     rows = json.loads(path.read_text())["errors"]["imbalance"]
     assert rows["written back"]["psi_settled_mrad"] < 0.1 * rows["base"]["psi_settled_mrad"]
+
+
+def test_camera_lies_prints_by_which_row_and_when() -> None:
+    out = run_bench("camera_lies.py", "--seeds", "1", "--way", "rest", "--only", "painted at 0.05", "scale 1.1")
+    assert "angle_stuck" in out and "(cannot always be told)" in out
+    assert "rest: 1 of 2 lies seen" in out
+
+
+def test_false_alarms_watches_every_effect_in_every_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCH))
+    import false_alarms
+    from honestrigs.rigs import LIBRARY, OFF, RIGS, UNHIDEABLE, off_by
+
+    hours = false_alarms.hours(120.0, 0)
+    assert sum(one.seconds for one in hours) == pytest.approx(7200.0)
+    assert {one.rig for one in hours} == {one.rig for one in hours if not one.effect} == set(range(RIGS))
+    for name in set(LIBRARY) - set(UNHIDEABLE):
+        assert [one.way for one in hours if one.effect == name] == list(false_alarms.WAYS)
+    assert UNHIDEABLE == ("ball.lift_off",)
+    assert all(max(map(abs, off_by(rig).values())) == pytest.approx(OFF) for rig in range(RIGS))
+
+
+def test_false_alarms_prints_its_rigs() -> None:
+    out = run_bench("false_alarms.py", "--minutes", "0.7", "--only", "hoop.coulomb_friction", "--workers", "1")
+    assert "hoop.coulomb_friction" in out and "were raised: none" in out

@@ -1,1 +1,0 @@
-"""Cases of the fuzz bench (tools/bench/fuzz.py): sound files, ways to spoil them, and who judges what comes of it."""

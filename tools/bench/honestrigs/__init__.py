@@ -1,0 +1,1 @@
+"""Rigs on which nothing is broken, and what a laboratory does with them."""
