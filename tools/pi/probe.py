@@ -1,12 +1,13 @@
 """Looks around from inside the service's sandbox: what it must reach and what it must not.
 
 Rules of this file: standard library only; runs in the place of the daemon, with every other line of the unit as it is;
-prints one JSON object: name of the attempt -> "" when it succeeded, else the reason.
+prints one JSON object: what is wrong, what was reached, what was refused and how.
 """
 
 from __future__ import annotations
 
 import ctypes
+import errno
 import json
 import mmap
 import os
@@ -64,11 +65,16 @@ MUST: dict[str, Callable[[], object]] = {
     "loopback": reach_loopback,
     "recordings": lambda: write_file(STATE / "probe"),
     "temporary files": lambda: write_file(Path("/tmp/probe")),
+    "command socket's folder": lambda: write_file(Path("/run/hoopd/probe")),
     "configuration": lambda: Path("/etc/hoopd/hoop.yaml").read_text(),
     "fifo 1": lambda: use_priority(1),
     "fifo 50": lambda: use_priority(50),
     "locked memory": lambda: call("mlockall", 3),
 }
+# Attempts that must fail, and for no other reason than that they are not allowed: a thing that is not there proves
+# nothing. (A hidden process is one that is not there.)
+REFUSED = (errno.EPERM, errno.EACCES, errno.EROFS, errno.EAFNOSUPPORT)
+HIDDEN = {"process 1": (errno.ENOENT,)}
 MUST_NOT: dict[str, Callable[[], object]] = {
     "fifo 99": lambda: use_priority(99),
     "other machines": reach_elsewhere,
@@ -86,18 +92,25 @@ MUST_NOT: dict[str, Callable[[], object]] = {
 }
 
 
+def outcome(attempt: Callable[[], object]) -> int:
+    """0 when it succeeded, else the error's number."""
+    try:
+        attempt()
+    except OSError as error:
+        return error.errno or errno.EIO
+    return 0
+
+
 def main() -> None:
     """Try everything."""
-    found: dict[str, str] = {}
-    for name, attempt in (MUST | MUST_NOT).items():
-        try:
-            attempt()
-            found[name] = ""
-        except OSError as error:
-            found[name] = error.strerror or str(error)
-    wrong = [f"cannot reach {name}: {found[name]}" for name in MUST if found[name]]
+    found = {name: outcome(attempt) for name, attempt in (MUST | MUST_NOT).items()}
+    wrong = [f"cannot reach {name}: {os.strerror(found[name])}" for name in MUST if found[name]]
     wrong += [f"can reach {name}" for name in MUST_NOT if not found[name]]
-    print(json.dumps({"wrong": wrong, "must": list(MUST), "must_not": list(MUST_NOT)}))
+    for name in MUST_NOT:
+        if found[name] and found[name] not in HIDDEN.get(name, REFUSED):
+            wrong.append(f"{name}: not refused, but {os.strerror(found[name])}")
+    reasons = {name: errno.errorcode.get(found[name], "none") for name in MUST_NOT}
+    print(json.dumps({"wrong": wrong, "must": list(MUST), "must_not": reasons}))
     sys.exit(int(bool(wrong)))
 
 

@@ -6,7 +6,6 @@ container; what is judged is what systemd, the journal and the board's own log s
 
 from __future__ import annotations
 
-import contextlib
 import json
 import time
 from collections.abc import Iterator
@@ -14,18 +13,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pi import machine, roots
+from pi import machine, rights, roots
 from pi.container import Container, booted
 from pi.machine import ROOT
-from pi.steps import Step, StepError, demand, last_line, run, wait_until
+from pi.steps import Step, demand, run, wait_until
 
 INSTALL_S = 600.0
 PORT = "/dev/hoop-driver"
 RIG = "/run/rig"
-PYTHON = "/opt/hoopd/bin/python"
-CONFIG = f"""camera: {{command: [{PYTHON}, -m, hoopd.sim.camera, --rig, {RIG}/camera.json]}}
+CONFIG = f"""camera: {{command: [{rights.PYTHON}, -m, hoopd.sim.camera, --rig, {RIG}/camera.json]}}
 faults: {{torque_constant_nm_per_a: 0.37}}
-telemetry: {{commands: true}}
 log: {{format: json}}
 """
 # More tries than systemd's own limit (5 in 10 s), and more than any that a person would set by hand.
@@ -56,14 +53,17 @@ class Service:
             Step("systemd: make install", self._install, needed=True),
             Step("systemd: no port: exit code 3, tried again without end", self._miss_port),
             Step("systemd: the port comes late: READY, DISARMED", self._plug_in, needed=True),
-            Step("systemd: priority, locked memory, limits as granted", self._grants),
+            Step("systemd: priority, locked memory, limits as granted", lambda: rights.granted(self._in)),
+            Step("systemd: operators are the group hoopd", lambda: rights.operators(self._in)),
             Step("systemd: arms on command", self._arm),
             Step("systemd: a hung loop is ended by the watchdog, torque zero", self._hang),
             Step("systemd: started again, DISARMED", self._restarted),
             Step("systemd: journal holds the log", self._journal),
             Step("systemd: stop is clean and leaves a recording that replays", self._stop),
             Step("systemd: hoopd check", self._check),
-            Step("systemd: sandbox reaches what it must and nothing else", self._sandbox),
+            Step("systemd: CPUAffinity holds it to a core, hoopd check tells", lambda: rights.own_core(self._in)),
+            Step("systemd: sandbox reaches what it must and nothing else", lambda: rights.sandbox(self._in)),
+            Step("systemd: what spins at real-time priority is ended", lambda: rights.spinning(self._in)),
             Step("systemd: make uninstall leaves recordings and configuration", self._uninstall),
             Step("systemd: make uninstall PURGE=1 leaves nothing", self._purge),
         ]
@@ -106,24 +106,9 @@ class Service:
 
     def _start_rig(self) -> None:
         """The board and its port, with the rights that udev's rule would give it."""
-        self._in.run("systemd-run", "--unit=rig", "--quiet", PYTHON, "/src/tools/pi/rig.py", PORT, RIG)
+        self._in.run("systemd-run", "--unit=rig", "--quiet", rights.PYTHON, "/src/tools/pi/rig.py", PORT, RIG)
         wait_until(lambda: bool(self._in.shell(f"readlink {PORT} || true").strip()), START_S, "the rig's port")
         self._in.shell(f"chgrp dialout $(readlink -f {PORT}); chmod 660 $(readlink -f {PORT})")
-
-    def _grants(self) -> str:
-        pid = self._state()["MainPID"]
-        policy = self._in.run("chrt", "-p", pid)
-        demand("SCHED_FIFO" in policy and "priority: 50" in policy, policy.replace("\n", "; "))
-        locked = self._in.shell(f"grep VmLck /proc/{pid}/status").split()
-        demand(int(locked[1]) > 0, "no memory is locked")
-        limits = {
-            line[:26].strip(): line[26:].split()[0] for line in self._in.run("cat", f"/proc/{pid}/limits").splitlines()
-        }
-        demand(limits["Max realtime timeout"].isdigit(), "no limit of time in real time")
-        user = self._in.run("ps", "-o", "user=", "-p", pid).strip()
-        demand(user == "hoopd", f"runs as {user}")
-        locked_mib, spin_us = int(locked[1]) // 1024, limits["Max realtime timeout"]
-        return f"FIFO 50, {locked_mib} MiB of mappings locked, may spin for {spin_us} us"
 
     def _arm(self) -> str:
         self._in.run("hoopd", "arm", "--config", "/etc/hoopd/hoop.yaml")
@@ -160,7 +145,12 @@ class Service:
         lines = [json.loads(line) for line in self._journal_lines() if line.startswith("{")]
         modes = [line["mode"] for line in lines if line.get("event") == "mode"]
         demand("RUNNING" in modes, f"modes in the journal: {modes}")
-        return f"{len(lines)} facts as JSON, modes {', '.join(modes)}"
+        trouble = self._in.run("journalctl", "--unit=hoopd", "--priority=warning", "--output=cat", "--no-pager")
+        told = [json.loads(line) for line in trouble.splitlines() if line.startswith("{")]
+        demand(all(fact["level"] != "info" for fact in told), "plain facts among the trouble")
+        wanted = [fact for fact in lines if fact["level"] != "info"]
+        demand(len(told) == len(wanted), f"{len(told)} of {len(wanted)} warnings have their priority")
+        return f"{len(lines)} facts as JSON, {len(told)} of them trouble (-p warning), modes {', '.join(modes)}"
 
     def _journal_lines(self) -> list[str]:
         return self._in.run("journalctl", "--unit=hoopd", "--output=cat", "--no-pager").splitlines()
@@ -178,29 +168,10 @@ class Service:
         return f"{len(paths)} recordings, the first replays bit for bit"
 
     def _check(self) -> str:
-        self._in.run("hoopd", "check", "--config", "/etc/hoopd/hoop.yaml", "--json", "/tmp/check.json", codes=(0, 1))
-        rows = json.loads(self._in.run("cat", "/tmp/check.json"))["checks"]
+        rows = rights.checks(self._in)
         failed = [f"{row['name']}: {row['granted']}" for row in rows if row["verdict"] == "fail"]
         demand(not failed, "; ".join(failed))
         return ", ".join(f"{row['name']} {row['verdict']}" for row in rows)
-
-    def _sandbox(self) -> str:
-        """The unit with one line changed: what it starts."""
-        unit = "/etc/systemd/system/hoopd-probe.service"
-        changes = (f"ExecStart={PYTHON} /opt/probe.py", "Type=exec", "Restart=no", "WatchdogSec=0")
-        edits = " ".join(f"-e 's|^{line.split('=')[0]}=.*|{line}|'" for line in changes)
-        self._in.shell(
-            f"cp /src/tools/pi/probe.py /opt/probe.py; mknod -m 666 /dev/probe-kmsg c 1 11 || true;"
-            f"sed {edits} /etc/systemd/system/hoopd.service > {unit}; systemctl daemon-reload"
-        )
-        with contextlib.suppress(StepError):
-            self._in.run("systemctl", "start", "--wait", "hoopd-probe")
-        lines = self._in.run("journalctl", "--unit=hoopd-probe", "--output=cat", "--no-pager").splitlines()
-        self._in.shell(f"rm -f {unit} /opt/probe.py; systemctl daemon-reload")
-        told = [json.loads(line) for line in lines if line.startswith("{")]
-        demand(bool(told), last_line("\n".join(lines)))
-        demand(not told[-1]["wrong"], "; ".join(told[-1]["wrong"]))
-        return f"reaches {', '.join(told[-1]['must'])}; not {', '.join(told[-1]['must_not'])}"
 
     def _uninstall(self) -> str:
         self._make("uninstall")
