@@ -1,7 +1,7 @@
 """The line to the driver board: a port that may vanish and come back, and what its bytes mean.
 
-Rules of this file: nothing here waits; a write that cannot be done now is a lost frame, not a pause; any error or
-end of file means the port is lost, once, and is closed and opened again on a helper thread.
+Rules of this file: nothing here waits; it is read beside the loop, and a write that cannot be done now is a lost frame,
+not a pause; any error or end of file means the port is lost, once, and is closed and opened again on a helper thread.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import os
 import termios
 import threading
 from collections.abc import Callable
+from typing import cast
 
 from hoopd.core.frames import Decoder, Layout, encode_request
 from hoopd.core.linkstate import AnswerFilter
@@ -20,16 +21,13 @@ from hoopd.core.records import DriverSample, LinkCounts, TorqueCommand
 from hoopd.files import InputError, PortMissingError
 from hoopd.shell.descriptors import opened
 from hoopd.shell.helpers import start_helper
+from hoopd.shell.serialreader import Port, SerialReader, close_quietly
 
 DESCRIPTORS = 5  # of an open port: itself, and the pipes that the library makes to interrupt its own waits
 BITS_PER_BYTE = 10  # start, eight data, stop
 # The board drops a partial frame after this silence; the host does the same, so that both start afresh together.
 SILENCE_S = 0.002
-# More than the line brings in one tick (230 bytes), little enough that decoding the worst of it, sync bytes only (2 us
-# each), leaves the tick its time.
-READ_BYTES = 512
-# A port that brings more than this between two ticks (a USB adapter knows no baud rate) is flushed, not decoded.
-FLOOD_BYTES = 1024
+FLOOD_BYTES = 1024  # between two ticks; more where the line is fast
 # What waiting or plugging in mends: no such device, one that goes as it is opened, one that another program holds, one
 # whose rights udev has not set yet. Everything else (no serial port at all, a rate it has not) is unusable input.
 MISSING = frozenset(
@@ -75,7 +73,7 @@ class Codec:
 
 
 class SerialDrive:
-    """A serial port on the event loop's selector."""
+    """A serial port that is read beside the loop."""
 
     def __init__(
         self,
@@ -87,18 +85,15 @@ class SerialDrive:
         say: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._port_name, self._baud, self._codec, self._clock, self._reopen_s = port, baud, codec, clock, reopen_s
-        self._port: object | None = None
+        self._reader: SerialReader | None = None
         self._fd = -1
         self._loop: asyncio.AbstractEventLoop | None = None
         self._say, self._closing = say, threading.Event()
-        self._empty = False  # the last read of a port that was said to be ready
-        self._brought = 0  # bytes since the last tick
-        self._deaf = False  # until the next tick
         self.reason = "not opened yet"
 
     def open(self) -> None:
-        """Open now (unless it is), or InputError; the running loop reads from then on."""
-        if self._fd >= 0:
+        """Open now (unless it is), or InputError; it is read from then on."""
+        if self._reader is not None:
             return
         self._loop = asyncio.get_running_loop()
         try:
@@ -109,18 +104,17 @@ class SerialDrive:
 
     def take(self) -> tuple[DriverSample | None, LinkCounts]:
         """Newest answer and what else came since the last tick."""
-        self._brought = 0
-        if self._deaf:
-            self._listen_again()
-        return self._codec.take(self._clock(), lost=self._fd < 0)
+        self._feed()
+        if self._reader is not None:
+            self._reader.tick()
+        return self._codec.take(self._clock(), lost=self._reader is None)
 
     def write(self, command: TorqueCommand) -> None:
         """Write one request; a full or lost port loses it."""
         # An answer that came while a slow tick computed belongs to the request before this one: take it first, or a
         # slow host would look like a lost link.
-        if self._fd >= 0:
-            self._read(ready=False)
-        if self._fd < 0:
+        self._feed()
+        if self._reader is None:
             return
         data = self._codec.request(self._clock(), command)
         try:
@@ -135,56 +129,27 @@ class SerialDrive:
         self._closing.set()
         self._drop()
 
-    def _readable(self) -> None:
-        self._read(ready=True)
+    def _feed(self) -> None:
+        """Hand on what came."""
+        reader = self._reader
+        if reader is None:
+            return
+        for t, data in reader.take():
+            self._codec.feed(t, data)
+        if reader.failure is not None:
+            self._lose(reader.failure)
 
-    def _read(self, *, ready: bool) -> None:
-        """Hand on what came; the end of the file is `ready` but empty twice in a row (once: a write was faster)."""
-        try:
-            data = os.read(self._fd, READ_BYTES)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            self._lose(error)
-            return
-        if data:
-            self._codec.feed(self._clock(), data)
-            self._brought += len(data)
-        elif ready and self._empty:
-            self._lose(OSError("end of file"))
-            return
-        self._empty = ready and not data
-        if self._brought > max(FLOOD_BYTES, self._baud // 100) and not self._deaf and self._loop is not None:
-            self._deaf = True
-            self._loop.remove_reader(self._fd)
-
-    def _listen_again(self) -> None:
-        """After a flood: what waits is as worthless as what came."""
-        self._deaf = False
-        if self._fd < 0 or self._loop is None:
-            return
-        try:
-            termios.tcflush(self._fd, termios.TCIFLUSH)
-        except termios.error as error:
-            self._lose(OSError(*error.args))
-            return
-        self._loop.add_reader(self._fd, self._readable)
-
-    def _adopt(self, port: object) -> None:
-        assert self._loop is not None
+    def _adopt(self, port: Port) -> None:
         self._codec.reset()
-        self._deaf = self._empty = False
-        self._port, self._fd = port, port.fileno()  # type: ignore[attr-defined]
+        self._fd = port.fileno()
         os.set_blocking(self._fd, False)
-        self._loop.add_reader(self._fd, self._readable)
+        # A port that brings more between two ticks (a USB adapter knows no baud rate) is flushed, not decoded.
+        self._reader = SerialReader(port, self._clock, max(FLOOD_BYTES, self._baud // 100))
 
     def _drop(self) -> None:
-        if self._fd < 0 or self._loop is None:
-            return
-        self._loop.remove_reader(self._fd)
-        port, self._port, self._fd = self._port, None, -1
-        # Closing a vanished USB adapter can block for a third of a second.
-        start_helper("close", lambda: _close_quietly(port))
+        reader, self._reader, self._fd = self._reader, None, -1
+        if reader is not None:
+            reader.close()
 
     def _lose(self, error: OSError) -> None:
         self.reason = (error.strerror or str(error)).lower()
@@ -204,9 +169,9 @@ class SerialDrive:
                 self._loop.call_soon_threadsafe(self._adopt_or_close, port)
             return
 
-    def _adopt_or_close(self, port: object) -> None:
+    def _adopt_or_close(self, port: Port) -> None:
         if self._closing.is_set():
-            _close_quietly(port)
+            close_quietly(port)
         else:
             self._adopt(port)
             self._say(f"{self._port_name} is open again")
@@ -217,7 +182,7 @@ def is_missing(error: OSError) -> bool:
     return error.errno in MISSING
 
 
-def open_port(name: str, baud: int) -> object:
+def open_port(name: str, baud: int) -> Port:
     """An exclusive raw serial port, or OSError."""
     import serial
 
@@ -229,11 +194,6 @@ def open_port(name: str, baud: int) -> object:
     try:
         port.reset_input_buffer()
     except termios.error as error:  # no OSError: the adapter went while it was opened
-        _close_quietly(port)
+        close_quietly(port)
         raise OSError(*error.args) from None
-    return port
-
-
-def _close_quietly(port: object) -> None:
-    with contextlib.suppress(OSError):
-        port.close()  # type: ignore[attr-defined]
+    return cast(Port, port)

@@ -83,7 +83,7 @@ def test_the_serial_port_opens_again() -> None:
     name = os.ttyname(slave)
     try:
         with full(KEPT):
-            opened(lambda: open_port(name, 115200), DESCRIPTORS).close()  # type: ignore[attr-defined]
+            opened(lambda: open_port(name, 115200), DESCRIPTORS).close()
     finally:
         os.close(master)
         os.close(slave)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import os
 import termios
+import threading
+import time
 import tty
 from pathlib import Path
 
@@ -110,10 +112,41 @@ def test_an_answer_that_came_while_a_slow_tick_computed_still_counts(tmp_path: P
         drive.open()
         drive.write(COMMAND)
         os.write(master, answer(7))  # the loop has no turn before the next request
+        time.sleep(0.2)
         drive.write(COMMAND._replace(seq=8))
         sample, counts = drive.take()
         assert sample is not None and sample.seq == 7
         assert counts.unexpected_seq == 0
+        drive.close()
+
+    asyncio.run(run())
+    os.close(master)
+    os.close(slave)
+
+
+def test_a_kernel_that_does_not_hand_on_what_came_holds_no_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A read of a terminal waits for a worker of the kernel, which waits for its turn among ordinary processes."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    slow, waited, read = threading.Event(), [], os.read
+
+    def stuck(descriptor: int, count: int) -> bytes:
+        if descriptor not in (master, slave) and os.ttyname(descriptor) == os.ttyname(slave):
+            waited.append(slow.wait(5.0))
+        return read(descriptor, count)
+
+    async def run() -> None:
+        drive = SerialDrive(os.ttyname(slave), 115200, Codec(DEFAULT_LAYOUT, 115200), lambda: 0.0, 0.05)
+        drive.open()
+        monkeypatch.setattr(os, "read", stuck)
+        os.write(master, answer(6))
+        await asyncio.sleep(0.1)
+        for seq in (7, 8):
+            drive.write(COMMAND._replace(seq=seq))
+            assert drive.take()[1].lost is False
+            assert len(read(master, 100)) == 8
+        assert waited == []  # nobody waited in vain, and the ticks are through
+        slow.set()
         drive.close()
 
     asyncio.run(run())
