@@ -44,11 +44,15 @@ SHOWN = 20  # broken races told in full
 def played(seed: int, races: int, workers: int) -> list[Outcome]:
     """So many races in virtual time, on so many processes."""
     outcomes: list[Outcome] = []
-    with ProcessPoolExecutor(workers, max_tasks_per_child=RUNS_PER_WORKER) as pool:
-        waiting = [pool.submit(run, seed + index, count) for index, count in enumerate(_counts(races))]
-        for done in as_completed(waiting):
-            outcomes += done.result()
-            progress(f"{len(outcomes)} of {races} races in virtual time")
+    runs = list(enumerate(_counts(races)))
+    share = RUNS_PER_WORKER * workers
+    for first in range(0, len(runs), share):
+        # A pool for each share: one that replaces its workers by itself may stand still for good (Python 3.11).
+        with ProcessPoolExecutor(workers) as pool:
+            waiting = [pool.submit(run, seed + index, count) for index, count in runs[first : first + share]]
+            for done in as_completed(waiting):
+                outcomes += done.result()
+                progress(f"{len(outcomes)} of {races} races in virtual time")
     progress("")
     return sorted(outcomes, key=lambda outcome: outcome.seed)
 
