@@ -1,8 +1,10 @@
-# The two commands of a fresh machine are `make sim` and `make test`; they need Python 3.11 or newer and nothing else.
+# The two commands of a fresh machine are `make sim` and `make test`; they need Python 3.11 to 3.13 and nothing else.
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin/python
 PIP := $(RUN) -m pip install --quiet --disable-pip-version-check --no-input
+# Nothing but the wheels whose digests the lock files know: a source distribution would fetch build tools without any.
+LOCKED := $(PIP) --require-hashes --only-binary=:all:
 DURATION ?= 20
 OUT ?= build/figures
 
@@ -38,10 +40,10 @@ install: ## install on this Raspberry Pi (as root)
 uninstall: ## take it away again; recordings and configuration stay (PURGE=1: not even those)
 	$(PYTHON) tools/install.py uninstall $(INSTALL_FLAGS) $(if $(PURGE),--purge)
 
-lock: ## newest versions that fit into the lock files (PYTHON=python3.11)
-	$(PYTHON) tools/lock.py
+lock: ## newest versions that fit into the lock files, with digests (PYTHON=python3.11; KEEP=1: versions stay)
+	$(PYTHON) tools/lock.py $(if $(KEEP),--keep)
 
-wheels: $(VENV)/.runtime ## does every pinned package have wheels for the Raspberry Pi?
+wheels: $(VENV)/.runtime ## has every pinned package wheels for the Raspberry Pi, and are they the locked ones?
 	$(RUN) tools/check_wheels.py
 
 check-pi: $(VENV)/.runtime ## arm64 by emulation and the service under a real systemd (as root; ARGS=arm64 or systemd)
@@ -51,16 +53,17 @@ clean: ## remove the environment and everything that was built
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# Stamps: a second call only installs when a lock file or pyproject.toml has changed.
+# Stamps: a second call only installs when a lock file or pyproject.toml has changed. The checkout itself has no digest, pip
+# knows none for a folder: it is installed without dependencies, by the locked build backend that is there already.
 $(VENV)/bin/python:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "hoopd needs Python 3.11 or newer, this is " + sys.version.split()[0] + " (make PYTHON=python3.11)")'
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14) and "hoopd needs Python 3.11, 3.12 or 3.13, this is " + sys.version.split()[0] + " (make PYTHON=python3.11)")'
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.runtime: requirements.lock pyproject.toml | $(VENV)/bin/python
-	$(PIP) -r requirements.lock
+	$(LOCKED) -r requirements.lock
 	$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
 
 $(VENV)/.development: requirements-dev.lock $(VENV)/.runtime
-	$(PIP) -r requirements-dev.lock
+	$(LOCKED) -r requirements-dev.lock
 	@touch $@

@@ -209,12 +209,18 @@ def clock(period_s: float, resolution_s: float, lateness_s: Sequence[float]) -> 
 
 
 def cores(
-    allowed: set[int], present: set[int], isolated: set[int], lateness_s: dict[int, list[float]], period_s: float
+    allowed: set[int],
+    whose: str,
+    present: set[int],
+    isolated: set[int],
+    lateness_s: dict[int, list[float]],
+    period_s: float,
 ) -> CheckResult:
-    """Where the loop may run, who else may, and how late a timer wakes it there."""
+    """Where the loop may run by `whose` word, who else may, and how late a timer wakes it there."""
     worst = {core: max(late) for core, late in lateness_s.items() if late}
     late = ", ".join(f"{core} by {1e3 * seconds:.2f} ms" for core, seconds in worst.items())
-    granted = f"may run on {_listed(allowed)}; isolated: {_listed(isolated)}; timer late at worst on core {late or '-'}"
+    granted = f"may run on {_listed(allowed)} ({whose}); isolated: {_listed(isolated)}; timer late at worst on core "
+    granted += late or "-"
     wanted = "a core of its own, or all of them"
     verdict, advice = Verdict.WARN, ""
     if isolated and not allowed <= isolated:

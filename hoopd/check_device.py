@@ -21,7 +21,7 @@ from hoopd.check import Check, CheckResult, Verdict
 from hoopd.core.layout import Layout
 from hoopd.core.records import CameraSample
 from hoopd.files import InputError, parse_yaml, read_text
-from hoopd.shell import probe
+from hoopd.shell import cores, probe
 from hoopd.shell.clock import TickTimer
 from hoopd.shell.config import Config, find
 from hoopd.shell.link import is_missing
@@ -150,9 +150,11 @@ def _clock(period_s: float) -> CheckResult:
 
 
 def _cores(period_s: float) -> CheckResult:
-    allowed = os.sched_getaffinity(probe.service_pid())
+    pid, of_unit = probe.service_pid(), cores.unit_cores()
+    allowed = os.sched_getaffinity(pid) if pid or not of_unit else of_unit
+    whose = "the running service" if pid else "the unit" if of_unit else "this process"
     late = probe.core_lateness_s(allowed, FIFO_PRIORITY, period_s, CORE_TICKS)
-    return check.cores(allowed, set(range(os.cpu_count() or 1)), probe.isolated_cores(), late, period_s)
+    return check.cores(allowed, whose, cores.present_cores(), cores.isolated_cores(), late, period_s)
 
 
 def _disk(config: Config) -> CheckResult:

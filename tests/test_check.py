@@ -233,7 +233,8 @@ def test_unusable_input_is_not_a_row():
 )
 def test_cores(allowed, isolated, late_s, verdict, advice):
     late = {core: [0.00005, late_s] for core in allowed}
-    row = check.cores(allowed, {0, 1, 2, 3}, isolated, late, 0.02)
+    row = check.cores(allowed, "the unit", {0, 1, 2, 3}, isolated, late, 0.02)
     assert row.verdict is verdict
     assert advice in row.advice
     assert f"{1e3 * late_s:.2f} ms" in row.granted
+    assert "(the unit)" in row.granted

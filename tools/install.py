@@ -38,8 +38,10 @@ BACKUP_ENDING = ".hoopd-backup"
 LAMP_GPIO = "18"
 UDEV_RUNS = Path("/run/udev/control")
 GPIOS = [str(number) for number in range(2, 28)]
-# picamera2 is built for the distribution's numpy; this one of its parts must match the numpy of the venv.
-PICAMERA2_REBUILT = "simplejpeg"
+# Wheels whose digests are locked, and nothing that would have to be built.
+LOCKED = ("--require-hashes", "--only-binary=:all:")
+# picamera2 is built for the distribution's numpy; what is locked here must match the numpy of the venv.
+RUNTIME_LOCK, PICAMERA2_LOCK = SOURCE / "requirements.lock", SOURCE / "requirements-picamera2.lock"
 
 BEGIN, END = "# >>> hoopd: made by the installer, taken away by its uninstall >>>", "# <<< hoopd <<<"
 JOINED = "# (the line before had no end)"
@@ -205,12 +207,11 @@ def install_venv(target: Target, python: str, *, picamera2: bool) -> None:
     target.run(python, "-m", "venv", "--clear", *site, str(venv), needed=True)
     pip = [str(venv / "bin/python"), "-m", "pip", "install", "--no-input", "--disable-pip-version-check", "--quiet"]
     # Locked versions win over the distribution's, also where those can be seen.
-    target.run(
-        *pip, *(["--ignore-installed"] if picamera2 else []), "-r", str(SOURCE / "requirements.lock"), needed=True
-    )
+    anew = ["--ignore-installed"] if picamera2 else []
+    target.run(*pip, *LOCKED, *anew, "-r", str(RUNTIME_LOCK), needed=True)
     if picamera2:
-        target.run(*pip, "--ignore-installed", "--no-deps", PICAMERA2_REBUILT, needed=True)
-    # The build backend is in the lock too: nothing unpinned is fetched.
+        target.run(*pip, *LOCKED, *anew, "--no-deps", "-r", str(PICAMERA2_LOCK), needed=True)
+    # pip knows no digest for a folder; the build backend is in the lock too, so that nothing more is fetched.
     target.run(*pip, "--no-deps", "--no-build-isolation", str(SOURCE), needed=True)
     if not (target.live or target.dry_run):
         relocate(venv, target.root)

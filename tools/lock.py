@@ -1,41 +1,42 @@
 #!/usr/bin/env python3
-"""Writes the lock files: every package that pyproject.toml leads to, with the one version that is used everywhere.
+"""Writes the lock files: every package that pyproject.toml leads to, its version, and the digests of its files.
 
 Rules of this file: standard library and pip only. Locked with Python 3.11, the oldest that is supported, because a
-package may drop it before 3.13; `make wheels` then proves that 3.13 and the Raspberry Pi have the same versions.
+package may drop it before 3.13. Every package needs a wheel for every target (packageindex.TARGETS), or nothing is
+written: a Raspberry Pi would compile it for hours, with build tools that no digest covers.
   tools/lock.py              resolve anew in an environment of its own (make lock)
+  tools/lock.py --keep       the same with the versions that are locked now; only what is missing is added
   tools/lock.py --from-here  write down what the running interpreter has installed
 """
 
 from __future__ import annotations
 
 import argparse
-import re
 import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib.metadata import distribution
 from pathlib import Path
 
+import lockfile
+from lockfile import DEVELOPMENT, LOCKS, PICAMERA2, ROOT, RUNTIME, LockError, canonical
+from packageindex import TARGETS, Index
 from pip._vendor.packaging.requirements import Requirement
 
-ROOT = Path(__file__).resolve().parents[1]
 OLDEST = (3, 11)
 # `pip install --editable` asks the build backend for it.
 EDITABLE = "editables"
-RUNTIME, DEVELOPMENT = ROOT / "requirements.lock", ROOT / "requirements-dev.lock"
-HEADER = "# Made by `make lock`, checked by `make wheels`; one set for CPython 3.11 to 3.13 on x86-64 and aarch64.\n"
 
 
-def roots() -> tuple[list[str], list[str]]:
-    """Requirements of the daemon with its build backend, and those of development."""
+def roots() -> dict[Path, list[str]]:
+    """Lock file -> what it starts from: the daemon with its build backend, development, picamera2's own part."""
     with (ROOT / "pyproject.toml").open("rb") as stream:
         project = tomllib.load(stream)
-    runtime = [*project["project"]["dependencies"], *project["build-system"]["requires"], EDITABLE]
     extras = project["project"]["optional-dependencies"]
-    return runtime, [line for lines in extras.values() for line in lines if not line.startswith("hoopd")]
+    runtime = [*project["project"]["dependencies"], *project["build-system"]["requires"], EDITABLE]
+    return {RUNTIME: runtime, DEVELOPMENT: extras["dev"], PICAMERA2: extras["picamera2"]}
 
 
 def closure(requirements: Iterable[str]) -> dict[str, str]:
@@ -57,42 +58,58 @@ def closure(requirements: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def canonical(name: str) -> str:
-    """Package name as indexes compare it."""
-    return re.sub(r"[-_.]+", "-", name).lower()
+def digests(packages: Mapping[str, str], index: Index) -> dict[str, set[str]]:
+    """Name -> digests of all its files that fit a target. Raises LockError naming every wheel that is missing."""
+    found: dict[str, set[str]] = {name: set() for name in packages}
+    missing = []
+    for name, version in packages.items():
+        for target in TARGETS:
+            files = index.files(name, version, target)
+            found[name] |= {file.sha256 for file in files}
+            if not any(file.wheel for file in files):
+                missing.append(f"{name}=={version} for {target}")
+    if missing:
+        raise LockError(f"no wheel with a digest: {', '.join(missing)}")
+    return found
 
 
 def write() -> None:
-    """Both lock files, from the packages of the running interpreter."""
-    runtime, development = (closure(lines) for lines in roots())
-    RUNTIME.write_text(HEADER + lines_of(runtime), encoding="utf-8")
-    tools = {name: number for name, number in development.items() if name not in runtime}
-    DEVELOPMENT.write_text(HEADER + "-r requirements.lock\n" + lines_of(tools), encoding="utf-8")
-    print(f"{RUNTIME.name}: {len(runtime)} packages; {DEVELOPMENT.name}: {len(tools)} more")
+    """All lock files, from the packages of the running interpreter; none of them when one package lacks a wheel."""
+    packages = {path: closure(lines) for path, lines in roots().items()}
+    for path in (DEVELOPMENT, PICAMERA2):
+        packages[path] = {name: version for name, version in packages[path].items() if name not in packages[RUNTIME]}
+    found = digests({name: version for some in packages.values() for name, version in some.items()}, Index())
+    for path, versions in packages.items():
+        lockfile.write(path, versions, found, include=RUNTIME.name if path == DEVELOPMENT else "")
+        print(f"{path.name}: {len(versions)} packages, {sum(len(found[name]) for name in versions)} files")
 
 
-def lines_of(packages: dict[str, str]) -> str:
-    return "".join(f"{name}=={packages[name]}\n" for name in sorted(packages))
-
-
-def resolve() -> None:
-    """The newest versions that fit, in an environment made for it."""
+def resolve(*, keep: bool) -> None:
+    """The newest versions that fit, or with `keep` the locked ones, in an environment made for it."""
     with tempfile.TemporaryDirectory() as folder:
-        python = Path(folder) / "bin/python"
+        python, kept = Path(folder) / "bin/python", Path(folder) / "kept.txt"
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
-        runtime, development = roots()
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *runtime, *development], check=True)
+        versions = lockfile.versions(LOCKS) if keep else {}
+        kept.write_text("".join(f"{name}=={version}\n" for name, version in versions.items()), encoding="utf-8")
+        wanted = [line for lines in roots().values() for line in lines]
+        subprocess.run([python, "-m", "pip", "install", "--quiet", "--constraint", kept, *wanted], check=True)
         subprocess.run([python, __file__, "--from-here"], check=True)
 
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description="Write requirements.lock and requirements-dev.lock.")
+    parser = argparse.ArgumentParser(description="Write the lock files.")
     parser.add_argument("--from-here", action="store_true", help="take the versions that are installed here")
+    parser.add_argument("--keep", action="store_true", help="keep the versions that are locked now")
     options = parser.parse_args()
     if sys.version_info[:2] != OLDEST:
         sys.exit(f"lock: needs Python {OLDEST[0]}.{OLDEST[1]} (make lock PYTHON=python3.11)")
-    (write if options.from_here else resolve)()
+    try:
+        write() if options.from_here else resolve(keep=options.keep)
+    except LockError as error:
+        sys.exit(f"lock: {error}")
+    except subprocess.CalledProcessError as error:
+        sys.exit(f"lock: {Path(error.cmd[0]).name} ended with exit code {error.returncode}")
 
 
 if __name__ == "__main__":

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import shutil
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, MutableMapping
 
 import structlog
 
@@ -27,6 +28,29 @@ TELL_EVERY = 5  # refreshes: a second
 CLEAR_LINE = "\r\x1b[2K"
 
 
+# sd-daemon(3): the journal takes a line's priority from its first characters, and a line without them as info.
+PRIORITIES = {"critical": 2, "error": 3, "warning": 4, "info": 6, "debug": 7}
+
+
+def goes_to_journal(environ: Mapping[str, str] = os.environ) -> bool:
+    """Standard error is the journal's (systemd.exec(5), JOURNAL_STREAM)."""
+    with contextlib.suppress(OSError):
+        stream = os.fstat(2)
+        return environ.get("JOURNAL_STREAM", "") == f"{stream.st_dev}:{stream.st_ino}"
+    return False
+
+
+class WithPriority:
+    """A renderer whose lines begin with their priority for the journal."""
+
+    def __init__(self, renderer: Callable[..., str | bytes]) -> None:
+        self._renderer = renderer
+
+    def __call__(self, logger: object, method: str, event: MutableMapping[str, object]) -> str:
+        """The line; `method` is the level's name."""
+        return f"<{PRIORITIES.get(method, PRIORITIES['info'])}>{self._renderer(logger, method, event)!s}"
+
+
 def configure(form: str, level: str) -> None:
     """Set up structlog on standard error; `form` is auto, human or json."""
     human = form == "human" or (form == "auto" and sys.stderr.isatty())
@@ -35,7 +59,11 @@ def configure(form: str, level: str) -> None:
         structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty()) if human else structlog.processors.JSONRenderer()
     )
     structlog.configure(
-        processors=[structlog.processors.add_log_level, *stamp, renderer],
+        processors=[
+            structlog.processors.add_log_level,
+            *stamp,
+            WithPriority(renderer) if goes_to_journal() else renderer,
+        ],
         wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
         cache_logger_on_first_use=True,

@@ -27,7 +27,6 @@ from hoopd.shell.service import granted_realtime, lock_memory, raise_thread_prio
 # One tick: an answer takes 2.4 ms on the line at 115200 baud; whoever needs longer than a tick is too late anyway.
 ANSWER_S = 0.02
 THROTTLED_FILE = Path("/sys/devices/platform/soc/soc:firmware/get_throttled")
-ISOLATED_FILE = Path("/sys/devices/system/cpu/isolated")
 _TIME_ERROR = 5  # adjtimex: the clock is not synchronised
 _TIMEX_BYTES = 512  # struct timex has 208
 
@@ -133,19 +132,6 @@ def timer_lateness_s(period_s: float, ticks: int) -> list[float]:
             k += timer.expirations()
             late.append(timer.now() - timer.deadline(k))
     return late
-
-
-def isolated_cores() -> set[int]:
-    """Cores that the kernel leaves to those who ask for them (isolcpus); none where it does not say."""
-    with contextlib.suppress(OSError, ValueError):
-        return parse_cores(ISOLATED_FILE.read_text(encoding="ascii"))
-    return set()
-
-
-def parse_cores(text: str) -> set[int]:
-    """Numbers in a list of the kernel's, like "0-1,3"."""
-    spans = (part.partition("-") for part in text.strip().split(",") if part)
-    return {core for first, _, last in spans for core in range(int(first), int(last or first) + 1)}
 
 
 def core_lateness_s(cores: set[int], priority: int, period_s: float, ticks: int) -> dict[int, list[float]]:

@@ -21,6 +21,7 @@ import numpy as np
 from hoopd.files import InputError
 from hoopd.shell.child import KILL_AFTER_S, end, end_with_parent, pending, readable, widen
 from hoopd.shell.config import Camera
+from hoopd.shell.cores import off_isolated_cores
 from hoopd.shell.metadata import MetadataStream
 from hoopd.shell.pictures import CANCEL_STEP_S, STAMP_TO_MIDDLE, CameraError, Clock, Frame, Stamps
 from hoopd.shell.service import settle_helper_thread
@@ -66,6 +67,7 @@ class RpicamVid:
         red, blue = camera.awb_gains
         return [
             *end_with_parent(),
+            *off_isolated_cores(),
             *camera.command,
             *("-n", "-t", "0", "--codec", "yuv420", "--flush", "-o", "-"),
             *("--width", str(camera.width_px), "--height", str(camera.height_px), "--framerate", f"{camera.fps:g}"),

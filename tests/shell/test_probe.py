@@ -127,11 +127,6 @@ def test_memory_lock_probe():
     assert out.stdout == "True\n"
 
 
-@pytest.mark.parametrize(("text", "cores"), [("\n", set()), ("3\n", {3}), ("0-1,3\n", {0, 1, 3}), ("2,3", {2, 3})])
-def test_lists_of_cores(text, cores):
-    assert probe.parse_cores(text) == cores
-
-
 def test_lateness_is_measured_on_each_core_and_leaves_the_caller_where_it_was():
     allowed = os.sched_getaffinity(0)
     late = probe.core_lateness_s(allowed | {4096}, 1, 0.005, 3)

@@ -58,11 +58,11 @@ def process(command: list[str], **options: Any) -> Iterator[subprocess.Popen[byt
 
 
 @contextmanager
-def busy_processes(count: int) -> Iterator[None]:
-    """Processes that want a whole core each, with ordinary priority."""
+def busy_processes(count: int, nice: int = 0) -> Iterator[None]:
+    """Processes that want a whole core each, with ordinary priority at this niceness."""
     with contextlib.ExitStack() as stack:
         for _ in range(count):
-            stack.enter_context(process([sys.executable, "-c", BUSY]))
+            stack.enter_context(process(["nice", "-n", str(nice), sys.executable, "-c", BUSY]))
         yield
 
 

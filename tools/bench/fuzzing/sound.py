@@ -1,0 +1,167 @@
+"""Sound files of every kind that the program reads, small and quickly read: what the cases spoil.
+
+Rules of this file: made by the program itself where it writes that kind; the same in every process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+
+from fuzzing import schema
+from hoopd.app import Options, run_daemon
+from hoopd.recording import load, save
+from hoopd.recording.edit import between
+from hoopd.shell import config as configuration
+from hoopd.shipped import defaults_folder
+from hoopd.yamltext import text_of
+
+ROOT = Path(__file__).resolve().parents[3]
+RUN_S = 1.6
+_EXAMPLE = re.compile(r"```python\n(.*?)```", re.DOTALL)
+# kind of file -> its extension
+EXTENSIONS = {
+    "configuration": ".yaml",
+    "model": ".yaml",
+    "controller": ".yaml",
+    "experiment table": ".yaml",
+    "frame layout": ".yaml",
+    "identified model": ".yaml",
+    "law": ".py",
+    "effects": ".py",
+    "mcap": ".mcap",
+    "mat": ".mat",
+    "hdf5": ".h5",
+    "csv": ".csv",
+    "positions csv": ".csv",
+    "positions npy": ".npy",
+    "picture": ".png",
+}
+
+
+def make(folder: Path) -> None:
+    """One file of each kind, named after it."""
+    for kind, maker in _MAKERS.items():
+        maker(path_of(folder, kind))
+
+
+def path_of(folder: Path, kind: str) -> Path:
+    """Where the sound file of a kind stands."""
+    return folder / f"sound {kind}{EXTENSIONS[kind]}".replace(" ", "_")
+
+
+def _configuration(path: Path) -> None:
+    config = configuration.load(None, sim=True, overrides=[])
+    data = msgspec.to_builtins(config)
+    data["sim"]["faults"] = [{"kind": "late_pictures", "at_s": 0.02, "for_s": 0.1, "params": {"delay_s": 0.04}}]
+    data["sim"]["commands"] = [{"at_s": 0.0, "name": "reference", "value": 0.01}]
+    data["sim"]["effects"] = [{"name": "hoop.coulomb_friction", "parameters": {"Fc": 0.008}}]
+    path.write_text(text_of(data))
+
+
+def _shipped(name: str) -> Any:
+    return lambda path: path.write_text((defaults_folder() / name).read_text())
+
+
+def _example(page: str) -> Any:
+    """The first program of a page of the documentation."""
+    text = (ROOT / "docs" / page).read_text()
+    return lambda path: path.write_text(_EXAMPLE.search(text)[1])  # type: ignore[index]
+
+
+def _table(path: Path) -> None:
+    text = (defaults_folder() / "controllers/lqg.yaml").read_text()
+    data = configuration.parse_yaml(text, path)
+    around = {"kind": "lqg", "gains": data["gains"]}
+    limits = {"torque_nm": 0.3, "hoop_speed_rad_s": 45.0, "ball_angle_rad": 1.25}
+    ticks = {"soft_start_ticks": 5, "soft_end_ticks": 5, "centring_nm_per_rad_s": 0.01}
+    data |= {"kind": "excitation", "gains": {"table_nm": [0.1, -0.1] * 20, **limits, **ticks, "around": around}}
+    path.write_text(text_of(data))
+
+
+def _layout(path: Path) -> None:
+    path.write_text(text_of(schema.layout_table()))
+
+
+def _identified(path: Path) -> None:
+    eye = [[0.99, 0.0, 0.0], [0.0, 0.98, 0.02], [0.0, -0.4, 0.97]]
+    path.write_text(
+        text_of(
+            {
+                "schema": "hoopd.identified/1",
+                "name": "x",
+                "method": "subspace",
+                "sample_time_s": 0.02,
+                "inputs": ["u"],
+                "outputs": ["dtheta", "psi"],
+                "a": eye,
+                "b": [[5.0], [0.01], [0.4]],
+                "c": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+                "d": [[0.0], [0.0]],
+                "k": [[0.1, 0.0], [0.0, 0.3], [0.0, 0.5]],
+                "r": [[0.01, 0.0], [0.0, 1e-4]],
+            }
+        )
+    )
+
+
+def _run(path: Path) -> None:
+    """A run of the daemon, as it records it."""
+    table = "sim.commands=[{at_s: 0.5, name: reference, value: 0.05}, {at_s: 1.0, name: reference, value: -0.05}]"
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        options = Options(sim=True, duration_s=RUN_S, speed="max", direct=True, record=path.parent, sets=(table,))
+        run_daemon(options)
+    for made in path.parent.glob("run-*.mcap"):
+        made.rename(path)
+
+
+def _converted(path: Path) -> None:
+    source = path_of(path.parent, "mcap")
+    save(between(load(source), 0.2, 1.4), path)
+
+
+def _points() -> Any:
+    angle = np.linspace(-0.9, 0.9, 300)
+    return np.column_stack([240.0 - 182.0 * np.sin(angle), 240.0 + 182.0 * np.cos(angle)])
+
+
+def _positions_csv(path: Path) -> None:
+    rows = "\n".join(f"{x:.3f},{y:.3f}" for x, y in _points())
+    path.write_text(f"x_px,y_px\n{rows}\n")
+
+
+def _positions_npy(path: Path) -> None:
+    np.save(path, _points())
+
+
+def _picture(path: Path) -> None:
+    image = np.full((480, 480, 3), 90, np.uint8)
+    cv2.circle(image, (240, 240), 205, (30, 30, 30), 8)
+    cv2.circle(image, (240, 422), 23, (30, 30, 200), -1)
+    path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
+
+
+_MAKERS: dict[str, Any] = {
+    "configuration": _configuration,
+    "model": _shipped("models/hoop.yaml"),
+    "controller": _shipped("controllers/lqg.yaml"),
+    "experiment table": _table,
+    "frame layout": _layout,
+    "identified model": _identified,
+    "law": _example("laws.md"),
+    "effects": _example("effects.md"),
+    "mcap": _run,
+    "mat": _converted,
+    "hdf5": _converted,
+    "csv": _converted,
+    "positions csv": _positions_csv,
+    "positions npy": _positions_npy,
+    "picture": _picture,
+}

@@ -1,0 +1,98 @@
+"""Cases as processes of the installed program: what a terminal would show, what the machine had to give.
+
+Rules of this file: judged from outside alone: exit code, standard error, time and memory by the kernel's account.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from fuzzing import cases, outcome
+from fuzzing.outcome import Outcome
+
+# The kernel counts into a child's peak what its parent held when it was born: a small one bears it and tells.
+LAUNCHER = """
+import json, os, signal, sys
+child = os.posix_spawn(sys.argv[2], sys.argv[2:], os.environ)
+signal.signal(signal.SIGTERM, lambda *_: os.kill(child, signal.SIGTERM))
+while True:
+    try:
+        _, status, usage = os.wait4(child, 0)
+        break
+    except InterruptedError:
+        pass
+told = {"status": os.waitstatus_to_exitcode(status), "s": usage.ru_utime + usage.ru_stime, "kB": usage.ru_maxrss}
+open(sys.argv[1], "w").write(json.dumps(told))
+"""
+MARK = "a mistake of this program"
+CODES = {0: outcome.ACCEPTED, 1: outcome.ACCEPTED, 2: outcome.REFUSED, 3: outcome.REFUSED}
+
+
+def try_case(seed: str, number: int, sounds: Path) -> Outcome:
+    """One case as a process."""
+    folder = Path(tempfile.mkdtemp(prefix="hoopd-fuzz-"))
+    try:
+        case = cases.make(seed, number, sounds, folder, whole=True)
+        environment = os.environ | {
+            "XDG_STATE_HOME": str(folder / "state"),
+            "XDG_RUNTIME_DIR": str(folder),
+            "PYTHONPATH": str(cases.sound.ROOT),
+        }
+        return _watched(number, case, folder, environment)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _watched(number: int, case: cases.Case, folder: Path, environment: dict[str, str]) -> Outcome:
+    told = folder / "told.json"
+    program = [sys.executable, "-m", "hoopd", *case.arguments]
+    with (folder / "stderr").open("wb+") as errors:
+        child = subprocess.Popen(
+            [sys.executable, "-I", "-S", "-c", LAUNCHER, str(told), *program],
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=errors,
+            start_new_session=True,
+        )
+        ended = _waited(child)
+        errors.seek(0)
+        said = errors.read(2**20).decode(errors="replace")
+    if not told.exists():
+        return Outcome(number, case.kind, outcome.BEYOND, 0.0, 0.0, f"does not end after SIGTERM: {said[-200:]}")
+    figures = json.loads(told.read_text())
+    verdict, line = _verdict(figures["status"], said, ended=ended)
+    found = Outcome(number, case.kind, verdict, figures["s"], figures["kB"] * 1024 / 1e6, line)
+    return outcome.judged(found, outcome.MAX_BYTES)
+
+
+def _waited(child: subprocess.Popen[bytes]) -> bool:
+    """Whether it had to be ended."""
+    for patience_s, end in ((outcome.MAX_WALL_S, signal.SIGTERM), (10.0, signal.SIGKILL)):
+        try:
+            child.wait(patience_s)
+            return end == signal.SIGKILL
+        except subprocess.TimeoutExpired:
+            os.killpg(child.pid, end)
+    child.wait()
+    return True
+
+
+def _verdict(status: int, said: str, *, ended: bool) -> tuple[str, str]:
+    lines = said.strip().splitlines()
+    last = lines[-1][: outcome.MAX_LINE_CHARS] if lines else ""
+    if "Traceback" in said or MARK in said or status not in (*CODES, -signal.SIGTERM, 128 + signal.SIGINT):
+        return outcome.UNFORESEEN, f"exit code {status}: {last}"
+    if CODES.get(status) == outcome.REFUSED and len(lines) != 1:
+        return outcome.UNFORESEEN, f"{len(lines)} lines: {last}"
+    if ended:
+        return outcome.ACCEPTED, "cut"
+    return CODES.get(status, outcome.ACCEPTED), last
