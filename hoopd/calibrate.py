@@ -14,6 +14,7 @@ import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.files import InputError, os_reason
+from hoopd.files import InputError, read_bytes
 from hoopd.recording.mcap import read_run
 from hoopd.vision.calibration import CalibrationError, Proposal, RunProposal, propose, propose_from_run
 from hoopd.vision.circles import Circle
@@ -32,6 +33,7 @@ Image = NDArray[np.uint8]
 T = TypeVar("T")
 CONFIG_KEYS = ("weights", "threshold", "circle_px", "zero_angle_rad", "ball_radius_px", "band_px")
 LARGEST_FILE_BYTES = 2**26  # a raw picture of the largest size; a device file has no end
+LARGEST_TABLE_BYTES = 2**22  # two hours of pictures
 LARGEST_POSITION_PX = 1e5
 LARGEST_SIDE_PX = 4096  # a larger picture is no camera's of this device and would take minutes
 
@@ -137,7 +139,7 @@ def config_fragment(result: dict[str, Any]) -> str:
 
 def read_picture(path: Path) -> Image:
     """Picture as blue, green, red of uint8."""
-    data = np.frombuffer(read_bytes(path), np.uint8)
+    data = np.frombuffer(read_bytes(path, LARGEST_FILE_BYTES), np.uint8)
     try:
         with silent_libraries():
             image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
@@ -187,9 +189,9 @@ def read_recording(path: Path) -> NDArray[np.float64]:
 
 def read_npy(path: Path) -> NDArray[np.float64]:
     """First two columns of a numeric array."""
-    read_bytes(path)
+    data = read_bytes(path, LARGEST_FILE_BYTES)
     try:
-        array = np.load(path, allow_pickle=False)
+        array = np.load(BytesIO(data), allow_pickle=False)
         if array.dtype.kind not in "iuf":
             raise TypeError(array.dtype)
         points = np.asarray(array, np.float64)
@@ -203,7 +205,7 @@ def read_npy(path: Path) -> NDArray[np.float64]:
 def read_csv(path: Path) -> NDArray[np.float64]:
     """Columns x_px and y_px; an empty field is a missing position."""
     try:
-        text = read_bytes(path).decode("utf-8-sig")  # spreadsheets write a byte order mark
+        text = read_bytes(path, LARGEST_TABLE_BYTES).decode("utf-8-sig")  # spreadsheets write a byte order mark
     except UnicodeDecodeError:
         raise InputError(path, "", "not a text file") from None
     try:
@@ -229,18 +231,6 @@ def number(text: str | None, path: Path, where: str) -> float:
         return float(text)
     except ValueError:
         raise InputError(path, where, f"expected a number, got {text!r}") from None
-
-
-def read_bytes(path: Path) -> bytes:
-    """Content of a file."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(LARGEST_FILE_BYTES + 1)
-    except (OSError, ValueError) as error:
-        raise InputError(path, "", os_reason(error)) from None
-    if len(data) > LARGEST_FILE_BYTES:
-        raise InputError(path, "", f"larger than {LARGEST_FILE_BYTES} bytes")
-    return data
 
 
 def write_text(path: Path, text: str) -> None:

@@ -47,6 +47,9 @@ _QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*([A-Za-z][A-Za-z /0-9]*)?\s*$")
 _AT = re.compile(r" - at `\$\.?([^`]*)`$")
 # Thousands of times what any of our files holds: what is larger (a picture, a device file) is not one of them.
 MAX_FILE_BYTES = 2**20
+# Of numbers as they are measured zlib and zstd leave a third to a twelfth, of a run at a standstill as little.
+UNPACKED_RATIO = 32
+UNPACKED_FREE_BYTES = 8 * 2**20
 # A line for a person: of a value that is longer its beginning tells enough.
 MAX_PART_CHARS = 300
 
@@ -67,29 +70,41 @@ class PortMissingError(InputError):
     """The board's port cannot be had now: absent, busy, or not ours yet; later it may be, so the exit code is 3."""
 
 
-def open_regular(path: Path) -> BinaryIO:
-    """An open file of a disk; InputError for a pipe, which may never say a word, and a device, which has no end."""
+def open_regular(path: Path, max_bytes: int) -> BinaryIO:
+    """An open file of a disk, of bounded size; InputError for everything else.
+
+    Whatever reads a file that a user names comes here: a pipe may never say a word, a device has no end.
+    """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe is not waited for
     except (OSError, ValueError) as error:
         raise InputError(path, "", os_reason(error)) from None
-    mode = os.fstat(handle).st_mode
-    if stat.S_ISREG(mode):
+    status = os.fstat(handle)
+    if stat.S_ISREG(status.st_mode) and status.st_size <= max_bytes:
         return os.fdopen(handle, "rb")
     os.close(handle)
-    raise InputError(path, "", "is a directory" if stat.S_ISDIR(mode) else "not a file")
+    if stat.S_ISREG(status.st_mode):
+        raise InputError(path, "", f"larger than {max_bytes} bytes: no file of this kind")
+    raise InputError(path, "", "is a directory, not a file" if stat.S_ISDIR(status.st_mode) else "not a file")
 
 
 def read_bytes(path: Path, max_bytes: int) -> bytes:
     """Content of a file; InputError when it is none, is larger or cannot be read."""
-    with open_regular(path) as file:
+    with open_regular(path, max_bytes) as file:
+        # Python takes the memory that it is asked to fill at once; the kernel's own files say a size of 0.
+        count = min(max_bytes, max(os.fstat(file.fileno()).st_size, MAX_FILE_BYTES))
         try:
-            data = file.read(max_bytes + 1)
+            data = file.read(count + 1)
         except OSError as error:
             raise InputError(path, "", os_reason(error)) from None
-    if len(data) > max_bytes:
-        raise InputError(path, "", f"larger than {max_bytes} bytes: no file of this program")
+    if len(data) > count:
+        raise InputError(path, "", f"larger than {max_bytes} bytes: no file of this kind")
     return data
+
+
+def unpacked_limit(packed_bytes: int) -> int:
+    """How many bytes a packed file may become: what claims more is no recording, and would fill the memory."""
+    return UNPACKED_FREE_BYTES + UNPACKED_RATIO * packed_bytes
 
 
 def read_text(path: Path) -> str:

@@ -9,35 +9,28 @@ import contextlib
 import os
 import tempfile
 from pathlib import Path
+from typing import BinaryIO
 
-from hoopd.files import InputError, os_reason
+from hoopd.files import InputError, open_regular, os_reason, read_bytes
 
 MAX_FILE_BYTES = 2**29  # a week of a .mat file; larger ones are something else
 
 
-def require_file(path: Path, max_bytes: int = MAX_FILE_BYTES) -> None:
-    """InputError unless the path is a readable, non-empty file of bounded size."""
-    try:
-        if not path.is_file():  # a device has no end
-            raise InputError(path, "", "not a file" if path.exists() else "no such file")
-        size = path.stat().st_size
-    except InputError:
-        raise
-    except (OSError, ValueError) as error:
-        raise InputError(path, "", os_reason(error)) from None
-    if not size:
-        raise InputError(path, "", "the file is empty")
-    if size > max_bytes:
-        raise InputError(path, "", f"larger than {max_bytes} bytes: no recording of this kind")
+def opened(path: Path, max_bytes: int = MAX_FILE_BYTES) -> BinaryIO:
+    """An open, non-empty file of bounded size; InputError when it is none."""
+    file = open_regular(path, max_bytes)
+    if os.fstat(file.fileno()).st_size:
+        return file
+    file.close()
+    raise InputError(path, "", "the file is empty")
 
 
 def file_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
-    """Content of a file; InputError when it cannot be read."""
-    require_file(path, max_bytes)
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(path, "", os_reason(error)) from None
+    """Content of a non-empty file; InputError when it cannot be read."""
+    data = read_bytes(path, max_bytes)
+    if not data:
+        raise InputError(path, "", "the file is empty")
+    return data
 
 
 def check_target(path: Path, option: str) -> None:

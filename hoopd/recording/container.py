@@ -9,6 +9,7 @@ Nothing is written between two flushes, a partial write is continued, and the sa
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
@@ -24,13 +25,15 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
+from hoopd.files import unpacked_limit
+
 # A message's record before its data: opcode and length, channel, sequence, log and publish time. The package packs them
 # one by one, which costs 3 us a message under the interpreter's lock, a hundred times a second.
 _MESSAGE = struct.Struct("<BQHIQQ")
 _RECORD_HEAD_BYTES = 9  # opcode and length, which the length leaves out
 CHUNK_BYTES = 64 * 1024  # a chunk is closed at this size even without a flush: bounds what is held in memory
-# A chunk of ours is CHUNK_BYTES and one row more; what claims more than this would fill the memory before it fails.
-MAX_CHUNK_BYTES = 64 * 2**20
+# A chunk of ours is CHUNK_BYTES and one row more, of MCAP's own programs 4 MiB at most.
+MAX_CHUNK_BYTES = 4 * 2**20 + CHUNK_BYTES
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError, MemoryError, RuntimeError)
 
 
@@ -239,12 +242,14 @@ def stream(data: bytes, scan: Scan) -> Iterator[records.Message | records.Metada
     """Messages and metadata in file order up to the first byte that is no record; ValueError when not MCAP at all."""
     if not data.startswith(MCAP0_MAGIC):
         raise ValueError("not an MCAP file")
-    position = len(MCAP0_MAGIC)
+    position, unpacked, limit = len(MCAP0_MAGIC), 0, unpacked_limit(len(data))
     while (length := _record_length(data, position)) is not None:
         body = data[position + 9 : position + 9 + length]
         if data[position] == Opcode.DATA_END:
             scan.closed = True
             return
+        if data[position] == Opcode.CHUNK and (unpacked := unpacked + _unpacked_bytes(body)) > limit:
+            raise ValueError(f"unpacks to more than {limit} bytes: no recording")
         yield from _contents(data[position], body, scan)
         position += 9 + length
     scan.lost_bytes = len(data) - position
@@ -256,6 +261,13 @@ def _record_length(data: bytes, position: int) -> int | None:
         return None
     (length,) = struct.unpack_from("<Q", data, position + 1)
     return length if position + 9 + length <= len(data) else None
+
+
+def _unpacked_bytes(chunk: bytes) -> int:
+    """What a chunk's records will take, 0 for one that is refused before it is unpacked."""
+    with contextlib.suppress(*_DAMAGE):
+        return _claimed(_sound(records.Chunk.read(ReadDataStream(BytesIO(chunk)))))
+    return 0
 
 
 def _contents(opcode: int, body: bytes, scan: Scan) -> Iterator[records.Message | records.Metadata]:
@@ -282,9 +294,13 @@ def _unpack(opcode: int, body: bytes) -> list[Any]:
 
 def _sound(chunk: records.Chunk) -> records.Chunk:
     """The chunk, unless it is larger unpacked than any of ours, or than it says itself; ValueError then."""
-    claimed = chunk.uncompressed_size
-    if chunk.compression == "zstd":
-        claimed = max(claimed, zstandard.frame_content_size(chunk.data))
+    claimed = _claimed(chunk)
     if claimed > MAX_CHUNK_BYTES or chunk.compression not in ("", "zstd"):
         raise ValueError(f"a chunk of {claimed} bytes, packed as {chunk.compression!r}")
     return chunk
+
+
+def _claimed(chunk: records.Chunk) -> int:
+    """Bytes that a chunk says to unpack to."""
+    packed = zstandard.frame_content_size(chunk.data) if chunk.compression == "zstd" else len(chunk.data)
+    return max(int(chunk.uncompressed_size), packed)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Iterator
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files import InputError, os_reason
-from hoopd.recording.bytesof import require_file
+from hoopd.recording.bytesof import opened
 from hoopd.recording.recording import Recording
 from hoopd.recording.tables import MAX_ROWS, NAME_THEM, NAMES, SKIP, column_names, recording_of, refuse_double
 
@@ -31,9 +32,8 @@ def read(path: Path, columns: str | None = None) -> Recording:
 
     columns: what the columns after `t` hold, in order, against the header's names.
     """
-    require_file(path, MAX_FILE_BYTES)
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with TextIOWrapper(opened(path, MAX_FILE_BYTES), encoding="utf-8-sig", newline="") as file:
             return _read(file, path, columns)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, "", os_reason(error)) from None

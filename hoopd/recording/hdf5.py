@@ -17,10 +17,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from hoopd.files import InputError
-from hoopd.recording.bytesof import require_file
+from hoopd.files import InputError, unpacked_limit
+from hoopd.recording.bytesof import opened as opened_file
 from hoopd.recording.recording import Recording
-from hoopd.recording.tables import INPUT_AND_STATES, MAX_ROWS, by_row, column_names, named, recording_of, vector
+from hoopd.recording.tables import INPUT_AND_STATES, by_row, column_names, named, recording_of, vector
 
 FIELDS = {"current": "Current", "y_t": "y_t", "psi_t": "psi_t"}
 NEEDED = ("Timestamps", "States", "Input")
@@ -62,7 +62,8 @@ def encode(recording: Recording, fields: dict[str, Any]) -> bytes:
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
     """An HDF5 file; whatever its damage makes the library say is one InputError."""
-    require_file(path)
+    with opened_file(path):  # a file, not empty, of bounded size
+        pass
     try:
         with h5py.File(path, "r") as file:
             yield file
@@ -77,16 +78,28 @@ def datasets(group: Any, names: Iterable[str], path: Path, key: str) -> dict[str
     """Those of the named arrays that a group has; InputError when it is none, or one is no array of numbers."""
     if not isinstance(group, h5py.Group):
         raise InputError(path, key, "expected a group with arrays")
-    return {name: _array(group[name], path, f"{key}/{name}") for name in names if name in group}
+    left, arrays = unpacked_limit(path.stat().st_size), {}
+    for name in names:
+        if own(group, name):
+            arrays[name] = _array(group[name], path, f"{key}/{name}", left)
+            left -= arrays[name].nbytes
+    return arrays
 
 
-def _array(dataset: Any, path: Path, key: str) -> Any:
+def own(group: h5py.Group, name: str) -> bool:
+    """The group has it itself; links are not followed: they may lead into another file, and that may be a pipe."""
+    return isinstance(group.get(name, getlink=True), h5py.HardLink)
+
+
+def _array(dataset: Any, path: Path, key: str, limit: int) -> Any:
     if not isinstance(dataset, h5py.Dataset):
         raise InputError(path, key, "expected an array, found a group")
-    if dataset.shape is None or dataset.size > 4 * MAX_ROWS:
-        raise InputError(path, key, f"an array of {dataset.size or 0} values: no recording")
+    if dataset.is_virtual or dataset.external:
+        raise InputError(path, key, "its numbers stand in another file")
     if dataset.dtype.kind not in "fiu":
         raise InputError(path, key, f"expected real numbers, found {dataset.dtype}")
+    if dataset.shape is None or dataset.nbytes > limit:
+        raise InputError(path, key, f"an array of {dataset.size or 0} values: no recording")
     return dataset[()]
 
 
@@ -99,11 +112,15 @@ def _text(item: Any, name: str) -> bytes:
 
 
 def _experiments(file: h5py.File, path: Path) -> tuple[str, ...]:
-    names = [name for name in file if isinstance(file.get(name), h5py.Group) and "Timestamps" in file[name]]
+    names = [name for name in file if _is_experiment(file, name)]
     if not names:
         held = f"; it holds {', '.join(list(file)[:8])}" if len(file) else "; it holds nothing"
         raise InputError(path, "", f"no group with {', '.join(NEEDED)} (Exp1, Exp2, ...){held}")
     return tuple(sorted(names, key=_natural))
+
+
+def _is_experiment(file: h5py.File, name: str) -> bool:
+    return own(file, name) and isinstance(file[name], h5py.Group) and own(file[name], "Timestamps")
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

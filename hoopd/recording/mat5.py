@@ -13,10 +13,13 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hoopd.files import unpacked_limit
 
 HEAD_BYTES = 128
 VERSIONS = {0x0100: 5, 0x0200: 73}  # 73: HDF5 behind a MATLAB header
@@ -28,7 +31,8 @@ INT8, INT32, UINT32 = 1, 5, 6
 STRUCT, NUMBERS = 2, range(6, 16)  # classes; double, single, int8 to uint64
 COMPLEX = 0x0800  # flag
 CLASSES = {1: "a cell array", 2: "a struct", 3: "an object", 4: "text", 5: "a sparse matrix"}
-MAX_BYTES = 2**30  # unpacked: what claims more would fill the memory before it fails
+# Of a packed variable, what tells its name: three elements, of which MATLAB lets a name be 63 characters.
+NAMED_BYTES = 1024
 
 
 class Element(NamedTuple):
@@ -69,14 +73,23 @@ def version(data: bytes) -> int:
     return VERSIONS[number]
 
 
-def variables(data: bytes) -> Iterator[Array]:
-    """The arrays of a file, in its order; ValueError at the first damage."""
-    order = _order(data)
+def variables(data: bytes, wanted: str) -> Iterator[Array]:
+    """The arrays of a file, in its order; ValueError at the first damage.
+
+    Packed ones of another name come without content: what nobody asks for is not unpacked.
+    """
+    order, left = _order(data), unpacked_limit(len(data))
     for element in _elements(memoryview(data)[HEAD_BYTES:], order, top=True):
-        if element.kind == COMPRESSED:
-            yield from map(_array, _elements(memoryview(_unpacked(element.data)), order))
-        else:
+        if element.kind != COMPRESSED:
             yield _array(element)
+            continue
+        name = _packed_name(element.data, order)
+        if name != wanted:
+            yield Array(name, 0, (0, 0), ())
+            continue
+        plain = _unpacked(element.data, left)
+        left -= len(plain)
+        yield from map(_array, _elements(memoryview(plain), order))
 
 
 def fields(array: Array) -> dict[str, Array]:
@@ -117,15 +130,33 @@ def _text(data: bytes) -> str:
     return data.split(b"\0")[0].decode("ascii", "replace")
 
 
-def _unpacked(data: memoryview) -> bytes:
-    machine = zlib.decompressobj()
-    try:
-        plain = machine.decompress(data, MAX_BYTES)
-    except zlib.error as error:
-        raise ValueError(str(error)) from None
-    if not machine.eof:
+def _unpacked(data: memoryview, limit: int) -> bytes:
+    plain, whole = _begun(data, limit + 1)
+    if len(plain) > limit:
+        raise ValueError(f"a packed element of more than {limit} bytes: no recording")
+    if not whole:
         raise ValueError("a packed element without an end")
     return plain
+
+
+def _begun(data: memoryview, count: int) -> tuple[bytes, bool]:
+    """At most so many unpacked bytes, and whether they are all."""
+    machine = zlib.decompressobj()
+    try:
+        return machine.decompress(data, count), machine.eof
+    except zlib.error as error:
+        raise ValueError(str(error)) from None
+
+
+def _packed_name(data: memoryview, order: str) -> str:
+    """Name of a packed array; ValueError when it is none."""
+    head = memoryview(_begun(data, NAMED_BYTES)[0])
+    if len(head) < 8 or struct.unpack_from(order + "I", head)[0] != MATRIX:
+        raise ValueError("expected an array")
+    parts = list(islice(_elements(head[8:], order), 3))
+    if len(parts) < 3:
+        raise ValueError("an array without flags, dimensions and name")
+    return _text(bytes(parts[2].data))
 
 
 def _elements(data: memoryview, order: str, *, top: bool = False) -> Iterator[Element]:

@@ -46,7 +46,7 @@ def _fields(data: bytes, path: Path) -> dict[str, Any]:
     try:
         if mat5.version(data) == 73:
             return _fields_of_hdf5(path)
-        arrays = {array.name: array for array in mat5.variables(data)}
+        arrays = {array.name: array for array in mat5.variables(data, STRUCT)}
     except InputError:
         raise
     except ValueError as error:
@@ -72,10 +72,10 @@ def _fields_of_struct(array: mat5.Array, path: Path) -> dict[str, Any]:
 
 def _fields_of_hdf5(path: Path) -> dict[str, Any]:
     """Fields of the struct in a file of version 7.3."""
-    from hoopd.recording.hdf5 import datasets, opened
+    from hoopd.recording.hdf5 import datasets, opened, own
 
     with opened(path) as file:
-        if STRUCT not in file:
+        if not own(file, STRUCT):
             raise InputError(path, STRUCT, "no such struct in the file")
         return datasets(file[STRUCT], ("Time", "Data", *FIELDS.values()), path, STRUCT)
 

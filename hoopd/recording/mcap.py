@@ -18,8 +18,9 @@ from mcap import records
 from mcap.writer import MCAP0_MAGIC
 
 from hoopd.core.records import Inputs, TickRecord
-from hoopd.files import InputError
+from hoopd.files import InputError, os_reason
 from hoopd.recording import rows
+from hoopd.recording.bytesof import opened
 from hoopd.recording.container import ChunkedFile, Scan, stream
 from hoopd.recording.recording import Recording, from_columns
 from hoopd.recording.schemas import CHANNELS, Event, schema_bytes
@@ -221,15 +222,8 @@ def _foreign(scan: Scan) -> str:
 
 def _bytes(path: Path) -> bytes:
     try:
-        if not Path(path).is_file():  # a device has no end
-            raise InputError(path, "", "no such file" if not Path(path).exists() else "not a file")
-        if Path(path).stat().st_size > MAX_FILE_BYTES:
-            raise InputError(path, "", f"larger than {MAX_FILE_BYTES} bytes: no recording of hoopd")
-        with Path(path).open("rb") as file:
+        with opened(Path(path), MAX_FILE_BYTES) as file:
             head = file.read(len(MCAP0_MAGIC))  # looked at before the rest is in memory
-            data = head + file.read() if head == MCAP0_MAGIC else head
+            return head + file.read() if head == MCAP0_MAGIC else head
     except OSError as error:
-        raise InputError(path, "", (error.strerror or "cannot be read").lower()) from None
-    if not data:
-        raise InputError(path, "", "the file is empty")
-    return data
+        raise InputError(path, "", os_reason(error)) from None

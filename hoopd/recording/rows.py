@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Callable, Mapping
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -20,6 +20,9 @@ from hoopd.recording.schemas import RECORDS, Event
 
 # Fields that recordings made before them lack, and what they are then.
 LATER_FIELDS: Mapping[type, Mapping[str, Any]] = {CameraSample: {"corners": 0}}
+
+# What a counter or a bit field holds anywhere else, too; JSON has no end.
+Word = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
 
 _NAN = float("nan")
 _INFINITE = {"inf": float("inf"), "-inf": float("-inf")}
@@ -59,7 +62,7 @@ def _wire(hint: Any) -> Any:
         return Union[row_type(args[0]), None]  # noqa: UP007  (a struct made at run time)
     if origin is tuple:
         return list[_wire(args[0])]  # type: ignore[misc]
-    return int if hint is int else bool if hint is bool else str if hint is str else dict[str, Any]
+    return Word if hint is int else bool if hint is bool else str if hint is str else dict[str, Any]
 
 
 _TickRow, _InputRow, _EventRow = row_type(TickRecord), row_type(Inputs), row_type(Event)

@@ -37,7 +37,7 @@ from processes import cores, progress  # noqa: E402  # isort: skip
 
 SHOWN = 40  # findings told in full
 CASES_PER_WORKER = 250  # then a fresh process: what cases left behind does not add up
-PATIENCE_S = 20.0  # for a case that does not even answer its alarm
+PATIENCE_S = 2.0 * outcome.MAX_WALL_S  # for a case that does not even answer its alarm
 
 
 class Worker:
@@ -48,7 +48,8 @@ class Worker:
         self._start()
 
     def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["fuzzing.warmed"])
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=inprocess.serve, args=(theirs, *self._about), daemon=True)
         self._process.start()

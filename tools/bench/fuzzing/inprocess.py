@@ -6,14 +6,15 @@ through; what it leaves behind is thrown away with the folder, and with the proc
 
 from __future__ import annotations
 
+import contextlib
 import os
 import resource
 import shutil
 import signal
-import sys
 import tempfile
 import time
 import traceback
+from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -22,19 +23,22 @@ from fuzzing import cases, outcome
 from fuzzing.outcome import Outcome
 
 LIMIT_BYTES = 2**31  # above what the process has: what a case asks for beyond this is a MemoryError
-WORK_S = 3.0  # then what computes is taken for accepted; what still reads is not
+LOOK_S = 1.0  # of the processor: what computes by then is taken for accepted; what still reads has until the bound
 # Packages that read: who is at work in one of them has not accepted its input yet.
 READING = ("hoopd/recording/", "hoopd/files.py", "hoopd/yamltext.py", "hoopd/modelfiles.py", "hoopd/calibrate.py")
 
 
 class Cut(BaseException):
-    """The alarm."""
+    """The alarm: `still` is where the program was reading, empty when it computed."""
+
+    def __init__(self, still: str) -> None:
+        self.still = still
 
 
 def serve(pipe: Connection, seed: str, sounds: Path) -> None:
     """Take numbers, send outcomes, until None comes."""
     _silence()
-    warm()
+    _limit()
     pipe.send("ready")
     while (number := pipe.recv()) is not None:
         pipe.send(try_case(seed, number, sounds))
@@ -54,7 +58,9 @@ def warm() -> None:
     import hoopd.plots.style
     import hoopd.replay  # noqa: F401
 
-    sys.setrecursionlimit(1000)
+
+def _limit() -> None:
+    """No core files, and an end of the memory."""
     soft = _resident("VmSize") + LIMIT_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (soft, resource.RLIM_INFINITY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -81,14 +87,8 @@ def try_case(seed: str, number: int, sounds: Path) -> Outcome:
 
 def _tried(number: int, case: cases.Case) -> Outcome:
     before, begun = _forget_peak(), time.process_time()
-    signal.signal(signal.SIGALRM, _cut)
-    signal.setitimer(signal.ITIMER_REAL, WORK_S, 0.5)
-    try:
+    with _alarms(begun):
         verdict, told = run(case.arguments)
-    except Cut:  # between two statements of ours
-        verdict, told = outcome.ACCEPTED, "cut"
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
     seconds = time.process_time() - begun
     added = max(0, _resident("VmHWM") - before) / 1e6
     return outcome.judged(Outcome(number, case.kind, verdict, seconds, added, told), outcome.MAX_ADDED_BYTES)
@@ -111,20 +111,41 @@ def run(arguments: list[str]) -> tuple[str, str]:
         code = getattr(end, "exit_code", getattr(end, "code", 0))
     except typer.Abort:
         return outcome.REFUSED, "aborted"
-    except Cut as error:
-        return _still(error)
+    except Cut as cut:
+        return (outcome.BEYOND, f"still reading: {cut.still}") if cut.still else (outcome.ACCEPTED, "cut")
     except BaseException as error:
         return outcome.UNFORESEEN, _where(error)
     return (outcome.REFUSED if code == 2 else outcome.ACCEPTED), f"exit code {code or 0}"
 
 
-def _still(error: BaseException) -> tuple[str, str]:
-    """What was going on at the alarm."""
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "/hoopd/" in frame.filename]
-    last = frames[-1] if frames else None
-    if last is not None and any(part in last.filename for part in READING):
-        return outcome.BEYOND, f"still reading after {WORK_S:g} s: {last.filename}:{last.lineno} {last.name}"
-    return outcome.ACCEPTED, "cut"
+@contextlib.contextmanager
+def _alarms(begun: float) -> Iterator[None]:
+    """Look at what goes on once a second of the processor; what waits for ever is cut by the machine's clock."""
+
+    def look(number: int, frame: Any) -> None:
+        still = _reading(frame)
+        if not still or number == signal.SIGALRM or time.process_time() - begun > outcome.MAX_SECONDS:
+            raise Cut(still)
+
+    signal.signal(signal.SIGPROF, look)
+    signal.signal(signal.SIGALRM, look)
+    signal.setitimer(signal.ITIMER_PROF, LOOK_S, LOOK_S)
+    signal.setitimer(signal.ITIMER_REAL, outcome.MAX_WALL_S, 1.0)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def _reading(frame: Any) -> str:
+    """Where the program reads, empty when it does something else."""
+    while frame is not None:
+        name = frame.f_code.co_filename
+        if "/hoopd/" in name:
+            return f"{name}:{frame.f_lineno}" if any(part in name for part in READING) else ""
+        frame = frame.f_back
+    return ""
 
 
 def _where(error: BaseException) -> str:
@@ -133,10 +154,6 @@ def _where(error: BaseException) -> str:
     ours = [frame for frame in frames if "/hoopd/" in frame.filename and "fuzzing" not in frame.filename]
     place = f" at {Path(ours[-1].filename).name}:{ours[-1].lineno} {ours[-1].name}" if ours else ""
     return f"{type(error).__name__}: {text}{place}"
-
-
-def _cut(*_: Any) -> None:
-    raise Cut
 
 
 def _forget_peak() -> int:
