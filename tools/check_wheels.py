@@ -10,18 +10,19 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from lockfile import LOCKS, LockError, Pin, read
-from packageindex import TARGETS, Index, Target
+from packageindex import TARGETS, Index, IndexFile, Target
 
 COLUMN = 17
 MISSING, UNKNOWN = "MISSING", "NOT LOCKED"
 
 
-def state(pin: Pin, target: Target, index: Index) -> str:
-    """The oldest platform of the wheel that pip would take there, or what is wrong."""
-    wheels = [file for file in index.files(pin.name, pin.version, target) if file.wheel]
+def state(pin: Pin, target: Target, files: Sequence[IndexFile]) -> str:
+    """The oldest platform of a locked wheel that runs there, or what is wrong."""
+    wheels = [file for file in files if file.fits(target)]
     if not wheels:
         return MISSING
     locked = [file for file in wheels if file.sha256 in pin.digests]
@@ -37,9 +38,10 @@ def main() -> int:
     index = Index()
     try:
         pins = [pin for path in options.lock or LOCKS for pin in read(path)]
-        table = {pin: {target: state(pin, target, index) for target in TARGETS} for pin in pins}
+        files = {pin: index.files(pin.name, pin.version) for pin in pins}
     except LockError as error:
         sys.exit(f"check_wheels: {error}")
+    table = {pin: {target: state(pin, target, files[pin]) for target in TARGETS} for pin in pins}
     width = max(len(f"{pin.name} {pin.version}") for pin in pins) + 2
     print("package".ljust(width) + "".join(str(target).ljust(COLUMN) for target in TARGETS).rstrip())
     for pin, row in table.items():

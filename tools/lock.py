@@ -60,17 +60,16 @@ def closure(requirements: Iterable[str]) -> dict[str, str]:
 
 def digests(packages: Mapping[str, str], index: Index) -> dict[str, set[str]]:
     """Name -> digests of all its files that fit a target. Raises LockError naming every wheel that is missing."""
-    found: dict[str, set[str]] = {name: set() for name in packages}
-    missing = []
-    for name, version in packages.items():
-        for target in TARGETS:
-            files = index.files(name, version, target)
-            found[name] |= {file.sha256 for file in files}
-            if not any(file.wheel for file in files):
-                missing.append(f"{name}=={version} for {target}")
+    files = {name: index.files(name, version) for name, version in packages.items()}
+    missing = [
+        f"{name}=={version} for {target}"
+        for name, version in packages.items()
+        for target in TARGETS
+        if not any(file.fits(target) for file in files[name])
+    ]
     if missing:
         raise LockError(f"no wheel with a digest: {', '.join(missing)}")
-    return found
+    return {name: {file.sha256 for file in some} for name, some in files.items()}
 
 
 def write() -> None:

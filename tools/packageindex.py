@@ -10,11 +10,15 @@ from __future__ import annotations
 import hashlib
 import logging
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from lockfile import LockError
 from pip._internal.commands import create_command
 from pip._internal.models.target_python import TargetPython
+from pip._internal.utils.compatibility_tags import get_supported
+from pip._vendor.packaging.tags import Tag
+from pip._vendor.packaging.utils import parse_wheel_filename
 
 PYTHONS = ((3, 11), (3, 12), (3, 13))
 # glibc of Raspberry Pi OS: bookworm 2.36, trixie 2.41. A wheel for an older one runs on both.
@@ -42,6 +46,12 @@ class Target:
             f"linux_{self.machine}",
         ]
 
+    @cached_property
+    def tags(self) -> frozenset[Tag]:
+        """Tags of the wheels that run there."""
+        version = "".join(map(str, self.python))
+        return frozenset(get_supported(version=version, platforms=self.platforms, impl="cp"))
+
 
 TARGETS = tuple(Target(python, machine) for machine in LEGACY for python in PYTHONS)
 
@@ -58,9 +68,13 @@ class IndexFile:
         """Installs without being built."""
         return self.name.endswith(".whl")
 
+    def fits(self, target: Target) -> bool:
+        """A wheel that runs there."""
+        return self.wheel and not target.tags.isdisjoint(parse_wheel_filename(self.name)[3])
+
 
 class Index:
-    """pip's own view of the package index, for one target after another."""
+    """pip's own view of the package index."""
 
     def __init__(self, *arguments: str) -> None:
         """Take pip's set-up; `arguments` are options of `pip download` that come on top of it."""
@@ -69,21 +83,13 @@ class Index:
         command: Any = create_command("download")
         options, _ = command.parse_args(list(arguments))
         self._session = command._build_session(options)
-        self._finders = {
-            target: command._build_package_finder(options, self._session, _pip_s(target)) for target in TARGETS
-        }
+        self._finder = command._build_package_finder(options, self._session, _every_target())
         self._digests: dict[str, str] = {}
-        self._downloads: dict[str, str] = {}
 
-    def files(self, name: str, version: str, target: Target) -> list[IndexFile]:
-        """What fits this target, best first. Raises LockError when an index offers one name with two contents."""
-        candidates = self._finders[target].find_all_candidates(name)
-        links = [candidate.link for candidate in reversed(candidates) if str(candidate.version) == version]
+    def files(self, name: str, version: str) -> list[IndexFile]:
+        """Source distributions, and wheels for any target. Raises LockError when two of one name differ."""
+        links = [found.link for found in self._finder.find_all_candidates(name) if str(found.version) == version]
         return list(dict.fromkeys(IndexFile(link.filename, self._digest(link)) for link in links))
-
-    def wheel(self, name: str, version: str, target: Target) -> IndexFile | None:
-        """The wheel that pip would take there."""
-        return next((file for file in self.files(name, version, target) if file.wheel), None)
 
     def _digest(self, link: Any) -> str:
         digest = link.hash if link.hash_name == "sha256" else self._download(link.url_without_fragment)
@@ -93,16 +99,17 @@ class Index:
         return digest
 
     def _download(self, url: str) -> str:
-        """Digest of a file whose index gives none; read once."""
-        if url not in self._downloads:
-            answer = self._session.get(url, stream=True, headers={"Accept-Encoding": "identity"})
-            answer.raise_for_status()
-            digest = hashlib.sha256()
-            while data := answer.raw.read(CHUNK_BYTES):
-                digest.update(data)
-            self._downloads[url] = digest.hexdigest()
-        return self._downloads[url]
+        """Digest of a file whose index gives none."""
+        answer = self._session.get(url, stream=True, headers={"Accept-Encoding": "identity"})
+        answer.raise_for_status()
+        digest = hashlib.sha256()
+        while data := answer.raw.read(CHUNK_BYTES):
+            digest.update(data)
+        return digest.hexdigest()
 
 
-def _pip_s(target: Target) -> TargetPython:
-    return TargetPython(platforms=target.platforms, py_version_info=target.python, implementation="cp")
+def _every_target() -> TargetPython:
+    """pip's description of one interpreter, with the tags of all of ours: each package is asked for once."""
+    union: Any = TargetPython(py_version_info=PYTHONS[0])
+    union._valid_tags = list({tag for target in TARGETS for tag in target.tags})
+    return union

@@ -147,13 +147,13 @@ def test_pip_refuses_a_wheel_that_was_changed(tmp_path: Path) -> None:
 def test_digests_are_the_index_s_own_or_those_of_its_files(tmp_path: Path) -> None:
     index = tool("packageindex")
     path = wheel(tmp_path / "wheels")
-    (file,) = index.Index("--find-links", str(path.parent)).files("tiny-package", "1.0", index.TARGETS[0])
+    (file,) = index.Index("--find-links", str(path.parent)).files("tiny-package", "1.0")
     assert (file.name, file.sha256, file.wheel) == (path.name, sha256(path), True)
     page = tmp_path / "page.html"
     page.write_text(f'<!DOCTYPE html><a href="wheels/{path.name}#sha256={64 * "a"}">{path.name}</a>')
-    (file,) = index.Index("--find-links", str(page)).files("tiny-package", "1.0", index.TARGETS[0])
+    (file,) = index.Index("--find-links", str(page)).files("tiny-package", "1.0")
     assert file.sha256 == 64 * "a"
-    assert index.Index("--find-links", str(page)).files("tiny-package", "2.0", index.TARGETS[0]) == []
+    assert index.Index("--find-links", str(page)).files("tiny-package", "2.0") == []
 
 
 def test_a_package_without_a_wheel_for_one_target_is_an_error(tmp_path: Path) -> None:
@@ -175,13 +175,13 @@ def test_two_files_of_one_name_are_an_error(tmp_path: Path) -> None:
     one, other = wheel(tmp_path / "one"), wheel(tmp_path / "other", text="WHAT = 'rebuilt'\n")
     both = index.Index("--find-links", str(one.parent), "--find-links", str(other.parent))
     with pytest.raises(lockfile.LockError, match=f"{one.name}: the indexes offer two files"):
-        both.files("tiny-package", "1.0", index.TARGETS[0])
+        both.files("tiny-package", "1.0")
 
 
 def test_an_offered_wheel_that_is_not_the_locked_one_is_told(tmp_path: Path) -> None:
     check, index, lockfile = tool("check_wheels"), tool("packageindex"), tool("lockfile")
     path = wheel(tmp_path / "wheels", "cp311-cp311-manylinux_2_28_x86_64")
-    offered = index.Index("--find-links", str(path.parent))
+    offered = index.Index("--find-links", str(path.parent)).files("tiny-package", "1.0")
     states = {
         check.state(lockfile.Pin("tiny-package", "1.0", (digest,)), target, offered)
         for digest in (sha256(path), 64 * "0")
