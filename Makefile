@@ -14,7 +14,7 @@ LAMP_GPIO ?= 18
 INSTALL_FLAGS := --root "$(DESTDIR)/" $(if $(DRY_RUN),--dry-run)
 
 .DEFAULT_GOAL := help
-.PHONY: help sim test lint figures install uninstall lock wheels check-pi clean
+.PHONY: help sim test lint figures install uninstall lock wheels licences audit check-pi clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
@@ -45,6 +45,12 @@ lock: ## newest versions that fit into the lock files, with digests (PYTHON=pyth
 
 wheels: $(VENV)/.runtime ## has every pinned package wheels for the Raspberry Pi, and are they the locked ones?
 	$(RUN) tools/check_wheels.py
+
+licences: $(VENV)/.development ## licences of all dependencies; fails for one that is not permitted (pyproject.toml)
+	$(RUN) tools/licences.py
+
+audit: $(VENV)/.runtime ## known advisories about locked versions (AUDIT_DB=folder or zip of OSV files; skipped without)
+	$(RUN) tools/audit.py $(AUDIT_DB)
 
 check-pi: $(VENV)/.runtime ## arm64 by emulation and the service under a real systemd (as root; ARGS=arm64 or systemd)
 	$(RUN) tools/pi $(ARGS)
