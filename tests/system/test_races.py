@@ -43,6 +43,14 @@ def test_an_arm_beside_it_does_not_win(names: tuple[str, str], tmp_path: Path) -
     assert refused(found) == [("arm", f"revoked by {other}")]
 
 
+def test_an_arm_and_a_disarm_at_six_seconds_of_a_run_disarmed_at_four(tmp_path: Path) -> None:
+    found = run(
+        tmp_path, duration_s=9.0, commands=[command(4.0, "disarm"), command(6.0, "arm"), command(6.0, "disarm")]
+    )
+    stays_off(found, 4.0)
+    assert found.ticks[-1].mode == Mode.DISARMED and found.ticks[-1].t > 8.9
+
+
 @pytest.mark.parametrize("name", ["disarm", "stop", "shutdown"])
 def test_an_arm_that_waits_for_the_board_is_taken_back(name: str, tmp_path: Path) -> None:
     fault = {"kind": "board_fault", "at_s": 2.0, "for_s": 0.5}
