@@ -6,10 +6,10 @@ Rules of this file: reads the loop and its sinks, changes nothing; plain data fi
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
-from hoopd.core.health import Fault
+from hoopd.core.health import FAULTS, Action, Fault
 from hoopd.core.modes import Mode
 from hoopd.core.records import Inputs, LinkCounts, TickRecord
 from hoopd.core.tick import Note
@@ -19,6 +19,7 @@ from hoopd.sinks import RecorderSink, TelemetrySink
 from hoopd.trackingerror import RELEASE_S, TrackingError, Truth
 
 WELL = LinkCounts(good=1)
+ENDING = frozenset(fault.name for fault in FAULTS if fault.action >= Action.STOP)
 
 
 class Watch:
@@ -33,6 +34,8 @@ class Watch:
         self.link: dict[str, int] = {}  # what was wrong on the line, by kind
         self.running_ticks = self._ticks = 0
         self.max_torque_nm = 0.0
+        self.ended_by: list[str] = []  # faults that ended control, unless it was taken up again
+        self.ended_at_s: float | None = None
 
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """Look at one tick."""
@@ -58,10 +61,19 @@ class Watch:
                 self.link[name] = self.link.get(name, 0) + count
 
     def note(self, t: float, note: Note) -> None:
-        """Count faults by name."""
+        """Count faults by name; remember which of them ended control."""
         if note.name == "fault":
             name = note.fields["fault"]
             self.faults[name] = self.faults.get(name, 0) + 1
+        elif note.name == "mode":
+            self._follow(t, Mode(note.fields["mode"]), note.fields["because"])
+
+    def _follow(self, t: float, mode: Mode, because: Iterable[str]) -> None:
+        ending = [name for name in because if name in ENDING]
+        if mode in (Mode.READY, Mode.RUNNING):
+            self.ended_by, self.ended_at_s = [], None
+        elif ending and not self.ended_by:
+            self.ended_by, self.ended_at_s = ending, t
 
 
 def status(loop: Loop, recorder: RecorderSink | None) -> dict[str, Any]:
@@ -138,6 +150,7 @@ def summarise(
         **loop.statistics.summary(),
         "final_mode": str(loop.tick.mode),
         "running_s": watch.running_ticks * loop.tick.settings.period_s,
+        "control": _control(loop, watch),
         "psi_error": watch.error.summary() if loop.tick.health.thresholds.ball_expected else None,
         "max_torque_nm": watch.max_torque_nm,
         "faults": watch.faults,
@@ -146,6 +159,17 @@ def summarise(
         "telemetry": {k: v for k, v in telemetry.telemetry.counts._asdict().items() if k != "open"}
         if telemetry
         else None,
+    }
+
+
+def _control(loop: Loop, watch: Watch) -> dict[str, Any]:
+    """What ended control, or what was in its way when there was none."""
+    hindered = [fault.name for fault in loop.tick.health.active() if fault.action >= Action.PAUSE]
+    hindered += [name for name in loop.tick.health.hindrances() if name not in hindered]
+    return {
+        "ended_by": watch.ended_by,
+        "ended_at_s": watch.ended_at_s,
+        "hindered_by": [] if watch.running_ticks else hindered,
     }
 
 
@@ -170,7 +194,7 @@ def _summary_rows(summary: dict[str, Any], virtual: bool) -> Iterator[tuple[str,
     yield "mean period", f"{1e3 * summary['mean_period_s']:.4f} ms"
     yield "lateness p50 / p99 / max", " / ".join(f"{1e3 * late[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
     yield "execution p50 / p99 / max", " / ".join(f"{1e3 * execution[k]:.3f}" for k in ("p50", "p99", "max")) + " ms"
-    yield "mode at the end", f"{summary['final_mode']}, controlled for {summary['running_s']:.1f} s"
+    yield "mode at the end", f"{summary['final_mode']}, {_controlled(summary)}"
     yield from _error_rows(summary)
     yield "largest torque", f"{summary['max_torque_nm']:.3f} N m"
     yield "faults", ", ".join(f"{name} x{count}" for name, count in summary["faults"].items()) or "none"
@@ -178,6 +202,16 @@ def _summary_rows(summary: dict[str, Any], virtual: bool) -> Iterator[tuple[str,
     for part in ("recording", "telemetry"):
         if summary[part]:
             yield part, ", ".join(f"{key} {value}" for key, value in summary[part].items())
+
+
+def _controlled(summary: dict[str, Any]) -> str:
+    control, running_s = summary["control"], summary["running_s"]
+    if not running_s:
+        return "never controlled" + (f": {', '.join(control['hindered_by'])}" if control["hindered_by"] else "")
+    ended = (
+        f", ended by {', '.join(control['ended_by'])} at {control['ended_at_s']:.2f} s" if control["ended_by"] else ""
+    )
+    return f"controlled for {running_s:.1f} s{ended}"
 
 
 def _error_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:

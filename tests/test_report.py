@@ -66,3 +66,36 @@ def test_the_printed_duration_is_start_up_and_periods(tmp_path: Path) -> None:
     late = {**summary, "seconds": 20.06, "start_up_s": 0.88, "ticks": 958, "missed": 1}
     assert rows(late, virtual=False)["duration"] == "20.06 s, of it 0.88 s start-up"
     assert rows(late)["ticks"] == "958 and 1 missed, every 20 ms"
+
+
+@pytest.mark.parametrize(
+    ("sets", "ended_by", "shown"),
+    [
+        ((), [], "controlled for 2."),
+        (("sim.faults=[{kind: board_fault, at_s: 2, for_s: 0.5}]",), None, "FAULT, controlled for "),
+        (("sim.faults=[{kind: camera_stall, at_s: 2, for_s: 0.5}]",), ["camera_lost"], "DISARMED, controlled for "),
+        (("sim.commands=[{at_s: 2, name: disarm}]",), [], "DISARMED, controlled for "),
+        (("sim.faults=[{kind: ball_gone, at_s: 0}]",), [], "DISARMED, never controlled: ball_lost"),
+        (("sim.faults=[{kind: board_silent, at_s: 0}]",), [], "DISARMED, never controlled: link_lost"),
+    ],
+    ids=["well", "cut", "stopped", "disarmed", "no ball", "no board"],
+)
+def test_what_ended_control_or_was_in_its_way_is_told(
+    tmp_path: Path, sets: tuple[str, ...], ended_by: list[str] | None, shown: str
+) -> None:
+    summary = run_rig(tmp_path, *sets, duration_s=4.0).summary
+    told, row = summary["control"], rows(summary)["mode at the end"]
+    assert shown in row
+    assert set(told["ended_by"]) <= set(summary["faults"])
+    if ended_by is None:
+        assert told["ended_by"] and summary["final_mode"] == "FAULT"
+    else:
+        assert told["ended_by"] == ended_by
+    if told["ended_by"]:
+        assert row.endswith(f"ended by {', '.join(told['ended_by'])} at {told['ended_at_s']:.2f} s")
+
+
+def test_control_that_was_taken_up_again_was_not_ended(tmp_path: Path) -> None:
+    stall, arm = "sim.faults=[{kind: camera_stall, at_s: 2, for_s: 0.3}]", "sim.commands=[{at_s: 4, name: arm}]"
+    summary = run_rig(tmp_path, stall, arm, duration_s=5.0).summary
+    assert summary["faults"]["camera_lost"] == 1 and summary["control"]["ended_by"] == []

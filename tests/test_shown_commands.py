@@ -1,0 +1,110 @@
+"""What README and docs tell to type can be typed: commands and options exist, programs and make's targets are there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from hoopd.cli import UsageError, app
+from tests.shellblocks import ROOT, Shown, below, shown
+
+PROGRAM: Any = typer.main.get_command(app)
+GLOBAL = {"--help", "COMMAND"}
+
+
+def usage(words: Iterable[str]) -> list[str]:
+    """Words without what stands for the reader's own: brackets of what may be left out, dots."""
+    return [word.strip("[]") for word in words if not set(word) <= {"."}]
+
+
+def parse(words: list[str]) -> None:
+    """As the program would, up to the point at which the command begins."""
+    context = PROGRAM.make_context("hoopd", list(words))
+    rest = [*context._protected_args, *context.args]
+    if rest:
+        _, command, rest = PROGRAM.resolve_command(context, rest)
+        command.make_context(command.name, rest, parent=context)
+
+
+@pytest.mark.parametrize("row", [row for row in shown("hoopd") if row.whole], ids=lambda row: row.text)
+def test_a_line_of_a_block_is_understood(row: Shown) -> None:
+    parse(usage(row.words[1:]))
+
+
+def test_what_would_not_be_understood_is_seen() -> None:
+    for words in (["nothing"], ["ref"], ["ref", "much"], ["stop", "--now"], ["fit"], ["--sim", "--camera"]):
+        with pytest.raises(UsageError):
+            parse(words)
+
+
+def test_what_is_named_within_a_sentence_exists() -> None:
+    """There a command may stand without what it needs, so that names are all that can be held."""
+    wrong = []
+    for row in shown("hoopd"):
+        words = [word for word in usage(row.words[1:]) if word not in GLOBAL]
+        name = words[0] if words and not words[0].startswith("-") else ""
+        command = PROGRAM.commands.get(name) if name else PROGRAM
+        known = {option for parameter in command.params for option in parameter.opts} if command else set()
+        wrong += [row.text for word in words if not command or (word.startswith("--") and word not in known)]
+    assert wrong == []
+
+
+def test_every_command_is_on_a_page() -> None:
+    named = {row.words[1] for row in shown("hoopd") if len(row.words) > 1}
+    assert set(PROGRAM.commands) <= named
+
+
+def test_programs_of_the_tree_take_what_is_shown() -> None:
+    wrong = []
+    for row in shown("python"):
+        place = ROOT / row.words[1]
+        if row.words[1] == "-m":
+            continue
+        files = sorted(place.glob("*.py")) if place.is_dir() else [place] if place.is_file() else []
+        text = "".join(file.read_text(encoding="utf-8") for file in files)
+        options = [word for word in usage(row.words[2:]) if word.startswith("--")]
+        wrong += [row.text for option in (*options, "") if not text or option not in text]
+    assert wrong == []
+
+
+def test_the_bench_s_table_names_what_there_is() -> None:
+    """The README's table of benches: each is there and has the options that are shown."""
+    table = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Measurements")[2].partition("\n## ")[0]
+    benches = {path.name: path for path in (ROOT / "tools" / "bench").glob("*.py") if is_program(path)}
+    named = set(re.findall(r"`(\w+\.py)", table))
+    assert named and named <= set(benches)
+    for line in table.splitlines():
+        for name in re.findall(r"`(\w+\.py)", line)[:1]:
+            for option in re.findall(r"--\w[\w-]*", line.split("|")[1]):
+                assert f'"{option}"' in benches[name].read_text(encoding="utf-8"), (name, option)
+
+
+def is_program(path: Path) -> bool:
+    return "__main__" in path.read_text(encoding="utf-8")
+
+
+def test_targets_of_make_are_there() -> None:
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    wanted = {word for row in shown("make") for word in row.words[1:] if word.islower() and "=" not in word}
+    assert wanted <= targets
+
+
+def test_the_first_lines_say_what_to_type() -> None:
+    """A stranger reads thirty lines: what it is, and three commands that run as they stand."""
+    top = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()[:30]
+    assert "make sim" in "\n".join(top) and "hoopd --sim" in "\n".join(top)
+    assert [row.words for row in below("# hoopd")][:2] == [("make", "sim"), ("source", ".venv/bin/activate")]
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    broken = []
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for link in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            if "://" not in link and not (page.parent / link).exists():
+                broken.append(f"{page.name}: {link}")
+    assert broken == []
