@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from hoopd.shell.commands import SETTLE_S, Gate, RefusedError, Ticket
+from hoopd.shell.commands import REFUSED, SETTLE_S, Gate, RefusedError, Ticket
 from hoopd.shell.descriptors import RESERVE, opened
 from hoopd.shell.helpers import start_helper
 from hoopd.shell.socketfile import ListeningSocket
@@ -32,6 +32,7 @@ POLL_S = 0.01  # a request may wait so long: waking this thread would cost the t
 TALK_S = 2.0  # for a line to come and for an answer to be taken
 TELL_S = 1.0
 STATUS = "status"
+NAME_CHARS = 32  # of a command that is not known, in the log
 ONE_LINE = 'expected one line of JSON: {"command": name, "value": number, "key": text}'
 
 OnEvent = Callable[[str, str, Mapping[str, Any]], None]
@@ -200,8 +201,9 @@ class CommandServer:
             client.ticket = self._gate.offer(request.command, _payload(request))
         except RefusedError as refusal:
             self._refuse(client, request.command, str(refusal))
+            self._tell(client.peer, REFUSED, "warning", command=request.command[:NAME_CHARS], reason=str(refusal))
         else:
-            self._tell(client.peer, request.command)
+            self._tell(client.peer, "command", "info", command=request.command)
 
     def _settle(self, client: _Client) -> None:
         """Answer once the loop has told what became of it, or has been silent for too long."""
@@ -242,13 +244,13 @@ class CommandServer:
             self._clients.remove(client)
         client.socket.close()
 
-    def _tell(self, peer: Peer, command: str) -> None:
+    def _tell(self, peer: Peer, event: str, level: str, **fields: str) -> None:
         """Who asked for what goes to the log, once a second of the same user: a flood would push out the rest."""
-        now, same = time.monotonic(), (peer.uid, command)
+        now, same = time.monotonic(), (peer.uid, event if event == REFUSED else fields["command"])
         if self._on_event is not None and now - self._told.get(same, -inf) > TELL_S:
             self._told[same] = now
             with contextlib.suppress(Exception):
-                self._on_event("command", "info", {"command": command, "uid": peer.uid, "pid": peer.pid})
+                self._on_event(event, level, {**fields, "uid": peer.uid, "pid": peer.pid})
 
 
 def _payload(request: Request) -> bytes:

@@ -149,5 +149,6 @@ def _answer(request: Mapping[str, Any], path: Path, connection: socket.socket) -
     if not isinstance(answer, dict):
         raise CommandError(f"{path}: not the answer of a daemon")
     if not answer.get("ok"):
-        raise CommandError(f"{request['command']}: refused: {answer.get('reason', 'no reason given')}")
+        name, reason = request["command"], str(answer.get("reason", "no reason given"))
+        raise CommandError(f"{name}: refused: {reason.removeprefix(f'{name}: ')}")
     return answer

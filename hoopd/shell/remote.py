@@ -51,7 +51,7 @@ def _answer(command: str, replies: list[zenoh.Reply], endpoint: str, device: str
             answer: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
             return answer
         if reply.err is not None:
-            raise CommandError(f"{command}: refused: {reply.err.payload.to_string()}")
+            raise CommandError(f"{command}: refused: {reply.err.payload.to_string().removeprefix(f'{command}: ')}")
     raise NoDaemonError(
         f"no daemon of device {device!r} answers at {endpoint} (or it is flooded, or its access rules forbid it)"
     )

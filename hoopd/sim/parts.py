@@ -70,10 +70,13 @@ def fault_list(config: Config) -> list[Fault]:
 
 
 def fault_rows(config: Config) -> list[dict[str, Any]]:
-    """The scripted faults as plain data; a duration of zero means for good."""
-    return [
+    """The scripted faults as plain data; a duration of zero means for good. InputError for one that is not known."""
+    rows = [
         {"kind": f.kind, "at_s": f.at_s, "for_s": f.for_s or None, "params": dict(f.params)} for f in config.sim.faults
     ]
+    for index, row in enumerate(rows):
+        _checked(index, row)
+    return rows
 
 
 def fault_script(config: Config, seed: int) -> FaultScript:

@@ -8,7 +8,7 @@ import os
 import socket
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,26 @@ def test_a_refusal_carries_the_reason_of_the_log(tmp_path: Path) -> None:
     with serving(path, arm="link_lost, camera_lost"), pytest.raises(CommandError) as caught:
         ask({"command": "arm"}, "hoop", str(path))
     assert str(caught.value) == "arm: refused: link_lost, camera_lost"
+
+
+def test_what_the_gate_refuses_stands_in_the_log_with_the_same_reason(tmp_path: Path) -> None:
+    path = tmp_path / "hoop.sock"
+    told: list[tuple[str, str, Mapping[str, Any]]] = []
+    gate = Gate(RANGES)
+    server = CommandServer(
+        listening_socket("hoop", str(path)), gate, lambda _: None, on_event=lambda *e: told.append(e)
+    )
+    server.start()
+    try:
+        with pytest.raises(CommandError) as caught:
+            ask({"command": "reference", "value": 9.0}, "hoop", str(path))
+        wait_until(lambda: bool(told))
+    finally:
+        assert server.close(5.0)
+    ((event, level, fields),) = told
+    assert (event, level, fields["command"], fields["uid"]) == ("command_refused", "warning", "reference", os.getuid())
+    assert str(caught.value) == f"reference: refused: {fields['reason'].removeprefix('reference: ')}"
+    assert "9 is outside" in fields["reason"] and str(caught.value).count("reference") == 1
 
 
 def test_a_loop_that_hangs_is_told_and_status_says_so(tmp_path: Path) -> None:

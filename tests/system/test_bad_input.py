@@ -120,6 +120,10 @@ CASES: dict[str, tuple[Maker, str]] = {
     ),
     # the rig
     "unknown fault": (override("sim.faults=[{kind: gremlins, at_s: 1}]"), "sim.faults[0]: unknown fault kind"),
+    "unknown fault in real time": (
+        words("--sim", "--duration", "1", "--set", "sim.faults=[{kind: gremlins, at_s: 1}]"),
+        "sim.faults[0]: unknown fault kind",
+    ),
     "fault before the start": (override("sim.faults=[{kind: lost_frames, at_s: -1}]"), "sim.faults[0].at_s"),
     "unknown parameter": (override("sim.faults=[{kind: garbage, at_s: 1, params: {x: 1}}]"), "unknown parameter 'x'"),
     "parameter of words": (

@@ -78,7 +78,7 @@ def test_an_operator_is_told_what_the_log_says(tmp_path: Path) -> None:
                 daemon.wait_for(event="operator", command=name)
                 continue
             daemon.wait_for(event="command_refused", command=name)
-        with pytest.raises(CommandError, match="tune: refused: tune: unknown key 'mass'"):
+        with pytest.raises(CommandError, match="tune: refused: unknown key 'mass'"):
             daemon.command("tune", key="mass", value=1.0)
         assert daemon.stop() == 0
         assert not daemon.socket.exists()
