@@ -32,7 +32,7 @@ from hoopd.modelfiles import (
 )
 from hoopd.physics.found import Found
 from hoopd.shell.config import Config, dump, find
-from hoopd.writeback import Unused, ball_motion, estimator_with, feedforward_of, unused
+from hoopd.writeback import Unused, ball_motion, estimator_with, feedforward_of, hoop_motion, unused
 
 # The line of a controller file that names its model, when the way there leads through folders of this machine.
 _MODEL_FOLDERS = re.compile(r"(?m)^(model: +[\"']?)(?:/|~|\.\.).*/(?=[^/\n]+$)")
@@ -104,14 +104,16 @@ def build_tick(config: Config, texts: Texts) -> Tick:
         min(config.limits.torque_nm, model.device.torque_limit_nm, file.limits.torque_nm),
         min(config.limits.slew_nm_per_tick, file.limits.slew_nm_per_tick),
     )
+    found, settings = effects_of(model), settings_of(file)
+    hoop = hoop_motion(found, settings)
     if config.faults.ball_expected:
         _watches_the_ball(config, law)
-        found, settings = effects_of(model), settings_of(file)
         feedforward = _feed_forward(config, found, settings, law, limiter)
         estimator, levels = estimator_with(found, settings), levels_of(file)
-        return Tick(config.loop, config.faults, estimator, law, limiter, feedforward, levels, ball_motion(found))
+        ball = ball_motion(found)
+        return Tick(config.loop, config.faults, estimator, law, limiter, feedforward, levels, ball, hoop)
     _needs_no_ball(config, file, law)
-    return Tick(config.loop, config.faults, HoopOnly(), law, limiter)
+    return Tick(config.loop, config.faults, HoopOnly(), law, limiter, hoop=hoop)
 
 
 def _feed_forward(

@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from hoopd.core.health import FAULTS, Action, Fault
+from hoopd.core.faulttable import FAULTS, Action, Fault
 from hoopd.core.modes import Mode
 from hoopd.core.records import Inputs, LinkCounts, TickRecord
 from hoopd.core.tick import Note

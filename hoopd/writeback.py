@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from hoopd.core.ballresponse import BallMotion
+from hoopd.core.encoderchecks import HoopMotion
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.feedforward import WANTED, Bound, FeedForward, Part
 from hoopd.core.late import Delays, LateEstimator
@@ -119,6 +120,20 @@ def ball_motion(found: Found) -> BallMotion:
         float(ball[3] - carried * hoop[3]),
         float(carried * hoop[2] - ball[2]),
         delays.camera_s - delays.encoder_s,
+    )
+
+
+def hoop_motion(found: Found, settings: EkfSettings) -> HoopMotion:
+    """The hoop's own equation at the bottom, its ball carried along."""
+    a, b = Plant(found.structure, found.base).linearize()
+    delays = delays_of(found.believed())
+    return HoopMotion(
+        gain=float(b[1, 0]),
+        friction=float(a[1, 1]),
+        gravity=float(a[1, 2]),
+        late_s=delays.torque_s + delays.encoder_s,
+        speed_sd=settings.r_dtheta**0.5,
+        angle_sd=settings.r_theta**0.5,
     )
 
 

@@ -1,7 +1,7 @@
 """Faults: what is wrong with the inputs, since when, and what follows from it.
 
-Rules of this file: a fault is a row of `FAULTS`; a condition says per tick how many periods it held; counts are
-consecutive, never per lifetime; a latched fault stays until it is well again and the operator acknowledged it.
+Rules of this file: a fault is a row of `core.faulttable`; a condition says per tick how many periods it held; counts
+are consecutive, never per lifetime; a latched fault stays until it is well again and the operator acknowledged it.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 from math import isfinite, isinf, pi, tau
 from typing import NamedTuple
 
 from hoopd.core.ballresponse import BallMotion
 from hoopd.core.drift import Drift, Level
+from hoopd.core.encoderchecks import EncoderChecks, HoopMotion
+from hoopd.core.faulttable import BY_NAME, CAMERA_FAULTS, FAULTS, SECOND, Action, Fault
 from hoopd.core.frames import (
     ERROR_ENCODER,
     ERROR_OVERCURRENT,
@@ -25,7 +26,6 @@ from hoopd.core.frames import (
     STATUS_LIMITED,
     STATUS_TIMEOUT,
 )
-from hoopd.core.picturechecks import NAMES as PICTURE_FAULTS
 from hoopd.core.picturechecks import PictureChecks
 from hoopd.core.records import DriverSample, Estimate, Inputs
 
@@ -34,83 +34,10 @@ HARD_ERRORS = ERROR_OVERCURRENT | ERROR_ENCODER | ERROR_SUPPLY | ERROR_OVERSPEED
 BOARD_CLOCK_MS = 65536
 
 
-class Action(IntEnum):
-    """What a fault does, in rising order; the strongest active one wins."""
-
-    NOTE = 0  # recorded and counted
-    FLAG = 1  # control goes on, new experiments are refused
-    PREDICT = 2  # control goes on, on the estimator's prediction
-    PAUSE = 3  # zero torque, still armed
-    STOP = 4  # controlled stop
-    CUT = 5  # zero torque, drive off
-
-
-class Fault(NamedTuple):
-    """One row: after `on` bad periods in a row it is active, after `off` good ones it may go."""
-
-    name: str
-    action: Action
-    on: int
-    off: int
-    latched: bool
-    meaning: str
-
-
-SECOND = 50  # periods
 # Board and camera may take so long to be heard of first; until then they are awaited, not lost.
 START_GRACE_S = 3.0
 # Of the last 50 pictures. A push costs the filter five refusals until it follows; twenty are four pushes a second.
 REFUSALS = 20
-
-FAULTS: tuple[Fault, ...] = (
-    Fault("frame_bad", Action.NOTE, 1, 1, False, "a frame of the board was damaged, out of order or implausible"),
-    # 60 ms: the board's own time-out is 100 ms, so the host gives up first.
-    Fault("link_lost", Action.CUT, 3, SECOND, True, "no good answer of the board for 60 ms, or the port is gone"),
-    Fault(
-        "board_fault",
-        Action.CUT,
-        1,
-        1,
-        True,
-        "the board reports overcurrent, encoder, supply, overspeed or its own fault",
-    ),
-    Fault("board_timeout", Action.CUT, 1, 1, True, "the board's own time-out switched the torque off"),
-    Fault("board_reset", Action.CUT, 1, 1, True, "the board restarted: its clock jumped or its drive went off"),
-    Fault("board_refuses", Action.CUT, SECOND, 1, True, "the board did not enable its drive within a second"),
-    Fault(
-        "camera_late", Action.PREDICT, 1, SECOND, False, "the newest picture is more than 1.5 periods older than usual"
-    ),
-    Fault("camera_lost", Action.STOP, 1, SECOND, True, "no new picture for five periods"),
-    Fault("ball_missing", Action.PREDICT, 1, 1, False, "the newest picture shows no ball where one can be"),
-    # 200 ms: the prediction is good for about a third of the ball's own period (0.73 s).
-    Fault("ball_lost", Action.PAUSE, 10, 10, False, "no ball for ten pictures in a row"),
-    # A hand on the ball, or something red that is not the ball: it does not move as a ball under this torque must.
-    Fault("ball_implausible", Action.STOP, 1, SECOND, True, "what the camera tracks does not move as a ball"),
-    # No law was designed for that: gravity pulls the ball further away, and a real one has left its track.
-    Fault("ball_runaway", Action.STOP, 1, SECOND, True, "the ball went over the top of the hoop under torque"),
-    # `core.picturechecks` and `core.ballresponse`: what they count is said there. A camera that lies ends control.
-    Fault("pictures_identical", Action.STOP, 1, SECOND, True, "the same picture comes again and again as a new one"),
-    Fault("angle_stuck", Action.STOP, 1, SECOND, True, "the ball's angle stays equal while the hoop moves the ball"),
-    Fault("angle_noiseless", Action.STOP, 1, SECOND, True, "the ball's angle has lost its noise: nothing measures it"),
-    Fault("ball_unresponsive", Action.STOP, 1, SECOND, True, "the ball does not answer the hoop as a ball must"),
-    Fault("overrun", Action.NOTE, 1, 1, False, "lateness and execution exceeded the period"),
-    Fault("overrun_repeated", Action.FLAG, 3, SECOND, False, "three periods in a row were overrun"),
-    Fault("overrun_persistent", Action.STOP, 10, SECOND, True, "ten periods in a row were overrun"),
-    # 200 ms each: longer than any single damaged sample, shorter than the time a wrong torque needs to do harm.
-    Fault("current_implausible", Action.CUT, 10, SECOND, True, "the motor current does not answer the torque"),
-    Fault("speed_implausible", Action.CUT, 10, SECOND, True, "the reported speed is not the derivative of the angle"),
-    Fault("hoop_overspeed", Action.CUT, 3, SECOND, True, "the hoop turns faster than it may"),
-    Fault("not_finite", Action.CUT, 1, 1, True, "an estimate or a command was not a finite number"),
-    Fault("recorder_trouble", Action.FLAG, 1, 1, False, "rows were lost or cannot be written"),
-    Fault("telemetry_trouble", Action.FLAG, 1, SECOND, False, "telemetry rows were dropped"),
-    # `core.drift`: half a minute in which the innovations last; once in a run, the model does not change while it runs.
-    Fault("model_drift", Action.NOTE, 1, 1, True, "the device does not move as the model says: run `hoopd diagnose`"),
-)
-CAMERA_FAULTS = (
-    *("camera_late", "camera_lost", "ball_missing", "ball_lost", "ball_implausible", "ball_runaway"),
-    *PICTURE_FAULTS,
-)
-BY_NAME: Mapping[str, Fault] = {fault.name: fault for fault in FAULTS}
 
 
 @dataclass(frozen=True)
@@ -184,11 +111,14 @@ class Health:
         period_s: float,
         levels: Mapping[str, Level] | None = None,
         ball: BallMotion | None = None,
+        hoop: HoopMotion | None = None,
     ) -> None:
-        """`levels`: what the filter's innovations are while the device is as the model says; `ball`: the model's."""
+        """`levels`: what the filter's innovations are while the device is as the model says; `ball`, `hoop`: the
+        model's."""
         self.thresholds, self.period_s = thresholds, period_s
         self.drift = Drift(levels)
         self._pictures = PictureChecks(ball)
+        self._encoder = EncoderChecks(hoop, thresholds.speed_mismatch_rad_s, period_s)
         self._counts = {fault.name: _Count(fault) for fault in FAULTS}
         self._active: tuple[Fault, ...] = ()
         self._driver: DriverSample | None = None
@@ -299,6 +229,7 @@ class Health:
             **self._camera(inputs, estimate, sent),
             **self._top(float(estimate.x[2]), sent),
             **self._board(inputs, sent),
+            **self._encoder.update(inputs.t, inputs.driver, sent.torque_nm, float(estimate.x[2])),
         }
 
     def _link(self, inputs: Inputs) -> dict[str, int]:
@@ -356,7 +287,6 @@ class Health:
             "board_reset": int(self._clock_jumped(driver) or (lost_drive and not latched)),
             "board_refuses": int(sent.enabled_for > 0 and not enabled),
             "current_implausible": int(self._current_off(driver, sent)),
-            "speed_implausible": int(self._speed_off(driver)),
             "hoop_overspeed": int(abs(driver.dtheta) > self.thresholds.hoop_speed_rad_s),
         }
 
@@ -377,13 +307,6 @@ class Health:
         torque = constant * driver.current
         low, high = sorted((self._asked_nm, sent.torque_nm))
         return max(low - torque, torque - high) > self.thresholds.current_mismatch_nm
-
-    def _speed_off(self, driver: DriverSample) -> bool:
-        if self._driver is None or not 0.0 < driver.t - self._driver.t < 3 * self.period_s:
-            return False
-        mean = (driver.theta - self._driver.theta) / (driver.t - self._driver.t)
-        reported = 0.5 * (driver.dtheta + self._driver.dtheta)
-        return abs(reported - mean) > self.thresholds.speed_mismatch_rad_s
 
 
 def _count_bad(inputs: Inputs) -> int:

@@ -14,8 +14,10 @@ from typing import Any, NamedTuple, Protocol
 from hoopd.core.ballresponse import BallMotion
 from hoopd.core.controllers import DONE, Controller, Measurement
 from hoopd.core.drift import Level
+from hoopd.core.encoderchecks import HoopMotion
+from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.feedforward import FeedForward
-from hoopd.core.health import BY_NAME, Action, Health, Sent, Thresholds
+from hoopd.core.health import Health, Sent, Thresholds
 from hoopd.core.limits import Limiter
 from hoopd.core.modes import ENERGISED, Event, Mode, next_mode
 from hoopd.core.operator import Operator
@@ -92,10 +94,11 @@ class Tick:
         feedforward: FeedForward | None = None,
         levels: Mapping[str, Level] | None = None,
         ball: BallMotion | None = None,
+        hoop: HoopMotion | None = None,
     ) -> None:
         self.settings, self.estimator, self.controller, self.limiter = settings, estimator, controller, limiter
         self.feedforward = feedforward or FeedForward()
-        self.health = Health(thresholds, settings.period_s, levels, ball)
+        self.health = Health(thresholds, settings.period_s, levels, ball, hoop)
         self.mode = Mode.DISARMED
         self.operator = Operator(self.health, controller, settings.reference_limit_rad, self._note)
         self._sent = Sent(0.0, 0.0, 0)

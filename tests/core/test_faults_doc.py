@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hoopd.core.health import FAULTS, Action
+from hoopd.core.faulttable import FAULTS, Action
 from hoopd.core.modes import ENERGISED, Mode
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "faults.md").read_text()

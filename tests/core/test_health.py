@@ -7,16 +7,10 @@ from math import inf, nan, tau
 import numpy as np
 import pytest
 
+from hoopd.core.encoderchecks import NAMES as ENCODER_FAULTS
+from hoopd.core.faulttable import BY_NAME, FAULTS, Action
 from hoopd.core.frames import STATUS_ENABLED, STATUS_FAULT, STATUS_TIMEOUT
-from hoopd.core.health import (
-    BY_NAME,
-    FAULTS,
-    REFUSALS,
-    Action,
-    Health,
-    Sent,
-    Thresholds,
-)
+from hoopd.core.health import REFUSALS, Health, Sent, Thresholds
 from hoopd.core.picturechecks import NAMES as PICTURE_FAULTS
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Inputs, LinkCounts
 
@@ -190,7 +184,7 @@ def test_nothing_seen_yet_forbids_arming() -> None:
 
 def test_every_row_of_the_table_is_tested() -> None:
     # the board's refusal is above, drift is half a minute's work: test_drift; of pictures that lie: test_picturechecks
-    elsewhere = {"board_refuses", "model_drift", *PICTURE_FAULTS}
+    elsewhere = {"board_refuses", "model_drift", *PICTURE_FAULTS, *ENCODER_FAULTS}
     assert {fault.name for fault in FAULTS} == set(BAD) | elsewhere
 
 

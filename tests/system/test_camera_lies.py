@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from system.runs import Run, run
 
-from hoopd.core.health import BY_NAME, Action
+from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.picturechecks import NAMES
 from hoopd.replay import replay
 from hoopd.sim.truth import read

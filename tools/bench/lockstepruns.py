@@ -20,7 +20,7 @@ import yaml
 
 from hoopd import app
 from hoopd.build import Texts, read_texts
-from hoopd.core.health import BY_NAME, Action
+from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.modes import Mode
 from hoopd.core.records import Inputs, TickRecord
 from hoopd.core.tick import Note

@@ -1,0 +1,295 @@
+"""Does the encoder tell of the hoop that the torque turns? Conditions of the fault table, tick by tick.
+
+What an honest encoder can say of a device within its tolerances is an interval. With torque u (N m) and reported speed
+w, while a model of the hoop says theta'' = gain u + friction w + gravity sin psi,
+
+    theta'' in gain (least(u, w) .. most(u)) + friction w + gravity sin psi -+ gain (FORCE_NM + drag against w)
+
+least: what is left of u by a weak motor (WEAK), by a dead zone or dry friction (LOST_NM), by a motor that gives no more
+(SATURATED_NM) or none at speed (NO_LOAD_RAD_S); the worst of them, not all at once. The torque may act up to LATE_TICKS
+late.
+
+Rules of this file: pure; a lie is told from what the encoder says and what was sent, the camera is no part of it;
+nothing is learned but whether the reported speed has noise.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import copysign, isfinite, sin, sqrt
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from hoopd.core.frames import STATUS_ENABLED
+from hoopd.core.records import DriverSample, Vector
+
+NAMES: Final = ("hoop_innovation", "torque_without_motion", "speed_noiseless")
+# Without a model of the hoop.
+UNJUDGED: Final = {"hoop_innovation": 0, "torque_without_motion": 0}
+
+# Of the torque's effect: parameters 30 % off, a hoop of little inertia with a motor of more than its rated constant.
+WEAK, STRONG = 0.65, 1.9
+LOST_NM = 0.025
+SATURATED_NM = 0.05
+NO_LOAD_RAD_S = 8.0
+# A bias, cogs, an imbalance, a light touch, of either sign.
+FORCE_NM = 0.03
+DRAG_NM_S = 2e-3  # viscous friction that has grown threefold
+DRAG_NM_S2 = 2e-4
+LATE_TICKS = 3
+
+WINDOW_TICKS = 10
+RATE_TICKS = 5  # the angle's own speed is its change over so many
+SIGMAS = 5.0
+LONGEST_GAP_S = 0.1  # between two ticks or two answers; a longer one begins anew
+
+STILL_RAD = 0.004  # two and a half counts of 4096
+# A hoop that turns back stays within STILL_RAD for a while; a torque from rest takes it sixteen times as far meanwhile.
+MUST_MOVE_RAD = 0.1
+
+# So many different speeds in a row of a hoop at rest, and it is known of this board that its speed has noise.
+DIFFERENT_SPEEDS = 25
+EQUAL_SPEEDS = 10
+
+# Angle and speed over half a second, beside an encoder whose ring is off its axis and a speed that is a low-passed one.
+PATH_TICKS = 25
+APART_RAD = 0.15
+APART_SHARE = 0.25
+SPEED_LAG_S = 0.15
+
+
+class HoopMotion(NamedTuple):
+    """The model's hoop at the bottom, see the head of the file."""
+
+    gain: float  # (rad/s^2) / (N m)
+    friction: float  # 1/s
+    gravity: float  # 1/s^2, of the ball that it carries
+    late_s: float = 0.0  # by how much torque and readings are known to be late
+    speed_sd: float = 0.05  # rad/s
+    angle_sd: float = 4.4e-4  # rad
+
+
+class Acted(NamedTuple):
+    """What acted between two ticks."""
+
+    torque_nm: float
+    speed: float  # rad/s, as last reported
+    psi: float  # rad, as estimated
+
+
+class Bounds:
+    """Least and greatest change of speed since the beginning, by torque, for each lateness."""
+
+    def __init__(self, motion: HoopMotion, tick_s: float) -> None:
+        self._motion = motion
+        self._late = motion.late_s + tick_s * np.arange(LATE_TICKS + 1)
+        self._t: deque[float] = deque(maxlen=64)
+        self._low: deque[float] = deque(maxlen=64)
+        self._high: deque[float] = deque(maxlen=64)
+
+    def add(self, t: float, acted: Acted) -> None:
+        """What acted until `t`, the time of this tick."""
+        if not self._t or not 0.0 < t - self._t[-1] < LONGEST_GAP_S:
+            for kept, first in ((self._t, t), (self._low, 0.0), (self._high, 0.0)):
+                kept.clear()
+                kept.append(first)
+            return
+        h = t - self._t[-1]
+        low, high = accelerations(self._motion, acted)
+        self._t.append(t)
+        self._low.append(self._low[-1] + h * low)
+        self._high.append(self._high[-1] + h * high)
+
+    def at(self, t: float) -> Vector | None:
+        """(2, LATE_TICKS + 1) least and greatest at `t`, None when that is out of reach."""
+        at = t - self._late
+        if not self._t or at[-1] < self._t[0]:
+            return None
+        return np.array([np.interp(at, self._t, self._low), np.interp(at, self._t, self._high)])
+
+
+def accelerations(motion: HoopMotion, acted: Acted) -> tuple[float, float]:
+    """Least and greatest theta'' in rad/s^2, see the head of the file."""
+    u, w = acted.torque_nm, acted.speed
+    low, high = sorted((least(u, w), STRONG * u))
+    drag = DRAG_NM_S * abs(w) + DRAG_NM_S2 * w * w
+    low -= FORCE_NM + (drag if w > 0.0 else 0.0)
+    high += FORCE_NM + (drag if w < 0.0 else 0.0)
+    known = motion.friction * w + motion.gravity * sin(acted.psi)
+    return motion.gain * low + known, motion.gain * high + known
+
+
+def least(torque_nm: float, speed: float) -> float:
+    """N m that are left of a torque at the worst."""
+    at_speed = max(0.0, 1.0 - abs(speed) / NO_LOAD_RAD_S)
+    return copysign(WEAK * at_speed * min(max(abs(torque_nm) - LOST_NM, 0.0), SATURATED_NM), torque_nm)
+
+
+class Innovation:
+    """The change of speed over `WINDOW_TICKS`, of the reported speed and of the angle, outside of its bounds."""
+
+    def __init__(self, motion: HoopMotion) -> None:
+        # the difference of two readings; the angle's speed is one itself
+        self._speed_tolerance = SIGMAS * sqrt(2.0) * motion.speed_sd
+        self._angle_tolerance = SIGMAS * 2.0 * motion.angle_sd
+        self._samples: deque[tuple[DriverSample, Vector]] = deque(maxlen=WINDOW_TICKS + RATE_TICKS + 1)
+
+    def update(self, driver: DriverSample, bounds: Vector | None) -> bool:
+        """Both are outside, on the same side."""
+        samples = self._samples
+        if bounds is None or (samples and not 0.0 < driver.t - samples[-1][0].t < LONGEST_GAP_S):
+            samples.clear()
+        if bounds is None:
+            return False
+        samples.append((driver, bounds))
+        if len(samples) < (samples.maxlen or 0):
+            return False
+        by_speed = self._by_speed()
+        return by_speed != 0 and by_speed == self._by_angle()
+
+    def _by_speed(self) -> int:
+        (before, begun), (now, ended) = self._samples[RATE_TICKS], self._samples[-1]
+        return _side(now.dtheta - before.dtheta, ended - begun, self._speed_tolerance)
+
+    def _by_angle(self) -> int:
+        samples = list(self._samples)
+        first, last = samples[: RATE_TICKS + 1], samples[-RATE_TICKS - 1 :]
+        change = _rate(last) - _rate(first)
+        between = np.mean([b for _, b in last], axis=0) - np.mean([b for _, b in first], axis=0)
+        seconds = last[-1][0].t - last[0][0].t
+        return _side(change, between, self._angle_tolerance / seconds)
+
+
+def _rate(samples: list[tuple[DriverSample, Vector]]) -> float:
+    first, last = samples[0][0], samples[-1][0]
+    return (last.theta - first.theta) / (last.t - first.t)
+
+
+def _side(change: float, between: Vector, tolerance: float) -> int:
+    """-1 below, 1 above what is possible for any lateness, 0 within."""
+    if change < float(between[0].min()) - tolerance:
+        return -1
+    return int(change > float(between[1].max()) + tolerance)
+
+
+class StandsStill:
+    """An angle that does not change, and the path on which the torque must have taken the hoop meanwhile."""
+
+    def __init__(self, motion: HoopMotion) -> None:
+        self._gain = motion.gain
+        self.reset()
+
+    def reset(self) -> None:
+        """The hoop moves."""
+        self._angle: float | None = None
+        self._recent: deque[float] = deque([0.0] * LATE_TICKS, maxlen=LATE_TICKS)
+        self._speed = self._path = 0.0
+
+    def update(self, theta: float | None, torque_nm: float, seconds: float) -> bool:
+        """`theta`: as reported in this tick, if it was."""
+        late = self._recent[0]
+        self._recent.append(torque_nm)
+        moved = theta is not None and (self._angle is None or abs(theta - self._angle) > STILL_RAD)
+        acceleration = self._gain * least(late, 0.0)
+        if moved or acceleration * self._speed < 0.0 or acceleration == 0.0:
+            self._speed = self._path = 0.0
+        if moved:
+            self._angle = theta
+        self._speed += acceleration * seconds
+        self._path += self._speed * seconds
+        return abs(self._path) > MUST_MOVE_RAD
+
+
+class SpeedNoise:
+    """Counts reported speeds that are equal to the one before, once it is known that they differ at rest."""
+
+    def __init__(self) -> None:
+        self._last, self._equal, self._different = 0.0, 0, 0
+        self._angle = 0.0
+
+    def update(self, driver: DriverSample) -> bool:
+        """The same speed has come too often."""
+        same, self._last = driver.dtheta == self._last, driver.dtheta
+        self._equal = self._equal + 1 if same else 0
+        if self._different < DIFFERENT_SPEEDS:
+            rests = abs(driver.theta - self._angle) <= STILL_RAD
+            self._different = self._different + 1 if rests and not same else 0
+            self._angle = self._angle if rests else driver.theta
+        return self._different >= DIFFERENT_SPEEDS and self._equal >= EQUAL_SPEEDS
+
+
+class AngleAgainstSpeed:
+    """The angle's change and the integral of the speed, from answer to answer and over `PATH_TICKS`."""
+
+    def __init__(self, mismatch_rad_s: float, tick_s: float) -> None:
+        self._mismatch_rad_s, self._tick_s = mismatch_rad_s, tick_s
+        self._samples: deque[DriverSample] = deque(maxlen=PATH_TICKS + 1)
+
+    def update(self, driver: DriverSample) -> bool:
+        """They contradict each other."""
+        samples = self._samples
+        if samples and not 0.0 < driver.t - samples[-1].t < LONGEST_GAP_S:
+            samples.clear()
+        samples.append(driver)
+        return len(samples) > 1 and (self._step_off() or self._path_off())
+
+    def _step_off(self) -> bool:
+        before, now = self._samples[-2], self._samples[-1]
+        seconds = now.t - before.t
+        mean, reported = (now.theta - before.theta) / seconds, 0.5 * (now.dtheta + before.dtheta)
+        return seconds < 3 * self._tick_s and abs(reported - mean) > self._mismatch_rad_s
+
+    def _path_off(self) -> bool:
+        if len(self._samples) <= PATH_TICKS:
+            return False
+        t, theta, speed = np.array([(one.t, one.theta, one.dtheta) for one in self._samples]).T
+        turned, told = float(theta[-1] - theta[0]), float(np.trapezoid(speed, t))
+        allowed = APART_RAD + APART_SHARE * max(abs(turned), abs(told)) + SPEED_LAG_S * float(np.ptp(speed))
+        return abs(turned - told) > allowed
+
+
+class AgainstTorque:
+    """The conditions that need a model."""
+
+    def __init__(self, motion: HoopMotion, tick_s: float) -> None:
+        self._bounds, self._innovation = Bounds(motion, tick_s), Innovation(motion)
+        self._still = StandsStill(motion)
+        self._t = float("-inf")
+
+    def update(self, t: float, driver: DriverSample | None, acted: Acted) -> dict[str, int]:
+        """Weights by name; `acted`: between the tick before and `t`."""
+        seconds, self._t = t - self._t, t
+        self._bounds.add(t, acted)
+        if not 0.0 < seconds < LONGEST_GAP_S:
+            self._still.reset()
+            seconds = 0.0
+        theta = None if driver is None else driver.theta
+        judged = {"torque_without_motion": int(self._still.update(theta, acted.torque_nm, seconds))}
+        if driver is not None:
+            judged["hoop_innovation"] = int(self._innovation.update(driver, self._bounds.at(driver.t)))
+        return judged
+
+
+class EncoderChecks:
+    """The conditions; what the torque must do needs the model of a hoop."""
+
+    def __init__(self, motion: HoopMotion | None, mismatch_rad_s: float, tick_s: float) -> None:
+        """`motion`: None: no model of a hoop, so that the encoder is judged by itself alone; `mismatch_rad_s`: between
+        the reported speed and the angle's, from one answer to the next."""
+        self._model = None if motion is None else AgainstTorque(motion, tick_s)
+        self._noise, self._apart = SpeedNoise(), AngleAgainstSpeed(mismatch_rad_s, tick_s)
+        self._driver: DriverSample | None = None
+
+    def update(self, t: float, driver: DriverSample | None, torque_nm: float, psi: float) -> dict[str, int]:
+        """Weights by name at the tick `t`; `torque_nm`: what the last tick sent; `psi`: rad, as estimated."""
+        self._driver = driver or self._driver
+        if self._driver is None:
+            return {}
+        acts = bool(self._driver.status & STATUS_ENABLED)
+        acted = Acted(torque_nm if acts else 0.0, self._driver.dtheta, psi if isfinite(psi) else 0.0)
+        judged = dict(UNJUDGED) if self._model is None else self._model.update(t, driver, acted)
+        if driver is not None:
+            judged["speed_noiseless"] = int(self._noise.update(driver))
+            judged["speed_implausible"] = int(self._apart.update(driver))
+        return judged
