@@ -112,7 +112,7 @@ def rig_devices(
         told = parts.camera_config(config, seed, ring=str(rig.ring), start=start)
         path = rig.folder / "camera.json"
         path.write_bytes(msgspec.json.encode(told))
-        command = (sys.executable, "-m", "hoopd.sim.camera", "--rig", str(path), "--fifo", str(fifo))
+        command = (sys.executable, "-m", "hoopd.sim.cameraprogram", "--rig", str(path), "--fifo", str(fifo))
         camera = msgspec.structs.replace(config.camera, backend="rpicam", command=command)
         serial = msgspec.structs.replace(config.serial, port=str(rig.port))
         yield msgspec.structs.replace(config, camera=camera, serial=serial), rig

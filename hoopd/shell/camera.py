@@ -24,6 +24,9 @@ from hoopd.shell.rpicam import RpicamVid
 PAUSES_S = (0.5, 1.0, 2.0, 5.0)  # before the restarts; the last one repeats
 # A camera may take seconds to start (libcamera about one); only then is silence a stall that a restart might mend.
 FIRST_FRAME_S = 5.0
+# Beside a load a start may take longer than that, and being cut short it would for ever: wait this much longer after
+# each start that gave no picture.
+PATIENCE = (1.0, 2.0, 4.0)
 OPEN_S = 5.0
 STOP_S = 2.0
 # At most so many pictures of a backlog are skipped in a row: a source that is always ahead must not starve the loop.
@@ -98,6 +101,7 @@ class CameraThread:
         self._stop = threading.Event()
         self._reader: _Reader | None = None
         self._stuck: _Reader | None = None
+        self._failures = 0  # starts in a row without a picture
         self._supervisor: threading.Thread | None = None
 
     def start(self) -> None:
@@ -172,7 +176,6 @@ class CameraThread:
         self._say(text)
 
     def _supervise(self) -> None:
-        failures = 0
         while not self._stop.is_set():
             reader = self._reader
             if reader is None:
@@ -186,24 +189,28 @@ class CameraThread:
             if not self._failed(reader):
                 continue
             self._say(f"camera: {self.reason}")
-            failures = 0 if reader.frames > 0 else failures
-            if not self._replace(reader, PAUSES_S[min(failures, len(PAUSES_S) - 1)]):
+            self._failures = 0 if reader.frames > 0 else self._failures
+            if not self._replace(reader, PAUSES_S[min(self._failures, len(PAUSES_S) - 1)]):
                 return
-            failures += 1
+            self._failures += 1
 
     def _patience_s(self, reader: _Reader) -> float:
         """How long the reader may still be silent, in steps in which a stop is noticed."""
-        limit_s = self._stall_s if reader.frames > 0 else max(self._stall_s, FIRST_FRAME_S)
-        left_s = max(reader.started_t, reader.last_t) + limit_s - self._clock()
+        left_s = max(reader.started_t, reader.last_t) + self._limit_s(reader) - self._clock()
         return min(max(left_s, 0.01), 0.1)
+
+    def _limit_s(self, reader: _Reader) -> float:
+        """Silence that fails a reader."""
+        if reader.frames > 0:
+            return self._stall_s
+        return max(self._stall_s, FIRST_FRAME_S * PATIENCE[min(self._failures, len(PATIENCE) - 1)])
 
     def _failed(self, reader: _Reader) -> bool:
         if reader.error is not None:
             self.reason = " ".join(str(reader.error).split()) or type(reader.error).__name__
             return True
-        limit_s = self._stall_s if reader.frames > 0 else max(self._stall_s, FIRST_FRAME_S)
         silent_s = self._clock() - max(reader.started_t, reader.last_t)
-        if silent_s <= limit_s:
+        if silent_s <= self._limit_s(reader):
             return False
         self.reason = f"no new picture for {silent_s:.2f} s"
         return True

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from shell.cameras import FakeCapture, H, RunTime, W, plain, until, v4l2
@@ -61,6 +62,16 @@ def test_thread_restarts_a_camera_that_stalls(fake, clock, running) -> None:
     assert sample is not None
     assert sample.frame >= 4  # numbers go on
     assert any("no new picture" in line for line in lines)
+
+
+def test_thread_waits_longer_for_a_start_that_was_cut_short(fake, clock, running, monkeypatch) -> None:
+    """As beside a load: a patience that never grows would begin anew for ever."""
+    monkeypatch.setattr(camera_module, "FIRST_FRAME_S", 0.4)
+    camera = fake("good")
+    slow = msgspec.structs.replace(camera, command=("sh", "-c", 'sleep 0.8; exec "$@"', "sh", *camera.command))
+    eye = running(lambda: RpicamVid(slow, clock, clock.t0), clock)
+    assert until(lambda: eye.counts.frames > 0, 20.0)
+    assert eye.counts.restarts >= 1
 
 
 def test_thread_names_the_programs_last_words(fake, clock, running) -> None:
