@@ -16,7 +16,7 @@ pytestmark = pytest.mark.realtime
 
 NEED_FIFO = pytest.mark.skipif(not fifo_granted(), reason="no right to real-time priority here")
 PARTS = ("boardprocess", "hoopd.sim.camera")
-PATIENCE_S = 10.0
+PATIENCE_S = 40.0
 
 
 def priorities(daemon: Daemon) -> dict[str, tuple[str, int]]:
@@ -31,11 +31,10 @@ def priorities(daemon: Daemon) -> dict[str, tuple[str, int]]:
 )
 def test_board_and_camera_run_as_the_loop_does(fifo: bool, wanted: tuple[str, int], tmp_path: Path) -> None:
     with Daemon(tmp_path, direct=False, fifo=fifo) as daemon:
-        daemon.wait_for(event="mode", mode="RUNNING")
-        assert granted_realtime(daemon.process.pid)["policy"] == wanted[0]
         deadline = time.monotonic() + PATIENCE_S
         while set(priorities(daemon).values()) != {wanted} and time.monotonic() < deadline:
             time.sleep(0.05)
+        assert granted_realtime(daemon.process.pid)["policy"] == wanted[0]
         assert priorities(daemon) == dict.fromkeys(PARTS, wanted)
 
 

@@ -67,7 +67,8 @@ def test_service_says_what_the_safety_chain_needs():
     assert unit["CPUSchedulingPolicy"] == ["fifo"]
     assert int(unit["LimitRTPRIO"][0]) >= int(unit["CPUSchedulingPriority"][0])
     assert unit["LimitMEMLOCK"] == ["infinity"]
-    assert 1 < float(unit["LimitRTTIME"][0].removesuffix("s")) <= 10  # more than a start takes, less than for ever
+    soft, hard = (float(part.removesuffix("s")) for part in unit["LimitRTTIME"][0].split(":"))
+    assert 1 < soft < hard <= 10  # more than a start takes, less than for ever; SIGXCPU before SIGKILL
     assert unit["RestrictRealtime"] == ["no"]
     assert (unit["RuntimeDirectory"], unit["RuntimeDirectoryMode"]) == (["hoopd"], ["0750"])  # the command socket's
     assert unit["LimitNOFILE"] == [str(WANTED)]

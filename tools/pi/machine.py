@@ -34,6 +34,7 @@ SOURCES = Path("/etc/apt")
 BINFMT = Path("/proc/sys/fs/binfmt_misc")
 BINFMT_NAME = "qemu-aarch64"
 BINFMT_RULES = Path("/usr/lib/binfmt.d/qemu-aarch64.conf")
+_CAP_SYS_RESOURCE = 24
 _ONE_LINE = re.compile(r"^deb\s+(?:\[[^]]*\]\s+)?(\S+)\s+(\S+)", re.MULTILINE)
 
 
@@ -65,6 +66,12 @@ def why_not() -> str:
     if shutil.which("unshare") is None:
         return "needs unshare (util-linux)"
     return ""
+
+
+def may_raise_limits() -> bool:
+    """Root may give a process more than the hard limits of today (CAP_SYS_RESOURCE); a container's systemd needs it."""
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("CapEff:"))
+    return bool(int(line.split()[1], 16) >> _CAP_SYS_RESOURCE & 1)
 
 
 def need(*tools: str) -> str:

@@ -10,45 +10,72 @@ import contextlib
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
+from pi import machine
 from pi.container import Container
-from pi.steps import StepError, demand, last_line, wait_until
+from pi.steps import SkippedError, StepError, demand, last_line, wait_until
 
 PYTHON = "/opt/hoopd/bin/python"
 UNIT = "/etc/systemd/system/hoopd.service"
 PROBE = "hoopd-probe"
 DROP_IN = "/etc/systemd/system/hoopd.service.d/cores.conf"
 START_S = 40.0
+ARM_S = 60.0
 # LimitRTTIME is 5 s of processor time; more of the clock beside a load.
 SPIN_S = 40.0
 SIGXCPU = 24
 
 
 def granted(inside: Container) -> str:
-    """Priority, locked memory, limits, user."""
+    """Priority, limits, user."""
     pid = inside.properties("hoopd", "MainPID")["MainPID"]
     policy = inside.run("chrt", "-p", pid)
     demand("SCHED_FIFO" in policy and "priority: 50" in policy, policy.replace("\n", "; "))
-    locked = inside.shell(f"grep VmLck /proc/{pid}/status").split()
-    demand(int(locked[1]) > 0, "no memory is locked")
     lines = inside.run("cat", f"/proc/{pid}/limits").splitlines()
     limits = {line[:26].strip(): line[26:].split()[0] for line in lines}
     demand(limits["Max realtime timeout"].isdigit(), "no limit of time in real time")
     user = inside.run("ps", "-o", "user=", "-p", pid).strip()
     demand(user == "hoopd", f"runs as {user}")
-    locked_mib, spin_us = int(locked[1]) // 1024, limits["Max realtime timeout"]
-    return f"FIFO 50, {locked_mib} MiB of mappings locked, may spin for {spin_us} us"
+    return f"FIFO 50, user hoopd, may spin for {limits['Max realtime timeout']} us"
+
+
+def locked(inside: Container) -> str:
+    """The daemon's memory stays in memory."""
+    _need_limits()
+    pid = inside.properties("hoopd", "MainPID")["MainPID"]
+    words = inside.shell(f"grep VmLck /proc/{pid}/status").split()
+    demand(int(words[1]) > 0, "no memory is locked")
+    return f"{int(words[1]) // 1024} MiB of mappings"
+
+
+def _need_limits() -> None:
+    if not machine.may_raise_limits():
+        raise SkippedError("this machine's root may not raise limits (CAP_SYS_RESOURCE): LimitRTPRIO, LimitMEMLOCK")
 
 
 def operators(inside: Container) -> str:
     """The group hoopd commands, a stranger does not."""
     inside.shell("id engineer >/dev/null 2>&1 || useradd --groups hoopd engineer")
     inside.run("runuser", "-u", "engineer", "--", "hoopd", "status")
-    said = inside.run("runuser", "-u", "engineer", "--", "hoopd", "arm")
-    demand("DISARMED" not in said, said)
+    said = arm(inside, "runuser", "-u", "engineer", "--")
     refused = inside.run("runuser", "-u", "nobody", "--", "hoopd", "arm", codes=(2,))
     inside.run("runuser", "-u", "engineer", "--", "hoopd", "disarm")
     return f"group hoopd: {said.strip()}; a stranger: {last_line(refused)}"
+
+
+def arm(inside: Container, *before: str) -> str:
+    """What the daemon answered to an arm that it took; beside a load the rig may have to come back first."""
+    said: list[str] = []
+
+    def taken() -> bool:
+        said.append(inside.run(*before, "hoopd", "arm", codes=(0, 2)))
+        return "refused" not in said[-1] and "DISARMED" not in said[-1]
+
+    with contextlib.suppress(StepError):
+        wait_until(taken, ARM_S, "armed", 1.0)
+        return said[-1]
+    raise StepError(f"not armed within {ARM_S:.0f} s: {last_line(said[-1])}")
 
 
 def own_core(inside: Container) -> str:
@@ -89,8 +116,24 @@ def spinning(inside: Container) -> str:
 
 def sandbox(inside: Container) -> str:
     """What a program in the daemon's place reaches."""
+    told = _look_around(inside)
+    demand(not told["wrong"], "; ".join(told["wrong"]))
+    refused = ", ".join(f"{name} ({reason})" for name, reason in told["must_not"].items())
+    return f"reaches {', '.join(told['must'])}; not {refused}"
+
+
+def sandbox_realtime(inside: Container) -> str:
+    """Whether a program in the daemon's place has real-time priority and locked memory for the asking."""
+    _need_limits()
+    told = _look_around(inside, "realtime")
+    demand(not told["wrong"], "; ".join(told["wrong"]))
+    return f"reaches {', '.join(told['must'])}"
+
+
+def _look_around(inside: Container, *words: str) -> dict[str, Any]:
+    """What the probe found."""
     inside.shell("cp /src/tools/pi/probe.py /opt/probe.py; rm -f /dev/probe-kmsg; mknod -m 666 /dev/probe-kmsg c 1 11")
-    with _in_its_place(inside, f"{PYTHON} /opt/probe.py"):
+    with _in_its_place(inside, f"{PYTHON} /opt/probe.py {' '.join(words)}"):
         with contextlib.suppress(StepError):
             inside.run("systemctl", "start", PROBE)
         wait_until(lambda: _probe(inside)["ActiveState"] in ("inactive", "failed"), START_S, "the end of the probe")
@@ -98,9 +141,7 @@ def sandbox(inside: Container) -> str:
     inside.shell("rm -f /opt/probe.py /dev/probe-kmsg")
     told = [json.loads(line) for line in lines if line.startswith("{")]
     demand(bool(told), last_line("\n".join(lines)))
-    demand(not told[-1]["wrong"], "; ".join(told[-1]["wrong"]))
-    refused = ", ".join(f"{name} ({reason})" for name, reason in told[-1]["must_not"].items())
-    return f"reaches {', '.join(told[-1]['must'])}; not {refused}"
+    return dict(told[-1])
 
 
 def _probe(inside: Container) -> dict[str, str]:
