@@ -32,7 +32,7 @@ def priorities(daemon: Daemon) -> dict[str, tuple[str, int]]:
 def test_board_and_camera_run_as_the_loop_does(fifo: bool, wanted: tuple[str, int], tmp_path: Path) -> None:
     with Daemon(tmp_path, direct=False, fifo=fifo) as daemon:
         deadline = time.monotonic() + PATIENCE_S
-        while set(priorities(daemon).values()) != {wanted} and time.monotonic() < deadline:
+        while priorities(daemon) != dict.fromkeys(PARTS, wanted) and time.monotonic() < deadline:
             time.sleep(0.05)
         assert granted_realtime(daemon.process.pid)["policy"] == wanted[0]
         assert priorities(daemon) == dict.fromkeys(PARTS, wanted)
