@@ -24,7 +24,7 @@ NOT_DECIDED = ("execution_s",)
 DROPS = ("recorder_dropped", "recorder_trouble")
 
 
-def replay(path: Path, *, run_law: bool = True) -> dict[str, Any]:
+def replay(path: Path, *, run_law: bool = False) -> dict[str, Any]:
     """Repeat a run; `equal` and, when not, the first row and field that differ.
 
     `run_law`: the code of a user's own law in the recording may run here.

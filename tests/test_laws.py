@@ -65,4 +65,6 @@ def test_a_recorded_law_runs_only_when_that_is_wanted(tmp_path: Path) -> None:
     _, path = run(tmp_path, law, 3.0, "sim.commands=[{at_s: 2, name: tune, key: gain, value: 2.0}]")
     with pytest.raises(InputError, match="law: holds a law of a user's own"):
         cli.app(["replay", str(path)], standalone_mode=False)
-    assert replay(path)["equal"]
+    with pytest.raises(InputError, match="law: holds a law of a user's own"):
+        replay(path)
+    assert replay(path, run_law=True)["equal"]

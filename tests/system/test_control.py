@@ -260,7 +260,7 @@ def test_the_documented_law_runs_within_the_same_limits(tmp_path: Path) -> None:
     assert settles(run)
     limited = run_rig(tmp_path / "limited", own_law(tmp_path, law), "limits.torque_nm=0.02", duration_s=4.0)
     assert limited.torque.max_abs() == pytest.approx(0.02)
-    assert replay(tmp_path / "run-0001.mcap")["equal"]
+    assert replay(tmp_path / "run-0001.mcap", run_law=True)["equal"]
 
 
 WILD = """

@@ -188,3 +188,14 @@ def test_an_offered_wheel_that_is_not_the_locked_one_is_told(tmp_path: Path) -> 
         for target in (index.Target((3, 11), "x86_64"), index.Target((3, 11), "aarch64"))
     }
     assert states == {"manylinux_2_28_x86_64", check.UNKNOWN, check.MISSING}
+
+
+@pytest.mark.parametrize("page", ["SECURITY.md", "docs/supply_chain.md"])
+def test_pages_lead_to_what_is_there(page: str) -> None:
+    path = ROOT / page
+    text = path.read_text()
+    for target in re.findall(r"\]\((?!https:)([^)#]+)", text):
+        assert (path.parent / target).is_file(), target
+    make = (ROOT / "Makefile").read_text()
+    for name in re.findall(r"`make ([a-z-]+)", text):
+        assert re.search(rf"^{name}:", make, re.MULTILINE), name
