@@ -6,7 +6,6 @@ Rules of this file: a verdict lists what is wrong; nothing here starts a process
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -16,19 +15,13 @@ from system.realrun import gaps_in
 from system.runs import TORQUE_LIMIT_NM
 
 from hoopd.replay import replay
-from hoopd.sim.board import BoardConfig
-from hoopd.sim.truth import Truth
 
-from .kinds import LOOK_S, NOTHING_TO_SAY, Kind
+from .kind import LOOK_S, NOTHING_TO_SAY, Kind
+from .onset import ball_errors, begin, overspeed_limit
 from .trials import Trial
 
 MARGIN_S = 0.1  # zero torque this long after the deadline that the rule sets
 LONGEST_PAUSE_S = 0.06  # without torque while control goes on: a lost request or two
-# Standard deviations of what the board reports: an angle by whole counts, a speed with its noise.
-CONSTANTS = BoardConfig()
-SIGMA_THETA_RAD = 2 * math.pi / CONSTANTS.counts_per_turn / math.sqrt(12)
-SIGMA_DTHETA_RAD_S = CONSTANTS.dtheta_noise
-DEPARTED = 5.0  # so many of them are a lie
 # While the board looks, the largest torque adds this: 0.7 N m give 0.42 rad/s a millisecond.
 OVERSHOOT_RAD_S = 450.0 * LOOK_S
 
@@ -37,15 +30,18 @@ Gaps = Callable[[float, float], object]  # whether the machine stood still betwe
 
 @dataclass
 class Verdict:
-    """One row of the table."""
+    """What is known of one trial."""
 
     kind: str
     outcome: str
     deadline_s: float
+    trial: int = 0
     began_s: float = math.nan  # run time from which the deadline counts
     zero_s: float = math.nan  # measured from there; NaN where control went on
     max_torque_nm: float = math.nan
+    late_torque_nm: float = math.nan  # the most from the fault on
     max_speed_rad_s: float = math.nan  # true
+    ball_off_rad: float = math.nan  # the most by which pictures are wrong from the fault on
     controlled: bool = True  # when the fault came
     opens: bool = False
     message: str = ""
@@ -61,83 +57,33 @@ class Verdict:
 def judge(name: str, kind: Kind, trial: Trial, stood_still: Gaps) -> Verdict:
     """What a trial says of one kind."""
     verdict, run = Verdict(name, kind.outcome, kind.deadline_s), trial.run
-    since = begin(kind, trial)
-    verdict.began_s = since - trial.zero
     verdict.max_torque_nm = run.torque.max_abs()
+    verdict.late_torque_nm = run.torque.max_abs(trial.at, math.inf)
     verdict.max_speed_rad_s = float(np.abs(trial.truth.dtheta).max())
+    verdict.ball_off_rad = max((abs(error) for t, error in ball_errors(trial) if t >= trial.at), default=math.nan)
     verdict.demand(verdict.max_torque_nm <= TORQUE_LIMIT_NM, f"torque {verdict.max_torque_nm:.3f} N m")
     verdict.controlled = run.torque.max_abs(trial.at - 0.1, trial.at) > 0.0
-    verdict.demand(verdict.controlled, "no torque before the fault")
+    verdict.demand(verdict.controlled, f"no torque before the fault, {_first_fault(trial, -math.inf) or 'no reason'}")
     verdict.demand(run.torque.rows[-1].torque_nm == 0.0, "torque at the end")
     verdict.demand(trial.exit_code == kind.exit_code, f"exit code {trial.exit_code}")
-    verdict.demand(math.isfinite(since), f"no {kind.since} was seen")
+    _opens(verdict, trial)
+    verdict.message = message(kind, trial)
+    _followed(verdict, kind, trial, stood_still)
+    return verdict
+
+
+def _followed(verdict: Verdict, kind: Kind, trial: Trial, stood_still: Gaps) -> None:
+    """What came of the fault."""
+    since = begin(kind, trial)
+    verdict.began_s = since - trial.zero
+    if kind.outcome == "untold":
+        return
+    verdict.demand(bool(verdict.message), f"no message names {' or '.join(kind.causes)}")
+    verdict.demand(math.isfinite(since), f"'{kind.since}' was never seen")
     if kind.outcome == "goes on":
         _went_on(verdict, trial, stood_still)
     elif math.isfinite(since):
         _went_off(verdict, kind, trial, since)
-    _opens(verdict, trial)
-    verdict.message = message(kind, trial)
-    verdict.demand(bool(verdict.message), f"no message names {' or '.join(kind.causes)}")
-    return verdict
-
-
-# --- from when on ----------------------------------------------------------------------------------------------------
-
-
-def begin(kind: Kind, trial: Trial) -> float:
-    """The instant from which the deadline counts; inf when it never came."""
-    if kind.since == "departure":
-        return departure(trial)
-    if kind.since == "overspeed":
-        limit = kind.sim.get("board", {}).get("overspeed_rad_s", CONSTANTS.overspeed_rad_s)
-        return overspeed(trial.truth, limit, trial.at)
-    return trial.at
-
-
-def overspeed(true: Truth, limit_rad_s: float, start: float) -> float:
-    """When the true speed passes a limit; inf when it never does.
-
-    The board cuts between two rows, so that none of them is beyond the limit: the straight line through a row and the
-    one before it tells when the hoop would have been there, had the torque stayed."""
-    t, speed = true.t, np.abs(true.dtheta)
-    slope = np.diff(speed) / np.diff(t)
-    for row in np.flatnonzero(t[1:] >= start) + 1:
-        rest_s = (limit_rad_s - speed[row]) / slope[row - 1] if slope[row - 1] > 0.0 else math.inf
-        if rest_s <= t[row] - t[row - 1]:
-            return float(t[row] + rest_s)
-    return math.inf
-
-
-def departure(trial: Trial) -> float:
-    """When the reported angle or speed of the hoop is first 5 sigma away from the true one; inf when it never is."""
-    sampled = [row.t for row in trial.run.torque.rows if row.reason in ("request", "refused", "cleared", "fault")]
-    offsets: list[float] = []
-    for tick in trial.run.ticks:
-        # The board samples as it takes a request, and tells the time in its log.
-        index = bisect_left(sampled, tick.y_t + trial.zero - 1e-3) if math.isfinite(tick.y_t) else len(sampled)
-        if index == len(sampled):
-            continue
-        theta, dtheta = motion(trial.truth, sampled[index])
-        if sampled[index] < trial.at:
-            offsets.append(tick.theta - theta)  # half a count, and whole turns
-        elif offsets:
-            off = abs(tick.theta - theta - np.median(offsets[-50:])) / SIGMA_THETA_RAD
-            if max(off, abs(tick.dtheta - dtheta) / SIGMA_DTHETA_RAD_S) > DEPARTED:
-                return sampled[index]
-    return math.inf
-
-
-def motion(true: Truth, t: float) -> tuple[float, float]:
-    """True angle and speed of the hoop: the cubic through two states and their rates."""
-    row = int(np.clip(np.searchsorted(true.t, t, side="right") - 1, 0, len(true.t) - 2))
-    h = float(true.t[row + 1] - true.t[row])
-    s = (t - float(true.t[row])) / h
-    a, b, va, vb = (float(column[row + k]) for column in (true.theta, true.dtheta) for k in (0, 1))
-    bend, twist = 3.0 * (b - a) - h * (2.0 * va + vb), h * (va + vb) - 2.0 * (b - a)
-    return a + s * (h * va + s * (bend + s * twist)), va + s * (2.0 * bend + 3.0 * s * twist) / h
-
-
-# --- what followed ---------------------------------------------------------------------------------------------------
 
 
 def _went_on(verdict: Verdict, trial: Trial, stood_still: Gaps) -> None:
@@ -162,7 +108,7 @@ def _went_off(verdict: Verdict, kind: Kind, trial: Trial, since: float) -> None:
     if kind.outcome == "pause":
         verdict.demand(run.torque.max_abs(stop + 0.5, stop + 1.0) > 0.0, "control did not come back with the ball")
     if kind.outcome == "bounded" or kind.since == "overspeed":
-        limit = kind.sim.get("board", {}).get("overspeed_rad_s", CONSTANTS.overspeed_rad_s) + OVERSHOOT_RAD_S
+        limit = overspeed_limit(kind) + OVERSHOOT_RAD_S
         verdict.demand(verdict.max_speed_rad_s <= limit, f"hoop at {verdict.max_speed_rad_s:.1f} rad/s")
 
 
@@ -172,17 +118,34 @@ def _opens(verdict: Verdict, trial: Trial) -> None:
     verdict.demand(verdict.opens, "; ".join(r["first_difference"] for r in results) or "no recording")
 
 
+# --- what was said ---------------------------------------------------------------------------------------------------
+
+
 def message(kind: Kind, trial: Trial) -> str:
-    """The words that name the cause, from the fault on."""
+    """The words that name the cause, from the fault on; of a lie that nothing tells, whatever was said."""
     if kind.causes == NOTHING_TO_SAY:
         return "-"
+    if kind.outcome == "untold":
+        return _first_fault(trial, trial.at)
     run, since = trial.run, trial.at - trial.zero - MARGIN_S
-    for cause in kind.causes:
-        for line in run.log:
-            if cause in (line.get("fault"), line["event"], line.get("command")) and line["t"] >= since:
-                return f"{line['t']:.2f} s {line['event']}: {line.get('meaning') or line.get('reason') or cause}"
-        for row in run.events:  # the recording tells more than the log
-            if row.event == "fault" and row.fields["fault"] == cause and row.t >= since:
-                return f"{row.t:.2f} s {row.event}: {row.fields['meaning']}"
+    told = [
+        (line["t"], f"{line['event']}: {line.get('meaning') or line.get('reason') or line.get('command')}")
+        for line in run.log
+        if {line.get("fault"), line["event"], line.get("command")} & set(kind.causes)
+    ]
+    # the recording tells more than the log
+    begun = [row for row in run.events if row.event == "fault" and row.fields["fault"] in kind.causes]
+    told += [(row.t, f"fault: {row.fields['meaning']}") for row in begun]
+    if words := min((row for row in told if row[0] >= since), default=None):
+        return f"{words[0]:.2f} s {words[1]}"
     link = run.summary.get("link", {})
     return ", ".join(f"{name} {link[name]}" for name in kind.causes if name in link)
+
+
+def _first_fault(trial: Trial, since: float) -> str:
+    """The first fault from then on that ended control; nothing when there was none."""
+    for row in trial.run.events:
+        ends = row.fields.get("action") in ("stop", "cut", "pause")
+        if row.event == "fault" and ends and row.t >= since - trial.zero:
+            return f"{row.t:.2f} s {row.fields['fault']}"
+    return ""

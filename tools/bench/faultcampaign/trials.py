@@ -1,7 +1,7 @@
 """One run of the daemon with one fault, in real time or in lock-step, and what it left behind.
 
 Rules of this file: the daemon is a process of its own in both ways; all times of a trial are on the clock of its torque
-log (the monotonic one in real time, virtual seconds in lock-step).
+log (the monotonic one in real time, virtual seconds in lock-step); a trial's number is its seed and moves its fault.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import yaml
 from system.realrun import ENVIRONMENT, Daemon, zero_of
@@ -21,11 +21,10 @@ from system.runs import Run, load
 from hoopd.sim import truth
 from hoopd.sim.truth import Truth
 
-from .kinds import AT_S, Kind
+from .kind import AT_S, Kind
 
-OBSERVE_S = 3.0  # after the fault
 PATIENCE_S = 240.0  # for a run in lock-step with pictures on a busy machine
-KEEP_BUSY = {"at_s": AT_S - 1.2, "name": "reference", "value": 0.1}  # the motor works and the hoop turns
+LATER_S = 0.0237  # each trial's fault: other phases of tick, picture and ball
 
 
 class Way(NamedTuple):
@@ -51,39 +50,39 @@ class Trial(NamedTuple):
     exit_code: int
 
 
-def perform(folder: Path, kind: Kind, way: Way) -> Trial:
+def perform(folder: Path, kind: Kind, way: Way, number: int = 0) -> Trial:
     """Run the daemon with one fault."""
-    run, at, code = _in_lockstep(folder, kind, way) if way.lockstep else _in_real_time(folder, kind, way)
+    at_s = AT_S + LATER_S * number
+    play = _in_lockstep if way.lockstep else _in_real_time
+    run, at, code = play(folder, kind, way, number, at_s)
     zero = 0.0 if way.lockstep else zero_of(run)
-    return Trial(run, truth.read(folder / "truth.csv"), zero + AT_S if math.isnan(at) else at, zero, code)
+    return Trial(run, truth.read(folder / "truth.csv"), zero + at_s if math.isnan(at) else at, zero, code)
 
 
-def _rig(kind: Kind) -> dict[str, Any]:
-    """Keys of the rig's section."""
-    faults = [kind.script] if kind.script else []
-    return {"faults": faults, "commands": [KEEP_BUSY, *kind.commands], **kind.sim}
-
-
-def _in_real_time(folder: Path, kind: Kind, way: Way) -> tuple[Run, float, int]:
-    with Daemon(folder, direct=way.direct, fifo=way.fifo, **_rig(kind)) as daemon:
+def _in_real_time(folder: Path, kind: Kind, way: Way, seed: int, at_s: float) -> tuple[Run, float, int]:
+    with Daemon(folder, direct=way.direct, fifo=way.fifo, seed=seed, **kind.rig(at_s)) as daemon:
         daemon.wait_for(event="mode", mode="RUNNING")
         daemon.wait_for(event="reference")
-        time.sleep(0.6)
-        at = kind.act(daemon) if kind.act else math.nan
-        begun = time.monotonic()
-        while time.monotonic() < begun + OBSERVE_S and daemon.process.poll() is None:
+        begun = time.monotonic() - kind.busy[0]["at_s"]  # of the run
+        at = math.nan
+        if kind.act:
+            time.sleep(0.6)
+            at = kind.act(daemon)
+        end = max(time.monotonic(), begun + at_s) + kind.observe_s
+        while time.monotonic() < end and daemon.process.poll() is None:
             time.sleep(0.05)
         code = daemon.stop() if daemon.process.poll() is None else daemon.wait_exit()
         return daemon.result(), at, code
 
 
-def _in_lockstep(folder: Path, kind: Kind, way: Way) -> tuple[Run, float, int]:
+def _in_lockstep(folder: Path, kind: Kind, way: Way, seed: int, at_s: float) -> tuple[Run, float, int]:
     record, summary = folder / "rec", folder / "summary.json"
     record.mkdir(parents=True)
-    content = {"log": {"format": "json"}, "sim": {"directory": str(folder), **_rig(kind)}}
+    content = {"log": {"format": "json"}, "sim": {"directory": str(folder), **kind.rig(at_s)}}
     (folder / "run.yaml").write_text(yaml.safe_dump(content))
     command = [sys.executable, "-m", "hoopd", "--sim", "--speed", "max", "--config", str(folder / "run.yaml")]
-    command += ["--duration", str(AT_S + OBSERVE_S), "--record", str(record), "--json", str(summary)]
+    command += ["--duration", str(at_s + kind.observe_s), "--seed", str(seed)]
+    command += ["--record", str(record), "--json", str(summary)]
     command += ["--camera", "direct"] if way.direct else []
     done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=PATIENCE_S, check=False)
     told = json.loads(summary.read_text()) if summary.exists() else {}
