@@ -33,7 +33,10 @@ def main() -> int:
         return show([Row(part, "skipped", 0.0, reason) for part in wanted])
     machine.isolate(sys.argv[1:])
     with tempfile.TemporaryDirectory(prefix="hoopd-pi-", ignore_cleanup_errors=True) as name:
-        rows = [row for part in wanted for row in MAKERS[part](Path(name))]
+        try:
+            rows = [row for part in wanted for row in MAKERS[part](Path(name))]
+        finally:
+            machine.unmount_below(Path(name))
     return show(rows)
 
 

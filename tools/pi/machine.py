@@ -138,3 +138,11 @@ def overlay(lower: Path, scratch: Path) -> Path:
         folder.mkdir()
     run(["mount", "-t", "overlay", "overlay", "-o", f"lowerdir={lower},upperdir={upper},workdir={work}", merged], 20)
     return merged
+
+
+def unmount_below(folder: Path) -> None:
+    """Take away every mount below a folder, the innermost first: what is deleted then are its own files alone."""
+    lines = Path("/proc/self/mounts").read_text(encoding="utf-8").splitlines()
+    for place in reversed([line.split()[1] for line in lines]):
+        if Path(place).is_relative_to(folder.resolve()):
+            run(["umount", "--lazy", place], 20)

@@ -109,8 +109,10 @@ class Service:
 
     def _start_rig(self) -> None:
         """The board and its port, with the rights that udev's rule would give it."""
-        self._in.run("systemd-run", "--unit=rig", "--quiet", rights.PYTHON, "/src/tools/pi/rig.py", PORT, RIG)
-        # The service's children begin at ordinary priority, and the rig's camera has to keep up beside any load.
+        fifo = ("--property=CPUSchedulingPolicy=fifo", "--property=CPUSchedulingPriority=40")
+        rig = (rights.PYTHON, "/src/tools/pi/rig.py", PORT, RIG)
+        self._in.run("systemd-run", "--unit=rig", "--quiet", *fifo, *rig)
+        # The service's children begin at ordinary priority, and the rig has to keep up beside any load.
         self._in.run("systemd-run", "--unit=rig-priority", "--quiet", "sh", "-c", KEEP_UP)
         wait_until(lambda: bool(self._in.shell(f"readlink {PORT} || true").strip()), START_S, "the rig's port")
         self._in.shell(f"chgrp dialout $(readlink -f {PORT}); chmod 660 $(readlink -f {PORT})")
