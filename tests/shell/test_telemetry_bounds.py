@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import subprocess
 import sys
@@ -10,7 +11,8 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-from shell.peers import ROOT, Ticks, free_endpoint, running, wait_until
+import pytest
+from shell.peers import OPERATOR, ROOT, Ticks, controlled, free_endpoint, running, wait_until
 
 from hoopd.shell.remote import send
 from hoopd.shell.session import MESSAGE_BYTES
@@ -18,9 +20,10 @@ from hoopd.shell.telemetry import Settings
 
 MB = 2**20
 HUGE = """
-import sys, zenoh
+import json, sys, zenoh
 from hoopd.shell.session import connecting
-with zenoh.open(connecting(sys.argv[1], {}, 2.0)) as session:
+with zenoh.open(connecting(sys.argv[1], json.loads(sys.argv[3]), 2.0)) as session:
+    assert session.info.transports()
     for name in ("arm", "disarm"):
         for reply in session.get(f"hoopd/hoop/cmd/{name}", payload=bytes(int(sys.argv[2])), timeout=2.0):
             print(name, "taken" if reply.ok else reply.err.payload.to_string())
@@ -85,21 +88,24 @@ def largest(measure: object) -> Iterator[list[int]]:
         thread.join(5.0)
 
 
-def test_a_query_of_400_mb_is_thrown_away_as_it_comes() -> None:
-    endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint)) as telemetry, Ticks(telemetry.gate) as ticks:
+@pytest.mark.parametrize("commands", [False, True], ids=["commands off", "commands on"])
+def test_a_query_of_400_mb_is_thrown_away_as_it_comes(tmp_path: Path, commands: bool) -> None:
+    settings = controlled(tmp_path) if commands else Settings(endpoint=free_endpoint())
+    endpoint = settings.control_endpoint if commands else settings.endpoint
+    proof = json.dumps(OPERATOR if commands else {})
+    with running(settings) as telemetry, Ticks(telemetry.gate) as ticks:
         before = memory_bytes()
-        with largest(memory_bytes) as seen, peer(HUGE, endpoint, 400 * 10**6) as process:
+        with largest(memory_bytes) as seen, peer(HUGE, endpoint, 400 * 10**6, proof) as process:
             out, _ = process.communicate(timeout=60)
         assert set(out.decode().splitlines()) == {"arm Timeout", "disarm Timeout"}  # of the asker's own
         assert seen[0] - before < 60 * MB
         assert ticks.take() == ()
-        assert send("disarm", endpoint=endpoint)["ok"]
+        assert send("disarm", endpoint=settings.endpoint)["ok"]
 
 
 def test_the_largest_message_is_still_answered() -> None:
     endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint)), peer(HUGE, endpoint, MESSAGE_BYTES // 2) as process:
+    with running(Settings(endpoint=endpoint)), peer(HUGE, endpoint, MESSAGE_BYTES // 2, "{}") as process:
         out, _ = process.communicate(timeout=60)
         assert out.decode().splitlines() == ["arm more than 1000 bytes", "disarm more than 1000 bytes"]
 

@@ -26,6 +26,7 @@ from typing import Any
 import psutil
 import yaml
 from system.runs import Run, load
+from system.witness import Witness
 
 from hoopd.shell.operator import ask
 
@@ -189,6 +190,13 @@ def gaps_in(run: Run, start: float, stop: float) -> list[tuple[float, int]]:
     """Missed ticks between two run times, as (run time, how many)."""
     pairs: Iterable[Any] = zip(run.ticks, run.ticks[1:], strict=False)
     return [(b.t, b.id - a.id - 1) for a, b in pairs if b.id - a.id > 1 and start <= b.t <= stop]
+
+
+def undelayed(run: Run, witness: Witness, start: float, stop: float) -> None:
+    """No tick was missed but where the machine stood still."""
+    zero = zero_of(run)
+    alone = [(t, n) for t, n in gaps_in(run, start - zero, stop - zero) if not witness.gaps(zero + t - 0.2, zero + t)]
+    assert alone == []
 
 
 def free_port() -> int:

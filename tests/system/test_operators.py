@@ -15,12 +15,29 @@ from pathlib import Path
 
 import psutil
 import pytest
-from system.realrun import ENVIRONMENT, START_S, Daemon, fifo_granted
+from system.realrun import ENVIRONMENT, START_S, Daemon, fifo_granted, free_port, undelayed
+from system.witness import Witness, witnessed
 
 from hoopd.shell.operator import CommandError
 from hoopd.shell.socketfile import listening_socket
 
 pytestmark = pytest.mark.realtime
+
+REFERENCE = [{"at_s": 1.8, "name": "reference", "value": 0.1}]  # keeps the motor busy
+DICTIONARY = "transport/auth/usrpwd/dictionary_file"
+
+# Queries far beyond what a message may have, to a session that asks nobody and to one with a password.
+HUGE = """
+import json, sys, zenoh
+from hoopd.shell.session import connecting
+payload = bytes(40 * 10**6)
+for endpoint, extras in json.loads(sys.argv[1]):
+    with zenoh.open(connecting(endpoint, extras, 2.0)) as session:
+        assert session.info.transports()
+        for name in ("arm", "disarm", "reference"):
+            for reply in session.get(f"hoopd/hoop/cmd/{name}", payload=payload, timeout=0.5):
+                print(name, "taken" if reply.ok else reply.err.payload.to_string())
+"""
 
 IDLE = """
 import resource, socket, sys, time
@@ -151,3 +168,69 @@ def test_4000_idle_connections_keep_no_operator_out(tmp_path: Path) -> None:
             idle.kill()
             idle.wait(10)
         assert daemon.stop() == 0
+
+
+def test_messages_of_40_mb_cost_neither_ticks_nor_memory(tmp_path: Path) -> None:
+    """With commands off, and on: 64 KiB is what zenoh takes of a message."""
+    users = tmp_path / "users.txt"
+    users.write_text("operator:turn\n")
+    proof = {"transport/auth/usrpwd/user": "hoop", "transport/auth/usrpwd/password": "x"}
+    control = {"endpoint": f"tcp/127.0.0.1:{free_port()}", "zenoh": {**proof, DICTIONARY: str(users)}}
+    telemetry = {"endpoint": f"tcp/127.0.0.1:{free_port()}", "commands": True, "control": control}
+    operator = {"transport/auth/usrpwd/user": "operator", "transport/auth/usrpwd/password": "turn"}
+    places = [(telemetry["endpoint"], {}), (control["endpoint"], operator)]
+
+    def check(folder: Path, witness: Witness) -> None:
+        with Daemon(folder, fifo=fifo_granted(), config={"telemetry": telemetry}, commands=REFERENCE) as daemon:
+            daemon.wait_running()
+            process = psutil.Process(daemon.process.pid)
+            before, start = process.memory_info().rss, time.monotonic()
+            command = [sys.executable, "-c", HUGE, json.dumps(places)]
+            largest = 0
+            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT) as peer:
+                while peer.poll() is None and time.monotonic() < start + 60.0:
+                    largest = max(largest, process.memory_info().rss)
+                    time.sleep(0.01)
+                peer.kill()
+                assert peer.stdout is not None
+                said = peer.stdout.read().splitlines()
+            assert peer.returncode == 0
+            stop = time.monotonic()
+            assert set(said) == {"arm Timeout", "disarm Timeout", "reference Timeout"}  # of the asker's own
+            assert largest - before < 30 * 10**6
+            assert daemon.command("disarm")["mode"] in ("DISARMED", "FAULT")
+            assert daemon.stop() == 0
+            run = daemon.result()
+        undelayed(run, witness, start, stop)
+        assert not any(command.name == "arm" for row in run.inputs for command in row.commands if row.t > 3.0)
+
+    witnessed(tmp_path, check)
+
+
+def test_a_refused_arm_is_told_with_the_reason_of_the_log(tmp_path: Path) -> None:
+    with Daemon(tmp_path, fifo=fifo_granted()) as daemon:
+        listening(daemon)
+        [board] = daemon.family("boardprocess")
+        board.kill()
+        daemon.wait_for(event="fault", fault="link_lost")
+        told = hoopd("arm", "--set", f"commands.socket={daemon.socket}")
+        logged = daemon.wait_for(event="command_refused", command="arm")
+        assert "link_lost" in logged["reason"]
+        assert (told.returncode, told.stdout, told.stderr) == (2, "", f"hoopd: arm: refused: {logged['reason']}\n")
+        assert daemon.stop() == 0
+
+
+def test_without_a_daemon_every_command_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
+    here = (
+        "--set",
+        f"commands.socket={tmp_path / 'hoop.sock'}",
+        "--set",
+        f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}",
+    )
+    for words in (("arm",), ("disarm",), ("stop",), ("clear",), ("ref", "0.1"), ("tune", "gain", "1"), ("status",)):
+        done = hoopd(*words, *here)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr == f"hoopd: no daemon of device 'hoop' answers at {tmp_path / 'hoop.sock'}\n"
+    for value in ("nan", "inf", "-1e999"):
+        done = hoopd("ref", value, *here)
+        assert done.returncode == 2 and "must be a finite number" in done.stderr and done.stderr.count("\n") == 1

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from system.realrun import ENVIRONMENT, Daemon, fifo_granted, gaps_in, zero_of
+from system.realrun import ENVIRONMENT, Daemon, fifo_granted, undelayed, zero_of
 from system.runs import TORQUE_LIMIT_NM, Run
 from system.witness import Witness, witnessed
 
@@ -176,13 +176,6 @@ def neighbour(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     finally:
         process.kill()
         process.communicate()
-
-
-def undelayed(run: Run, witness: Witness, start: float, stop: float) -> None:
-    """No tick was missed but where the machine stood still."""
-    zero = zero_of(run)
-    alone = [(t, n) for t, n in gaps_in(run, start - zero, stop - zero) if not witness.gaps(zero + t - 0.2, zero + t)]
-    assert alone == []
 
 
 def test_a_flood_of_commands_delays_nothing_and_disarm_is_obeyed(tmp_path: Path) -> None:
