@@ -38,11 +38,16 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 # What the parser of the command line raises: unknown options, values that do not fit.
 UsageError: Any = typer.BadParameter.__base__
 
+# Groups of commands on the page of help.
+RUNNING, DEVICE = "A running daemon", "Device and rig"
+
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=False,
     pretty_exceptions_enable=False,
     help="Real-time controller daemon for a ball in a hoop. Without a command it runs the daemon.",
+    epilog="Exit codes: 0 done; 1 the answer is no, or a mistake of this program; 2 unusable input or a refused "
+    "command; 3 the board's port is not there.",
 )
 
 cli_bench.register(app)
@@ -104,7 +109,7 @@ def _refuse_misplaced(context: typer.Context) -> None:
             raise InputError(option, "", f"belongs after the command: hoopd {context.invoked_subcommand} {option} ...")
 
 
-@app.command()
+@app.command(rich_help_panel=DEVICE)
 def check(
     config: ConfigOption = None,
     sets: SetOption = [],  # noqa: B006
@@ -156,33 +161,33 @@ def _command(request: dict[str, Any], config: Path | None, sets: list[str]) -> N
     typer.echo(f"{request['command']}: {answer['mode']}, reference {answer['reference']:g} rad")
 
 
-@app.command()
+@app.command(rich_help_panel=RUNNING)
 def arm(config: ConfigOption = None, sets: SetOption = []) -> None:  # noqa: B006
     """Arm the running daemon (acknowledges faults that are over)."""
     _command({"command": "arm"}, config, sets)
 
 
-@app.command()
+@app.command(rich_help_panel=RUNNING)
 def disarm(config: ConfigOption = None, sets: SetOption = []) -> None:  # noqa: B006
     """Switch the running daemon's drive off at once."""
     _command({"command": "disarm"}, config, sets)
 
 
-@app.command()
+@app.command(rich_help_panel=RUNNING)
 def stop(config: ConfigOption = None, sets: SetOption = []) -> None:  # noqa: B006
     """Let the running daemon brake the hoop, then disarm."""
     _command({"command": "stop"}, config, sets)
 
 
-@app.command()
+@app.command(rich_help_panel=RUNNING)
 def clear(config: ConfigOption = None, sets: SetOption = []) -> None:  # noqa: B006
     """Acknowledge the running daemon's faults that are over; it stays disarmed."""
     _command({"command": "clear"}, config, sets)
 
 
-@app.command(context_settings={"ignore_unknown_options": True})
+@app.command(rich_help_panel=RUNNING, context_settings={"ignore_unknown_options": True})
 def ref(
-    value: Annotated[float, typer.Argument(help="Ball angle in rad.")],
+    value: Annotated[float, typer.Argument(help="Ball angle in rad.", metavar="RAD")],
     config: ConfigOption = None,
     sets: SetOption = [],  # noqa: B006
 ) -> None:
@@ -190,10 +195,10 @@ def ref(
     _command({"command": "reference", "value": _number(value)}, config, sets)
 
 
-@app.command(context_settings={"ignore_unknown_options": True})
+@app.command(rich_help_panel=RUNNING, context_settings={"ignore_unknown_options": True})
 def tune(
     key: Annotated[str, typer.Argument(help="Parameter of the running law.", metavar="KEY")],
-    value: Annotated[float, typer.Argument(help="Its new value.")],
+    value: Annotated[float, typer.Argument(help="Its new value.", metavar="VALUE")],
     config: ConfigOption = None,
     sets: SetOption = [],  # noqa: B006
 ) -> None:
@@ -201,7 +206,7 @@ def tune(
     _command({"command": "tune", "key": key, "value": _number(value)}, config, sets)
 
 
-@app.command()
+@app.command(rich_help_panel=RUNNING)
 def status(config: ConfigOption = None, sets: SetOption = [], json_path: JsonOption = None) -> None:  # noqa: B006
     """Show the running daemon's mode, faults and what clears them, reference, lateness and counts."""
     _check_json(json_path)
@@ -217,7 +222,7 @@ def _number(value: float) -> float:
     return value
 
 
-@app.command()
+@app.command(rich_help_panel=DEVICE)
 def calibrate(
     picture: Annotated[Path | None, typer.Argument(help="One picture of the hoop with the ball at rest.")] = None,
     positions: Annotated[
@@ -233,7 +238,7 @@ def calibrate(
     print_result(propose(picture, positions, json_path, figure, save))
 
 
-@app.command()
+@app.command(rich_help_panel=DEVICE)
 def replay(
     recording: Annotated[Path, typer.Argument(help="A recording (.mcap) made by the daemon.")],
     json_path: JsonOption = None,
@@ -248,7 +253,7 @@ def replay(
     raise typer.Exit(0 if result["equal"] else 1)
 
 
-@app.command()
+@app.command(rich_help_panel=DEVICE)
 def experiment(
     kind: Annotated[str, typer.Argument(help="prbs, chirp, multisine, steps or decay.", metavar="KIND")],
     sim: Annotated[bool, typer.Option("--sim", help="On the simulated rig.")] = False,

@@ -28,7 +28,7 @@ from hoopd.cli_options import (
 def register(app: typer.Typer) -> None:
     """Add every offline command to the program."""
     for command in (convert, fit, simulate, linearize, design, diagnose, identify):
-        app.command()(command)
+        app.command(rich_help_panel="Files: recordings, models, controllers")(command)
 
 
 def convert(

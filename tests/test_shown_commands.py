@@ -59,6 +59,13 @@ def test_every_command_is_on_a_page() -> None:
     assert set(PROGRAM.commands) <= named
 
 
+def test_the_page_of_help_groups_every_command_and_tells_the_exit_codes() -> None:
+    assert all(getattr(command, "rich_help_panel", None) and command.help for command in PROGRAM.commands.values())
+    codes = re.findall(r"(\d) (?=[a-z])", PROGRAM.epilog)
+    table = (ROOT / "README.md").read_text(encoding="utf-8").partition("| exit code |")[2].partition("\n\n")[0]
+    assert codes == ["0", "1", "2", "3"] == re.findall(r"^\| (\d) \|", table, re.MULTILINE)
+
+
 def test_programs_of_the_tree_take_what_is_shown() -> None:
     wrong = []
     for row in shown("python"):
