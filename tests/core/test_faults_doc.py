@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+from hoopd.core import encoderchecks, picturechecks
 from hoopd.core.faulttable import FAULTS, Action
 from hoopd.core.modes import ENERGISED, Mode
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "faults.md").read_text()
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = (DOCS / "faults.md").read_text()
 
 
 def rows(heading: str) -> list[list[str]]:
@@ -32,3 +35,8 @@ def test_modes_and_actions_are_complete() -> None:
     assert [row[0] for row in rows("| mode | drive |")] == list(Mode)
     assert {row[0] for row in rows("| mode | drive |") if row[1] == "on"} == set(ENERGISED)
     assert [row[0] for row in rows("| action | meaning |")] == [action.name.lower() for action in Action]
+
+
+def test_the_page_on_lies_names_every_row_that_judges_a_sensor() -> None:
+    named = (DOCS / "lies.md").read_text().split("The rows")[1].split("of the\n[fault table]")[0]
+    assert {*re.findall(r"`(\w+)`", named)} == {*picturechecks.NAMES, *encoderchecks.NAMES, "speed_implausible"}

@@ -143,9 +143,9 @@ def test_writeback_shows_that_the_error_falls(tmp_path: Path) -> None:
 
 
 def test_camera_lies_prints_by_which_row_and_when() -> None:
-    out = run_bench("camera_lies.py", "--seeds", "1", "--way", "rest", "--only", "painted at 0.05", "scale 1.1")
-    assert "angle_stuck" in out and "(cannot always be told)" in out
-    assert "rest: 1 of 2 lies seen" in out
+    out = run_bench("camera_lies.py", "--seeds", "1", "--way", "rest", "--only", "painted at 0.05", "--workers", "1")
+    assert "angle_stuck" in out
+    assert "rest: 1 of 1 lies seen" in out
 
 
 def test_false_alarms_watches_every_effect_in_every_way(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,5 +163,5 @@ def test_false_alarms_watches_every_effect_in_every_way(monkeypatch: pytest.Monk
 
 
 def test_false_alarms_prints_its_rigs() -> None:
-    out = run_bench("false_alarms.py", "--minutes", "0.7", "--only", "hoop.coulomb_friction", "--workers", "1")
+    out = run_bench("false_alarms.py", "--minutes", "0.3", "--only", "hoop.coulomb_friction", "--workers", "1")
     assert "hoop.coulomb_friction" in out and "were raised: none" in out

@@ -20,6 +20,7 @@ import yaml
 
 from hoopd import app
 from hoopd.build import Texts, read_texts
+from hoopd.core import ballresponse, encoderchecks, picturechecks
 from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.modes import Mode
 from hoopd.core.records import Inputs, TickRecord
@@ -29,8 +30,16 @@ from hoopd.shell.config import Config
 from hoopd.shell.loop import Loop
 from hoopd.sim import torque_log, truth
 
-# Rows that end control: what a lie must raise, and what nothing honest may.
+# Rows that end control: what a lie must raise.
 ENDING = tuple(name for name, fault in BY_NAME.items() if fault.action >= Action.STOP)
+# Of them those that call a sensor a liar, or the ball gone: nothing honest may raise one.
+JUDGING = (*picturechecks.NAMES, "ball_runaway", *encoderchecks.NAMES, "speed_implausible")
+
+
+def be_hasty() -> None:
+    """Let the rows of the camera speak at their first evidence in this process, to tell what patience costs."""
+    ballresponse.ENOUGH_S = ballresponse.EVERY_TICKS * 0.02
+    picturechecks.BLOCKS = picturechecks.STUCK_PICTURES = picturechecks.IDENTICAL_PICTURES = 1
 
 
 class Raised(NamedTuple):

@@ -11,7 +11,7 @@ from math import pi, sin
 from typing import Any, NamedTuple
 
 import numpy as np
-from lockstepruns import ENDING, Raised, Watched, prepared, scratch, watch
+from lockstepruns import JUDGING, Raised, Watched, prepared, scratch, watch
 
 from honestrigs.rigs import effects, picture_faults, write_model
 from hoopd import experiment
@@ -54,7 +54,7 @@ class Seen(NamedTuple):
     hour: Hour
     seconds: float  # of virtual time
     acting_s: float  # under a law
-    ended: tuple[Raised, ...]  # rows that end control; none may
+    alarms: tuple[Raised, ...]  # rows that call a sensor a liar
     others: dict[str, int]  # how often the others came
 
 
@@ -72,8 +72,8 @@ def spend(hour: Hour) -> Seen:
         hour,
         sum(part.ended_s for part in parts),
         sum(part.running_s for part in parts),
-        tuple(one for one in raised if one.name in ENDING),
-        dict(Counter(one.name for one in raised if one.name not in ENDING)),
+        tuple(one for one in raised if one.name in JUDGING),
+        dict(Counter(one.name for one in raised if one.name not in JUDGING)),
     )
 
 
