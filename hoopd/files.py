@@ -17,6 +17,7 @@ import stat
 import types
 import typing
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar, Union, get_args, get_origin
 
@@ -48,7 +49,7 @@ _AT = re.compile(r" - at `\$\.?([^`]*)`$")
 # Thousands of times what any of our files holds: what is larger (a picture, a device file) is not one of them.
 MAX_FILE_BYTES = 2**20
 # Of numbers as they are measured zlib and zstd leave a third to a twelfth, of a run at a standstill as little.
-UNPACKED_RATIO = 32
+UNPACKED_RATIO = 16
 UNPACKED_FREE_BYTES = 8 * 2**20
 # A line for a person: of a value that is longer its beginning tells enough.
 MAX_PART_CHARS = 300
@@ -149,7 +150,7 @@ def to_struct(data: dict[str, Any], kind: type[T], path: object) -> T:
 def _resolve(data: Any, kind: Any, path: object, key: str) -> Any:
     record, item = _record_type(kind), _item_type(kind)
     if isinstance(data, dict) and record is not None:
-        hints = typing.get_type_hints(record, include_extras=True)
+        hints = _hints(record)
         return {
             name: _resolve(value, _known(hints, name, path, key), path, _join(key, name))
             for name, value in data.items()
@@ -159,6 +160,12 @@ def _resolve(data: Any, kind: Any, path: object, key: str) -> Any:
     if isinstance(data, dict) and item is not None:
         return {name: _resolve(value, item, path, _join(key, str(name))) for name, value in data.items()}
     return _number(data, kind, path, key)
+
+
+@cache
+def _hints(record: Any) -> dict[str, Any]:
+    """Types of a record's fields; looked up once, for a list may hold thousands of them."""
+    return typing.get_type_hints(record, include_extras=True)
 
 
 def _known(hints: dict[str, Any], name: object, path: object, key: str) -> Any:

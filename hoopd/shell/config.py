@@ -21,7 +21,7 @@ from hoopd.core.health import Thresholds
 from hoopd.core.ticksettings import TickSettings
 from hoopd.files import ANY_NUMBER, InputError, load_yaml, parse_yaml, read_text, to_struct
 from hoopd.shipped import defaults_folder
-from hoopd.yamltext import text_of
+from hoopd.yamltext import MAX_DEPTH, text_of
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -309,8 +309,10 @@ def _override(text: str) -> tuple[object, dict[str, Any]]:
     source = f"--set {text}"
     if not equals or not key:
         raise InputError(source, "", "expected a.b=value")
-    nested = load_yaml(value, source)
-    for part in reversed(key.split(".")):
+    nested, parts = load_yaml(value, source), key.split(".")
+    if len(parts) > MAX_DEPTH:
+        raise InputError(source, "", f"nested too deeply: {MAX_DEPTH} levels at most")
+    for part in reversed(parts):
         nested = {part: nested}
     return source, nested
 

@@ -70,6 +70,7 @@ OVERRIDES = (
     "vision.weights=[0, 0, 0]", "vision.circle_px.radius=4000", "vision.circle_px={centre: [-50, 9], radius: 5}",
     "camera.width_px=481", "camera.stride_px=100", "camera.exposure_s=0.05", "camera.awb_gains=[-1, 0]",
     "a\nb=1", 'device.name="x\\n"', "=", ".=1", "device..name=x",
+    "telemetry.zenoh." + "a." * 2000 + "b=1",
 )  # fmt: skip
 
 

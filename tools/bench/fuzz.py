@@ -37,7 +37,7 @@ from processes import cores, progress  # noqa: E402  # isort: skip
 
 SHOWN = 40  # findings told in full
 CASES_PER_WORKER = 250  # then a fresh process: what cases left behind does not add up
-PATIENCE_S = 2.0 * outcome.MAX_WALL_S  # for a case that does not even answer its alarm
+PATIENCE_S = 120.0  # of a machine under load, for a case that does not even answer its alarm
 
 
 class Worker:
@@ -86,7 +86,7 @@ class Worker:
         self._process.join()
 
 
-def tried_inside(seed: str, sounds: Path, numbers: range, workers: int) -> list[Outcome]:
+def tried_inside(seed: str, sounds: Path, numbers: range, workers: int, minutes: float) -> list[Outcome]:
     """Cases in worker processes."""
     own = threading.local()
     made: list[Worker] = []
@@ -99,16 +99,21 @@ def tried_inside(seed: str, sounds: Path, numbers: range, workers: int) -> list[
         return found
 
     try:
-        return _counted(attempt, numbers, workers, "cases")
+        return _counted(attempt, numbers, workers, "cases", minutes)
     finally:
         for worker in made:
             worker.close()
 
 
-def _counted(attempt: Callable[[int], Outcome], numbers: range, workers: int, what: str) -> list[Outcome]:
+def _counted(
+    attempt: Callable[[int], Outcome], numbers: range, workers: int, what: str, minutes: float
+) -> list[Outcome]:
     outcomes: list[Outcome] = []
+    end = time.monotonic() + 60.0 * minutes
     with ThreadPoolExecutor(workers) as pool:
-        for found in pool.map(attempt, numbers):
+        for found in pool.map(lambda number: attempt(number) if time.monotonic() < end else None, numbers):
+            if found is None:
+                continue
             outcomes.append(found)
             if found.verdict in (outcome.UNFORESEEN, outcome.BEYOND):
                 print(
@@ -173,6 +178,7 @@ def main() -> int:
     parser.add_argument("--cases", type=int, default=20_000, help="cases in worker processes")
     parser.add_argument("--first", type=int, default=0, help="number of the first one")
     parser.add_argument("--processes", type=int, default=500, help="cases as programs of their own")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="of either part at most: fewer cases then")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=cores())
     parser.add_argument("--case", type=int, help="try this case again")
@@ -187,7 +193,7 @@ def main() -> int:
         if options.cases:
             begun, title = time.monotonic(), "in worker processes (MB: added by the case)"
             numbers = range(options.first, options.first + options.cases)
-            parts[title] = tried_inside(str(options.seed), sounds, numbers, options.workers)
+            parts[title] = tried_inside(str(options.seed), sounds, numbers, options.workers, options.minutes)
             show(title, parts[title], time.monotonic() - begun)
         if options.processes:
             begun, title = time.monotonic(), "as programs of their own (MB: all of it)"
@@ -195,7 +201,7 @@ def main() -> int:
             def attempt(number: int) -> Outcome:
                 return whole.try_case(str(options.seed), number, sounds)
 
-            parts[title] = _counted(attempt, range(options.processes), options.workers, "programs")
+            parts[title] = _counted(attempt, range(options.processes), options.workers, "programs", options.minutes)
             show(title, parts[title], time.monotonic() - begun)
     if options.json:
         options.json.write_text(json.dumps({title: [one._asdict() for one in all_] for title, all_ in parts.items()}))

@@ -108,7 +108,7 @@ def _tiny(sound: Path, size: int) -> bytes:
 def _same_row(sound: Path, size: int) -> bytes:
     """One tick again and again."""
     row = rows.encode_tick(mcap.read_run(sound).ticks[-1])
-    message = container._MESSAGE.pack(5, container._MESSAGE.size - 9 + len(row), 2, 0, 0, 0) + row
+    message = container._MESSAGE.pack(5, container._MESSAGE.size - 9 + len(row), 1, 0, 0, 0) + row
     return message * (size // len(message))
 
 

@@ -24,6 +24,7 @@ from fuzzing.outcome import Outcome
 
 LIMIT_BYTES = 2**31  # above what the process has: what a case asks for beyond this is a MemoryError
 LOOK_S = 1.0  # of the processor: what computes by then is taken for accepted; what still reads has until the bound
+WAITS_S = 0.002  # of the processor, between two looks of the clock
 # Packages that read: who is at work in one of them has not accepted its input yet.
 READING = ("hoopd/recording/", "hoopd/files.py", "hoopd/yamltext.py", "hoopd/modelfiles.py", "hoopd/calibrate.py")
 
@@ -122,15 +123,21 @@ def run(arguments: list[str]) -> tuple[str, str]:
 def _alarms(begun: float) -> Iterator[None]:
     """Look at what goes on once a second of the processor; what waits for ever is cut by the machine's clock."""
 
+    seen = begun
+
     def look(number: int, frame: Any) -> None:
-        still = _reading(frame)
-        if not still or number == signal.SIGALRM or time.process_time() - begun > outcome.MAX_SECONDS:
-            raise Cut(still)
+        nonlocal seen
+        still, before, seen = _reading(frame), seen, time.process_time()
+        waits = number == signal.SIGALRM and seen - before < WAITS_S
+        if number == signal.SIGPROF and not still:
+            raise Cut("")
+        if waits or seen - begun > outcome.MAX_SECONDS:
+            raise Cut(still or "waits for ever")
 
     signal.signal(signal.SIGPROF, look)
     signal.signal(signal.SIGALRM, look)
     signal.setitimer(signal.ITIMER_PROF, LOOK_S, LOOK_S)
-    signal.setitimer(signal.ITIMER_REAL, outcome.MAX_WALL_S, 1.0)
+    signal.setitimer(signal.ITIMER_REAL, outcome.STILL_S, outcome.STILL_S)
     try:
         yield
     finally:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 MAX_SECONDS = 5.0  # of the processor: a machine under load makes everything slow, not dear
-MAX_WALL_S = 20.0  # what waits for something that never comes
+STILL_S = 5.0  # of the clock without any of the processor: it waits for something that never comes
 MAX_BYTES = 300 * 10**6
 # In a process that tries many cases: what one may add. A command that refuses takes up to 165 MB before it reads.
 MAX_ADDED_BYTES = 130 * 10**6
