@@ -19,15 +19,15 @@ WITH_BALL = {"meas_hoop01_prbs": 48.0, "meas_hoopAndBall2_01": 20.0}
 MOTION = ball_motion(effects_of(load_model(ROOT / "config" / "models" / "hoop.yaml")))
 
 
-def most_against(name: str, end_s: float, lie: str = "") -> float:
-    """Most evidence against a ball in s."""
+def most_against(name: str, end_s: float, lie: str = "", turned: float = 1.0) -> float:
+    """Most evidence against a ball in s; `turned`: what the encoder makes of a radian."""
     recording = read_recording(str(shared_path(f"recordings/{name}.mat")))
     response, most = BallResponse(MOTION), 0.0
     told = _told(recording, lie)
     for k, t in enumerate(recording.t):
         if t > end_s:
             break
-        driver = DriverSample(t, k % 256, 1, 0, recording.theta[k], recording.dtheta[k], 0.0, 0)
+        driver = DriverSample(t, k % 256, 1, 0, turned * recording.theta[k], turned * recording.dtheta[k], 0.0, 0)
         response.update(driver, CameraSample(k, t, t, told[k], 1.0, 0.0, 0.0), acting=True)
         most = max(most, response.against_s)
     return most
@@ -54,6 +54,12 @@ def test_the_true_ball_is_left_alone(name: str) -> None:
 @pytest.mark.parametrize("name", WITH_BALL)
 def test_a_lie_about_it_is_told(name: str, lie: str) -> None:
     assert most_against(name, WITH_BALL[name], lie) >= ENOUGH_S
+
+
+@pytest.mark.parametrize("turned", [-1.0, 1 / 3, 0.5])
+@pytest.mark.parametrize("name", WITH_BALL)
+def test_the_ball_tells_of_an_encoder_that_lies(name: str, turned: float) -> None:
+    assert most_against(name, WITH_BALL[name], turned=turned) >= ENOUGH_S
 
 
 def test_a_column_that_is_no_angle_of_a_ball_is_told() -> None:
