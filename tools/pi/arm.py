@@ -68,6 +68,8 @@ class Emulated:
         pip += ["--no-index", "--find-links", "/wheels", "--no-deps", "--no-compile"]
         for lock in roots.LOCKS:
             self._inside([*pip, "-r", f"/src/{lock}"], INSTALL_S)
+        # A recording names the program's version, which is known of what is installed only.
+        self._inside([*pip, "--no-build-isolation", "/src"], INSTALL_S)
         self._inside(["/venv/bin/python", "-m", "pip", "check", "--disable-pip-version-check"], INSTALL_S)
         count, native = roots.count_wheels(self._root / "wheels", "aarch64")
         return f"{count} wheels, {native} of them compiled for aarch64; pip check: nothing is missing"
