@@ -4,17 +4,19 @@
 
 In real time a run lasts some eight seconds, with a slow lie some twenty. A failed one is repeated, at most three times,
 when an independent witness saw the machine stand still for more than 50 ms (or starve a core), or when it did not
-control yet as the fault came. In lock-step nothing is repeated. What each kind does stands in docs/faults.md. Exit code
-1 when a trial fails.
+control yet as the fault came. In lock-step nothing is repeated. What each kind does stands in docs/faults.md. Ctrl-C
+ends it and shows what there is. Exit code 1 when a trial fails or is left out.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,17 +34,15 @@ from hoopd.shell.operator import CommandError  # noqa: E402
 ATTEMPTS = 4
 
 
-def campaign(names: list[str], folder: Path, way: Way, trials: int) -> list[Verdict]:
-    """All kinds, one after the other, all of their trials."""
-    verdicts = []
-    for index, name in enumerate(names):
-        for number in range(trials):
-            progress(f"{index + 1}/{len(names)} {name}, trial {number}")
+def campaign(names: list[str], folder: Path, way: Way, trials: int) -> Iterator[Verdict]:
+    """All kinds one after the other, then all of them once more until each has had its trials."""
+    for number in range(trials):
+        for index, name in enumerate(names):
+            progress(f"trial {number + 1}/{trials}, {index + 1}/{len(names)} {name}")
             place = folder / name.replace(" ", "-").replace(",", "") / str(number)
             play = attempt if way.lockstep else repeated
-            verdicts.append(play(name, place, way, number))
+            yield play(name, place, way, number)
     progress("")
-    return verdicts
 
 
 def repeated(name: str, folder: Path, way: Way, number: int) -> Verdict:
@@ -93,12 +93,14 @@ def main() -> int:
     options = parser.parse_args()
     way, begun = Way(options.direct, options.fifo, options.lockstep), time.monotonic()
     names = [name for name in playable(way) if not options.only or name in options.only]
-    with tempfile.TemporaryDirectory(prefix="hoopd-campaign-") as scratch:
-        verdicts = campaign(names, options.keep or Path(scratch), way, options.trials)
+    verdicts: list[Verdict] = []
+    with tempfile.TemporaryDirectory(prefix="hoopd-campaign-") as scratch, contextlib.suppress(KeyboardInterrupt):
+        for verdict in campaign(names, options.keep or Path(scratch), way, options.trials):
+            verdicts.append(verdict)
     show(verdicts, time.monotonic() - begun, way)
     if options.json:
         options.json.write_text(json.dumps([vars(verdict) for verdict in verdicts], indent=2))
-    return int(any(verdict.wrong for verdict in verdicts))
+    return int(len(verdicts) < len(names) * options.trials or any(verdict.wrong for verdict in verdicts))
 
 
 if __name__ == "__main__":
