@@ -118,20 +118,20 @@ def _is_on(found: Run, start: float, end: float) -> bool:
     return enabled or log.max_abs(start, end) > 0.0
 
 
-def armed_by_nobody(armed_t: Sequence[float], rows: Sequence[Taken]) -> list[Wrong]:
+def armed_by_nobody(armed_t: Sequence[float], rows: Sequence[Taken], slack_s: float = 0.0) -> list[Wrong]:
     """Arms that the tick was given before so many were sent: one, the automatic, before all that switches off.
 
-    `armed_t`: when arms were sent.
+    `armed_t`: when arms were sent; `slack_s`: by how much that may be wrong, either way.
     """
     wrong, got, automatic, revoked = [], 0, 0, False
     for row in rows:
         revoked = revoked or any(name in REVOKING for name in row.names)
         got += row.names.count("arm")
-        if got <= sum(t <= row.t for t in armed_t) + automatic:
-            continue
-        if automatic or revoked:
+        if not revoked and not automatic and got > sum(t + slack_s <= row.t for t in armed_t):
+            automatic = 1
+        if got > sum(t - slack_s <= row.t for t in armed_t) + automatic:
             wrong.append(Wrong(row.t, "an arm that nobody sent"))
-        automatic += 1
+            automatic += 1
     return wrong
 
 

@@ -189,9 +189,9 @@ def _value(name: str) -> dict[str, float]:
 def _wrong_in(script: Script, found: Run, answers: list[Answered]) -> list[judge.Wrong]:
     """All that broke the rule, and every answer that says so."""
     rows, zero = judge.taken(found), float(found.summary["start_monotonic_s"])
-    # Run time by the answer of a status lags by up to a tick and the way there; a command cannot be taken before.
-    armed_t = [answer.t - 0.1 for answer in answers if answer.name == "arm"]
-    wrong = judge.modes_wrong(found) + judge.armed_by_nobody(armed_t, rows)
+    # Run time by the answer of a status lags by up to a tick and the way there.
+    armed_t = [answer.t for answer in answers if answer.name == "arm"]
+    wrong = judge.modes_wrong(found) + judge.armed_by_nobody(armed_t, rows, MARGIN_S)
     wrong += judge.torque_wrong(found, rows, deaf_in(script), zero=zero, margin_s=MARGIN_S)
     return wrong + [
         judge.Wrong(answer.t, f"{answer.name} over {answer.transport} was answered with {answer.mode}")
