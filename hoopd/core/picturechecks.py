@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from math import inf, isfinite, nan, sqrt, tau
+from statistics import median
 
 from hoopd.core.ballresponse import BallMotion, BallResponse
 from hoopd.core.records import CameraSample, DriverSample, Inputs
@@ -37,6 +38,7 @@ ORDER = (1.0, -5.0, 10.0, -10.0, 5.0, -1.0)
 NOISE_GAIN = sqrt(252.0)
 BLOCK = 25  # differences: half a second, the deviation is known to 20 %
 BLOCKS = 2
+HALF = 0.6745  # half of what is normal lies within so many deviations
 LOST_SHARE = 0.125
 LEAST_NOISE_RAD = 1e-5  # a five hundredth of a pixel: a camera of less has no noise that could be missed
 
@@ -102,7 +104,8 @@ class AngleNoise:
     def __init__(self) -> None:
         self._angles: deque[float] = deque(maxlen=len(ORDER))
         self._frame = -1
-        self._sum, self._count, self._quiet = 0.0, 0, 0
+        self._sizes: list[float] = []
+        self._quiet = 0
         self.floor_rad = inf
 
     def update(self, camera: CameraSample, *, acting: bool) -> bool:
@@ -115,14 +118,15 @@ class AngleNoise:
             self._angles.append(camera.psi + tau * round((before - camera.psi) / tau))
         if len(self._angles) == len(ORDER):
             difference = sum(weight * psi for weight, psi in zip(ORDER, self._angles, strict=True))
-            self._sum, self._count = self._sum + difference * difference, self._count + 1
-        if self._count == BLOCK:
+            self._sizes.append(abs(difference))
+        if len(self._sizes) == BLOCK:
             self._close(acting=acting)
         return self._quiet >= BLOCKS
 
     def _close(self, *, acting: bool) -> None:
-        noise = sqrt(self._sum / BLOCK) / NOISE_GAIN
-        self._sum, self._count = 0.0, 0
+        # by the median: a false detection among the pictures spoils six differences and is no noise
+        noise = median(self._sizes) / (HALF * NOISE_GAIN)
+        self._sizes.clear()
         known = LEAST_NOISE_RAD < self.floor_rad < inf
         quiet = known and noise < LOST_SHARE * self.floor_rad
         self._quiet = self._quiet + 1 if quiet else 0

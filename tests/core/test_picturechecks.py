@@ -113,6 +113,13 @@ def test_noise_that_changes_with_the_light_is_no_fault(share: float) -> None:
     assert bench.run(400, lambda k, noise: share * noise) == set()
 
 
+def test_false_detections_before_the_run_are_not_taken_for_noise() -> None:
+    bench = Bench()
+    bench.checks = PictureChecks(MOTION)
+    bench.run(60, lambda k, noise: 1.0 if k % 20 == 0 else noise, torque_nm=0.0)
+    assert "angle_noiseless" not in bench.run(100, resting)
+
+
 def test_a_swing_and_a_law_that_jerks_have_more_than_noise_in_them_and_not_less() -> None:
     bench = Bench(noise_rad=0.0003)
     assert bench.run(200, lambda k, noise: 0.5 * sin(0.17 * k) + noise) <= {"ball_unresponsive"}
