@@ -263,10 +263,11 @@ def write_figure(
 
 def refuse_overwriting(inputs: tuple[Path | None, ...], outputs: tuple[Path | None, ...]) -> None:
     """InputError when an output is one of the inputs or two outputs are one file."""
-    taken = {path.resolve() for path in inputs if path is not None}
+    # realpath, since Path.resolve raises RuntimeError for a link that leads to itself
+    taken = {os.path.realpath(path) for path in inputs if path is not None}
     for path in outputs:
         if path is None:
             continue
-        if path.resolve() in taken:
+        if os.path.realpath(path) in taken:
             raise InputError(path, "", "would overwrite another file of this command")
-        taken.add(path.resolve())
+        taken.add(os.path.realpath(path))

@@ -126,3 +126,10 @@ def test_positions_may_come_from_a_recording(tmp_path: Path) -> None:
     found = run(None, tmp_path / "run-0001.mcap")
     assert found["circle_px"]["radius"] == pytest.approx(182.0, abs=3.0)
     assert found["circle_px"]["centre"] == pytest.approx([240.0, 240.0], abs=3.0)
+
+
+def test_a_link_to_itself_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.symlink_to(path.name)
+    with pytest.raises(InputError):
+        run(None, path, tmp_path / "found.json")

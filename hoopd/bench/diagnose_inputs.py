@@ -6,6 +6,7 @@ text that names it.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -87,7 +88,7 @@ def _given(text: str) -> Given:
     file, experiment = split_path(path)
     start, end = (None, None) if span is None else span
     try:
-        file = file.resolve()
+        file = Path(os.path.realpath(file))
     except (OSError, RuntimeError) as error:
         raise InputError(text[:LONGEST_TOLD], "", f"cannot be read: {error}"[:LONGEST_TOLD]) from None
     return Given(file, experiment, -np.inf if start is None else start, np.inf if end is None else end)

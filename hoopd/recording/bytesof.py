@@ -55,7 +55,7 @@ def replace_file(path: Path, data: bytes) -> None:
         if is_special(path):  # a rename would put a file in its place: /dev/null, or a link to a pipe
             _write_through(path, data)
             return
-        path = path.resolve()  # a link stays a link
+        path = Path(os.path.realpath(path))  # a link stays a link; resolve() raises where one leads to itself
         mode = path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask()
         handle, name = tempfile.mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
     except (OSError, ValueError) as error:
