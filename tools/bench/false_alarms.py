@@ -95,7 +95,7 @@ def _others(mine: Sequence[Seen]) -> str:
 
 def conclude(seen: Sequence[Seen], took_s: float) -> None:
     """What it comes to."""
-    raised = Counter(one.name for part in seen for one in part.ended)
+    raised = Counter(one.name for part in seen for one in part.alarms)
     listed = ", ".join(f"{name} {count}" for name, count in raised.items()) or "none"
     total, acting = (sum(getattr(one, name) for one in seen) / 3600 for name in ("seconds", "acting_s"))
     print(
