@@ -25,7 +25,7 @@ FOUND = (
 )
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_asked_to_end_before_the_loop_listens_everything_open_is_closed(number: int) -> None:
     closed: list[str] = []
     before = signal.getsignal(number)
@@ -35,6 +35,16 @@ def test_asked_to_end_before_the_loop_listens_everything_open_is_closed(number: 
         os.kill(os.getpid(), number)
     assert (closed, end.value.code) == (["camera"], 0)
     assert signal.getsignal(number) is before
+
+
+def test_started_with_nohup_a_hung_up_terminal_is_no_news() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with unwinding():
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 @pytest.mark.parametrize("effects", ["", FOUND])

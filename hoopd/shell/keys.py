@@ -27,12 +27,16 @@ def pressed(act: Callable[[str], None]) -> Iterator[None]:
     running = asyncio.get_running_loop()
 
     def read() -> None:
-        with contextlib.suppress(OSError):
+        try:
             data = os.read(descriptor, 64)
-            if not data:  # the terminal is gone
-                running.remove_reader(descriptor)
-            for key in data.decode(errors="replace"):
-                act(key)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:  # the terminal is gone
+            running.remove_reader(descriptor)
+        for key in data.decode(errors="replace"):
+            act(key)
 
     tty.setcbreak(descriptor)
     running.add_reader(descriptor, read)
@@ -40,4 +44,5 @@ def pressed(act: Callable[[str], None]) -> Iterator[None]:
         yield
     finally:
         running.remove_reader(descriptor)
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        with contextlib.suppress(OSError, termios.error):  # it is gone
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

@@ -1,7 +1,8 @@
-"""What SIGTERM and Ctrl-C do in each part of the daemon's life.
+"""What SIGTERM, Ctrl-C and a terminal that hangs up (SIGHUP) do in each part of the daemon's life.
 
 Rules of this file: before the loop listens they unwind what is open, while it runs they ask it to stop, and at the end
-they change nothing; without the main thread signals are not ours.
+they change nothing; without the main thread signals are not ours. Who was started with SIGHUP ignored (nohup) outlives
+the terminal.
 """
 
 from __future__ import annotations
@@ -13,9 +14,13 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-SIGNALS = (signal.SIGTERM, signal.SIGINT)
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 # Signals that came while unwinding: an exception raised in a destructor or in a weak reference's callback goes nowhere.
 _asked: list[int] = []
+
+
+def _ours() -> list[signal.Signals]:
+    return [name for name in SIGNALS if name != signal.SIGHUP or signal.getsignal(name) is not signal.SIG_IGN]
 
 
 @contextmanager
@@ -30,7 +35,7 @@ def unwinding() -> Iterator[None]:
         yield
         return
     _asked.clear()
-    before = {name: signal.signal(name, end) for name in SIGNALS}
+    before = {name: signal.signal(name, end) for name in _ours()}
     try:
         yield
     finally:
@@ -48,7 +53,7 @@ def ignore() -> None:
 def handle(stop: Callable[[], None]) -> None:
     """From now on the running loop is asked to stop."""
     running = asyncio.get_running_loop()
-    for name in SIGNALS:
+    for name in _ours():
         with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
             running.add_signal_handler(name, stop)
     if _asked:  # and yet we are here

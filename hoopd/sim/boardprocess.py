@@ -200,10 +200,11 @@ def _loop(board: BoardProcess, master: int, stop: Callable[[], bool]) -> None:
 
 
 def _stop_on_sigterm() -> Callable[[], bool]:
-    """Flag that SIGTERM sets; SIGINT is left to the daemon: Ctrl-C must not take the board from under it."""
+    """Flag that SIGTERM sets; what a terminal sends is left to the daemon: it must not take the board from under it."""
     state = {"stop": False}
     signal.signal(signal.SIGTERM, lambda *_: state.update(stop=True))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     return lambda: state["stop"]
 
 

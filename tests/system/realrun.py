@@ -56,9 +56,11 @@ class Daemon:
         fifo: bool = False,
         config: dict[str, Any] | None = None,
         seed: int = 0,
+        terminal: int | None = None,
         **sim: Any,
     ) -> None:
-        """`fifo`: with the real-time priority that the unit grants (needs the right to it); `sim`: keys of the rig."""
+        """`fifo`: with the real-time priority that the unit grants (needs the right to it); `terminal`: descriptor of
+        the one that controls it; `sim`: keys of the rig."""
         self.folder, self.record = folder, folder / "rec"
         self.record.mkdir(parents=True, exist_ok=True)
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -71,7 +73,7 @@ class Daemon:
             "sim": {"directory": str(folder), **sim},
         }
         (folder / "run.yaml").write_text(yaml.safe_dump(content))
-        self._direct, self._seed, self._fifo = direct, seed, fifo
+        self._direct, self._seed, self._fifo, self._terminal = direct, seed, fifo, terminal
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Daemon:
@@ -86,9 +88,15 @@ class Daemon:
         ]
         command += ["--camera", "direct"] if self._direct else []
         command = [*(["chrt", "--fifo", str(FIFO_PRIORITY)] if self._fifo else []), *command]
+        command = [*(["setsid", "--ctty"] if self._terminal is not None else []), *command]
         with (self.folder / "log.jsonl").open("wb") as log, (self.folder / "out.txt").open("wb") as out:
             self._process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=out, stderr=log, env=ENVIRONMENT, cwd=self.folder
+                command,
+                stdin=subprocess.DEVNULL if self._terminal is None else self._terminal,
+                stdout=out,
+                stderr=log,
+                env=ENVIRONMENT,
+                cwd=self.folder,
             )
         return self
 

@@ -61,6 +61,25 @@ def test_a_signal_is_a_controlled_stop(name: str, tmp_path: Path) -> None:
     witnessed(tmp_path, check)
 
 
+def test_a_terminal_that_hangs_up_is_a_controlled_stop(tmp_path: Path) -> None:
+    def check(folder: Path, witness: Witness) -> None:
+        ours, terminal = os.openpty()
+        with Daemon(folder, commands=REFERENCE, terminal=terminal) as daemon:
+            os.close(terminal)
+            daemon.wait_running()
+            sent = time.monotonic()
+            os.close(ours)
+            assert daemon.wait_exit() == 0
+            run = daemon.result()
+        judge(run)
+        assert run.torque.max_abs(sent - 0.1, sent) > 0.0
+        assert run.torque.zero_for_good_from(sent) <= STOPPING_S + MARGIN_S
+        assert "timeout" not in run.torque.reasons()
+        assert [tick.mode for tick in run.ticks][-1] == Mode.DISARMED
+
+    witnessed(tmp_path, check)
+
+
 def test_killed_the_boards_own_time_out_zeroes_and_the_recording_lives(tmp_path: Path) -> None:
     def check(folder: Path, witness: Witness) -> None:
         with Daemon(folder, commands=REFERENCE) as daemon:
