@@ -12,8 +12,8 @@ linear in what is not known:
 
 A ball has a stiffness k and a gain g of about one, a lean (of the frame, of the camera's zero) and a lateness of about
 zero. The window is fitted twice: as a ball, with what a real device may be off, and freely. The evidence against a ball
-is by how much the free fit is better. A push is explained by neither and is no evidence; a window in which the hoop
-moves the ball and that fits a ball takes all evidence away.
+is by how much the free fit is better, in windows in which the hoop moves enough to tell. A push is explained by neither
+and is no evidence; a window that fits a ball takes all evidence away.
 
 Rules of this file: pure; times are those of the samples; nothing is learned, so that no lie is absorbed.
 """
@@ -40,7 +40,8 @@ MOST_DOUBT = 3.0
 # A lateness beyond some 50 ms is no linear term: where the free fit leaves more, it is tried with an older hoop.
 OLDER_S = (0.08, 0.16, 0.24, 0.32, 0.4)
 GOOD_RAD = 0.005
-# A window tells something of the ball when it fixes g as well as this.
+# A window tells something of the ball, for or against it, when it fixes g as well as this. Where the hoop hardly moves,
+# a frame that shakes is all that moves the ball, and fits any stiffness.
 INFORMATIVE = 0.35
 # Windows that overlap one push last 1.5 s; this is more than two pushes spoil.
 ENOUGH_S = 3.3
@@ -123,11 +124,11 @@ class BallResponse:
         self._ball.append((camera.t - self.motion.late_s, camera.psi + tau * round((before - camera.psi) / tau)))
 
     def _weigh(self, judged: Judgement | None) -> None:
-        if judged is None:
+        if judged is None or judged.gain_sd > INFORMATIVE:
             return
         if judged.evidence > LEAST_EVIDENCE:
             self.against_s += EVERY_TICKS * 0.02
-        elif judged.evidence < MOST_DOUBT and judged.gain_sd < INFORMATIVE:
+        elif judged.evidence < MOST_DOUBT:
             self.against_s = 0.0
 
     def _judge(self) -> Judgement | None:

@@ -126,6 +126,17 @@ def test_a_hoop_at_rest_tells_nothing_of_a_ball_at_rest() -> None:
     assert response.against_s == 0.0
 
 
+def test_a_frame_that_shakes_tells_nothing_of_a_ball_in_a_hoop_that_follows() -> None:
+    response, rng = BallResponse(MOTION), np.random.default_rng(0)
+    for k in range(1000):
+        t = k * PERIOD_S
+        speed = 0.1 * sin(25.0 * t) + 0.05 * rng.standard_normal()
+        driver = DriverSample(t, 0, 1, 0, -0.004 * cos(25.0 * t), speed, 0.0, 0)
+        angle = 0.008 * sin(25.0 * t + 0.3) + 0.002 * rng.standard_normal()
+        response.update(driver, CameraSample(k, t, t, angle, 1.0, 0.0, 0.0), acting=True)
+    assert response.against_s == 0.0
+
+
 def test_lateness_that_the_model_knows_is_taken_off() -> None:
     response, ball, past = BallResponse(MOTION._replace(late_s=0.1)), Ball(), []
     for k in range(800):
