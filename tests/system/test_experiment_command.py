@@ -21,7 +21,7 @@ from hoopd.app import Options
 from hoopd.conductor import ABORTED
 from hoopd.experiment import Where
 from hoopd.experimentplan import Plan
-from hoopd.files import InputError
+from hoopd.files import PORT_MISSING, InputError
 from hoopd.recording.mcap import read_run
 from hoopd.sim import torque_log
 
@@ -83,7 +83,8 @@ def test_bad_input(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.chdir(tmp_path)
     for variable in ("INVOCATION_ID", "NOTIFY_SOCKET"):
         monkeypatch.delenv(variable, raising=False)
-    one_line(*call(("experiment", *(word.replace("FOLDER", str(tmp_path)) for word in arguments))), expected)
+    wanted = PORT_MISSING if name == "no port" else 2
+    one_line(*call(("experiment", *(word.replace("FOLDER", str(tmp_path)) for word in arguments))), expected, wanted)
     assert not list(tmp_path.iterdir())
 
 
