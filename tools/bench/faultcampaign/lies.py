@@ -12,8 +12,8 @@ from typing import Any, Final
 from .kind import CAMERA_S, CUT_S, STEPS, STOPPING_S, Kind, Row, Since, reference, scripted
 
 IDENTICAL_S: Final = CAMERA_S + 0.22 + STOPPING_S
-# A ball at rest fits a hoop that speeds up steadily, so far as a frame may lean: the next step of the reference, at most
-# a second later, contradicts it, and 20 of the last 50 pictures must. (An angle without any noise is told at once.)
+# A ball at rest fits a hoop that speeds up steadily, so far as a frame may lean: the next step of the reference, at
+# most a second later, contradicts it, and 20 of the last 50 pictures must. (Without any noise it is told at once.)
 PAINTED_S: Final = CAMERA_S + 1.0 + 1.0 + STOPPING_S
 # A window of ten ticks, all of it wrong for twelve.
 ENCODER_S: Final = 0.44 + CUT_S
