@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
 from hoopd.core.frames import STATUS_ENABLED, STATUS_FAULT, STATUS_TIMEOUT
+from hoopd.core.health import Thresholds
 from hoopd.core.records import CameraSample, DriverSample
 from hoopd.files import PORT_MISSING, InputError
 
@@ -260,6 +261,20 @@ def power(word: int | None) -> CheckResult:
     volts = any("voltage" in name for name in now + past)
     advice = "a stronger power supply or a shorter cable; motor on a supply of its own" if volts else "cooling"
     return CheckResult("power", "no undervoltage, no throttling", text, Verdict.FAIL if now else Verdict.WARN, advice)
+
+
+# --- faults -----------------------------------------------------------------------------------------------------------
+
+
+def fault_rows(faults: Thresholds) -> CheckResult:
+    """No row of the fault table is off without having been accepted."""
+    off, missing = faults.off_rows(), faults.not_accepted()
+    granted = "; ".join(f"{name} is off: {why}" for name, why in off.items()) or "all rows work"
+    wanted = f"accepted_off: {', '.join(faults.accepted_off) or 'none'}"
+    if missing:
+        advice = f"arming is refused until faults.accepted_off has {', '.join(missing)}, or what it needs is set"
+        return CheckResult("fault rows", wanted, granted, Verdict.FAIL, advice)
+    return CheckResult("fault rows", wanted, granted, Verdict.WARN if off else Verdict.OK)
 
 
 # --- files and network -----------------------------------------------------------------------------------------------

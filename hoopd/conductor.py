@@ -102,7 +102,7 @@ class Conductor:
     def _missing(self) -> str:
         """What it waited for in vain."""
         tick = None if self._loop is None else self._loop.tick
-        found = () if tick is None else (*tick.faults, *tick.health.hindrances())
+        found = () if tick is None else (*tick.faults, *tick.health.arming_hindrances())
         return ", ".join(dict.fromkeys(found)) or "the drive did not go on"
 
     def _end(self, outcome: str) -> None:

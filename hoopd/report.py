@@ -106,7 +106,7 @@ def operator_status(
             fault.name: {"meaning": fault.meaning, "clears": clearing(fault, fault.name in hindrances)}
             for fault in health.active()
         },
-        "arming": ", ".join(hindrances) or "possible",
+        "arming": ", ".join(health.arming_hindrances()) or "possible",
         **statistics.summary(),
         "commands": {"accepted": gate.accepted, "refused": gate.refused},
         "recorder": recorder.recorder.counts._asdict() if recorder else None,
@@ -165,7 +165,7 @@ def summarise(
 def _control(loop: Loop, watch: Watch) -> dict[str, Any]:
     """What ended control, or what was in its way when there was none."""
     hindered = [fault.name for fault in loop.tick.health.active() if fault.action >= Action.PAUSE]
-    hindered += [name for name in loop.tick.health.hindrances() if name not in hindered]
+    hindered += [name for name in loop.tick.health.arming_hindrances() if name not in hindered]
     return {
         "ended_by": watch.ended_by,
         "ended_at_s": watch.ended_at_s,

@@ -38,6 +38,8 @@ BOARD_CLOCK_MS = 65536
 START_GRACE_S = 3.0
 # Of the last 50 pictures. A push costs the filter five refusals until it follows; twenty are four pushes a second.
 REFUSALS = 20
+FASTEST_RAD_S = 200.0  # the board cannot report more
+LARGEST_MISMATCH_NM = 1.4  # twice the torque limit: no mismatch can be larger
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ class Thresholds:
     minimum_confidence: float = 0.3  # of a detection
     # False: there is no ball in the hoop, camera and ball are not judged; only a law that needs no ball may act then.
     ball_expected: bool = True
+    # Rows that are off and that the laboratory does without: arming demands it of each (`off_rows`).
+    accepted_off: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse thresholds that would switch a check off by accident."""
@@ -62,9 +66,9 @@ class Thresholds:
         highest = {
             "camera_delay_s": 0.2,
             "lost_periods": 25.0,  # half a second without a picture: the ball may be anywhere
-            "hoop_speed_rad_s": 200.0,  # the board cannot report more
+            "hoop_speed_rad_s": FASTEST_RAD_S,
             "speed_mismatch_rad_s": 100.0,
-            "current_mismatch_nm": 1.4,  # twice the torque limit: no mismatch can be larger
+            "current_mismatch_nm": LARGEST_MISMATCH_NM,
             "minimum_confidence": 1.0,
         }
         for name, high in highest.items():
@@ -72,6 +76,24 @@ class Thresholds:
                 raise ValueError(f"{name} must be above 0 and at most {high:g}")
         if not self.torque_constant_nm_per_a >= 0.0:
             raise ValueError("torque_constant_nm_per_a must not be negative")
+        if unknown := [name for name in self.accepted_off if name not in BY_NAME]:
+            raise ValueError(f"accepted_off: there is no row {unknown[0]!r} in the fault table")
+
+    def off_rows(self) -> dict[str, str]:
+        """Rows that end control and are never raised with these numbers, and why."""
+        reasons = dict.fromkeys(CAMERA_FAULTS if not self.ball_expected else (), "faults.ball_expected is false")
+        if self.torque_constant_nm_per_a == 0.0:
+            reasons["current_implausible"] = "faults.torque_constant_nm_per_a is 0"
+        elif self.current_mismatch_nm >= LARGEST_MISMATCH_NM:
+            reasons["current_implausible"] = f"faults.current_mismatch_nm is {self.current_mismatch_nm:g}"
+        if self.hoop_speed_rad_s >= FASTEST_RAD_S:
+            reasons["hoop_overspeed"] = f"faults.hoop_speed_rad_s is {self.hoop_speed_rad_s:g}"
+        return {name: reason for name, reason in reasons.items() if BY_NAME[name].action >= Action.STOP}
+
+    def not_accepted(self) -> dict[str, str]:
+        """Those of `off_rows` that forbid arming; a hoop without a ball implies its own."""
+        implied = () if self.ball_expected else CAMERA_FAULTS
+        return {name: why for name, why in self.off_rows().items() if name not in (*self.accepted_off, *implied)}
 
 
 class Sent(NamedTuple):
@@ -170,6 +192,13 @@ class Health:
         """What forbids arming: faults of STOP or CUT that are not well yet, and a link or camera never seen."""
         stop = (c for c in self._counts.values() if c.fault.action >= Action.STOP)
         return tuple(c.fault.name for c in stop if not c.well)
+
+    def arming_hindrances(self) -> tuple[str, ...]:
+        """`hindrances`, and every row that is off without having been accepted."""
+        off = (
+            f"{name} is off ({why}): see faults.accepted_off" for name, why in self.thresholds.not_accepted().items()
+        )
+        return (*self.hindrances(), *off)
 
     def acknowledge(self) -> None:
         """The operator has seen the latched faults: those that are well go."""

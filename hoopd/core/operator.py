@@ -106,7 +106,8 @@ class Operator:
             self._refuse_wish(ENDING)
         if not self._wish:
             return None
-        hindrances = self._health.hindrances()
+        arms = self._wish == "arm"
+        hindrances = self._health.arming_hindrances() if arms else self._health.hindrances()
         if hindrances and self._patience > 0 and set(hindrances) <= BOARD_LATCHES:
             self._patience -= 1
             return None

@@ -118,7 +118,7 @@ class Tick:
     @property
     def armable(self) -> bool:
         """An arm command would be obeyed now."""
-        return self.mode in (Mode.DISARMED, Mode.FAULT) and not self.health.hindrances()
+        return self.mode in (Mode.DISARMED, Mode.FAULT) and not self.health.arming_hindrances()
 
     def next_seq(self) -> int:
         """Number of the next request, modulo 256."""

@@ -159,7 +159,7 @@ class Bench:
     """A tick with a hoop of its own, without a ball; the hoop turns as it is told."""
 
     def __init__(self, law: Excitation) -> None:
-        thresholds = Thresholds(ball_expected=False)
+        thresholds = Thresholds(ball_expected=False, accepted_off=("current_implausible",))
         self.tick = Tick(TickSettings(), thresholds, HoopOnly(), law, Limiter(0.7, 1.4))
         self.k, self.theta, self.enabled = 0, 0.0, False
         self.notes: list[tuple[str, dict]] = []

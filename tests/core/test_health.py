@@ -190,3 +190,35 @@ def test_every_row_of_the_table_is_tested() -> None:
 
 def test_infinite_state_is_not_finite() -> None:
     assert "not_finite" in started().run(1, estimate={"x": np.array([inf, 0.0, 0.0, 0.0])})
+
+
+def test_a_row_that_is_off_forbids_arming_until_it_is_accepted() -> None:
+    bench = started()
+    assert bench.health.hindrances() == ()
+    (told,) = bench.health.arming_hindrances()
+    assert told.startswith("current_implausible is off (faults.torque_constant_nm_per_a is 0)")
+    assert started(torque_constant_nm_per_a=0.37).health.arming_hindrances() == ()
+    assert started(accepted_off=("current_implausible",)).health.arming_hindrances() == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("current_implausible", {"torque_constant_nm_per_a": 0.37, "current_mismatch_nm": 1.4}),
+        ("hoop_overspeed", {"torque_constant_nm_per_a": 0.37, "hoop_speed_rad_s": 200.0}),
+    ],
+)
+def test_a_number_that_switches_a_row_off_is_told(name: str, numbers: dict) -> None:
+    assert set(Thresholds(**numbers).not_accepted()) == {name}
+    assert not Thresholds(**numbers, accepted_off=(name,)).not_accepted()
+
+
+def test_a_hoop_without_a_ball_implies_its_rows() -> None:
+    thresholds = Thresholds(ball_expected=False, torque_constant_nm_per_a=0.37)
+    assert {"camera_lost", "ball_unresponsive"} <= set(thresholds.off_rows())
+    assert not thresholds.not_accepted()
+
+
+def test_a_row_that_does_not_exist_cannot_be_accepted() -> None:
+    with pytest.raises(ValueError, match="no row 'curent_implausible'"):
+        Thresholds(accepted_off=("curent_implausible",))

@@ -1,0 +1,63 @@
+"""Rows of the fault table that are off: arming asks for each, `hoopd check` names it, a replay knows the old files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from system.runs import run
+
+from hoopd.check import Verdict, exit_code, fault_rows
+from hoopd.core.health import Thresholds
+from hoopd.files import InputError
+from hoopd.replay import _config, replay
+from hoopd.shell.config import load
+
+UNKNOWN = {"faults": {"torque_constant_nm_per_a": 0.0, "accepted_off": []}}
+
+
+def test_a_rig_with_a_row_off_does_not_arm(tmp_path: Path) -> None:
+    found = run(tmp_path, duration_s=3.0, config=UNKNOWN, commands=[{"at_s": 2.0, "name": "arm"}])
+    assert found.torque.max_abs() == 0.0
+    assert {tick.mode for tick in found.ticks} == {"DISARMED"}
+    (refused,) = [e.fields["reason"] for e in found.events if e.event == "command_refused"]
+    assert "current_implausible is off (faults.torque_constant_nm_per_a is 0)" in refused
+
+
+def test_it_does_when_the_row_is_accepted(tmp_path: Path) -> None:
+    accepted = {"faults": {**UNKNOWN["faults"], "accepted_off": ["current_implausible"]}}
+    found = run(tmp_path, duration_s=3.0, config=accepted)
+    assert found.mode_at(2.9) == "RUNNING"
+    assert replay(found.recordings[0])["equal"]
+
+
+def test_a_recording_of_before_ran_with_its_rows_off() -> None:
+    text = "faults: {torque_constant_nm_per_a: 0.0}"
+    assert not _config(Path("old.mcap"), text).faults.not_accepted()
+    assert _config(Path("new.mcap"), text[:-1] + ", accepted_off: []}").faults.not_accepted()
+
+
+def test_the_shipped_device_accepts_what_it_lacks() -> None:
+    faults = load(None, sim=False, overrides=[]).faults
+    assert list(faults.off_rows()) == ["current_implausible"] and not faults.not_accepted()
+    assert not load(None, sim=True, overrides=[]).faults.off_rows()
+
+
+def test_check_tells_what_is_off_and_why() -> None:
+    missing, accepted, well = (
+        fault_rows(thresholds)
+        for thresholds in (
+            Thresholds(),
+            Thresholds(accepted_off=("current_implausible",)),
+            Thresholds(torque_constant_nm_per_a=0.37),
+        )
+    )
+    assert (missing.verdict, accepted.verdict, well.verdict) == (Verdict.FAIL, Verdict.WARN, Verdict.OK)
+    assert exit_code([missing]) == 1 and "faults.accepted_off" in missing.advice
+    assert all("current_implausible is off: faults.torque_constant" in row.granted for row in (missing, accepted))
+
+
+@pytest.mark.parametrize("value", ["[no_row]", "[1]", "current_implausible"])
+def test_a_row_that_is_none_is_one_line(value: str) -> None:
+    with pytest.raises(InputError, match=r"^[^\n]*accepted_off[^\n]*$"):
+        load(None, sim=True, overrides=[f"faults.accepted_off={value}"])
