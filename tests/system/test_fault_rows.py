@@ -166,9 +166,9 @@ CASES: dict[str, Case] = {
     "ball_implausible": Case("stop", CAMERA_S + 1.0, "ball_held", 0.9, {"psi_rad": -0.4}, clears="operator"),
     "ball_runaway": Case("stop", 0.4, clears="operator", config={"control": {"law": "law.py"}}, prepare=law_that_loops),
     # Ten pictures after the first that is equal.
-    "pictures_identical": Case("stop", CAMERA_S + 0.24, "pictures_frozen", 0.9, clears="operator"),
+    "pictures_identical": Case("stop", CAMERA_S + 0.24, "pictures_frozen", 0.6, clears="operator"),
     # Ten equal angles; the law then moves the hoop, and the ball with it, by more than 12 mrad soon.
-    "angle_stuck": Case("stop", CAMERA_S + 0.4, "picture_ball_painted", 0.9, {"psi_rad": 0.06}, clears="operator"),
+    "angle_stuck": Case("stop", CAMERA_S + 0.4, "picture_ball_painted", 0.6, {"psi_rad": 0.06}, clears="operator"),
     "overrun": Case("goes on", 0.02, prepare=late_from(1), seen=overran),
     "overrun_repeated": Case("goes on", 3 * 0.04 + 0.02, prepare=late_from(3)),
     "overrun_persistent": Case("stop", 10 * 0.04 + 0.02, clears="operator", prepare=late_from(12)),
