@@ -8,12 +8,14 @@ Integrated twice over a window, every term is a known function of time, the deri
 linear in what is not known:
 
     psi = p0 + p1 t + lean stiffness t^2/2 - k stiffness II(sin psi) + g carried theta
-          + d (hoop_rate I(theta) + ball_rate I(psi)) - late carried theta' + (an encoder that runs out)
+          + d (hoop_rate I(theta) + ball_rate I(psi)) + dry stiffness II(sign(theta' - psi')) - late carried theta'
+          + (an encoder that is uneven)
 
-A ball has a stiffness k and a gain g of about one, a lean (of the frame, of the camera's zero) and a lateness of about
-zero. The window is fitted twice: as a ball, with what a real device may be off, and freely. The evidence against a ball
-is by how much the free fit is better, in windows in which the hoop moves enough to tell. A push is explained by neither
-and is no evidence; a window that fits a ball takes all evidence away.
+A ball has a stiffness k and a gain g of about one, a lean (of the frame, of the camera's zero), dry friction (an angle:
+where it holds a ball that rolls) and a lateness of about zero. The window is fitted twice: as a ball, with what a real
+device may be off, and freely. The evidence against a ball is by how much the free fit is better, in windows in which
+the hoop moves enough to tell. A push is explained by neither and is no evidence; a window that fits a ball takes all
+evidence away.
 
 Rules of this file: pure; times are those of the samples; nothing is learned, so that no lie is absorbed.
 """
@@ -49,10 +51,16 @@ FEWEST_SAMPLES = 50
 WIDEST_RAD = 1.2  # beyond, a ball may leave the ring
 JUMP_RAD = 10.0  # between two reports: the board has begun to count anew
 
-# Of p0, p1, lean rad, k, g, d, late s, and the two parts of an encoder's eccentricity in rad.
-_MEAN = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-_BALL = np.array([1e3, 1e3, 0.05, 0.15, 0.15, 3.0, 0.02, 0.03, 0.03])
-_FREE = np.array([1e3, 1e3, 0.05, 3.0, 3.0, 3.0, 0.2, 0.03, 0.03])
+ROLLING_RAD_S = 0.3  # a ball that rolls: slower, the direction is the encoder's noise
+
+# An encoder runs out, is oval, or sits on a coupling: the first harmonics of its error, each with two parts in rad.
+HARMONICS = (1, 2, 3)
+_RIPPLE = [0.03] * (2 * len(HARMONICS))
+
+# Of p0, p1, lean rad, k, g, d, late s, dry friction rad, and the encoder's harmonics.
+_MEAN = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, *np.zeros_like(_RIPPLE)])
+_BALL = np.array([1e3, 1e3, 0.05, 0.15, 0.15, 3.0, 0.02, 0.05, *_RIPPLE])
+_FREE = np.array([1e3, 1e3, 0.05, 3.0, 3.0, 3.0, 0.2, 0.05, *_RIPPLE])
 _GAIN = 4
 
 
@@ -159,7 +167,7 @@ class BallResponse:
         m, at = self.motion, t - t[0]
         theta = np.interp(t - late_s, hoop[:, 0], hoop[:, 1])
         speed = np.interp(t - late_s, hoop[:, 0], hoop[:, 2])
-        moved = theta - theta[0]
+        moved, rolled = theta - theta[0], speed - np.gradient(psi) / 0.02
         columns = (
             np.ones_like(at),
             at,
@@ -168,8 +176,8 @@ class BallResponse:
             m.carried * moved,
             _integral(t, m.hoop_rate * moved + m.ball_rate * psi),
             -m.carried * speed,
-            m.carried * np.sin(theta),
-            m.carried * np.cos(theta),
+            m.stiffness * _integral(t, _integral(t, np.tanh(rolled / ROLLING_RAD_S))),
+            *(m.carried * turned(n * theta) for n in HARMONICS for turned in (np.sin, np.cos)),
         )
         return np.column_stack(columns)
 

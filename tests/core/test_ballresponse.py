@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import cos, pi, sin
+from math import cos, pi, sin, tanh
 
 import numpy as np
 import pytest
@@ -14,22 +14,23 @@ from hoopd.core.records import CameraSample, DriverSample
 MOTION = BallMotion(0.402, 0.319, -0.319, 73.7)
 PERIOD_S = 0.02
 LATE_S = 0.05
+Tones = tuple[tuple[float, float], ...]
+TONES: Tones = ((0.8, 2.0), (0.4, 5.0), (0.2, 11.0))  # rad and rad/s of the hoop; none of them is the ball's own
 Seen = Callable[[float, float], float]  # run time and the ball's true angle -> angle in the picture
 
 
 class Ball:
     """A hoop that swings as a law makes it, and a ball in it, with the model's equation and parameters of its own."""
 
-    def __init__(self, motion: BallMotion = MOTION, seed: int = 0) -> None:
-        self._motion, self._rng = motion, np.random.default_rng(seed)
+    def __init__(self, motion: BallMotion = MOTION, tones: Tones = TONES, dry_rad: float = 0.0) -> None:
+        self._motion, self._rng, self._tones, self._dry_rad = motion, np.random.default_rng(0), tones, dry_rad
         self.t = self.psi = self.dpsi = 0.0
 
     def hoop(self, t: float) -> tuple[float, float, float]:
-        """Angle, speed and acceleration: three tones, none of them the ball's own."""
-        tones = ((0.8, 2.0), (0.4, 5.0), (0.2, 11.0))
-        theta = sum(a * sin(w * t) for a, w in tones)
-        speed = sum(a * w * cos(w * t) for a, w in tones)
-        return theta, speed, -sum(a * w * w * sin(w * t) for a, w in tones)
+        """Angle, speed and acceleration."""
+        theta = sum(a * sin(w * t) for a, w in self._tones)
+        speed = sum(a * w * cos(w * t) for a, w in self._tones)
+        return theta, speed, -sum(a * w * w * sin(w * t) for a, w in self._tones)
 
     def tick(self) -> tuple[DriverSample, float]:
         """What the encoder says, and the ball's true angle, one tick later."""
@@ -37,7 +38,8 @@ class Ball:
         for _ in range(20):
             _, speed, acceleration = self.hoop(self.t)
             force = m.carried * acceleration + m.hoop_rate * speed + m.ball_rate * self.dpsi
-            self.dpsi += h * (force - m.stiffness * sin(self.psi))
+            dry = self._dry_rad * tanh((speed - self.dpsi) / 0.02)
+            self.dpsi += h * (force - m.stiffness * (sin(self.psi) - dry))
             self.psi += h * self.dpsi
             self.t += h
         theta, speed, _ = self.hoop(self.t)
@@ -45,9 +47,9 @@ class Ball:
         return DriverSample(self.t, 0, 1, 0, theta, speed + noise, 0.0, 0), self.psi
 
 
-def watch(seconds: float, seen: Seen, motion: BallMotion = MOTION, push: tuple[float, ...] = ()) -> float:
+def watch(seconds: float, seen: Seen, ball: Ball, push: tuple[float, ...] = ()) -> float:
     """Most evidence against a ball, in s."""
-    ball, response, rng, most = Ball(motion), BallResponse(MOTION), np.random.default_rng(1), 0.0
+    response, rng, most = BallResponse(MOTION), np.random.default_rng(1), 0.0
     late: list[CameraSample] = []
     for k in range(round(seconds / PERIOD_S)):
         driver, psi = ball.tick()
@@ -72,7 +74,7 @@ LIES: dict[str, Seen] = {
 
 @pytest.mark.parametrize("lie", LIES)
 def test_an_angle_that_does_not_answer_the_hoop_is_told(lie: str) -> None:
-    assert watch(12.0, LIES[lie]) >= ENOUGH_S
+    assert watch(12.0, LIES[lie], Ball()) >= ENOUGH_S
 
 
 def test_an_old_angle_is_told() -> None:
@@ -82,7 +84,7 @@ def test_an_old_angle_is_told() -> None:
         past.append(psi)
         return past[-6] if len(past) > 5 else psi
 
-    assert watch(12.0, old) >= ENOUGH_S
+    assert watch(12.0, old, Ball()) >= ENOUGH_S
 
 
 OFF = {
@@ -100,11 +102,28 @@ TRUE: dict[str, Seen] = {
 @pytest.mark.parametrize("off", OFF)
 @pytest.mark.parametrize("seen", TRUE)
 def test_a_real_ball_is_left_alone(off: str, seen: str) -> None:
-    assert watch(20.0, TRUE[seen], MOTION._replace(**OFF[off])) == 0.0
+    assert watch(20.0, TRUE[seen], Ball(MOTION._replace(**OFF[off]))) == 0.0
+
+
+@pytest.mark.parametrize("seen", TRUE)
+def test_a_ball_with_dry_friction_in_a_hoop_that_sways_is_left_alone(seen: str) -> None:
+    assert watch(20.0, TRUE[seen], Ball(tones=((6.0, 1.6),), dry_rad=0.03)) == 0.0
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_an_uneven_encoder_of_a_hoop_that_turns_is_no_ball_that_fails_to_answer(n: int) -> None:
+    response, rng = BallResponse(MOTION), np.random.default_rng(0)
+    for k in range(1000):
+        t = k * PERIOD_S
+        theta, speed = 4.0 * t, 4.0 + 0.05 * rng.standard_normal()
+        ripple = 0.03 * sin(n * theta)
+        driver = DriverSample(t, 0, 1, 0, theta + ripple, speed + 0.03 * n * 4.0 * cos(n * theta), 0.0, 0)
+        response.update(driver, CameraSample(k, t, t, 0.03 + 0.002 * rng.standard_normal(), 1.0, 0.0, 0.0), acting=True)
+    assert response.against_s == 0.0
 
 
 def test_pushes_are_no_evidence_that_lasts() -> None:
-    assert watch(30.0, TRUE["well"], push=(5.01, 9.01, 14.01, 21.01)) <= 0.5 * ENOUGH_S
+    assert watch(30.0, TRUE["well"], Ball(), push=(5.01, 9.01, 14.01, 21.01)) <= 0.5 * ENOUGH_S
 
 
 def test_who_does_not_act_judges_nothing() -> None:
