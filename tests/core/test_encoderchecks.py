@@ -64,6 +64,11 @@ def steps(t: float, told: Told) -> float:
     return float(np.clip(0.01 * (wanted - told[1]), -0.7, 0.7))
 
 
+def turned(t: float, told: Told) -> float:
+    """Makes 15 rad/s, then lets the hoop run."""
+    return 0.0 if t > 1.9 else float(np.clip(0.05 * (15.0 - told[1]), -0.7, 0.7))
+
+
 def watch(
     hoop: Hoop, seconds: float, lie: Lie | None = None, law: Law = steps, noise: float = 0.05, lost: float = 0.0
 ) -> dict[str, float]:
@@ -85,7 +90,7 @@ def watch(
         # the answer is of the beginning of this tick's period: the torque of the tick before acts until then
         answer = DriverSample(t + PERIOD_S, 0, int(k > 25), 0, *told, 0.0, 0)
         for name, weight in checks.update(t + PERIOD_S, answer if heard else None, acted, 0.0).items():
-            bad[name] = bad.get(name, 0) + 1 if weight else 0
+            bad[name] = bad.get(name, 0) + weight if weight else 0
             if bad[name] >= BY_NAME[name].on:
                 came.setdefault(name, t - begins)
         acted, torque = torque, law(t, told) if k > 25 else 0.0
@@ -105,6 +110,7 @@ HONEST: dict[str, dict[str, Any]] = {
     "is late": {"late_s": 0.04},
     "is touched": {"push_nm": lambda t: 0.03 * (0.0 < t % 1.3 < 0.3)},
     "is knocked": {"push_nm": lambda t: 0.1 * (0.0 < t % 1.3 < 0.1)},
+    "is struck": {"push_nm": lambda t: 0.3 * (0.0 < t % 1.3 < 0.04)},
     "has cogs": {"push_nm": lambda t: 0.01 * sin(31.0 * t)},
 }
 
@@ -142,6 +148,31 @@ def test_a_speed_without_noise_from_the_beginning_says_nothing() -> None:
 def test_a_turned_encoder_is_told_under_torque() -> None:
     came = watch(Hoop(), 3.0, lambda start, true: (2 * start[0] - true[0], -true[1]))
     assert came["hoop_innovation"] <= 0.8
+
+
+@pytest.mark.parametrize(
+    ("factor", "lost"), [(-1.0, 0.0), (0.0, 0.0), (0.2, 0.0), (2.0, 0.0), (3.0, 0.0), (-1.0, 0.2), (3.0, 0.2)]
+)
+def test_a_speed_and_an_angle_that_jump_as_no_hand_makes_them_are_told_at_once(factor: float, lost: float) -> None:
+    """The hoop turns at 15 rad/s; half of that might be a blow."""
+    lie: Lie = lambda start, true: (start[0] + factor * (true[0] - start[0]), factor * true[1])  # noqa: E731
+    came = watch(Hoop(), 0.3, lie, law=turned, lost=lost)
+    assert came["hoop_innovation"] <= (2 if lost == 0.0 else 5) * PERIOD_S
+
+
+def test_half_the_speed_all_at_once_might_be_a_blow() -> None:
+    lie: Lie = lambda start, true: (start[0] + 0.5 * (true[0] - start[0]), 0.5 * true[1])  # noqa: E731
+    assert watch(Hoop(), 0.5, lie, law=turned) == {}
+
+
+@pytest.mark.parametrize("jumps", ["angle", "speed"])
+def test_a_jump_of_angle_or_speed_alone_is_none_of_the_hoop(jumps: str) -> None:
+    """The board has begun to count anew, or the speed is wrong for a moment: other rows judge that."""
+    lies: dict[str, Lie] = {
+        "angle": lambda start, true: (true[0] - start[0], true[1]),
+        "speed": lambda start, true: (true[0], true[1] + 30.0),
+    }
+    assert "hoop_innovation" not in watch(Hoop(), 0.1, lies[jumps], law=lambda t, told: 0.0)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 2.0])

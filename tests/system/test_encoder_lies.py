@@ -45,14 +45,19 @@ def test_an_encoder_that_stopped_measuring(tmp_path: Path, kind: str, commands: 
 
 @pytest.mark.parametrize("commands", [HELD, STEPS], ids=["held", "steps"])
 def test_a_frozen_encoder_whose_speed_never_had_noise(tmp_path: Path, commands: list[dict[str, Any]]) -> None:
-    """A board that counts: its speed at rest is zero, and so it is when the encoder is dead."""
+    """A board that counts: its speed at rest is zero, and so it is when the encoder is dead. A fast hoop stops at once."""
     found = lie(tmp_path, "encoder_frozen", commands, dtheta_noise_rad_s=0.0)
-    cut_by(found, {"torque_without_motion"}, 0.4, 60.0)
+    cut_by(found, {"torque_without_motion"} if commands == HELD else {"hoop_innovation"}, 0.4, 60.0)
 
 
 @pytest.mark.parametrize("commands", [HELD, STEPS], ids=["held", "steps"])
 def test_an_encoder_turned_round(tmp_path: Path, commands: list[dict[str, Any]]) -> None:
-    cut_by(lie(tmp_path, "encoder_scale", commands, factor=-1.0), {"hoop_innovation"}, 0.4, 70.0)
+    cut_by(lie(tmp_path, "encoder_scale", commands, factor=-1.0), {"hoop_innovation"}, 0.06, 40.0)
+
+
+@pytest.mark.parametrize("factor", [0.2, 2.0])
+def test_a_scale_that_begins_while_the_hoop_turns(tmp_path: Path, factor: float) -> None:
+    cut_by(lie(tmp_path, "encoder_scale", STEPS, factor=factor), {"hoop_innovation"}, 0.06, 40.0)
 
 
 def test_it_goes_on_after_the_lie_when_the_operator_says_so(tmp_path: Path) -> None:

@@ -5,8 +5,9 @@
 The daemon in virtual time with a shipped law; at 4 s or a little later the encoder begins to lie, for 12 s. References:
 `rest`, `held` (0.05 rad) and `steps` (0.15 rad both ways). Delays count from when true and told value first differ by
 five standard deviations of the filter's encoder; torque as the board logged it. Exit code 1 when a lie that must be
-seen was not, when the torque outlived its row by more than 0.1 s (1.1 s for a controlled stop), or when the true hoop
-came beyond the board's own limit. A scale other than a reversed one must be seen under `steps` alone.
+seen was not, when the torque outlived its row by more than 0.1 s (1.1 s for a controlled stop), when the true hoop came
+beyond the board's own limit, or when a run was over before its lie began, so that nothing was tried. A scale other than
+a reversed one must be seen under `steps` alone.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import product
-from math import inf, tau
+from math import inf, isnan, nan, tau
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -58,8 +59,9 @@ class Case(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What it came to; times in s after the difference of five sigma."""
+    """What it came to; times in s after the difference of five sigma, NaN when no row came."""
 
+    tried: bool  # the run lasted until the lie
     row: str
     row_s: float
     zero_s: float
@@ -93,20 +95,43 @@ def tell(case: Case) -> Outcome:
     with scratch() as folder:
         config, texts = prepared({"control": {"file": f"controllers/{case.law}.yaml"}, "sim": sim}, folder)
         seen = watch(config, texts, folder, at + LASTS_S, case.seed, pictures=False)
-    begun, raised = differs(case.lie, seen.truth, at), seen.first(ENDING, at)
-    end = raised.t if raised else at + LASTS_S
-    outlived = seen.torque.zero_for_good_from(end) if raised else 0.0
-    rows = (seen.truth.t >= at) & (seen.truth.t <= end + outlived)
-    top = float(np.abs(seen.truth.dtheta[rows]).max(initial=0.0))
-    begun = min(begun, end)  # a row may come before any difference: delay 0
-    return Outcome(raised.name if raised else "", end - begun, end + outlived - begun, outlived, top)
+    raised, last = seen.first(ENDING, at), seen.torque.zero_for_good_from(at) + at
+    end = min(raised.t, at + LASTS_S) if raised else at + LASTS_S
+    rows = (seen.truth.t >= at) & (seen.truth.t <= (max(last, end) if raised else end))
+    if not rows.any():
+        return Outcome(False, "", nan, nan, nan, nan)
+    top = float(np.abs(seen.truth.dtheta[rows]).max())
+    if raised is None:
+        return Outcome(True, "", nan, nan, nan, top)
+    begun = min(differs(case.lie, seen.truth, at), end)  # a row may come before any difference: delay 0
+    outlived = max(last - end, 0.0)
+    return Outcome(True, raised.name, end - begun, end + outlived - begun, outlived, top)
 
 
 def failing(case: Case, outcome: Outcome) -> bool:
     """See the head of the file."""
+    if not outcome.tried:
+        return True
     if not outcome.row:
-        return case.must
+        return case.must or outcome.top_rad_s > BOARD_RAD_S
     return outcome.outlived_s > LATE_S[BY_NAME[outcome.row].action] or outcome.top_rad_s > BOARD_RAD_S
+
+
+def line(outcomes: list[Outcome]) -> str:
+    """Of the runs of one lie and one reference."""
+    seen = [outcome for outcome in outcomes if outcome.row]
+    rows = ", ".join(sorted({outcome.row for outcome in seen})) or "-"
+    late, zero = (most((getattr(outcome, name) for outcome in seen), "s") for name in ("row_s", "zero_s"))
+    tried = [outcome for outcome in outcomes if outcome.tried]
+    over = f"; {len(outcomes) - len(tried)} over before the lie" if len(tried) < len(outcomes) else ""
+    top = most((outcome.top_rad_s for outcome in tried), "rad/s")
+    return f"{len(seen)}/{len(outcomes)}    {rows}; {late}, {zero}; {top}{over}"
+
+
+def most(values: Iterable[float], unit: str) -> str:
+    """The greatest, '-' of none."""
+    greatest = max(values, default=nan)
+    return "-" if isnan(greatest) else f"{greatest:.2f} {unit}" if unit == "s" else f"{greatest:.0f} {unit}"
 
 
 def main() -> int:
@@ -121,13 +146,7 @@ def main() -> int:
         cases = [Case(lie, law, reference, seed) for law in given.law or ("lqg", "arx") for seed in range(given.seeds)]
         told = [(case, tell(case)) for case in cases]
         bad += sum(failing(*one) for one in told)
-        seen = [outcome for _, outcome in told if outcome.row]
-        rows = ", ".join(sorted({outcome.row for outcome in seen})) or "-"
-        late = max((outcome.row_s for outcome in seen), default=inf)
-        zero = max((outcome.zero_s for outcome in seen), default=inf)
-        top = max(outcome.top_rad_s for _, outcome in told)
-        text = f"{lie:10} {reference:10} {len(seen)}/{len(told)}    {rows}; {late:.2f} s, {zero:.2f} s; {top:.0f} rad/s"
-        print(text, flush=True)
+        print(f"{lie:10} {reference:10} {line([outcome for _, outcome in told])}", flush=True)
     print(f"{bad} cases failed")
     return int(bad > 0)
 
