@@ -162,6 +162,28 @@ def test_false_alarms_watches_every_effect_in_every_way(monkeypatch: pytest.Monk
     assert all(max(map(abs, off_by(rig).values())) == pytest.approx(OFF) for rig in range(RIGS))
 
 
+def test_false_alarms_tells_an_exception_from_an_alarm(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(str(BENCH))
+    import false_alarms
+    from honestrigs.watching import Seen
+    from lockstepruns import Raised
+
+    slips, nothing, *_ = false_alarms.hours(1.0, 0, ["ball.slip"])
+    nothing = nothing._replace(effect="")
+    told = (Raised(14.3, "ball_unresponsive"),)
+    seen = [Seen(slips, 60.0, 59.0, told, {}), Seen(nothing, 60.0, 59.0, (), {})]
+    assert not false_alarms.false(seen)
+    seen[1] = seen[1]._replace(alarms=told)
+    assert false_alarms.false(seen) == ["ball_unresponsive"]
+    false_alarms.show(seen)
+    false_alarms.conclude(seen, 1.0)
+    out = capsys.readouterr().out
+    assert out.count("(exception)") == 1
+    assert "were raised: ball_unresponsive 1; exceptions: 1" in out
+
+
 def test_false_alarms_prints_its_rigs() -> None:
     out = run_bench("false_alarms.py", "--minutes", "0.3", "--only", "hoop.coulomb_friction", "--workers", "1")
     assert "hoop.coulomb_friction" in out and "were raised: none" in out
