@@ -67,7 +67,7 @@ class _Client:
 
     socket: socket.socket
     peer: Peer
-    since: float = field(default_factory=time.monotonic)
+    since: float = field(default_factory=time.monotonic)  # it came, or asked
     heard: bytes = b""
     ticket: Ticket | StatusTicket | None = None
     to_say: bytes = b""
@@ -188,6 +188,7 @@ class CommandServer:
             self._refuse(client, "", f"more than {LINE_BYTES} bytes in a line")
 
     def _ask(self, client: _Client, line: bytes) -> None:
+        client.since = time.monotonic()  # who took his time to ask waits as long for the loop as everybody
         try:
             request = msgspec.json.decode(line, type=Request)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):

@@ -97,6 +97,20 @@ def test_a_loop_that_hangs_is_told_and_status_says_so(tmp_path: Path) -> None:
             ask({"command": "status"}, "hoop", str(path))
 
 
+def test_who_asks_late_is_told_what_became_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commandserver, "SETTLE_S", 0.4)
+    monkeypatch.setattr(commandserver, "TALK_S", 10.0)
+    path = tmp_path / "hoop.sock"
+    with serving(path) as ticks, socket.socket(socket.AF_UNIX) as connection:
+        connection.settimeout(10.0)
+        connection.connect(str(path))
+        time.sleep(0.6)
+        connection.sendall(b'{"command": "arm"}\n')
+        answer = json.loads(connection.makefile().readline())
+        assert (answer["ok"], answer.get("mode")) == (True, "READY"), answer
+        assert list(ticks.taken) == [Command("arm")]
+
+
 @pytest.mark.parametrize(
     ("data", "says"),
     [
