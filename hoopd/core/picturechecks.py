@@ -127,10 +127,10 @@ class AngleNoise:
         # by the median: a false detection among the pictures spoils six differences and is no noise
         noise = median(self._sizes) / (HALF * NOISE_GAIN)
         self._sizes.clear()
-        known = LEAST_NOISE_RAD < self.floor_rad < inf
-        quiet = known and noise < LOST_SHARE * self.floor_rad
+        quiet = isfinite(self.floor_rad) and noise < LOST_SHARE * self.floor_rad
         self._quiet = self._quiet + 1 if quiet else 0
-        if not acting and not quiet:
+        # an angle without any noise teaches nothing: half a second of a picture that hangs would switch the row off
+        if not acting and not quiet and noise > LEAST_NOISE_RAD:
             self.floor_rad = min(self.floor_rad, noise)
 
 

@@ -107,6 +107,15 @@ def test_an_angle_that_has_lost_its_noise_is_told() -> None:
     assert bench.run(60, resting) == set()
 
 
+def test_pictures_that_hung_before_the_run_do_not_switch_the_row_off() -> None:
+    bench = Bench()
+    bench.checks = PictureChecks(MOTION)
+    bench.run(60, resting, torque_nm=0.0, frozen=True)
+    bench.run(120, resting, torque_nm=0.0)
+    assert bench.run(100, resting) == set()
+    assert "angle_noiseless" in bench.run(80, lambda k, noise: 0.01 * sin(0.1 * k))
+
+
 @pytest.mark.parametrize("share", [0.3, 1.0, 4.0])
 def test_noise_that_changes_with_the_light_is_no_fault(share: float) -> None:
     bench = Bench()
