@@ -32,7 +32,7 @@ from hoopd.core.frames import (
     Request,
     encode_answer,
 )
-from hoopd.sim.guards import CURRENT_LIMIT_A, OVERSPEED_RAD_S, Guards
+from hoopd.sim.guards import CURRENT_LIMIT_A, LOOK_S, OVERSPEED_RAD_S, Guards
 from hoopd.sim.torque_log import Sink
 from hoopd.sim.torquestage import SLEW_NM_PER_MS, TorqueStage
 
@@ -204,6 +204,7 @@ class DriverBoard:
             self._apply(t, 0.0, False, "timeout")
         elif self._stage.deadline() <= t:
             self._stage.step(t)
+            self._expect(t)
 
     def _move(self, t: float) -> None:
         if t > self._now:
@@ -221,6 +222,13 @@ class DriverBoard:
         """Tell the torque stage; what has come to pass until `t` is done."""
         self._limited = self._limited and enabled
         self._stage.go(t, torque_nm, enabled, reason)
+        self._expect(t)
+
+    def _expect(self, t: float) -> None:
+        """Look again at once at a current that the new torque takes beyond its limit, however slow the hoop is."""
+        _, speed, current = self._measured()
+        if self._guards.begun(speed, current) & ~self._fault_bits:
+            self._t_look = min(self._t_look, t + LOOK_S)
 
     # --- requests ---
 
@@ -238,7 +246,7 @@ class DriverBoard:
 
     def _obey(self, t: float, request: Request) -> None:
         """A good request: feed the time-out, act, sample at the same instant, answer."""
-        self._t_good = t
+        self._t_good = self._t_byte  # a frame behind garbage is known for one only in the silence after it
         if request.seq >= 0:
             if self._seq is not None and request.seq != (self._seq + 1) & 0xFF:
                 self._line_errors |= ERROR_SEQ_GAP

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sim.boardbench import Bench, Wheel
 
@@ -183,6 +183,7 @@ requests = st.tuples(
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.one_of(requests, st.binary(max_size=20)), max_size=30))
+@example([(0.0, False, False, 0.25), (0.0, False, False, 0.06), b"\x00", (-0.01, True, False, 0.06)])
 def test_whatever_comes_the_torque_is_bounded_and_dies_100_ms_after_the_last_request(steps: list) -> None:
     bench, t = Bench(), 0.0
     for seq, step in enumerate(steps):
