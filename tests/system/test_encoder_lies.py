@@ -45,7 +45,7 @@ def test_an_encoder_that_stopped_measuring(tmp_path: Path, kind: str, commands: 
 
 @pytest.mark.parametrize("commands", [HELD, STEPS], ids=["held", "steps"])
 def test_a_frozen_encoder_whose_speed_never_had_noise(tmp_path: Path, commands: list[dict[str, Any]]) -> None:
-    """A board that counts: its speed at rest is zero, and so it is when the encoder is dead. A fast hoop stops at once."""
+    """A board that counts: its speed at rest is zero, as when the encoder is dead. A fast hoop stops at once."""
     found = lie(tmp_path, "encoder_frozen", commands, dtheta_noise_rad_s=0.0)
     cut_by(found, {"torque_without_motion"} if commands == HELD else {"hoop_innovation"}, 0.4, 60.0)
 

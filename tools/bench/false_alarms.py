@@ -70,7 +70,7 @@ def show(seen: Sequence[Seen]) -> None:
         print(
             f"{mine[0].hour.effect or 'nothing':<26}{mine[0].hour.rig:>4}"
             f"{sum(one.seconds for one in mine):>7.0f} s{sum(one.acting_s for one in mine):>6.0f} s  "
-            + "".join(f"{verdicts.get(way, '-'):<12}" for way in WAYS)
+            + "".join(f"{verdicts.get(way, '-'):<10}  " for way in WAYS)
             + _others(mine)
         )
     print()
