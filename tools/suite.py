@@ -2,26 +2,35 @@
 
     python tools/suite.py [pytest's arguments]
 
-The first pass takes all tests without the marker `realtime` on as many processes as there are cores, a file at a time;
+The first pass takes all tests without the marker `realtime` on as many processes as we may use cores, a file at a time;
 the second those with it, alone on the machine. Both always run. The last line adds them up; the exit code is 0 only if
 both passed. A pass whose tests were all deselected is no failure, unless both were.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import subprocess
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 
-PASSES = (
-    ["-m", "not realtime", "-n", str(os.cpu_count() or 1), "--dist", "loadfile"],
-    ["-m", "realtime"],
-)
+MOST_PROCESSES = 8  # of up to half a gigabyte each
+CPU_MAX = Path("/sys/fs/cgroup/cpu.max")
 NO_TESTS_COLLECTED = 5
 COUNT = re.compile(r"(\d+) (passed|failed|skipped|error)")
+
+
+def processes(cpu_max: Path = CPU_MAX) -> int:
+    """As many as cores that we may use: a container may have two of a machine's sixty-four."""
+    cores = min(len(os.sched_getaffinity(0)), MOST_PROCESSES)
+    with contextlib.suppress(OSError, ValueError):  # none, or "max": no quota
+        quota_us, period_us = map(int, cpu_max.read_text(encoding="ascii").split())
+        cores = min(cores, max(1, round(quota_us / period_us)))
+    return cores
 
 
 def run(arguments: Sequence[str]) -> tuple[int, Counter[str]]:
@@ -38,7 +47,8 @@ def run(arguments: Sequence[str]) -> tuple[int, Counter[str]]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    results = [run([*chosen, *arguments]) for chosen in PASSES]
+    side_by_side = ["-m", "not realtime", "-n", str(processes()), "--dist", "loadfile"]
+    results = [run([*chosen, *arguments]) for chosen in (side_by_side, ["-m", "realtime"])]
     total = sum((counts for _, counts in results), Counter())
     print(f"{total['passed']} passed, {total['failed'] + total['error']} failed, {total['skipped']} skipped")
     codes = [code for code, _ in results]

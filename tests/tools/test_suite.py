@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -44,3 +46,18 @@ def test_a_choice_that_leaves_one_pass_empty_is_well(tmp_path: Path) -> None:
 
 def test_a_choice_that_finds_nothing_is_told(tmp_path: Path) -> None:
     assert suite(tmp_path, "-k", "nothing_of_this_name") == (5, "0 passed, 0 failed, 0 skipped")
+
+
+@pytest.mark.parametrize(
+    ("cpu_max", "most"), [("200000 100000", 2), ("150000 100000", 2), ("20000 100000", 1), ("max 100000", 4), ("", 4)]
+)
+def test_a_container_s_share_of_the_cores_is_taken(
+    cpu_max: str, most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(SUITE.parent))
+    monkeypatch.setattr(os, "cpu_count", lambda: 64)  # the machine's
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2, 3})
+    place = tmp_path / "cpu.max"
+    place.write_text(cpu_max)
+    tool = importlib.import_module("suite")
+    assert tool.processes(place) == most and tool.processes(tmp_path / "none") == 4
