@@ -3,11 +3,11 @@
     python tools/bench/encoder_lies.py [--seeds 2] [--law NAME ...] [--only LIE ...]
 
 The daemon in virtual time with a shipped law; at 4 s or a little later the encoder begins to lie, for 12 s. References:
-`rest`, `held` (0.05 rad) and `steps` (0.15 rad both ways). Delays count from when true and told value first differ by
-five standard deviations of the filter's encoder; torque as the board logged it. Exit code 1 when a lie that must be
-seen was not, when the torque outlived its row by more than 0.1 s (1.1 s for a controlled stop), when the true hoop came
-beyond the board's own limit, or when a run was over before its lie began, so that nothing was tried. A scale other than
-a reversed one must be seen under `steps` alone.
+`rest`, `held` (0.05 rad), `steps` (0.15 rad both ways) and `later` (the same from 6.5 s on, after rest). Delays count
+from when true and told value first differ by five standard deviations of the filter's encoder; torque as the board
+logged it. Exit code 1 when a lie that must be seen was not, when the torque outlived its row by more than 0.1 s (1.1 s
+for a controlled stop), when the true hoop came beyond the board's own limit, or when a run was over before its lie
+began, so that nothing was tried. A scale other than a reversed one must be seen under `steps` alone.
 """
 
 from __future__ import annotations
@@ -35,7 +35,13 @@ AT_S, LASTS_S = 4.0, 12.0
 ANGLE_SD, SPEED_SD = tau / 4096 / 12**0.5, 0.05
 BOARD_RAD_S = 105.0  # its limit, and what 5 ms at full torque add
 LATE_S: Mapping[Action, float] = {Action.CUT: 0.1, Action.STOP: 1.1}
-REFERENCES: Mapping[str, list[float]] = {"rest": [], "held": [0.05], "steps": [0.15 * (-1) ** k for k in range(8)]}
+STEPS = tuple(0.15 * (-1) ** k for k in range(8))
+REFERENCES: Mapping[str, tuple[float, tuple[float, ...]]] = {  # from when on, every two seconds
+    "rest": (0.0, ()),
+    "held": (2.5, (0.05,)),
+    "steps": (2.5, STEPS),
+    "later": (6.5, STEPS[:5]),
+}
 FACTORS = (-1.0, 0.2, 0.5, 2.0, 3.0)
 LIES: Mapping[str, tuple[str, dict[str, float]]] = {
     "frozen": ("encoder_frozen", {}),
@@ -87,10 +93,8 @@ def tell(case: Case) -> Outcome:
     """Tell one lie."""
     at = AT_S + 0.37 * case.seed
     kind, params = LIES[case.lie]
-    steps = [
-        {"at_s": 2.5 + 2.0 * k, "name": "reference", "value": value}
-        for k, value in enumerate(REFERENCES[case.reference])
-    ]
+    since, values = REFERENCES[case.reference]
+    steps = [{"at_s": since + 2.0 * k, "name": "reference", "value": value} for k, value in enumerate(values)]
     sim: dict[str, Any] = {"faults": [{"kind": kind, "at_s": at, "params": params}], "commands": steps, "psi_rad": 0.2}
     with scratch() as folder:
         config, texts = prepared({"control": {"file": f"controllers/{case.law}.yaml"}, "sim": sim}, folder)
