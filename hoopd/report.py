@@ -221,7 +221,7 @@ def _error_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if measured is None:
         yield "psi error", f"- (never controlled for more than {RELEASE_S:g} s with the ball in sight)"
     else:
-        about = f"{measured['samples']} pictures, their noise {measured['noise_rad']:.4f}"
+        about = f"{measured['samples']} pictures, their noise {measured['noise_rad']:.2g}"
         yield f"psi error, {_span(measured)}", f"{measured['rms_rad']:.4f} rad rms ({about})"
     if true is not None:
         yield "  by the rig's own state", f"{true['rms_rad']:.4f} rad rms, {_span(true)}"

@@ -22,6 +22,11 @@ def rows(summary: dict[str, Any], virtual: bool = True) -> dict[str, str]:
     return dict(_summary_rows(summary, virtual))
 
 
+def shown_noise(summary: dict[str, Any]) -> float:
+    (text,) = (text for name, text in rows(summary).items() if name.startswith("psi error"))
+    return float(text.removesuffix(")").split()[-1])
+
+
 def test_what_is_printed(tmp_path: Path) -> None:
     long, short = (run_rig(tmp_path / str(end), duration_s=end).summary for end in (6.0, 3.0))
     shown = rows(long)
@@ -29,6 +34,8 @@ def test_what_is_printed(tmp_path: Path) -> None:
     (name,) = (name for name in shown if name.startswith("psi error"))
     assert name == "psi error, 3.6 to 5.9 s" and float(shown[name].split()[0]) < 0.01
     assert float(shown["  by the rig's own state"].split()[0]) < 0.003
+    long["psi_error"]["measured"]["noise_rad"] = 2.2e-5  # of pictures; four decimals called it none
+    assert shown_noise(long) == pytest.approx(2.2e-5)
     assert rows(short)["psi error"].startswith("- (never controlled for more than 2.5 s")
     assert short["psi_error"] == {"measured": None, "true": None}
     without_ball = {**long, "psi_error": None}

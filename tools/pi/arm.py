@@ -114,7 +114,7 @@ class Emulated:
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """File -> SHA-256 of what is compared; a recording's name holds its date and is left out."""
+    """Pattern -> SHA-256 of what the files of that name hold."""
     found = {pattern: sorted(folder.glob(pattern)) for pattern in COMPARED}
     return {
         pattern: hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
