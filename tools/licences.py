@@ -113,7 +113,7 @@ def judge(pin: Pin, allowed: Collection[str], stated: Mapping[str, str]) -> Lice
     if package.version != pin.version:
         return Licence(pin.name, pin.version, "", f"{package.version} is installed: make, then again")
     classifiers = package.metadata.get_all("Classifier") or []
-    fields = {key: package.metadata[key] or "" for key in ("License-Expression", "License")}
+    fields = {key: (package.metadata.get_all(key) or [""])[0] for key in ("License-Expression", "License")}
     text = expression(fields, classifiers) or stated.get(pin.name, "")
     return Licence(pin.name, pin.version, text, verdict(text, allowed))
 

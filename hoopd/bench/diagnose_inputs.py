@@ -6,6 +6,7 @@ text that names it.
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -89,7 +90,9 @@ def _given(text: str) -> Given:
     start, end = (None, None) if span is None else span
     try:
         file = Path(os.path.realpath(file))
-    except (OSError, RuntimeError) as error:
+        if file.is_symlink():  # still: it leads to itself
+            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+    except OSError as error:
         raise InputError(text[:LONGEST_TOLD], "", f"cannot be read: {error}"[:LONGEST_TOLD]) from None
     return Given(file, experiment, -np.inf if start is None else start, np.inf if end is None else end)
 

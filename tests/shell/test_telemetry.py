@@ -97,7 +97,7 @@ def test_commands_taken_and_refused_are_answered_with_what_became_of_them(tmp_pa
             Command("arm"),
             Command("disarm"),
         )
-        with pytest.raises(CommandError, match=r"reference: refused: reference: 9 is outside -1 to 1"):
+        with pytest.raises(CommandError, match=r"reference: refused: 9 is outside -1 to 1"):
             order("reference", 9.0)
         assert ticks.take() == ()
         with pytest.raises(CommandError, match=r"^clear: refused: link_lost$"):
