@@ -41,6 +41,8 @@ BLOCKS = 2
 HALF = 0.6745  # half of what is normal lies within so many deviations
 LOST_SHARE = 0.125
 LEAST_NOISE_RAD = 1e-5  # a five hundredth of a pixel: a camera of less has no noise that could be missed
+# Five sigma of the filter's camera: what is more is no noise but several false detections in half a second.
+MOST_NOISE_RAD = 0.02
 
 
 class IdenticalPictures:
@@ -130,7 +132,7 @@ class AngleNoise:
         quiet = isfinite(self.floor_rad) and noise < LOST_SHARE * self.floor_rad
         self._quiet = self._quiet + 1 if quiet else 0
         # an angle without any noise teaches nothing: half a second of a picture that hangs would switch the row off
-        if not acting and not quiet and noise > LEAST_NOISE_RAD:
+        if not acting and not quiet and LEAST_NOISE_RAD < noise < MOST_NOISE_RAD:
             self.floor_rad = min(self.floor_rad, noise)
 
 

@@ -122,10 +122,11 @@ def test_noise_that_changes_with_the_light_is_no_fault(share: float) -> None:
     assert bench.run(400, lambda k, noise: share * noise) == set()
 
 
-def test_false_detections_before_the_run_are_not_taken_for_noise() -> None:
+@pytest.mark.parametrize("every", [20, 8])
+def test_false_detections_before_the_run_are_not_taken_for_noise(every: int) -> None:
     bench = Bench()
     bench.checks = PictureChecks(MOTION)
-    bench.run(60, lambda k, noise: 1.0 if k % 20 == 0 else noise, torque_nm=0.0)
+    bench.run(60, lambda k, noise: 1.0 if k % every == 0 else noise, torque_nm=0.0)
     assert "angle_noiseless" not in bench.run(100, resting)
 
 
