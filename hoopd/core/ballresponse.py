@@ -23,7 +23,7 @@ Rules of this file: pure; times are those of the samples; nothing is learned, so
 from __future__ import annotations
 
 from collections import deque
-from math import isfinite, pi, tau
+from math import inf, isfinite, pi, tau
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +31,8 @@ import numpy as np
 from hoopd.core.records import CameraSample, DriverSample, Vector
 
 WINDOW_S = 1.5  # two swings of the ball
-EVERY_TICKS = 15
+EVERY_S = 0.3
+HOOP_S = 3.0  # what is kept of the hoop: a window, and the oldest that pictures may be
 # What of an angle the model may leave unexplained: the camera's noise, a frame that shakes, an uneven ring. Where the
 # free fit leaves more than that, so much is taken for it: what neither explains, as a push, is weak evidence.
 SIGMA_RAD = 0.01
@@ -48,6 +49,7 @@ INFORMATIVE = 0.35
 # Windows that overlap one push last 1.5 s; this is more than two pushes spoil.
 ENOUGH_S = 3.3
 FEWEST_SAMPLES = 50
+JITTER_S = 0.01  # of the samples' times
 WIDEST_RAD = 1.2  # beyond, a ball may leave the ring
 JUMP_RAD = 10.0  # between two reports: the board has begun to count anew
 
@@ -97,45 +99,51 @@ class BallResponse:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing was seen."""
+        """A run begins: nothing was seen."""
         self.against_s = 0.0  # s of windows that speak against a ball
         self._restart()
 
     def _restart(self) -> None:
         """Samples of before do not belong to what comes."""
-        self._hoop: deque[tuple[float, float, float]] = deque(maxlen=150)
-        self._ball: deque[tuple[float, float]] = deque(maxlen=100)
-        self._ticks = 0
+        self._hoop: deque[tuple[float, float, float]] = deque()
+        self._ball: deque[tuple[float, float]] = deque()
+        self._next_t = inf  # of the next judgement
 
     def update(self, driver: DriverSample | None, camera: CameraSample | None, *, acting: bool) -> bool:
         """Take in one tick; True in the tick in which there is enough evidence that this is no ball."""
-        if not acting:
-            self.reset()
+        if not acting:  # a hand may move the ball; what was found out in this run stays
+            self._restart()
             return False
         if driver is not None:
             self._add_hoop(driver)
         if camera is not None and isfinite(camera.psi):
             self._add_ball(camera)
-        self._ticks += 1
-        if self._ticks % EVERY_TICKS or self._ticks * 0.02 < WINDOW_S:
+        if not self._hoop or self._hoop[-1][0] < self._next_t:
             return False
+        self._next_t = self._hoop[-1][0] + EVERY_S - JITTER_S
         self._weigh(self._judge())
         return self.against_s >= ENOUGH_S
 
     def _add_hoop(self, driver: DriverSample) -> None:
         if self._hoop and abs(driver.theta - self._hoop[-1][1]) > JUMP_RAD:
             self._restart()
+        if not self._hoop:
+            self._next_t = driver.t + WINDOW_S - JITTER_S
         self._hoop.append((driver.t, driver.theta, driver.dtheta))
+        while self._hoop[0][0] < driver.t - HOOP_S:
+            self._hoop.popleft()
 
     def _add_ball(self, camera: CameraSample) -> None:
         before = self._ball[-1][1] if self._ball else 0.0
         self._ball.append((camera.t - self.motion.late_s, camera.psi + tau * round((before - camera.psi) / tau)))
+        while self._ball[0][0] < self._ball[-1][0] - WINDOW_S:
+            self._ball.popleft()
 
     def _weigh(self, judged: Judgement | None) -> None:
         if judged is None or judged.gain_sd > INFORMATIVE:
             return
         if judged.evidence > LEAST_EVIDENCE:
-            self.against_s += EVERY_TICKS * 0.02
+            self.against_s += EVERY_S
         elif judged.evidence < MOST_DOUBT:
             self.against_s = 0.0
 

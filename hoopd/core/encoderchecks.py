@@ -55,8 +55,10 @@ STILL_RAD = 0.004  # two and a half counts of 4096
 # A hoop that turns back stays within STILL_RAD for a while; a torque from rest takes it sixteen times as far meanwhile.
 MUST_MOVE_RAD = 0.1
 
-# So many different speeds in a row of a hoop at rest, and it is known of this board that its speed has noise.
+# So many different speeds in a row of a hoop at rest, a quarter of them up and a quarter down, and it is known of this
+# board that its speed has noise: one that only runs out, behind a low-pass, has none.
 DIFFERENT_SPEEDS = 25
+EACH_WAY = 6
 EQUAL_SPEEDS = 10
 
 # Angle and speed over half a second, beside an encoder whose ring is off its axis and a speed that is a low-passed one.
@@ -217,18 +219,27 @@ class SpeedNoise:
     """Counts reported speeds that are equal to the one before, once it is known that they differ at rest."""
 
     def __init__(self) -> None:
-        self._last, self._equal, self._different = 0.0, 0, 0
+        self._last, self._equal, self._known = 0.0, 0, False
+        self._up = self._down = 0  # at rest, in a row
         self._angle = 0.0
 
     def update(self, driver: DriverSample) -> bool:
         """The same speed has come too often."""
-        same, self._last = driver.dtheta == self._last, driver.dtheta
-        self._equal = self._equal + 1 if same else 0
-        if self._different < DIFFERENT_SPEEDS:
-            rests = abs(driver.theta - self._angle) <= STILL_RAD
-            self._different = self._different + 1 if rests and not same else 0
-            self._angle = self._angle if rests else driver.theta
-        return self._different >= DIFFERENT_SPEEDS and self._equal >= EQUAL_SPEEDS
+        change, self._last = driver.dtheta - self._last, driver.dtheta
+        self._equal = self._equal + 1 if change == 0.0 else 0
+        if not self._known:
+            self._learn(driver.theta, change)
+        return self._known and self._equal >= EQUAL_SPEEDS
+
+    def _learn(self, theta: float, change: float) -> None:
+        rests = abs(theta - self._angle) <= STILL_RAD
+        self._angle = self._angle if rests else theta
+        if not rests or change == 0.0:
+            self._up = self._down = 0
+        self._up += change > 0.0
+        self._down += change < 0.0
+        each = min(self._up, self._down)
+        self._known = each >= EACH_WAY and self._up + self._down >= DIFFERENT_SPEEDS
 
 
 class AngleAgainstSpeed:

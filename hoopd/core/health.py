@@ -212,6 +212,7 @@ class Health:
     def begin(self) -> None:
         """A run begins: what the innovations of the one before were is no matter of it."""
         self.drift.reset()
+        self._pictures.begin()
 
     @property
     def ball_steady(self) -> bool:

@@ -147,6 +147,11 @@ class PictureChecks:
         self._idle = IDLE_TICKS
         self._held = dict.fromkeys(NAMES, 0)
 
+    def begin(self) -> None:
+        """The operator has armed: what was held against the ball before is over."""
+        if self._response is not None:
+            self._response.reset()
+
     def update(self, inputs: Inputs, torque_nm: float) -> dict[str, int]:
         """Weights by name; a verdict on pictures holds until the next one. `torque_nm`: what the last tick sent."""
         self._idle = 0 if torque_nm != 0.0 else self._idle + 1

@@ -32,9 +32,9 @@ class Ball:
         speed = sum(a * w * cos(w * t) for a, w in self._tones)
         return theta, speed, -sum(a * w * w * sin(w * t) for a, w in self._tones)
 
-    def tick(self) -> tuple[DriverSample, float]:
+    def tick(self, period_s: float = PERIOD_S) -> tuple[DriverSample, float]:
         """What the encoder says, and the ball's true angle, one tick later."""
-        m, h = self._motion, PERIOD_S / 20
+        m, h = self._motion, period_s / 20
         for _ in range(20):
             _, speed, acceleration = self.hoop(self.t)
             force = m.carried * acceleration + m.hoop_rate * speed + m.ball_rate * self.dpsi
@@ -163,4 +163,29 @@ def test_lateness_that_the_model_knows_is_taken_off() -> None:
         past.append(psi)
         if k > 10:
             response.update(driver, CameraSample(k, ball.t, ball.t, past[-6], 1.0, 0.0, 0.0), acting=True)
+    assert response.against_s == 0.0
+
+
+def test_a_short_tick_is_another_number_of_samples_and_no_other_verdict() -> None:
+    response, ball, rng, late = BallResponse(MOTION), Ball(), np.random.default_rng(1), list[CameraSample]()
+    for k in range(4000):
+        driver, psi = ball.tick(PERIOD_S / 4)
+        camera = None
+        if k % 4 == 0:
+            late.append(CameraSample(k, ball.t, ball.t, psi + 0.002 * rng.standard_normal(), 1.0, 0.0, 0.0))
+            camera = late.pop(0) if ball.t - late[0].t > LATE_S else None
+        response.update(driver, camera, acting=True)
+        assert response.against_s == 0.0
+
+
+def test_a_pause_takes_no_evidence_away_and_a_new_run_does() -> None:
+    response, ball, rng = BallResponse(MOTION), Ball(), np.random.default_rng(1)
+    for k in range(1500):
+        driver, _ = ball.tick()
+        blank = k % 200 >= 165  # 0.7 s in 4 s
+        psi = 0.1 + 0.002 * rng.standard_normal()
+        if response.update(driver, CameraSample(k, ball.t - LATE_S, ball.t, psi, 1.0, 0.0, 0.0), acting=not blank):
+            break
+    assert response.against_s >= ENOUGH_S
+    response.reset()
     assert response.against_s == 0.0

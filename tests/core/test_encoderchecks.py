@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hoopd.core.encoderchecks import EQUAL_SPEEDS, EncoderChecks, HoopMotion
+from hoopd.core.encoderchecks import EQUAL_SPEEDS, EncoderChecks, HoopMotion, SpeedNoise
 from hoopd.core.faulttable import BY_NAME
 from hoopd.core.records import DriverSample
 
@@ -189,3 +189,11 @@ def test_without_a_model_the_torque_judges_nothing() -> None:
     for k in range(100):
         judged = checks.update(k * PERIOD_S, DriverSample(k * PERIOD_S, 0, 1, 0, 0.0, 0.0, 0.0, 0), 0.5, 0.0)
         assert judged["torque_without_motion"] == judged["hoop_innovation"] == 0
+
+
+def test_a_speed_that_runs_out_behind_a_low_pass_has_no_noise() -> None:
+    noise, speed, came = SpeedNoise(), 5.0, False
+    for k in range(400):
+        speed = float(np.float32(0.7 * speed)) if k < 60 else 0.0
+        came |= noise.update(DriverSample(k * PERIOD_S, 0, 1, 0, 0.0, speed, 0.0, 0))
+    assert not came
