@@ -80,6 +80,12 @@ def test_picture_and_run_together(still: Path, swing: Path, tmp_path: Path) -> N
     assert "weights" in result and result["zero_from"] == "swing"
 
 
+def array_file(shape: str) -> bytes:
+    """An npy file of version 1 whose header says this shape."""
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+
+
 def test_npy_positions(tmp_path: Path) -> None:
     psi = np.linspace(-1.0, 1.0, 100)
     np.save(tmp_path / "p.npy", np.column_stack([238.0 - 184.0 * np.sin(psi), 237.0 + 184.0 * np.cos(psi), psi]))
@@ -108,6 +114,8 @@ def test_unusable_input_is_one_clear_line(tmp_path: Path, still: Path) -> None:
         ({"picture": None, "positions": write("e.csv", b"\xff\xfe\x00")}, "not a text file"),
         ({"picture": None, "positions": write("f.csv", b"")}, "column is missing"),
         ({"picture": None, "positions": write("g.npy", b"no array")}, "not a numeric npy array"),
+        ({"picture": None, "positions": write("h.npy", array_file(f"({10**40}, 2)"))}, "not a numeric npy array"),
+        ({"picture": None, "positions": write("i.npy", array_file("(3, 2"))}, "not a numeric npy array"),
         ({"picture": still, "json_path": tmp_path / "no" / "x.json"}, "no such file"),
         ({"picture": still, "figure_path": still}, "overwrite"),
         ({"picture": still, "json_path": tmp_path / "x", "save_path": tmp_path / "x"}, "overwrite"),

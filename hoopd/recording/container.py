@@ -238,16 +238,24 @@ _READ: dict[int, Any] = {
 }
 
 
+# Of a packed chunk with its header: data that do not shrink grow by far less.
+LONGEST_CHUNK_BYTES = 2 * MAX_CHUNK_BYTES
+
+
 def stream(data: bytes, scan: Scan) -> Iterator[records.Message | records.Metadata]:
     """Messages and metadata in file order up to the first byte that is no record; ValueError when not MCAP at all."""
     if not data.startswith(MCAP0_MAGIC):
         raise ValueError("not an MCAP file")
     position, unpacked, limit = len(MCAP0_MAGIC), 0, unpacked_limit(len(data))
     while (length := _record_length(data, position)) is not None:
-        body = data[position + 9 : position + 9 + length]
         if data[position] == Opcode.DATA_END:
             scan.closed = True
             return
+        if data[position] == Opcode.CHUNK and length > LONGEST_CHUNK_BYTES:  # not even looked at: it may be the file
+            scan.bad_chunks += 1
+            position += 9 + length
+            continue
+        body = data[position + 9 : position + 9 + length]
         if data[position] == Opcode.CHUNK and (unpacked := unpacked + _unpacked_bytes(body)) > limit:
             raise ValueError(f"unpacks to more than {limit} bytes: no recording")
         yield from _contents(data[position], body, scan)

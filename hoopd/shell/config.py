@@ -19,7 +19,7 @@ from msgspec import Meta
 
 from hoopd.core.health import Thresholds
 from hoopd.core.ticksettings import TickSettings
-from hoopd.files import ANY_NUMBER, InputError, load_yaml, parse_yaml, read_text, to_struct
+from hoopd.files import ANY_NUMBER, InputError, load_yaml, os_reason, parse_yaml, read_text, to_struct
 from hoopd.shipped import defaults_folder
 from hoopd.yamltext import MAX_DEPTH, text_of
 
@@ -281,7 +281,11 @@ def find(name: str, config_path: Path | None) -> Path:
     folders = ([config_path.parent] if config_path is not None else []) + [Path(), defaults_folder()]
     for folder in folders:
         candidate = folder / Path(name).expanduser()
-        if candidate.is_file():
+        try:
+            found = candidate.is_file()
+        except OSError as error:  # a name too long
+            raise InputError(name[:100], "", os_reason(error)) from None
+        if found:
             return candidate
     raise InputError(name, "", f"no such file (looked in {', '.join(str(folder) for folder in folders)})")
 

@@ -16,6 +16,7 @@ import scipy.io
 import zstandard
 from mcap import records
 from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from hoopd.calibrate import read_picture, read_positions
@@ -66,6 +67,12 @@ def test_many_chunks_that_are_much_together(tmp_path: Path) -> None:
     path.write_bytes(mcap_of(message, 2**20, 100))
     assert path.stat().st_size < 100_000
     assert "unpacks to more than" in refused(path)
+
+
+def test_a_chunk_as_long_as_its_file_is_not_even_copied(tmp_path: Path) -> None:
+    path, length = tmp_path / "long.mcap", 25 * 2**20
+    path.write_bytes(MCAP0_MAGIC + bytes([Opcode.CHUNK]) + length.to_bytes(8, "little") + bytes(length))
+    assert "without any channel" in refused(path)
 
 
 def test_a_chunk_larger_than_any_is_left_out(tmp_path: Path) -> None:

@@ -99,6 +99,8 @@ def test_missing_files_are_named(tmp_path: Path) -> None:
         load(tmp_path / "absent.yaml", sim=False, overrides=[])
     with pytest.raises(InputError, match="no such file"):
         find("models/absent.yaml", None)
+    with pytest.raises(InputError, match="file name too long"):
+        find("x" * 5000, None)
 
 
 def test_the_resolved_configuration_reads_back() -> None:
