@@ -91,9 +91,10 @@ def _frugal(daemon: Daemon) -> Iterator[None]:
 
 
 def _disturbed(daemon: Daemon, script: str, *arguments: object) -> float:
-    with _frugal(daemon), neighbour(script, *map(str, arguments)):
+    with _frugal(daemon), neighbour(script, *map(str, arguments)) as other:
         at = time.monotonic()
         time.sleep(DISTURB_S)
+        assert not other.poll(), f"what was to disturb ended with exit code {other.returncode}"
         assert daemon.process.poll() is not None or daemon.command("status")["ok"], "no operator gets in"
     return at
 
@@ -109,7 +110,7 @@ def idle_connections(daemon: Daemon) -> float:
 
 def huge_queries(daemon: Daemon) -> float:
     """400 MB on a command's key."""
-    return _disturbed(daemon, HUGE, daemon.endpoint, HUGE_BYTES)
+    return _disturbed(daemon, HUGE, daemon.endpoint, HUGE_BYTES, "{}")
 
 
 def flood_socket(daemon: Daemon) -> float:
