@@ -5,6 +5,7 @@ Rules of this file: paths only.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,7 +27,10 @@ def defaults_folder() -> Path:
 def or_shipped(path: Path) -> Path:
     """The path as it stands, or the shipped file of that name where there is none (models/hoop.yaml)."""
     shipped = defaults_folder() / path
-    return shipped if not path.exists() and shipped.is_file() else path
+    with contextlib.suppress(OSError):  # a name too long: who reads the file says so
+        if not path.exists() and shipped.is_file():
+            return shipped
+    return path
 
 
 def way_to(model: Path, controller: Path | None) -> str:

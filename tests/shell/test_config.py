@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from hoopd.files import InputError, parse_yaml, to_struct
+from hoopd.modelfiles import load_model
 from hoopd.shell.config import Config, defaults_folder, dump, find, load
+from hoopd.shipped import or_shipped
 
 
 def write(folder: Path, text: str) -> Path:
@@ -101,6 +103,8 @@ def test_missing_files_are_named(tmp_path: Path) -> None:
         find("models/absent.yaml", None)
     with pytest.raises(InputError, match="file name too long"):
         find("x" * 5000, None)
+    with pytest.raises(InputError, match="file name too long"):
+        load_model(or_shipped(Path("x" * 5000)))
 
 
 def test_the_resolved_configuration_reads_back() -> None:
