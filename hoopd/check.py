@@ -225,9 +225,9 @@ def cores(
     wanted = "a core of its own, or all of them"
     verdict, advice = Verdict.WARN, ""
     if isolated and not allowed <= isolated:
-        advice = "cores are isolated, but the loop may run elsewhere: CPUAffinity= in the unit (docs/pi.md)"
+        advice = "cores are isolated, but the loop may run elsewhere: CPUAffinity= in the unit (docs/guides/pi.md)"
     elif not isolated and allowed != present:
-        advice = "held to a core that is everybody's: isolcpus= as well, or no CPUAffinity= (docs/pi.md)"
+        advice = "held to a core that is everybody's: isolcpus= as well, or no CPUAffinity= (docs/guides/pi.md)"
     elif max(worst.values(), default=0.0) > LATENESS_SHARE * period_s:
         advice = "what else runs there at real-time priority, or does the machine itself stand still?"
     else:

@@ -113,7 +113,7 @@ def fit(
     figure: FigureOption = None,
     json_path: JsonOption = None,
 ) -> None:
-    """Fit the plant's parameters to recordings, with 95 % intervals (docs/fit.md)."""
+    """Fit the plant's parameters to recordings, with 95 % intervals (docs/guides/fit.md)."""
     from hoopd.bench.fit import run
     from hoopd.bench.fit_options import Wish
     from hoopd.bench.fit_shown import for_terminal
@@ -205,7 +205,7 @@ def linearize(
     ] = None,
     json_path: JsonOption = None,
 ) -> None:
-    """Linear model around an operating point (the bottom at rest), and what it says (docs/linear.md)."""
+    """Linear model around an operating point (the bottom at rest), and what it says (docs/explanations/linear.md)."""
     from hoopd.bench.forterminal import of_linearize
     from hoopd.bench.linearize import run
 

@@ -50,7 +50,7 @@ def diagnose(
     ] = False,
     json_path: JsonOption = None,
 ) -> None:
-    """Say where recordings and model differ, name the physics that was left out, prove it (docs/diagnose.md)."""
+    """Say where recordings and model differ, name the physics that was left out, prove it (docs/guides/diagnose.md)."""
     from rich.console import Console
 
     from hoopd.bench.diagnose import run

@@ -40,7 +40,7 @@ def identify(
     figure: FigureOption = None,
     json_path: JsonOption = None,
 ) -> None:
-    """Identify a linear model from recordings, compare it with data it has not seen (docs/identify.md)."""
+    """Identify a linear model from recordings, compare it with data it has not seen (docs/guides/identify.md)."""
     from hoopd.bench.identify import run
     from hoopd.bench.identifydata import Wish
     from hoopd.bench.inputs import whole_numbers

@@ -110,8 +110,18 @@ def test_the_first_lines_say_what_to_type() -> None:
 
 def test_links_between_pages_lead_somewhere() -> None:
     broken = []
-    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+    for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
         for link in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             if "://" not in link and not (page.parent / link).exists():
                 broken.append(f"{page.name}: {link}")
     assert broken == []
+
+
+def test_pages_that_code_and_configuration_name_are_there() -> None:
+    """A message or a docstring that sends its reader to a page sends him to one that is there."""
+    missing = []
+    for folder in ("hoopd", "tests", "tools", "config", "systemd"):
+        for path in (path for path in (ROOT / folder).rglob("*") if path.suffix in {".py", ".yaml", ".service"}):
+            named = re.findall(r"(?<![\w/.])docs/[\w/.]+\.(?:md|py|png)", path.read_text(encoding="utf-8"))
+            missing += [f"{path.relative_to(ROOT)}: {name}" for name in named if not (ROOT / name).is_file()]
+    assert missing == []

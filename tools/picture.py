@@ -1,4 +1,4 @@
-"""Draws docs/rig.png: two pictures of the rig's camera (without its noise) with what the detector sees in them."""
+"""Draws docs/figures/rig.png: two noiseless pictures of the rig's camera with what the detector sees in them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hoopd.shell.config import load
 from hoopd.sim.scene import Scene, SceneSettings
 
 STATES = ((0.35, 4.0, 0.4, 2.0), (1.1, -6.0, -1.0, -9.0))
-OUT = Path(__file__).resolve().parents[1] / "docs" / "rig.png"
+OUT = Path(__file__).resolve().parents[1] / "docs" / "figures" / "rig.png"
 
 
 def main() -> None:

@@ -46,7 +46,9 @@ COLOURED = {
     "and may still be half as wide as they should be: compare --method prediction",
     "prediction": "innovations are not white: the intervals count it; for free runs prefer --method output",
 }
-AGELESS = "all samples are taken at their row's time; if camera or board answer late, say so with --age (docs/fit.md)"
+AGELESS = (
+    "all samples are taken at their row's time; if camera or board answer late, say so with --age (docs/guides/fit.md)"
+)
 
 
 Progress = Callable[[str], None]

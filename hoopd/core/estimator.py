@@ -28,8 +28,8 @@ LONGEST_STEP_S = 0.02  # what a `Step` is accurate for
 SAME_INSTANT_S = 1e-3  # a sample this close to a torque switch was taken by the same request
 RESTART_GAP_S = 1.0  # a gap this long outlives the ball's swing: start again rather than predict
 THETA_JUMP_RAD = 1.0  # no prediction misses by this much: the board restarted its count
-# No hoop within its board's limit carries a ball so fast (85 rad/s, docs/board.md); beyond half a turn a picture the
-# angles of a slow ball fit a fast one as well, and a filter that took it for fast would never come back.
+# No hoop within its board's limit carries a ball so fast (85 rad/s, docs/reference/board.md); beyond half a turn a
+# picture the angles of a slow ball fit a fast one as well, and a filter that took it for fast would never come back.
 IMPOSSIBLE_RAD_S = 100.0
 BALL_SPEED_LIMIT_RAD_S = 15.0  # rejected samples that move faster are not one ball; one let go at the side has 12
 

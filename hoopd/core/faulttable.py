@@ -1,6 +1,6 @@
 """The fault table: which faults there are, what each does, and how long it must last.
 
-Rules of this file: data; what makes a period bad is `core.health`'s. docs/faults.md holds the same table.
+Rules of this file: data; what makes a period bad is `core.health`'s. docs/reference/faults.md holds the same table.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Rules of this file: no clock and no port; the layout is a table that code only reads; any byte string gives
 frames or typed faults and never another exception; whole or byte by byte gives the same events.
-Silence on the line is the caller's knowledge (`Decoder.silence()`). The contract is written in docs/board.md.
+Silence on the line is the caller's knowledge (`Decoder.silence()`). The contract is written in docs/reference/board.md.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A camera may deliver pictures at the right times that are not true: the same one again and again, an angle that is not
 measured, a ball that is not the one in the hoop. What cannot be told from the angle and the encoder alone is listed in
-docs/lies.md.
+docs/explanations/lies.md.
 
 Rules of this file: pure; a condition is judged from samples that came; without a ball expected nothing is judged.
 """

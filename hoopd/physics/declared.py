@@ -1,7 +1,7 @@
 """A plant as the search for missing physics knows it: coordinates, accelerations, channels and slots.
 
 The state is (q1, q1', q2, q2', ...); the rate of a coordinate `theta` is called `dtheta`. The hoop with its ball is one
-such plant; another one is declared in a few lines (docs/effects.md).
+such plant; another one is declared in a few lines (docs/reference/effects.md).
 
 Rules of this file: equations come from `equations`; nothing here knows an effect.
 """

@@ -37,7 +37,7 @@ class Lagrangian(NamedTuple):
 
 
 def lagrangian(kinematics: str, s: Symbols) -> Lagrangian:
-    """T, V and D of the device (docs/fit_physics.md) under one of the two kinematics."""
+    """T, V and D of the device (docs/explanations/fit_physics.md) under one of the two kinematics."""
     p = s.p
     rolling_radius = p["Ro"] - p["Rb"]
     # phi' = (Ro/Rb)(theta' - psi'): rate of the ball against the line to its contact point

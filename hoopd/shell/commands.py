@@ -34,8 +34,8 @@ SETTLE_S = 1.0
 UNSETTLED = "the loop did not tell what became of it"
 # What is wrong with `telemetry.commands: true` alone, as it stood in configurations of before.
 NO_CONTROL = (
-    "needs telemetry.control with an endpoint and users or certificates (docs/telemetry.md); take the key away if "
-    "commands come from this machine only: `hoopd arm` goes through the command socket and needs none"
+    "needs telemetry.control with an endpoint and users or certificates (docs/reference/telemetry.md); take the key "
+    "away if commands come from this machine only: `hoopd arm` goes through the command socket and needs none"
 )
 REFUSED = "command_refused"
 # Notes of the tick that settle commands, and of which command each speaks when it does not say so itself.

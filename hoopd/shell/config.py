@@ -191,7 +191,7 @@ class SimEffect(Strict, frozen=True):
 
 
 class SimBoard(Strict, frozen=True):
-    """What the rig's board refuses by itself (docs/board.md); the defaults are what a firmware must have."""
+    """What the rig's board refuses by itself (docs/reference/board.md); the defaults are what a firmware must have."""
 
     # The host calls 200 rad/s implausible: a cut beyond it could not be told from a broken answer.
     overspeed_rad_s: Annotated[float, Meta(gt=0, le=200)] = 100.0

@@ -1,4 +1,4 @@
-"""The driver board without a clock and without a port: what docs/board.md demands of a firmware, in Python.
+"""The driver board without a clock and without a port: what docs/reference/board.md demands of a firmware, in Python.
 
 Rules of this file: time is an argument and never runs backwards; the plant is advanced exactly to every instant at
 which the torque changes; each change of the applied torque and each good request is one row for the torque log.

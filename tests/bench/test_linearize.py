@@ -151,7 +151,7 @@ def test_what_turns_with_the_hoop_has_no_mean(tmp_path: Path) -> None:
 
 
 def test_the_page_s_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    page = (MODELS.parents[1] / "docs" / "linear.md").read_text()
+    page = (MODELS.parents[1] / "docs" / "explanations" / "linear.md").read_text()
     exec(page.split("```python\n")[1].split("```")[0], {"path": THESIS})
     assert "phase_rad=" in capsys.readouterr().out
 

@@ -1,7 +1,7 @@
 """A tick with a board and a camera of a few lines: all is well until something is told to go wrong.
 
-Rules of this file: no clock, no bytes; the board latches its time-out and its faults as docs/board.md demands; a call
-is one tick.
+Rules of this file: no clock, no bytes; the board latches its time-out and its faults as docs/reference/board.md asks; a
+call is one tick.
 """
 
 from __future__ import annotations

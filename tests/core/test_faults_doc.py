@@ -10,7 +10,7 @@ from hoopd.core.faulttable import FAULTS, Action
 from hoopd.core.modes import ENERGISED, Mode
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGE = (DOCS / "faults.md").read_text()
+PAGE = (DOCS / "reference" / "faults.md").read_text()
 
 
 def rows(heading: str) -> list[list[str]]:
@@ -38,5 +38,5 @@ def test_modes_and_actions_are_complete() -> None:
 
 
 def test_the_page_on_lies_names_every_row_that_judges_a_sensor() -> None:
-    named = (DOCS / "lies.md").read_text().split("The rows")[1].split("of the\n[fault table]")[0]
+    named = (DOCS / "explanations" / "lies.md").read_text().split("The rows")[1].split("of the\n[fault table]")[0]
     assert {*re.findall(r"`(\w+)`", named)} == {*picturechecks.NAMES, *encoderchecks.NAMES, "speed_implausible"}

@@ -1,8 +1,8 @@
 """The laboratory's recordings: what the steps of a diagnosis find in them by themselves, and the fits that are reached.
 
 Figures are one free run, NRMSE in percent of theta's slope and of psi. The search itself takes minutes on these files
-and is not run here, nor is the choice by free runs: the sets are written down as docs/diagnose_real.md tells who found
-them (`by the tool`: `--free-run-choice`, with the last third held out).
+and is not run here, nor is the choice by free runs: the sets are written down as docs/explanations/diagnose_real.md
+tells who found them (`by the tool`: `--free-run-choice`, with the last third held out).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The engine knows plants and slots, not hoops: dry friction on a slide is found by what finds it on the hoop.
 
-The plant is the one that docs/effects.md declares; what is recorded comes from a simulator of this file.
+The plant is the one that docs/reference/effects.md declares; what is recorded comes from a simulator of this file.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.base import Effect
 from hoopd.physics.effects.catalogue import library
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "reference" / "effects.md"
 NAME = "slide.coulomb_friction"
 # What the plant is in truth; the declaration's values are some per cent off. Steps of the simulator, s.
 MASS_KG, VISCOUS_N_S_M, FRICTION_N = 2.1, 3.2, 0.8

@@ -1,6 +1,6 @@
 """Is the plant stiff? No: steps from sample to sample converge, adaptive steps across the jumps of the torque do not.
 
-The thesis saw two adaptive solvers differ and took the stiff one; see docs/solver.md.
+The thesis saw two adaptive solvers differ and took the stiff one; see docs/explanations/solver.md.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def test_rosenbrock_has_order_two() -> None:
 
 def test_the_figure_is_drawn_and_the_page_says_what_the_command_prints(made: Study) -> None:
     assert len(rendered(draw_solver_question(made, "made"), ".png")) > 20_000
-    page = (ROOT / "docs" / "solver.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "explanations" / "solver.md").read_text(encoding="utf-8")
     assert "tools/bench/solver.py" in page and f"{stiffness(PLANT).ratio:.2f}" in page
     # the whole table is printed by the command; here the row that matters most is computed anew
     samples = 1000

@@ -9,7 +9,7 @@ import pytest
 
 from hoopd.recording import schemas
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 ROW = re.compile(r"^\| `([^`]+)` \| (.*?) \| (.*) \|$")
 
 

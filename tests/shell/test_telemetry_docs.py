@@ -1,4 +1,4 @@
-"""docs/telemetry.md and the example subscriber, run as they are written."""
+"""docs/reference/telemetry.md and the example subscriber, run as they are written."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from hoopd.shell.remote import send
 from hoopd.shell.telemetry import Settings, Telemetry
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "telemetry.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "telemetry.md").read_text(encoding="utf-8")
 
 
 def free_port() -> int:
@@ -149,7 +149,7 @@ def test_subscriber_without_daemon_is_one_line() -> None:
 
 
 def test_every_command_is_documented() -> None:
-    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| `(\w+)` \| .* \| (yes|no) \|$", page, re.MULTILINE))
     assert set(rows) == set(NAMES)
     assert {name for name, always in rows.items() if always == "yes"} == set(ALWAYS)

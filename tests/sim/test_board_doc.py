@@ -1,4 +1,4 @@
-"""docs/board.md against the code: frames, bits, checksums, vectors, timing, layout example."""
+"""docs/reference/board.md against the code: frames, bits, checksums, vectors, timing, layout example."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hoopd.core.frames import DEFAULT_LAYOUT, Answer, Decoder, encode_answer, en
 from hoopd.shell.config import SimBoard
 from hoopd.sim import board
 
-TEXT = (Path(__file__).resolve().parents[2] / "docs" / "board.md").read_text()
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "board.md").read_text()
 
 
 def tables() -> dict[str, list[list[str]]]:

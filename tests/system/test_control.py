@@ -247,8 +247,8 @@ def test_lqg_recovers_from_a_big_swing_at_its_torque_limit(tmp_path: Path, name:
 
 
 def documented_law() -> str:
-    """The code block of docs/laws.md."""
-    found = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "laws.md").read_text(), re.DOTALL)
+    """The code block of docs/guides/laws.md."""
+    found = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "guides" / "laws.md").read_text(), re.DOTALL)
     assert found is not None
     return found.group(1)
 

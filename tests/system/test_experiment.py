@@ -149,7 +149,7 @@ def test_a_kick_by_hand_without_any_torque(tmp_path: Path) -> None:
 
 
 def test_the_page_shows_a_file_that_the_daemon_plays(tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "experiment.md").read_text()
+    page = (ROOT / "docs" / "guides" / "experiment.md").read_text()
     (tmp_path / "my.yaml").write_text(page.split("```yaml\n", 1)[1].split("```", 1)[0])
     sets = ("--set", f"control.file={tmp_path / 'my.yaml'}", "--set", "sim.psi_rad=0")
     code, _, errors = call((*LOCKSTEP[:-1], "3", "--record", str(tmp_path), *sets))

@@ -67,7 +67,7 @@ BAD: dict[str, tuple[tuple[str, ...], str]] = {
 
 def laws_beside(folder: Path) -> Path:
     """A folder beside two controller files that hold nothing here."""
-    page = (ROOT / "docs" / "experiment.md").read_text()
+    page = (ROOT / "docs" / "guides" / "experiment.md").read_text()
     (folder / "signal.yaml").write_text(page.split("```yaml\n", 1)[1].split("```", 1)[0])
     lqg = (ROOT / "config/controllers/lqg.yaml").read_text()
     (folder / "slow.yaml").write_text(lqg.replace("sample_time_s: 0.02", "sample_time_s: 0.01"))
@@ -115,7 +115,7 @@ def test_the_daemon_without_a_ball_refuses_laws_that_need_one() -> None:
 def test_a_table_without_a_limit_of_the_ball_is_refused_where_a_ball_is_expected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    page = (ROOT / "docs" / "experiment.md").read_text()
+    page = (ROOT / "docs" / "guides" / "experiment.md").read_text()
     text = page.split("```yaml\n", 1)[1].split("```", 1)[0]
     kept = [line for line in text.splitlines() if "ball_angle_rad" not in line]
     assert len(kept) < len(text.splitlines())
@@ -133,7 +133,7 @@ def test_no_other_way_leads_a_law_to_a_hoop_without_its_ball(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An excitation with a holding law, and a law of the user's own beside the file of an excitation."""
-    page = (ROOT / "docs" / "experiment.md").read_text()
+    page = (ROOT / "docs" / "guides" / "experiment.md").read_text()
     text = page.split("```yaml\n", 1)[1].split("```", 1)[0]
     (tmp_path / "free.yaml").write_text(text)
     (tmp_path / "held.yaml").write_text(text.rstrip() + f"\n  around: {json.dumps(AROUND)}\n")

@@ -1,6 +1,6 @@
 """From a mismatch to better control: the README's own commands, and the gain that it tells of.
 
-Longer figures, four effects: tools/bench/writeback.py, docs/writeback.md.
+Longer figures, four effects: tools/bench/writeback.py, docs/explanations/writeback.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From a recording to an identified model to a law that the daemon runs: the commands of docs/identify.md, run.
+"""From a recording to an identified model to a law that the daemon runs: the commands of docs/guides/identify.md, run.
 
 The rig's truth is config/models/hoop.yaml; no law of this file has seen it, only what came over board and camera.
 """
@@ -86,7 +86,7 @@ def test_the_daemon_holds_the_ball_with_a_law_on_it(folder: Path, tmp_path: Path
 
 
 def test_the_page_shows_these_commands() -> None:
-    page = (ROOT / "docs" / "identify.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "guides" / "identify.md").read_text(encoding="utf-8")
     block = re.search(r"```\n(hoopd experiment.*?)```", page, re.DOTALL)
     assert block is not None
     shown = [line.split("#")[0].strip() for line in block[1].splitlines()]

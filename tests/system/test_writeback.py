@@ -1,6 +1,6 @@
 """Physics hidden in the rig, named in the model file: the whole daemon controls better, and says when it is missing.
 
-Sizes and the longer figures: tools/bench/writeback.py, docs/writeback.md.
+Sizes and the longer figures: tools/bench/writeback.py, docs/explanations/writeback.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The mad host's table in docs/board.md against the bench that prints it."""
+"""The mad host's table in docs/reference/board.md against the bench that prints it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from types import ModuleType
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SECTION = (ROOT / "docs" / "board.md").read_text().split("## What a mad host can reach")[1].split("\n## ")[0]
+PAGE = (ROOT / "docs" / "reference" / "board.md").read_text()
+SECTION = PAGE.split("## What a mad host can reach")[1].split("\n## ")[0]
 ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in SECTION.splitlines() if line[:1] == "|"][2:]
 
 

@@ -203,7 +203,7 @@ def test_an_offered_wheel_that_is_not_the_locked_one_is_told(tmp_path: Path) -> 
     assert states == {"manylinux_2_28_x86_64", check.UNKNOWN, check.MISSING}
 
 
-@pytest.mark.parametrize("page", ["SECURITY.md", "docs/supply_chain.md"])
+@pytest.mark.parametrize("page", ["SECURITY.md", "docs/reference/supply_chain.md"])
 def test_pages_lead_to_what_is_there(page: str) -> None:
     path = ROOT / page
     text = path.read_text()

@@ -2,8 +2,8 @@
 
 Good requests every millisecond demand the largest torque: for ever; turned round every half period, beginning with a
 whole half period (the hoop's speed swings between nothing and its most) or with half of one (it swings about nothing);
-or with sight of the rig, to keep the hoop just below the board's limit. The board has nothing but what docs/board.md
-demands of it. Exit code 1 when the hoop passes the limit or a constant torque is not ended.
+or with sight of the rig, to keep the hoop just below the board's limit. The board has nothing but what
+docs/reference/board.md demands of it. Exit code 1 when the hoop passes the limit or a constant torque is not ended.
 """
 
 from __future__ import annotations

@@ -81,6 +81,7 @@ def solver_question(bench: Bench) -> Drawn:
     )
     caption = (
         "Two adaptive solvers stepping over the jumps of the held torque (default tolerances), the converged run, "
-        "and what the error costs. Both solvers of the thesis are wrong; the plant is not stiff (docs/solver.md)."
+        "and what the error costs. Both solvers of the thesis are wrong; the plant is not stiff (docs/explanations/"
+        "solver.md)."
     )
     return Drawn(draw_solver_question(found, f"Solvers and a held torque ({bench.origin('first')})"), caption, rows)

@@ -19,7 +19,7 @@ from scipy.special import gammaincc
 Array = NDArray[np.float64]
 
 # A library of some forty effects and a chance of 1 in 100 ask for log(40 / 0.01) = 8.3 nats; the rest is for
-# disturbances that are no Ornstein-Uhlenbeck process (docs/concealed.md: how often nulls are called something).
+# disturbances that are no Ornstein-Uhlenbeck process (docs/explanations/concealed.md: how often nulls are named).
 THRESHOLD = 12.0
 # gammaincc holds its digits above this; below it the continued fraction does.
 SMALLEST = 1e-200

@@ -16,7 +16,7 @@ from hoopd.physics.declared import DeclaredPlant
 from hoopd.physics.effects.catalogue import library
 from hoopd.physics.freerun import readings, run
 
-DOCS = Path(__file__).resolve().parents[3] / "docs/effects.md"
+DOCS = Path(__file__).resolve().parents[3] / "docs/reference/effects.md"
 OWN, SLIDE = re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.DOTALL)
 
 

@@ -17,7 +17,7 @@ BOARD_TIMEOUT_S: Final = 0.1
 STOPPING_S: Final = 1.0  # a controlled stop may take this long
 CAMERA_S: Final = 0.06  # a picture is two to three periods old when it is judged
 CUT_S: Final = 0.04  # one tick until the answer is there, one until it is judged
-LOOK_S: Final = 0.005  # the board's own cut (docs/board.md)
+LOOK_S: Final = 0.005  # the board's own cut (docs/reference/board.md)
 
 # "bounded": torque may flow, but the board keeps the hoop below its limit and ends it with the fault. "untold": a lie
 # that nothing can tell from the truth; it is shown what came of it, and passes.

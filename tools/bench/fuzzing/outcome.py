@@ -1,6 +1,7 @@
 """What came of a case, and whether it is within the bounds.
 
-Rules of this file: the bounds are those of docs/recording.md; a case that was accepted may take as long as its work.
+Rules of this file: the bounds are those of docs/reference/recording.md; a case that was accepted may take as
+long as its work.
 """
 
 from __future__ import annotations
