@@ -27,6 +27,7 @@ from hoopd.recording.mcap import Header
 from hoopd.report import Watch, operator_status, print_summary, status, status_line, summarise
 from hoopd.shell import config as configuration
 from hoopd.shell import descriptors, log, signals
+from hoopd.shell.clock import wall_zero_ns
 from hoopd.shell.commands import NO_CONTROL, Gate, Ranges
 from hoopd.shell.commandserver import CommandServer
 from hoopd.shell.config import Config
@@ -184,7 +185,8 @@ async def _run(
         operators = CommandSink(gate, session, lambda: operator_status(loop, gate, recorder, telemetry))
         if not virtual:
             _serve_commands(stack, options, config, reporter, operators)
-        recorder = _recorder(stack, options, config, texts, reporter)
+        zero_ns = (lambda: 0) if virtual else partial(wall_zero_ns, world.timer.now)
+        recorder = _recorder(stack, options, config, texts, reporter, zero_ns)
         telemetry = (
             None if virtual else _telemetry(stack, config, texts, reporter, operators, lambda: status(loop, recorder))
         )
@@ -268,7 +270,12 @@ def _tell(reporter: log.Reporter) -> Callable[[str, str, Mapping[str, Any]], Non
 
 
 def _recorder(
-    stack: ExitStack, options: Options, config: Config, texts: Texts, reporter: log.Reporter
+    stack: ExitStack,
+    options: Options,
+    config: Config,
+    texts: Texts,
+    reporter: log.Reporter,
+    zero_ns: Callable[[], int],
 ) -> RecorderSink | None:
     folder = options.record or (Path(config.recording.directory) if config.recording.directory else None)
     if folder is None:
@@ -283,7 +290,14 @@ def _recorder(
         seed=options.seed if options.sim else None,
     )
     limits = RoomLimits(config.recording.quota_bytes, config.recording.min_free_bytes)
-    recorder = Recorder(folder, header, limits=limits, synchronous=options.speed == "max", on_event=_tell(reporter))
+    recorder = Recorder(
+        folder,
+        header,
+        limits=limits,
+        synchronous=options.speed == "max",
+        zero_ns=zero_ns,
+        on_event=_tell(reporter),
+    )
     stack.callback(_close, recorder.close, "recorder")
     return RecorderSink(recorder)
 

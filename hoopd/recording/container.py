@@ -80,14 +80,20 @@ class ChunkedFile:
         """Bytes handed to the file so far."""
         return self._offset
 
-    def add_channel(self, topic: str, schema_name: str, schema: bytes) -> int:
-        """Number of a new channel with a JSON schema of its own."""
-        number = self._totals.channel_count = self._totals.schema_count = self._totals.channel_count + 1
-        description = records.Schema(id=number, name=schema_name, encoding="jsonschema", data=schema)
-        channel = records.Channel(id=number, topic=topic, message_encoding="json", schema_id=number, metadata={})
-        for record, repeated in zip((description, channel), self._repeated, strict=True):
-            record.write(self._out)
-            record.write(repeated)
+    def add_channel(self, topic: str, schema_name: str = "", schema: bytes = b"") -> int:
+        """Number of a new channel of JSON messages, with a JSON schema of its own when it has a name."""
+        number = self._totals.channel_count = self._totals.channel_count + 1
+        schema_id = self._add_schema(schema_name, schema) if schema_name else 0
+        channel = records.Channel(id=number, topic=topic, message_encoding="json", schema_id=schema_id, metadata={})
+        channel.write(self._out)
+        channel.write(self._repeated[1])
+        return number
+
+    def _add_schema(self, name: str, data: bytes) -> int:
+        number = self._totals.schema_count = self._totals.schema_count + 1
+        schema = records.Schema(id=number, name=name, encoding="jsonschema", data=data)
+        schema.write(self._out)
+        schema.write(self._repeated[0])
         return number
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:

@@ -1,11 +1,14 @@
 """Recordings on disk: MCAP with the channels `tick`, `input` and `event` and one metadata record, the header.
 
-Rules of this file: times are run time in nanoseconds; no host, date or path goes in; the same content gives the same
-bytes; whatever a file lost is counted and said; an unusable file is one `InputError`. The caller owns the file object.
+Rules of this file: a message's `log_time` is its run time counted from `zero_ns`, the wall clock at the run's start and
+0 in lock-step, the only date in a file; no host or path goes in; the same content gives the same bytes; what was
+recorded in an older form is read as before; whatever a file lost is counted and said; an unusable file is one
+`InputError`. The caller owns the file object.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterable
@@ -23,7 +26,7 @@ from hoopd.recording import rows
 from hoopd.recording.bytesof import opened
 from hoopd.recording.container import ChunkedFile, Scan, stream
 from hoopd.recording.recording import Recording, from_columns
-from hoopd.recording.schemas import CHANNELS, Event, schema_bytes
+from hoopd.recording.schemas import CHANNELS, DESCRIBED, TOPIC_PREFIX, Event, schema_bytes, topic_of
 
 PROFILE = "hoopd"  # in the file's own header: how a run of ours is told from other MCAP files
 HEADER = "hoopd.header/1"
@@ -54,6 +57,7 @@ class Run(NamedTuple):
     ticks: list[TickRecord]
     events: list[Event]
     lost: str  # one line, empty when the file is whole
+    zero_ns: int = 0  # log_time of run time 0: the wall clock, 0 of a run in lock-step
 
 
 def without_secrets(text: str) -> str:
@@ -61,15 +65,22 @@ def without_secrets(text: str) -> str:
     return _SECRET.sub(r"\1'***'", text)
 
 
+def add_channels(file: ChunkedFile) -> dict[str, int]:
+    """Register the channels of a run in a new file; their numbers."""
+    return {
+        name: file.add_channel(topic_of(name), *((schema, schema_bytes(name)) if name in DESCRIBED else ()))
+        for name, (schema, _) in CHANNELS.items()
+    }
+
+
 class Writer:
     """Rows into an open binary file; a chunk is closed and handed over at every quarter second of run time."""
 
-    def __init__(self, file: BinaryIO, header: Header, *, sync: bool = True) -> None:
-        self._file, self._sync, self._slot, self._sequence = file, sync, -1, 0
+    def __init__(self, file: BinaryIO, header: Header, *, sync: bool = True, zero_ns: int = 0) -> None:
+        """`zero_ns`: log_time of run time 0."""
+        self._file, self._sync, self._slot, self._sequence, self._zero_ns = file, sync, -1, 0, zero_ns
         self._container = ChunkedFile(file, PROFILE)
-        self._channel = {
-            name: self._container.add_channel(name, CHANNELS[name][0], schema_bytes(name)) for name in CHANNELS
-        }
+        self._channel = add_channels(self._container)
         self._container.add_metadata(HEADER, _header_texts(header))
         self.flushes = 0  # chunks that reached the disk so far
         self._waiting = 0
@@ -114,7 +125,11 @@ class Writer:
         self._slot = slot
         self._sequence += 1
         self._waiting += 1
-        self._container.add_message(self._channel[channel], max(0, round(t * 1e9)), self._sequence, data)
+        self._container.add_message(self._channel[channel], max(0, self._zero_ns + _ns(t)), self._sequence, data)
+
+
+def _ns(t: float) -> int:
+    return round(t * 1e9)
 
 
 def _header_texts(header: Header) -> dict[str, str]:
@@ -142,21 +157,23 @@ _DECODE: dict[str, Any] = {"tick": rows.decode_tick, "input": rows.decode_input,
 
 def read_run(path: Path, channels: Iterable[str] = tuple(CHANNELS)) -> Run:
     """Header and rows of the wanted channels, torn tails recovered; InputError when it is no run of ours."""
-    wanted, scan, header = set(channels), Scan(), Header()
+    wanted, scan, header, zero_ns = set(channels), Scan(), Header(), None
     found: dict[str, list[Any]] = {name: [] for name in CHANNELS}
     try:
         for record in stream(_bytes(path), scan):
             if isinstance(record, records.Metadata):
                 header = _header(record.metadata) if record.name == HEADER else header
-            elif (topic := scan.topics.get(record.channel_id, "")) in wanted and _ours(scan, topic):
-                found[topic].append(_DECODE[topic](record.data))
+            elif (name := _channel(scan, scan.topics.get(record.channel_id, ""))) in wanted:
+                row = _DECODE[name](record.data)
+                found[name].append(row)
+                zero_ns = _zero_ns(record.log_time, row.t) if zero_ns is None else zero_ns
     except InputError:
         raise
     except (ValueError, msgspec.MsgspecError) as error:
         raise InputError(path, "", str(error)) from None
-    if not _ours(scan, "tick"):
+    if "tick" not in {_channel(scan, topic) for topic in scan.topics.values()}:
         raise InputError(path, "", _foreign(scan))
-    return Run(header, found["input"], found["tick"], found["event"], describe_loss(scan))
+    return Run(header, found["input"], found["tick"], found["event"], describe_loss(scan), zero_ns or 0)
 
 
 def read(path: Path) -> Recording:
@@ -179,7 +196,7 @@ def recover(path: Path, out: Path) -> str:
     """Write what can be read of a damaged run as a whole file; the one-line account of what was lost."""
     run = read_run(path)
     with Path(out).open("xb") as file:
-        writer = Writer(file, run.header)
+        writer = Writer(file, run.header, zero_ns=run.zero_ns)
         for row in _in_order(run):
             if isinstance(row, Event):
                 writer.add_event(row)
@@ -210,8 +227,16 @@ def _in_order(run: Run) -> list[Any]:
     return sorted([*pairs, *run.events], key=lambda row: row.t if isinstance(row, Event) else row[0].t)
 
 
-def _ours(scan: Scan, topic: str) -> bool:
-    return scan.schemas.get(topic) == CHANNELS[topic][0]
+def _channel(scan: Scan, topic: str) -> str:
+    """Our name of a topic, new or old, empty when it is none of ours."""
+    name = topic.removeprefix(TOPIC_PREFIX)
+    described = name in DESCRIBED or name == topic
+    return name if name in CHANNELS and scan.schemas.get(topic) == (CHANNELS[name][0] if described else "") else ""
+
+
+def _zero_ns(log_time: int, t: float) -> int:
+    """The log_time of run time 0; 0 when a row does not know its time."""
+    return max(0, log_time - _ns(t)) if math.isfinite(t) else 0
 
 
 def _foreign(scan: Scan) -> str:

@@ -1,22 +1,24 @@
 """Records of the tick <-> JSON rows.
 
-Rules of this file: pure; a row is one JSON object with the record's field names in its order; NaN is null, in an input
-row an infinity is the text "inf" or "-inf", every other float comes back with the same bits (msgspec writes the
-shortest text that does); numpy numbers are taken for what they are. Row types are derived from the
-records, never written twice.
+Rules of this file: pure; a row is one JSON object with the record's field names in its order; a recorded tick leaves a
+missing number (NaN) out, elsewhere it is null, and both are read; in an input row an infinity is the text "inf" or
+"-inf"; every other float comes back with the same bits (msgspec writes the shortest text that does); numpy numbers are
+taken for what they are. Row types are derived from the records, never written twice.
 """
 
 from __future__ import annotations
 
 import types
 from collections.abc import Callable, Mapping
+from math import isnan
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
+from msgspec import UNSET
 
 from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, LinkCounts, TickRecord
-from hoopd.recording.schemas import RECORDS, Event
+from hoopd.recording.schemas import OPTIONAL, RECORDS, Event
 
 # Fields that recordings made before them lack, and what they are then.
 LATER_FIELDS: Mapping[type, Mapping[str, Any]] = {CameraSample: {"corners": 0}}
@@ -52,6 +54,13 @@ def row_type(record: type) -> type[msgspec.Struct]:
     return _rows[record]
 
 
+def _sparse_type(record: type) -> type[msgspec.Struct]:
+    """The row of a record in which its optional fields may be absent, which is missing."""
+    wire = {name: _wire(hint) for name, hint in get_type_hints(record).items()}
+    fields = [(n, wire[n] | None, None) if n in OPTIONAL[record] else (n, wire[n]) for n in RECORDS[record]]
+    return msgspec.defstruct(record.__name__ + "SparseRow", fields, kw_only=True, gc=False)
+
+
 def _wire(hint: Any) -> Any:
     if hint is float:
         return float | str | None
@@ -85,8 +94,21 @@ def _back(value: Any) -> Any:
     return _INFINITE[value]
 
 
+_X_HAT = TickRecord._fields.index("x_hat")
+_UNKNOWN = (_NAN,) * 4
+
+
 def encode_tick(record: TickRecord) -> bytes:
-    """Row of the `tick` channel, also the telemetry message."""
+    """Row of the `tick` channel: a number that is missing, or is none, is left out."""
+    # x - x is 0 for every number, and NaN for NaN and the infinities
+    values = [UNSET if isinstance(value, float) and value - value != 0.0 else value for value in record]
+    if all(map(isnan, record.x_hat)):
+        values[_X_HAT] = UNSET
+    return _encoder.encode(_TickRow(*values))
+
+
+def encode_tick_message(record: TickRecord) -> bytes:
+    """Telemetry message of a tick: every field, a missing number is null."""
     return _encoder.encode(_TickRow(*record))
 
 
@@ -113,8 +135,8 @@ def encode_input(inputs: Inputs) -> bytes:
     return _encoder.encode(row)
 
 
-def _decoder(record: type) -> Callable[[bytes], Any]:
-    decode = msgspec.json.Decoder(row_type(record)).decode
+def _decoder(row: type[msgspec.Struct]) -> Callable[[bytes], Any]:
+    decode = msgspec.json.Decoder(row).decode
 
     def guarded(data: bytes) -> Any:
         try:
@@ -125,7 +147,7 @@ def _decoder(record: type) -> Callable[[bytes], Any]:
     return guarded
 
 
-_decode_tick, _decode_input, _decode_event = _decoder(TickRecord), _decoder(Inputs), _decoder(Event)
+_decode_tick, _decode_input, _decode_event = map(_decoder, (_sparse_type(TickRecord), _InputRow, _EventRow))
 _FLOATS = {record: frozenset(n for n, h in get_type_hints(record).items() if h is float) for record in RECORDS}
 
 
@@ -138,7 +160,7 @@ def _record(record: Any, row: Any) -> Any:
 def decode_tick(data: bytes) -> TickRecord:
     """The tick of a row; msgspec.MsgspecError when it is not one."""
     record: TickRecord = _record(TickRecord, _decode_tick(data))
-    return record._replace(x_hat=tuple(map(_back, record.x_hat)))
+    return record._replace(x_hat=_UNKNOWN if record.x_hat is None else tuple(map(_back, record.x_hat)))
 
 
 def decode_event(data: bytes) -> Event:

@@ -1,14 +1,15 @@
 """Fields of the recorded and published messages: name, unit, meaning; JSON schemas made from them.
 
 Rules of this file: a table per record of `hoopd.core.records`, in its order (a test compares both and the tables in
-docs/); types come from the records themselves, so nothing is written twice; no file, no clock.
+docs/); types come from the records themselves, so nothing is written twice; a schema has no unions, which the open
+viewers refuse; no file, no clock.
 """
 
 from __future__ import annotations
 
 import types
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -29,10 +30,10 @@ TICK: Table = {
     "id": Field("", "number of the tick: counts timer expirations, so a missed one is a gap"),
     "mode": Field("", "mode after the tick"),
     "u": Field("N m", "torque commanded, held from this tick to the next"),
-    "theta": Field("rad", "hoop angle, unwrapped; null when no answer came"),
-    "dtheta": Field("rad/s", "hoop speed; null when no answer came"),
-    "current": Field("A", "motor current; null when no answer came"),
-    "psi": Field("rad", "ball angle, 0 at the bottom, unwrapped; null when no new ball was seen"),
+    "theta": Field("rad", "hoop angle, unwrapped; missing when no answer came"),
+    "dtheta": Field("rad/s", "hoop speed; missing when no answer came"),
+    "current": Field("A", "motor current; missing when no answer came"),
+    "psi": Field("rad", "ball angle, 0 at the bottom, unwrapped; missing when no new ball was seen"),
     "y_t": Field("s", "run time at which the board sampled theta, dtheta and current"),
     "psi_t": Field("s", "run time of the middle of the exposure that gave psi"),
     "x_hat": Field("rad, rad/s, rad, rad/s", "estimate of theta, dtheta, psi, dpsi at t"),
@@ -126,17 +127,31 @@ CHANNELS: Mapping[str, tuple[str, type]] = {
     "input": ("hoopd.input", records.Inputs),
     "event": ("hoopd.event", Event),
 }
+# Channels that are registered with their schema. `input` holds null, and texts for infinities, where a replay needs
+# them: no schema without unions says that.
+DESCRIBED = ("tick", "event")
+TOPIC_PREFIX = "/hoopd/"  # recordings made before it have the channel's bare name as topic
+# Fields that a row leaves out when their number is missing.
+OPTIONAL: Mapping[type, frozenset[str]] = {
+    records.TickRecord: frozenset(TICK) - {"t", "id", "mode", "status", "errors"},
+}
+
+
+def topic_of(channel: str) -> str:
+    """Topic of a channel in the file."""
+    return TOPIC_PREFIX + channel
 
 
 def json_schema(record: type) -> dict[str, Any]:
-    """JSON schema (draft 2020-12 subset) of a record, with unit and description at every field."""
+    """JSON schema (draft 2020-12 subset, no unions) of a record, with unit and description at every field."""
     hints = get_type_hints(record)
     properties = {name: _property(hints[name], item) for name, item in RECORDS[record].items()}
-    return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
+    required = [name for name in properties if name not in OPTIONAL.get(record, frozenset())]
+    return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
 
 
 def schema_bytes(channel: str) -> bytes:
-    """The registered schema of a channel, the same bytes every time."""
+    """The registered schema of a described channel, the same bytes every time."""
     name, record = CHANNELS[channel]
     return msgspec.json.encode({"title": name, **json_schema(record)})
 
@@ -147,7 +162,7 @@ def _property(hint: Any, item: Field) -> dict[str, Any]:
 
 
 _PLAIN: dict[Any, dict[str, Any]] = {
-    float: {"type": ["number", "null"]},  # null is NaN: missing
+    float: {"type": "number"},
     int: {"type": "integer"},
     str: {"type": "string"},
     bool: {"type": "boolean"},
@@ -157,11 +172,6 @@ _PLAIN: dict[Any, dict[str, Any]] = {
 def _type(hint: Any) -> dict[str, Any]:
     if hint in _PLAIN:
         return dict(_PLAIN[hint])
-    if hint in RECORDS:
-        return json_schema(hint)
-    origin, args = get_origin(hint), get_args(hint)
-    if origin in (Union, types.UnionType):
-        return {"oneOf": [json_schema(args[0]), {"type": "null"}]}
-    if origin is tuple:
-        return {"type": "array", "items": _type(args[0])}
+    if get_origin(hint) is tuple:
+        return {"type": "array", "items": _type(get_args(hint)[0])}
     return {"type": "object"}

@@ -12,6 +12,7 @@ import ctypes
 import os
 import sys
 import time
+from collections.abc import Callable
 from types import TracebackType
 
 NS_PER_S = 1_000_000_000
@@ -102,6 +103,11 @@ class TickTimer:
     def _wake(self) -> None:
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)
+
+
+def wall_zero_ns(now: Callable[[], float]) -> int:
+    """Wall clock in ns at run time 0, when `now` gives the run time in s."""
+    return time.time_ns() - round(now() * NS_PER_S)
 
 
 class _Timespec(ctypes.Structure):

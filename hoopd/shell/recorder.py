@@ -50,8 +50,8 @@ Row = Event | tuple[TickRecord, Inputs]
 class _Sink:
     """The open file of a run, or none; OSError passes through, and rows not yet safe are kept for the next file."""
 
-    def __init__(self, folder: Path, header: Header, limits: Limits, sync: bool) -> None:
-        self._folder, self._header, self._limits, self._sync = folder, header, limits, sync
+    def __init__(self, folder: Path, header: Header, limits: Limits, sync: bool, zero_ns: Callable[[], int]) -> None:
+        self._folder, self._header, self._limits, self._sync, self._zero_ns = folder, header, limits, sync, zero_ns
         self._file: BinaryIO | None = None
         self._writer: Writer | None = None
         self._flushes = self._rows = 0
@@ -108,7 +108,8 @@ class _Sink:
         self.path, self._file = create(self._folder)
         self.parts += 1
         self._flushes = self._rows = 0
-        self._writer = Writer(self._file, msgspec.structs.replace(self._header, part=self.parts - 1), sync=self._sync)
+        header = msgspec.structs.replace(self._header, part=self.parts - 1)
+        self._writer = Writer(self._file, header, sync=self._sync, zero_ns=self._zero_ns())
         self._write(list(self.unsafe))
         return deleted
 
@@ -145,11 +146,13 @@ class Recorder:
         *,
         limits: Limits | None = None,
         synchronous: bool = False,
+        zero_ns: Callable[[], int] = lambda: 0,
         on_event: OnEvent | None = None,
         queue_rows: int = QUEUE_ROWS,
         retry_s: tuple[float, ...] = RETRY_S,
     ) -> None:
-        self._sink = _Sink(Path(folder), header, limits or Limits(), sync=not synchronous)
+        """`zero_ns`: wall clock at run time 0, asked at the beginning of each file."""
+        self._sink = _Sink(Path(folder), header, limits or Limits(), not synchronous, zero_ns)
         self._on_event, self._retry_s, self._synchronous = on_event, retry_s, synchronous
         self._queue: deque[tuple[int, Row]] = deque(maxlen=queue_rows)
         self._numbers = itertools.count()

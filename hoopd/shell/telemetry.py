@@ -24,7 +24,7 @@ import zenoh
 from hoopd.core.records import TickRecord
 from hoopd.files import InputError
 from hoopd.recording.mcap import without_secrets
-from hoopd.recording.rows import encode_event, encode_tick
+from hoopd.recording.rows import encode_event, encode_tick_message
 from hoopd.recording.schemas import Event
 from hoopd.shell.commands import NAMES, NO_CONTROL, PAYLOAD_BYTES, Gate, RefusedError, Ticket
 from hoopd.shell.helpers import start_helper
@@ -235,7 +235,7 @@ class Telemetry:
         if self._peer.session is None:
             return
         if isinstance(item, TickRecord):
-            self._send("tick", lambda: encode_tick(item))
+            self._send("tick", lambda: encode_tick_message(item))
         else:
             self._send("event", lambda: encode_event(item))
 
@@ -286,7 +286,7 @@ class Telemetry:
 
     def _answer_snapshot(self, _query: zenoh.Query) -> bytes:
         last = self._summary.last
-        tick = msgspec.Raw(encode_tick(last)) if last is not None else None
+        tick = msgspec.Raw(encode_tick_message(last)) if last is not None else None
         return msgspec.json.encode(
             {"session": self._settings.session, "tick": tick, "status": msgspec.Raw(self._status)}
         )

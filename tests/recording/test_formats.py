@@ -103,7 +103,7 @@ def test_mcap_says_that_it_was_converted(tmp_path: Path) -> None:
         summary = make_reader(file, validate_crcs=True).get_summary()
         assert summary is not None and summary.statistics is not None
         assert summary.statistics.message_count == 60
-        assert "tick" in {channel.topic for channel in summary.channels.values()}
+        assert "/hoopd/tick" in {channel.topic for channel in summary.channels.values()}
     data = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "torn.mcap").write_bytes(data[: len(data) * 3 // 4])
     mcap.recover(tmp_path / "torn.mcap", tmp_path / "whole.mcap")

@@ -30,7 +30,7 @@ from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import layout_from_table, layout_to_table
 from hoopd.files import InputError, load_yaml, read_text
 from hoopd.recording import container, mcap, rows
-from hoopd.recording.schemas import CHANNELS, schema_bytes
+from hoopd.recording.schemas import CHANNELS
 from hoopd.replay import replay
 from hoopd.shell import config as configuration
 from hoopd.shell.link import FLOOD_BYTES, Codec, SerialDrive
@@ -139,7 +139,7 @@ def write(path: Path, run: mcap.Run, name: str, row: bytes) -> None:
     texts.setdefault(name, [b""])[-1] = row
     with path.open("wb") as file:
         out = container.ChunkedFile(file, mcap.PROFILE)
-        channels = {key: out.add_channel(key, CHANNELS[key][0], schema_bytes(key)) for key in CHANNELS}
+        channels = mcap.add_channels(out)
         out.add_metadata(mcap.HEADER, mcap._header_texts(run.header))
         for key, values in texts.items():
             for value in values:

@@ -21,7 +21,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from fuzzing.damage import row_of_json
 from hoopd.recording import container, mcap, rows
-from hoopd.recording.schemas import CHANNELS, schema_bytes
+from hoopd.recording.schemas import CHANNELS, DESCRIBED, topic_of
 
 MEGABYTE = 2**20
 SIZES = (0, 1, 10**3, 10**6, 3 * 10**7)
@@ -43,7 +43,7 @@ def _texts(run: mcap.Run) -> dict[str, list[bytes]]:
 def _written(header: dict[str, str], texts: dict[str, list[bytes]]) -> bytes:
     buffer = io.BytesIO()
     out = container.ChunkedFile(buffer, mcap.PROFILE)
-    channels = {key: out.add_channel(key, CHANNELS[key][0], schema_bytes(key)) for key in CHANNELS}
+    channels = mcap.add_channels(out)
     out.add_metadata(mcap.HEADER, header)
     for key, values in texts.items():
         for number, text in enumerate(values):
@@ -78,8 +78,10 @@ def _chunks(sound: Path, rng: random.Random) -> bytes:
     out.write(MCAP0_MAGIC)
     records.Header(profile=mcap.PROFILE, library="x").write(out)
     for number, name in enumerate(CHANNELS, 1):
-        records.Schema(id=number, name=CHANNELS[name][0], encoding="jsonschema", data=b"{}").write(out)
-        records.Channel(id=number, topic=name, message_encoding="json", schema_id=number, metadata={}).write(out)
+        schema, topic = number if name in DESCRIBED else 0, topic_of(name)
+        if schema:
+            records.Schema(id=number, name=CHANNELS[name][0], encoding="jsonschema", data=b"{}").write(out)
+        records.Channel(id=number, topic=topic, message_encoding="json", schema_id=schema, metadata={}).write(out)
     plain = rng.choice((_noughts, _tiny, _same_row))(sound, rng.choice((MEGABYTE, 8 * MEGABYTE, 60 * MEGABYTE)))
     claimed = rng.choice((len(plain), len(plain), 10, 2**62))
     packing, packed = rng.choice((("zstd", zstandard.ZstdCompressor().compress(plain)), ("", plain), ("lz4", b"x")))
