@@ -174,4 +174,4 @@ def _type(hint: Any) -> dict[str, Any]:
         return dict(_PLAIN[hint])
     if get_origin(hint) is tuple:
         return {"type": "array", "items": _type(get_args(hint)[0])}
-    return {"type": "object"}
+    return {"type": "object", "properties": {}}  # of any names; a viewer walks the properties
