@@ -14,7 +14,7 @@ LAMP_GPIO ?= 18
 INSTALL_FLAGS := --root "$(DESTDIR)/" $(if $(DRY_RUN),--dry-run)
 
 .DEFAULT_GOAL := help
-.PHONY: help sim test lint figures install uninstall lock wheels licences audit check-pi clean
+.PHONY: help sim test proof lint figures install uninstall lock wheels licences audit check-pi clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
@@ -22,8 +22,11 @@ help: ## this list
 sim: $(VENV)/.runtime ## run the daemon against the simulated rig (DURATION=20)
 	$(VENV)/bin/hoopd --sim --duration $(DURATION)
 
-test: $(VENV)/.development ## run all tests (ARGS="-k name")
+test: $(VENV)/.development ## run the tests (ARGS="-k name"; the long proofs: make proof)
 	$(RUN) tools/suite.py $(ARGS)
+
+proof: $(VENV)/.development ## the long proofs, many seeds each (ARGS="-k name")
+	$(RUN) tools/suite.py --proof $(ARGS)
 
 lint: $(VENV)/.development ## style, types and import contracts
 	$(RUN) -m ruff check .

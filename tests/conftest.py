@@ -2,7 +2,8 @@
 
 Command sockets lie in a folder of this run, not among those of a daemon that runs beside it. Tests in which the clock
 counts (marker `realtime`) are named here by their place, or at the test itself: they run one after the other, while
-`tools/suite.py` runs the others side by side.
+`tools/suite.py` runs the others side by side. Linear algebra has one thread, as in the program itself: of two beside
+another process, each waits for the other, and a small matrix takes fifty times as long.
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ import tempfile
 from pathlib import Path
 
 import pytest
+
+for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # before numpy is imported
+    os.environ.setdefault(threads, "1")
 
 HERE = Path(__file__).parent
 ON_THE_CLOCK = (

@@ -57,9 +57,9 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     return int(ended.value.code or 0)
 
 
-def program(folder: Path, name: str, hash_seed: int) -> subprocess.CompletedProcess[str]:
-    """The program over the recordings of a folder; writes NAME.json, NAME.html and found.yaml into it."""
-    outputs = ["--json", f"{name}.json", "--report", f"{name}.html", "--write", "found.yaml"]
+def program(folder: Path, hash_seed: int) -> subprocess.CompletedProcess[str]:
+    """The program over the recordings of a folder; writes one.json, one.html and found.yaml into it."""
+    outputs = ["--json", "one.json", "--report", "one.html", "--write", "found.yaml"]
     arguments = [sys.executable, "-m", "hoopd", "diagnose", "train", "--holdout", "held.csv", *outputs]
     root = Path(diagnose.__file__).resolve().parents[2]
     environment = {**os.environ, "PYTHONPATH": str(root), "PYTHONHASHSEED": str(hash_seed)}
@@ -73,7 +73,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "train").mkdir()
     written(folder / "train" / "run.csv", 1, 10.0, FRICTION_NM)
     written(folder / "held.csv", 2, 6.0, FRICTION_NM)
-    done = program(folder, "one", hash_seed=7)
+    done = program(folder, hash_seed=7)
     assert done.returncode == 0, done.stderr
     assert NAME in done.stdout
     assert not done.stderr  # progress is for a terminal
@@ -118,25 +118,17 @@ def test_the_model_that_was_written_loads_with_intervals_and_region(made: Path) 
     assert all(one.ci95 is not None and one.nominal is not None for one in model.parameters.values())
 
 
-def test_the_same_input_and_seed_give_the_same_bytes(made: Path, tmp_path: Path) -> None:
-    for name in ("train", "held.csv"):
-        (tmp_path / name).symlink_to(made / name)
-    assert program(tmp_path, "two", hash_seed=11).returncode == 0
-    pairs = (("one.json", "two.json"), ("one.html", "two.html"), ("found.yaml", "found.yaml"))
-    assert all((made / a).read_bytes() == (tmp_path / b).read_bytes() for a, b in pairs)
-
-
-def test_a_run_from_python_says_what_it_does_and_tells_the_same_numbers(
+def test_a_run_from_python_says_what_it_does_and_writes_the_same_bytes(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # how many threads the linear algebra has is the caller's here, so that the last digits may differ
+    """Another process, whose strings have other hashes: the same input and seed give the same bytes."""
     monkeypatch.chdir(made)
     steps: list[str] = []
-    found = diagnose.run(["train"], ["held.csv"], json_path=tmp_path / "two.json", progress=steps.append)
+    outputs = {"json_path": tmp_path / "one.json", "report": tmp_path / "one.html", "write": tmp_path / "found.yaml"}
+    found = diagnose.run(["train"], ["held.csv"], progress=steps.append, **outputs)
     assert steps[0] == "reading the recordings" and "screening the library" in steps
-    told = parse((made / "one.json").read_bytes(), "one.json")
-    assert [one.name for one in found.effects] == [one.name for one in told.effects]
-    assert found.effects[0].parameters["Fc"].value == pytest.approx(told.effects[0].parameters["Fc"].value, rel=1e-5)
+    assert found.effects[0].name == NAME
+    assert all((made / path.name).read_bytes() == path.read_bytes() for path in outputs.values())
 
 
 # ---------------------------------------------------------------------------------------------- refused

@@ -235,8 +235,8 @@ def test_a_recording_s_name_is_text_wherever_it_stands() -> None:
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_page_is_well_formed_and_says_the_verdict(name: str) -> None:
-    diagnosis, shown = EXAMPLES[name]()
-    seen = Page(page(diagnosis, shown))
+    diagnosis, _ = EXAMPLES[name]()
+    seen = Page(made(name))
     assert squeezed(words.verdict_sentence(diagnosis)) in seen.text
     names = [one["id"] for _, one in seen.tags if "id" in one]
     assert len(names) == len(set(names))

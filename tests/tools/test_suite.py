@@ -20,12 +20,16 @@ def test_side_by_side():
 @pytest.mark.realtime
 def test_on_the_clock():
     assert {second}
+
+@pytest.mark.proof
+def test_long():
+    pass
 """
 
 
 def suite(folder: Path, *arguments: str, first: bool = True, second: bool = True) -> tuple[int, str]:
     (folder / "test_made_up.py").write_text(TESTS.format(first=first, second=second))
-    (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n  realtime: the clock counts\n")
+    (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n  realtime: the clock counts\n  proof: long\n")
     command = [sys.executable, str(SUITE), "-n", "0", "-p", "no:cacheprovider", *arguments]
     ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=100, check=False)
     return ended.returncode, ended.stdout.splitlines()[-1]
@@ -33,6 +37,10 @@ def suite(folder: Path, *arguments: str, first: bool = True, second: bool = True
 
 def test_both_passes_run(tmp_path: Path) -> None:
     assert suite(tmp_path) == (0, "2 passed, 0 failed, 0 skipped")
+
+
+def test_proofs_run_alone_when_they_are_asked_for(tmp_path: Path) -> None:
+    assert suite(tmp_path, "--proof") == (0, "1 passed, 0 failed, 0 skipped")
 
 
 @pytest.mark.parametrize("broken", ["first", "second"])
