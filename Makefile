@@ -7,6 +7,7 @@ PIP := $(RUN) -m pip install --quiet --disable-pip-version-check --no-input
 LOCKED := $(PIP) --require-hashes --only-binary=:all:
 DURATION ?= 20
 OUT ?= build/figures
+SPHINX := $(RUN) -m sphinx --fail-on-warning --keep-going --quiet
 
 # Installing on a Raspberry Pi: sudo make install [LAMP_GPIO=23|none] [PICAMERA2=1]; into a folder: DESTDIR=/tmp/root
 DESTDIR ?=
@@ -14,7 +15,7 @@ LAMP_GPIO ?= 18
 INSTALL_FLAGS := --root "$(DESTDIR)/" $(if $(DRY_RUN),--dry-run)
 
 .DEFAULT_GOAL := help
-.PHONY: help sim test proof lint figures install uninstall lock wheels licences audit check-pi clean
+.PHONY: help sim test proof lint docs figures wheel install uninstall lock wheels licences audit check-pi clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
@@ -36,6 +37,12 @@ lint: $(VENV)/.development ## style, types and import contracts
 
 figures: $(VENV)/.runtime ## draw the thesis's figures again (OUT=build/figures, ONLY=name; HOOPD_SHARED=folder of recordings/)
 	$(RUN) tools/figures.py --out $(OUT) $(addprefix --only ,$(ONLY))
+
+docs: $(VENV)/.development ## the documentation as a site; a link that leads nowhere fails (build/docs/index.html)
+	$(SPHINX) docs build/docs
+
+wheel: $(VENV)/.runtime ## what `pip install .` installs, as a file in dist/, and what is in it
+	$(RUN) tools/wheel.py
 
 install: ## install on this Raspberry Pi (as root)
 	$(PYTHON) tools/install.py install $(INSTALL_FLAGS) --lamp-gpio $(LAMP_GPIO) $(if $(PICAMERA2),--picamera2)

@@ -42,7 +42,7 @@ UsageError: Any = typer.BadParameter.__base__
 RUNNING, DEVICE = "A running daemon", "Device and rig"
 
 app = typer.Typer(
-    add_completion=False,
+    add_completion=True,
     no_args_is_help=False,
     pretty_exceptions_enable=False,
     help="Real-time controller daemon for a ball in a hoop. Without a command it runs the daemon.",
@@ -355,7 +355,7 @@ def main() -> None:
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        code = app(standalone_mode=False)
+        code = app(prog_name="hoopd", standalone_mode=False)
     except UsageError as error:
         _refuse(f"{error.format_message()} (see hoopd --help)")
     except PortMissingError as error:
