@@ -15,6 +15,7 @@ from tests.shellblocks import ROOT, Shown, below, shown
 
 PROGRAM: Any = typer.main.get_command(app)
 GLOBAL = {"--help", "COMMAND"}
+ENDING = {"--install-completion", "--show-completion"}  # act while they are parsed: one writes into the shell's files
 
 
 def usage(words: Iterable[str]) -> list[str]:
@@ -23,7 +24,10 @@ def usage(words: Iterable[str]) -> list[str]:
 
 
 def parse(words: list[str]) -> None:
-    """As the program would, up to the point at which the command begins."""
+    """As the program would, up to the point at which the command begins; what ends there by itself is not begun."""
+    if ENDING & set(words):
+        assert len(words) == 1 and words[0] in {option for parameter in PROGRAM.params for option in parameter.opts}
+        return
     context = PROGRAM.make_context("hoopd", list(words))
     rest = [*context._protected_args, *context.args]
     if rest:
