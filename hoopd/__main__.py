@@ -15,7 +15,7 @@ from hoopd import failure  # noqa: E402
 def main() -> None:
     """Run the command line; whatever nobody foresaw is one line and exit code 1."""
     failure.watch()
-    from hoopd.cli import main as command_line
+    from hoopd.commands.cli import main as command_line
 
     failure.run(command_line)
 

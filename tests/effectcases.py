@@ -6,12 +6,13 @@ from functools import cache
 
 import numpy as np
 
-from hoopd.modelfiles import load_model
-from hoopd.physics.composite import Composite
-from hoopd.physics.declared import DeclaredPlant, Slot, hoop_plant
-from hoopd.physics.effects.base import Effect
-from hoopd.physics.effects.catalogue import library
-from hoopd.shipped import defaults_folder
+from hoopd.files.shipped import defaults_folder
+from hoopd.plants.composite import Composite
+from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.library import library
+from hoopd.plants.hoop.declaration import hoop_plant
+from hoopd.plants.model_file import load_model
 
 VALUES = {
     "rolling": load_model(defaults_folder() / "models/hoop.yaml").values(),

@@ -7,8 +7,8 @@ from math import tau
 
 import numpy as np
 
-from hoopd.ident.device.experiments import Run, prepare
-from hoopd.physics.simulate import Model
+from hoopd.plants.fits.fit_data import Run, prepare
+from hoopd.plants.hoop.simulate import Model
 from hoopd.recording.recording import Recording, from_columns
 
 DEVICE = {

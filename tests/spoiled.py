@@ -9,7 +9,7 @@ import numpy as np
 from freeruns import COUNT_RAD, DEVICE, PSI_SIGMA_RAD
 from numpy.typing import NDArray
 
-from hoopd.physics.simulate import Model
+from hoopd.plants.hoop.simulate import Model
 from hoopd.recording.recording import Recording, from_columns
 
 Array = NDArray[np.float64]

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from hoopd import cli
-from hoopd.build import build_tick, mismatch, read_texts
-from hoopd.files import InputError
+from hoopd.commands import cli
+from hoopd.daemon.build import build_tick, mismatch, read_texts
+from hoopd.files.reading import InputError
 from hoopd.shell.config import defaults_folder, load
 from hoopd.shell.signals import unwinding
 
@@ -50,8 +50,8 @@ def test_started_with_nohup_a_hung_up_terminal_is_no_news() -> None:
 @pytest.mark.parametrize("effects", ["", FOUND])
 def test_the_path_of_the_daemon_imports_nothing_heavy(effects: str) -> None:
     program = (
-        "import sys, hoopd.cli, hoopd.app, hoopd.shell.telemetry, hoopd.shell.videodevices\n"
-        "from hoopd.build import build_tick, read_texts, unused_effects\n"
+        "import sys, hoopd.commands.cli, hoopd.daemon.app, hoopd.shell.telemetry, hoopd.shell.videodevices\n"
+        "from hoopd.daemon.build import build_tick, read_texts, unused_effects\n"
         "from hoopd.shell.config import load\n"
         "config = load(None, sim=False, overrides=[])\n"
         "texts = read_texts(config, None)\n"

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
-from hoopd.calibrate import run
-from hoopd.files import InputError
+from hoopd.commands.calibrate import run
+from hoopd.files.reading import InputError
 from tests.vision.picture import Look, ball_centre, picture
 
 
@@ -128,7 +128,7 @@ def test_unusable_input_is_one_clear_line(tmp_path: Path, still: Path) -> None:
 
 
 def test_positions_may_come_from_a_recording(tmp_path: Path) -> None:
-    from hoopd.app import Options, run_daemon
+    from hoopd.daemon.app import Options, run_daemon
 
     run_daemon(Options(sim=True, duration_s=6.0, record=tmp_path, speed="max", sets=("sim.held=false",)))
     found = run(None, tmp_path / "run-0001.mcap")

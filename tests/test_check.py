@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from hoopd import check
-from hoopd.check import CheckResult, Verdict
 from hoopd.core.records import CameraSample, DriverSample
-from hoopd.files import InputError
+from hoopd.daemon import checks as check
+from hoopd.daemon.checks import CheckResult, Verdict
+from hoopd.files.reading import InputError
 
 ENABLED, TIMEOUT, FAULT = 1, 2, 8
 

@@ -13,18 +13,19 @@ import pytest
 
 import hoopd.lab as lab
 from hoopd.design.analysis import linear_model
-from hoopd.design.closedloop import Scenario, picture_timing
+from hoopd.design.closed_loop import Scenario, picture_timing
 from hoopd.design.laws import Spec, design_lqg
 from hoopd.design.lqg import Weights
 from hoopd.design.margins import margins
 from hoopd.design.trial import run as closed
-from hoopd.ident.device.fit import Settings
-from hoopd.ident.device.fit import fit as fit_parameters
-from hoopd.ident.device.freerun import Subject
-from hoopd.ident.device.score import score
-from hoopd.modelfiles import load_controller, load_model
+from hoopd.files.controller import load_controller
+from hoopd.files.shipped import defaults_folder
+from hoopd.plants.fits.fit import Settings
+from hoopd.plants.fits.fit import fit as fit_parameters
+from hoopd.plants.fits.fit_percent import score
+from hoopd.plants.fits.recorded_runs import Subject
+from hoopd.plants.model_file import load_model
 from hoopd.recording.edit import between
-from hoopd.shipped import defaults_folder
 
 TABLE = {"mb": 0.0608, "Ro": 0.0957, "Rb": 0.0104}  # weighed and measured
 

@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
-from hoopd import app, cli
-from hoopd.build import load_law
-from hoopd.files import InputError
+from hoopd.commands import cli
+from hoopd.daemon import app
+from hoopd.daemon.build import load_law
+from hoopd.daemon.replay import replay
+from hoopd.files.reading import InputError
 from hoopd.recording.mcap import read_run
-from hoopd.replay import replay
 
 WELL = "class Law:\n    def reset(self):\n        self.n = 0\n"
 UPDATE = "    def update(self, m):\n        self.n += 1\n        "

@@ -10,20 +10,11 @@ import yaml
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.excitation import Excitation
 from hoopd.core.late import LateEstimator
-from hoopd.files import InputError
-from hoopd.modelfiles import (
-    controller_of,
-    effects_of,
-    estimator_of,
-    limiter_of,
-    load_controller,
-    load_model,
-    model_text,
-    parse_controller,
-    parse_model,
-    plant_of,
-)
-from hoopd.writeback import cancelled, estimator_with, filter_effects, unused
+from hoopd.files.controller import controller_of, estimator_of, limiter_of, load_controller, parse_controller
+from hoopd.files.model import model_text
+from hoopd.files.reading import InputError
+from hoopd.plants.hoop.writeback import cancelled, estimator_with, filter_effects, unused
+from hoopd.plants.model_file import effects_of, load_model, parse_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 

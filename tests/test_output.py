@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hoopd.output import print_result, rows, shown
+from hoopd.commands.output import print_result, rows, shown
 
 
 @pytest.mark.parametrize(

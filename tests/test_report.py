@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from system.rigrun import run_rig
 
+from hoopd.daemon.report import _summary_rows
 from hoopd.recording.mcap import read
-from hoopd.report import _summary_rows
 from hoopd.shell.statistics import RunStatistics
 from hoopd.sim import truth
 

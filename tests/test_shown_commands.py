@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import typer
 
-from hoopd.cli import UsageError, app
+from hoopd.commands.cli import UsageError, app
 from tests.shellblocks import ROOT, Shown, below, shown
 
 PROGRAM: Any = typer.main.get_command(app)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hoopd.core.records import TickRecord
-from hoopd.trackingerror import RELEASE_S, SETTLED_S, TRUTH_AGE_S, TrackingError, Truth
+from hoopd.daemon.tracking_error import RELEASE_S, SETTLED_S, TRUTH_AGE_S, TrackingError, Truth
 
 PERIOD_S = 0.02
 LATE_S = 0.05  # a picture's age

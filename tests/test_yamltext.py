@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from hoopd import yamltext
-from hoopd.yamltext import YamlError, data_of, text_of
+from hoopd.files import yaml_text
+from hoopd.files.yaml_text import YamlError, data_of, text_of
 
 WORDS: dict[str, Any] = {
     "1": 1, "-17": -17, "+3": 3, "010": 10, "0o17": 15, "0xA5": 165, "1e-8": 1e-8, "1.": 1.0, ".5": 0.5, "-0.0": -0.0,
@@ -70,13 +70,13 @@ BOMBS = {
 def test_work_is_bounded_by_the_text(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     built = 0
 
-    class Counted(yamltext._Built):
+    class Counted(yaml_text._Built):
         def __new__(cls, *values: Any) -> Counted:
             nonlocal built
             built += 1
             return super().__new__(cls, *values)
 
-    monkeypatch.setattr(yamltext, "_Built", Counted)
+    monkeypatch.setattr(yaml_text, "_Built", Counted)
     tracemalloc.start()
     try:
         value = data_of(BOMBS[name])
@@ -87,7 +87,7 @@ def test_work_is_bounded_by_the_text(name: str, monkeypatch: pytest.MonkeyPatch)
     finally:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-    assert built <= yamltext.MAX_VALUES + 1
+    assert built <= yaml_text.MAX_VALUES + 1
     assert peak < 60e6
 
 

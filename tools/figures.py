@@ -27,7 +27,7 @@ from thesis import device, fitted, identification, linear, loops  # noqa: E402
 from thesis.records import Bench, how_to_get, shared_folder  # noqa: E402
 from thesis.results import Drawn, Entry, page  # noqa: E402
 
-from hoopd.files import InputError  # noqa: E402
+from hoopd.files.reading import InputError  # noqa: E402
 from hoopd.plots import style  # noqa: E402
 
 PAPER_COLUMNS = 140  # of the table where nobody's terminal limits it

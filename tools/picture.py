@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from hoopd.eye import Analyser
+from hoopd.shell.ball_detection import Analyser
 from hoopd.shell.config import load
 from hoopd.sim.scene import Scene, SceneSettings
 

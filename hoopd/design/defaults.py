@@ -16,11 +16,11 @@ import numpy as np
 from hoopd.core.estimator import EkfSettings
 from hoopd.core.records import PICTURE_AGE_S
 from hoopd.design.arx import ArxModel, arx_lqg, fit_arx
-from hoopd.design.controllerfile import controller_data, controller_text, plain
-from hoopd.design.levels import innovation_levels
+from hoopd.design.controller_text import controller_data, controller_text, plain
+from hoopd.design.innovation_levels import innovation_levels
 from hoopd.design.lqg import Weights, lqg_gains
-from hoopd.modelfiles import load_model, plant_of
-from hoopd.physics.plant import Plant
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.model_file import load_model, plant_of
 
 TICK_S = 0.02
 WIRE_S = 8 * 10 / 115200  # a request on the wire; the board samples at its end

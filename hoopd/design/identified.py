@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from hoopd.core.controllers import LinearGains
 from hoopd.design.arx import linear_lqg
-from hoopd.design.controllerfile import plain
+from hoopd.design.controller_text import plain
 from hoopd.design.laws import Law, Spec, on_both
 from hoopd.design.lqg import observer_law, seen_plant
-from hoopd.physics.plant import Plant
+from hoopd.plants.hoop.plant import Plant
 
 Array = NDArray[Any]
 

@@ -17,16 +17,17 @@ from numpy.typing import NDArray
 
 from hoopd.core.estimator import EkfSettings
 from hoopd.core.records import PICTURE_AGE_S
-from hoopd.design.analysis import linear_model, minimal, transfer_function
-from hoopd.design.controllerfile import plain
+from hoopd.design.analysis import linear_model, minimal
+from hoopd.design.controller_text import plain
 from hoopd.design.delay import held
-from hoopd.design.discrete import c2d
 from hoopd.design.links import lag_link, lead_link_at
-from hoopd.design.loopshaping import loopshaping_pi, loopshaping_pid, peak_complementary
+from hoopd.design.loop_shaping import loopshaping_pi, loopshaping_pid, peak_complementary
 from hoopd.design.lqg import Weights, feedback, lqg_law, reduced_model, seen_plant, state_feedback
 from hoopd.design.pid import Parallel, pid, to_standard
 from hoopd.design.placement import place, place_pi
-from hoopd.physics.plant import Plant
+from hoopd.ident.discretization import c2d
+from hoopd.ident.transfer_functions import transfer_function
+from hoopd.plants.hoop.plant import Plant
 
 Array = NDArray[Any]
 

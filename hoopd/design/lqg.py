@@ -18,7 +18,8 @@ from scipy.linalg import solve_discrete_are
 
 from hoopd.core.controllers import LqgGains
 from hoopd.core.estimator import EkfSettings
-from hoopd.physics.plant import Plant, zero_order_hold
+from hoopd.plants.compiled import zero_order_hold
+from hoopd.plants.hoop.plant import Plant
 
 Array = NDArray[Any]
 

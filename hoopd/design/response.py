@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.linalg import matrix_balance
 from scipy.optimize import brentq, minimize_scalar
 
-from hoopd.design.analysis import minimal, zeros
+from hoopd.design.analysis import minimal
+from hoopd.ident.transfer_functions import zeros
 
 Array = NDArray[Any]
 Function = Callable[[float], float]

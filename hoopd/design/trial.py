@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hoopd.core.estimator import DelayedEkf
-from hoopd.design.closedloop import WIRE_S, LateTorque, LinearPlant, Moving, Run, Scenario, picture_timing, simulate
-from hoopd.modelfiles import ControllerFile, controller_of, limiter_of, settings_of
-from hoopd.physics.effectplant import acts_now
-from hoopd.physics.found import Found
-from hoopd.physics.plant import Plant
-from hoopd.writeback import delays_of, estimator_with, feedforward_of, filter_plant
+from hoopd.design.closed_loop import WIRE_S, LateTorque, LinearPlant, Moving, Run, Scenario, picture_timing, simulate
+from hoopd.files.controller import ControllerFile, controller_of, limiter_of, settings_of
+from hoopd.plants.found_effects import Found
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant_with_effects import acts_now
+from hoopd.plants.hoop.writeback import delays_of, estimator_with, feedforward_of, filter_plant
 
 # When the loop is at rest: the ball within 3 degrees, the hoop slower than a turn in six seconds.
 BALL_RAD, HOOP_RAD_S = 0.05, 1.0

@@ -9,11 +9,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hoopd.diagnose.curves.unknown import Unknown
-from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.faults import Fault
-from hoopd.diagnose.proof.separate import Separation
-from hoopd.diagnose.proof.tables import Played, noise_floor, nrmse
+from hoopd.diagnose.camera_faults import Fault
+from hoopd.diagnose.curves.unknown_effects import Unknown
+from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
+from hoopd.diagnose.proof.not_excluded import Separation
 from hoopd.diagnose.record import (
     Ablation,
     Base,
@@ -28,11 +27,12 @@ from hoopd.diagnose.record import (
     Verdict,
 )
 from hoopd.diagnose.record import Fit as Percent
+from hoopd.diagnose.search.candidates import needed_of, surprise_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.surprise import surprise
-from hoopd.diagnose.search.trying import needed_of, surprise_of
 from hoopd.ident.normal import Z95
-from hoopd.physics.effects.base import Effect
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.fitting import Fit
 
 # Hypotheses that a table of fits has a column for.
 SHOWN = ("nominal", "base", "final", "ceiling")

@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hoopd.diagnose.engine.dataset import SHORTEST_S, Stretch, stretch_of
-from hoopd.diagnose.quality.judged import Quality, assess, cleaned
-from hoopd.files import InputError
-from hoopd.ident.device.experiments import once_at_rest
-from hoopd.modelfiles import ModelFile
-from hoopd.physics.declared import DeclaredPlant, hoop_plant
+from hoopd.diagnose.quality.recording_quality import Quality, assess, cleaned
+from hoopd.files.model import ModelFile
+from hoopd.files.reading import InputError
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.fits.fit_data import once_at_rest
+from hoopd.plants.hoop.declaration import hoop_plant
+from hoopd.plants.likelihood.stretches import SHORTEST_S, Stretch, stretch_of
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines
 

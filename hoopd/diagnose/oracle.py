@@ -12,19 +12,19 @@ from typing import Any
 
 import msgspec
 
-from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.findings import fits_of
 from hoopd.diagnose.inputs import source_of
-from hoopd.diagnose.proof.tables import played
-from hoopd.diagnose.recordfile import to_plain, unwrapped
+from hoopd.diagnose.proof.fit_tables import played
+from hoopd.diagnose.record_file import to_plain, unwrapped
 from hoopd.diagnose.run import Case, proving, stretches_of, training
-from hoopd.diagnose.search.trying import Judge, Settings, free_of_recordings
-from hoopd.modelfiles import load_model
-from hoopd.physics.effects.base import Effect
-from hoopd.physics.effects.catalogue import library
+from hoopd.diagnose.search.candidates import Judge, Settings, free_of_recordings
+from hoopd.files.shipped import or_shipped
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.stretches import Stretch
+from hoopd.plants.model_file import load_model
 from hoopd.recording.recording import Recording
-from hoopd.shipped import or_shipped
 
 DEFAULT_MODEL = Path("models/thesis.yaml")
 # Those that a fit can have: a fault of single pictures is counted, a lost contact is no smooth map.

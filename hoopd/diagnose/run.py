@@ -11,12 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from hoopd.diagnose.curves.unknown import Unknown
-from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.intervals import Interval
-from hoopd.diagnose.engine.stepcheck import step_nats, step_sentence
-from hoopd.diagnose.faults import camera_faults
+from hoopd.diagnose.camera_faults import camera_faults
+from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.findings import (
     base_of,
     candidates_of,
@@ -27,26 +23,30 @@ from hoopd.diagnose.findings import (
     verdict_of,
 )
 from hoopd.diagnose.inputs import Source
-from hoopd.diagnose.place import location_of
-from hoopd.diagnose.proof.freechoice import free_choice
-from hoopd.diagnose.proof.freeruns import free_runs
-from hoopd.diagnose.proof.heldout import HeldOut
+from hoopd.diagnose.location import location_of
+from hoopd.diagnose.proof.fit_tables import Played, channel_source, played
+from hoopd.diagnose.proof.free_run_record import free_choice
+from hoopd.diagnose.proof.free_runs import free_runs
+from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.hypotheses import heldout_fits
-from hoopd.diagnose.proof.nextexperiment import next_experiment
+from hoopd.diagnose.proof.next_experiment import next_experiment
+from hoopd.diagnose.proof.not_excluded import parameter_notes, separations
 from hoopd.diagnose.proof.placebo import placebos
-from hoopd.diagnose.proof.separate import parameter_notes, separations
-from hoopd.diagnose.proof.tables import Played, channel_source, played
-from hoopd.diagnose.proof.unnamed import missing_of
-from hoopd.diagnose.proof.visible import visible
+from hoopd.diagnose.proof.power import visible
+from hoopd.diagnose.proof.unknown_proof import missing_of
+from hoopd.diagnose.quality.unusual_intervals import Interval
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, FreeRunChoice, RecordingQuality
-from hoopd.diagnose.recordfile import rounded
-from hoopd.diagnose.report.pictures import shown_of
-from hoopd.diagnose.search.aside import Data, looked_at_again, start_ups, without_events
+from hoopd.diagnose.record_file import rounded
+from hoopd.diagnose.report.curve_pictures import shown_of
+from hoopd.diagnose.report_curves import Shown
+from hoopd.diagnose.search.bounded_disturbance import likeliest
+from hoopd.diagnose.search.candidates import Settings, free_of_recordings
+from hoopd.diagnose.search.excluded_intervals import Data, looked_at_again, start_ups, without_events
 from hoopd.diagnose.search.naming import Named, name_effects
-from hoopd.diagnose.search.stiff import likeliest
-from hoopd.diagnose.search.trying import Settings, free_of_recordings
-from hoopd.diagnose.shown import Shown
-from hoopd.physics.effects.base import Effect
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.step_halving import step_nats, step_sentence
+from hoopd.plants.likelihood.stretches import Stretch
 
 Progress = Callable[[str], None]
 

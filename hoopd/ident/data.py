@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.spans import spans
-
 Array = NDArray[np.float64]
 
 
@@ -139,7 +137,8 @@ def experiments(data: Data | Sequence[Data]) -> list[Data]:
 def runs(data: Data) -> Iterator[Data]:
     """Pieces of consecutive samples in which every output was measured, in the order of time."""
     known = np.asarray(np.isfinite(data.y).all(axis=1))
-    for first, last in spans(known):
+    edges = np.flatnonzero(np.diff(known, prepend=False, append=False))
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         yield data[first:last]
 
 

@@ -13,20 +13,20 @@ from typing import Any
 
 import msgspec
 
-from hoopd.design.arxlaw import design_arx
-from hoopd.design.controllerfile import controller_data, controller_text
-from hoopd.design.gangoffour import gang_of_four
+from hoopd.design.arx_law import design_arx
+from hoopd.design.controller_text import controller_data, controller_text
+from hoopd.design.gang_of_four import gang_of_four
 from hoopd.design.laws import LAWS, Law, Spec
 from hoopd.design.lqg import Weights
 from hoopd.design.margins import Margins, margins
 from hoopd.design.poles import Pole, closed_loop_poles, unstable
+from hoopd.files.controller import ControllerFile, load_controller, parse_controller
+from hoopd.files.shipped import defaults_folder, way_to
+from hoopd.files.whole_files import replace_file
 from hoopd.lab.models import Model, as_model, model, shipped
 from hoopd.lab.pictures import Picture
-from hoopd.modelfiles import ControllerFile, load_controller, parse_controller
 from hoopd.plots.loops import draw_gang_of_four
-from hoopd.recording.bytesof import replace_file
 from hoopd.recording.recording import Recording
-from hoopd.shipped import defaults_folder, way_to
 
 # Arguments of `design` and what the specification calls them.
 SPEC = {"omega": "omega_rad_s", "phase": "phase_deg", "delay": "delay_s", "sample_time": "sample_time_s"}

@@ -9,18 +9,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from hoopd.ident.device.determined import determined
-from hoopd.ident.device.fit import METHODS, Fit, Settings, model_file, nominal_values
-from hoopd.ident.device.fit import fit as fit_parameters
-from hoopd.ident.device.gaussnewton import LOSSES
-from hoopd.ident.device.parameters import Prior
+from hoopd.files.shipped import START_MODELS, defaults_folder
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.lab.simulation import simulate
-from hoopd.physics.parameters import STRUCTURES
+from hoopd.plants.fits.damped_gauss_newton import LOSSES
+from hoopd.plants.fits.fit import METHODS, Fit, Settings, model_file, nominal_values
+from hoopd.plants.fits.fit import fit as fit_parameters
+from hoopd.plants.fits.free_parameters import Prior
+from hoopd.plants.fits.identifiability import determined
+from hoopd.plants.hoop.parameters import STRUCTURES
 from hoopd.plots.parameters import draw_intervals
 from hoopd.recording.recording import Recording
-from hoopd.shipped import START_MODELS, defaults_folder
 
 
 @dataclass(frozen=True, repr=False)

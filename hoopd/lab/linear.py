@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from hoopd.design import analysis, margins, visibility
 from hoopd.design.delay import held
-from hoopd.design.operating import OperatingPoint, operating_point
+from hoopd.design.operating_points import OperatingPoint, operating_point
 from hoopd.design.speed import Bandwidth, bandwidth, step_info
+from hoopd.ident import transfer_functions
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.plots.linear import DRAWINGS
@@ -33,7 +34,7 @@ class Linear:
     @property
     def transfer_function(self) -> control.TransferFunction:
         """Torque to the first output, in full."""
-        return analysis.transfer_function(self._first)
+        return transfer_functions.transfer_function(self._first)
 
     @property
     def poles(self) -> NDArray[Any]:
@@ -44,7 +45,7 @@ class Linear:
     @property
     def zeros(self) -> NDArray[Any]:
         """Of torque to the first output."""
-        return analysis.zeros(self._first)
+        return transfer_functions.zeros(self._first)
 
     @property
     def controllability(self) -> visibility.Rank:

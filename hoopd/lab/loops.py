@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.core.records import PICTURE_AGE_S
-from hoopd.design.closedloop import LinearPlant, Run, Scenario, picture_timing
+from hoopd.design.closed_loop import LinearPlant, Run, Scenario, picture_timing
 from hoopd.design.trial import figures_of
 from hoopd.design.trial import run as closed
 from hoopd.lab.controllers import Controller, as_controller

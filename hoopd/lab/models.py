@@ -1,6 +1,6 @@
 """Models: shipped ones by name, files by path, changed ones.
 
-Rules of this file: thin over `hoopd.modelfiles`; a model is never changed in place.
+Rules of this file: thin over `hoopd.plants.model_file`; a model is never changed in place.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from pathlib import Path
 
 import msgspec
 
-from hoopd.files import InputError
-from hoopd.modelfiles import ModelFile, Parameter, load_model, model_text, parse_model, plant_of
-from hoopd.physics.parameters import PARAMETER_UNITS, ParameterError
-from hoopd.physics.plant import Plant
-from hoopd.recording.bytesof import replace_file
-from hoopd.shipped import defaults_folder
+from hoopd.files.model import ModelFile, Parameter, model_text
+from hoopd.files.reading import InputError
+from hoopd.files.shipped import defaults_folder
+from hoopd.files.whole_files import replace_file
+from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.model_file import load_model, parse_model, plant_of
 
 
 @dataclass(frozen=True, repr=False)

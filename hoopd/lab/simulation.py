@@ -1,6 +1,6 @@
 """Free runs of a model.
 
-Rules of this file: thin over `hoopd.ident.device.freerun` and `hoopd.ident.device.score`.
+Rules of this file: thin over `hoopd.plants.fits.recorded_runs` and `hoopd.plants.fits.fit_percent`.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident.device.experiments import moving_of
-from hoopd.ident.device.freerun import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
-from hoopd.ident.device.score import Score, score
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
+from hoopd.plants.fits.fit_data import moving_of
+from hoopd.plants.fits.fit_percent import Score, score
+from hoopd.plants.fits.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.plots.simulation import draw_simulation
 from hoopd.recording.recording import Recording, from_columns
 

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from hoopd.diagnose.record import Candidate, Ignored, Number, Quantity, Visible
-from hoopd.diagnose.report.readable import amount, brief, nats, safe, value_text
-from hoopd.diagnose.shown import Strip
+from hoopd.diagnose.report.number_format import amount, brief, nats, safe, value_text
+from hoopd.diagnose.report_curves import Strip
 from hoopd.plots import style
 
 WIDTH_IN, ROW_IN = 8.0, 0.28

@@ -17,10 +17,11 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import Locator, MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
 
-from hoopd.design.analysis import minimal, zeros
+from hoopd.design.analysis import minimal
 from hoopd.design.margins import Margins, margins
 from hoopd.design.response import frequency_grid, response
 from hoopd.design.speed import bandwidth
+from hoopd.ident.transfer_functions import zeros
 from hoopd.plots.style import (
     BLUE,
     GREEN,

@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from hoopd.design.analysis import minimal, zeros
+from hoopd.design.analysis import minimal
 from hoopd.design.speed import step_info
+from hoopd.ident.transfer_functions import zeros
 from hoopd.plots.frequency import bode_on, curve_on, nyquist_on, response_curve, unit
 from hoopd.plots.style import BLUE, GREEN, GREY, NOTE_PT, VERMILION, figure, labelled, legend, named
 

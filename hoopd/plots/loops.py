@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hoopd.design.closedloop import Run
-from hoopd.design.gangoffour import GangOfFour
+from hoopd.design.closed_loop import Run
+from hoopd.design.gang_of_four import GangOfFour
 from hoopd.design.trial import Trial
 from hoopd.plots import style
 

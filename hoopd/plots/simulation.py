@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hoopd.ident.device.freerun import FreeRun
-from hoopd.ident.device.score import Score, Trace
+from hoopd.plants.fits.fit_percent import Score, Trace
+from hoopd.plants.fits.recorded_runs import FreeRun
 from hoopd.plots.style import BLACK, BLUE, GREY, VERMILION, figure, legend
 from hoopd.recording.recording import Recording
 

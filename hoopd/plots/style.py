@@ -19,8 +19,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from hoopd.files import InputError
-from hoopd.recording.bytesof import check_target, replace_file
+from hoopd.files.reading import InputError
+from hoopd.files.whole_files import check_target, replace_file
 
 # Okabe and Ito's palette, told apart by colour-blind people; its yellow is left out, it cannot be read on white.
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE, BLACK = (

@@ -25,7 +25,7 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
-from hoopd.files import unpacked_limit
+from hoopd.files.reading import unpacked_limit
 
 # A message's record before its data: opcode and length, channel, sequence, log and publish time. The package packs them
 # one by one, which costs 3 us a message under the interpreter's lock, a hundred times a second.

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.files import InputError
-from hoopd.recording.bytesof import replace_file
+from hoopd.files.reading import InputError
+from hoopd.files.whole_files import replace_file
 from hoopd.recording.recording import Recording
 from hoopd.recording.tables import checked
 
@@ -84,11 +84,11 @@ def extension_of(path: Path) -> str:
 
 def _load(file: Path, extension: str, columns: str | None) -> Recording:
     if extension == ".mat":
-        from hoopd.recording import matfile
+        from hoopd.recording import mat_file as matfile
 
         return matfile.read(file, columns)
     if extension == ".csv":
-        from hoopd.recording import csvfile
+        from hoopd.recording import csv_file as csvfile
 
         return csvfile.read(file, columns)
     from hoopd.recording import mcap
@@ -100,9 +100,9 @@ def _load(file: Path, extension: str, columns: str | None) -> Recording:
 
 def _encoder(extension: str) -> Callable[[Recording, dict[str, Any]], bytes]:
     if extension == ".mat":
-        from hoopd.recording.matfile import encode
+        from hoopd.recording.mat_file import encode
     elif extension == ".csv":
-        from hoopd.recording.csvfile import encode
+        from hoopd.recording.csv_file import encode
     elif extension in HDF5:
         from hoopd.recording.hdf5 import encode
     else:

@@ -17,8 +17,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from hoopd.files import InputError, unpacked_limit
-from hoopd.recording.bytesof import opened as opened_file
+from hoopd.files.reading import InputError, unpacked_limit
+from hoopd.files.whole_files import opened as opened_file
 from hoopd.recording.recording import Recording
 from hoopd.recording.tables import INPUT_AND_STATES, by_row, column_names, named, recording_of, vector
 

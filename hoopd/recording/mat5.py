@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.files import unpacked_limit
+from hoopd.files.reading import unpacked_limit
 
 HEAD_BYTES = 128
 VERSIONS = {0x0100: 5, 0x0200: 73}  # 73: HDF5 behind a MATLAB header

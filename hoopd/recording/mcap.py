@@ -21,9 +21,9 @@ from mcap import records
 from mcap.writer import MCAP0_MAGIC
 
 from hoopd.core.records import Inputs, TickRecord
-from hoopd.files import InputError, os_reason
+from hoopd.files.reading import InputError, os_reason
+from hoopd.files.whole_files import opened
 from hoopd.recording import rows
-from hoopd.recording.bytesof import opened
 from hoopd.recording.container import ChunkedFile, Scan, stream
 from hoopd.recording.recording import Recording, from_columns
 from hoopd.recording.schemas import CHANNELS, DESCRIBED, TOPIC_PREFIX, Event, schema_bytes, topic_of

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.recording.edit import between
 from hoopd.recording.formats import load, split_path
 from hoopd.recording.recording import Recording

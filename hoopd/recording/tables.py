@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.recording.recording import UNITS, Recording, from_columns
 
 Place = Callable[[int], str]  # row from 0 -> how a person finds it in the file

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.recording.recording import Recording
+from hoopd.recording.spans import spans
 from hoopd.recording.unwrap import unwrapped
-from hoopd.spans import spans
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

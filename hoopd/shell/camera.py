@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import cv2
 
 from hoopd.core.records import CameraSample
-from hoopd.eye import Analyser
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
+from hoopd.shell.ball_detection import Analyser
 from hoopd.shell.config import Camera
 from hoopd.shell.helpers import start_helper
 from hoopd.shell.pictures import Backend, CameraError, Clock, Frame, Image

@@ -19,9 +19,9 @@ from msgspec import Meta
 
 from hoopd.core.health import Thresholds
 from hoopd.core.ticksettings import TickSettings
-from hoopd.files import ANY_NUMBER, InputError, load_yaml, os_reason, parse_yaml, read_text, to_struct
-from hoopd.shipped import defaults_folder
-from hoopd.yamltext import MAX_DEPTH, text_of
+from hoopd.files.reading import ANY_NUMBER, InputError, load_yaml, os_reason, parse_yaml, read_text, to_struct
+from hoopd.files.shipped import defaults_folder
+from hoopd.files.yaml_text import MAX_DEPTH, text_of
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]

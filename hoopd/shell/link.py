@@ -18,7 +18,7 @@ from typing import cast
 from hoopd.core.frames import Decoder, Layout, encode_request
 from hoopd.core.linkstate import AnswerFilter
 from hoopd.core.records import DriverSample, LinkCounts, TorqueCommand
-from hoopd.files import InputError, PortMissingError
+from hoopd.files.reading import InputError, PortMissingError
 from hoopd.shell.descriptors import opened
 from hoopd.shell.helpers import start_helper
 from hoopd.shell.serialreader import Port, SerialReader, close_quietly

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hoopd.files import InputError, os_reason
+from hoopd.files.reading import InputError, os_reason
 from hoopd.shell.commands import ALWAYS
 from hoopd.shell.socketfile import PATH_BYTES, SERVICE_FOLDER, check_private, folders
 

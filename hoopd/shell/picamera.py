@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.shell.config import Camera
 from hoopd.shell.pictures import NO_STAMP, STAMP_TO_MIDDLE, Clock, Frame, Stamps
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.shell.child import KILL_AFTER_S, end, end_with_parent, pending, readable, widen
 from hoopd.shell.config import Camera
 from hoopd.shell.cores import off_isolated_cores

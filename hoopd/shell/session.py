@@ -14,7 +14,7 @@ from typing import Any
 
 import zenoh
 
-from hoopd.files import InputError, read_text
+from hoopd.files.reading import InputError, read_text
 
 DEVICE = "hoop"
 ENDPOINT = "tcp/127.0.0.1:7447"

@@ -14,7 +14,7 @@ import stat
 from collections.abc import Mapping
 from pathlib import Path
 
-from hoopd.files import InputError, os_reason
+from hoopd.files.reading import InputError, os_reason
 
 SERVICE_FOLDER = Path("/run/hoopd")  # RuntimeDirectory= of the unit
 PATH_BYTES = 107  # of a socket's address: sun_path less its closing zero

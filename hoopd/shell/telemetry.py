@@ -22,7 +22,7 @@ import msgspec
 import zenoh
 
 from hoopd.core.records import TickRecord
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.recording.mcap import without_secrets
 from hoopd.recording.rows import encode_event, encode_tick_message
 from hoopd.recording.schemas import Event

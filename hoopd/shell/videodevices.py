@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.shell.config import Camera
 from hoopd.shell.pictures import CANCEL_STEP_S, NO_STAMP, CameraError, Clock, Frame, Image, Stamps
 

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.core.records import Vector
-from hoopd.physics.composite import Composite
-from hoopd.physics.effectplant import numbers
-from hoopd.physics.found import Found
-from hoopd.physics.plant import Call
+from hoopd.plants.compiled import Call
+from hoopd.plants.composite import Composite
+from hoopd.plants.found_effects import Found
+from hoopd.plants.hoop.plant_with_effects import numbers
 
 Array = NDArray[np.float64]
 State = tuple[float, float, float, float]

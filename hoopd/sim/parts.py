@@ -13,12 +13,13 @@ from typing import Any
 import msgspec
 
 from hoopd.core.layout import Layout, layout_to_table
-from hoopd.eye import Analyser
-from hoopd.files import InputError
-from hoopd.modelfiles import ModelFile, effects_of, effects_plant
-from hoopd.physics.effects.catalogue import library
-from hoopd.physics.equations import without_ball
-from hoopd.physics.found import EffectError, checked
+from hoopd.files.model import ModelFile
+from hoopd.files.reading import InputError
+from hoopd.plants.effects.library import library
+from hoopd.plants.found_effects import EffectError, checked
+from hoopd.plants.hoop.equations import without_ball
+from hoopd.plants.model_file import effects_of, effects_plant
+from hoopd.shell.ball_detection import Analyser
 from hoopd.shell.config import Config
 from hoopd.shell.link import BITS_PER_BYTE
 from hoopd.sim.boardprocess import ProcessConfig

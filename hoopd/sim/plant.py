@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hoopd.core.records import Vector
-from hoopd.physics.found import Found, FoundEffect
-from hoopd.physics.plant import Plant
+from hoopd.plants.found_effects import Found, FoundEffect
+from hoopd.plants.hoop.plant import Plant
 
 if TYPE_CHECKING:
     from hoopd.sim.hidden import HiddenPlant

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from hoopd.core.records import CameraSample
-from hoopd.eye import Analyser
+from hoopd.shell.ball_detection import Analyser
 from hoopd.sim import lies
 from hoopd.sim.camera import Painter
 from hoopd.sim.faults import FaultScript

@@ -8,9 +8,10 @@ from shared import ROOT, shared_path
 from hoopd.core.encoderchecks import EncoderChecks
 from hoopd.core.faulttable import BY_NAME
 from hoopd.core.records import DriverSample
-from hoopd.modelfiles import effects_of, load_controller, load_model, settings_of
+from hoopd.files.controller import load_controller, settings_of
+from hoopd.plants.hoop.writeback import hoop_motion
+from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording.slices import read_recording
-from hoopd.writeback import hoop_motion
 
 CONFIG = ROOT / "config"
 MOTION = hoop_motion(

@@ -10,7 +10,7 @@ import pytest
 from hoopd.core.estimator import DelayedEkf
 from hoopd.core.late import Delays, LateEstimator
 from hoopd.core.records import CameraSample, DriverSample, Estimate
-from hoopd.modelfiles import load_model, plant_of
+from hoopd.plants.model_file import load_model, plant_of
 
 PLANT = plant_of(load_model(Path(__file__).resolve().parents[2] / "config" / "models" / "hoop.yaml"))
 STEP = PLANT.step_and_jacobian

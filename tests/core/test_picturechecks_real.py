@@ -9,10 +9,10 @@ from shared import ROOT, shared_path
 from hoopd.core.ballresponse import ENOUGH_S, BallResponse
 from hoopd.core.picturechecks import PictureChecks
 from hoopd.core.records import CameraSample, DriverSample, Inputs, LinkCounts, Vector
-from hoopd.modelfiles import effects_of, load_model
+from hoopd.plants.hoop.writeback import ball_motion
+from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording.recording import Recording
 from hoopd.recording.slices import read_recording
-from hoopd.writeback import ball_motion
 
 # The camera of the first loses its ball soon after 48 s and repeats the angle to the end.
 WITH_BALL = {"meas_hoop01_prbs": 48.0, "meas_hoopAndBall2_01": 20.0}

@@ -13,22 +13,16 @@ import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoopd.design.analysis import (
-    channel,
-    linear_model,
-    minimal,
-    numerator_and_denominator,
-    transfer_function,
-    zeros,
-)
+from hoopd.design.analysis import channel, linear_model, minimal
 from hoopd.design.delay import held
 from hoopd.design.margins import closed_loop_poles, is_stable, margins
-from hoopd.design.operating import NoEquilibriumError, operating_point
+from hoopd.design.operating_points import NoEquilibriumError, operating_point
 from hoopd.design.response import response
 from hoopd.design.speed import bandwidth, sampling_advice, step_info
 from hoopd.design.visibility import controllability, detectability, in_words, observability
-from hoopd.modelfiles import load_model, plant_of
-from hoopd.physics.plant import Plant
+from hoopd.ident.transfer_functions import numerator_and_denominator, transfer_function, zeros
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.model_file import load_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 THESIS = plant_of(load_model(CONFIG / "models" / "thesis.yaml"))

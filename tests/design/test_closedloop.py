@@ -11,9 +11,10 @@ import pytest
 
 from hoopd.core.controllers import Controller
 from hoopd.core.estimator import DelayedEkf
-from hoopd.design.closedloop import Run, Scenario, simulate
-from hoopd.modelfiles import controller_of, limiter_of, load_controller, load_model, plant_of, settings_of
-from hoopd.physics.plant import Plant
+from hoopd.design.closed_loop import Run, Scenario, simulate
+from hoopd.files.controller import controller_of, limiter_of, load_controller, settings_of
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.model_file import load_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 HOOP = plant_of(load_model(CONFIG / "models" / "hoop.yaml"))

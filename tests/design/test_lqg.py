@@ -36,8 +36,8 @@ from hoopd.design.lqg import (
     seen_plant,
 )
 from hoopd.design.margins import closed_loop_poles, margins
-from hoopd.modelfiles import load_model, plant_of
-from hoopd.physics.plant import Plant
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.model_file import load_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 HOOP = plant_of(load_model(CONFIG / "models" / "hoop.yaml"))

@@ -10,13 +10,13 @@ import pytest
 
 from hoopd.design.analysis import linear_model, minimal, transfer_function
 from hoopd.design.delay import held, sample_delay, smith_predictor
-from hoopd.design.discrete import c2d
-from hoopd.design.gangoffour import gang_of_four, noise_gain, nyquist_gain, peaks
+from hoopd.design.gang_of_four import gang_of_four, noise_gain, nyquist_gain, peaks
 from hoopd.design.laws import without_hoop
 from hoopd.design.lqg import reduced_model
 from hoopd.design.pid import Parallel, pid
 from hoopd.design.placement import place, place_pi
-from hoopd.modelfiles import load_model, plant_of
+from hoopd.ident.discretization import c2d
+from hoopd.plants.model_file import load_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 THESIS = plant_of(load_model(CONFIG / "models" / "thesis.yaml"))

@@ -35,7 +35,7 @@ from hoopd.diagnose.record import (
     Visible,
 )
 from hoopd.diagnose.report.page import page
-from hoopd.diagnose.shown import (
+from hoopd.diagnose.report_curves import (
     Array,
     Binned,
     Comparison,

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from hoopd.diagnose.engine.dataset import Array, Held, Stretch
-from hoopd.diagnose.engine.filtering import Noise
-from hoopd.modelfiles import load_model
-from hoopd.physics.composite import Composite
-from hoopd.physics.declared import DeclaredPlant, hoop_plant
-from hoopd.physics.effects.base import Effect
-from hoopd.shipped import or_shipped
+from hoopd.files.shipped import or_shipped
+from hoopd.plants.composite import Composite
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.hoop.declaration import hoop_plant
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.stretches import Array, Held, Stretch
+from hoopd.plants.model_file import load_model
 
 STEP_S = 0.02
 # Noise of encoder (a count), its rate and the camera; a disturbance on hoop and ball.

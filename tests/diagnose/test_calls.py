@@ -6,9 +6,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from hoopd.diagnose.engine.calls import MANY, Mapped, _Buffered
-from hoopd.diagnose.engine.chain import backward, bands_of, forward
-from hoopd.diagnose.engine.vectorised import Vectorised, takes
+from hoopd.plants.likelihood.batch_calls import MANY, Mapped, _Buffered
+from hoopd.plants.likelihood.linear_recursion import backward, bands_of, forward
+from hoopd.plants.likelihood.vectorised import Vectorised, takes
 
 
 def everything() -> ca.Function:

@@ -11,19 +11,20 @@ from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from scipy.stats import chi2
 
 from hoopd.diagnose.curves.curve import curves
+from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, shapes_of, together
+from hoopd.diagnose.curves.curve_screen import CurveScreen, by_slot, null_quantiles
+from hoopd.diagnose.curves.curve_sites import wanted
 from hoopd.diagnose.curves.hats import curve_expression, hats, spread_knots, turn_knots
-from hoopd.diagnose.curves.screen import CurveScreen, by_slot, null_quantiles
-from hoopd.diagnose.curves.shapes import fitted_shapes, recordings_of, shapes_of, together
-from hoopd.diagnose.curves.sites import wanted
-from hoopd.diagnose.engine.filtering import Noise
-from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.search.chance import Group, drawn_maxima, null_of
 from hoopd.diagnose.search.screen import Column, change_of
 from hoopd.diagnose.search.surprise import log_chances
-from hoopd.modelfiles import load_model
-from hoopd.physics.declared import DeclaredPlant, Slot, hoop_plant
-from hoopd.physics.effects.base import Effect, EffectParameter
-from hoopd.shipped import or_shipped
+from hoopd.files.shipped import or_shipped
+from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.effects.base import Effect, EffectParameter
+from hoopd.plants.hoop.declaration import hoop_plant
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.model_file import load_model
 
 
 def cart() -> DeclaredPlant:
@@ -219,7 +220,7 @@ def test_torque_lost_while_the_drive_brakes_is_seen_at_the_actuator() -> None:
 
 def test_a_recording_of_ten_minutes_has_no_more_knots_over_time_than_memory_takes() -> None:
     from hoopd.diagnose.curves.curve import MOST_OVER_TIME, _knot_sets
-    from hoopd.diagnose.curves.sites import TIME
+    from hoopd.diagnose.curves.curve_sites import TIME
 
     (knots,) = _knot_sets(TIME, np.linspace(0.0, 600.0, 30001))
     assert len(knots) == MOST_OVER_TIME

@@ -10,8 +10,9 @@ from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.engine.filtering import (
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import fit
+from hoopd.plants.likelihood.kalman_filter import (
     RATE_FLOOR,
     START_POSITION,
     START_RATE,
@@ -23,10 +24,9 @@ from hoopd.diagnose.engine.filtering import (
     smoothed,
     whitened,
 )
-from hoopd.diagnose.engine.fitting import fit
-from hoopd.diagnose.engine.noise import Criterion
-from hoopd.diagnose.engine.tuning import roughness, tuned
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants.likelihood.noise_levels import Criterion
+from hoopd.plants.likelihood.noise_tuning import roughness, tuned
+from hoopd.plants.likelihood.stretches import Stretch
 
 N, NZ, NQ, NC, FOLLOWED, OFF = 40, 5, 2, 3, 3, 0.7
 LEVELS = Noise(np.array([0.3, 0.05]), np.array([0.1, 0.3]), np.array([0.02, 0.1, 0.05]))

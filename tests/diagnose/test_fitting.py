@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.engine.filtering import Noise
-from hoopd.diagnose.engine.fitting import Fit, fit, tuned_noise
-from hoopd.diagnose.engine.track import Columns, Track
-from hoopd.modelfiles import load_model
-from hoopd.physics.declared import hoop_plant
-from hoopd.physics.effects.catalogue import library
-from hoopd.shipped import or_shipped
+from hoopd.files.shipped import or_shipped
+from hoopd.plants.effects.library import library
+from hoopd.plants.hoop.declaration import hoop_plant
+from hoopd.plants.likelihood.fitting import Fit, fit, tuned_noise
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.reference_track import Columns, Track
+from hoopd.plants.model_file import load_model
 
 PLANT = shipped_plant()
 LIBRARY = library(PLANT)

@@ -7,14 +7,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from hoopd.diagnose.engine.filtering import Noise
-from hoopd.diagnose.engine.track import Track
-from hoopd.diagnose.proof.bestofall import BestOfAll, Choice, given_back, largest
-from hoopd.diagnose.proof.freechoice import effects_of
-from hoopd.diagnose.proof.freeselect import CHANCE, Selected, Selection, Step, worth
-from hoopd.diagnose.proof.refine import Refined, refine
+from hoopd.diagnose.proof.best_of_library import BestOfAll, Choice, given_back, largest
+from hoopd.diagnose.proof.free_run_record import effects_of
+from hoopd.diagnose.proof.free_run_selection import CHANCE, Selected, Selection, Step, worth
+from hoopd.diagnose.proof.refinement import Refined, refine
 from hoopd.diagnose.proof.sensitivity import Sensitivity, memory
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.reference_track import Track
 from tests.diagnose.madeup import NOISE, shipped_plant, stretch_with
 
 PLANT = shipped_plant()

@@ -11,16 +11,16 @@ import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 from shared import shared_path
 
-from hoopd.diagnose.curves.missingforce import binned, missing_force
-from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.intervals import CHANCE_A_MINUTE, Interval, Signal, intervals, signals_by_name
-from hoopd.diagnose.engine.setaside import FAR_BEYOND, leaving_enough, set_aside, without
-from hoopd.diagnose.engine.unusual import level_of, mean_squares, unusual
+from hoopd.diagnose.curves.missing_force import binned, missing_force
 from hoopd.diagnose.inputs import hoop_source
-from hoopd.diagnose.search.aside import Data
-from hoopd.physics.effects.base import Effect, EffectParameter
-from hoopd.physics.effects.catalogue import library
+from hoopd.diagnose.quality.excluded_stretches import FAR_BEYOND, leaving_enough, set_aside, without
+from hoopd.diagnose.quality.unusual_energy import level_of, mean_squares, unusual
+from hoopd.diagnose.quality.unusual_intervals import CHANCE_A_MINUTE, Interval, Signal, intervals, signals_by_name
+from hoopd.diagnose.search.excluded_intervals import Data
+from hoopd.plants.effects.base import Effect, EffectParameter
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.recording import load
 
 PLANT = shipped_plant()

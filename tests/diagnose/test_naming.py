@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from hoopd.diagnose.search import naming
+from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.naming import _in_order
-from hoopd.diagnose.search.trying import Judge, Settings
 
 
 def tried(name: str, gain: float, contains: tuple[str, ...] = ()) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from hoopd.diagnose.search.aside import Data
+from hoopd.diagnose.search.excluded_intervals import Data
 from hoopd.recording.formats import load
 
 TOOLS = str(Path(__file__).resolve().parents[2] / "tools")

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.curves.effectforce import Missing, Variable
-from hoopd.diagnose.engine.dataset import Array, Stretch
-from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.curves.effect_force import Missing, Variable
 from hoopd.diagnose.findings import parameters_of
-from hoopd.diagnose.proof.tables import played
-from hoopd.diagnose.report.pictures import harmonics_of, law_over, shown_of
+from hoopd.diagnose.proof.fit_tables import played
+from hoopd.diagnose.report.curve_pictures import harmonics_of, law_over, shown_of
+from hoopd.diagnose.report_curves import MissingForce, Shown
 from hoopd.diagnose.search.naming import Named
-from hoopd.diagnose.shown import MissingForce, Shown
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.stretches import Array, Stretch
 
 PLANT = shipped_plant()
 LIBRARY = library(PLANT)

@@ -7,10 +7,10 @@ import pytest
 import spoiled
 from freeruns import PSI_SIGMA_RAD
 
-from hoopd.diagnose.faults import camera_faults, pooled
-from hoopd.diagnose.quality.channels import Share
-from hoopd.diagnose.quality.judged import assess
+from hoopd.diagnose.camera_faults import camera_faults, pooled
 from hoopd.diagnose.quality.population import COLUMNS, LOOKED_AT, second_population
+from hoopd.diagnose.quality.recording_quality import assess
+from hoopd.diagnose.quality.sensor_samples import Share
 from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
 
 ROWS = 1500

@@ -11,9 +11,9 @@ import spoiled
 from freeruns import COUNT_RAD, PSI_SIGMA_RAD
 from shared import shared_path
 
-from hoopd.diagnose.faults import camera_faults
-from hoopd.diagnose.quality import stops
-from hoopd.diagnose.quality.judged import assess, cleaned
+from hoopd.diagnose.camera_faults import camera_faults
+from hoopd.diagnose.quality import standstill as stops
+from hoopd.diagnose.quality.recording_quality import assess, cleaned
 from hoopd.recording import load
 from hoopd.recording.recording import from_columns
 

@@ -14,19 +14,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoopd.bench.inputs import read_recording
-from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.setaside import set_aside
-from hoopd.diagnose.engine.track import Track
+from hoopd.commands.inputs import read_recording
 from hoopd.diagnose.inputs import Source, hoop_source
-from hoopd.diagnose.proof.refine import Refined, refine
-from hoopd.diagnose.proof.tables import nrmse
+from hoopd.diagnose.proof.fit_tables import nrmse
+from hoopd.diagnose.proof.refinement import Refined, refine
+from hoopd.diagnose.quality.excluded_stretches import set_aside
+from hoopd.diagnose.search.bounded_disturbance import deflated, far_beyond, stiffened
 from hoopd.diagnose.search.screen import Screen
-from hoopd.diagnose.search.stiff import deflated, far_beyond, stiffened
-from hoopd.modelfiles import load_model
-from hoopd.physics.effects.catalogue import library
-from hoopd.shipped import or_shipped
+from hoopd.files.shipped import or_shipped
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.likelihood.stretches import Stretch
+from hoopd.plants.model_file import load_model
 from tests.shared import shared_path
 
 BALL, BOTH, SINE = "meas_ballOnly01.mat", "meas_hoopAndBall2_01.mat", "meas_hoop01_f05_a01.mat"

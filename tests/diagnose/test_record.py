@@ -12,8 +12,8 @@ import pytest
 from diagnose.examples import EXAMPLES, coulomb
 
 from hoopd.diagnose.record import Diagnosis, Evidence, Location, Quantity
-from hoopd.diagnose.recordfile import canonical, parse, to_json_bytes
-from hoopd.files import InputError
+from hoopd.diagnose.record_file import canonical, parse, to_json_bytes
+from hoopd.files.reading import InputError
 
 # From the published description of `hoopd.diagnosis/1`.
 KEYS = {

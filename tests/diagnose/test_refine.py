@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hoopd.diagnose.engine.filtering import Noise
-from hoopd.diagnose.engine.track import Track
-from hoopd.diagnose.proof.refine import refine
-from hoopd.diagnose.proof.tables import nrmse
-from hoopd.physics.effects.catalogue import library
+from hoopd.diagnose.proof.fit_tables import nrmse
+from hoopd.diagnose.proof.refinement import refine
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.reference_track import Track
 from tests.diagnose.madeup import NOISE, shipped_plant, stretch_with
 
 PLANT = shipped_plant()

@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 from diagnose.examples import EXAMPLES, made
 
-from hoopd.diagnose.report import words
+from hoopd.diagnose.report import sentences as words
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")

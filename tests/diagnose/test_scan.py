@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.engine.filtering import Noise
-from hoopd.diagnose.engine.fitting import Fit, fit
 from hoopd.diagnose.search.adjoint import DRAW_SEED, DRAWS, Adjoint, independent
 from hoopd.diagnose.search.scan import places, scan
 from hoopd.diagnose.search.screen import Column, Screen
 from hoopd.diagnose.search.surprise import log_chance
-from hoopd.physics.declared import DeclaredPlant, Slot
-from hoopd.physics.effects.base import Effect, EffectParameter, phase
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.effects.base import Effect, EffectParameter, phase
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.stretches import Stretch
 
 PLANT = shipped_plant()
 LIBRARY = library(PLANT)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.engine.filtering import Array, whitened
-from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.search.screen import Column, Screen, change_of, members_of
-from hoopd.physics.effects.base import Effect
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.kalman_filter import Array, whitened
+from hoopd.plants.likelihood.reference_track import Track
 
 PLANT = shipped_plant()
 LIBRARY = library(PLANT)

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hoopd.diagnose.curves.locate import locate
-from hoopd.diagnose.curves.unknown import judge_unknown, survey
-from hoopd.diagnose.engine.dataset import Stretch, stretch_of
-from hoopd.diagnose.engine.fitting import fit
-from hoopd.diagnose.report.pictures import shown_of
+from hoopd.diagnose.curves.location_evidence import locate
+from hoopd.diagnose.curves.unknown_effects import judge_unknown, survey
+from hoopd.diagnose.report.curve_pictures import shown_of
+from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.naming import Named, name_effects
-from hoopd.diagnose.search.trying import Judge, Settings
 from hoopd.ident.normal import Z95
-from hoopd.physics.declared import DeclaredPlant
-from hoopd.physics.effects.base import Effect
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import fit
+from hoopd.plants.likelihood.stretches import Stretch, stretch_of
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "reference" / "effects.md"
 NAME = "slide.coulomb_friction"

@@ -9,25 +9,25 @@ import pytest
 import typer
 from diagnose.madeup import NOISE, STEP_S, shipped_plant, stretch_with
 
-from hoopd.cli import app
-from hoopd.diagnose.engine.dataset import Array, Held, Stretch
-from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.track import Track
-from hoopd.diagnose.proof.apart import Rows, linear, nats_apart, rows_beside
-from hoopd.diagnose.proof.menu import command, entries
-from hoopd.diagnose.proof.nextexperiment import Expected, Pair, expectations, next_experiment, rows_of_recordings
+from hoopd.commands.cli import app
+from hoopd.diagnose.proof.experiment_menu import command, entries
+from hoopd.diagnose.proof.next_experiment import Expected, Pair, expectations, next_experiment, rows_of_recordings
+from hoopd.diagnose.proof.not_excluded import late_together, parameter_notes, separations
 from hoopd.diagnose.proof.placebo import BLOCK_S, _order, changes_along, gain_of, placebos, shuffled
-from hoopd.diagnose.proof.separate import late_together, parameter_notes, separations
-from hoopd.diagnose.proof.visible import of_effect, visible
+from hoopd.diagnose.proof.power import of_effect, visible
+from hoopd.diagnose.proof.separation import Rows, linear, nats_apart, rows_beside
+from hoopd.diagnose.search.candidates import Tried
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
-from hoopd.diagnose.search.scanned import scanned
+from hoopd.diagnose.search.scan_score import scanned
 from hoopd.diagnose.search.screen import Column, Member, Screen
 from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
-from hoopd.diagnose.search.trying import Tried
-from hoopd.physics import freerun
-from hoopd.physics.composite import Composite
-from hoopd.physics.effects.base import Effect
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants import free_run as freerun
+from hoopd.plants.composite import Composite
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.likelihood.stretches import Array, Held, Stretch
 
 PLANT = shipped_plant()
 LIBRARY = library(PLANT)

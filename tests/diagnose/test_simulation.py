@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.proof import simulation
+from hoopd.diagnose.proof.fit_tables import channel_source, nrmse, start_weights
 from hoopd.diagnose.proof.simulation import Simulator, Windows, fitted_starts, windows_of
-from hoopd.diagnose.proof.tables import channel_source, nrmse, start_weights
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.reference_track import Track
 from tests.diagnose.madeup import shipped_plant, stretch_with
 
 PLANT = shipped_plant()

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from diagnose.madeup import shipped_plant, stretch_with
 
-from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.engine.fitting import fit
-from hoopd.diagnose.search.aside import Data, start_ups
+from hoopd.diagnose.search.excluded_intervals import Data, start_ups
 from hoopd.diagnose.search.naming import Named, name_effects
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import fit
+from hoopd.plants.likelihood.stretches import Stretch
 
 PLANT = shipped_plant()
 PUSH = library(PLANT)["external.disturbance"]

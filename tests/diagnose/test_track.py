@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 
-from hoopd.diagnose.engine.calls import CHUNK, Mapped, Recursion, flat
-from hoopd.diagnose.engine.composites import fitting_effects, plant_key
-from hoopd.diagnose.engine.dataset import Array
-from hoopd.diagnose.engine.track import Track
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.batch_calls import CHUNK, Mapped, Recursion, flat
+from hoopd.plants.likelihood.composites import fitting_effects, plant_key
+from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.likelihood.stretches import Array
 
 PLANT = shipped_plant()
 LIBRARY = library(PLANT)

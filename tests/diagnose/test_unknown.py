@@ -12,22 +12,22 @@ from diagnose.examples import bad_data
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
 from hoopd.diagnose.curves.curve import curves
-from hoopd.diagnose.curves.locate import locate
-from hoopd.diagnose.curves.shapes import fitted_shapes, recordings_of, together
-from hoopd.diagnose.curves.unknown import Survey, chance_of_lead, judge_unknown, survey
-from hoopd.diagnose.engine.filtering import Noise
-from hoopd.diagnose.engine.fitting import Fit, fit
-from hoopd.diagnose.engine.stepcheck import step_nats, step_sentence
+from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, together
+from hoopd.diagnose.curves.location_evidence import locate
+from hoopd.diagnose.curves.unknown_effects import Survey, chance_of_lead, judge_unknown, survey
 from hoopd.diagnose.findings import fits_of, unknown_finding
-from hoopd.diagnose.place import location_of, segments_of
-from hoopd.diagnose.proof import unnamed
-from hoopd.diagnose.proof.heldout import HeldOut
+from hoopd.diagnose.location import location_of, segments_of
+from hoopd.diagnose.proof import unknown_proof as unnamed
+from hoopd.diagnose.proof.fit_tables import played
+from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.hypotheses import heldout_fits
-from hoopd.diagnose.proof.tables import played
-from hoopd.diagnose.proof.unnamed import asked_for, proven
+from hoopd.diagnose.proof.unknown_proof import asked_for, proven
 from hoopd.diagnose.search.naming import Named
-from hoopd.physics.effects.base import Effect, EffectParameter
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants.effects.base import Effect, EffectParameter
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.step_halving import step_nats, step_sentence
 
 PLANT = shipped_plant()
 LIBRARY = library(PLANT)

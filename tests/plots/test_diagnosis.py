@@ -8,9 +8,9 @@ from diagnose.examples import coulomb, unknown
 from matplotlib.figure import Figure
 
 from hoopd.diagnose.record import Candidate, Quantity, Visible
-from hoopd.diagnose.shown import Comparison, Strip, Trace
+from hoopd.diagnose.report_curves import Comparison, Strip, Trace
 from hoopd.plots import diagnosis as figures
-from hoopd.plots import diagnosiscurves as curves
+from hoopd.plots import diagnosis_curves as curves
 
 
 def labels(figure: Figure) -> list[str]:

@@ -6,8 +6,8 @@ import control
 import numpy as np
 import pytest
 
-from hoopd.design.closedloop import Run
-from hoopd.design.gangoffour import gang_of_four
+from hoopd.design.closed_loop import Run
+from hoopd.design.gang_of_four import gang_of_four
 from hoopd.design.trial import Trial
 from hoopd.plots.loops import draw_design, draw_gang_of_four, draw_responses
 from hoopd.plots.style import rendered

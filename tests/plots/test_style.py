@@ -11,7 +11,7 @@ import matplotlib as mpl
 import pytest
 from matplotlib.figure import Figure
 
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.plots import style
 
 DRAW = """

@@ -19,8 +19,8 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
-from hoopd.calibrate import read_picture, read_positions
-from hoopd.files import InputError, read_text, unpacked_limit
+from hoopd.commands.calibrate import read_picture, read_positions
+from hoopd.files.reading import InputError, read_text, unpacked_limit
 from hoopd.recording import container, load, mcap, rows
 from hoopd.recording.schemas import CHANNELS
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hoopd.bench.convert import run
-from hoopd.cli import app
-from hoopd.files import InputError
+from hoopd.commands.cli import app
+from hoopd.commands.convert import run
+from hoopd.files.reading import InputError
 from hoopd.recording import load, save
 from hoopd.recording.recording import from_columns
 from tests.shared import shared_path

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.recording import Recording, load, load_all, mat5, mcap, save
 from hoopd.recording.recording import UNITS, from_columns
 from tests.shared import shared_path

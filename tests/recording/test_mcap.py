@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer as ForeignWriter
 
 from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, LinkCounts, TickRecord
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.recording import mcap, rows
 from hoopd.recording.schemas import DESCRIBED, RECORDS, Event
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoopd.modelfiles import load_model, plant_of
+from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording import Recording, load
 from hoopd.recording.edit import joined
 from hoopd.recording.recording import from_columns

@@ -15,7 +15,7 @@ import pytest
 from shell.cameras import FakeCapture, H, RunTime, W, plain, until, v4l2
 
 from hoopd.core.records import CameraSample
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.shell import camera as camera_module
 from hoopd.shell.camera import CameraThread, make_backend
 from hoopd.shell.config import Camera

@@ -16,7 +16,7 @@ import pytest
 from shell.peers import Ticks, wait_until
 
 from hoopd.core.records import Command
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.shell import commandserver, operator
 from hoopd.shell.commands import Gate, Ranges
 from hoopd.shell.commandserver import CommandServer, Peer

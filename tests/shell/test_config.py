@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from hoopd.files import InputError, parse_yaml, to_struct
-from hoopd.modelfiles import load_model
+from hoopd.files.reading import InputError, parse_yaml, to_struct
+from hoopd.files.shipped import or_shipped
+from hoopd.plants.model_file import load_model
 from hoopd.shell.config import Config, defaults_folder, dump, find, load
-from hoopd.shipped import or_shipped
 
 
 def write(folder: Path, text: str) -> Path:

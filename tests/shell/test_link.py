@@ -15,7 +15,7 @@ import serial
 
 from hoopd.core.frames import DEFAULT_LAYOUT, Answer, encode_answer
 from hoopd.core.records import TorqueCommand
-from hoopd.files import PortMissingError
+from hoopd.files.reading import PortMissingError
 from hoopd.shell.link import Codec, SerialDrive, open_port, wire_time
 
 COMMAND = TorqueCommand(7, True, False, 0.25)

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from hoopd.build import build_tick, read_texts
 from hoopd.core.modes import Mode
 from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, LinkCounts, TickRecord, TorqueCommand
 from hoopd.core.tick import Note, Tick
+from hoopd.daemon.build import build_tick, read_texts
 from hoopd.shell import loop as module
 from hoopd.shell.config import load
 from hoopd.shell.loop import Loop

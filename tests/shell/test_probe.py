@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from hoopd import check
-from hoopd.check import Verdict
 from hoopd.core.frames import DEFAULT_LAYOUT
+from hoopd.daemon import checks as check
+from hoopd.daemon.checks import Verdict
 from hoopd.shell import probe
 
 ROOT = Path(__file__).resolve().parents[2]

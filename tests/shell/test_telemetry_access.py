@@ -11,7 +11,7 @@ import zenoh
 from shell.peers import Ticks, client, controlled, receive, running, tick, wait_until
 
 from hoopd.core.records import Command
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.shell.commands import Gate, Ranges
 from hoopd.shell.operator import CommandError
 from hoopd.shell.remote import send

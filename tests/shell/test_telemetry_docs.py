@@ -21,7 +21,7 @@ import pytest
 from shell.peers import Ticks
 
 from hoopd.core.records import Command, TickRecord
-from hoopd.files import load_yaml
+from hoopd.files.reading import load_yaml
 from hoopd.shell.commands import ALWAYS, NAMES, Gate, Ranges
 from hoopd.shell.operator import CommandError
 from hoopd.shell.remote import send

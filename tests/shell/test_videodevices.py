@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from shell.cameras import FakeCapture, H, W, read, v4l2
 
-from hoopd.files import InputError
+from hoopd.files.reading import InputError
 from hoopd.shell.camera import make_backend
 from hoopd.shell.config import Camera
 from hoopd.shell.pictures import DOUBTFUL_PICTURES, CameraError

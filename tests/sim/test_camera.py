@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hoopd.eye import Analyser
+from hoopd.shell.ball_detection import Analyser
 from hoopd.shell.config import Camera, load
 from hoopd.shell.pictures import Frame
 from hoopd.shell.rpicam import RpicamVid

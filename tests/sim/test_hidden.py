@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoopd.files import InputError
-from hoopd.modelfiles import load_model
-from hoopd.physics.found import Found, FoundEffect
-from hoopd.physics.plant import Plant
+from hoopd.files.reading import InputError
+from hoopd.plants.found_effects import Found, FoundEffect
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.model_file import load_model
 from hoopd.shell import config as configuration
 from hoopd.sim import parts
 from hoopd.sim.hidden import HiddenPlant

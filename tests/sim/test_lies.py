@@ -13,7 +13,7 @@ import pytest
 from system.runs import run
 
 from hoopd.core.records import CameraSample
-from hoopd.eye import Analyser
+from hoopd.shell.ball_detection import Analyser
 from hoopd.shell.config import load
 from hoopd.sim import parts
 from hoopd.sim.camera import Painter

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hoopd.eye import Analyser
+from hoopd.shell.ball_detection import Analyser
 from hoopd.shell.config import load
 from hoopd.sim.camera import i420
 from hoopd.sim.scene import Scene, SceneSettings

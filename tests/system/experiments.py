@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hoopd import experiment
-from hoopd.app import Options
-from hoopd.experiment import Where
-from hoopd.experimentplan import Plan
+from hoopd.daemon import experiment
+from hoopd.daemon.app import Options
+from hoopd.daemon.experiment import Where
+from hoopd.plants.hoop.experiment_plan import Plan
 from hoopd.recording.mcap import Run, read_run
 from hoopd.sim import torque_log
 from hoopd.sim.torque_log import TorqueLog

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.app import Options, run_daemon
+from hoopd.daemon.app import Options, run_daemon
 from hoopd.recording.mcap import read
 from hoopd.sim import torque_log, truth
 

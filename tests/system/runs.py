@@ -18,14 +18,14 @@ from typing import Any
 import pytest
 import yaml
 
-from hoopd import app
 from hoopd.core.modes import Mode
 from hoopd.core.records import Inputs, TickRecord, TorqueCommand
+from hoopd.daemon import app
+from hoopd.daemon.world import World
 from hoopd.recording.mcap import read_run
 from hoopd.recording.schemas import Event
 from hoopd.sim import torque_log
 from hoopd.sim.torque_log import TorqueLog
-from hoopd.world import World
 
 PERIOD_S = 0.02
 TORQUE_LIMIT_NM = 0.7

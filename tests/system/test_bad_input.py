@@ -14,7 +14,7 @@ import pytest
 import serial
 from system.runs import run
 
-from hoopd import cli
+from hoopd.commands import cli
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCKSTEP = ("--sim", "--speed", "max", "--camera", "direct", "--duration", "1")

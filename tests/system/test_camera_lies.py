@@ -11,7 +11,7 @@ from system.runs import Run, run
 
 from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.picturechecks import NAMES
-from hoopd.replay import replay
+from hoopd.daemon.replay import replay
 from hoopd.sim.truth import read
 
 AT_S = 4.0

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from hoopd import check_device as device
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.records import CameraSample
-from hoopd.files import InputError
+from hoopd.daemon import device_checks as device
+from hoopd.files.reading import InputError
 from hoopd.shell import config as configuration
 
 ROOT = Path(__file__).resolve().parents[2]

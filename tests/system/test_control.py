@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import yaml
 
-from hoopd.files import InputError
+from hoopd.daemon.replay import replay
+from hoopd.files.reading import InputError
 from hoopd.recording.mcap import read_run
-from hoopd.replay import replay
 from tests.system.rigrun import RigRun, run_rig
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from system.runs import Run, run
 
-from hoopd.replay import replay
+from hoopd.daemon.replay import replay
 
 ROOT = Path(__file__).resolve().parents[2]
 

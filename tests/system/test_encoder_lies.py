@@ -11,7 +11,7 @@ from system.runs import PERIOD_S, Run, run
 
 from hoopd.core.encoderchecks import EQUAL_SPEEDS, NAMES
 from hoopd.core.faulttable import BY_NAME, Action
-from hoopd.replay import replay
+from hoopd.daemon.replay import replay
 from hoopd.sim.truth import read
 
 AT_S = 4.0

@@ -13,13 +13,14 @@ import pytest
 from system.experiments import LOCKSTEP, ROOT, ends_at_rest, perform
 from system.test_bad_input import call
 
-from hoopd import cli, experiment
-from hoopd.app import Options
-from hoopd.experiment import Where
-from hoopd.experimentplan import AMPLITUDES_NM, DURATION_S, DURATIONS_S, Plan
-from hoopd.files import InputError, parse_yaml
+from hoopd.commands import cli
+from hoopd.daemon import experiment
+from hoopd.daemon.app import Options
+from hoopd.daemon.experiment import Where
+from hoopd.daemon.replay import replay
+from hoopd.files.reading import InputError, parse_yaml
+from hoopd.plants.hoop.experiment_plan import AMPLITUDES_NM, DURATION_S, DURATIONS_S, Plan
 from hoopd.recording.mcap import read_run
-from hoopd.replay import replay
 
 SHORT: dict[str, Plan] = {
     "prbs": Plan("prbs", 6.0),

@@ -16,12 +16,12 @@ import pytest
 from system.experiments import LOCKSTEP, ROOT
 from system.test_bad_input import call, one_line
 
-from hoopd import experiment
-from hoopd.app import Options
-from hoopd.conductor import ABORTED
-from hoopd.experiment import Where
-from hoopd.experimentplan import Plan
-from hoopd.files import PORT_MISSING, InputError
+from hoopd.daemon import experiment
+from hoopd.daemon.app import Options
+from hoopd.daemon.conductor import ABORTED
+from hoopd.daemon.experiment import Where
+from hoopd.files.reading import PORT_MISSING, InputError
+from hoopd.plants.hoop.experiment_plan import Plan
 from hoopd.recording.mcap import read_run
 from hoopd.sim import torque_log
 

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from system.experiments import ends_at_rest, perform
 
-from hoopd.conductor import ABORTED, Conductor
-from hoopd.experimentplan import Plan
-from hoopd.replay import replay
+from hoopd.daemon.conductor import ABORTED, Conductor
+from hoopd.daemon.replay import replay
+from hoopd.plants.hoop.experiment_plan import Plan
 from hoopd.shell import recorder
 from hoopd.sim import torque_log
 

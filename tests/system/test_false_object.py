@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hoopd import app
+from hoopd.daemon import app
 from hoopd.recording.mcap import Run, read_run
 from hoopd.sim.watchers import DirectWatcher
 

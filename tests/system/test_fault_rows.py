@@ -13,10 +13,10 @@ from typing import Any, Literal
 import pytest
 from system.runs import PERIOD_S, TORQUE_LIMIT_NM, Run, run, serve_late
 
-from hoopd import app
 from hoopd.core.encoderchecks import NAMES as ENCODER_FAULTS
 from hoopd.core.faulttable import BY_NAME, FAULTS, Action
 from hoopd.core.modes import Mode
+from hoopd.daemon import app
 from hoopd.shell import recorder
 
 AT_S = 2.0  # the fault begins

@@ -15,9 +15,10 @@ from system.rivals import SCENARIOS, Judged, judged, race
 from system.test_bad_input import call
 
 from hoopd import lab
-from hoopd.bench import design, fit
+from hoopd.commands import design, fit
 from hoopd.design.laws import Spec
-from hoopd.modelfiles import load_model, model_text
+from hoopd.files.model import model_text
+from hoopd.plants.model_file import load_model
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = (

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import pytest
 from typer.testing import CliRunner
 
-from hoopd.cli import app
-from hoopd.modelfiles import load_model
+from hoopd.commands.cli import app
+from hoopd.plants.model_file import load_model
 from tests.shellblocks import ROOT, below
 from tests.system.test_writeback import HIDDEN, hide
 

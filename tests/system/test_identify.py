@@ -14,7 +14,7 @@ import pytest
 from system.rigrun import run_rig
 from system.test_bad_input import call
 
-from hoopd.identifiedfile import identified_text, load_identified, parse_identified
+from hoopd.files.identified import identified_text, load_identified, parse_identified
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORD = "hoopd experiment prbs --sim --speed max --camera direct --out rec.mcap"

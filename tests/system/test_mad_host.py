@@ -14,7 +14,7 @@ from system.runs import TORQUE_LIMIT_NM, run
 from hoopd.core.frames import ERROR_OVERCURRENT, ERROR_OVERSPEED, STATUS_ENABLED, STATUS_FAULT
 from hoopd.core.health import HARD_ERRORS
 from hoopd.core.modes import Mode
-from hoopd.replay import replay
+from hoopd.daemon.replay import replay
 from hoopd.sim import truth
 
 AT_S = 2.0

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from system.runs import PERIOD_S, Run, run
 
-from hoopd import app
 from hoopd.core.modes import Mode
-from hoopd.replay import replay
+from hoopd.daemon import app
+from hoopd.daemon.replay import replay
 from hoopd.shell.loop import Loop
 
 WISH_S = 0.2  # so long may an arm wait for the board

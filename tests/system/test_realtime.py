@@ -22,7 +22,7 @@ from system.runs import TORQUE_LIMIT_NM, Run
 from system.witness import Witness, witnessed
 
 from hoopd.core.modes import Mode
-from hoopd.replay import replay
+from hoopd.daemon.replay import replay
 
 pytestmark = pytest.mark.realtime
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from system.runs import run
 
-from hoopd.check import Verdict, exit_code, fault_rows
 from hoopd.core.health import Thresholds
-from hoopd.files import InputError
-from hoopd.replay import _config, replay
+from hoopd.daemon.checks import Verdict, exit_code, fault_rows
+from hoopd.daemon.replay import _config, replay
+from hoopd.files.reading import InputError
 from hoopd.shell.config import load
 
 UNKNOWN = {"faults": {"torque_constant_nm_per_a": 0.0, "accepted_off": []}}

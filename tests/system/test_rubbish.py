@@ -24,14 +24,14 @@ from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.writer import MCAP0_MAGIC
 
-from hoopd import calibrate
-from hoopd.app import Options, run_daemon
+from hoopd.commands import calibrate
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import layout_from_table, layout_to_table
-from hoopd.files import InputError, load_yaml, read_text
+from hoopd.daemon.app import Options, run_daemon
+from hoopd.daemon.replay import replay
+from hoopd.files.reading import InputError, load_yaml, read_text
 from hoopd.recording import container, mcap, rows
 from hoopd.recording.schemas import CHANNELS
-from hoopd.replay import replay
 from hoopd.shell import config as configuration
 from hoopd.shell.link import FLOOD_BYTES, Codec, SerialDrive
 from hoopd.shell.metadata import MetadataStream
@@ -324,6 +324,8 @@ def test_stopped_during_start_up(number: signal.Signals, delay_s: float, tmp_pat
     daemon.send_signal(number)
     _, errors = daemon.communicate(timeout=10)
     # Python's own start, until our first line has run, is not ours.
-    assert b"Traceback" not in errors or not any(name in errors for name in (b"hoopd/cli", b"hoopd/app")), errors
+    assert b"Traceback" not in errors or not any(
+        name in errors for name in (b"hoopd/commands/cli", b"hoopd/daemon/app")
+    ), errors
     time.sleep(0.2)
     assert not list(tmp_path.iterdir())

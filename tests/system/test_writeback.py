@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from hoopd.core.feedforward import FeedForward, Part
-from hoopd.modelfiles import EffectEntry, ModelFile, Parameter, load_model, model_text, parse_model
+from hoopd.daemon.replay import replay
+from hoopd.files.model import EffectEntry, ModelFile, Parameter, model_text
+from hoopd.plants.model_file import load_model, parse_model
 from hoopd.recording.mcap import read_run
-from hoopd.replay import replay
 from hoopd.sim import truth
 from tests.system import runs
 from tests.system.rigrun import run_rig
@@ -120,7 +121,9 @@ def test_a_feed_forward_that_fails_is_told_once_and_takes_only_itself_away(
         return torque
 
     plain = run_rig(tmp_path / "plain", duration_s=3.0)
-    monkeypatch.setattr("hoopd.build.feedforward_of", lambda *given, **named: FeedForward([Part("any")], demand, 0.3))
+    monkeypatch.setattr(
+        "hoopd.daemon.build.feedforward_of", lambda *given, **named: FeedForward([Part("any")], demand, 0.3)
+    )
     made = run_rig(tmp_path / "failing", duration_s=3.0)
     np.testing.assert_array_equal(made.u, plain.u)
     events = read_run(tmp_path / "failing" / made.summary["recording"]["file"]).events

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoopd.physics.plant import Plant
+from hoopd.plants.hoop.plant import Plant
 from hoopd.recording.formats import load
 
 ROOT = Path(__file__).resolve().parents[2]

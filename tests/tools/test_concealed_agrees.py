@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoopd.physics import freerun
-from hoopd.physics.composite import Composite
-from hoopd.physics.declared import hoop_plant
-from hoopd.physics.effects.catalogue import library
+from hoopd.plants import free_run as freerun
+from hoopd.plants.composite import Composite
+from hoopd.plants.effects.library import library
+from hoopd.plants.hoop.declaration import hoop_plant
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tools"))

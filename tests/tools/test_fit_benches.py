@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from hoopd.ident.device.experiments import prepare
-from hoopd.ident.device.fit import fit
-from hoopd.ident.device.outputerror import fit_output_error
-from hoopd.modelfiles import load_model
+from hoopd.plants.fits.fit import fit
+from hoopd.plants.fits.fit_data import prepare
+from hoopd.plants.fits.output_error import fit_output_error
+from hoopd.plants.model_file import load_model
 
 ROOT = Path(__file__).resolve().parents[2]
 BENCH = ROOT / "tools" / "bench"
@@ -139,7 +139,7 @@ def test_a_fit_takes_few_simulations(fits: ModuleType) -> None:
 
 
 def test_a_model_of_the_same_kind_is_not_written_out_again() -> None:
-    from hoopd.physics.simulate import Model, _chunk
+    from hoopd.plants.hoop.simulate import Model, _chunk
 
     for value in (1.0, 2.0):  # free parameters are told at the call
         Model("entries", {**START, "J12": value}, ("J12",)).run([value], [0.0] * 4, [0.0, 0.02], [0.1])

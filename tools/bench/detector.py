@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from hoopd.eye import Analyser  # noqa: E402
+from hoopd.shell.ball_detection import Analyser  # noqa: E402
 from hoopd.shell.config import load  # noqa: E402
 from hoopd.sim.camera import i420  # noqa: E402
 from hoopd.sim.scene import Scene, SceneSettings  # noqa: E402

@@ -19,9 +19,9 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from hoopd.app import Options  # noqa: E402
-from hoopd.experiment import KINDS, Where, run  # noqa: E402
-from hoopd.experimentplan import DURATION_S, DURATIONS_S, Plan  # noqa: E402
+from hoopd.daemon.app import Options  # noqa: E402
+from hoopd.daemon.experiment import KINDS, Where, run  # noqa: E402
+from hoopd.plants.hoop.experiment_plan import DURATION_S, DURATIONS_S, Plan  # noqa: E402
 
 HOLDING = Path("controllers/lqg.yaml")
 

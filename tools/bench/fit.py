@@ -36,14 +36,14 @@ from scipy.optimize import minimize
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from hoopd.ident.device.experiments import STATES, Run, prepare  # noqa: E402
-from hoopd.ident.device.fit import Fit, fit  # noqa: E402
-from hoopd.ident.device.gaussnewton import Array  # noqa: E402
-from hoopd.ident.device.outputerror import Problem, Solution, fit_output_error  # noqa: E402
-from hoopd.ident.device.parameters import scale_of  # noqa: E402
-from hoopd.ident.device.solvers import ATOL, RTOL, two_level_torque  # noqa: E402
-from hoopd.modelfiles import load_model  # noqa: E402
-from hoopd.physics.simulate import Model  # noqa: E402
+from hoopd.plants.fits.damped_gauss_newton import Array  # noqa: E402
+from hoopd.plants.fits.fit import Fit, fit  # noqa: E402
+from hoopd.plants.fits.fit_data import STATES, Run, prepare  # noqa: E402
+from hoopd.plants.fits.free_parameters import scale_of  # noqa: E402
+from hoopd.plants.fits.output_error import Problem, Solution, fit_output_error  # noqa: E402
+from hoopd.plants.hoop.simulate import Model  # noqa: E402
+from hoopd.plants.hoop.solver_comparison import ATOL, RTOL, two_level_torque  # noqa: E402
+from hoopd.plants.model_file import load_model  # noqa: E402
 from hoopd.recording import load  # noqa: E402
 from hoopd.recording.recording import Recording, from_columns  # noqa: E402
 

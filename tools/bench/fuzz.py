@@ -29,7 +29,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tools" / "bench")]
 
-import hoopd.cli  # noqa: E402  (first: it sets what OpenCV may take)
+import hoopd.commands.cli  # noqa: E402  (first: it sets what OpenCV may take)
 
 from fuzzing import cases, inprocess, outcome, sound, whole  # noqa: E402  # isort: skip
 from fuzzing.outcome import Outcome  # noqa: E402  # isort: skip
@@ -168,7 +168,7 @@ def again(options: argparse.Namespace, sounds: Path) -> int:
         print(whole.try_case(str(options.seed), number, sounds))
         return 0
     os.chdir(folder)
-    hoopd.cli.app(case.arguments, standalone_mode=False)
+    hoopd.commands.cli.app(case.arguments, standalone_mode=False)
     return 0
 
 

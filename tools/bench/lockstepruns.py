@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from hoopd import app
-from hoopd.build import Texts, read_texts
 from hoopd.core import ballresponse, encoderchecks, picturechecks
 from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.modes import Mode
 from hoopd.core.records import Inputs, TickRecord
 from hoopd.core.tick import Note
+from hoopd.daemon import app
+from hoopd.daemon.build import Texts, read_texts
 from hoopd.shell import config as configuration
 from hoopd.shell.config import Config
 from hoopd.shell.loop import Loop

@@ -17,12 +17,13 @@ import numpy as np
 from hoopd.core.controllers import Lqg
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
-from hoopd.design.closedloop import Scenario, simulate
+from hoopd.design.closed_loop import Scenario, simulate
 from hoopd.design.defaults import TICK_S
 from hoopd.design.lqg import Weights, feedback, lqg_gains, lqg_loop
 from hoopd.design.margins import margins
-from hoopd.modelfiles import controller_of, estimator_of, limiter_of, load_controller, load_model, plant_of
-from hoopd.physics.plant import Plant
+from hoopd.files.controller import controller_of, estimator_of, limiter_of, load_controller
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.model_file import load_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 PLANTS = {name: plant_of(load_model(CONFIG / "models" / f"{name}.yaml")) for name in ("hoop", "thesis")}

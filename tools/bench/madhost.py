@@ -21,8 +21,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from hoopd.core.frames import DEFAULT_LAYOUT, encode_request  # noqa: E402
-from hoopd.modelfiles import load_model  # noqa: E402
-from hoopd.shipped import defaults_folder  # noqa: E402
+from hoopd.files.shipped import defaults_folder  # noqa: E402
+from hoopd.plants.model_file import load_model  # noqa: E402
 from hoopd.sim.board import BoardConfig, DriverBoard  # noqa: E402
 from hoopd.sim.guards import LOOK_S  # noqa: E402
 from hoopd.sim.plant import make_plant  # noqa: E402

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hoopd.ident.device.solvers import Case, across_jumps, sample_to_sample, two_level_torque
-from hoopd.modelfiles import load_model, plant_of
-from hoopd.physics.simulate import Model
+from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.solver_comparison import Case, across_jumps, sample_to_sample, two_level_torque
+from hoopd.plants.model_file import load_model, plant_of
 
 MODEL = Path(__file__).resolve().parents[2] / "config" / "models" / "thesis.yaml"
 TICK_S, SAMPLES = 0.02, 1000

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.ident.device.solvers import Case, Study, sample_to_sample, stiffness, study, two_level_torque
-from hoopd.modelfiles import load_model, plant_of
+from hoopd.plants.hoop.solver_comparison import Case, Study, sample_to_sample, stiffness, study, two_level_torque
+from hoopd.plants.model_file import load_model, plant_of
 from hoopd.plots.solver import draw_solver_question
 from hoopd.plots.style import save
 from hoopd.recording import load

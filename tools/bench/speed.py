@@ -110,7 +110,7 @@ def show(found: dict[tuple[str, Path], list[Run]], names: dict[Path, str]) -> No
 
 def profile(seconds: float) -> None:
     """Where the time of a direct run goes, by cProfile (which itself costs about the same again)."""
-    from hoopd.app import Options, run_daemon
+    from hoopd.daemon.app import Options, run_daemon
 
     profiler = cProfile.Profile()
     with tempfile.TemporaryDirectory(prefix="hoopd-bench-") as name:

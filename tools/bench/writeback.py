@@ -28,10 +28,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from hoopd.app import Options, run_daemon
-from hoopd.bench.diagnose import outcome_of
-from hoopd.diagnose.shown import MissingForce
-from hoopd.modelfiles import EffectEntry, Parameter, load_model, model_text
+from hoopd.commands.diagnose import outcome_of
+from hoopd.daemon.app import Options, run_daemon
+from hoopd.diagnose.report_curves import MissingForce
+from hoopd.files.model import EffectEntry, Parameter, model_text
+from hoopd.plants.model_file import load_model
 from hoopd.plots import style
 from hoopd.recording.mcap import read_run
 from hoopd.sim import truth

@@ -75,7 +75,7 @@ class Emulated:
         return f"{count} wheels, {native} of them compiled for aarch64; pip check: nothing is missing"
 
     def _import(self) -> str:
-        names = "casadi, cv2, h5py, matplotlib, mcap, msgspec, numpy, scipy, serial, structlog, zenoh, hoopd.app"
+        names = "casadi, cv2, h5py, matplotlib, mcap, msgspec, numpy, scipy, serial, structlog, zenoh, hoopd.daemon.app"
         code = f"import platform, {names}; print(platform.machine(), platform.python_version(), numpy.__version__)"
         return last_line(self._python("-c", code, seconds=RUN_S))
 

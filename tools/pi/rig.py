@@ -12,8 +12,8 @@ from pathlib import Path
 
 import msgspec
 
-from hoopd import world
-from hoopd.modelfiles import load_model
+from hoopd.daemon import world
+from hoopd.plants.model_file import load_model
 from hoopd.shell import config as configuration
 from hoopd.sim import boardprocess, parts
 

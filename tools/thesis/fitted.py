@@ -9,11 +9,11 @@ import contextlib
 import io
 from pathlib import Path
 
-from hoopd import experiment
-from hoopd.app import Options
-from hoopd.bench import design, fit
+from hoopd.commands import design, fit
+from hoopd.daemon import experiment
+from hoopd.daemon.app import Options
 from hoopd.design.laws import Spec
-from hoopd.experimentplan import Plan
+from hoopd.plants.hoop.experiment_plan import Plan
 from hoopd.plots import style
 from hoopd.plots.device import DeviceRun, draw_device
 from tests.system.rivals import SCENARIOS, SEEDS, Judged, judged, race

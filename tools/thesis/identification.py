@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoopd.ident.device.score import Score
-from hoopd.ident.device.solvers import Case, study
-from hoopd.ident.device.thesis import ENTRIES_PRINTED
+from hoopd.plants.fits.fit_percent import Score
+from hoopd.plants.hoop.solver_comparison import Case, study
+from hoopd.plants.hoop.thesis import ENTRIES_PRINTED
 from hoopd.plots.fits import draw_fits
 from hoopd.plots.solver import draw_solver_question
 from thesis.records import HOOP_ALONE, SOURCES, Bench, thesis_plant

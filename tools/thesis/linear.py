@@ -10,15 +10,15 @@ from math import degrees
 import numpy as np
 
 from hoopd.design.analysis import linear_model, minimal, zeros
-from hoopd.design.closedloop import LinearPlant, Moving
+from hoopd.design.closed_loop import LinearPlant, Moving
 from hoopd.design.margins import margins
 from hoopd.design.speed import bandwidth, step_info
-from hoopd.ident.device.freerun import FreeRun
-from hoopd.ident.device.score import nrmse_percent
-from hoopd.physics.plant import Plant
+from hoopd.plants.fits.fit_percent import nrmse_percent
+from hoopd.plants.fits.recorded_runs import FreeRun
+from hoopd.plants.hoop.plant import Plant
 from hoopd.plots.linear import draw_nyquist, draw_poles, draw_step
 from hoopd.plots.linearity import Compared, draw_linearity
-from hoopd.plots.printedmargin import PrintedMargin, draw_bode_beside
+from hoopd.plots.printed_margin import PrintedMargin, draw_bode_beside
 from thesis.records import Bench, thesis_plant
 from thesis.results import Drawn, Row
 

@@ -11,17 +11,17 @@ import control
 import numpy as np
 
 from hoopd.design.analysis import transfer_function
-from hoopd.design.closedloop import LinearPlant, Run, Scenario, picture_timing
-from hoopd.design.gangoffour import gang_of_four
+from hoopd.design.closed_loop import LinearPlant, Run, Scenario, picture_timing
+from hoopd.design.gang_of_four import gang_of_four
 from hoopd.design.laws import ball_angle
 from hoopd.design.links import lead_link_at
-from hoopd.design.loopshaping import loopshaping_pid, peak_complementary
+from hoopd.design.loop_shaping import loopshaping_pid, peak_complementary
 from hoopd.design.margins import margins
 from hoopd.design.pid import pid
 from hoopd.design.trial import run
-from hoopd.modelfiles import load_controller
+from hoopd.files.controller import load_controller
+from hoopd.files.shipped import defaults_folder
 from hoopd.plots.loops import draw_gang_of_four, draw_responses
-from hoopd.shipped import defaults_folder
 from thesis.records import Bench, thesis_plant
 from thesis.results import Drawn, Row
 

@@ -13,18 +13,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from hoopd import experiment
-from hoopd.app import Options
-from hoopd.experimentplan import Plan
-from hoopd.ident.device.fit import Fit, Settings, fit
-from hoopd.ident.device.freerun import Subject
-from hoopd.ident.device.score import Score, score
-from hoopd.ident.device.thesis import ENTRIES_PRINTED
-from hoopd.modelfiles import load_model
-from hoopd.physics.plant import Plant
+from hoopd.daemon import experiment
+from hoopd.daemon.app import Options
+from hoopd.files.shipped import defaults_folder
+from hoopd.plants.fits.fit import Fit, Settings, fit
+from hoopd.plants.fits.fit_percent import Score, score
+from hoopd.plants.fits.recorded_runs import Subject
+from hoopd.plants.hoop.experiment_plan import Plan
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.thesis import ENTRIES_PRINTED
+from hoopd.plants.model_file import load_model
 from hoopd.recording import Recording, load
 from hoopd.recording.edit import between
-from hoopd.shipped import defaults_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 PUBLIC = "the public GitHub repository aa4cc/flying-ball-in-hoop, folder m/identification/exp01"

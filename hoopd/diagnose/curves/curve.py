@@ -19,12 +19,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.curves.curve_sites import Factor, Site, Variable, Wanted, reads, wanted
 from hoopd.diagnose.curves.hats import curve_expression, spread_knots, turn_knots
-from hoopd.diagnose.curves.sites import Factor, Site, Variable, Wanted, reads, wanted
-from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.engine.track import Track
-from hoopd.physics.declared import DeclaredPlant
-from hoopd.physics.effects.base import Effect, EffectParameter, Point
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.effects.base import Effect, EffectParameter, Point
+from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.reference_track import Track
 
 Array = NDArray[np.float64]
 

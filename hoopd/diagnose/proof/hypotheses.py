@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from hoopd.diagnose.curves.screen import CurveScore
-from hoopd.diagnose.curves.shapes import together
-from hoopd.diagnose.curves.unknown import Survey, Unknown, best_curves
-from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.proof.heldout import HeldOut, on_heldout
-from hoopd.diagnose.proof.unnamed import Proven
+from hoopd.diagnose.curves.curve_fits import together
+from hoopd.diagnose.curves.curve_screen import CurveScore
+from hoopd.diagnose.curves.unknown_effects import Survey, Unknown, best_curves
+from hoopd.diagnose.proof.held_out import HeldOut, on_heldout
+from hoopd.diagnose.proof.unknown_proof import Proven
+from hoopd.diagnose.search.candidates import HELD_OUT_LOSS
 from hoopd.diagnose.search.naming import Named
-from hoopd.diagnose.search.trying import HELD_OUT_LOSS
+from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.stretches import Stretch
 
 
 def heldout_fits(named: Named, held: HeldOut, base: Survey, proof: Proven | None) -> Mapping[str, Fit]:

@@ -14,15 +14,15 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.engine.filtering import whitened
-from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.engine.track import Track
-from hoopd.diagnose.proof.apart import own_columns, without_effect
+from hoopd.diagnose.proof.separation import own_columns, without_effect
 from hoopd.diagnose.record import Placebo
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Screen, change_of
 from hoopd.diagnose.search.surprise import THRESHOLD, surprise
-from hoopd.physics.effects.base import Effect
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.kalman_filter import whitened
+from hoopd.plants.likelihood.reference_track import Track
 
 Array = NDArray[np.float64]
 

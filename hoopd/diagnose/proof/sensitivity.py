@@ -16,13 +16,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.engine.ofrecording import values_of
-from hoopd.diagnose.proof.bestofall import BestOfAll, Choice, given_back
-from hoopd.diagnose.proof.compared import channel_weights, errors_of
-from hoopd.diagnose.proof.refine import DIFFERENCE, Refined, sizes
+from hoopd.diagnose.proof.best_of_library import BestOfAll, Choice, given_back
+from hoopd.diagnose.proof.refinement import DIFFERENCE, Refined, sizes
 from hoopd.diagnose.proof.simulation import Simulated, Simulator
+from hoopd.diagnose.proof.window_comparison import channel_weights, errors_of
 from hoopd.diagnose.search.screen import Column, Member, Score, members_of, orthonormal, score_of
-from hoopd.physics.effects.base import Effect
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.recording_parameters import values_of
 
 Array = NDArray[np.float64]
 

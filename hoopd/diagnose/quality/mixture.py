@@ -16,7 +16,7 @@ from math import pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.quality.motion import Course, Explained, leave_one_out
+from hoopd.diagnose.quality.channel_course import Course, Explained, leave_one_out
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.spans import spans
+from hoopd.recording.spans import spans
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,7 +13,7 @@ from importlib import resources
 
 from matplotlib.figure import Figure
 
-from hoopd.diagnose.report.readable import NOTHING, safe
+from hoopd.diagnose.report.number_format import NOTHING, safe
 from hoopd.diagnose.report.tables import Table
 from hoopd.plots import style
 

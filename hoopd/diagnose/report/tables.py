@@ -21,7 +21,7 @@ from hoopd.diagnose.record import (
     RecordingQuality,
     Visible,
 )
-from hoopd.diagnose.report.readable import (
+from hoopd.diagnose.report.number_format import (
     NOTHING,
     amount,
     counted,
@@ -34,7 +34,7 @@ from hoopd.diagnose.report.readable import (
     short_names,
     value_text,
 )
-from hoopd.diagnose.report.words import each_fit, numbers_of
+from hoopd.diagnose.report.sentences import each_fit, numbers_of
 
 Row = tuple[str, ...]
 

@@ -14,11 +14,12 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from hoopd.diagnose.record import Diagnosis
-from hoopd.diagnose.recordfile import canonical
-from hoopd.diagnose.report import tables, words
-from hoopd.diagnose.report.readable import safe
+from hoopd.diagnose.record_file import canonical
+from hoopd.diagnose.report import sentences as words
+from hoopd.diagnose.report import tables
+from hoopd.diagnose.report.number_format import safe
 from hoopd.diagnose.report.tables import Table
-from hoopd.diagnose.shown import Shown
+from hoopd.diagnose.report_curves import Shown
 
 COLOURS = {"consistent": "green", "parameters": "cyan", "missing_physics": "yellow", "unknown_physics": "magenta"}
 
@@ -44,7 +45,7 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
 def write_html(diagnosis: Diagnosis, shown: Shown, path: Path) -> None:
     """Write the page: the whole file or none; InputError when it cannot be written."""
     from hoopd.diagnose.report.page import page
-    from hoopd.recording.bytesof import replace_file
+    from hoopd.files.whole_files import replace_file
 
     replace_file(path, page(diagnosis, shown))
 

@@ -16,11 +16,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.engine.filtering import Gains, Linear
-from hoopd.diagnose.engine.track import Track
 from hoopd.diagnose.search.screen import Screen
 from hoopd.diagnose.search.surprise import log_chance
-from hoopd.physics.effects.base import Effect, Values
+from hoopd.plants.effects.base import Effect, Values
+from hoopd.plants.likelihood.kalman_filter import Gains, Linear
+from hoopd.plants.likelihood.reference_track import Track
 
 Array = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from hoopd.diagnose.engine.dataset import Stretch
-from hoopd.diagnose.engine.fitting import Fit, fit
+from hoopd.diagnose.search.bounded_disturbance import deflated, far_beyond, stiffened
+from hoopd.diagnose.search.candidates import Judge, Settings, Tried, surprise_of
 from hoopd.diagnose.search.screen import Score, Screen
-from hoopd.diagnose.search.stiff import deflated, far_beyond, stiffened
-from hoopd.diagnose.search.trying import Judge, Settings, Tried, surprise_of
-from hoopd.physics.effects.base import Effect
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.stretches import Stretch
 
 # While the disturbances that are left are far beyond the usual, more is missing.
 MOST_WHERE_FAR = 5

@@ -16,10 +16,10 @@ from collections.abc import Callable
 import numpy as np
 
 from hoopd.diagnose.search.pushes import pushes
-from hoopd.diagnose.search.scanned import Scanned, scanned
+from hoopd.diagnose.search.scan_score import Scanned, scanned
 from hoopd.diagnose.search.screen import Screen, members_of, score_of
 from hoopd.diagnose.search.tones import tones
-from hoopd.physics.effects.base import Effect
+from hoopd.plants.effects.base import Effect
 
 
 def scan(screen: Screen, effect: Effect) -> Scanned | None:

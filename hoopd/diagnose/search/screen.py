@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from hoopd.diagnose.engine.changes import changes_of
-from hoopd.diagnose.engine.filtering import whitened
-from hoopd.diagnose.engine.fitting import Fit
-from hoopd.diagnose.engine.track import Track
-from hoopd.physics.effects.base import Effect, EffectParameter
+from hoopd.diagnose.search.effect_changes import changes_of
+from hoopd.plants.effects.base import Effect, EffectParameter
+from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.kalman_filter import whitened
+from hoopd.plants.likelihood.reference_track import Track
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from hoopd.diagnose.search.adjoint import Adjoint, Answer, independent
-from hoopd.diagnose.search.scanned import Place, Scanned, scanned, usual_size
+from hoopd.diagnose.search.scan_score import Place, Scanned, scanned, usual_size
 from hoopd.diagnose.search.screen import Column, Member, Score, Screen
-from hoopd.physics.effects.base import Effect
+from hoopd.plants.effects.base import Effect
 
 Array = NDArray[np.float64]
 

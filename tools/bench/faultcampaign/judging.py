@@ -14,7 +14,7 @@ import numpy as np
 from system.realrun import gaps_in
 from system.runs import TORQUE_LIMIT_NM
 
-from hoopd.replay import replay
+from hoopd.daemon.replay import replay
 
 from .kind import LOOK_S, NOTHING_TO_SAY, Kind
 from .onset import ball_errors, begin, overspeed_limit

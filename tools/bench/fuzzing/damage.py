@@ -18,7 +18,7 @@ from typing import Any
 import msgspec
 import yaml
 
-from hoopd.yamltext import text_of
+from hoopd.files.yaml_text import text_of
 
 LONG = 40_000
 # What is put in the place of a value, as text of YAML.

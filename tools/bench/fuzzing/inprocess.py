@@ -26,7 +26,13 @@ LIMIT_BYTES = 2**31  # above what the process has: what a case asks for beyond t
 LOOK_S = 1.0  # of the processor: what computes by then is taken for accepted; what still reads has until the bound
 WAITS_S = 0.002  # of the processor, between two looks of the clock
 # Packages that read: who is at work in one of them has not accepted its input yet.
-READING = ("hoopd/recording/", "hoopd/files.py", "hoopd/yamltext.py", "hoopd/modelfiles.py", "hoopd/calibrate.py")
+READING = (
+    "hoopd/recording/",
+    "hoopd/files/reading.py",
+    "hoopd/files/yaml_text.py",
+    "hoopd/plants/model_file.py",
+    "hoopd/commands/calibrate.py",
+)
 
 
 class Cut(BaseException):
@@ -47,17 +53,6 @@ def serve(pipe: Connection, seed: str, sounds: Path) -> None:
 
 def warm() -> None:
     """Load what the commands load, so that a case is charged for itself alone."""
-    import hoopd.bench.convert
-    import hoopd.bench.design
-    import hoopd.bench.diagnose
-    import hoopd.bench.fit
-    import hoopd.bench.identify
-    import hoopd.bench.linearize
-    import hoopd.bench.simulate
-    import hoopd.calibrate
-    import hoopd.experiment
-    import hoopd.plots.style
-    import hoopd.replay  # noqa: F401
 
 
 def _limit() -> None:
@@ -99,8 +94,8 @@ def run(arguments: list[str]) -> tuple[str, str]:
     """Verdict of one call of the command line, and its line."""
     import typer
 
-    from hoopd.cli import UsageError, app
-    from hoopd.files import InputError
+    from hoopd.commands.cli import UsageError, app
+    from hoopd.files.reading import InputError
 
     try:
         code = app(arguments, standalone_mode=False)

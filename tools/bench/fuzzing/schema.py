@@ -17,12 +17,12 @@ import msgspec
 import typer.main
 from msgspec import Meta
 
-from hoopd.cli import app
+from hoopd.commands.cli import app
 from hoopd.core.layout import DEFAULT_LAYOUT, layout_to_table
-from hoopd.modelfiles import effects_plant, load_model
-from hoopd.physics.effects.catalogue import library
+from hoopd.files.shipped import defaults_folder
+from hoopd.plants.effects.library import library
+from hoopd.plants.model_file import effects_plant, load_model
 from hoopd.shell.config import Config, SimEffect, SimFault
-from hoopd.shipped import defaults_folder
 from hoopd.sim.faults import KINDS
 
 WORDS = ("x", "direct", "hoop", "/dev/null", "tcp/127.0.0.1:1", "controllers/pid.yaml", "models/thesis.yaml")

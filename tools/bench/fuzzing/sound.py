@@ -16,12 +16,12 @@ import msgspec
 import numpy as np
 
 from fuzzing import schema
-from hoopd.app import Options, run_daemon
+from hoopd.daemon.app import Options, run_daemon
+from hoopd.files.shipped import defaults_folder
+from hoopd.files.yaml_text import text_of
 from hoopd.recording import load, save
 from hoopd.recording.edit import between
 from hoopd.shell import config as configuration
-from hoopd.shipped import defaults_folder
-from hoopd.yamltext import text_of
 
 ROOT = Path(__file__).resolve().parents[3]
 RUN_S = 1.6

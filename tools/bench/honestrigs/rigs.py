@@ -12,9 +12,9 @@ import numpy as np
 import yaml
 from effectcases import SIZES
 
-from hoopd.modelfiles import effects_plant, load_model
-from hoopd.physics.effects.catalogue import library
-from hoopd.shipped import defaults_folder
+from hoopd.files.shipped import defaults_folder
+from hoopd.plants.effects.library import library
+from hoopd.plants.model_file import effects_plant, load_model
 
 MODEL = defaults_folder() / "models" / "hoop.yaml"
 LIBRARY = library(effects_plant(load_model(MODEL)))

@@ -24,8 +24,8 @@ from referee import OFF
 from system.realrun import Daemon, fifo_granted
 from system.runs import Run
 
-from hoopd.files import InputError
-from hoopd.replay import replay
+from hoopd.daemon.replay import replay
+from hoopd.files.reading import InputError
 from hoopd.shell.operator import NoDaemonError, ask
 from hoopd.shell.session import DEVICE, connecting, device_key
 from racing import judge

@@ -19,11 +19,11 @@ import pytest
 import yaml
 from system.runs import Run, load, serve_late
 
-from hoopd import app
-from hoopd.build import read_texts
 from hoopd.core.records import Inputs, TickRecord
 from hoopd.core.tick import Note
-from hoopd.replay import replay
+from hoopd.daemon import app
+from hoopd.daemon.build import read_texts
+from hoopd.daemon.replay import replay
 from hoopd.shell import config as configuration
 from hoopd.shell.loop import Loop
 from racing import judge

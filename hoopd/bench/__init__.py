@@ -1,1 +1,0 @@
-"""The engineer's bench: one module per offline command, from files to files."""

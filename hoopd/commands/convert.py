@@ -1,0 +1,74 @@
+"""`hoopd convert`: a recording from one format to another, cut and resampled on the way.
+
+Rules of this file: from file to file; no mathematics. The source is never written; the target is whole or untouched.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hoopd.files.reading import InputError
+from hoopd.recording import Recording, load, save
+from hoopd.recording.edit import between, resampled
+from hoopd.recording.formats import extension_of, split_path
+from hoopd.recording.suspicions import suspicions
+
+SIGNALS = ("u", "theta", "dtheta", "psi", "current")
+
+
+def run(
+    source: Path | str,
+    target: Path | str,
+    *,
+    columns: str | None = None,
+    experiment: str | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    step: float | None = None,
+) -> dict[str, Any]:
+    """Write the recording of `source` to `target`; what was written, and what in it is worth a doubt.
+
+    columns, experiment: as in `hoopd.recording.load`. start, end: first and last second kept. step: new step in s.
+    """
+    source, target = Path(source), Path(target)
+    extension_of(target)  # before the source is read
+    _refuse_same(source, target)
+    recording = edited(load(source, columns, experiment), source, start, end, step)
+    save(recording, target)
+    return {"source": str(source), "target": str(target), **summary(recording)}
+
+
+def edited(
+    recording: Recording, source: Path, start: float | None = None, end: float | None = None, step: float | None = None
+) -> Recording:
+    """The recording cut to its wanted seconds and resampled; InputError when that leaves nothing."""
+    try:
+        cut = recording if start is None and end is None else between(recording, start, end)
+        return cut if step is None else resampled(cut, step)
+    except ValueError as error:
+        raise InputError(source, "", str(error)) from None
+
+
+def summary(recording: Recording) -> dict[str, Any]:
+    """Rows, span, signals and doubts of a recording."""
+    missing = {name: int(np.isnan(getattr(recording, name)).sum()) for name in SIGNALS}
+    present = [name for name in SIGNALS if missing[name] < len(recording)]
+    return {
+        "rows": len(recording),
+        "seconds": float(recording.t[-1] - recording.t[0]),
+        "step_s": None if len(recording) < 2 else round(recording.sample_time_s, 9),
+        "signals": present,
+        "missing": {name: missing[name] for name in present},
+        "notes": suspicions(recording),
+    }
+
+
+def _refuse_same(source: Path, target: Path) -> None:
+    file, _ = split_path(source)
+    with contextlib.suppress(OSError):  # one of them is not there: they are not the same
+        if file.samefile(target):
+            raise InputError(target, "", "is the source itself: a recording is never overwritten by its own copy")

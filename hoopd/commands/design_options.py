@@ -1,0 +1,60 @@
+"""Options of `hoopd design` as a specification.
+
+Rules of this file: a number or text that makes no sense is one `InputError` with the option's name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+from typing import Any
+
+from hoopd.design.laws import Spec, SpecError
+from hoopd.design.lqg import Weights
+from hoopd.files.reading import InputError
+
+WEIGHT_NAMES = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s", "torque": "torque_nm"}
+# Options whose name is not that of the specification's number.
+OPTIONS = {
+    "omega_rad_s": "--omega",
+    "phase_deg": "--phase",
+    "filter_ratio": "--filter",
+    "sample_time_s": "--sample-time",
+    "delay_s": "--delay",
+}
+
+
+def spec_from(**values: Any) -> Spec:
+    """A specification; InputError names the option whose number makes no sense."""
+    try:
+        return Spec(**values)
+    except SpecError as error:
+        raise InputError(OPTIONS.get(error.name, f"--{error.name}"), "", error.reason) from None
+
+
+def weights_from(texts: list[str]) -> Weights:
+    """Weights of "psi=0.2" and the like; InputError for a name or a number that is none."""
+    changes: dict[str, float] = {}
+    for text in (part for item in texts for part in item.split(",")):
+        name, equals, value = text.strip().partition("=")
+        number = _number(value)
+        if not equals or name not in WEIGHT_NAMES or not 0.0 < number < inf:
+            names = ", ".join(f"{one}=..." for one in WEIGHT_NAMES)
+            raise InputError("--weights", "", f"expected {names} with numbers above 0, not {text!r}")
+        changes[WEIGHT_NAMES[name]] = number
+    return replace(Weights(), **changes)
+
+
+def poles_from(text: str) -> tuple[complex, ...]:
+    """Poles of "-6+6j,-6-6j,-1" in rad/s; InputError unless all are numbers."""
+    try:
+        return tuple(complex(part.strip().replace("i", "j")) for part in text.split(","))
+    except ValueError:
+        raise InputError("--poles", "", f"expected complex numbers such as -6+6j,-6-6j,-1, not {text!r}") from None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")

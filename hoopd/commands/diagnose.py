@@ -1,0 +1,170 @@
+"""`hoopd diagnose`: recordings to a diagnosis, a report and a model with the effects that were found.
+
+Rules of this file: files in, files out; the mathematics is in `hoopd.diagnose`. Nothing is written before all is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import msgspec
+
+from hoopd.commands.diagnose_inputs import check_distinct, check_lengths, check_motion, expanded, plants, read_source
+from hoopd.commands.diagnosed_model import found_model, left_out
+from hoopd.commands.output_files import check_targets
+from hoopd.diagnose.inputs import Source
+from hoopd.diagnose.record import Diagnosis
+from hoopd.diagnose.record_file import to_json_bytes
+from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
+from hoopd.diagnose.search.candidates import Settings
+from hoopd.files.model import ModelFile, model_text
+from hoopd.files.reading import InputError
+from hoopd.files.shipped import or_shipped
+from hoopd.files.whole_files import replace_file
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.library import library
+from hoopd.plants.effects_file import load_effects
+from hoopd.plants.model_file import effects_of, load_model, parse_model
+
+Progress = Callable[[str], None]
+
+DEFAULT_MODEL = Path("models/thesis.yaml")
+
+
+def run(
+    recordings: Sequence[str],
+    holdout: Sequence[str] = (),
+    *,
+    model: Path | None = None,
+    effects: Path | None = None,
+    without: Sequence[str] = (),
+    json_path: Path | None = None,
+    report: Path | None = None,
+    write: Path | None = None,
+    columns: str | None = None,
+    age: str = "",
+    seed: int = 0,
+    free_run: bool = True,
+    free_run_choice: bool = False,
+    progress: Progress = lambda text: None,
+) -> Diagnosis:
+    """Diagnose and write; InputError when anything cannot be used or written."""
+    texts, held_texts = expanded(recordings), expanded(holdout)
+    inputs: list[Path | str] = [*texts, *held_texts, *(one for one in (model, effects) if one is not None)]
+    check_targets(inputs, {"--json": json_path, "--report": report, "--write": write})
+    base = load_model(or_shipped(model or DEFAULT_MODEL))
+    outcome = outcome_of(
+        texts,
+        held_texts,
+        base,
+        effects=effects,
+        without=without,
+        columns=columns,
+        age=age,
+        seed=seed,
+        free_run=free_run,
+        free_run_choice=free_run_choice,
+        progress=progress,
+    )
+    progress("drawing and writing")
+    return _written(outcome, base, json_path, report, write)
+
+
+def outcome_of(
+    texts: Sequence[str],
+    held_texts: Sequence[str],
+    base: ModelFile,
+    *,
+    effects: Path | None = None,
+    without: Sequence[str] = (),
+    columns: str | None = None,
+    age: str = "",
+    seed: int = 0,
+    free_run: bool = True,
+    free_run_choice: bool = False,
+    progress: Progress = lambda text: None,
+) -> Outcome:
+    """The diagnosis with the curves and fits behind it; nothing is written."""
+    check_distinct(texts, held_texts)
+    progress("reading the recordings")
+    train = [read_source(text, base, columns, age) for text in texts]
+    held = [read_source(text, base, columns, age) for text in held_texts]
+    check_motion(train, held, base.structure)
+    whole = () if held else tuple(train)
+    train, held, how = _parts(train, held)
+    known = _library([*train, *held], effects, without)
+    own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
+    return diagnose(
+        Case(
+            model=base.name,
+            values=effects_of(base).values,
+            train=train,
+            heldout=held,
+            library=known,
+            effects=own,
+            free_run=free_run,
+            choose_free_run=free_run_choice,
+            whole=whole,
+            seed=seed,
+            held_out_how=how,
+            progress=progress,
+            settings=Settings(progress=progress),
+        )
+    )
+
+
+def _parts(train: Sequence[Source], held: Sequence[Source]) -> tuple[list[Source], list[Source], str]:
+    """What is fitted, what is held out, and how: the last third where nothing else is."""
+    how = ", ".join(one.name for one in held)
+    own = not held
+    if own:
+        train, held = last_third(train)
+        how = "the last third of every recording"
+    train, held = [one for one in train if one.stretches], [one for one in held if one.stretches]
+    check_lengths(train, held, given=not own)
+    return train, held, how
+
+
+def _library(sources: Sequence[Source], effects: Path | None, without: Sequence[str]) -> dict[str, Effect]:
+    """Effects of all that moves in any recording, by name; a user's file may add some and replace none."""
+    known: dict[str, Effect] = {}
+    for plant in plants(sources):
+        extra = () if effects is None else load_effects(effects, plant)
+        try:
+            known |= library(plant, extra)
+        except ValueError as error:
+            raise InputError(effects, "", str(error)) from None
+    for name in without:
+        if name not in known:
+            raise InputError("--without", name, f"is none of {', '.join(sorted(known))}")
+    return {name: effect for name, effect in known.items() if name not in without}
+
+
+def _in_fits(effect: Effect) -> bool:
+    """Whether a fit simulates it: faults of a sensor are counted, a lost contact is no smooth map."""
+    return effect.found_by not in ("quality", "switch")
+
+
+def _written(
+    outcome: Outcome, base: ModelFile, json_path: Path | None, report: Path | None, write: Path | None
+) -> Diagnosis:
+    """The diagnosis; every file is made before the first one is written."""
+    diagnosis, files = outcome.diagnosis, list[tuple[Path, bytes]]()
+    if write is not None:
+        own = [
+            f"{name} is not in the model: a model file holds effects of the library only" for name in left_out(outcome)
+        ]
+        diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *own])
+        text = model_text(found_model(outcome, base, write.stem))
+        parse_model(text, write)
+        files.append((write, text.encode()))
+    if report is not None:
+        from hoopd.diagnose.report.page import page
+
+        files.append((report, page(diagnosis, outcome.shown)))
+    if json_path is not None:
+        files.append((json_path, to_json_bytes(diagnosis)))
+    for path, data in files:
+        replace_file(path, data)
+    return diagnosis

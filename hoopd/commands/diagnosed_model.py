@@ -1,0 +1,114 @@
+"""The model of a diagnosis: the judged one with re-estimated parameters, and the effects that were named.
+
+Rules of this file: from an outcome to a `ModelFile`; nothing is judged here. A number that a file cannot hold (an
+infinite neutral value) is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import msgspec
+import numpy as np
+
+from hoopd.diagnose.curves.curve import at_nodes
+from hoopd.diagnose.findings import parameters_of
+from hoopd.diagnose.record import Quantity
+from hoopd.diagnose.record_file import to_digits
+from hoopd.diagnose.run import Outcome
+from hoopd.files.model import EffectEntry, ModelFile, Parameter
+from hoopd.ident.normal import Z95
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.library import library
+from hoopd.plants.found_effects import REGION_NAMES
+from hoopd.plants.likelihood.fitting import Fit
+
+# A region of validity is where the recordings were, without their rarest places.
+LEAST, MOST = 0.005, 0.995
+# Phases of two recordings that differ by less than this (rad) are one: the encoder's zero stayed where it was.
+SAME_PHASE = 0.3
+
+
+def found_model(outcome: Outcome, base: ModelFile, name: str) -> ModelFile:
+    """The base with re-estimated parameters, and its effects and the named ones, where the library knows them."""
+    quantities = outcome.diagnosis.base.parameters
+    parameters = {key: _parameter(one) for key, one in quantities.items() if "." not in key}
+    final, old = outcome.named.final, {entry.name: entry for entry in base.effects}
+    entries = {**old, **{effect.name: entry_of(effect, final, old.get(effect.name)) for effect in _known(final)}}
+    for one in outcome.diagnosis.effects:  # faults of a sensor are in no fit
+        if one.slot in final.tracks[0].stretch.plant.slots and one.name not in entries and _is_known(one.name, final):
+            entries[one.name] = EffectEntry(name=one.name, parameters=_parameters(one.parameters))
+    return msgspec.structs.replace(
+        base, name=name, parameters={**base.parameters, **parameters}, effects=list(entries.values())
+    )
+
+
+def left_out(outcome: Outcome) -> list[str]:
+    """Named effects that no model file can hold: a user's own."""
+    return [one.name for one in outcome.named.final.effects if not _is_known(one.name, outcome.named.final)]
+
+
+def _known(final: Fit) -> Iterable[Effect]:
+    return (effect for effect in final.effects if _is_known(effect.name, final))
+
+
+def _is_known(name: str, final: Fit) -> bool:
+    return any(name in library(plant) for plant in {id(p): p for p in (t.stretch.plant for t in final.tracks)}.values())
+
+
+def entry_of(effect: Effect, final: Fit, old: EffectEntry | None = None) -> EffectEntry:
+    """One effect as fitted; `old`: the entry that it had, whose region is kept."""
+    found = parameters_of(effect, final)
+    for one in effect.parameters:
+        if one.per_recording and one.role == "phase":
+            found[one.name] = msgspec.structs.replace(found[one.name], **_phase(effect.key(one.name), final))
+    valid = dict(old.valid) if old is not None and old.valid else region(effect, final)
+    return EffectEntry(name=effect.name, parameters=_parameters(found), valid=valid)
+
+
+def _phase(key: str, final: Fit) -> dict[str, object]:
+    """Value and interval of a phase: of all recordings where they agree, else of the last one."""
+    own = {name: value for name, value in final.values.items() if name.startswith(f"{key}@")}
+    if not own:
+        return {}
+    last = next(reversed(own.values()))
+    off = np.angle(np.exp(1j * (np.array([*own.values()]) - last)))
+    if np.ptp(off) > SAME_PHASE:
+        return {"value": last, "ci95": None}
+    deviation = np.sqrt(np.mean([final.deviation(name) ** 2 for name in own if name in final.free] or [0.0]) / len(own))
+    value, half = float(last + off.mean()), float(Z95 * deviation)
+    return {"value": value, "ci95": (value - half, value + half) if half else None}
+
+
+def region(effect: Effect, final: Fit) -> dict[str, tuple[float, float]]:
+    """By what an effect depends on: where the recordings were; an angle that made a whole turn was everywhere."""
+    found = {}
+    for name in effect.depends_on:
+        parts = [
+            np.ravel(getattr(here, name))
+            for here in (at_nodes(track, final) for track in final.tracks)
+            if name in REGION_NAMES and (name == "u" or name in here)
+        ]
+        if not parts:
+            continue
+        low, high = (float(q) for q in np.quantile(np.concatenate(parts), (LEAST, MOST)))
+        if low < high and not (name in ("theta", "psi") and high - low > 2.0 * np.pi):
+            found[name] = (low, high)
+    return found
+
+
+def _parameters(quantities: Mapping[str, Quantity]) -> dict[str, Parameter]:
+    """Without those of single recordings, and without what is no number."""
+    return {
+        name: _parameter(one)
+        for name, one in quantities.items()
+        if "@" not in name and one.value is not None and np.isfinite(one.value)
+    }
+
+
+def _parameter(one: Quantity) -> Parameter:
+    assert one.value is not None
+    low, high = one.ci95 or (None, None)
+    interval = None if low is None or high is None else (to_digits(low), to_digits(high))
+    nominal = one.nominal if one.nominal is not None and np.isfinite(one.nominal) else None
+    return Parameter(value=to_digits(one.value), unit=one.unit, ci95=interval, nominal=nominal)

@@ -1,0 +1,99 @@
+"""`hoopd fit`: recordings to a model file, with intervals, what is not determined, and the fit on data never fitted.
+
+Rules of this file: files in, a result record, a model file and a figure out; the mathematics is in `hoopd.ident`.
+Nothing is written before all is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hoopd.commands.fit_options import Wish, settings_of
+from hoopd.commands.fit_record import record
+from hoopd.commands.inputs import read_ages, read_recording
+from hoopd.commands.output_files import check_results
+from hoopd.files.model import ModelFile, model_text
+from hoopd.files.reading import InputError
+from hoopd.files.whole_files import replace_file
+from hoopd.plants.fits.fit import Fit, Settings, fit, model_file, nominal_values
+from hoopd.plants.fits.fit_percent import score
+from hoopd.plants.fits.recorded_runs import Subject
+from hoopd.plants.hoop.parameters import ParameterError
+from hoopd.plants.model_file import parse_model
+from hoopd.recording.recording import Recording
+
+Progress = Callable[[str], None]
+
+DIVERGED = "no finite result from this start; look at --model, --fix, --prior, or take --window 1"
+
+
+def run(
+    recordings: Sequence[str],
+    holdout: Sequence[str] = (),
+    wish: Wish | None = None,
+    *,
+    out: Path | None = None,
+    figure: Path | None = None,
+    progress: Progress = lambda text: None,
+) -> dict[str, Any]:
+    """Fit, judge, write; the result as a record. InputError when anything cannot be used or written."""
+    wish = wish or Wish()
+    check_results(out, figure)
+    base, settings = settings_of(wish)
+    nominal = nominal_values(base, wish.structure)
+    train = [read_recording(text, wish.columns, wish.age) for text in recordings]
+    held = [read_recording(text, wish.columns, wish.age) for text in holdout]
+    _refuse_shared([*zip(recordings, train, strict=True)], [*zip(holdout, held, strict=True)])
+    found = _fitted(train, nominal, settings, progress)
+    named = dict(zip(recordings, train, strict=True)), dict(zip(holdout, held, strict=True))
+    result = record(found, base, wish, *named, progress)
+    result |= {"age_s": read_ages(wish.age)} if wish.age else {}
+    _write(found, base, train, out, figure)
+    return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
+
+
+def _refuse_shared(train: Sequence[tuple[str, Recording]], held: Sequence[tuple[str, Recording]]) -> None:
+    """A recording counts once, and judges nothing that it was fitted to: half of its rows in another are too many."""
+    for index, (name, one) in enumerate([*train, *held]):
+        for other, earlier in train[:index]:
+            shared = len(_rows(one) & _rows(earlier))
+            if 2 * shared > min(len(one), len(earlier)):
+                raise InputError(
+                    name, "", f"has {shared} rows in common with {other}: it would be fitted twice or judge itself"
+                )
+
+
+def _rows(recording: Recording) -> set[bytes]:
+    columns = (recording.t, recording.u, recording.theta, recording.psi)
+    return {row.tobytes() for row in np.column_stack(columns)}
+
+
+def _fitted(train: Sequence[Recording], nominal: Mapping[str, float], settings: Settings, progress: Progress) -> Fit:
+    """The fit; InputError when the numbers leave the computer's range on the way."""
+    try:
+        found = fit(train, nominal, settings, progress)
+    except InputError:
+        raise
+    except (np.linalg.LinAlgError, ArithmeticError, ParameterError) as error:
+        raise InputError("fit", "", f"{DIVERGED} ({error})") from None
+    if not np.isfinite([*found.values.values()]).all():
+        raise InputError("fit", "", DIVERGED)
+    return found
+
+
+def _write(found: Fit, base: ModelFile, train: Sequence[Recording], out: Path | None, figure: Path | None) -> None:
+    if out is not None:
+        text = model_text(model_file(found, base, out.stem))
+        parse_model(text, out)  # never a model that no command could load
+        replace_file(out, text.encode())
+    if figure is not None:
+        from hoopd.plots.simulation import draw_simulation
+        from hoopd.plots.style import save
+
+        subject = Subject(found.structure, found.values, effects=found.settings.effects)
+        whole = score(subject, train[0], encoder_counts=found.settings.encoder_counts)
+        save(draw_simulation(whole, train[0], out.stem if out else found.structure), figure)

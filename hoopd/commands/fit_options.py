@@ -1,0 +1,116 @@
+"""What `hoopd fit` is asked for, from text to checked settings.
+
+Rules of this file: everything unusable is one `InputError` that names the option; no mathematics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from hoopd.commands.inputs import read_values
+from hoopd.files.model import ModelFile
+from hoopd.files.reading import InputError
+from hoopd.files.shipped import START_MODELS, defaults_folder, or_shipped
+from hoopd.plants.fits.damped_gauss_newton import LOSSES
+from hoopd.plants.fits.fit import METHODS, Settings, nominal_values
+from hoopd.plants.fits.fit_data import CHANNELS
+from hoopd.plants.fits.free_parameters import Prior, scale_of
+from hoopd.plants.hoop.parameters import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
+from hoopd.plants.model_file import effects_of, load_model
+
+
+class Wish(NamedTuple):
+    """What the command line asks for, as text."""
+
+    structure: str = "entries"
+    model: Path | None = None
+    columns: str | None = None
+    age: str = ""
+    free: str = ""
+    fix: Sequence[str] = ()
+    priors: Sequence[str] = ()
+    channels: str = ""
+    window_s: float | None = None
+    loss: str = "linear"
+    method: str = "output"
+    kinematics: bool = False
+
+
+def settings_of(wish: Wish) -> tuple[ModelFile, Settings]:
+    """The model that a fit starts from, and its settings."""
+    _one_of("--structure", wish.structure, STRUCTURES)
+    _one_of("--loss", wish.loss, LOSSES)
+    _one_of("--method", wish.method, METHODS)
+    base = load_model(or_shipped(wish.model or defaults_folder() / START_MODELS[wish.structure]))
+    if wish.kinematics and base.effects:
+        raise InputError("--kinematics", "", "compares models without effects, and this one has some")
+    nominal = nominal_values(base, wish.structure)
+    names = tuple(PARAMETER_UNITS[wish.structure])
+    if wish.window_s is not None and not 0.2 <= wish.window_s <= 1e4:
+        raise InputError("--window", "", f"must be 0.2 to 10000 s, not {wish.window_s:g}")
+    return base, Settings(
+        structure=wish.structure,
+        free=_names("--free", wish.free, names),
+        fixed=_fixed(wish.fix, names, nominal, wish.structure),
+        priors=_priors(wish.priors, names, wish.structure),
+        channels=_names("--channels", wish.channels, CHANNELS),
+        window_s=wish.window_s,
+        loss=wish.loss,
+        method=wish.method,
+        encoder_counts=base.device.encoder_counts,
+        effects=effects_of(base).on(wish.structure, nominal) if base.effects else None,
+    )
+
+
+def _one_of(option: str, value: str, known: Sequence[str]) -> None:
+    if value not in known:
+        raise InputError(option, "", f"unknown {value!r}; known: {', '.join(known)}")
+
+
+def _names(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
+    names = tuple(part.strip() for part in text.split(",") if part.strip())
+    for name in names:
+        _one_of(option, name, known)
+    return names
+
+
+def _fixed(
+    texts: Sequence[str], names: tuple[str, ...], nominal: Mapping[str, float], structure: str
+) -> dict[str, float]:
+    """ "mb=0.06", or "mb" alone: at its nominal value."""
+    fixed: dict[str, float] = {}
+    for part in (part for text in texts for part in text.split(",") if part.strip()):
+        name = part.strip()
+        if "=" in part:
+            fixed |= read_values("--fix", part, names)
+        else:
+            _one_of("--fix", name, names)
+            fixed[name] = nominal[name]
+    _possible("--fix", structure, {**nominal, **fixed})
+    return fixed
+
+
+def _possible(option: str, structure: str, values: Mapping[str, float]) -> None:
+    try:
+        check_parameters(structure, values)
+    except ParameterError as error:
+        raise InputError(option, error.name, error.reason) from None
+
+
+def _priors(texts: Sequence[str], names: tuple[str, ...], structure: str) -> dict[str, Prior]:
+    """ "mb=0.06:0.1": the value, and the relative standard deviation of a positive parameter (else the absolute)."""
+    priors = {}
+    for text in texts:
+        head, colon, sigma = text.rpartition(":")
+        if not colon:
+            raise InputError("--prior", text, "expected NAME=VALUE:SIGMA, e.g. mb=0.06:0.1")
+        ((name, value),) = read_values("--prior", head, names).items()
+        width = read_values("--prior", f"sigma={sigma}", ("sigma",))["sigma"]
+        if width <= 0.0:
+            raise InputError("--prior", name, "sigma must be positive")
+        if value <= 0.0 and scale_of(structure, (name,), {name: 1.0}).positive[0]:
+            raise InputError("--prior", name, f"must be positive, not {value:g}")
+        priors[name] = Prior(value, width)
+    return priors

@@ -1,0 +1,182 @@
+"""`hoopd identify`: recordings to a linear model by any of the methods, compared on data it was not fitted to.
+
+Rules of this file: files in, files out; the mathematics is in `hoopd.ident`. Nothing is written before all is known.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from hoopd.commands.identify_data import OUTPUTS, Wish, check_held, read, split
+from hoopd.commands.identify_figures import draw, poles_of
+from hoopd.commands.output_files import check_targets
+from hoopd.files.identified import IdentifiedFile, identified_text
+from hoopd.files.reading import InputError
+from hoopd.files.whole_files import replace_file
+from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.confidence import Estimated
+from hoopd.ident.data import Data
+from hoopd.ident.measures import fit_percent
+from hoopd.ident.models import Innovations, Polynomials, state_space
+from hoopd.ident.polynomial.arx import varx
+from hoopd.ident.polynomial.pem import armax, bj, oe
+from hoopd.ident.prediction import predict
+from hoopd.ident.residualtests import residuals
+from hoopd.ident.statespace.pem import pem
+from hoopd.ident.statespace.subspace import subspaceid
+from hoopd.plots import style
+
+Progress = Callable[[str], None]
+
+METHODS = ("arx", "armax", "oe", "bj", "subspace", "pem")
+STATE_SPACE = ("subspace", "pem")
+HORIZONS = {"1": 1.0, "10": 10.0, "simulation": np.inf}
+
+
+def run(
+    recordings: Sequence[str],
+    holdout: Sequence[str],
+    wish: Wish,
+    *,
+    columns: str | None = None,
+    out: Path | None = None,
+    figure: Path | None = None,
+    progress: Progress = lambda text: None,
+) -> dict[str, Any]:
+    """Identify, compare, write and draw; the result as plain data. InputError: nothing that can be used."""
+    _check(wish)
+    check_targets([*recordings, *holdout], {"--out": out, "--figure": figure})
+    if figure is not None:
+        style.check_path(figure)
+    progress("reading the recordings")
+    train, said = read(recordings, columns, wish)
+    held, more = read(holdout, columns, wish)
+    how = ", ".join(holdout) or "the last third of every recording"
+    if not held:
+        train, held = split(train)
+    check_held(train, held, ", ".join(holdout) or f"{', '.join(recordings)}, last third")
+    progress(f"fitting {wish.method}")
+    model, parts, doubts = _identified(train, wish, recordings)
+    progress("comparing")
+    percent, lost = _percents(model, held)
+    try:
+        report = residuals(model, held)
+    except ValueError as error:
+        raise InputError("--method", wish.method, str(error)) from None
+    notes = [*said, *more, *doubts, *lost, *report.warnings]
+    file = _file(model, wish, recordings, percent, notes, out)
+    if figure is not None:
+        draw(model, parts, wish.method, max(held, key=lambda one: one.n), how, report, figure)
+    if out is not None:
+        replace_file(out, identified_text(file).encode())
+    return {
+        "method": wish.method,
+        "states": model.nx,
+        "outputs": list(wish.outputs),
+        "held_out": how,
+        "fit_percent": percent,
+        "poles": [{"re": float(z.real), "im": float(z.imag)} for z in poles_of(model)],
+        "residual_tests": {one.name: {"p": one.chance, "passed": one.passed}
+                           for one in (*report.white, *report.independent, *report.feedback)},
+        "warnings": notes,
+    }  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------- models
+
+
+def _check(wish: Wish) -> None:
+    if wish.method not in METHODS:
+        raise InputError("--method", "", f"unknown method {wish.method!r}; known: {', '.join(METHODS)}")
+    known = ("theta", "dtheta", "psi")
+    if not wish.outputs or set(wish.outputs) - set(known) or len(set(wish.outputs)) != len(wish.outputs):
+        raise InputError("--outputs", "", f"different ones of {', '.join(known)}, not {','.join(wish.outputs)}")
+    if wish.delay_s is not None and set(wish.outputs) - set(OUTPUTS):
+        raise InputError("--delay", "", f"is known of {', '.join(OUTPUTS)} only")
+    if not 2 <= len(wish.orders) <= 3 or min(wish.orders) < 1:
+        raise InputError("--orders", "", "two or three whole numbers from 1 on: na,nb or na,nb,nc")
+    if wish.order is not None and wish.order < 1:
+        raise InputError("--order", "", f"at least 1, not {wish.order}")
+
+
+def _identified(
+    train: Sequence[Data], wish: Wish, recordings: Sequence[str]
+) -> tuple[Innovations, list[Estimated], list[str]]:
+    """The model in innovation form, as its method gave it (a part an output, or one), and what that warned of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", IdentificationWarning)
+        try:
+            model, parts = _by_method(train, wish)
+        except (ValueError, ArithmeticError) as error:
+            raise InputError(", ".join(recordings), "", str(error)) from None
+    notes = [str(one.message) for one in caught if issubclass(one.category, IdentificationWarning)]
+    return model, parts, list(dict.fromkeys(notes))
+
+
+def _by_method(train: Sequence[Data], wish: Wish) -> tuple[Innovations, list[Estimated]]:
+    if wish.method == "arx":
+        joint = varx(train, *wish.orders[:2])
+        return joint.state_space, [joint]
+    if wish.method in STATE_SPACE:
+        model = subspaceid(train, wish.order) if wish.method == "subspace" else pem(train, wish.order)
+        return model, [model]
+    na, nb, nc = (*wish.orders, wish.orders[0])[:3]
+    fits: Mapping[str, Callable[[Sequence[Data]], Polynomials]] = {
+        "armax": lambda each: armax(each, na, nb, nc),
+        "oe": lambda each: oe(each, nb, na),
+        "bj": lambda each: bj(each, nb, nc, nc, na),
+    }
+    rows = [fits[wish.method]([one.channels([i]) for one in train]) for i in range(train[0].ny)]
+    return beside([state_space(one) for one in rows]), [*rows]
+
+
+def beside(models: Sequence[Innovations]) -> Innovations:
+    """Models of one output each as one of all outputs, their states under each other."""
+    first = models[0]
+    r = block_diag(*(np.zeros((1, 1)) if one.r is None else one.r for one in models))
+    return Innovations(
+        block_diag(*(one.a for one in models)), np.vstack([one.b for one in models]),
+        block_diag(*(one.c for one in models)), np.vstack([one.d for one in models]),
+        block_diag(*(one.k for one in models)), first.dt, r=r, inputs=first.inputs,
+        outputs=tuple(one.outputs[0] for one in models),
+    )  # fmt: skip
+
+
+def _percents(model: Innovations, held: Sequence[Data]) -> tuple[dict[str, dict[str, float]], list[str]]:
+    """Fit of each output over all held-out data by horizon; none, in words, where a prediction diverges."""
+    y, found, said = np.concatenate([one.y for one in held]), {}, []
+    for name, horizon in HORIZONS.items():
+        with np.errstate(over="ignore", invalid="ignore"):
+            ahead = np.concatenate([predict(model, one, horizon) for one in held])
+            fits = fit_percent(y, ahead)
+        found[name] = {one: float(p) for one, p in zip(held[0].outputs, fits, strict=True) if np.isfinite(p)}
+        if len(found[name]) < len(fits):
+            what = "the simulation" if horizon == np.inf else f"the prediction {name} ahead"
+            said.append(f"{what} diverges: the model is unstable, and there is no fit to tell")
+    return found, said
+
+
+def _file(
+    model: Innovations, wish: Wish, recordings: Sequence[str], percent: Mapping[str, dict[str, float]],
+    notes: Sequence[str], out: Path | None,
+) -> IdentifiedFile:  # fmt: skip
+    r = np.zeros((model.ny, model.ny)) if model.r is None else model.r
+    return IdentifiedFile(
+        schema="hoopd.identified/1",
+        name=wish.method if out is None else out.stem,
+        method=wish.method,
+        sample_time_s=model.dt,
+        inputs=["torque"],
+        outputs=list(wish.outputs),
+        **{name: getattr(model, name).tolist() for name in ("a", "b", "c", "d", "k")},
+        r=r.tolist(),
+        recordings=[Path(one).name for one in recordings],
+        fit_percent={name: dict(one) for name, one in percent.items()},
+        notes=list(notes),
+    )

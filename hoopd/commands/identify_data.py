@@ -1,0 +1,135 @@
+"""What `hoopd identify` is asked for, and its data: stretches of recordings, a part of them held out.
+
+Rules of this file: whatever cannot be used is an InputError that names file, column and reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.commands.inputs import read_recording
+from hoopd.design.arx_law import arriving
+from hoopd.design.laws import Spec
+from hoopd.files.reading import InputError
+from hoopd.ident.checks import CONSTANT
+from hoopd.ident.data import Data, iddata
+from hoopd.recording.recording import Recording
+from hoopd.recording.spans import spans
+
+Array = NDArray[np.float64]
+
+OUTPUTS = ("dtheta", "psi")
+# Of a recording without another one to compare with, the last part is held out.
+LAST_SHARE = 1.0 / 3.0
+# The part that is compared must be longer than the slowest mode of the device once or twice.
+SHORTEST = 50
+# Readings of an output that a fit in percent and the tests of residuals ask for.
+FEWEST_READINGS = 20
+# Steps that differ by less are rounding of the time stamps.
+SAME_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked for: `orders` na, nb (and nc) of polynomials; `order`, states of a state space, None: chosen."""
+
+    method: str = "arx"
+    orders: tuple[int, ...] = (4, 6)
+    order: int | None = None
+    outputs: tuple[str, ...] = OUTPUTS
+    delay_s: float | None = None  # age of a picture in a file whose rows were taken at once; None: rows as they are
+    detrend: bool = False
+
+
+def read(names: Sequence[str], columns: str | None, wish: Wish) -> tuple[list[Data], list[str]]:
+    """The stretches of recordings, and what has to be said of them."""
+    found, said = [], []
+    for name in names:
+        parts, notes = stretches(read_recording(name, columns), name, wish)
+        found += parts
+        said += notes
+    return found, said
+
+
+def stretches(recording: Recording, name: str, wish: Wish) -> tuple[list[Data], list[str]]:
+    """Torque and outputs of a recording, row by row, cut where the torque is not known; what was cut, in words.
+
+    An output that was not read is missing. A stretch begins where every output was read, and has 50 rows at least.
+    """
+    y, u = _outputs(recording, wish), np.asarray(recording.u, dtype=float)
+    known = np.isfinite(u)
+    whole = np.asarray(np.isfinite(y).all(axis=1))
+    if not whole.any():
+        raise InputError(name, "", "no row holds all of the outputs that are asked for")
+    found, step, parts = [], round(recording.sample_time_s, 9), spans(known)
+    for start, end in parts:
+        first = start + int(np.argmax(whole[start:end]))
+        if whole[first] and end - first >= (SHORTEST if len(parts) > 1 else 1):
+            found.append(_data(y[first:end], u[first:end], step, name, wish))
+    if not found:
+        raise InputError(name, "u", f"no {SHORTEST} rows follow each other of which the torque is known")
+    return found, _cut(known, found, name)
+
+
+def _cut(known: NDArray[np.bool_], found: Sequence[Data], name: str) -> list[str]:
+    missing = int((~known).sum())
+    if not missing:
+        return []
+    rows = sum(one.n for one in found)
+    return [
+        f"{name}: the torque of {missing} rows is not known: {rows} of {len(known)} rows used, in {len(found)} parts"
+    ]
+
+
+def _outputs(recording: Recording, wish: Wish) -> Array:
+    columns = {one: np.asarray(getattr(recording, one), dtype=float) for one in wish.outputs}
+    if wish.delay_s is not None:
+        try:
+            spec = Spec(delay_s=wish.delay_s, sample_time_s=recording.sample_time_s)
+            columns |= dict(zip(OUTPUTS, arriving(recording, spec)[1].T, strict=True))
+        except ValueError as error:
+            raise InputError("--delay", "", getattr(error, "reason", str(error))) from None
+    return np.stack([columns[one] for one in wish.outputs], axis=1)
+
+
+def _data(y: Array, u: Array, step: float, name: str, wish: Wish) -> Data:
+    try:
+        made = iddata(y, u, step, outputs=wish.outputs, inputs=["torque"])
+    except ValueError as error:
+        raise InputError(name, "", str(error)) from None
+    return _without_mean(made) if wish.detrend else made
+
+
+def _without_mean(data: Data) -> Data:
+    return replace(data, y=data.y - np.nanmean(data.y, axis=0), u=data.u - data.u.mean(axis=0))
+
+
+def split(train: Sequence[Data]) -> tuple[list[Data], list[Data]]:
+    """Every stretch up to its last third, and the last thirds that are long enough."""
+    cuts = [round(one.n * (1.0 - LAST_SHARE)) for one in train]
+    held = [one[cut:] for one, cut in zip(train, cuts, strict=True)]
+    kept = [one for one in held if one.n >= SHORTEST]
+    if not kept:
+        raise InputError("REC", "", f"a recording of {3 * SHORTEST} samples at least, or --holdout, is needed")
+    return [one[:cut] for one, cut in zip(train, cuts, strict=True)], kept
+
+
+def check_held(train: Sequence[Data], held: Sequence[Data], name: str) -> None:
+    """InputError unless the data can show how good a model of the others is."""
+    for one in held:
+        if abs(one.dt / train[0].dt - 1.0) > SAME_STEP:
+            reason = f"rows are {one.dt:g} s apart, those of the fit {train[0].dt:g} s: hoopd convert --step"
+            raise InputError(name, "", reason)
+        if one.n < SHORTEST:
+            raise InputError(name, "", f"{one.n} rows tell nothing about a model, {SHORTEST} at least do")
+    y = np.concatenate([one.y for one in held])
+    for output, column in zip(held[0].outputs, y.T, strict=True):
+        known = column[np.isfinite(column)]
+        if len(known) < FEWEST_READINGS:
+            raise InputError(name, output, f"{len(known)} readings to compare with, {FEWEST_READINGS} are wanted")
+        if np.ptp(known) <= CONSTANT * np.abs(known).max():
+            raise InputError(name, output, "is constant: it does not show how good a model is, take another --holdout")

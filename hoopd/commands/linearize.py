@@ -1,0 +1,133 @@
+"""`hoopd linearize`: a model file to its linear model around an operating point, and what that says.
+
+Rules of this file: files in, a result record and a figure out; the mathematics is in `hoopd.design`, the record
+in `linearrecord`; whatever cannot be used is refused before the work.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import control
+import numpy as np
+
+from hoopd.commands.linearize_record import report
+from hoopd.design.analysis import STATES, channel, linear_model
+from hoopd.design.delay import held
+from hoopd.design.effects_near import Near, effects_near
+from hoopd.design.operating_points import NoEquilibriumError, OperatingPoint, operating_point
+from hoopd.files.model import ModelFile
+from hoopd.files.reading import InputError
+from hoopd.files.shipped import or_shipped
+from hoopd.plants.model_file import effects_of, load_model, plant_of
+
+# Beyond this a chain of delays is no delay of a controller but a mistake in the command.
+MOST_DELAY_SAMPLES = 100
+# Sixteen turns: a larger angle is given in degrees, or damaged.
+MOST_TURNS_RAD = 100.0
+# Growth within a sample beyond which double precision says nothing about what happens between two of them.
+MOST_GROWTH = 1e12
+
+
+class Request(NamedTuple):
+    """Around which point, measured how, and sampled or not."""
+
+    outputs: Sequence[str] = ("psi",)
+    psi_rad: float | None = None
+    dtheta_rad_s: float | None = None
+    top: bool = False
+    sample_time_s: float | None = None
+    delay_samples: int = 0
+
+
+def run(
+    model: Path,
+    *,
+    outputs: Sequence[str] = ("psi",),
+    psi_rad: float | None = None,
+    dtheta_rad_s: float | None = None,
+    top: bool = False,
+    sample_time_s: float | None = None,
+    delay_samples: int = 0,
+    figure: Path | None = None,
+    plot: str | None = None,
+) -> dict[str, Any]:
+    """What `hoopd linearize` finds, as plain data; InputError on a file or a value that cannot be used."""
+    request = Request(outputs, psi_rad, dtheta_rad_s, top, sample_time_s, delay_samples)
+    _check(request)
+    _check_figure(figure, plot)
+    file = load_model(or_shipped(model))
+    try:
+        point, system, near = linearized(file, request)
+        result = report(file, point, system, (sample_time_s, delay_samples), near)
+    except (np.linalg.LinAlgError, ArithmeticError) as error:
+        raise InputError(model, "parameters", f"the linear model leaves the computer's range ({error})") from None
+    if figure is not None:
+        from hoopd.plots import linear, style
+
+        draw, first = linear.DRAWINGS[plot or "overview"], channel(system, outputs[0])
+        style.save(draw(first, title=f"{file.name}: {outputs[0]} / torque"), figure)
+    return result
+
+
+def linearized(file: ModelFile, request: Request) -> tuple[OperatingPoint, control.StateSpace, Near]:
+    """Operating point, linear system and what became of the model's effects; InputError where there is no point."""
+    psi = math.pi if request.top else request.psi_rad
+    turning = bool(request.dtheta_rad_s) or (psi is not None and psi != 0.0 and not request.top)
+    near = effects_near(plant_of(file), effects_of(file), request.outputs, turning=turning)
+    plant = near.plant
+    try:
+        point = operating_point(
+            plant, psi_rad=psi, dtheta_rad_s=request.dtheta_rad_s, torque_limit_nm=file.device.torque_limit_nm
+        )
+    except NoEquilibriumError as error:
+        raise InputError("--hoop-speed" if request.dtheta_rad_s is not None else "--psi", "", str(error)) from None
+    system = linear_model(plant, point.x, point.u, request.outputs)
+    if request.sample_time_s is not None:
+        delay_s = request.delay_samples * request.sample_time_s + near.delay_s
+        system = held(system, request.sample_time_s, delay_s)
+        if not np.abs(system.A).max() < MOST_GROWTH:
+            raise InputError("--sample-time", "", "the plant runs away within one sample: shorten it")
+    return point, system, near
+
+
+# ---------------------------------------------------------------------------------------------- checks
+
+
+def _check(request: Request) -> None:
+    """One line for every value that cannot be meant."""
+    unknown = [name for name in request.outputs if name not in STATES]
+    if unknown or not request.outputs:
+        raise InputError("--output", "", f"must be of {', '.join(STATES)}, not {unknown[0] if unknown else 'none'}")
+    if len(set(request.outputs)) != len(request.outputs):
+        raise InputError("--output", "", "an output is named twice")
+    given = {"--top": request.top or None, "--psi": request.psi_rad, "--hoop-speed": request.dtheta_rad_s}
+    chosen = [name for name, value in given.items() if value is not None]
+    if len(chosen) > 1:
+        raise InputError(chosen[1], "", f"cannot be given together with {chosen[0]}: either fixes the other")
+    for name, value in {**given, "--sample-time": request.sample_time_s}.items():
+        if value is not None and not math.isfinite(value):
+            raise InputError(name, "", f"must be a finite number, not {value}")
+    if request.psi_rad is not None and not abs(request.psi_rad) <= MOST_TURNS_RAD:
+        raise InputError("--psi", "", f"must be at most {MOST_TURNS_RAD:g} rad, not {request.psi_rad:g}")
+    if request.sample_time_s is not None and not 1e-5 <= request.sample_time_s <= 10.0:
+        raise InputError("--sample-time", "", f"must be between 1e-05 and 10 s, not {request.sample_time_s:g}")
+    if not 0 <= request.delay_samples <= MOST_DELAY_SAMPLES:
+        raise InputError("--delay", "", f"must be 0 to {MOST_DELAY_SAMPLES} samples, not {request.delay_samples}")
+    if request.delay_samples and request.sample_time_s is None:
+        raise InputError("--delay", "", "counts samples: give --sample-time too")
+
+
+def _check_figure(figure: Path | None, plot: str | None) -> None:
+    if figure is None:
+        if plot is not None:
+            raise InputError("--plot", "", "chooses what --figure shows: give --figure too")
+        return
+    from hoopd.plots import linear, style
+
+    style.check_path(figure)
+    if plot is not None and plot not in linear.DRAWINGS:
+        raise InputError("--plot", "", f"must be one of {', '.join(linear.DRAWINGS)}, not {plot!r}")

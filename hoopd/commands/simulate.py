@@ -1,0 +1,190 @@
+"""`hoopd simulate`: a model run freely with the torque of a recording, and how well it repeats what was measured.
+
+Rules of this file: files in, a result record, a recording and a figure out; the mathematics is in `hoopd.ident`. JSON
+knows no NaN: a fit that does not exist (a constant measurement) is null. Nothing is written before all is computed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hoopd.commands.inputs import read_ages, read_recording, read_values
+from hoopd.commands.output_files import check_results
+from hoopd.files.model import ModelFile
+from hoopd.files.reading import InputError
+from hoopd.files.shipped import or_shipped
+from hoopd.plants.fits.fit_data import moving_of
+from hoopd.plants.fits.fit_percent import WINDOW_S, Score, score
+from hoopd.plants.fits.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
+from hoopd.plants.hoop.simulate import STEP_S
+from hoopd.plants.model_file import effects_of, load_model
+from hoopd.recording import Recording, save
+from hoopd.recording.formats import extension_of
+from hoopd.recording.slices import MAX_VALUE
+from hoopd.recording.suspicions import suspicions
+from hoopd.recording.timeline import driven
+
+MOVING = ("auto", "both", "hoop", "ball")
+# Below, a run of seconds takes minutes and nothing changes; above, a step is longer than any tick.
+STEP_RANGE_S = (1e-4, 0.1)
+
+
+def run(
+    model: Path,
+    recording: str,
+    *,
+    columns: str | None = None,
+    age: str = "",
+    x0: str | None = None,
+    step_s: float = STEP_S,
+    moving: str = "auto",
+    without_effects: bool = False,
+    out: Path | None = None,
+    figure: Path | None = None,
+) -> dict[str, Any]:
+    """Simulate, compare, write; the result as a record.
+
+    recording, age: as in `read_recording`. x0: "psi=0.4,dtheta=0", the start instead of an estimated one. moving: auto,
+    both, hoop or ball. InputError when anything cannot be used or written.
+    """
+    if out is not None:
+        extension_of(out)  # said before the work, not after it
+    check_results(out, figure)
+    file = load_model(or_shipped(model))
+    effects = None if without_effects or not file.effects else effects_of(file)
+    _check_step(step_s)
+    found = read_recording(recording, columns, age)
+    start = None if x0 is None else read_values("--x0", x0, STATES)
+    subject = Subject(file.structure, file.values(), step_s=step_s, effects=effects)
+    what = _moving(found, moving, file.device.encoder_counts)
+    _check_start(what, start)
+    whole = score(subject, found, start=start if start is not None else _rest(found), moving=what)
+    windows = score(subject, found, window_s=WINDOW_S, moving=what) if whole.traces else None
+    _refuse_runaway(model, whole)
+    _write(subject, found, whole, file, out, figure)
+    result = _result(file, found, whole, windows, start is not None, step_s)
+    result |= {"age_s": read_ages(age)} if age else {}
+    result["effects"] = [*effects.names] if effects else []
+    result["notes"] = _notes(file, found, whole, without_effects=without_effects)
+    return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
+
+
+# ---------------------------------------------------------------------------------------------- checks
+
+
+def _check_step(step_s: float) -> None:
+    low, high = STEP_RANGE_S
+    if not low <= step_s <= high:
+        raise InputError("--step", "", f"must be {low:g} to {high:g} s, not {step_s:g}")
+
+
+def _moving(recording: Recording, moving: str, encoder_counts: int) -> str:
+    """What moves: as told; a recording of nothing but torque moves both."""
+    if moving not in MOVING:
+        raise InputError("--moving", "", f"unknown {moving!r}; known: {', '.join(MOVING)}")
+    if moving != "auto":
+        return moving
+    return moving_of(recording, encoder_counts) if _measured(recording) else "both"
+
+
+def _measured(recording: Recording) -> bool:
+    return bool(np.isfinite(recording.theta).any() or np.isfinite(recording.psi).any())
+
+
+def _rest(recording: Recording) -> Mapping[str, float] | None:
+    """A recording of nothing but torque starts at rest."""
+    return None if _measured(recording) else {}
+
+
+def _check_start(moving: str, start: Mapping[str, float] | None) -> None:
+    """A state that does not move cannot be started."""
+    still = {"hoop": ("psi", "dpsi"), "ball": ("dtheta",), "both": ()}[moving]
+    for name, value in (start or {}).items():
+        if abs(value) > MAX_VALUE:
+            raise InputError("--x0", name, f"must be at most {MAX_VALUE:g}, not {value:g}")
+    for name in still:
+        if (start or {}).get(name, 0.0) != 0.0:
+            raise InputError("--x0", name, f"only the {moving} moves in this recording; --moving both simulates both")
+
+
+def _refuse_runaway(model: Path, whole: Score) -> None:
+    if ran_away(whole.runs):
+        raise InputError(model, "", f"the free run leaves every bound (above {RUNAWAY_RAD_S:g} rad/s)")
+
+
+# ---------------------------------------------------------------------------------------------- results
+
+
+def _write(
+    subject: Subject, recording: Recording, whole: Score, file: ModelFile, out: Path | None, figure: Path | None
+) -> None:
+    if out is not None:
+        save(simulated(subject, recording, whole.runs, whole.moving), out)
+    if figure is not None:
+        from hoopd.plots.simulation import draw_simulation
+        from hoopd.plots.style import save as save_figure
+
+        save_figure(draw_simulation(whole, recording, file.name), figure)
+
+
+def _result(
+    file: ModelFile, recording: Recording, whole: Score, windows: Score | None, given: bool, step_s: float
+) -> dict[str, Any]:
+    first = whole.runs[0]
+    return {
+        "model": file.name,
+        "structure": file.structure,
+        "recording": recording.source,
+        "rows": len(recording),
+        "seconds": float(recording.t[-1] - recording.t[0]),
+        "stretches": len(whole.runs),
+        "moving": whole.moving,
+        "step_s": step_s,
+        "start_from": "given" if given else "estimated" if whole.traces else "rest",
+        "start": {name: float(value) for name, value in zip(STATES, first.start, strict=True)},
+        "free_run": fits(whole),
+        f"windows_{WINDOW_S:g}s": fits(windows) if windows is not None else {},
+    }
+
+
+def fits(found: Score) -> dict[str, Any]:
+    """Fit per channel as plain data."""
+    return {
+        name: {
+            "nrmse_percent": number(one.nrmse_percent),
+            "nrmse_all_percent": number(one.nrmse_all_percent),
+            "rmse": number(one.rmse),
+            "unit": one.unit,
+            "samples": one.samples,
+            "set_aside": one.set_aside,
+        }
+        for name, one in found.channels.items()
+    }
+
+
+def number(value: float) -> float | None:
+    """JSON has no NaN."""
+    return value if math.isfinite(value) else None
+
+
+def _notes(file: ModelFile, recording: Recording, whole: Score, *, without_effects: bool) -> list[str]:
+    notes = [*suspicions(recording), *off_words(recording)]
+    for name, one in whole.channels.items():
+        if one.set_aside:
+            notes.append(f"{name}: {one.set_aside} samples that repeat the last value do not count")
+    if file.effects and without_effects:
+        notes.append(f"left out of the model: {', '.join(entry.name for entry in file.effects)}")
+    if not whole.traces:
+        notes.append("the recording has a torque and no measurement: nothing to compare with")
+    return notes
+
+
+def off_words(recording: Recording) -> list[str]:
+    """Rows in which something may have held hoop or ball, because the drive was off."""
+    off = int((~driven(recording)).sum())
+    return [f"{recording.source}: {off} rows were taken with the drive off and do not count"] if off else []

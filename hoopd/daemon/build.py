@@ -1,0 +1,171 @@
+"""From files to a tick: the same construction for the daemon and for a replay.
+
+Rules of this file: everything is made from texts, so that a recording that holds them rebuilds the same tick; no
+port, no camera, no clock.
+"""
+
+from __future__ import annotations
+
+import re
+from math import isinf
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import msgspec
+
+from hoopd.core.controllers import Controller
+from hoopd.core.estimator import EkfSettings
+from hoopd.core.excitation import Excitation
+from hoopd.core.feedforward import FeedForward
+from hoopd.core.hooponly import HoopOnly
+from hoopd.core.limits import Limiter
+from hoopd.core.tick import Tick
+from hoopd.files.controller import ControllerFile, controller_of, levels_of, parse_controller, settings_of
+from hoopd.files.reading import InputError, read_text
+from hoopd.plants.found_effects import Found
+from hoopd.plants.hoop.writeback import Unused, ball_motion, estimator_with, feedforward_of, hoop_motion, unused
+from hoopd.plants.model_file import effects_of, parse_model
+from hoopd.shell.config import Config, dump, find
+
+# The line of a controller file that names its model, when the way there leads through folders of this machine.
+_MODEL_FOLDERS = re.compile(r"(?m)^(model: +[\"']?)(?:/|~|\.\.).*/(?=[^/\n]+$)")
+
+
+class Texts(NamedTuple):
+    """All that a tick is made of, as the files hold it."""
+
+    config: str
+    model: str
+    controller: str
+    law: str = ""
+
+
+def read_texts(config: Config, config_path: Path | None) -> Texts:
+    """Texts of the files that a configuration names."""
+    law = config.control.law
+    return Texts(
+        dump(without_places(config)),
+        read_text(model_path(config, config_path)),
+        _without_folder(read_text(find(config.control.file, config_path))),
+        read_text(find(law, config_path)) if law else "",
+    )
+
+
+def model_path(config: Config, config_path: Path | None) -> Path:
+    """The filter's model: the one that the configuration names, or else the one that the controller was designed on,
+    which is looked up beside the controller's file first."""
+    if config.device.model:
+        return find(config.device.model, config_path)
+    path = find(config.control.file, config_path)
+    name = parse_controller(read_text(path), config.control.file).model
+    beside = path.parent / name
+    return beside if beside.is_file() else find(name, config_path)
+
+
+def without_places(config: Config) -> Config:
+    """What a recording may tell: no folders and devices of this machine, nothing that the rig hides."""
+    change = msgspec.structs.replace
+    control, device = config.control, config.device
+    return change(
+        config,
+        device=change(device, model=_name(device.model)),
+        control=change(control, file=_name(control.file), law=_name(control.law)),
+        recording=change(config.recording, directory=""),
+        commands=change(config.commands, socket=_name(config.commands.socket)),
+        sim=change(config.sim, model=_name(config.sim.model), directory="", effects=[]),
+    )
+
+
+def _without_folder(controller: str) -> str:
+    """A controller file's text whose model is named without the folders on the way to it."""
+    return _MODEL_FOLDERS.sub(r"\1", controller)
+
+
+def _name(text: str) -> str:
+    path = Path(text)
+    return path.name if path.is_absolute() else text
+
+
+def build_tick(config: Config, texts: Texts) -> Tick:
+    """A tick in its first state; InputError names the file that does not fit."""
+    file = parse_controller(texts.controller, config.control.file)
+    model = parse_model(texts.model, config.device.model or file.model)
+    _same_period(config, file.sample_time_s)
+    law = load_law(texts.law, config.control.law) if config.control.law else controller_of(file)
+    # The narrowest of the configuration's, the device's and the controller's limit holds.
+    limiter = Limiter(
+        min(config.limits.torque_nm, model.device.torque_limit_nm, file.limits.torque_nm),
+        min(config.limits.slew_nm_per_tick, file.limits.slew_nm_per_tick),
+    )
+    found, settings = effects_of(model), settings_of(file)
+    hoop = hoop_motion(found, settings)
+    if config.faults.ball_expected:
+        _watches_the_ball(config, law)
+        feedforward = _feed_forward(config, found, settings, law, limiter)
+        estimator, levels = estimator_with(found, settings), levels_of(file)
+        ball = ball_motion(found)
+        return Tick(config.loop, config.faults, estimator, law, limiter, feedforward, levels, ball, hoop)
+    _needs_no_ball(config, file, law)
+    return Tick(config.loop, config.faults, HoopOnly(), law, limiter, hoop=hoop)
+
+
+def _feed_forward(
+    config: Config, found: Found, settings: EkfSettings, law: Controller, limiter: Limiter
+) -> FeedForward:
+    """Nothing is added to a test signal: it is played as it was asked for."""
+    if not config.control.feedforward or isinstance(law, Excitation):
+        return FeedForward()
+    return feedforward_of(
+        found,
+        limiter.torque_nm,
+        tick_s=config.loop.period_s,
+        wire_s=config.loop.wire_s,
+        speed_noise_rad_s=settings.r_dtheta**0.5,
+    )
+
+
+def _watches_the_ball(config: Config, law: Controller) -> None:
+    """A test signal knows how far the ball may go."""
+    if isinstance(law, Excitation) and isinf(law.limits.ball_angle_rad):
+        reason = "missing, but a ball is expected: say how far it may go, or set faults.ball_expected to false"
+        raise InputError(config.control.file, "gains.ball_angle_rad", reason)
+
+
+def _needs_no_ball(config: Config, file: ControllerFile, law: Controller) -> None:
+    if config.control.law or not isinstance(law, Excitation) or law.around is not None:
+        reason = f"false, but {config.control.law or file.name} acts on the ball: only an excitation can do without one"
+        raise InputError("configuration", "faults.ball_expected", reason)
+
+
+def mismatch(config: Config, texts: Texts) -> str:
+    """Why the controller may not fit the model that the filter uses; empty when it was designed on it."""
+    designed_on = parse_controller(texts.controller, config.control.file).model
+    if not config.device.model or Path(designed_on).name == Path(config.device.model).name:
+        return ""
+    return f"{config.control.file} was designed on {designed_on}, the filter uses {config.device.model}"
+
+
+def unused_effects(config: Config, texts: Texts) -> tuple[Unused, ...]:
+    """Effects of the model that neither filter nor feed-forward can do anything with."""
+    return unused(effects_of(parse_model(texts.model, config.device.model)))
+
+
+def _same_period(config: Config, sample_time_s: float) -> None:
+    if abs(sample_time_s - config.loop.period_s) > 1e-9:
+        reason = f"designed for {sample_time_s} s, the loop's period is {config.loop.period_s} s"
+        raise InputError(config.control.file, "sample_time_s", reason)
+
+
+def load_law(text: str, name: str) -> Controller:
+    """An object of class `Law` of a user's Python file; it is the user's own code and runs with the daemon's rights."""
+    space: dict[str, Any] = {"__name__": "hoopd_law"}
+    try:
+        exec(compile(text, name, "exec"), space)
+        make = space.get("Law")
+        law: Any = make() if isinstance(make, type) else None
+        if all(callable(getattr(law, part, None)) for part in ("update", "reset")):
+            law.reset()
+            return cast(Controller, law)
+    except (Exception, SystemExit) as error:
+        raise InputError(name, "", f"cannot be loaded: {type(error).__name__}: {error}") from None
+    raise InputError(name, "Law", "needs a class Law with update(measurement) and reset()")

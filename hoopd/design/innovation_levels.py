@@ -1,0 +1,42 @@
+"""What a filter's innovations are on a device that is exactly as its model says: the level that the daemon watches by.
+
+Rules of this file: seeded; sensors are those of the simulated device (`closedloop.Scenario`).
+"""
+
+from __future__ import annotations
+
+from hoopd.core.controllers import Lqg
+from hoopd.core.drift import BLOCK_S, CHANNELS, LEARNED_BLOCKS, SETTLE_S, Drift
+from hoopd.core.estimator import DelayedEkf, EkfSettings
+from hoopd.core.limits import Limiter
+from hoopd.design.closed_loop import Scenario, picture_timing, simulate
+from hoopd.design.lqg import Weights, lqg_gains
+from hoopd.plants.hoop.plant import Plant
+
+# Steps of the reference, so that the hoop turns and the ball swings: +-0.03 rad every three seconds.
+STEP_RAD, STEP_S = 0.03, 3.0
+DIGITS = 3
+
+
+def innovation_levels(plant: Plant, settings: EkfSettings, delay_s: float, h: float) -> dict[str, list[float]]:
+    """[all, slow] by channel (`core.drift`), whatever the law: the filter is told the torque."""
+    drift, duration = Drift(), SETTLE_S + (LEARNED_BLOCKS + 1) * BLOCK_S
+    scenario = Scenario(duration_s=duration, period_s=h, reference=_steps, **picture_timing(delay_s, h))  # type: ignore[arg-type]
+    simulate(
+        plant,
+        Lqg(lqg_gains(plant, Weights(), h)),
+        DelayedEkf(plant.step_and_jacobian, settings),
+        Limiter(0.7, 1.4),
+        scenario,
+        lambda t, estimate: drift.watch(t, estimate.surprise),
+    )
+    levels = {name: drift.level(name) for name in CHANNELS}
+    return {name: [_short(value) for value in level] for name, level in levels.items() if level is not None}
+
+
+def _steps(t: float) -> float:
+    return STEP_RAD if int(t / STEP_S) % 2 else -STEP_RAD
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")

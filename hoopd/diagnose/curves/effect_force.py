@@ -1,0 +1,178 @@
+"""What is missing at the slot of an effect, sample by sample, and what the effect itself would put there.
+
+A force: the model without this effect, everything else as fitted, is smoothed along the recording; the disturbance that
+its filter needs is the missing force, and nothing of the effect went into it. A sensor: measured less what the model
+reads without the effect. The law beside it is the effect's own change of the one-step map, as the force that makes the
+same change, or its own change of the reading: evaluated by the physics itself, whatever kind of effect it is.
+
+Rules of this file: numbers from fits, nothing fitted anew; no name of an effect or of a slot stands here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.curves.curve import at_nodes
+from hoopd.diagnose.search.screen import Column, change_of
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.slots import turns, units
+from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.reference_track import Track
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What a missing force may follow: values (n,) at its instants, in one turn where it is a turning angle."""
+
+    name: str
+    unit: str
+    value: Array
+    turning: bool = False
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Missing force or reading's error of one effect in one recording, (n,) each; NaN between two stretches."""
+
+    recording: str
+    unit: str
+    t_s: Array
+    value: Array
+    law: Array
+    variables: tuple[Variable, ...]
+
+
+def missing_of(effect: Effect, final: Fit, noise: Mapping[str, Noise], recording: str) -> Missing | None:
+    """Of one effect of a fit in one recording; noise: of a fit without it; None when its slot is not there."""
+    own = [track for track in final.tracks if track.stretch.recording == recording]
+    own = [track for track in own if effect.slot in track.stretch.plant.slots]
+    if not own:
+        return None
+    without = _without(effect, final, own, noise)
+    of = _reading if effect.sensor or effect.latency or effect.sensor_lag else _force
+    parts = [of(effect, final, without, old, new) for old, new in zip(own, without.tracks, strict=True)]
+    return _joined(parts)
+
+
+def recording_with_most(found: Fit, slot: str) -> str | None:
+    """Where a slot has most readings."""
+    samples: dict[str, int] = {}
+    for track in found.tracks:
+        if slot in track.stretch.plant.slots:
+            samples[track.stretch.recording] = samples.get(track.stretch.recording, 0) + track.stretch.samples
+    return max(samples, key=lambda name: samples[name], default=None)
+
+
+def _without(effect: Effect, final: Fit, tracks: Sequence[Track], noise: Mapping[str, Noise]) -> Fit:
+    """The fit's numbers with one effect left out, its trajectories smoothed anew."""
+    rest = tuple(one for one in final.effects if one.name != effect.name)
+    new = [Track(track.stretch, rest).like(track) for track in tracks]
+    for track in new:
+        track.smooth(final.values, noise[track.stretch.recording])
+    return Fit(rest, final.values, (), new, dict(noise))
+
+
+def _own_values(effect: Effect, final: Fit, track: Track) -> Column:
+    """The effect as fitted, what belongs to the recording included."""
+    local = track.local(final.values)
+    return Column(tuple((p.name, local.get(effect.key(p.name), p.neutral)) for p in effect.parameters))
+
+
+def _force(effect: Effect, final: Fit, without: Fit, old: Track, new: Track) -> Missing:
+    plant = new.stretch.plant
+    column = plant.coordinates.index(plant.slots[effect.slot].coordinate)
+    change, _ = change_of(new, without, effect, _own_values(effect, final, old))
+    law = _as_force(new, without, change)[:, column]
+    return Missing(
+        new.stretch.recording, plant.force_unit, new.stretch.t, new.w[:, column], np.append(law, np.nan),
+        variables_of(effect, new, without),
+    )  # fmt: skip
+
+
+def _as_force(track: Track, found: Fit, change: Array) -> Array:
+    """(n-1, nq) forces on the coordinates, held over a step, that change the one-step map so."""
+    model = track.columns(found.values, ()).model
+    # change = W force, in the least-squares sense
+    return np.asarray(np.einsum("nqz,nz->nq", np.linalg.pinv(model.w[:, : model.nx]), change[:, : model.nx]))
+
+
+def _reading(effect: Effect, final: Fit, without: Fit, old: Track, new: Track) -> Missing:
+    # along the trajectory of the fit that has the effect: without it the trajectory bends after the reading
+    along = Track(new.stretch, without.effects).like(old)
+    fit = Fit(without.effects, final.values, (), [along], without.noise)
+    _, loss = change_of(along, fit, effect, _own_values(effect, final, old))
+    error = new.stretch.y - along.readings(final.values)
+    column = _most_changed(effect, loss, without.noise[new.stretch.recording], along)
+    channel, plant = along.composite.channels[column], new.stretch.plant
+    unit = units(plant).coordinate if plant.channels[channel] in plant.coordinates else units(plant).rate
+    variables = variables_of(effect, along, fit)
+    if effect.latency or effect.sensor_lag:
+        variables = (_rate_of(along, channel),)
+    return Missing(
+        new.stretch.recording, unit, new.stretch.t, error[:, column], -loss[:, column], variables
+    )  # fmt: skip
+
+
+def _most_changed(effect: Effect, loss: Array, noise: Noise, track: Track) -> int:
+    """The channel that shows the effect best."""
+    seen = np.isfinite(track.stretch.y)
+    return int(np.argmax([np.linalg.norm(loss[seen[:, i], i]) / noise.reading[i] for i in range(loss.shape[1])]))
+
+
+def _rate_of(track: Track, channel: str) -> Variable:
+    """How fast a channel's true value changes: what is late is wrong in proportion to it."""
+    plant, t = track.stretch.plant, track.stretch.t
+    name = plant.channels[channel]
+    value = np.gradient(track.z[:, plant.states.index(name)], t)
+    unit = units(plant).rate if name in plant.coordinates else f"{units(plant).coordinate}/s2"
+    return Variable(f"d{name}", unit, value)
+
+
+def variables_of(effect: Effect, track: Track, found: Fit) -> tuple[Variable, ...]:
+    """What an effect says that it depends on, the time apart: that is drawn anyway."""
+    plant, here = track.stretch.plant, at_nodes(track, found)
+    names = [name for name in effect.depends_on if name in here or name == "u"]
+    rolling = _rolling(effect.slot, plant, names, track.z)
+    rest = [name for name in names if not (rolling and name.startswith("d"))]
+    return (*rolling, *(_variable(plant, name, np.ravel(getattr(here, name))) for name in rest))
+
+
+def _rolling(slot: str, plant: DeclaredPlant, names: Sequence[str], z: Array) -> tuple[Variable, ...]:
+    """Of a contact, which rubs with the difference of two rates, that difference."""
+    rates = [name for name in names if name in plant.states and name not in plant.coordinates]
+    if plant.slots[slot].kind != "rolling_ball" or len(rates) < 2:
+        return ()
+    a, b = (z[:, plant.states.index(name)] for name in rates[:2])
+    return (Variable(f"{rates[0]}-{rates[1]}", units(plant).rate, a - b),)
+
+
+def _variable(plant: DeclaredPlant, name: str, value: Array) -> Variable:
+    if name == "u":
+        return Variable(name, plant.force_unit, value)
+    if name not in plant.coordinates:
+        return Variable(name, units(plant).rate, value)
+    turning = turns(plant, name)
+    return Variable(name, units(plant).coordinate, np.mod(value, 2 * np.pi) if turning else value, turning)
+
+
+def _joined(parts: Sequence[Missing]) -> Missing:
+    """Stretches of one recording, a NaN between two."""
+
+    def chained(arrays: Sequence[Array]) -> Array:
+        return np.concatenate([part for one in arrays for part in (one, [np.nan])][:-1])
+
+    first = parts[0]
+    variables = tuple(
+        Variable(one.name, one.unit, chained([part.variables[i].value for part in parts]), one.turning)
+        for i, one in enumerate(first.variables)
+    )
+    t, value, law = (chained([getattr(part, name) for part in parts]) for name in ("t_s", "value", "law"))
+    return Missing(first.recording, first.unit, t, value, law, variables)

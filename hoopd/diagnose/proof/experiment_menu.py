@@ -1,0 +1,157 @@
+"""Safe experiments to choose from: the signals of `hoopd experiment`, as large as the fitted model lets them be.
+
+Rules of this file: every entry is a command that exists; the limits are that command's own, and a part of them stays
+unused, because the device is not the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.core.excitation import Excitation, ExcitationLimits
+from hoopd.plants import free_run as freerun
+from hoopd.plants.composite import Composite
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.hoop.experiment_plan import (
+    AMPLITUDES_NM,
+    COMFORT,
+    DURATION_S,
+    DURATIONS_S,
+    VARIANTS,
+    Plan,
+    unit_table,
+)
+
+Array = NDArray[np.float64]
+
+# What tells effects apart differs: many sizes, many frequencies, slow reversals, swings that die away.
+MENU: tuple[tuple[str, Plan], ...] = (
+    ("a fast random two-level torque", Plan("prbs")),
+    ("a slow random two-level torque", Plan("prbs", clock_ticks=10)),
+    ("a chirp", Plan("chirp")),
+    ("a slow chirp", Plan("chirp", low_hz=0.1, high_hz=1.0)),
+    ("a multisine", Plan("multisine")),
+    ("slow reversals, a multisine of low frequency", Plan("multisine", low_hz=0.05, high_hz=0.25)),
+    ("two tones close to each other", Plan("multisine", low_hz=0.5, high_hz=0.55)),
+    ("steps of three sizes", Plan("steps")),
+    ("long steps of three sizes", Plan("steps", hold_s=1.2)),
+    ("kicks and free decay", Plan("decay", DURATIONS_S["decay"])),
+    ("long kicks and coasting down", Plan("decay", DURATIONS_S["decay"], kick_s=0.6)),
+)
+# Effects at rest and near rest show at small torques: each signal is tried as large as it may be, and at this share.
+SMALL_SHARE = 0.3
+# Of a signal's random variants; the command itself looks at more of them when it is played.
+MOST_VARIANTS = 4
+# Limits of a command hold for the hoop; another plant's follow its drive and its usual rates.
+HOOP_LIMIT_NM, HOOP_SPEED = 0.7, 10.0
+# The model is run to its end: its speed is judged afterwards.
+NO_SPEED_LIMIT = 1e9
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One experiment: what it is called, its plan, and what the model does in it."""
+
+    words: str
+    plan: Plan
+    t: Array  # (n,) s
+    u: Array  # (n-1,)
+    z: Array  # (n, nz)
+
+
+def entries(composite: Composite, values: Mapping[str, float], period_s: float, seed: int = 0) -> Iterator[Entry]:
+    """The menu for a plant with effects, sizes chosen; none for a plant without a drive."""
+    if composite.declared.driven is None:
+        return
+    for words, usual in MENU:
+        plan = usual._replace(seed=seed, ball=_ball(composite.declared) is not None)
+        large = _largest(words, plan, composite, values, period_s)
+        if large is None:
+            continue
+        yield large
+        small = plan._replace(amplitude_nm=_rounded(SMALL_SHARE * (large.plan.amplitude_nm or 0.0)))
+        quiet = _played(words, small, 0, composite, values, period_s)
+        if _use(quiet, composite.declared) <= COMFORT:
+            yield quiet
+
+
+def command(plan: Plan) -> str:
+    """The line that plays it."""
+    default = Plan(plan.kind, DURATIONS_S.get(plan.kind, DURATION_S))
+    options = {
+        "--amplitude": "amplitude_nm", "--duration": "duration_s", "--clock": "clock_ticks", "--low": "low_hz",
+        "--high": "high_hz", "--hold": "hold_s", "--kick": "kick_s", "--rest": "rest_s", "--seed": "seed",
+    }  # fmt: skip
+    parts = [
+        f"{option} {getattr(plan, name):g}" for option, name in options.items()
+        if getattr(plan, name) != getattr(default, name)
+    ]  # fmt: skip
+    return " ".join(["hoopd experiment", plan.kind, *parts, *(() if plan.ball else ("--no-ball",))])
+
+
+def is_hoop(plant: DeclaredPlant) -> bool:
+    """Whether `hoopd experiment` can play on it."""
+    return plant.driven == "theta" and {"hoop", "encoder"} <= set(plant.slots)
+
+
+# ---------------------------------------------------------------------------------------------- inside
+
+
+def _largest(
+    words: str, plan: Plan, composite: Composite, values: Mapping[str, float], period_s: float
+) -> Entry | None:
+    """The first that leaves room to every limit, as the command itself chooses."""
+    scale = composite.declared.limit / HOOP_LIMIT_NM
+    for amplitude in AMPLITUDES_NM:
+        for variant in range(min(VARIANTS.get(plan.kind, 1), MOST_VARIANTS)):
+            tried = plan._replace(amplitude_nm=_rounded(amplitude * scale))
+            found = _played(words, tried, variant, composite, values, period_s)
+            if _use(found, composite.declared) <= COMFORT:
+                return found
+    return None
+
+
+def _played(
+    words: str, plan: Plan, variant: int, composite: Composite, values: Mapping[str, float], period_s: float
+) -> Entry:
+    """On the model, from rest."""
+    variants = VARIANTS.get(plan.kind, 1)
+    table = (plan.amplitude_nm or 0.0) * unit_table(plan, plan.seed * variants + variant, period_s)
+    law = Excitation(
+        table.tolist(), ExcitationLimits(composite.declared.limit, NO_SPEED_LIMIT),
+        soft_start_ticks=round(plan.soft_start_s / period_s), soft_end_ticks=round(plan.soft_end_s / period_s),
+    )  # fmt: skip
+    u = np.array(law.torques_nm)
+    t = np.asarray(np.arange(len(u) + 1) * period_s, np.float64)
+    return Entry(words, plan, t, u, freerun.run(composite, values, np.zeros(composite.nx), t, u))
+
+
+def _use(entry: Entry, plant: DeclaredPlant) -> float:
+    """Share of the limits, 1 at the nearest one; infinite for a run that is lost."""
+    if not np.isfinite(entry.z).all():
+        return float("inf")
+    speed, ball = _peak(entry, plant, f"d{plant.driven}"), _ball(plant)
+    limit = entry.plan.speed_limit_rad_s * _usual_speed(plant) / HOOP_SPEED
+    return max(speed / limit, _peak(entry, plant, ball) / entry.plan.angle_limit_rad if ball else 0.0)
+
+
+def _peak(entry: Entry, plant: DeclaredPlant, state: str) -> float:
+    return float(np.max(np.abs(entry.z[:, plant.states.index(state)])))
+
+
+def _ball(plant: DeclaredPlant) -> str | None:
+    """Coordinate of a rolling ball."""
+    return next((slot.coordinate for slot in plant.slots.values() if slot.kind == "rolling_ball"), None)
+
+
+def _usual_speed(plant: DeclaredPlant) -> float:
+    return max((s.speed for s in plant.slots.values() if s.coordinate == plant.driven), default=HOOP_SPEED)
+
+
+def _rounded(amplitude: float) -> float:
+    """To two digits."""
+    return float(f"{amplitude:.2g}")

@@ -1,0 +1,149 @@
+"""How well each hypothesis repeats a recording: NRMSE of free runs over windows of two seconds, channel by channel.
+
+Rules of this file: one measure for every hypothesis; what was set aside does not count; a channel that never moves has
+no figure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.proof.simulation import WINDOW_S, Simulated, fitted_starts, windows_of
+from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.stretches import Stretch
+
+Array = NDArray[np.float64]
+
+# What starts are weighted by: this share of a channel's spread, and of a rate's for an angle that turns on and on.
+SPREAD_SHARE, RATE_S = 0.02, 0.3
+
+
+@dataclass(frozen=True)
+class Played:
+    """A fit with its free runs over windows."""
+
+    fit: Fit
+    runs: list[Simulated]
+
+    def by_recording(self) -> dict[str, list[Simulated]]:
+        """The runs of each recording."""
+        found: dict[str, list[Simulated]] = {}
+        for run in self.runs:
+            found.setdefault(run.windows.stretch.recording, []).append(run)
+        return found
+
+
+def played(fits: Mapping[str, Fit]) -> dict[str, Played]:
+    """Every fit simulated; one that stands under several names once."""
+    once = {id(one): one for one in fits.values()}
+    found = {key: Played(one, run_windows(one)) for key, one in once.items()}
+    return {name: found[id(one)] for name, one in fits.items()}
+
+
+def run_windows(found: Fit, window_s: float | None = WINDOW_S) -> list[Simulated]:
+    """Every stretch of a fit, simulated from fitted starts."""
+    out = []
+    for track in found.tracks:
+        if (track.stretch.t[-1] - track.stretch.t[0]) < (window_s or 0.0) / 2.0:
+            continue
+        windows = windows_of(track.stretch, window_s)
+        sigma = start_weights(track.stretch)
+        out.append(fitted_starts(windows, found.effects, track.local(found.values), track.z, sigma))
+    return out
+
+
+def start_weights(stretch: Stretch) -> Array:
+    """(nc,) what an error of each channel is measured in when a start is fitted."""
+    plant, out = stretch.plant, []
+    for column, state in enumerate(plant.channels.values()):
+        y = stretch.y[:, column]
+        seen = np.isfinite(y)
+        spread = float(np.std(y[seen])) if seen.any() else 1.0
+        if state in plant.coordinates and seen.sum() > 2:
+            rate = np.diff(y[seen]) / np.diff(stretch.t[seen])
+            spread = min(spread, RATE_S * float(np.std(rate)))
+        judged = state.removeprefix("d") in plant.coordinates and state not in plant.coordinates
+        # a measured rate beside its angle is data to be judged and gets no vote
+        out.append(np.inf if judged and state.removeprefix("d") in plant.channels.values() else SPREAD_SHARE * spread)
+    weights: Array = np.maximum(np.array(out), 1e-12)
+    return weights
+
+
+def nrmse(runs: Sequence[Simulated]) -> dict[str, float]:
+    """Percent by channel over all windows; `<angle>_rate` for an angle that has a measured rate beside it."""
+    found = {}
+    for name, parts in series(runs).items():
+        y, yhat = (np.concatenate([part[i] for part in parts]) for i in (1, 2))
+        found[name] = percent(y, yhat)
+    return found
+
+
+def series(runs: Sequence[Simulated]) -> dict[str, list[tuple[Array, Array, Array]]]:
+    """(t, measured, simulated) by channel, a part each window, only what counts."""
+    out: dict[str, list[tuple[Array, Array, Array]]] = {}
+    for run in runs:
+        channels = list(run.windows.stretch.plant.channels.items())
+        states = run.windows.stretch.plant.channels.values()
+        for column, (channel, state) in enumerate(channels):
+            turning = f"d{state}" in states
+            for b in range(run.y.shape[2]):
+                n, first = run.windows.count[b], run.windows.first[b]
+                t = run.windows.stretch.t[first : first + n]
+                y, yhat = run.windows.y[:n, column, b], run.y[:n, column, b]
+                seen = np.isfinite(y)
+                part = (t[seen], y[seen], yhat[seen])
+                if turning:
+                    out.setdefault(f"{channel}_rate", []).append(_rate(*part))
+                else:
+                    out.setdefault(channel, []).append(part)
+    return out
+
+
+def _rate(t: Array, y: Array, yhat: Array) -> tuple[Array, Array, Array]:
+    """Central differences of both over the same samples."""
+    if len(t) < 3:
+        return t[:0], y[:0], yhat[:0]
+    span = t[2:] - t[:-2]
+    return t[1:-1], (y[2:] - y[:-2]) / span, (yhat[2:] - yhat[:-2]) / span
+
+
+def percent(y: Array, yhat: Array) -> float:
+    """100 (1 - |y - yhat| / |y - mean y|); NaN for a channel that never moves."""
+    if len(y) < 3:
+        return float("nan")
+    spread = float(np.linalg.norm(y - y.mean()))
+    return 100.0 * (1.0 - float(np.linalg.norm(y - yhat)) / spread) if spread > 1e-9 else float("nan")
+
+
+def noise_floor(runs: Sequence[Simulated], noise: Mapping[str, Noise]) -> dict[str, float]:
+    """Percent that the readings' own noise leaves."""
+    found = {}
+    for name, parts in series(runs).items():
+        plant = runs[0].windows.stretch.plant
+        channel = name if name in plant.channels else name.removesuffix("_rate")
+        column = list(plant.channels).index(channel)
+        sigma = noise[runs[0].windows.stretch.recording].reading[column]
+        y, t = np.concatenate([p[1] for p in parts]), np.concatenate([p[0] for p in parts])
+        if len(y) < 3:
+            continue
+        if name != channel:  # (e_k+1 - e_k-1) / 2h
+            sigma = sigma * np.sqrt(2.0) / (2.0 * float(np.median(np.diff(t))))
+        spread = float(np.linalg.norm(y - y.mean()))
+        found[name] = 100.0 * (1.0 - sigma * np.sqrt(len(y)) / spread) if spread > 1e-9 else float("nan")
+    return found
+
+
+def channel_source(stretches: Sequence[Stretch]) -> dict[str, str]:
+    """What stands for a measured rate that is no measurement of it."""
+    out = {}
+    for one in stretches:
+        for column, (channel, state) in enumerate(one.plant.channels.items()):
+            angle = next((c for c, s in one.plant.channels.items() if f"d{s}" == state), None)
+            if angle is not None and not np.isfinite(one.y[:, column]).any():
+                out[channel] = f"the derivative of {angle}: the measured column is no rate of it"
+    return out

@@ -1,0 +1,228 @@
+"""The experiment that would tell two explanations apart best: T-optimal among those of `experiment_menu`.
+
+Each experiment is simulated with the final model; along it the changes of both explanations are whitened with the
+noise levels of the fit, and stacked on those of the recordings that are there already, so that base and rival are
+re-fitted to both together. What the new recording brings is the difference in expected nats.
+
+Rules of this file: it proposes and says what to expect; nothing runs here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hoopd.diagnose.proof.experiment_menu import Entry, command, entries, is_hoop
+from hoopd.diagnose.proof.not_excluded import Separation
+from hoopd.diagnose.proof.separation import Rows, linear, nats_apart, rows_beside, rows_of, without_effect
+from hoopd.diagnose.record import NextExperiment, Quantity
+from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
+from hoopd.diagnose.search.screen import Member
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.composites import composite_of, fitting_effects
+from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.recording_parameters import own_values, values_of
+from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.likelihood.stretches import Held, Stretch
+
+# An interval reaches this many standard errors.
+ERRORS = 2.0
+# What the recording to come is called.
+NEXT = "the next recording"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """An effect that is taken for true, the rival that it is to be told from, and the fits with and without it."""
+
+    final: Fit
+    effect: Effect
+    rival: Effect
+    ablated: Fit
+    apart: float = 0.0  # nats by which the recordings tell them apart
+
+
+@dataclass(frozen=True)
+class Expected:
+    """An entry of the menu and the nats that it adds to what the recordings say already."""
+
+    entry: Entry
+    nats: float
+
+
+def next_experiment(
+    named: Named, found: Mapping[str, Separation], library: Mapping[str, Effect], seed: int = 0
+) -> NextExperiment | None:
+    """For the pair that is hardest to tell apart; None where there is nothing to tell."""
+    pair = _pair(named, found, library)
+    if pair is None:
+        return _change_of_hardware(found, library)
+    best = max(expectations(pair, seed), key=lambda one: one.nats, default=None)
+    return _by_hand(pair) if best is None else _told(pair, best)
+
+
+def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
+    """Every entry of the menu, in its order."""
+    track = _stage(pair)
+    if track is None:
+        return []
+    period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
+    known = rows_of_recordings(pair)
+    before = nats_apart([known])[pair.rival.name]
+    every = entries(track.composite, {**track.composite.values, **values_of(NEXT, values)}, period, seed)
+    members = [member for member, _ in known.rivals]
+    return [
+        Expected(one, nats_apart([known, rows_of_entry(pair, one, members)])[pair.rival.name] - before) for one in every
+    ]
+
+
+def rows_of_recordings(pair: Pair) -> Rows:
+    """Both explanations along the recordings that are there."""
+    about = without_effect(pair.final, pair.effect, pair.ablated, _free_of_next(pair))
+    return rows_beside(about, pair.effect, pair.final.values, [pair.rival], _recordings(pair.final))
+
+
+def rows_of_entry(pair: Pair, entry: Entry, members: Sequence[Member]) -> Rows:
+    """The same along an experiment that was not made; `members`: the choices of the rival."""
+    rest, track = pair.ablated.effects, _stage(pair)
+    assert track is not None
+    like = track.stretch
+    seen = np.resize(np.isfinite(like.y), (len(entry.t), like.y.shape[1]))
+    stretch = Stretch(NEXT, like.plant, entry.t, entry.u, np.where(seen, 0.0, np.nan))
+    about = linear(
+        [_simulated(stretch, rest, entry)], rest, _values_of_next(pair), (*pair.ablated.free, *_free_of_next(pair)),
+        {NEXT: _usual_noise(pair.final, like)},
+    )  # fmt: skip
+    return rows_of(about, pair.effect, _values_of_next(pair), members)
+
+
+# ---------------------------------------------------------------------------------------------- the pair
+
+
+def _pair(named: Named, found: Mapping[str, Separation], library: Mapping[str, Effect]) -> Pair | None:
+    """The nearest of the alternatives that a recording may exclude; where there is none, the nearest rival at all."""
+    first = [(one.nats[name], one.effect, name) for one in found.values() for name in one.open if name in one.nats]
+    other = [(nats, one.effect, name) for one in found.values() for name, nats in one.nats.items()]
+    never = any(one.never for one in found.values())
+    choice = sorted(first or ([] if never else other), key=lambda one: (one[0], one[1].name, one[2]))
+    pairs = (_of(named, effect, library[name], max(nats, 0.0)) for nats, effect, name in choice if name in library)
+    return next((pair for pair in pairs if pair is not None), None)
+
+
+def _of(named: Named, effect: Effect, rival: Effect, apart: float) -> Pair | None:
+    if effect.name not in rival.contains:
+        return Pair(named.final, effect, rival, named.without[effect.name], apart)
+    # what contains the effect explains no less: the question is how much more than the effect it is
+    fitted = next((one.fit for one in named.tried if one.effect.name == rival.name), None)
+    if fitted is None or len(named.accepted) > 1:
+        return None
+    return Pair(_as_large_as_it_may_be(fitted, rival, effect), rival, effect, named.base, apart)
+
+
+def _as_large_as_it_may_be(fitted: Fit, larger: Effect, effect: Effect) -> Fit:
+    """What a larger effect has beyond the one that it contains, at the end of its interval: the fit may have none."""
+    own = {p.name for p in effect.parameters}
+    values = dict(fitted.values)
+    for p in larger.parameters:
+        key = larger.key(p.name)
+        if p.role == "amplitude" and p.name not in own and key in fitted.free:
+            values[key] = min(values[key] + ERRORS * fitted.deviation(key), p.high)
+    return replace(fitted, values=values)
+
+
+def _recordings(final: Fit) -> tuple[str, ...]:
+    return (*dict.fromkeys(track.stretch.recording for track in final.tracks), NEXT)
+
+
+def _free_of_next(pair: Pair) -> tuple[str, ...]:
+    """Phases that the next recording has for itself."""
+    own = [(e, p) for e in pair.ablated.effects for p in e.parameters if p.per_recording and p.role == "phase"]
+    return tuple(f"{e.key(p.name)}@{NEXT}" for e, p in own)
+
+
+def _stage(pair: Pair) -> Track | None:
+    """The first track of a driven plant that has both slots."""
+    slots = {pair.effect.slot, pair.rival.slot}
+    plants = ((track.stretch.plant, track) for track in pair.final.tracks)
+    return next((t for plant, t in plants if plant.driven is not None and slots <= set(plant.slots)), None)
+
+
+def _values_of_next(pair: Pair) -> dict[str, float]:
+    """What belongs to a recording, for the next one as for the one that it is like."""
+    track, final = _stage(pair), pair.final
+    own = own_values((track or final.tracks[0]).stretch.recording, final.values)
+    return {**final.values, **{f"{name}@{NEXT}": value for name, value in own.items()}}
+
+
+def _usual_noise(final: Fit, like: Stretch) -> Noise:
+    """Geometric mean over the recordings of the same plant."""
+    names = dict.fromkeys(t.stretch.recording for t in final.tracks if t.stretch.plant.channels == like.plant.channels)
+    every = [final.noise[name] for name in names]
+    return Noise(*(np.exp(np.mean(np.log(np.stack(part)), axis=0)) for part in zip(*every, strict=True)))
+
+
+def _simulated(stretch: Stretch, rest: Sequence[Effect], entry: Entry) -> Track:
+    """A model without the effect along the run of the model that has it."""
+    composite = composite_of(stretch.plant, fitting_effects(stretch.plant, rest))
+    track = Track.of(stretch, Held(stretch.t, stretch.u), composite)
+    nx, u = composite.nx, np.append(stretch.u, stretch.u[-1])
+    own = min(nx, entry.z.shape[1])
+    x = np.zeros((len(entry.t), nx))
+    x[:, :own] = entry.z[:, :own]
+    # what lags is taken as settled
+    z = np.array([composite.beginning(x[k], float(u[k])) for k in range(len(x))])
+    track.moved(z, np.zeros((len(x), len(stretch.plant.coordinates))), z, z)
+    return track
+
+
+# ---------------------------------------------------------------------------------------------- in words
+
+
+def _told(pair: Pair, best: Expected) -> NextExperiment:
+    plan, track = best.entry.plan, _stage(pair)
+    assert track is not None
+    plant = track.stretch.plant
+    numbers = {
+        "amplitude": (plan.amplitude_nm, plant.force_unit),
+        "duration": (plan.duration_s, "s"),
+        **({"low": (plan.low_hz, "Hz"), "high": (plan.high_hz, "Hz")} if plan.kind in ("chirp", "multisine") else {}),
+        **({"hold": (plan.hold_s, "s")} if plan.kind == "steps" else {}),
+        **({"kick": (plan.kick_s, "s"), "rest": (plan.rest_s, "s")} if plan.kind == "decay" else {}),
+    }
+    return NextExperiment(
+        signal=best.entry.words,
+        parameters={name: Quantity(value=v, unit=unit, ci95=None, nominal=None) for name, (v, unit) in numbers.items()},
+        tells_apart=(pair.effect.name, pair.rival.name),
+        expected_nats=best.nats,
+        reason=_reason(pair.apart, best.nats),
+        command=command(plan) if is_hoop(plant) else "",
+    )
+
+
+def _reason(apart: float, more: float) -> str:
+    before = f"These recordings tell the two apart by {apart:.1f} nats"
+    if apart + more < NOT_EXCLUDED_NATS:
+        return f"{before}; of the safe signals none brings enough, this one brings most: repeat it."
+    return f"{before}; of the safe signals this one is expected to bring most."
+
+
+def _by_hand(pair: Pair) -> NextExperiment:
+    """Nothing drives the plant."""
+    return NextExperiment(
+        signal=pair.effect.best_experiment, parameters={}, tells_apart=(pair.effect.name, pair.rival.name),
+        expected_nats=None, reason="The drive does not move what was recorded: by hand.",
+    )  # fmt: skip
+
+
+def _change_of_hardware(found: Mapping[str, Separation], library: Mapping[str, Effect]) -> NextExperiment | None:
+    """For explanations that are the same for every sensor."""
+    for one in found.values():
+        for name in one.never:
+            return NextExperiment(
+                signal=library[name].best_experiment, parameters={}, tells_apart=(one.effect.name, name),
+                expected_nats=None, reason="No torque tells these two apart: something has to be changed by hand.",
+            )  # fmt: skip
+    return None

@@ -1,0 +1,163 @@
+"""How far two explanations lie apart on given data, in nats.
+
+    D(i, j) = min_w |v_i - Z_j w|^2 / 2
+
+v_i is the whitened change that a fitted effect makes, Z_j the changes that a rival may make (its amplitudes and phases,
+of admissible sign), both freed of all directions of the free parameters: the log-likelihood ratio that is expected
+between the two when the first is true and both are re-fitted (T-optimality; Atkinson and Fedorov 1975).
+
+Rules of this file: geometry only; what follows from it stands in `separate` and `nextexperiment`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.search.screen import (
+    MOST_STRETCH,
+    Column,
+    Member,
+    Score,
+    members_of,
+    orthonormal,
+    score_of,
+    touched_grids,
+    whitened_changes,
+)
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.kalman_filter import Noise, gains
+from hoopd.plants.likelihood.reference_track import Track
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Whitened changes along some tracks, not yet projected: they may be stacked on those of other tracks."""
+
+    base: Array  # (rows, m) of the free parameters
+    effect: Array  # (rows,) of the fitted effect
+    rivals: tuple[tuple[Member, Array], ...]  # (rows, k) of every choice of a rival's shape
+
+
+def linear(
+    tracks: Sequence[Track],
+    effects: Sequence[Effect],
+    values: Mapping[str, float],
+    free: Sequence[str],
+    noise: Mapping[str, Noise],
+) -> Fit:
+    """The model linear and whitened along references as they are; nothing is fitted."""
+    columns = [track.columns(values, free) for track in tracks]
+    pairs = list(zip(tracks, columns, strict=True))
+    found = [gains(one.model, noise[track.stretch.recording]) for track, one in pairs]
+    rows = [track.whitened(one, gain) for (track, one), gain in zip(pairs, found, strict=True)]
+    return Fit(tuple(effects), dict(values), tuple(free), list(tracks), dict(noise), columns, found, rows)
+
+
+def without_effect(final: Fit, effect: Effect, ablated: Fit, free: Sequence[str] = ()) -> Fit:
+    """The final fit's parameters, noise and trajectories in a model without one effect; `ablated`: the fit without it.
+
+    `free`: names beyond those of the ablated fit.
+    """
+    own = {name: value for name, value in final.values.items() if not name.startswith(f"{effect.name}.")}
+    tracks = [_moved(old, new) for old, new in zip(ablated.tracks, final.tracks, strict=True)]
+    return linear(tracks, ablated.effects, {**ablated.values, **own}, (*ablated.free, *free), final.noise)
+
+
+def _moved(track: Track, to: Track) -> Track:
+    """A track's model along another reference; states that only one of the two has stay."""
+    found = Track.of(track.stretch, track.held, track.composite)
+    found.moved(track.z, track.w.copy(), track.filtered, track.predicted)
+    return found.like(to)
+
+
+def rows_of(about: Fit, effect: Effect, values: Mapping[str, float], members: Sequence[Member]) -> Rows:
+    """Changes by an effect at `values` (names of the whole model) and by rivals, beside a fit that has none of them."""
+    own = own_columns(about, effect, values)
+    changes = [(effect, column) for column in own] + [(m.effect, column) for m in members for column in m.columns]
+    white = whitened_changes(about, changes)
+    ends = len(own) + np.cumsum([0, *(len(member.columns) for member in members)])
+    parts = [white[:, a:b] for a, b in pairwise(ends)]
+    base = -np.concatenate([rows[:, 1:] for rows in about.rows])
+    return Rows(base, white[:, : len(own)].sum(axis=1), tuple(zip(members, parts, strict=True)))
+
+
+def rows_beside(
+    about: Fit, effect: Effect, values: Mapping[str, float], rivals: Sequence[Effect], recordings: Sequence[str]
+) -> Rows:
+    """The same for all shapes of rivals, and for each rival at the size at which it comes nearest.
+
+    A friction that sticks is not proportional to its level: a rival is compared at its own size, not at a usual one.
+    `recordings`: all that the rows will be stacked over; each may have a phase of its own.
+    """
+    members = [member for rival in rivals for member in members_of(rival, recordings, touched_grids(rival, about))]
+    rows = rows_of(about, effect, values, members)
+    best = _best([rows], *_known([rows])).values()
+    more = rows_of(about, effect, values, [_at(one) for one in best if not _has_phase(one.member.effect)])
+    return replace(rows, rivals=(*rows.rivals, *more.rivals))
+
+
+def _has_phase(effect: Effect) -> bool:
+    return any(p.role == "phase" for p in effect.parameters)
+
+
+def _at(score: Score) -> Member:
+    """A rival at the size that its score starts from, a column for each amplitude as ever."""
+    effect, start = score.member.effect, score.start
+    amplitudes = [p for p in effect.parameters if p.role == "amplitude"]
+    shape = {p.name: start.get(effect.key(p.name), p.neutral) for p in effect.parameters if p.role == "shape"}
+    fixed = tuple(shape.items())
+    if not amplitudes:
+        return Member(effect, shape, (Column(fixed, signed=True, most=MOST_STRETCH),))
+    sizes = [start.get(effect.key(a.name), a.neutral) for a in amplitudes]
+    found = [value if value != a.neutral else a.neutral + a.size for a, value in zip(amplitudes, sizes, strict=True)]
+    columns = [Column((*fixed, (a.name, v)), signed=a.low >= a.neutral) for a, v in zip(amplitudes, found, strict=True)]
+    return Member(effect, shape, tuple(columns))
+
+
+def own_columns(about: Fit, effect: Effect, values: Mapping[str, float]) -> list[Column]:
+    """An effect as fitted, recording by recording."""
+    recordings = dict.fromkeys(track.stretch.recording for track in about.tracks)
+    return [Column(tuple(values_in(effect, values, name).items()), name) for name in recordings]
+
+
+def values_in(effect: Effect, values: Mapping[str, float], recording: str) -> dict[str, float]:
+    """An effect's parameters by its own names, as they are in one recording."""
+    return {
+        p.name: values.get(f"{effect.key(p.name)}@{recording}", values.get(effect.key(p.name), p.neutral))
+        for p in effect.parameters
+    }
+
+
+def nats_apart(parts: Sequence[Rows]) -> dict[str, float]:
+    """Expected nats between the effect and each rival, the nearest choice of its shape, over all parts together."""
+    known, v = _known(parts)
+    return {name: max(float(v @ v) / 2.0 - one.gain, 0.0) for name, one in _best(parts, known, v).items()}
+
+
+def _best(parts: Sequence[Rows], known: Array, v: Array) -> dict[str, Score]:
+    """Of every rival the choice that explains most of the effect's change v."""
+    found: dict[str, Score] = {}
+    for k, (member, _) in enumerate(parts[0].rivals):
+        z = _freed(known, np.concatenate([part.rivals[k][1] for part in parts]))
+        score = score_of(member, z, v)
+        if member.effect.name not in found or score.gain > found[member.effect.name].gain:
+            found[member.effect.name] = score
+    return found
+
+
+def _known(parts: Sequence[Rows]) -> tuple[Array, Array]:
+    """Basis of the free parameters, and the effect's change without it."""
+    known = orthonormal(np.concatenate([part.base for part in parts]))
+    return known, _freed(known, np.concatenate([part.effect for part in parts])[:, None])[:, 0]
+
+
+def _freed(known: Array, x: Array) -> Array:
+    return np.asarray(x - known @ (known.T @ x))

@@ -1,0 +1,111 @@
+"""What has no name, proven like a name: its curve fitted with everything else, and run on the held-out recordings.
+
+A screen has said where a curve would help; here the joint fit and data that no value of it was fitted to decide. What
+had to be fitted again to a new recording pays half a nat a value: so much would chance give it. Held-out data that
+refuse the values may still ask for a curve of the same variable at the same place: they reach beyond its knots, or it
+stands for a law of more variables than one. Then something is there, and no model of it is kept.
+
+Rules of this file: the held-out data refuse a curve by the rule that refuses a name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from hoopd.diagnose.curves.curve import Curve, curves
+from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, together
+from hoopd.diagnose.curves.curve_screen import CurveScreen, null_quantiles
+from hoopd.diagnose.curves.unknown_effects import DETECTION_CHANCE, Survey, Unknown, judge_unknown, survey
+from hoopd.diagnose.proof.held_out import HeldOut, on_heldout
+from hoopd.diagnose.search.candidates import HELD_OUT_LOSS, HELD_OUT_SHARE
+from hoopd.diagnose.search.naming import Named
+from hoopd.diagnose.search.screen import Score
+from hoopd.diagnose.search.surprise import surprise
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.fitting import Fit, fit
+
+
+@dataclass(frozen=True)
+class Proven:
+    """An unknown effect as fitted."""
+
+    unknown: Unknown  # with the gain and the shapes of the joint fit, also where the held-out data refuse them
+    joint: Fit | None  # None: held-out data ask for such a curve, but refuse this one's values
+    heldout: Fit | None = None  # the joint hypothesis on the held-out recordings
+
+
+def proven(unknown: Unknown, held: HeldOut, seed: int = 0) -> Proven | None:
+    """None when the joint fit or the held-out data do not bear it out."""
+    joint, (curve,) = together([unknown.score], unknown.beside)
+    gain = unknown.beside.criterion - joint.criterion
+    size = surprise(gain / unknown.score.colour, unknown.score.columns)
+    if size <= unknown.threshold:
+        return None
+    shapes = fitted_shapes(curve, joint, recordings_of(joint))
+    found = replace(unknown, shapes=shapes, gain=gain, surprise=size)
+    without = held.of(unknown.beside)
+    if without is None:
+        return Proven(found, joint)
+    after, again = on_heldout(joint, held.stretches, unknown.beside)
+    better = without.criterion - after.criterion - again / 2.0
+    if better > -max(HELD_OUT_LOSS, HELD_OUT_SHARE * gain):
+        return Proven(replace(found, carries_over=True), joint, after)
+    if not asked_for(unknown.curve, without, seed):
+        return None
+    return Proven(replace(found, carries_over=False), None)
+
+
+def asked_for(curve: Curve, frozen: Fit, seed: int = 0) -> bool:
+    """Whether data ask, beyond chance, for a curve of the same variable at the same place, whatever its values.
+
+    Beside parameters fitted to these very data: frozen ones are off by what the curve is, or by chance, and a friction
+    or a gain that is off looks like a curve.
+    """
+    stretches = [track.stretch for track in frozen.tracks]
+    own = fit(stretches, frozen.effects, frozen.values, like=frozen, noise=frozen.noise)
+    alike = [one for one in curves(own) if one.place == curve.place]
+    screen = CurveScreen(own, alike)
+    most = max((one.surprise for one in screen.scores()), default=0.0)
+    return most > null_quantiles(None, screen, seed=seed).threshold(DETECTION_CHANCE)
+
+
+@dataclass(frozen=True)
+class Missing:
+    """What has no name: the survey beside the base, and what it came to on the held-out data."""
+
+    base: Survey
+    proof: Proven | None
+
+    @property
+    def unknown(self) -> Unknown | None:
+        """As fitted."""
+        return None if self.proof is None else self.proof.unknown
+
+    @property
+    def joint(self) -> Fit | None:
+        """With its curve, where the held-out data bear its values out."""
+        return None if self.proof is None else self.proof.joint
+
+
+def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int) -> Missing:
+    """What `effects` have no name for; names that explain nothing beside it are dropped."""
+
+    def of(found: Fit, also: Sequence[Score], fitted: Sequence[Score] = ()) -> Survey:
+        return survey(found, effects, seed=seed, screen=named.screens.get(id(found)), also=also, fitted=fitted)
+
+    first = of(named.base, named.scores, [replace(one.score, gain=one.gain) for one in named.tried])
+    second = of(named.final, [s for s in named.left if s.origin is named.final]) if named.accepted else None
+    unknown = judge_unknown(first, second, seed=seed)
+    proof = None if unknown is None else proven(unknown, held, seed)
+    if proof is not None and proof.joint is not None and not proof.unknown.beside_names:
+        drop_names(named)
+    return Missing(first, proof)
+
+
+def drop_names(named: Named) -> None:
+    """Names that explain nothing which a curve does not."""
+    named.accepted.clear()
+    named.losses.clear()
+    named.without.clear()
+    named.final = named.base

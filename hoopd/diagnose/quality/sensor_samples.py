@@ -1,0 +1,208 @@
+"""One sensor of a recording judged: its noise, and what each of its samples is.
+
+Rules of this file: a sample is one thing only: it counts, or it is missing, stuck, late, false or within a stretch
+that is ignored; what is decided here comes from split.py and lateframes.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.quality.channel_course import pushes
+from hoopd.diagnose.quality.late_frames import NATS, RepeatedFrames, repeated_frames, repeats
+from hoopd.diagnose.quality.noise_floor import noise_floor, quantum, resolution
+from hoopd.diagnose.quality.outliers import spread_share
+from hoopd.diagnose.quality.population import second_population
+from hoopd.diagnose.quality.sample_classes import Split, split
+from hoopd.diagnose.quality.turns import near
+from hoopd.plants.fits.fit_data import HELD_COUNTS
+from hoopd.recording.recording import Recording
+from hoopd.recording.suspicions import repeated_rows
+from hoopd.recording.timeline import TIMES
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Fewer samples have no course of their own.
+FEWEST = 75
+SURE = 0.5
+# The least noise a speed or a camera's angle can have: what a file's rounding leaves.
+LEAST = {"theta": 1e-6, "dtheta": 1e-6, "psi": 1e-6}
+
+
+@dataclass(frozen=True)
+class Share:
+    """How large a part of the samples is bad in one way; `gain`: nats that saying so brings."""
+
+    value: float
+    error: float  # standard error
+    gain: float
+    samples: int  # of which it is the share
+    spread: float  # the same if samples were bad one by one: less than `value` when they come in clusters
+
+
+NONE = Share(0.0, 0.0, 0.0, 0, 0.0)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a channel's samples (n,) about its own course."""
+
+    normal: Array  # over what is expected of them; NaN: no sample, or nothing to predict it by
+    weight: Array  # probability that a sample is of its own row, good or false
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One sensor's samples (n,), by row of the recording."""
+
+    name: str
+    sigma: float  # noise of a sample without any model, in the channel's unit; NaN: too few samples
+    quantum: float  # step of a counting sensor; NaN: none
+    counts: Mask  # measurements to be used
+    missing: Mask
+    stuck: Mask  # repeats of a sensor that has nothing new, the first excepted
+    late: Mask  # values of the row before
+    outliers: Mask  # single false values
+    ignored: Mask  # within `segments`
+    late_share: Share = NONE
+    errors: Errors | None = None
+    jitter_s: float = 0.0  # of the instants of sampling, as the scatter of a moving angle shows it
+
+    def outlier_share(self) -> Share:
+        """Of false values that are a population of their own, far from the errors of the others."""
+        usable = self.counts | self.late | self.outliers
+        if self.errors is None or not usable.any():
+            return NONE
+        found = second_population(np.where(usable, self.errors.normal, np.nan), self.errors.weight)
+        samples = int(usable.sum())
+        part = int((usable & np.isfinite(self.errors.normal)).sum()) / samples
+        alone = spread_share(self.outliers, self.counts | self.outliers)
+        return Share(part * found.share, part * found.error, found.gain, samples, alone)
+
+    @property
+    def numbers(self) -> dict[str, int]:
+        """Samples by what they are."""
+        kinds = ("counts", "missing", "stuck", "late", "outliers", "ignored")
+        return {kind: int(getattr(self, kind).sum()) for kind in kinds}
+
+
+def absent_channel(recording: Recording, name: str, ignored: Mask) -> Channel:
+    """A sensor that saw nothing that moves."""
+    n = len(recording)
+    none, missing = np.zeros(n, dtype=bool), ~np.isfinite(getattr(recording, name))
+    return Channel(name, float("nan"), float("nan"), none, missing, ~missing, none, none, ignored)
+
+
+def _times(recording: Recording, name: str) -> Array:
+    """When each row's sample was taken (n,), growing; missing stamps lie as late after t as the others."""
+    stamps, t = getattr(recording, TIMES[name]), recording.t
+    late = stamps - t
+    usual = float(np.median(late[np.isfinite(late)])) if np.isfinite(late).any() else 0.0
+    times = np.where(np.isfinite(stamps), stamps, t + usual)
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    return _growing(times, 0.01 * max(step, 1e-6))
+
+
+def _growing(times: Array, least: float) -> Array:
+    ramp = least * np.arange(len(times))
+    return np.asarray(np.maximum.accumulate(times - ramp) + ramp)
+
+
+def _new(recording: Recording, name: str) -> Mask:
+    """Samples (n,) that are there and are no second record of the same one."""
+    stamps = getattr(recording, TIMES[name])
+    seen = np.isfinite(getattr(recording, name))
+    before = np.maximum.accumulate(np.where(np.isfinite(stamps), stamps, -np.inf))
+    again = np.concatenate([[False], stamps[1:] <= before[:-1]])
+    return np.asarray(seen & ~again)
+
+
+def hoop_channel(
+    recording: Recording, name: str, drives: Array, ignored: Mask, moving: str, encoder_counts: int
+) -> Channel:
+    """theta or dtheta: noise, repeated rows, single false values."""
+    values, usable = getattr(recording, name), _new(recording, name)
+    missing, none = ~np.isfinite(values), np.zeros(len(values), dtype=bool)
+    stuck = none.copy()
+    stuck[repeated_rows(recording)] = True
+    stuck |= ~usable & ~missing
+    usable &= ~stuck & ~ignored
+    step = quantum(values[usable])
+    whole = Channel(name, float("nan"), step, usable, missing, stuck, none, none, ignored)
+    if usable.sum() < FEWEST or _constant(values[usable]):
+        return whole
+    t, integrals = _times(recording, name), 2 if name == "theta" else 1
+    floor = step / sqrt(12.0) if np.isfinite(step) else LEAST[name]
+    if moving == "ball" or np.ptp(values[usable]) < HELD_COUNTS * step:
+        return replace(whole, sigma=floor)
+    found = split(t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor)
+    false = found.false > SURE
+    sigma = max(noise_floor(t, np.where(usable & ~false, values - found.path, np.nan)), floor)
+    return replace(whole, sigma=sigma, counts=usable & ~false, outliers=false, jitter_s=found.jitter_s)
+
+
+def _constant(values: Array) -> bool:
+    return float(np.ptp(values)) <= 1e-12
+
+
+def ball_channel(recording: Recording, drives: Array, ignored: Mask) -> tuple[Channel, Array | None]:
+    """psi: noise, lost and late frames, single false values; and the course of the ball (n,)."""
+    usable = _new(recording, "psi") & ~ignored
+    missing = ~np.isfinite(recording.psi)
+    values = near(np.where(usable, recording.psi, np.nan))
+    same = repeats(values)
+    stuck = same.stuck | (~usable & ~missing & ~ignored)
+    usable &= ~same.stuck
+    none = np.zeros(len(values), dtype=bool)
+    whole = Channel("psi", float("nan"), quantum(values), usable, missing, stuck, none, none, ignored)
+    fresh = usable & ~same.short
+    if fresh.sum() < FEWEST:
+        return whole, None
+    t = _times(recording, "psi")
+    found = split(t, np.where(fresh, values, np.nan), _ball_paths(t, drives), late=True, floor=LEAST["psi"])
+    return _judged(whole, found, same.short, fresh, t, values), found.course
+
+
+def _judged(whole: Channel, found: Split, short: Mask, fresh: Mask, t: Array, values: Array) -> Channel:
+    moved = _moved(found.course, fresh)
+    candidates = int(whole.counts.sum())
+    again = repeated_frames(short, candidates, moved, found.sigma, resolution(values))
+    late, false = (found.late > SURE) | (again.probability > SURE), found.false > SURE
+    counts = whole.counts & ~late & ~false
+    sigma = noise_floor(t, np.where(counts & fresh, values - found.path, np.nan))
+    return replace(
+        whole,
+        sigma=sigma if np.isfinite(sigma) else found.sigma,
+        counts=counts,
+        late=late,
+        outliers=false,
+        late_share=_late_share(found, again, candidates, int(fresh.sum()) / candidates),
+        errors=Errors(found.normal, found.fresh + found.false),
+    )
+
+
+def _late_share(found: Split, again: RepeatedFrames, candidates: int, part: float) -> Share:
+    """Frames equal to the bit and frames measured anew together; either counts once it is more than chance."""
+    share, variance, gain = again.share, again.error**2, again.gain
+    if found.gains[0] > NATS:
+        share, variance = share + part * float(found.shares[1]), variance + (part * float(found.errors[0])) ** 2
+        gain += float(found.gains[0])
+    return Share(share, sqrt(variance), gain, candidates, share)
+
+
+def _moved(course: Array, fresh: Mask) -> Array:
+    """(n,) how far the ball went since the row before; after the last new angle, as far as there."""
+    moved, last = np.diff(course, prepend=course[0]), int(np.flatnonzero(fresh)[-1])
+    moved[last + 1 :] = moved[last]
+    return np.asarray(moved)
+
+
+def _ball_paths(t: Array, drives: Array) -> Callable[[Array], Array]:
+    """The torque, and gravity by the angle: what pushes a ball at once."""
+    return lambda course: pushes(t, np.column_stack([drives, np.sin(course), np.cos(course)]), 2)

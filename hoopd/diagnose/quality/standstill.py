@@ -1,0 +1,106 @@
+"""Where the hoop does not answer, the camera has lost the ball, the clock is uneven, and the torque is at its limit.
+
+Rules of this file: read off the recording alone; a hoop that rests under a small torque may be held by friction, one
+that rests under torques which turn it elsewhere is not driven.
+"""
+
+from __future__ import annotations
+
+from math import tau
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.quality.outliers import stretches
+from hoopd.plants.fits.fit_data import HELD_COUNTS
+from hoopd.recording.recording import Recording
+from hoopd.recording.timeline import usual_steps
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# A drive answers within a tick or two; rest for longer is no delay.
+REST_S = 0.3
+# Of the torques at which the hoop moves: one in four is smaller, and friction may hold those.
+LEVEL = 0.25
+# Clocks that move against each other by more steps than that were set; a median over so many rows tells.
+SHIFT_STEPS, SHIFT_ROWS = 3.0, 15
+# A longer step between rows is a missing row.
+MISSING_STEPS = 1.5
+# So many largest torques in a row are a limit (a sine has two at its peak), unless there are only a few levels at all.
+STAYS, LEVELS = 3, 8
+
+
+class Clock(NamedTuple):
+    """How even the rows are."""
+
+    step_s: float  # usual step
+    jitter_s: float  # standard deviation of a step within the usual ones
+    gaps: list[tuple[float, float]]  # s, from and to, where rows are missing
+    not_increasing: int  # rows with the time of the one before, or an earlier one
+    steps: list[float]  # s, rows before which sensor and row clocks shift against each other
+
+
+def clock(recording: Recording) -> Clock:
+    """Steps, gaps and shifts of the clocks."""
+    t = recording.t
+    if len(t) < 2:
+        return Clock(float("nan"), float("nan"), [], 0, [])
+    h, usual = np.diff(t), usual_steps(t)
+    long = h > MISSING_STEPS * usual
+    ordinary = h[~long & (h > 0.0)]
+    jitter = float(np.std(ordinary)) if len(ordinary) else float("nan")
+    gaps = [(float(t[k]), float(t[k + 1])) for k in np.flatnonzero(long)]
+    return Clock(float(np.median(h)), jitter, gaps, int((h <= 0.0).sum()), _shifts(recording, float(np.median(h))))
+
+
+def _shifts(recording: Recording, step_s: float) -> list[float]:
+    """Rows from which y_t or psi_t keep another distance to t: a clock that was set."""
+    found = set()
+    for stamps in (recording.y_t, recording.psi_t):
+        seen = np.flatnonzero(np.isfinite(stamps))
+        if len(seen) < 3 * SHIFT_ROWS:
+            continue
+        offset = stamps[seen] - recording.t[seen]
+        windows = np.lib.stride_tricks.sliding_window_view(offset, SHIFT_ROWS)
+        middle = np.median(windows, axis=1)
+        jumped = np.abs(middle[SHIFT_ROWS:] - middle[:-SHIFT_ROWS]) > SHIFT_STEPS * step_s
+        found |= {float(recording.t[seen[a + SHIFT_ROWS]]) for a, _ in stretches(jumped)}
+    return sorted(found)
+
+
+def resting(theta: Array, t: Array, encoder_counts: int = 4096) -> Mask:
+    """Rows (n,) of stretches of REST_S or longer in which theta stays within HELD_COUNTS counts."""
+    seen = np.flatnonzero(np.isfinite(theta))
+    mask = np.zeros(len(theta), dtype=bool)
+    width = max(int(np.ceil(REST_S / np.median(np.diff(t)))), 3) + 1 if len(t) > 1 else 2
+    if len(seen) < width:
+        return mask
+    windows = np.lib.stride_tricks.sliding_window_view(theta[seen], width)
+    still = np.ptp(windows, axis=1) < HELD_COUNTS * tau / encoder_counts
+    mask[seen[np.convolve(still.astype(int), np.ones(width, dtype=int)) > 0]] = True
+    return mask
+
+
+def unanswered(recording: Recording, encoder_counts: int = 4096) -> list[tuple[int, int]]:
+    """First and last row of stretches in which torques that turn the hoop elsewhere do not turn it."""
+    u, rest = np.abs(np.nan_to_num(recording.u)), resting(recording.theta, recording.t, encoder_counts)
+    moving = np.isfinite(recording.theta) & ~rest & (u > 0.0)
+    if not moving.any():
+        return []
+    level = float(np.quantile(u[moving], LEVEL))
+    return [(a, b) for a, b in stretches(rest) if _driven(u[a : b + 1], level)]
+
+
+def _driven(u: Array, level: float) -> bool:
+    return bool(np.mean(u >= 0.999 * level) > 0.5)
+
+
+def saturated_share(u: Array) -> float:
+    """Share of rows that stay at the largest torque, of a torque with more than a few levels (else 0: two levels)."""
+    seen = np.abs(u[np.isfinite(u)])
+    if len(seen) == 0 or len(np.unique(seen)) < LEVELS:
+        return 0.0
+    top = seen >= seen.max() * (1.0 - 1e-6)
+    return sum(b - a + 1 for a, b in stretches(top) if b - a + 1 >= STAYS) / len(seen)

@@ -1,0 +1,226 @@
+"""The curves of a report: from the fits of a diagnosis to the arrays that are drawn.
+
+Rules of this file: arrays for `report_curves`, nothing judged and nothing fitted; what misses at a
+slot is in `effect_force`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.curves.effect_force import Missing, Variable, missing_of, recording_with_most
+from hoopd.diagnose.curves.missing_force import binned, law_of_curve, missing_force
+from hoopd.diagnose.curves.unknown_effects import Unknown
+from hoopd.diagnose.proof.fit_tables import Played, series
+from hoopd.diagnose.quality.unusual_energy import robust_level
+from hoopd.diagnose.quality.unusual_intervals import disturbance
+from hoopd.diagnose.record import Ignored
+from hoopd.diagnose.report_curves import (
+    Binned,
+    Comparison,
+    Harmonics,
+    Law,
+    MissingForce,
+    Regressor,
+    Shown,
+    Strip,
+    Trace,
+)
+from hoopd.diagnose.search.naming import Named
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.effects.slots import units
+from hoopd.plants.likelihood.fitting import Fit
+
+Array = NDArray[np.float64]
+Ignoreds = Mapping[str, Sequence[Ignored]]
+
+# A page shows so many recordings; more are in its tables.
+MOST_RECORDINGS = 6
+# Points of a law's curve: at most so many, each a median of so many samples.
+LAW_POINTS, LAW_SAMPLES = 200, 8
+# A step of a law at rest of more than this share of its range is a jump, not a slope.
+JUMP_SHARE = 0.4
+# The amplitude that noise exceeds with this chance; orders of a turn, and samples that one of them needs.
+CHANCE, MOST_ORDERS, SAMPLES_AN_ORDER = 0.01, 24, 20
+
+
+def shown_of(named: Named, heldout: Mapping[str, Played], unknown: Unknown | None, ignored: Ignoreds) -> Shown:
+    """Everything that can be drawn of a search; `heldout`: base and final on held-out data; ignored: by recording."""
+    own = [name for name in named.final.names if name not in named.base.names]
+    found = [missing for name in own if (missing := _missing(named, name)) is not None]
+    forces = [force_of(slot, label, missing) for slot, label, missing in found]
+    spectra = [harmonics_of(slot, missing) for slot, _, missing in found]
+    return Shown(
+        comparisons=comparisons(heldout["base"], heldout["final"], ignored) if heldout else (),
+        forces=[*forces, *([] if unknown is None else unknown_forces(named.base, unknown))],
+        strips=[*strips(named.base, named.final, ignored)],
+        harmonics=[one for one in spectra if one is not None],
+    )
+
+
+# ---------------------------------------------------------------------------------------------- before and after
+
+
+def comparisons(base: Played, final: Played, ignored: Ignoreds) -> list[Comparison]:
+    """Measured, before and after over windows of 2 s, by recording."""
+    names = list(dict.fromkeys(track.stretch.recording for track in base.fit.tracks))[:MOST_RECORDINGS]
+    return [Comparison(name, traces(base, final, name), ignored=ignored.get(name, ())) for name in names]
+
+
+def traces(base: Played, final: Played, recording: str) -> list[Trace]:
+    """One for each channel of a recording."""
+    before, after = (series(one.by_recording().get(recording, [])) for one in (base, final))
+    plant = next(track.stretch.plant for track in base.fit.tracks if track.stretch.recording == recording)
+    return [_trace(name, plant, parts, after.get(name, [])) for name, parts in before.items()]
+
+
+def _trace(
+    name: str, plant: DeclaredPlant, before: Sequence[Sequence[Array]], after: Sequence[Sequence[Array]]
+) -> Trace:
+    pieces = [np.stack([*one, two[2]]) for one, two in zip(before, after, strict=True) if len(one[0])]
+    lifted = [part for piece in pieces for part in (piece, np.full((4, 1), np.nan))][:-1]
+    t, measured, first, last = np.concatenate(lifted, axis=1) if lifted else np.zeros((4, 0))
+    # the pen is lifted by values; the axis of time goes on
+    t = np.interp(np.arange(len(t)), np.flatnonzero(np.isfinite(t)), t[np.isfinite(t)]) if len(t) else t
+    return Trace(name, channel_unit(plant, name), t, measured, first, last)
+
+
+def channel_unit(plant: DeclaredPlant, name: str) -> str:
+    """Of a channel, or of the rate of one."""
+    angle = plant.channels.get(name) in plant.coordinates
+    return units(plant).coordinate if angle else units(plant).rate
+
+
+# ---------------------------------------------------------------------------------------------- missing forces
+
+
+def _missing(named: Named, name: str) -> tuple[str, str, Missing] | None:
+    effect = next(one for one in named.final.effects if one.name == name)
+    recording = recording_with_most(named.final, effect.slot)
+    if recording is None:
+        return None
+    noise = named.without.get(name, named.base).noise
+    found = missing_of(effect, named.final, noise, recording)
+    return None if found is None else (effect.slot, name, found)
+
+
+def force_of(slot: str, label: str, missing: Missing) -> MissingForce:
+    """As it is drawn: over each variable with bins and law."""
+    regressors = [
+        Regressor(one.name, one.unit, one.value, _bins(one.value, missing.value), law_over(label, one, missing.law))
+        for one in missing.variables
+    ]
+    return MissingForce(slot, missing.unit, missing.t_s, missing.value, regressors, missing.recording)
+
+
+def _bins(x: Array, y: Array) -> Binned | None:
+    """None when there is too little."""
+    found = binned(x, y)
+    return found if len(found.x) > 1 else None
+
+
+def law_over(label: str, over: Variable, law: Array) -> Law | None:
+    """The law as a curve: its median where the variable has a value, whatever else it depends on."""
+    # a step in which the variable changes its sign is a mean of both sides
+    one_sided = np.append(over.value[1:] * over.value[:-1] > 0.0, False)
+    x, y = _known(over.value[one_sided], law[one_sided])
+    points = min(LAW_POINTS, len(x) // LAW_SAMPLES)
+    if points < 3:
+        return None
+    edges = np.linspace(0.0, 2 * np.pi, points + 1) if over.turning else _spread_edges(x, points)
+    at, mean = np.array([(x[own].mean(), np.median(y[own])) for own in _members(x, edges) if own.any()]).T
+    return Law(label, *_lifted(at, mean))
+
+
+def _lifted(x: Array, y: Array) -> tuple[Array, Array]:
+    """NaN between the two sides of zero where the law jumps there."""
+    k = int(np.searchsorted(x, 0.0))
+    if not 0 < k < len(x) or abs(y[k] - y[k - 1]) < JUMP_SHARE * np.ptp(y):
+        return x, y
+    return np.insert(x, k, 0.0), np.insert(y, k, np.nan)
+
+
+def _known(x: Array, y: Array) -> tuple[Array, Array]:
+    both = np.isfinite(x) & np.isfinite(y)
+    return x[both], y[both]
+
+
+def _spread_edges(x: Array, count: int) -> Array:
+    """Edges with as many values in every bin; none holds both signs."""
+    if len(x) < count:
+        return np.zeros(0)
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count + 1)))
+    return np.unique(np.append(edges, 0.0)) if edges[0] < 0.0 < edges[-1] else edges
+
+
+def _members(x: Array, edges: Array) -> Iterator[NDArray[np.bool_]]:
+    where = np.clip(np.searchsorted(edges, x, side="right"), 1, max(len(edges) - 1, 1))
+    return (where == k for k in range(1, len(edges)))
+
+
+def unknown_forces(base: Fit, unknown: Unknown) -> list[MissingForce]:
+    """What the base needs at the slot of a curve over what it follows, with the curve; a coefficient is no force."""
+    curve, recording = unknown.curve, recording_with_most(base, unknown.curve.slot)
+    if recording is None or curve.factor is not None:
+        return []
+    index = next(i for i, track in enumerate(base.tracks) if track.stretch.recording == recording)
+    shape = next((one for one in unknown.shapes if one.recording == recording), unknown.shapes[0])
+    laws = {curve.variable.name: [replace(law_of_curve(curve, shape), label="fitted curve")]}
+    return [missing_force(base, index, curve.slot, curve.depends_on, laws)]
+
+
+def harmonics_of(slot: str, missing: Missing) -> Harmonics | None:
+    """Amplitudes by order of a turning angle that the force follows; None when it follows none."""
+    angle = next((one for one in missing.variables if one.turning), None)
+    if angle is None:
+        return None
+    x, y = _known(angle.value, missing.value)
+    orders = np.arange(1, min(MOST_ORDERS, len(x) // SAMPLES_AN_ORDER) + 1)
+    if not len(orders):
+        return None
+    # y = c + sum a_n sin n x + b_n cos n x
+    basis = np.column_stack([np.ones_like(x), *(f(n * x) for n in orders for f in (np.sin, np.cos))])
+    weights, *_ = np.linalg.lstsq(basis, y, rcond=None)
+    rest = y - basis @ weights
+    # an amplitude of noise: Rayleigh with 2 sigma^2/n, n (1 - rho)/(1 + rho) independent values of n correlated ones
+    rho = float(np.clip(rest[1:] @ rest[:-1] / max(float(rest @ rest), 1e-300), 0.0, 0.99))
+    sigma = np.sqrt(2.0 * np.mean(rest**2) / max(len(x) * (1 - rho) / (1 + rho), 1.0))
+    threshold = np.full(len(orders), sigma * np.sqrt(-2.0 * np.log(CHANCE)))
+    pairs = weights[1:].reshape(-1, 2)
+    return Harmonics(slot, angle.name, missing.unit, orders.astype(float), np.hypot(*pairs.T), threshold)
+
+
+# ---------------------------------------------------------------------------------------------- in time
+
+
+def strips(base: Fit, final: Fit, ignored: Ignoreds) -> Iterator[Strip]:
+    """What the re-fitted base needs of every body, as multiples of what the final model still needs."""
+    names = list(dict.fromkeys(track.stretch.recording for track in base.tracks))[:MOST_RECORDINGS]
+    for name in names:
+        before, after = _disturbances(base, name), _disturbances(final, name)
+        plant = next(track.stretch.plant for track in base.tracks if track.stretch.recording == name)
+        t = _times(base, name)
+        for column, q in enumerate(plant.coordinates):
+            level = max(robust_level(after[:, column]), 1e-300)
+            strength = np.abs(before[:, column]) / level
+            yield Strip(name, body_on(plant, q), t, strength, ignored.get(name, ()))
+
+
+def _disturbances(found: Fit, recording: str) -> Array:
+    """(n, nq) over all stretches of a recording."""
+    parts = [i for i, track in enumerate(found.tracks) if track.stretch.recording == recording]
+    return np.concatenate([disturbance(found, i) for i in parts])
+
+
+def _times(found: Fit, recording: str) -> Array:
+    return np.concatenate([track.stretch.t for track in found.tracks if track.stretch.recording == recording])
+
+
+def body_on(plant: DeclaredPlant, q: str) -> str:
+    """Name of the slot that moves along a coordinate."""
+    kinds = ("body", "rolling_ball")
+    return next((name for name, slot in plant.slots.items() if slot.coordinate == q and slot.kind in kinds), q)

@@ -1,0 +1,175 @@
+"""Sentences of a diagnosis in plain English, the same on the terminal and on the page.
+
+Rules of this file: nothing is judged here, only said; a sentence about nothing is empty.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from hoopd.diagnose.record import (
+    DataQuality,
+    Diagnosis,
+    EffectFinding,
+    Fit,
+    Fits,
+    FitTable,
+    Location,
+    NextExperiment,
+    Visible,
+)
+from hoopd.diagnose.report.number_format import listed, nats, safe, share, short_names, value_text
+
+TITLES = {
+    "consistent": "Consistent",
+    "parameters": "Parameters, not physics",
+    "missing_physics": "Missing physics found",
+    "unknown_physics": "Unknown physics",
+}
+# Above this many characters a list of names is no longer read.
+MANY = 6
+
+
+def each_fit(fits: Fits) -> Iterator[tuple[str, str, Fit]]:
+    """Recording, channel, fit."""
+    for recording, channels in fits.items():
+        for channel, fit in channels.items():
+            yield recording, channel, fit
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """The verdict in one sentence."""
+    gained = _gain_clause(diagnosis.fit.heldout)
+    if diagnosis.verdict == "consistent":
+        return "The model explains these recordings: nothing is missing that they could show."
+    if diagnosis.verdict == "parameters":
+        return f"The physics is complete but its parameters are off: re-estimating them removes the mismatch{gained}."
+    if diagnosis.verdict == "unknown_physics":
+        known = [one for one in diagnosis.effects if not one.name.startswith("unknown.")]
+        beside = f" beside {listed(map(_finding, known))}" if known else ""
+        return f"Something that is not in the library acts {_unknown_place(diagnosis)}{beside}{gained}."
+    return f"The model leaves out {listed(map(_finding, diagnosis.effects))}{gained}."
+
+
+def _finding(effect: EffectFinding) -> str:
+    """A name with its first size, and what cannot be told from it."""
+    sizes = [f"{name} = {value_text(one)}" for name, one in effect.parameters.items() if one.value is not None]
+    inside = [*sizes[:1], *([f"{listed(effect.not_excluded)} not excluded"] if effect.not_excluded else [])]
+    return effect.name + (f" ({'; '.join(inside)})" if inside else "")
+
+
+def _unknown_place(diagnosis: Diagnosis) -> str:
+    rest = diagnosis.unexplained
+    if rest is None or rest.slot is None:
+        return "in a slot that could not be located"
+    own = [] if rest.curve is None else [rest.curve.regressor]
+    follows = diagnosis.location.depends_on if diagnosis.location.slot == rest.slot else own
+    return f"in slot {rest.slot}" + (f" and follows {listed(follows)}" if follows else "")
+
+
+def _gain_clause(fits: Fits) -> str:
+    """What the held-out data gained in the channel that gained most, means over the recordings."""
+    means = [(channel, *pair) for channel, pair in _channel_means(fits).items()]
+    if not means:
+        return ""
+    channel, before, after = max(means, key=lambda one: one[2] - one[1])
+    return f"; the fit of held-out {channel} goes from {before:.1f} to {after:.1f} %" if after > before else ""
+
+
+def _channel_means(fits: Fits) -> dict[str, tuple[float, float]]:
+    """Fit before and after by channel: the re-fitted base, or the nominal one when that is the last word."""
+    pairs: dict[str, list[tuple[float, float]]] = {}
+    for _, channel, fit in each_fit(fits):
+        before, after = (
+            (fit.nominal, fit.base_refit) if fit.with_effects is None else (fit.base_refit, fit.with_effects)
+        )
+        if before is not None and after is not None:
+            pairs.setdefault(channel, []).append((before, after))
+    return {name: (_mean([p[0] for p in many]), _mean([p[1] for p in many])) for name, many in pairs.items()}
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)
+
+
+def location_sentence(location: Location) -> str:
+    """Where the mismatch sits; empty when there is none."""
+    if location.slot is None:
+        return ""
+    channel = f", most visible in {location.channel}" if location.channel else ""
+    follows = f" It follows {listed(location.depends_on)}." if location.depends_on else ""
+    return f"The mismatch sits in slot {location.slot}{channel}, {_when(location)}.{follows}"
+
+
+def _when(location: Location) -> str:
+    if location.segments is None:
+        return "throughout the recordings"
+    spans = [f"{start:.1f} to {end:.1f} s" for start, end in location.segments]
+    more = f" and {len(spans) - MANY} more intervals" if len(spans) > MANY else ""
+    return f"at {listed(spans[:MANY])}{more}" if spans else "in no interval of its own"
+
+
+def unexplained_sentence(diagnosis: Diagnosis) -> str:
+    """What the library has no name for; empty when nothing is left."""
+    rest = diagnosis.unexplained
+    if rest is None or not rest.fires:
+        return ""
+    part = f"{share(rest.share)} of what the re-fitted base leaves unexplained" if rest.share is not None else "A part"
+    where = f" in slot {rest.slot}" if rest.slot else ""
+    curve = f"; a curve over {rest.curve.regressor} was fitted to it" if rest.curve is not None else ""
+    denied = rest.carries_over is False
+    other = ". The held-out recordings ask for another such curve: no model of it is kept" if denied else ""
+    return f"{part} has no name in the library{where}{curve}{other}."
+
+
+def experiment_sentence(planned: NextExperiment) -> str:
+    """What to record next, and why."""
+    settings = ", ".join(f"{safe(name)} {value_text(one)}" for name, one in planned.parameters.items())
+    bring = f" ({nats(planned.expected_nats)} nats expected)" if planned.expected_nats is not None else ""
+    inside = f" ({settings})" if settings else ""
+    return f"Record {planned.signal}{inside}: that tells {listed(planned.tells_apart, 'from')}{bring}."
+
+
+def statements(diagnosis: Diagnosis) -> list[str]:
+    """What each finding is, in plain words."""
+    return [f"{safe(one.name)}: {one.statement}" for one in diagnosis.effects]
+
+
+def numbers_of(fit: FitTable) -> dict[str, str]:
+    """Numbers that stand for recordings, in their order."""
+    return {name: f"({number})" for number, name in enumerate(fit.train, start=1)}
+
+
+def numbers_sentence(diagnosis: Diagnosis) -> str:
+    """Which recording a number in a table of effects stands for; empty where there is none."""
+    choice = diagnosis.fit.free_run_choice
+    shown = [*diagnosis.effects, *(choice.effects if choice is not None else ())]
+    marked = any("@" in name for effect in shown for name in effect.parameters)
+    if not marked or len(diagnosis.fit.train) == 1:
+        return ""
+    names = short_names(diagnosis.fit.train)
+    return listed(f"{number}: of {names[name]} alone" for name, number in numbers_of(diagnosis.fit).items())
+
+
+def chosen_sentence(fit: FitTable) -> str:
+    """What the set of a free run was chosen on; empty where none was."""
+    choice = fit.free_run_choice
+    return f"Chosen on {choice.chosen_on}." if choice is not None and choice.chosen_on else ""
+
+
+def invisible_sentence(power: Mapping[str, Visible]) -> str:
+    """Effects of which these recordings show nothing, however large; empty when there is none."""
+    blind = [name for name, one in power.items() if one.smallest is None]
+    return f"Not visible in these recordings at any size expected: {listed(blind)}." if blind else ""
+
+
+def source_sentence(fit: FitTable) -> str:
+    """Where the samples of the channels come from; empty when nothing was said."""
+    return "; ".join(f"{channel}: {source}" for channel, source in fit.channel_source.items())
+
+
+def quality_notes(quality: DataQuality) -> list[str]:
+    """Sentences about the recordings."""
+    of_each = [f"{name}: {note}" for name, one in quality.recordings.items() for note in one.notes]
+    return [*quality.notes, *of_each]

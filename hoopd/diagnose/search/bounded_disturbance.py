@@ -1,0 +1,60 @@
+"""A hypothesis held to disturbances of a usual size, where the likeliest are so large that they explain everything.
+
+An effect that is left out (a late camera, an uneven scale) makes the likeliest disturbance so large and fast that
+the model may do what it likes between two readings: the base's parameters run away, and no screen about them sees
+the effect, because the disturbance follows the readings just as well. Held to disturbances of a usual size the fit is
+nearly one of simulation error; what it proposes is judged by the likelihood afterwards, like every proposal.
+
+Rules of this file: it proposes and decides nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hoopd.diagnose.search.screen import Score
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.noise_tuning import first_noise
+
+# Disturbances this many times the usual one are far beyond it.
+FAR_BEYOND = 3.0
+
+
+def far_beyond(found: Fit) -> bool:
+    """Whether any recording's disturbances are far beyond the usual."""
+    usual = first_noise(found.tracks, found.values)
+    return any(bool(np.any(noise.force > FAR_BEYOND * usual[name].force)) for name, noise in found.noise.items())
+
+
+def stiffened(found: Fit) -> Fit:
+    """The same hypothesis on the same stretches, fitted with disturbances that are not beyond the usual."""
+    usual = first_noise(found.tracks, found.values)
+    noise = {name: _no_more(one, usual[name]) for name, one in found.noise.items()}
+    stretches = [track.stretch for track in found.tracks]
+    return fit(stretches, found.effects, found.values, like=found, noise=noise, free=found.free, tune_noise=False)
+
+
+def likeliest(found: Fit) -> Fit:
+    """The fit, or one that starts from where usual disturbances lead, whichever is likelier."""
+    if not far_beyond(found):
+        return found
+    held = stiffened(found)
+    stretches = [track.stretch for track in found.tracks]
+    other = fit(stretches, found.effects, held.values, like=held, noise=held.noise, free=found.free)
+    return other if other.criterion < found.criterion else found
+
+
+def _no_more(noise: Noise, usual: Noise) -> Noise:
+    large = noise.force > usual.force
+    return Noise(np.minimum(noise.force, usual.force), np.where(large, usual.time_s, noise.time_s), noise.reading)
+
+
+def deflated(scores: Sequence[Score], about: Fit) -> list[Score]:
+    """Gains in units of what the fit itself leaves: its rows are no longer of unit variance."""
+    rows = about.stacked()[:, 0]
+    excess = max(float(rows @ rows) / max(int(np.count_nonzero(rows)), 1), 1.0)
+    return [replace(one, gain=one.gain / excess) for one in scores]

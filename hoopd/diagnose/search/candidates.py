@@ -1,0 +1,137 @@
+"""How an effect is tried: proposed by screens and scans, fitted jointly, asked of data held out; how surprising it is.
+
+Rules of this file: one effect beside one fit; which of them is taken is decided in naming.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hoopd.diagnose.search.scan import scan
+from hoopd.diagnose.search.scan_score import Scanned
+from hoopd.diagnose.search.screen import TOUCHED, Score, Screen
+from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.stretches import Stretch
+
+Progress = Callable[[str], None]
+
+# Effects in one explanation.
+MOST_EFFECTS = 3
+# Held-out data may lose so many nats, or this share of the gain, before an effect is refused: by chance, or by another
+# effect that is not found yet. What is no effect loses a good part of what it gained.
+HELD_OUT_LOSS, HELD_OUT_SHARE = 3.0, 0.1
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Of a search."""
+
+    threshold: float = THRESHOLD
+    most: int = MOST_EFFECTS
+    progress: Progress = lambda text: None
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An effect fitted jointly with what was there before."""
+
+    effect: Effect
+    fit: Fit
+    gain: float  # nats over what was there before
+    surprise: float
+    score: Score
+
+
+class Judge:
+    """The data, and how an effect is tried on them."""
+
+    def __init__(
+        self, train: Sequence[Stretch], heldout: Sequence[Stretch], library: Mapping[str, Effect], settings: Settings
+    ) -> None:
+        self.train, self.heldout, self.library, self.settings = list(train), list(heldout), library, settings
+        # with the fits themselves: the address of one that is gone is soon another's
+        self._held: dict[int, tuple[Fit, float]] = {}
+        self.screens: dict[int, Screen] = {}
+
+    def proposals(self, about: Fit, taken: Sequence[str]) -> list[Score]:
+        """Best score of every effect beside a fit, most surprising first."""
+        wanted = [e for name, e in self.library.items() if name not in taken]
+        screen = self.screens[id(about)] = Screen(about, wanted)
+        scans = (scan(screen, effect) for effect in wanted if effect.found_by == "scan")
+        scores = [*screen.scores(), *(found for found in scans if found is not None)]
+        return sorted((replace(one, origin=about) for one in scores), key=lambda s: -surprise_of(s, s.gain, self.train))
+
+    def tried(self, before: Fit, score: Score) -> Tried:
+        """The proposed effect fitted together with everything that was there."""
+        effect = score.member.effect
+        origin = score.origin or before
+        start = {**origin.values, **before_effects(before), **score.start}
+        new = fit(self.train, (*before.effects, effect), start, like=origin, noise=before.noise)
+        if new.criterion > before.criterion and origin is not before:
+            # lost on the way from far off: once more from where the fit before was
+            start = {**before.values, **score.start}
+            new = fit(self.train, (*before.effects, effect), start, like=before, noise=before.noise)
+        gain = before.criterion - new.criterion
+        return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
+
+    def on_heldout(self, found: Fit) -> float:
+        """Criterion on the held-out data: parameters frozen, what belongs to a recording fitted again."""
+        if not self.heldout:
+            return float("nan")
+        if id(found) not in self._held:
+            own = tuple(n for n in free_of_recordings(found.effects, self.heldout))
+            self._held[id(found)] = found, fit(self.heldout, found.effects, found.values, free=own).criterion
+        return self._held[id(found)][1]
+
+    def heldout_gain(self, before: Fit, after: Fit) -> float:
+        """Nats on the held-out data; NaN without any."""
+        return self.on_heldout(before) - self.on_heldout(after)
+
+    def refused(self, before: Fit, after: Fit, gain: float) -> bool:
+        """Whether the held-out data lose more than chance, or another effect that is still missing, explains."""
+        return bool(self.heldout) and not self.heldout_gain(before, after) > -max(HELD_OUT_LOSS, HELD_OUT_SHARE * gain)
+
+
+def before_effects(found: Fit) -> dict[str, float]:
+    """Parameters of a fit's effects."""
+    marks = tuple(f"{effect.name}." for effect in found.effects)
+    return {name: value for name, value in found.values.items() if name.startswith(marks)} if marks else {}
+
+
+def free_of_recordings(effects: Sequence[Effect], stretches: Sequence[Stretch]) -> tuple[str, ...]:
+    """Names of the parameters that each recording has for itself."""
+    recordings = dict.fromkeys(one.recording for one in stretches)
+    own = [(e, p) for e in effects for p in e.parameters if p.per_recording and p.role == "phase"]
+    return tuple(f"{e.key(p.name)}@{r}" for r in recordings for e, p in own)
+
+
+def columns_of(effect: Effect, stretches: Sequence[Stretch]) -> tuple[int, int]:
+    """How many columns an effect has in a screen, and how many choices of them."""
+    recordings = len({one.recording for one in stretches})
+    amplitudes = sum(p.role == "amplitude" for p in effect.parameters)
+    phases = [p for p in effect.parameters if p.role == "phase"]
+    grids = [max(len(p.grid), 1) for p in effect.parameters if p.role == "shape"]
+    if not amplitudes:
+        # sizes of one thing; of a limit, other samples at each size
+        return 1, len(TOUCHED) if any(p.touched for p in effect.parameters) else 1
+    columns = 2 * (recordings if phases[0].per_recording else 1) if phases else amplitudes
+    return columns, int(np.prod(grids)) if grids else 1
+
+
+def surprise_of(score: Score, gain: float, stretches: Sequence[Stretch]) -> float:
+    """Of a gain by the effect of a score: as many columns and choices as it had."""
+    if isinstance(score, Scanned):
+        return max(0.0, replace(score, gain=max(gain, 0.0)).threshold_equivalent)
+    return surprise(gain, *columns_of(score.member.effect, stretches))
+
+
+def needed_of(score: Score, threshold: float, stretches: Sequence[Stretch]) -> float:
+    """The gain by the effect of a score that is as surprising as the threshold."""
+    if isinstance(score, Scanned):
+        return needed_gain(threshold, score.freedom, max(score.candidates, 1.0))
+    return needed_gain(threshold, *columns_of(score.member.effect, stretches))

@@ -1,0 +1,238 @@
+"""Where modules of earlier versions are now, so that what users wrote goes on working.
+
+An import of an old name gives the names of the module (or modules) that took its place, with a `DeprecationWarning`.
+
+Rules of this file: a table and its finder; standard library only, and nothing is imported before somebody asks.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import warnings
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+# Old name -> new name, both within `hoopd`; a module that was taken apart has several.
+MOVED: dict[str, str] = {
+    "app": "daemon.app",
+    "bench": "commands",
+    "bench.convert": "commands.convert",
+    "bench.design": "commands.design",
+    "bench.design_options": "commands.design_options",
+    "bench.diagnose": "commands.diagnose",
+    "bench.diagnose_inputs": "commands.diagnose_inputs",
+    "bench.fit": "commands.fit",
+    "bench.fit_options": "commands.fit_options",
+    "bench.fit_record": "commands.fit_record",
+    "bench.fit_shown": "commands.fit_tables",
+    "bench.forterminal": "commands.linear_tables",
+    "bench.foundmodel": "commands.diagnosed_model",
+    "bench.identify": "commands.identify",
+    "bench.identifydata": "commands.identify_data",
+    "bench.identifyfigures": "commands.identify_figures",
+    "bench.inputs": "commands.inputs",
+    "bench.linearize": "commands.linearize",
+    "bench.linearrecord": "commands.linearize_record",
+    "bench.simulate": "commands.simulate",
+    "bench.targets": "commands.output_files",
+    "build": "daemon.build",
+    "calibrate": "commands.calibrate",
+    "check": "daemon.checks",
+    "check_device": "daemon.device_checks",
+    "cli": "commands.cli",
+    "cli_bench": "commands.cli_bench",
+    "cli_design": "commands.cli_design",
+    "cli_diagnose": "commands.cli_diagnose",
+    "cli_identify": "commands.cli_identify",
+    "cli_options": "commands.cli_options",
+    "conductor": "daemon.conductor",
+    "design.arxlaw": "design.arx_law",
+    "design.closedloop": "design.closed_loop",
+    "design.controllerfile": "design.controller_text",
+    "design.discrete": "ident.discretization",
+    "design.effectsnear": "design.effects_near",
+    "design.gangoffour": "design.gang_of_four",
+    "design.levels": "design.innovation_levels",
+    "design.loopshaping": "design.loop_shaping",
+    "design.operating": "design.operating_points",
+    "diagnose.curves.acting": "diagnose.curves.curve_changes",
+    "diagnose.curves.effectforce": "diagnose.curves.effect_force",
+    "diagnose.curves.locate": "diagnose.curves.location_evidence",
+    "diagnose.curves.missingforce": "diagnose.curves.missing_force",
+    "diagnose.curves.screen": "diagnose.curves.curve_screen",
+    "diagnose.curves.shapes": "diagnose.curves.curve_fits",
+    "diagnose.curves.sites": "diagnose.curves.curve_sites",
+    "diagnose.curves.unknown": "diagnose.curves.unknown_effects",
+    "diagnose.engine": "plants.likelihood",
+    "diagnose.engine.calls": "plants.likelihood.batch_calls",
+    "diagnose.engine.chain": "plants.likelihood.linear_recursion",
+    "diagnose.engine.changes": "diagnose.search.effect_changes",
+    "diagnose.engine.composites": "plants.likelihood.composites",
+    "diagnose.engine.dataset": "plants.likelihood.stretches",
+    "diagnose.engine.filtering": "plants.likelihood.kalman_filter",
+    "diagnose.engine.fitting": "plants.likelihood.fitting",
+    "diagnose.engine.intervals": "diagnose.quality.unusual_intervals",
+    "diagnose.engine.noise": "plants.likelihood.noise_levels",
+    "diagnose.engine.ofrecording": "plants.likelihood.recording_parameters",
+    "diagnose.engine.priors": "plants.likelihood.priors",
+    "diagnose.engine.setaside": "diagnose.quality.excluded_stretches",
+    "diagnose.engine.stepcheck": "plants.likelihood.step_halving",
+    "diagnose.engine.track": "plants.likelihood.reference_track",
+    "diagnose.engine.tuning": "plants.likelihood.noise_tuning",
+    "diagnose.engine.unusual": "diagnose.quality.unusual_energy",
+    "diagnose.engine.vectorised": "plants.likelihood.vectorised",
+    "diagnose.faults": "diagnose.camera_faults",
+    "diagnose.place": "diagnose.location",
+    "diagnose.proof.apart": "diagnose.proof.separation",
+    "diagnose.proof.bestofall": "diagnose.proof.best_of_library",
+    "diagnose.proof.compared": "diagnose.proof.window_comparison",
+    "diagnose.proof.freechoice": "diagnose.proof.free_run_record",
+    "diagnose.proof.freeruns": "diagnose.proof.free_runs",
+    "diagnose.proof.freeselect": "diagnose.proof.free_run_selection",
+    "diagnose.proof.heldout": "diagnose.proof.held_out",
+    "diagnose.proof.menu": "diagnose.proof.experiment_menu",
+    "diagnose.proof.nextexperiment": "diagnose.proof.next_experiment",
+    "diagnose.proof.refine": "diagnose.proof.refinement",
+    "diagnose.proof.separate": "diagnose.proof.not_excluded",
+    "diagnose.proof.tables": "diagnose.proof.fit_tables",
+    "diagnose.proof.unnamed": "diagnose.proof.unknown_proof",
+    "diagnose.proof.visible": "diagnose.proof.power",
+    "diagnose.quality.channels": "diagnose.quality.sensor_samples",
+    "diagnose.quality.judged": "diagnose.quality.recording_quality",
+    "diagnose.quality.lateframes": "diagnose.quality.late_frames",
+    "diagnose.quality.motion": "diagnose.quality.channel_course",
+    "diagnose.quality.noisefloor": "diagnose.quality.noise_floor",
+    "diagnose.quality.speed": "diagnose.quality.rate_choice",
+    "diagnose.quality.split": "diagnose.quality.sample_classes",
+    "diagnose.quality.stops": "diagnose.quality.standstill",
+    "diagnose.recordfile": "diagnose.record_file",
+    "diagnose.report.pictures": "diagnose.report.curve_pictures",
+    "diagnose.report.readable": "diagnose.report.number_format",
+    "diagnose.report.words": "diagnose.report.sentences",
+    "diagnose.search.aside": "diagnose.search.excluded_intervals",
+    "diagnose.search.scanned": "diagnose.search.scan_score",
+    "diagnose.search.stiff": "diagnose.search.bounded_disturbance",
+    "diagnose.search.trying": "diagnose.search.candidates",
+    "diagnose.shown": "diagnose.report_curves",
+    "effectsfile": "plants.effects_file",
+    "excitationfile": "files.excitation",
+    "experiment": "daemon.experiment",
+    "experimentplan": "plants.hoop.experiment_plan",
+    "eye": "shell.ball_detection",
+    "ident.device": "plants.fits",
+    "ident.device.constraints": "plants.hoop.entry_constraints",
+    "ident.device.determined": "plants.fits.identifiability",
+    "ident.device.experiments": "plants.fits.fit_data",
+    "ident.device.fit": "plants.fits.fit",
+    "ident.device.freerun": "plants.fits.recorded_runs",
+    "ident.device.gaussnewton": "plants.fits.damped_gauss_newton",
+    "ident.device.innovations": "plants.fits.innovations",
+    "ident.device.kinematics": "plants.hoop.kinematics",
+    "ident.device.likelihood": "plants.fits.innovation_likelihood",
+    "ident.device.noise": "plants.fits.filter_noise",
+    "ident.device.outputerror": "plants.fits.output_error",
+    "ident.device.parameters": "plants.fits.free_parameters",
+    "ident.device.physical": "plants.hoop.physical_parameters",
+    "ident.device.plain": "plants.fits.plain_numbers",
+    "ident.device.prediction": "plants.fits.prediction_error",
+    "ident.device.score": "plants.fits.fit_percent",
+    "ident.device.scoring": "plants.fits.likelihood_search",
+    "ident.device.separating": "plants.hoop.separating_measurement",
+    "ident.device.solvers": "plants.hoop.solver_comparison",
+    "ident.device.thesis": "plants.hoop.thesis",
+    "ident.device.uncertainty": "plants.fits.uncertainty",
+    "ident.device.whiteness": "plants.fits.innovation_tests",
+    "identifiedfile": "files.identified",
+    "modelfiles": "plants.model_file files.controller files.model",
+    "output": "commands.output",
+    "physics": "plants",
+    "physics.compensation": "plants.compensation",
+    "physics.composite": "plants.composite",
+    "physics.declared": "plants.declaration plants.hoop.declaration",
+    "physics.effectmodel": "plants.hoop.free_run_with_effects",
+    "physics.effectplant": "plants.hoop.plant_with_effects",
+    "physics.effects": "plants.effects",
+    "physics.effects.actuator": "plants.effects.drive",
+    "physics.effects.ball": "plants.hoop.ball_effects",
+    "physics.effects.base": "plants.effects.base",
+    "physics.effects.camera": "plants.effects.image_sensor",
+    "physics.effects.catalogue": "plants.effects.library",
+    "physics.effects.encoder": "plants.effects.angle_sensor",
+    "physics.effects.external": "plants.effects.push",
+    "physics.effects.frame": "plants.hoop.frame_effects",
+    "physics.effects.hoop": "plants.effects.body",
+    "physics.effects.liftoff": "plants.hoop.lift_off",
+    "physics.effects.normal": "plants.hoop.normal_force",
+    "physics.effects.slip": "plants.hoop.slip",
+    "physics.effects.slots": "plants.effects.slots",
+    "physics.entries": "plants.hoop.entries",
+    "physics.equations": "plants.hoop.equations",
+    "physics.flight": "plants.hoop.flight",
+    "physics.found": "plants.found_effects",
+    "physics.freerun": "plants.free_run",
+    "physics.held": "plants.held_input",
+    "physics.motion": "plants.motion",
+    "physics.parameters": "plants.hoop.parameters",
+    "physics.plant": "plants.hoop.plant plants.compiled",
+    "physics.simulate": "plants.hoop.simulate",
+    "physics.truereadings": "plants.hoop.sensor_correction",
+    "plots.diagnosiscurves": "plots.diagnosis_curves",
+    "plots.printedmargin": "plots.printed_margin",
+    "recording.bytesof": "files.whole_files",
+    "recording.csvfile": "recording.csv_file",
+    "recording.matfile": "recording.mat_file",
+    "replay": "daemon.replay",
+    "report": "daemon.report",
+    "shipped": "files.shipped",
+    "sinks": "daemon.sinks",
+    "spans": "recording.spans",
+    "trackingerror": "daemon.tracking_error",
+    "world": "daemon.world",
+    "writeback": "plants.hoop.writeback",
+    "yamltext": "files.yaml_text",
+}
+PREFIX = "hoopd."
+
+
+class MovedModules:
+    """Finder and loader of the old names; it comes last on `sys.meta_path`."""
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
+        """A spec for an old name, None for every other one."""
+        if not name.startswith(PREFIX) or name.removeprefix(PREFIX) not in MOVED:
+            return None
+        return ModuleSpec(name, self, is_package=True)  # type: ignore[arg-type]  # a loader by its two methods
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        """An empty module that looks its names up where they are now."""
+        targets = [PREFIX + name for name in MOVED[spec.name.removeprefix(PREFIX)].split()]
+        return Moved(spec.name, targets)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Nothing runs: the names are looked up when they are asked for."""
+        assert isinstance(module, Moved)
+        places = " and ".join(module.targets)
+        warnings.warn(f"{module.__name__} is now {places}", DeprecationWarning, stacklevel=2)
+
+
+class Moved(ModuleType):
+    """A module under its old name."""
+
+    def __init__(self, name: str, targets: list[str]) -> None:
+        super().__init__(name)
+        self.targets = targets
+
+    def __getattr__(self, name: str) -> object:
+        if not name.startswith("__"):
+            for target in self.targets:
+                module = importlib.import_module(target)
+                if hasattr(module, name):
+                    return getattr(module, name)
+        raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+
+
+def install() -> None:
+    """Make the old names importable; a second call changes nothing."""
+    if not any(isinstance(finder, MovedModules) for finder in sys.meta_path):
+        sys.meta_path.append(MovedModules())

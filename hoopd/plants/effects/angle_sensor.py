@@ -1,0 +1,125 @@
+"""What an encoder, or any other sensor that is no camera, adds to its readings: slots of the kind `sensor`.
+
+Rules of this file: one function an effect; its equation stands above the line that computes it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values, geometric, phase
+from hoopd.plants.effects.image_sensor import latency
+from hoopd.plants.effects.slots import named, of_kind, units
+
+# A disc that is no circle, poles and gaps of a magnetic scale, the gain and phase of its two tracks.
+UNEVEN_HARMONICS = tuple(float(n) for n in range(2, 13))
+
+
+def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+    """Those of every sensor but the cameras."""
+    return tuple(
+        effect
+        for name, slot in of_kind(plant, "sensor")
+        if slot.device != "camera"
+        for effect in _of_slot(plant, name, slot)
+    )
+
+
+def _of_slot(plant: DeclaredPlant, name: str, slot: Slot) -> tuple[Effect, ...]:
+    q = slot.coordinate
+    angles = tuple(c for c in slot.channels if plant.channels.get(c) == q)
+    rates = tuple(c for c in slot.channels if plant.channels.get(c) == f"d{q}")
+    found = []
+    if slot.turns and angles:
+        found += [_eccentricity(name, q, angles, rates), _harmonic(plant, name, q, angles, rates)]
+    found.append(latency(name, slot))
+    if rates:
+        found.append(_speed_lag(name, rates))
+    if angles and not slot.turns:
+        found.append(_offset(plant, name, angles))
+    return tuple(found)
+
+
+def _eccentricity(name: str, q: str, angles: tuple[str, ...], rates: tuple[str, ...]) -> Effect:
+    def seen(s: Point, e: Values) -> dict[str, Any]:
+        angle = getattr(s, q) + e.phi
+        # theta + a sin(theta + phi);  of the rate its derivative, theta' (1 + a cos(theta + phi)), or nothing
+        by_angle, by_rate = e.a * ca.sin(angle), e.follows * e.a * ca.cos(angle) * getattr(s, f"d{q}")
+        return {**dict.fromkeys(angles, by_angle), **dict.fromkeys(rates, by_rate)}
+
+    follows = EffectParameter("follows", "-", 0.0, 0.0, 1.0, "shape", (0.0, 1.0), discrete=True)
+    return Effect(
+        f"{name}.eccentricity",
+        (
+            EffectParameter("a", "rad", 0.0, 0.0, 0.5, grid=(0.02,)),
+            phase(per_recording=True),
+            *((follows,) if rates else ()),
+        ),
+        sensor=seen,
+        depends_on=(q,),
+        statement="its disc sits off the axis: the angle is wrong by a sine once a turn",
+        signature="the angle's error is a sine of the angle; the measured rate follows it (follows = 1) or not (0)",
+        sign="a >= 0, the phase takes the sign",
+        best_experiment="whole turns at constant speed",
+        write_back="subtract a sin(theta + phi) from the reading; phi belongs to the encoder's zero",
+    )
+
+
+def _harmonic(plant: DeclaredPlant, name: str, q: str, angles: tuple[str, ...], rates: tuple[str, ...]) -> Effect:
+    def seen(s: Point, e: Values) -> dict[str, Any]:
+        angle = e.n * getattr(s, q) + e.phi
+        # theta + a sin(n theta + phi);  of the rate its derivative, theta' (1 + n a cos(n theta + phi)), or nothing
+        by_angle, by_rate = e.a * ca.sin(angle), e.follows * e.n * e.a * ca.cos(angle) * getattr(s, f"d{q}")
+        return {**dict.fromkeys(angles, by_angle), **dict.fromkeys(rates, by_rate)}
+
+    follows = EffectParameter("follows", "-", 0.0, 0.0, 1.0, "shape", (0.0, 1.0), discrete=True)
+    return Effect(
+        f"{name}.harmonic",
+        (
+            EffectParameter("a", "rad", 0.0, 0.0, 0.2, grid=(0.01,)),
+            EffectParameter("n", "-", 2.0, 2.0, max(UNEVEN_HARMONICS), "shape", UNEVEN_HARMONICS, discrete=True),
+            phase(per_recording=True),
+            *((follows,) if rates else ()),
+        ),
+        sensor=seen,
+        depends_on=(q,),
+        near=(f"{name}.eccentricity", *named(plant, "actuator", "cogging", q)),
+        statement="its scale is uneven: the angle is wrong by a sine n times a turn",
+        signature="the rate of the angle ripples n times a turn, in proportion to the speed",
+        sign="a >= 0, the phase takes the sign; n = 1 is the eccentricity",
+        best_experiment="whole turns at several constant speeds: a torque's ripple falls with speed, this one grows",
+        write_back="subtract a sin(n theta + phi) from the reading; phi belongs to the encoder's zero",
+    )
+
+
+def _speed_lag(name: str, rates: tuple[str, ...]) -> Effect:
+    return Effect(
+        f"{name}.speed_lag",
+        (EffectParameter("T", "s", 0.0, 0.0, 0.5, "shape", geometric(0.005, 0.15, 8)),),
+        # T m' = theta' - m
+        sensor_lag=dict.fromkeys(rates, "T"),
+        depends_on=("t",),
+        near=(f"{name}.latency",),
+        statement="the measured rate is low-passed with a time constant T",
+        signature="the measured rate is behind the derivative of the measured angle",
+        sign="T >= 0",
+        best_experiment="fast two-level torque",
+        write_back="the estimator takes the angle, or carries the filter as a state",
+    )
+
+
+def _offset(plant: DeclaredPlant, name: str, angles: tuple[str, ...]) -> Effect:
+    return Effect(
+        f"{name}.offset",
+        (EffectParameter("d", units(plant).coordinate, 0.0, -1.0, 1.0, grid=(0.01,)),),
+        # q + d
+        sensor=lambda s, e: dict.fromkeys(angles, e.d),
+        statement="the sensor's zero is wrong by d",
+        signature="rest is read at d where forces depend on the position",
+        sign="either",
+        best_experiment="rest at a known position",
+        write_back="calibrate the sensor's zero by d",
+    )

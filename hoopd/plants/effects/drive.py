@@ -1,0 +1,247 @@
+"""What happens between the demanded torque and the torque on the body: every slot of the kind `actuator`.
+
+Order along the signal: delay, dead zone (1), limits (2), ripple and gain (3), bias and cogging (4), lag.
+
+Rules of this file: one function an effect; its equation stands above the line that computes it. Sizes are the hoop's
+and follow the plant's limit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.effects.base import NO_LIMIT, Effect, EffectParameter, geometric, phase
+from hoopd.plants.effects.slots import force_scale, named, of_kind, scaled, speed_scale, turns, units
+
+# Harmonics of a turn that a motor's poles and slots may make; the first is the imbalance of what it turns.
+COGGING_HARMONICS = tuple(float(n) for n in range(2, 37))
+RIPPLE_HARMONICS = tuple(float(n) for n in range(1, 37))
+# Of a dead zone, the demand within which its inverse rises to the whole of it.
+JUMP_SHARE = 0.5
+# A harmonic is followed at 2 ms: 36 a turn at 20 rad/s are 1.4 rad a step, a Runge-Kutta error of 0.2 %.
+HARMONIC_SUBSTEPS = 10
+# A torque that switches within a substep enters by its mean: that moves an angle by 4e-5 rad at 2.5 ms, 2e-4 at 5 ms.
+SWITCH_SUBSTEPS = 8
+
+# Of the drive's limit, what a demand leaves at least where it is asked which speed would touch it.
+LEAST_LEFT = 1e-3
+
+
+def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+    """Those of every actuator."""
+    return tuple(effect for name, slot in of_kind(plant, "actuator") for effect in _of_slot(plant, name, slot))
+
+
+def _of_slot(plant: DeclaredPlant, name: str, slot: Any) -> tuple[Effect, ...]:
+    every = (
+        _gain(name),
+        _bias(plant, name),
+        _deadzone(plant, name),
+        _saturation(plant, name),
+        _lag(name),
+        _delay(plant, name),
+    )
+    angle = (_cogging(plant, name, slot.coordinate), _ripple(name, slot.coordinate))
+    return (
+        *every,
+        *(angle if turns(plant, slot.coordinate) else ()),
+        _back_emf(plant, name, slot.coordinate, speed_scale(slot)),
+    )
+
+
+def _gain(slot: str) -> Effect:
+    return Effect(
+        f"{slot}.torque_gain",
+        (EffectParameter("k", "-", 1.0, 0.2, 3.0, grid=(0.1,)),),
+        # tau = k u
+        torque=lambda s, e: e.k * s.u,
+        undo=lambda s, e: s.u / e.k,
+        order=3,
+        found_by="base",
+        depends_on=("u",),
+        statement="the drive gives k times the torque that is demanded",
+        signature="every response to the torque is larger or smaller by one factor",
+        sign="k > 0",
+        best_experiment="a known added mass or weight on the driven body, then the same signal twice",
+        write_back="demand the torque divided by k",
+    )
+
+
+def _bias(plant: DeclaredPlant, slot: str) -> Effect:
+    size = force_scale(plant)
+    return Effect(
+        f"{slot}.torque_bias",
+        (EffectParameter("b", units(plant).force, 0.0, -0.1 * size, 0.1 * size, grid=(0.005 * size,)),),
+        # tau = u + b
+        torque=lambda s, e: s.u + e.b,
+        undo=lambda s, e: s.u - e.b,
+        order=4,
+        statement="the drive adds a constant torque to what is demanded",
+        signature="a constant missing force on the driven body, also at zero demand",
+        sign="either",
+        best_experiment="zero demand from rest in both directions, then slow steps of both signs",
+        write_back="subtract b from the demanded torque",
+    )
+
+
+def _deadzone(plant: DeclaredPlant, slot: str) -> Effect:
+    size = force_scale(plant)
+    grid = scaled(geometric(0.005, 0.06, 8), size)
+    return Effect(
+        f"{slot}.deadzone",
+        (EffectParameter("d", units(plant).force, 0.0, 0.0, 0.1 * size, "shape", grid),),
+        # tau = u - d sign(u), 0 for |u| < d
+        torque=lambda s, e: s.u - ca.fmin(ca.fmax(s.u, -e.d), e.d),
+        # the jump of the inverse at zero as a slope: a law's noise must not become a rattle of +-d
+        undo=lambda s, e: s.u + ca.fmin(ca.fmax(s.u / JUMP_SHARE, -e.d), e.d),
+        order=1,
+        depends_on=("u",),
+        near=(f"{slot}.saturation", f"{slot}.torque_gain"),
+        statement="small demanded torques do nothing, larger ones are smaller by d",
+        signature="the missing force is -u for small u and a constant against u for large u",
+        sign="d >= 0",
+        best_experiment="a slow triangle of torque through zero, or steps of several sizes",
+        write_back="add d in the direction of the demanded torque",
+    )
+
+
+def _saturation(plant: DeclaredPlant, slot: str) -> Effect:
+    size = force_scale(plant)
+    grid = scaled((*geometric(0.02, 0.5, 12), 0.6, 0.69), size)
+    return Effect(
+        f"{slot}.saturation",
+        (
+            EffectParameter(
+                "s",
+                units(plant).force,
+                NO_LIMIT,
+                0.01 * size,
+                plant.limit,
+                "shape",
+                grid,
+                touched=lambda s: ca.fabs(s.u),
+            ),
+        ),
+        # |tau| <= s
+        torque=lambda s, e: ca.fmin(ca.fmax(s.u, -e.s), e.s),
+        order=2,
+        depends_on=("u",),
+        near=(f"{slot}.deadzone", f"{slot}.torque_gain", f"{slot}.back_emf_limit"),
+        statement="the drive gives no more than s, less than its nominal limit",
+        signature="the missing force is zero for small u and grows against u beyond a size of u",
+        sign="0 < s below the nominal limit",
+        best_experiment="steps of several sizes up to the limit",
+        write_back="give the controller s as its torque limit",
+    )
+
+
+def _lag(slot: str) -> Effect:
+    return Effect(
+        f"{slot}.lag",
+        (EffectParameter("T", "s", 0.0, 0.0, 0.3, "shape", geometric(0.005, 0.1, 8)),),
+        # T tau' = u - tau
+        lag="T",
+        substeps=SWITCH_SUBSTEPS,
+        depends_on=("u",),
+        near=(f"{slot}.delay",),
+        statement="the torque follows the demand with a time constant T",
+        signature="a missing force against each change of u that dies away within T",
+        sign="T >= 0",
+        best_experiment="fast two-level torque or a chirp up to the highest frequency",
+        write_back="a torque state in the estimator; the controller leads by T",
+    )
+
+
+def _delay(plant: DeclaredPlant, slot: str) -> Effect:
+    return Effect(
+        f"{slot}.delay",
+        (EffectParameter("d", "s", 0.0, 0.0, 0.2, "shape", geometric(0.002, 0.08, 9)),),
+        # tau(t) = u(t - d)
+        delay="d",
+        substeps=SWITCH_SUBSTEPS,
+        depends_on=("u",),
+        near=(f"{slot}.lag",),
+        statement="the torque comes d seconds after its demand",
+        signature="a missing force against each change of u for d seconds",
+        sign="d >= 0",
+        best_experiment="fast two-level torque, in the open loop",
+        write_back="the estimator predicts over d with the torques that are on their way",
+    )
+
+
+def _cogging(plant: DeclaredPlant, slot: str, q: str) -> Effect:
+    size = force_scale(plant)
+    return Effect(
+        f"{slot}.cogging",
+        (
+            EffectParameter("A", units(plant).force, 0.0, 0.0, 0.1 * size, grid=(0.005 * size,)),
+            EffectParameter("n", "-", 2.0, 2.0, 36.0, "shape", COGGING_HARMONICS, discrete=True),
+            phase(per_recording=True),
+        ),
+        # tau += A sin(n theta + phi)
+        torque=lambda s, e: s.u + e.A * ca.sin(e.n * getattr(s, q) + e.phi),
+        undo=lambda s, e: s.u - e.A * ca.sin(e.n * getattr(s, q) + e.phi),
+        order=4,
+        substeps=HARMONIC_SUBSTEPS,
+        depends_on=(q,),
+        near=named(plant, "body", "imbalance", q),
+        statement="a torque that comes back n times a turn",
+        signature="the missing force is a sine of n times the angle, whatever the demand",
+        sign="A >= 0, the phase takes the sign; n = 1 is the imbalance",
+        best_experiment="slow turns at two speeds in both directions",
+        write_back="subtract A sin(n theta + phi) from the demand; phi belongs to the encoder's zero",
+    )
+
+
+def _ripple(slot: str, q: str) -> Effect:
+    return Effect(
+        f"{slot}.ripple",
+        (
+            EffectParameter("a", "-", 0.0, 0.0, 0.9, grid=(0.05,)),
+            EffectParameter("n", "-", 1.0, 1.0, 36.0, "shape", RIPPLE_HARMONICS, discrete=True),
+            phase(per_recording=True),
+        ),
+        # tau = u (1 + a sin(n theta + phi))
+        torque=lambda s, e: s.u * (1 + e.a * ca.sin(e.n * getattr(s, q) + e.phi)),
+        undo=lambda s, e: s.u / (1 + e.a * ca.sin(e.n * getattr(s, q) + e.phi)),
+        order=3,
+        substeps=HARMONIC_SUBSTEPS,
+        depends_on=("u", q),
+        near=(f"{slot}.cogging",),
+        statement="the drive's gain comes and goes n times a turn",
+        signature="the missing force is the demand times a sine of n times the angle",
+        sign="0 <= a < 1, the phase takes the sign",
+        best_experiment="slow turns under two sizes of torque in both directions",
+        write_back="divide the demand by 1 + a sin(n theta + phi); phi belongs to the encoder's zero",
+    )
+
+
+def _back_emf(plant: DeclaredPlant, slot: str, q: str, speed: float) -> Effect:
+    def limited(s: Any, e: Any) -> Any:
+        # |tau| <= max(0, limit (1 - |theta'| / w0)), in all quadrants
+        most = ca.fmax(0.0, plant.limit * (1 - ca.fabs(getattr(s, f"d{q}")) / e.w0))
+        return ca.fmin(ca.fmax(s.u, -most), most)
+
+    def touched(s: Any) -> Any:
+        # |u| = limit (1 - |theta'| / w0)
+        return ca.fabs(getattr(s, f"d{q}")) / ca.fmax(1 - ca.fabs(s.u) / plant.limit, LEAST_LEFT)
+
+    grid = scaled(geometric(8.0, 80.0, 8), speed)
+    w0 = EffectParameter("w0", units(plant).rate, NO_LIMIT, 5.0 * speed, 200.0 * speed, "shape", grid, touched=touched)
+    return Effect(
+        f"{slot}.back_emf_limit",
+        (w0,),
+        torque=limited,
+        order=2,
+        substeps=SWITCH_SUBSTEPS,
+        depends_on=("u", f"d{q}"),
+        near=(f"{slot}.saturation",),
+        statement="the faster the motor turns, the less torque it can give: none at w0",
+        signature="the missing force is against u, only where both torque and speed are high",
+        sign="w0 > 0",
+        best_experiment="large torques at high speed in both directions",
+        write_back="give the controller the limit that falls with speed",
+    )

@@ -1,0 +1,51 @@
+"""Whoever pushes from outside: slots of the kind `push`.
+
+Rules of this file: one function an effect; its equation stands above the line that computes it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values
+from hoopd.plants.effects.slots import force_scale, of_kind, units
+
+# The edges of a pulse are ramps of this length (s) around t0 and t1: an integration step sees them, a fit moves them.
+EDGE_S = 0.010
+
+
+def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+    """Those of every push."""
+    return tuple(_disturbance(plant, name, slot) for name, slot in of_kind(plant, "push"))
+
+
+def _edge(t: Any) -> Any:
+    return ca.fmin(ca.fmax(t / EDGE_S + 0.5, 0.0), 1.0)
+
+
+def _disturbance(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
+    size = force_scale(plant)
+
+    def pulse(s: Point, e: Values) -> dict[str, Any]:
+        # A between t0 and t1
+        return {slot.coordinate: e.A * (_edge(s.t - e.t0) - _edge(s.t - e.t1))}
+
+    return Effect(
+        f"{name}.disturbance",
+        (
+            EffectParameter("t0", "s", 0.0, 0.0, 1e4, "shape", per_recording=True),
+            EffectParameter("t1", "s", 0.0, 0.0, 1e4, "shape", per_recording=True),
+            EffectParameter("A", units(plant).force, 0.0, -1.0 * size, 1.0 * size, grid=(0.01 * size,)),
+        ),
+        force=pulse,
+        found_by="scan",
+        depends_on=("t",),
+        statement="somebody or something pushed for a while",
+        signature="the missing force is there between two times only",
+        sign="either; t from each recording's start, t1 >= t0",
+        best_experiment="the same signal again: a push does not come back",
+        write_back="nothing to write back: set the time aside",
+    )

@@ -1,0 +1,67 @@
+"""What the files of the slots share: which slots a plant has, its units and the sizes that matter on it.
+
+Rules of this file: nothing here knows an effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from hoopd.plants.declaration import DeclaredPlant, Slot
+
+# The sizes in the files of the slots are those of the hoop: a drive of 0.7 N m at rates of 10 rad/s. On another plant
+# they follow its limit and its slot's usual rate.
+USUAL_LIMIT, USUAL_SPEED = 0.7, 10.0
+
+
+class Units(NamedTuple):
+    """Units of a plant whose coordinates are angles or lengths."""
+
+    force: str
+    coordinate: str
+    rate: str
+    drag: str
+
+
+ANGLES = Units("N m", "rad", "rad/s", "N m s2")
+LENGTHS = Units("N", "m", "m/s", "N s2/m2")
+
+
+def units(plant: DeclaredPlant) -> Units:
+    """Those of a plant by its force."""
+    return ANGLES if plant.force_unit == "N m" else LENGTHS
+
+
+def of_kind(plant: DeclaredPlant, kind: str) -> Iterator[tuple[str, Slot]]:
+    """Names and slots of a kind, in the plant's order."""
+    return ((name, slot) for name, slot in plant.slots.items() if slot.kind == kind)
+
+
+def named(plant: DeclaredPlant, kind: str, effect: str, coordinate: str, device: str = "") -> tuple[str, ...]:
+    """`slot.effect` of each slot of a kind on a coordinate: partners in another slot."""
+    return tuple(
+        f"{name}.{effect}"
+        for name, slot in of_kind(plant, kind)
+        if slot.coordinate == coordinate and (not device or slot.device == device)
+    )
+
+
+def turns(plant: DeclaredPlant, coordinate: str) -> bool:
+    """Whether the body on a coordinate turns."""
+    return any(slot.turns for _, slot in of_kind(plant, "body") if slot.coordinate == coordinate)
+
+
+def force_scale(plant: DeclaredPlant) -> float:
+    """Forces of this plant over the hoop's."""
+    return plant.limit / USUAL_LIMIT
+
+
+def speed_scale(slot: Slot) -> float:
+    """Rates of this slot over the hoop's."""
+    return slot.speed / USUAL_SPEED
+
+
+def scaled(grid: tuple[float, ...], by: float) -> tuple[float, ...]:
+    """A grid in another plant's sizes."""
+    return grid if by == 1.0 else tuple(float(f"{one * by:.3g}") for one in grid)

@@ -1,0 +1,98 @@
+"""A user's own effects: a Python file that defines EFFECTS or `effects(plant)`.
+
+Rules of this file: whatever is wrong in such a file is one `InputError`; the daemon never comes here.
+"""
+
+from __future__ import annotations
+
+import re
+import traceback
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hoopd.files.reading import InputError, read_text
+from hoopd.plants.composite import Composite
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.free_run import readings, run
+
+NAME = re.compile(r"[a-z][a-z0-9_]*\.[a-z][a-z0-9_]*")
+# Where an effect is tried: some motion of everything, for as long as a delay may be.
+TRIED_STEPS, TRIED_SPEED = 10, 0.3
+
+
+def load_effects(path: Path, plant: DeclaredPlant) -> tuple[Effect, ...]:
+    """The effects of a user's file for a plant, tried on it; InputError says which line or which effect is wrong."""
+    text = read_text(path)
+    # the user's own program, as the controller of `experiment` is: it runs with the rights of who calls us
+    space: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
+    try:
+        exec(compile(text, str(path), "exec"), space)
+        made = space["effects"](plant) if callable(space.get("effects")) else space.get("EFFECTS")
+        effects = tuple(made) if isinstance(made, Iterable) else None
+    except Exception as error:
+        raise InputError(path, _line(error, path), _reason(error)) from None
+    if effects is None:
+        raise InputError(path, "", "defines neither EFFECTS nor effects(plant)")
+    for effect in effects:
+        _check(path, plant, effect)
+    return effects
+
+
+def _check(path: Path, plant: DeclaredPlant, effect: Any) -> None:
+    if not isinstance(effect, Effect):
+        raise InputError(path, "EFFECTS", f"an Effect is expected, not {type(effect).__name__}")
+    if not NAME.fullmatch(effect.name):
+        raise InputError(path, effect.name, "a name is slot.effect, in small letters, digits and _")
+    names = [one.name for one in effect.parameters]
+    if len(set(names)) < len(names):
+        raise InputError(path, effect.name, "a parameter stands twice")
+    for field, known in _used(plant, effect):
+        if field not in known:
+            raise InputError(path, effect.name, f"{field!r} is none of {', '.join(known) or 'nothing'}")
+    try:
+        neutral, sized = _tried(plant, effect)
+    except Exception as error:
+        raise InputError(path, effect.name, f"{_line(error, path)} {_reason(error)}".strip()) from None
+    if not np.array_equal(neutral, _tried(plant, None, Composite(plant, (effect,)).substeps)[0]):
+        raise InputError(path, effect.name, "its neutral values change the model")
+    if not np.isfinite(sized).all():
+        raise InputError(path, effect.name, "with its parameters at their usual sizes the model is not finite")
+
+
+def _used(plant: DeclaredPlant, effect: Effect) -> Iterable[tuple[str, tuple[str, ...]]]:
+    """Names that must be among others: parameters of delays and lags, channels of sensors."""
+    own, channels = tuple(one.name for one in effect.parameters), tuple(plant.channels)
+    times = (effect.delay, effect.lag, *effect.latency.values(), *effect.sensor_lag.values())
+    yield from ((time, own) for time in times if time is not None)
+    yield from ((channel, channels) for channel in (*effect.latency, *effect.sensor_lag))
+
+
+def _tried(plant: DeclaredPlant, effect: Effect | None, substeps: int | None = None) -> tuple[Any, Any]:
+    """What a plant reads in a short run: with the effect neutral, and at its usual sizes."""
+    composite = Composite(plant, (effect,) if effect else (), substeps)
+    sizes = {effect.key(p.name): p.neutral + p.size for p in effect.parameters} if effect else {}
+    return _run(composite, {}), _run(composite, sizes)
+
+
+def _run(composite: Composite, values: Mapping[str, float]) -> Any:
+    plant = composite.plant
+    t, u = np.arange(TRIED_STEPS + 1) * 0.02, np.full(TRIED_STEPS, 0.1 * plant.limit)
+    start = [TRIED_SPEED * (i % 2 + 0.5) for i in range(len(plant.states))]
+    z = run(composite, values, start, t, u)
+    return np.stack(list(readings(composite, values, t, u, z).values()))
+
+
+def _reason(error: Exception) -> str:
+    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
+
+
+def _line(error: Exception, path: Path) -> str:
+    """Line of the user's file in which it happened."""
+    if isinstance(error, SyntaxError) and error.filename == str(path):
+        return f"line {error.lineno}"
+    lines = [one.lineno for one in traceback.extract_tb(error.__traceback__) if one.filename == str(path)]
+    return f"line {lines[-1]}" if lines else ""

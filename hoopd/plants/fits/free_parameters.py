@@ -1,0 +1,91 @@
+"""Which parameters a fit moves, on which scale, and what is believed of them before any data.
+
+Rules of this file: tables and scales; no data here. A positive parameter is fitted as its logarithm, so that no step
+of a search leaves its range; an entry is fitted in units of its nominal size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.plants.hoop.parameters import PARAMETER_UNITS
+
+Array = NDArray[np.float64]
+
+# What runs of each kind can say anything about; the rest keeps its value.
+ENTRIES = {
+    "both": ("J11", "J12", "K1", "L1", "J21", "J22", "K2", "L2"),
+    "hoop": ("J11", "L1"),
+    "ball": ("J22", "K2"),
+}
+PHYSICAL = {
+    "both": ("mb", "Ro", "Rb", "Ib", "Ih", "bb", "bh"),
+    "hoop": ("Ih", "bh"),
+    "ball": ("mb", "Ro", "Rb", "Ib", "bb"),
+}
+# Relative standard deviations of the logarithm before any data: a laboratory weighs and measures, and an inertia or
+# a friction is known by its order of magnitude.
+PRIOR = {"mb": 0.5, "Ro": 0.2, "Rb": 0.2, "Ib": 1.0, "Ih": 1.0, "bb": 2.0, "bh": 2.0}
+
+
+class Prior(NamedTuple):
+    """A normal belief on the fitted scale (logarithm of a positive parameter)."""
+
+    value: float  # on the parameter's own scale
+    sigma: float  # of the logarithm, or absolute where the parameter may be negative
+
+
+@dataclass(frozen=True)
+class Scale:
+    """From the search's coordinates z (m,) to parameters (m,) and back."""
+
+    names: tuple[str, ...]
+    nominal: Array  # (m,)
+    positive: NDArray[np.bool_]  # (m,)
+
+    def parameters(self, z: Array) -> Array:
+        """p = p0 exp(z) for positive ones, p = p0 + |p0| z else."""
+        # the bound keeps a wild step of the search finite: e^30 is 1e13
+        grown = self.nominal * np.exp(np.clip(z, -30.0, 30.0))
+        return np.where(self.positive, grown, self.nominal + self.size * z)
+
+    def derivative(self, z: Array) -> Array:
+        """dp/dz (m,)."""
+        return np.where(self.positive, self.parameters(z), self.size)
+
+    def coordinates(self, p: Array) -> Array:
+        """z of parameters."""
+        ratio = np.log(np.where(self.positive, p / self.nominal, 1.0))
+        return np.where(self.positive, ratio, (p - self.nominal) / self.size)
+
+    @property
+    def size(self) -> Array:
+        """Unit (m,) of the coordinates of parameters that may be negative."""
+        return np.where(self.nominal == 0.0, 1.0, np.abs(self.nominal))
+
+
+def determined_names(structure: str, movings: Sequence[str], *, driven: bool = True) -> tuple[str, ...]:
+    """Parameters on which runs of these kinds bear, in the structure's order; `driven`: some run has a torque."""
+    table = ENTRIES if structure == "entries" else PHYSICAL
+    some = {name for moving in movings for name in table[moving]}
+    if not driven and structure == "entries":
+        some -= {"L1", "L2"}  # what a torque does is not seen where there is none
+    return tuple(name for name in PARAMETER_UNITS[structure] if name in some)
+
+
+def scale_of(structure: str, names: Sequence[str], values: Mapping[str, float]) -> Scale:
+    """Scale around nominal values."""
+    positive = [structure != "entries" or name in ("mb", "Ro", "Rb", "g", "L1") for name in names]
+    return Scale(tuple(names), np.array([values[name] for name in names]), np.array(positive))
+
+
+def default_priors(structure: str, names: Sequence[str], values: Mapping[str, float]) -> dict[str, Prior]:
+    """Wide beliefs for physical parameters, none for entries."""
+    if structure == "entries":
+        return {}
+    return {name: Prior(values[name], PRIOR[name]) for name in names if name in PRIOR}

@@ -1,0 +1,206 @@
+"""Output-error fit: free runs against recordings, all derivatives exact, every run from a start of its own.
+
+    min over p, x0_r of  sum_r sum_c |y_rc - h_c(x(t; p, x0_r))|^2 / sigma_c^2  +  prior,
+
+sigma_c the standard deviation of channel c's residual, found along (Ljung, System Identification, 2nd ed., ch. 7 and
+10; equal to maximum likelihood under independent normal errors of each channel).
+
+Rules of this file: numbers in, numbers out; no files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.plants.fits.damped_gauss_newton import SMALLEST_GAIN, Block, minimise
+from hoopd.plants.fits.fit_data import STATES, Run
+from hoopd.plants.fits.free_parameters import Prior, Scale, scale_of
+from hoopd.plants.found_effects import Found
+from hoopd.plants.hoop.equations import ExtraForce
+from hoopd.plants.hoop.free_run_with_effects import model_of
+
+Array = NDArray[np.float64]
+
+# The standard deviations are found when they change by less than this.
+SIGMA_CHANGE = 0.01
+SIGMA_ROUNDS = 12
+# Until they change by less than this, a search to the last digit would be for another problem's solution.
+SIGMA_NEAR = 0.1
+ROUGH_GAIN = 1e-2
+# Far above any speed of the device: a wild step of the search is turned back instead of overflowing.
+LARGEST_RESIDUAL = 1e6
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a fit found: parameters, starts, residuals and their derivatives at the solution."""
+
+    names: tuple[str, ...]
+    values: dict[str, float]  # every parameter of the structure, fitted or not
+    scale: Scale
+    z: Array  # (m,) search coordinates of the fitted ones
+    starts: list[Array]  # (4,) of every run
+    sigma: dict[str, float]  # by channel
+    residuals: list[dict[str, Array]]  # by run and channel, in the channel's unit
+    jacobian: list[dict[str, Array]]  # d residual / d (z, free starts of the run)
+    cost: float
+    steps: int  # of the search
+    converged: bool
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+
+
+class Problem:
+    """Residuals and derivatives of all runs, in units of sigma."""
+
+    def __init__(
+        self,
+        structure: str,
+        values: Mapping[str, float],
+        runs: Sequence[Run],
+        scale: Scale,
+        extra_forces: tuple[ExtraForce, ...] = (),
+        effects: Found | None = None,
+    ) -> None:
+        self.runs, self.scale = list(runs), scale
+        kinds = {run.moving for run in runs}
+        self.models = {m: model_of(structure, values, scale.names, extra_forces, effects, moving=m) for m in kinds}
+        self.free = [free_starts(run) for run in runs]
+        self.sigma = {name: _first_sigma(name, runs) for name in _channels(runs)}
+
+    def first_starts(self) -> list[Array]:
+        """The runs' own guesses of what is free in their starts."""
+        return [run.start[free] for run, free in zip(self.runs, self.free, strict=True)]
+
+    def whole_starts(self, starts: Sequence[Array]) -> list[Array]:
+        """(4,) states from their free components."""
+        whole = [run.start.copy() for run in self.runs]
+        for state, free, start in zip(whole, self.free, starts, strict=True):
+            state[free] = start
+        return whole
+
+    def errors(self, z: Array, starts: Sequence[Array]) -> list[dict[str, Array]]:
+        """Simulated less measured, by run and channel, in the channel's unit."""
+        p, parts = self.scale.parameters(z), []
+        for run, start in zip(self.runs, self.whole_starts(starts), strict=True):
+            x = self.models[run.moving].run(p, start, run.t, run.u)
+            parts.append({name: one.of(x) - one.values for name, one in run.series.items()})
+        return parts
+
+    def derivatives(self, z: Array, starts: Sequence[Array]) -> tuple[list[dict[str, Array]], list[dict[str, Array]]]:
+        """Errors, and their derivatives (k, m + free starts) by z and the run's free start."""
+        p, dp = self.scale.parameters(z), self.scale.derivative(z)
+        errors, by = [], []
+        for run, start, free in zip(self.runs, self.whole_starts(starts), self.free, strict=True):
+            found = self.models[run.moving].run_with_sensitivity(p, start, run.t, run.u)
+            both = np.concatenate([found.by_parameters * dp, found.by_start[:, :, free]], axis=2)
+            errors.append({name: one.of(found.x) - one.values for name, one in run.series.items()})
+            by.append({name: one.of(both) for name, one in run.series.items()})
+        return errors, by
+
+    def residuals(self, z: Array, starts: Sequence[Array]) -> list[Array]:
+        """By run, in units of sigma; finite whatever the search tries."""
+        return [self._stacked(part) for part in self.errors(z, starts)]
+
+    def blocks(self, z: Array, starts: Sequence[Array]) -> list[Block]:
+        """Residuals with their derivatives, in units of sigma."""
+        m, out = len(self.scale.names), []
+        for errors, by in zip(*self.derivatives(z, starts), strict=True):
+            stacked = np.nan_to_num(np.concatenate([by[name] / self.sigma[name] for name in by]))
+            out.append(Block(self._stacked(errors), stacked[:, :m], stacked[:, m:]))
+        return out
+
+    def update_sigma(self, errors: list[dict[str, Array]], robust: bool) -> float:
+        """New standard deviations from the errors; the largest relative change."""
+        change = 0.0
+        for name, old in self.sigma.items():
+            e = np.concatenate([part[name] for part in errors if name in part])
+            # robust: 1.4826 median |e| is sigma under normal errors
+            new = max(float(1.4826 * np.median(np.abs(e)) if robust else np.sqrt(np.mean(e**2))), 1e-12)
+            change = max(change, abs(new / old - 1.0))
+            self.sigma[name] = new
+        return change
+
+    def _stacked(self, part: dict[str, Array]) -> Array:
+        e = np.concatenate([error / self.sigma[name] for name, error in part.items()])
+        return np.asarray(np.clip(np.nan_to_num(e, nan=LARGEST_RESIDUAL), -LARGEST_RESIDUAL, LARGEST_RESIDUAL))
+
+
+def prior_of(scale: Scale, priors: Mapping[str, Prior]) -> tuple[Array, Array]:
+    """Centre (m,) and 1 / sigma (m,) of the priors on the search's scale; 0 where there is none."""
+    values = [priors[n].value if n in priors else v for n, v in zip(scale.names, scale.nominal, strict=True)]
+    width = [priors[n].sigma if n in priors else np.inf for n in scale.names]
+    size = np.where(scale.positive, 1.0, scale.size)
+    return scale.coordinates(np.array(values)), size / np.array(width)
+
+
+def fit_output_error(
+    structure: str,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    runs: Sequence[Run],
+    *,
+    priors: Mapping[str, Prior] | None = None,
+    loss: str = "linear",
+    extra_forces: tuple[ExtraForce, ...] = (),
+    effects: Found | None = None,
+    rounds: int = SIGMA_ROUNDS,
+    smallest_gain: float = SMALLEST_GAIN,
+    progress: Progress = lambda text: None,
+) -> Solution:
+    """Parameters `names` (start: `values`) and the runs' initial states; loss: linear, huber, soft_l1 or cauchy.
+
+    `effects`: what the plant has beside its equations, held. The search ends where a step gains less than
+    `smallest_gain` of the cost.
+    """
+    priors = {name: prior for name, prior in (priors or {}).items() if name in names}
+    problem = Problem(structure, values, runs, scale_of(structure, names, values), extra_forces, effects)
+    prior = prior_of(problem.scale, priors)
+    z, starts, steps, change = np.zeros(len(names)), problem.first_starts(), 0, np.inf
+    for number in range(1, rounds + 1):
+        fine = change < SIGMA_NEAR or number == rounds
+        # a robust loss needs the end of each search: what is far off depends on sigma
+        least = max(smallest_gain, ROUGH_GAIN if loss == "linear" and not fine else 0.0)
+        found = minimise(z, starts, problem.residuals, problem.blocks, prior, loss, least)
+        z, starts, steps = found.p, found.starts, steps + found.steps
+        progress(f"round {number}: cost {found.cost:.6g} after {steps} steps")
+        change = problem.update_sigma(problem.errors(z, starts), loss != "linear")
+        if fine and change < SIGMA_CHANGE:
+            break
+    errors, jacobian = problem.derivatives(z, starts)
+    fitted = dict(zip(names, problem.scale.parameters(z).tolist(), strict=True))
+    return Solution(
+        names=tuple(names),
+        values={**values, **fitted},
+        scale=problem.scale,
+        z=z,
+        starts=problem.whole_starts(starts),
+        sigma=dict(problem.sigma),
+        residuals=errors,
+        jacobian=jacobian,
+        cost=found.cost,
+        steps=steps,
+        converged=found.converged,
+        priors=priors,
+    )
+
+
+def _channels(runs: Sequence[Run]) -> list[str]:
+    return [name for name in STATES if any(name in run.series for run in runs)]
+
+
+def _first_sigma(name: str, runs: Sequence[Run]) -> float:
+    """A fifth of the signal: what a rough model leaves."""
+    values = np.concatenate([run.series[name].values for run in runs if name in run.series])
+    return max(float(np.std(values)) / 5.0, 1e-9)
+
+
+def free_starts(run: Run) -> list[int]:
+    """Components of the initial state that the run's channels see."""
+    hoop = [0, 1] if "theta" in run.series else [1]
+    return {"both": [*hoop, 2, 3], "hoop": hoop, "ball": [2, 3]}[run.moving]

@@ -1,0 +1,152 @@
+"""The hoop with its ball as a declared plant: both, the hoop alone, or the ball in a held hoop.
+
+Rules of this file: equations come from `equations`; nothing here knows an effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.effects.base import Point
+from hoopd.plants.hoop.equations import MOTIONS, symbols
+from hoopd.plants.hoop.parameters import PARAMETER_UNITS
+
+
+class Contact(NamedTuple):
+    """How a rolling ball is held by the hoop: spin w = by_theta theta' + by_psi psi', and what moves when it is not."""
+
+    by_theta: Any
+    by_psi: Any
+    theta_inertia: Any  # kg m^2; of the hoop without its ball
+    psi_inertia: Any  # kg m^2; of the ball's path without its spin, m (Ro-Rb)^2
+    spin_inertia: Any  # kg m^2; Ib
+    damping: Any  # N m s; bb
+
+
+def hoop_plant(structure: str, values: Mapping[str, float], moving: str = "both", limit: float = 0.7) -> DeclaredPlant:
+    """The hoop with its ball, the hoop alone or the ball in a held hoop; `values` as in `Plant`."""
+    coordinates = {"both": ("theta", "psi"), "hoop": ("theta",), "ball": ("psi",)}[moving]
+    seen = {"theta": "theta", "dtheta": "dtheta", "psi": "psi"}
+    channels = {
+        name: state for name, state in seen.items() if state.removeprefix("d") in coordinates or state in coordinates
+    }
+    return DeclaredPlant(
+        name=f"{structure} ({moving})",
+        coordinates=coordinates,
+        accelerations=_hoop_accelerations(structure, moving),
+        values=dict(values),
+        free=_free(structure, moving),
+        driven="theta" if moving != "ball" else None,
+        channels=channels,
+        slots=_slots(structure, moving),
+        held={"theta": 0.0, "dtheta": 0.0} if moving == "ball" else {},
+        units=PARAMETER_UNITS[structure],
+        least=_least(structure, moving, values),
+        limit=limit,
+    )
+
+
+# Which of the eight entries a recording says something about, by what moves in it.
+_ENTRIES_OF = {
+    "both": ("J11", "J12", "K1", "L1", "J21", "J22", "K2", "L2"),
+    "hoop": ("J11", "L1"),
+    "ball": ("J22", "K2"),
+}
+_PHYSICAL_OF = {"both": ("mb", "Ib", "Ih", "bb", "bh"), "hoop": ("Ih", "bh"), "ball": ("Ib", "bb")}
+
+
+def _free(structure: str, moving: str) -> tuple[str, ...]:
+    return _ENTRIES_OF[moving] if structure == "entries" else _PHYSICAL_OF[moving]
+
+
+# Of a mass or an inertia, the share of its told value that it has at least; a friction may be none.
+LEAST_OF_INERTIA, FRICTIONS = 0.01, ("bb", "bh")
+
+
+def _least(structure: str, moving: str, values: Mapping[str, float]) -> dict[str, float]:
+    """Of physical parameters; entries have either sign."""
+    if structure == "entries":
+        return {}
+    return {name: 0.0 if name in FRICTIONS else LEAST_OF_INERTIA * values[name] for name in _free(structure, moving)}
+
+
+def _slots(structure: str, moving: str) -> dict[str, Slot]:
+    hoop = {
+        "actuator": Slot("actuator", "theta"),
+        "hoop": Slot("body", "theta", turns=True, viscous=_hoop_friction(structure, moving)),
+        "encoder": Slot("sensor", "theta", ("theta", "dtheta"), turns=True, device="encoder"),
+        "external": Slot("push", "theta"),
+    }
+    ball = {
+        "ball": Slot("rolling_ball", "psi", contact=_contact(structure)),
+        "frame": Slot("frame", "psi"),
+        "camera": Slot("sensor", "psi", ("psi",), turns=True, device="camera"),
+    }
+    return {"both": {**hoop, **ball}, "hoop": hoop, "ball": ball}[moving]
+
+
+def _hoop_friction(structure: str, moving: str) -> Callable[[Point], Any]:
+    """bh (N m s) of a model; of `entries` what six of them imply."""
+    if structure != "entries":
+        return lambda s: s.p["bh"]
+    # theta'' = J11 theta' + L1 tau of the bare hoop: bh = -J11 / L1
+    return _bare_hoop_friction if moving == "hoop" else _implied_friction
+
+
+def _bare_hoop_friction(s: Point) -> Any:
+    return ca.fabs(s.p["J11"]) / s.p["L1"]
+
+
+def _implied_friction(s: Point) -> Any:
+    """bh as in `entries.combinations_from`; where that is no friction, all of J11 is taken for it."""
+    p = s.p
+    d = p["J12"] / (p["L1"] - p["L2"])
+    implied = (p["L2"] * d - p["J11"]) / p["L1"] - d
+    return ca.if_else(implied > 0.0, implied, _bare_hoop_friction(s))
+
+
+def _contact(structure: str) -> Callable[[Point], Contact]:
+    # w = phi' + psi' (rolling) or phi' + theta' (published),  phi' = (Ro/Rb) (theta' - psi')
+    more = 1.0 if structure == "published" else 0.0
+
+    def physical(s: Point) -> Contact:
+        p, ratio = s.p, s.p["Ro"] / s.p["Rb"] + more
+        return Contact(ratio, 1.0 - ratio, p["Ih"], p["mb"] * (p["Ro"] - p["Rb"]) ** 2, p["Ib"], p["bb"])
+
+    return _implied_contact if structure == "entries" else physical
+
+
+# Of an inertia, what at least belongs to the body itself: entries may be such that nothing would be left of it.
+LEAST_SHARE = 0.1
+
+
+def _implied_contact(s: Point) -> Contact:
+    """That of the entries: their mobility's inverse M, taken apart as the rolling ball's (table in `entries`)."""
+    p, ratio = s.p, s.p["Ro"] / s.p["Rb"]
+    corner = -p["K2"] / (p["mb"] * p["g"] * (p["Ro"] - p["Rb"]))
+    # M = [[L1, L2], [L2, n]]^-1
+    det = p["L1"] * corner - p["L2"] ** 2
+    m11, m12, m22 = corner / det, -p["L2"] / det, p["L1"] / det
+    # M12 = -Ib (Ro/Rb) (Ro/Rb - 1),  M11 = Ih + Ib (Ro/Rb)^2,  M22 = m (Ro-Rb)^2 + Ib (Ro/Rb - 1)^2
+    most = (1.0 - LEAST_SHARE) * ca.fmin(m11 / ratio**2, m22 / (ratio - 1.0) ** 2)
+    spin = ca.fmin(ca.fmax(-m12 / (ratio * (ratio - 1.0)), LEAST_SHARE * most), most)
+    # J12 = bb (Ro/Rb)^2 (L1 - L2)
+    damping = ca.fmax(p["J12"] / (p["L1"] - p["L2"]) / ratio**2, 0.0)
+    return Contact(ratio, 1.0 - ratio, m11 - spin * ratio**2, m22 - spin * (ratio - 1.0) ** 2, spin, damping)
+
+
+def _hoop_accelerations(structure: str, moving: str) -> Callable[[Point, ca.SX], ca.SX]:
+    def accelerations(s: Point, force: ca.SX) -> ca.SX:
+        # the Euler-Lagrange derivatives need symbols of their own
+        z, f = ca.SX.sym("z", 4), ca.SX.sym("f", 2)
+        both = MOTIONS[moving](structure, symbols(z, ca.SX(0), s.p), f)
+        here = ca.vertcat(*(getattr(s, name) if name in s else 0.0 for name in ("theta", "dtheta", "psi", "dpsi")))
+        full = {"both": lambda: force, "hoop": lambda: ca.vertcat(force, 0), "ball": lambda: ca.vertcat(0, force)}
+        found = ca.substitute(ca.vertcat(*both), ca.vertcat(z, f), ca.vertcat(here, full[moving]()))
+        return {"both": found, "hoop": found[0], "ball": found[1]}[moving]
+
+    return accelerations

@@ -1,0 +1,213 @@
+"""The plan of an experiment: signal, limits, what the model foresees, and the controller file that plays it.
+
+Rules of this file: nothing runs here; the same plan, seed and model give the same text. The model only chooses among
+signals and warns: what stops an experiment is what is measured.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from math import ceil, inf
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from hoopd.core.controllers import DONE, Measurement
+from hoopd.core.excitation import Excitation
+from hoopd.core.records import PICTURE_AGE_S
+from hoopd.files.controller import ControllerFile, controller_of, parse_controller
+from hoopd.files.reading import InputError
+from hoopd.files.yaml_text import text_of
+from hoopd.ident import signals
+from hoopd.plants.hoop.equations import without_ball
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.model_file import parse_model
+
+# Torques to try when none is asked for: 0.1 N m is what the recordings of the real hoop were made with.
+AMPLITUDES_NM = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02, 0.01)
+# Signals to choose from at each torque; the others have nothing random but a sign.
+VARIANTS: Mapping[str, int] = MappingProxyType({"prbs": 16, "multisine": 8, "steps": 16})
+# Of the limits, what a signal may use on the model: the device is not the model.
+COMFORT = 0.8
+# Long enough for a thousand rows, or for four kicks with their rests.
+DURATIONS_S: Mapping[str, float] = MappingProxyType({"decay": 34.0})
+DURATION_S = 20.0
+TABLE_DIGITS = 7  # 0.1 uN m
+
+
+class Plan(NamedTuple):
+    """What is wanted."""
+
+    kind: str  # prbs | chirp | multisine | steps | decay
+    duration_s: float = 20.0
+    amplitude_nm: float | None = None  # None: the largest of `AMPLITUDES_NM` that the model lets through
+    seed: int = 0
+    clock_ticks: int = 1  # prbs
+    low_hz: float = 0.3  # chirp, multisine
+    high_hz: float = 5.0
+    hold_s: float = 0.4  # steps
+    kick_s: float = 0.2  # decay
+    rest_s: float = 8.0
+    torque_limit_nm: float = 0.3
+    speed_limit_rad_s: float = 45.0  # three quarters of what the fault table lets pass
+    angle_limit_rad: float = 1.25  # at a quarter turn, 1.57, a slow ball leaves the track
+    soft_start_s: float = 1.0
+    soft_end_s: float = 0.5
+    centring_nm_per_rad_s: float = 0.0
+    around: Path | None = None
+    ball: bool = True
+
+
+class Forecast(NamedTuple):
+    """What a signal does to the model."""
+
+    hoop_speed_rad_s: float
+    ball_angle_rad: float
+    ended: str  # `DONE`, or the limit that ended it
+
+    def use(self, plan: Plan) -> float:
+        """Share of the limits, 1 at the nearest one."""
+        speed = self.hoop_speed_rad_s / plan.speed_limit_rad_s
+        return max(speed, self.ball_angle_rad / plan.angle_limit_rad if plan.ball else 0.0)
+
+
+class Score(NamedTuple):
+    """A finished plan: what the daemon loads, and what is expected of it."""
+
+    text: str  # hoopd.controller/1
+    amplitude_nm: float
+    seconds: float
+    forecast: Forecast
+    warnings: tuple[str, ...]
+
+
+def unit_table(plan: Plan, variant: int, period_s: float) -> signals.Signal:
+    """The signal with a peak of one, one value a tick; ValueError when the plan's numbers give none."""
+    n = round(plan.duration_s / period_s)
+    lead = round(plan.soft_start_s / period_s)  # what rests at times begins behind the soft start
+    if plan.kind == "prbs":
+        order = signals.prbs_order(n, plan.clock_ticks)
+        return signals.prbs(order, plan.clock_ticks, variant)[:n]
+    if plan.kind == "chirp":
+        return signals.chirp(n, period_s, plan.low_hz, plan.high_hz, variant)
+    if plan.kind == "multisine":
+        return signals.multisine(n, period_s, plan.low_hz, plan.high_hz, variant)
+    if plan.kind == "steps":
+        body = signals.steps(n - lead, round(plan.hold_s / period_s), variant)
+    else:
+        body = signals.kicks(n - lead, round(plan.kick_s / period_s), round(plan.rest_s / period_s), variant)
+    return np.concatenate((np.zeros(lead), body))
+
+
+def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: float) -> Score:
+    """Choose a signal and write it down; InputError for a plan that cannot be played."""
+    model = parse_model(model_text, "model")
+    values = model.values() if plan.ball else without_ball(model.structure, model.values())
+    plant = Plant(model.structure, values)
+
+    def make(variant: int, amplitude_nm: float) -> ControllerFile:
+        return _file(plan, base, variant, amplitude_nm, period_s)
+
+    use, file, amplitude_nm, forecast = _choose(plan, make, plant, period_s)
+    table = file.gains["table_nm"]
+    text = text_of(msgspec.to_builtins(file), default_flow_style=None, width=120)
+    parse_controller(text, "experiment")
+    warnings = tuple(_warnings(plan, use, amplitude_nm, forecast))
+    return Score(text, amplitude_nm, len(table) * period_s, forecast, warnings)
+
+
+def _choose(
+    plan: Plan, make: Callable[[int, float], ControllerFile], plant: Plant, period_s: float
+) -> tuple[float, ControllerFile, float, Forecast]:
+    """The first signal that leaves room to every limit, else the one that leaves most."""
+    best: tuple[float, ControllerFile, float, Forecast] | None = None
+    for amplitude_nm, variant in _candidates(plan):
+        file = make(variant, amplitude_nm)
+        law = controller_of(file)
+        assert isinstance(law, Excitation)
+        forecast = foresee(law, plant, period_s, ball=plan.ball)
+        use = forecast.use(plan) if forecast.ended == DONE else inf
+        if best is None or use < best[0]:
+            best = (use, file, amplitude_nm, forecast)
+        if use <= COMFORT:
+            break
+    assert best is not None
+    return best
+
+
+def _candidates(plan: Plan) -> Iterator[tuple[float, int]]:
+    variants = VARIANTS.get(plan.kind, 1)
+    for amplitude_nm in AMPLITUDES_NM if plan.amplitude_nm is None else (plan.amplitude_nm,):
+        if amplitude_nm <= plan.torque_limit_nm:
+            yield from ((amplitude_nm, plan.seed * variants + index) for index in range(variants))
+
+
+def foresee(law: Excitation, plant: Plant, period_s: float, *, ball: bool = True) -> Forecast:
+    """The law on the model, from rest, without noise: the state as it is, the picture's angle as late as it comes."""
+    law.reset()
+    x, torque, speed, angle = np.zeros(4), 0.0, 0.0, 0.0
+    angles = deque([0.0], maxlen=1 + ceil(PICTURE_AGE_S / period_s))
+    while True:
+        seen = x if ball else np.array([x[0], x[1], 0.0, 0.0])
+        angles.append(float(seen[2]))
+        psi, dtheta = angles[0], float(seen[1])
+        torque, _ = law.update(Measurement(0.0, seen, True, psi, ball, dtheta, 0.0, torque, period_s))
+        if law.ended:
+            return Forecast(speed, angle if ball else 0.0, law.ended)
+        x = plant.advance(x, torque, period_s)
+        speed, angle = max(speed, abs(float(x[1]))), max(angle, abs(float(x[2])))
+
+
+def _file(plan: Plan, base: ControllerFile, variant: int, amplitude_nm: float, period_s: float) -> ControllerFile:
+    try:
+        table = np.round(amplitude_nm * unit_table(plan, variant, period_s), TABLE_DIGITS) + 0.0  # no -0
+    except ValueError as error:
+        raise InputError(f"experiment {plan.kind}", "", str(error)) from None
+    gains: dict[str, Any] = {
+        "table_nm": table.tolist(),
+        "torque_nm": plan.torque_limit_nm,
+        "hoop_speed_rad_s": plan.speed_limit_rad_s,
+        "ball_angle_rad": plan.angle_limit_rad if plan.ball else None,
+        "soft_start_ticks": round(plan.soft_start_s / period_s),
+        "soft_end_ticks": round(plan.soft_end_s / period_s),
+        "centring_nm_per_rad_s": plan.centring_nm_per_rad_s,
+        "around": None if plan.around is None else {"kind": base.kind, "gains": base.gains},
+    }
+    torque_nm = min(base.limits.torque_nm, plan.torque_limit_nm)
+    return msgspec.structs.replace(
+        base,
+        name=plan.kind,
+        kind="excitation",
+        gains=gains,
+        limits=msgspec.structs.replace(base.limits, torque_nm=torque_nm),
+        sample_time_s=period_s,
+        notes=_notes(plan, variant, amplitude_nm),
+    )
+
+
+def _notes(plan: Plan, variant: int, amplitude_nm: float) -> str:
+    particulars = {
+        "prbs": f"clock {plan.clock_ticks} ticks",
+        "chirp": f"{plan.low_hz:g} to {plan.high_hz:g} Hz",
+        "multisine": f"{plan.low_hz:g} to {plan.high_hz:g} Hz",
+        "steps": f"{plan.hold_s:g} s each",
+        "decay": f"kicks of {plan.kick_s:g} s, rests of {plan.rest_s:g} s",
+    }
+    around = f", on top of {plan.around.name}" if plan.around else ""
+    ball = "" if plan.ball else ", no ball"
+    return f"{plan.kind} of {amplitude_nm:g} N m, {particulars[plan.kind]}, variant {variant}{around}{ball}"
+
+
+def _warnings(plan: Plan, use: float, amplitude_nm: float, forecast: Forecast) -> Iterator[str]:
+    if use > COMFORT:
+        seen = f"hoop {forecast.hoop_speed_rad_s:.1f} rad/s, ball {forecast.ball_angle_rad:.2f} rad"
+        ends = "" if forecast.ended == DONE else f", and it would end early: {forecast.ended}"
+        yield f"little room: the model foresees {seen}{ends}; a smaller --amplitude is safer"
+    if plan.centring_nm_per_rad_s or plan.around is not None:
+        yield "the torque depends on what was measured (feedback): use methods that hold in closed loop"
+    if plan.amplitude_nm is None and amplitude_nm < AMPLITUDES_NM[0]:
+        yield f"{amplitude_nm:g} N m, because the model foresees too much with more"

@@ -1,0 +1,23 @@
+"""The normal force between hoop and ball, from which rolling resistance, slip and lift-off follow.
+
+Rules of this file: one formula.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from hoopd.plants.effects.base import Point
+
+
+def signed_normal_force(s: Point) -> Any:
+    """N = m ((Ro-Rb) psi'^2 + g cos psi), N; below zero the hoop would have to hold the ball back."""
+    p = s.p
+    return p["mb"] * ((p["Ro"] - p["Rb"]) * s.dpsi**2 + p["g"] * ca.cos(s.psi))
+
+
+def normal_force(s: Point) -> Any:
+    """The same where hoop and ball press on each other, else zero."""
+    return ca.fmax(signed_normal_force(s), 0.0)

@@ -1,0 +1,241 @@
+"""The Kalman filter along a trajectory that whitens what a model leaves, and its smoother.
+
+About a reference trajectory the model is linear in the deviation d = (z - z_ref, w): a disturbance force w on every
+coordinate is an Ornstein-Uhlenbeck process, so that
+
+    d_k+1 = [[A, W], [0, exp(-h/T)]] d_k + (f_k, 0) + noise,     e_k = eps_k - C d_k
+
+where f_k is what the one-step map misses of the reference and eps_k what the readings miss. Whatever else changes the
+one-step map or the readings (a parameter, an effect) is one more column of (f, eps); the gains are the same for all of
+them, and the whitened innovations of all columns are an ordinary least-squares problem: generalised least squares
+(Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 3.4; de Jong, Diffuse Kalman filter, 1991).
+
+Rules of this file: numbers in, numbers out; noise levels are given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.plants.likelihood.batch_calls import Recursion, flat
+from hoopd.plants.likelihood.linear_recursion import backward, bands_of, forward
+
+Array = NDArray[np.float64]
+# Which elements of a matrix are not zero at all nodes, row by row.
+Pattern = tuple[tuple[bool, ...], ...]
+
+# Standard deviations of the first deviation from the reference: wide against what a first idea of a state misses.
+START_POSITION, START_RATE = 0.3, 5.0
+# Process noise beside the disturbance, standard deviation of a rate over one step: the rounding of a linearisation.
+RATE_FLOOR = 1e-5
+
+
+class Noise(NamedTuple):
+    """Levels of one recording: disturbances (coordinates,) and readings (channels,)."""
+
+    force: Array  # standard deviation, in the force's unit
+    time_s: Array  # correlation time
+    reading: Array  # standard deviation of each channel, at scatter 1
+
+
+class Lagged(NamedTuple):
+    """What is behind a lag where a stretch begins: what it follows, and by how much it may be off."""
+
+    state: int | None  # of the plant; None: the demanded torque, which is known
+    deviation: float
+
+
+class Linear(NamedTuple):
+    """The linear model along a reference of n nodes; of f and eps the first column is the residual."""
+
+    a: Array  # (n-1, nz, nz)
+    w: Array  # (n-1, nz, nq)
+    c: Array  # (n, nc, nz)
+    h: Array  # (n-1,)
+    seen: NDArray[np.bool_]  # (n, nc)
+    nx: int  # how many of the nz are positions and rates, alternating
+    scatter: Array  # (n, nc) a reading's noise over its channel's level
+    lagged: tuple[Lagged, ...] = ()  # the other nz
+
+    @property
+    def size(self) -> int:
+        """Of the deviation with the disturbances."""
+        return int(self.a.shape[1] + self.w.shape[2])
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What the filter did at every node, whatever the columns."""
+
+    whiten: Array  # (n, nc, nc): innovations to independent unit ones; rows of what was not seen are 0
+    gain: Array  # (n, size, nc)
+    before: Array  # (n, size, size): covariance before the node's readings
+    phi: Array  # (n-1, size, size)
+    closed: Array  # (n-1, size, size): phi (I - gain C)
+    logdet: float  # sum of log S over all readings
+
+    @cached_property
+    def bands(self) -> Array:
+        """Of `closed`, as `chain` takes them."""
+        return bands_of(self.closed)
+
+
+def gains(model: Linear, noise: Noise) -> Gains:
+    """One pass of the covariance."""
+    n, _, nz = model.c.shape
+    size, decay = model.size, np.exp(-model.h[:, None] / noise.time_s)
+    phi = np.zeros((n - 1, size, size))
+    phi[:, :nz, :nz], phi[:, :nz, nz:] = model.a, model.w
+    phi[:, range(nz, size), range(nz, size)] = decay
+    dynamic, seen = _pattern(phi), _pattern(model.c)
+    step = _covariance_step(dynamic, seen)
+    lower = np.tril_indices(size)
+    start = start_covariance(model, noise)
+    added = _process_noise(model, noise, decay)
+    last = np.concatenate([phi, np.eye(size)[None]])
+    after, whiten, gain = step(
+        start[lower],
+        _elements(last, dynamic),
+        np.concatenate([added, added[-1:]]),
+        _elements(model.c, seen),
+        model.seen.astype(float),
+        (noise.reading * model.scatter) ** 2,
+    )
+    before = np.empty((n, size, size))
+    before[0] = start
+    before[1:, lower[0], lower[1]] = before[1:, lower[1], lower[0]] = after[:-1, :, 0]
+    # phi (I - K C)
+    closed = phi.copy()
+    closed[:, :, :nz] -= phi @ (gain[:-1] @ model.c[:-1])
+    logdet = -2.0 * float(np.sum(np.log(np.einsum("nii->ni", whiten)[model.seen])))
+    return Gains(whiten, gain, before, phi, closed, logdet)
+
+
+def predicted(model: Linear, found: Gains, f: Array, eps: Array) -> tuple[Array, Array]:
+    """Deviations before each node's readings (n, size, m) and innovations (n, nc, m) of f (n-1, nz, m), eps (n, nc, m).
+
+    eps is finite also where nothing was read; its value there does not matter.
+    """
+    n, nz = len(model.c), model.c.shape[2]
+    # d_k+1 = phi (I - K C) d_k + phi K eps_k + f_k
+    drive = np.zeros((n, model.size, eps.shape[2]))
+    np.matmul(found.phi @ found.gain[:-1], eps[:-1], out=drive[1:])
+    drive[1:, :nz] += f
+    d = forward(found.bands, drive)
+    return d, eps - model.c @ d[:, :nz]
+
+
+def whitened(model: Linear, found: Gains, f: Array, eps: Array) -> Array:
+    """Whitened innovations (n, nc, m) of columns f (n-1, nz, m) and eps (n, nc, m), finite also where not read."""
+    return np.asarray(found.whiten @ predicted(model, found, f, eps)[1])
+
+
+class Smoothed(NamedTuple):
+    """Deviation and disturbance given all readings, and how the log-likelihood answers to a push at each step."""
+
+    d: Array  # (n, size)
+    push: Array  # (n-1, nz): derivative of the log-likelihood by an addition to the one-step map
+    filtered: Array  # (n, size) deviation given the readings up to each node
+    predicted: Array  # (n, size) and up to the one before
+
+
+def smoothed(model: Linear, found: Gains, f: Array, eps: Array) -> Smoothed:
+    """Fixed-interval smoother of one column f (n-1, nz), eps (n, nc) (Bryson and Frazier's adjoint form)."""
+    n, _, nz = model.c.shape
+    d, e = predicted(model, found, f[:, :, None], eps[:, :, None])
+    # r_k-1 = (phi (I - K C))' r_k + C' S^-1 e
+    source = np.zeros((n, model.size, 1))
+    source[:, :nz] = (found.whiten @ model.c).transpose(0, 2, 1) @ (found.whiten @ e)
+    adjoint = backward(found.bands, source)
+    filtered = (d + found.gain @ e)[:, :, 0]
+    return Smoothed((d + found.before @ adjoint)[:, :, 0], adjoint[1:, :nz, 0], filtered, d[:, :, 0])
+
+
+# ---------------------------------------------------------------------------------------------- covariance
+
+
+def start_covariance(model: Linear, noise: Noise) -> Array:
+    """(size, size) of the first deviation.
+
+    What is behind a lag is tied to what it follows. Were it free, the first sample of every stretch would cost a lag
+    two nats that a delay of the same time does not pay.
+    """
+    nz, nx = model.a.shape[1], model.nx
+    spread = np.full(nx, START_RATE)
+    spread[::2] = START_POSITION
+    follows = np.vstack([np.eye(nx), np.zeros((nz - nx, nx))])
+    for row, one in enumerate(model.lagged, start=nx):
+        if one.state is not None:
+            follows[row, one.state] = 1.0
+    found = np.zeros((model.size, model.size))
+    found[:nz, :nz] = follows * spread**2 @ follows.T
+    found[range(nx, nz), range(nx, nz)] += np.square([one.deviation for one in model.lagged])
+    found[nz:, nz:] = np.diag(noise.force**2)
+    return found
+
+
+def _process_noise(model: Linear, noise: Noise, decay: Array) -> Array:
+    """(n-1, size) variances added in each step."""
+    added = np.zeros((len(model.h), model.size))
+    added[:, 1 : model.nx : 2] = RATE_FLOOR**2
+    added[:, model.a.shape[1] :] = noise.force**2 * (1.0 - decay**2)
+    return added
+
+
+def _pattern(x: Array) -> Pattern:
+    return tuple(tuple(bool(one) for one in row) for row in np.any(x != 0.0, axis=0))
+
+
+def _elements(x: Array, pattern: Pattern) -> Array:
+    """(n, nonzeros), column after column."""
+    return flat(x)[:, np.array(pattern).T.ravel()]
+
+
+def _symbol(name: str, pattern: Pattern) -> ca.SX:
+    mask = np.array(pattern)
+    cols, rows = np.nonzero(mask.T)
+    return ca.SX.sym(name, ca.Sparsity.triplet(mask.shape[0], mask.shape[1], rows.tolist(), cols.tolist()))
+
+
+@lru_cache(maxsize=32)
+def _covariance_step(dynamic: Pattern, seen: Pattern) -> Recursion:
+    """(lower half of P, phi, process variances, C, seen, reading variances) -> lower half after, whitening, gain."""
+    phi, c = _symbol("phi", dynamic), _symbol("c", seen)
+    size, nc = phi.size1(), c.size1()
+    half = ca.SX.sym("p", size * (size + 1) // 2)
+    q, present, r = ca.SX.sym("q", size), ca.SX.sym("seen", nc), ca.SX.sym("r", nc)
+    # numpy lists a lower half row by row, CasADi the upper one of its transpose column by column: the same order
+    p, whiten, gain = _update(_whole(ca.SX(ca.Sparsity.upper(size), half).T), c, present, r)
+    after = _whole(ca.tril(ca.mtimes(ca.mtimes(phi, p), phi.T) + ca.diag(q)))
+    order = [after[i, j] for i in range(size) for j in range(i + 1)]
+    out = [ca.vertcat(*order), ca.densify(whiten), ca.densify(gain)]
+    return Recursion(ca.Function("covariance", [half, phi, q, c, present, r], out, {"cse": True}))
+
+
+def _whole(lower: ca.SX) -> ca.SX:
+    return ca.densify(ca.tril2symm(lower))
+
+
+def _update(p: ca.SX, c: ca.SX, seen: ca.SX, r: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Covariance after the readings, taken one after the other; whitening (nc, nc), gain (size, nc)."""
+    (nc, nz), size = c.shape, p.size1()
+    whiten, gain = ca.SX(nc, nc), ca.SX(size, nc)
+    for i in range(nc):
+        row = ca.horzcat(c[i, :], ca.SX(1, size - nz))
+        pc = ca.densify(ca.mtimes(p, row.T))
+        var = ca.mtimes(row, pc) + r[i]
+        # the innovation of reading i after those before it: e_i - c_i (gain so far) e
+        own = ca.SX(1, nc)
+        own[i] = 1
+        own = seen[i] * (own - ca.mtimes(row, gain))
+        whiten[i, :] = own / ca.sqrt(var)
+        k = seen[i] * pc / var
+        gain = gain + ca.mtimes(k, own)
+        p = _whole(ca.tril(p - ca.mtimes(k, pc.T)))
+    return p, whiten, gain

@@ -1,0 +1,148 @@
+"""The levels of noise and disturbances that have the highest likelihood, from a first guess without a model.
+
+Rules of this file: numbers in, numbers out; what a level is worth says `noise`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.noise_levels import Criterion
+from hoopd.plants.likelihood.reference_track import Track
+
+Array = NDArray[np.float64]
+
+# Noise levels are searched within these factors of their first guess; a disturbance slower than a second is physics.
+FORCE_FACTOR, READING_FACTOR = 300.0, (0.4, 30.0)
+TIMES_S = (0.03, 1.0)
+# The search ends when a step gains less than this, in nats: what a fit compares is some nats.
+LAST_GAIN = 0.003
+MOST_STEPS, MOST_HALVINGS = 40, 8
+# No level changes by more than this factor (its logarithm) in one step.
+LONGEST_STEP = 2.0
+DIFFERENCE, LEAST_CURVATURE = 1e-4, 1.0
+FIRST_TIME_S = 0.15
+# First guess of a disturbance: so many rad/s^2 (m/s^2) on every coordinate.
+FIRST_ACCELERATION = 1.0
+
+
+def tuned(criteria: Sequence[Criterion], start: Noise, first: Noise, *, near: bool = False) -> Noise:
+    """Levels of highest likelihood for all criteria together, from `start`, within the bounds about a first guess.
+
+    `near`: the start is close to them already; otherwise a part of the data brings it there.
+    """
+    nq = len(start.force)
+    low = np.log([*first.force / FORCE_FACTOR, *[TIMES_S[0]] * nq, *first.reading * READING_FACTOR[0]])
+    high = np.log([*first.force * FORCE_FACTOR, *[TIMES_S[1]] * nq, *first.reading * READING_FACTOR[1]])
+    parts = [part for one in criteria for part in one.parts()]
+    share = sum(len(one.model.c) for one in parts) / sum(len(one.model.c) for one in criteria)
+    begin = np.clip(np.log(np.concatenate(start)), low, high)
+    curvature = _curvature(parts, begin)
+    if not near:
+        begin, curvature = _lowest(parts, begin, curvature, (low, high))
+        curvature = _curvature(parts, begin)
+    best, _ = _lowest(criteria, begin, curvature / share, (low, high))
+    return _levels(best, nq)
+
+
+def _levels(v: Array, nq: int) -> Noise:
+    levels = np.exp(v)
+    return Noise(levels[:nq], levels[nq : 2 * nq], levels[2 * nq :])
+
+
+def _total(criteria: Sequence[Criterion], v: Array) -> tuple[float, Array]:
+    """Value and gradient at the logarithms v of all levels."""
+    each = [one.gradient(_levels(v, one.model.w.shape[2])) for one in criteria]
+    value = sum(value for value, _ in each)
+    return (value if np.isfinite(value) else np.inf), np.sum([slope for _, slope in each], axis=0)
+
+
+def _curvature(criteria: Sequence[Criterion], v: Array) -> Array:
+    """Second derivatives by differences of the gradient, made positive."""
+    here = _total(criteria, v)[1]
+    rows = np.array([_total(criteria, v + step)[1] - here for step in DIFFERENCE * np.eye(len(v))]) / DIFFERENCE
+    size, axes = np.linalg.eigh((rows + rows.T) / 2)
+    size = np.maximum(np.abs(size), LEAST_CURVATURE)
+    return np.asarray(axes * size @ axes.T)
+
+
+def _lowest(
+    criteria: Sequence[Criterion], v: Array, curvature: Array, bounds: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Quasi-Newton (BFGS) steps within bounds: where the total is lowest, and its curvature there."""
+    value, slope = _total(criteria, v)
+    for _ in range(MOST_STEPS):
+        step = _step(v, slope, curvature, bounds)
+        if -slope @ step / 2 < LAST_GAIN:
+            break
+        for _ in range(MOST_HALVINGS):
+            new_value, new_slope = _total(criteria, v + step)
+            if new_value < value:
+                break
+            step = step / 2
+        else:
+            break
+        curvature = _updated(curvature, step, new_slope - slope)
+        v, value, slope = v + step, new_value, new_slope
+    return v, curvature
+
+
+def _step(v: Array, slope: Array, curvature: Array, bounds: tuple[Array, Array]) -> Array:
+    """Newton's step of what is not held by a bound, no longer than LONGEST_STEP."""
+    low, high = bounds
+    free = ~(((v <= low) & (slope > 0)) | ((v >= high) & (slope < 0)))
+    step = np.zeros_like(v)
+    step[free] = -np.linalg.solve(curvature[np.ix_(free, free)], slope[free])
+    step *= min(1.0, LONGEST_STEP / max(float(np.max(np.abs(step))), 1e-300))
+    return np.asarray(np.clip(v + step, low, high) - v)
+
+
+def _updated(b: Array, s: Array, y: Array) -> Array:
+    """BFGS; b stays as it is where the curvature along the step is not positive."""
+    bs = b @ s
+    if s @ y <= 1e-3 * (s @ bs):
+        return b
+    return np.asarray(b - np.outer(bs, bs) / (s @ bs) + np.outer(y, y) / (s @ y))
+
+
+# ---------------------------------------------------------------------------------------------- first guess
+
+
+def first_noise(tracks: Sequence[Track], values: Mapping[str, float]) -> dict[str, Noise]:
+    """By recording: readings from their roughness, disturbances of a usual size."""
+    found = {}
+    for track in tracks:
+        if track.stretch.recording not in found:
+            same = [t.stretch for t in tracks if t.stretch.recording == track.stretch.recording]
+            reading = np.array(
+                [
+                    roughness([s.y[:, i] for s in same], [s.scatter[:, i] for s in same])
+                    for i in range(same[0].y.shape[1])
+                ]
+            )
+            force = FIRST_ACCELERATION / track.mobility(values)
+            found[track.stretch.recording] = Noise(force, np.full(len(force), FIRST_TIME_S), reading)
+    return found
+
+
+def roughness(parts: Sequence[Array], scatter: Sequence[Array] | None = None) -> float:
+    """Standard deviation of a reading's noise without a model: fourth differences, whose variance is 70 sigma^2.
+
+    scatter: of every reading, the noise over the level that is asked for; 1 without it.
+
+    Not below the spread 1/sqrt(12) of the smallest step between two values, which is a sensor's count.
+    """
+    seen = [part[np.isfinite(part)] for part in parts]
+    over = [np.ones(len(part)) for part in parts] if scatter is None else scatter
+    wide = [one[np.isfinite(part)] for part, one in zip(parts, over, strict=True)]
+    each = [np.diff(part, 4) / one[2:-2] for part, one in zip(seen, wide, strict=True) if len(part) > 4]
+    fourth = np.concatenate(each or [np.zeros(1)])
+    steps = np.concatenate([np.abs(np.diff(part)) for part in seen if len(part) > 1] or [np.zeros(1)])
+    count = float(np.min(steps[steps > 1e-9], initial=np.inf))
+    spread = float(1.4826 * np.median(np.abs(fourth)) / np.sqrt(70.0))
+    least = count / np.sqrt(12.0) if np.isfinite(count) and np.mean(steps < 1e-9) > 0.02 else 1e-9
+    return max(spread, least, 1e-9)

@@ -1,0 +1,61 @@
+"""What is known of parameters before the data: ranges, wide priors, directions without information.
+
+Rules of this file: names and numbers in, numbers out; no fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.recording_parameters import plain
+from hoopd.plants.likelihood.reference_track import Track
+
+Array = NDArray[np.float64]
+
+# Prior of a base parameter: this many times its nominal size, so that data without information leave it there.
+PRIOR_SIZE = 3.0
+
+
+def ranges(effects: Sequence[Effect], tracks: Sequence[Track]) -> dict[str, tuple[float, float]]:
+    """Least and largest value by name; phases go round."""
+    base = {name: (low, np.inf) for track in tracks for name, low in track.stretch.plant.least.items()}
+    return base | {e.key(p.name): (p.low, p.high) for e in effects for p in e.parameters if p.role != "phase"}
+
+
+def prior(
+    effects: Sequence[Effect], tracks: Sequence[Track], free: Sequence[str], values: Mapping[str, float]
+) -> tuple[Array, Array]:
+    """Weights (m,) and distance to the centre (m,): wide about the declared values; of an effect its range."""
+    weight, centre = np.zeros(len(free)), np.zeros(len(free))
+    declared = {name: value for track in tracks for name, value in track.stretch.plant.values.items()}
+    widths = {e.key(p.name): p.high - p.low for e in effects for p in e.parameters}
+    for i, name in enumerate(free):
+        middle = declared.get(name, 0.0)
+        width = PRIOR_SIZE * max(abs(middle), 0.3)
+        if (known := plain(name)) in widths:
+            width, middle = widths[known], values[name]
+        weight[i], centre[i] = 1.0 / width**2, middle - values[name]
+    return weight, centre
+
+
+def leaving(
+    free: Sequence[str], values: Mapping[str, float], bounds: Mapping[str, tuple[float, float]], delta: Array
+) -> NDArray[np.bool_]:
+    """(m,) parameters that are on a bound and whose step points outwards."""
+    out = np.zeros(len(delta), dtype=bool)
+    for i, name in enumerate(free):
+        low, high = bounds.get(plain(name), (-np.inf, np.inf))
+        value = values[name]
+        out[i] = (value <= low and delta[i] < 0.0) or (value >= high and delta[i] > 0.0)
+    return out
+
+
+def inverse(information: Array) -> Array:
+    """Of a symmetric matrix (m, m) of numbers of very different sizes; 0 in directions without information."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    sizes = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(information * sizes, rcond=1e-12, hermitian=True) * sizes)

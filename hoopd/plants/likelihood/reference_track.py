@@ -1,0 +1,232 @@
+"""One stretch of data with a model along it: the reference trajectory, and the model linear about it.
+
+Rules of this file: the reference comes from the smoother, so that what is left out of the model does not lead it away
+from the data; one-step maps and readings are those of `physics.composite`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.plants.composite import Composite
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.batch_calls import mapped
+from hoopd.plants.likelihood.composites import carrying, composite_of, derivatives_of, fitting_effects
+from hoopd.plants.likelihood.kalman_filter import Gains, Lagged, Linear, Noise, Smoothed, gains, smoothed, whitened
+from hoopd.plants.likelihood.recording_parameters import names_of, values_of
+from hoopd.plants.likelihood.stretches import Held, Stretch, first_states
+
+Array = NDArray[np.float64]
+
+# Passes of the smoother until the reference stays: the second changes it by far less than the noise.
+SMOOTHING_PASSES = 2
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The linear problem of a stretch: residual first, then one column for each free parameter."""
+
+    model: Linear
+    f: Array  # (n-1, nz, 1+m)
+    eps: Array  # (n, nc, 1+m)
+
+
+class Track:
+    """A stretch, a composite model and the reference along it."""
+
+    def __init__(self, stretch: Stretch, effects: Sequence[Effect] = ()) -> None:
+        self.stretch, self.held = stretch, Held(stretch.t, stretch.u)
+        self.composite = composite_of(stretch.plant, fitting_effects(stretch.plant, effects))
+        x = first_states(stretch)
+        self.z = np.zeros((len(stretch.t), self.composite.nz))
+        # disturbances act on the coordinates of the plant as declared, not on those that an effect adds
+        self.w = np.zeros((len(stretch.t), len(stretch.plant.coordinates)))
+        self.z[:, : x.shape[1]] = x
+        for k, state in enumerate(self.composite.plant.states[x.shape[1] :], start=x.shape[1]):
+            self.z[:, k] = self.composite.plant.held.get(state, 0.0)
+        self.z = self._lagged(self.z)
+        # before a filter has run, its states are the reference's
+        self.filtered, self.predicted = self.z, self.z
+
+    def _lagged(self, z: Array) -> Array:
+        """States (n, nz) with what lags behind the plant's settled at every node: at the first one about this the
+        filter spreads it."""
+        c, z, u = self.composite, z.copy(), np.append(self.stretch.u, self.stretch.u[-1])
+        for column, state in enumerate(c.settled, start=c.nx):
+            z[:, column] = u if state is None else z[:, state]
+        return z
+
+    def moved(self, z: Array, w: Array, filtered: Array, predicted: Array) -> None:
+        """To another reference, and the filter's own states there."""
+        self.z, self.w, self.filtered, self.predicted = z, w, filtered, predicted
+
+    @classmethod
+    def of(cls, stretch: Stretch, held: Held, composite: Composite) -> Track:
+        """With a composite of its own and no reference yet."""
+        found = cls.__new__(cls)
+        found.stretch, found.held, found.composite = stretch, held, composite
+        return found
+
+    def like(self, other: Track) -> Track:
+        """Takes over the reference of a track of the same stretch with other effects."""
+        nx = min(self.composite.nx, other.composite.nx)
+        added = self.z[:, nx:]
+        known = other.z, other.filtered, other.predicted
+        self.z, self.filtered, self.predicted = (self._lagged(np.hstack([z[:, :nx], added])) for z in known)
+        self.w[:, : min(self.w.shape[1], other.w.shape[1])] = other.w[:, : self.w.shape[1]]
+        return self
+
+    # ------------------------------------------------------------------------------------------ the model
+
+    def local(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of this stretch, those of the composite where none are given."""
+        return {**self.composite.values, **values_of(self.stretch.recording, values)}
+
+    def torques(self, values: Mapping[str, float]) -> Array:
+        """(substeps, n-1)"""
+        return self.held.substeps(self.composite.substeps, self.composite.delay_s(values))
+
+    def _back(self, values: Mapping[str, float]) -> Array:
+        """(n, BACK_STEPS * channels)"""
+        c = self.composite
+        late = [max(float(values.get(c.latencies.get(name, ""), 0.0)), 0.0) for name in c.channels]
+        back = self.held.back(late, c.delay_s(values))
+        return back.reshape(-1, back.shape[2]).T
+
+    def _wide(self, w: Array) -> Array:
+        """Disturbances with a column for every coordinate of the composite."""
+        return np.pad(w, ((0, 0), (0, self.composite.nq - w.shape[1])))
+
+    def _output_inputs(self, values: Mapping[str, float], z: Array, w: Array) -> list[Array]:
+        return [z, self._back(values), self._wide(w), self.stretch.t, self.composite.vector(values)]
+
+    def after(
+        self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None, substeps: int = 0
+    ) -> Array:
+        """(n-1, nz) one-step map from the filter's state at every node."""
+        values = self.local(values)
+        z, w = (self.filtered if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
+        c = self.composite
+        if substeps not in (0, c.substeps):
+            finer = Track.of(self.stretch, self.held, composite_of(c.declared, c.effects, substeps))
+            return finer.after(values, z, w)
+        call = mapped(c.step_function, len(z) - 1, (5,))
+        inputs = self.torques(values).T, self._wide(w)[:-1], self.stretch.h, self.stretch.t[:-1], c.vector(values)
+        return call(z[:-1], *inputs)[0][:, :, 0]
+
+    def carried(self, values: Mapping[str, float], x: Array) -> tuple[Array, Array]:
+        """States (n, nz) with what this composite adds to given ones (n, nx), from its beginning; all one step later.
+
+        The given states are those of `x` at every node, the added ones follow their own steps; no disturbance.
+        """
+        values, c, n = self.local(values), self.composite, len(x)
+        begin = c.beginning(np.pad(x[0], (0, c.nx - x.shape[1])), float(self.stretch.u[0]))[x.shape[1] :]
+        p = np.broadcast_to(c.vector(values), (n - 1, len(c.names)))
+        run = carrying(c, x.shape[1])
+        own, after = run(begin, x[:-1], self.torques(values).T, self.stretch.h, self.stretch.t[:-1], p)
+        return np.hstack([x, np.vstack([begin, own[:, :, 0]])]), after[:, :, 0]
+
+    def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
+        """(n, nc) what the sensors would show of the filter's prediction at every node."""
+        values = self.local(values)
+        z, w = (self.predicted if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
+        call = mapped(self.composite.output_function, len(z), (4,))
+        return call(*self._output_inputs(values, z, w))[0][:, :, 0]
+
+    def mobility(self, values: Mapping[str, float]) -> Array:
+        """(coordinates,) acceleration of each by a force on it at the first node; effects hold nothing."""
+        plant, values = self.stretch.plant, self.local(values)
+        force = ca.SX.sym("force", len(plant.coordinates))
+        point = plant.point(ca.SX(self.z[0]), values, float(self.stretch.u[0]), float(self.stretch.t[0]))
+        by_force = ca.jacobian(ca.densify(plant.accelerations(point, force)), force)
+        here = ca.Function("mobility", [force], [ca.densify(by_force)])(0.0)
+        return np.abs(np.diag(here.full()))
+
+    # ------------------------------------------------------------------------------------------ linear
+
+    def columns(self, values: Mapping[str, float], free: Sequence[str]) -> Columns:
+        """The model linear about the filter's states; `free` parameters it does not have get columns of zeros.
+
+        Not about the smoothed reference: what is multiplied with a state that knows the reading, or the disturbance,
+        that it helps to explain is correlated with it, and everything that resembles a scale would be named.
+        """
+        c, n = self.composite, len(self.stretch.t)
+        values, mine = self.local(values), names_of(self.stretch.recording, free)
+        mine = {name: local for name, local in mine.items() if local in c.names}
+        after, by_z, by_w, by_p = self._step_derivatives(values, tuple(mine.values()))
+        y, of_z, of_p = self._reading_derivatives(values, tuple(mine.values()))
+        f, eps = np.zeros((n - 1, c.nz, 1 + len(free))), np.zeros((n, len(c.channels), 1 + len(free)))
+        # f = F(z_f, 0) + A (z - z_f) - z_next: the disturbance is a state of the filter
+        step = (by_z @ (self.z - self.filtered)[:-1, :, None])[:, :, 0]
+        reading = (of_z @ (self.z - self.predicted)[:, :, None])[:, :, 0]
+        f[:, :, 0], eps[:, :, 0] = after + step - self.z[1:], np.nan_to_num(self.stretch.y) - y - reading
+        where = [1 + list(free).index(name) for name in mine]
+        f[:, :, where], eps[:, :, where] = by_p, -of_p
+        seen = np.isfinite(self.stretch.y)
+        model = Linear(by_z, by_w, of_z, self.stretch.h, seen, c.nx, self.stretch.scatter, self._behind(values))
+        return Columns(model, f, eps)
+
+    def _behind(self, values: Mapping[str, float]) -> tuple[Lagged, ...]:
+        """What lags where the stretch begins: a torque that was another one before, a reading by time times rate.
+
+        At no time either is worth nothing: the torque that was is forgotten at once.
+        """
+        c, found = self.composite, []
+        for state, lag in zip(c.settled, c.lags, strict=True):
+            if state is None:
+                found.append(Lagged(None, float(np.sqrt(np.mean(self.stretch.u**2)))))
+            else:
+                rate = np.diff(self.z[:, state]) / self.stretch.h
+                found.append(Lagged(state, values[lag] * float(np.sqrt(np.mean(rate**2)))))
+        return tuple(found)
+
+    def _step_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> tuple[Array, ...]:
+        """One-step map (n-1, nz), and its derivatives (n-1, nz, ...) by z, w and parameters, at no disturbance."""
+        # a parameter that scales the disturbance would otherwise be fitted to what the smoother thinks of it
+        c, n, z = self.composite, len(self.stretch.t) - 1, self.filtered[:-1]
+        call, d = mapped(derivatives_of(c, free)[0], n, (5,)), self.stretch.h / c.substeps
+        torques, slope = self.torques(values), self.held.substeps_by_delay(c.substeps, c.delay_s(values))
+        late = [c.nz + c.nq + free.index(name) for name in c.delays if name in free]
+        nothing, p, nu = np.zeros((n, c.nq)), c.vector(values), c.nz + c.nq
+        total = np.zeros((n, c.nz, nu + len(free)))
+        total[:, range(c.nz), range(c.nz)] = 1.0
+        for j in range(c.substeps):
+            z, by = call(z, torques[j], nothing, d, self.stretch.t[:-1] + j * d, p)
+            z = z[:, :, 0]
+            # the chain rule through the substeps: S+ = F_z S + [0, F_w, F_p]
+            total = by[:, :, : c.nz] @ total
+            total[:, :, c.nz : nu] += by[:, :, c.nz : nu]
+            total[:, :, nu:] += by[:, :, nu + 1 :]
+            total[:, :, late] += by[:, :, nu, None] * slope[j][:, None, None]
+        return z, total[:, :, : c.nz], total[:, :, c.nz : c.nz + self.w.shape[1]], total[:, :, nu:]
+
+    def _reading_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> list[Array]:
+        """Readings (n, nc) and their derivatives (n, nc, ...) by z and parameters."""
+        call = mapped(derivatives_of(self.composite, free)[1], len(self.z), (4,))
+        y, by_z, by_p = call(*self._output_inputs(values, self.predicted, np.zeros_like(self.w)))
+        return [y[:, :, 0], by_z, by_p]
+
+    def smooth(self, values: Mapping[str, float], noise: Noise, passes: int = SMOOTHING_PASSES) -> Smoothed:
+        """Moves the reference to the smoothed trajectory."""
+        for _ in range(passes):
+            columns = self.columns(values, ())
+            found = gains(columns.model, noise)
+            last = smoothed(columns.model, found, columns.f[:, :, 0], columns.eps[:, :, 0])
+            self.follow(last)
+        return last
+
+    def follow(self, found: Smoothed) -> None:
+        """Moves the reference, and the filter's states, by what a smoother found about it."""
+        nz = self.composite.nz
+        states = [self.z + part[:, :nz] for part in (found.d, found.filtered, found.predicted)]
+        self.moved(states[0], found.d[:, nz:], states[1], states[2])
+
+    def whitened(self, columns: Columns, found: Gains) -> Array:
+        """(n * nc, 1+m) rows of the least-squares problem."""
+        out = whitened(columns.model, found, columns.f, columns.eps)
+        return out.reshape(-1, out.shape[2])

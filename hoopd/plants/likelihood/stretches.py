@@ -1,0 +1,175 @@
+"""Recordings as the search sees them: nodes, held torques and readings, for any declared plant.
+
+Rules of this file: nothing is judged here; what was not measured is NaN, and a stretch never crosses a gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.plants.composite import BACK_STEPS, LONGEST_STEP_S
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.held_input import mean_torque
+
+Array = NDArray[np.float64]
+
+# A stretch shorter than this says nothing beyond its own start.
+SHORTEST_S = 0.5
+# Samples of the local parabola that gives a first idea of positions and rates.
+PARABOLA = 7
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A piece without gaps, of one recording."""
+
+    recording: str
+    plant: DeclaredPlant
+    t: Array  # (n,) s from the recording's start, steps of at most LONGEST_STEP_S
+    u: Array  # (n-1,) torque held between the nodes
+    y: Array  # (n, channels) readings in the plant's order, NaN: none
+    # (n, channels) a reading's noise over its channel's level; not given: 1
+    scatter: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        if self.scatter.shape != self.y.shape:
+            object.__setattr__(self, "scatter", np.ones(self.y.shape))
+
+    @property
+    def h(self) -> Array:
+        """(n-1,) s"""
+        return np.diff(self.t)
+
+    @property
+    def samples(self) -> int:
+        """Readings that count."""
+        return int(np.isfinite(self.y).sum())
+
+    def seconds(self, first_s: float, last_s: float) -> Stretch:
+        """The nodes within these times."""
+        a, b = np.searchsorted(self.t, [first_s - 1e-9, last_s + 1e-9])
+        return replace(self, t=self.t[a:b], u=self.u[a : max(b - 1, a)], y=self.y[a:b], scatter=self.scatter[a:b])
+
+    def unevenly_sampled(self, channel: str, jitter_s: float, sigma: float) -> Stretch:
+        """The same with a channel whose instants are uneven: s^2 = sigma^2 + (jitter rate)^2."""
+        column = list(self.plant.channels).index(channel)
+        if not jitter_s > 0.0 or np.isfinite(self.y[:, column]).sum() < PARABOLA:
+            return self
+        rate = _parabolas(self.t, self.y[:, column])[1]
+        scatter = self.scatter.copy()
+        scatter[:, column] = np.sqrt(1.0 + (jitter_s * rate / sigma) ** 2)
+        return replace(self, scatter=scatter)
+
+    def without(self, rows: NDArray[np.bool_], channels: Sequence[str] | None = None) -> Stretch:
+        """The same with some readings set aside."""
+        y = self.y.copy()
+        for channel in channels or self.plant.channels:
+            y[rows, list(self.plant.channels).index(channel)] = np.nan
+        return replace(self, y=y)
+
+
+def stretch_of(
+    recording: str, plant: DeclaredPlant, t: Array, u: Array, readings: Mapping[str, tuple[NDArray[np.int_], Array]]
+) -> Stretch:
+    """From nodes t (n,), torque held between them (n-1,) and (nodes, values) of every channel."""
+    cut = _cut(t)
+    where = np.searchsorted(cut, t)
+    y = np.full((len(cut), len(plant.channels)), np.nan)
+    for column, channel in enumerate(plant.channels):
+        if channel in readings:
+            nodes, values = readings[channel]
+            y[where[nodes], column] = values
+    held = u[np.clip(np.searchsorted(t, cut[:-1], side="right") - 1, 0, len(u) - 1)]
+    return Stretch(recording, plant, cut, held, y)
+
+
+def _cut(t: Array) -> Array:
+    """Nodes added where two are further apart than a step may be."""
+    pieces = np.maximum(1, np.ceil(np.diff(t) / LONGEST_STEP_S - 1e-6)).astype(int)
+    parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(t[:-1], t[1:], pieces, strict=True)]
+    return np.concatenate([*parts, t[-1:]])
+
+
+# ---------------------------------------------------------------------------------------------- held torques
+
+
+class Held:
+    """The torque held between the nodes of a stretch, in the parts of its steps and on the way to its readings."""
+
+    def __init__(self, t: Array, u: Array) -> None:
+        self.t, self.u = t, u
+
+    def at(self, when: Array) -> Array:
+        """Just after these instants."""
+        return self.u[np.clip(np.searchsorted(self.t, when + 1e-12, side="right") - 1, 0, len(self.u) - 1)]
+
+    def substeps(self, count: int, delay: float = 0.0) -> Array:
+        """(count, n-1) mean torque in each part of each step, `delay` seconds late."""
+        if delay == 0.0:
+            return np.tile(self.u, (count, 1))  # a part lies within its hold
+        edges = self.t[:-1, None] + np.diff(self.t)[:, None] * np.arange(count + 1) / count
+        return mean_torque(edges, self.t, self.u, delay).T
+
+    def substeps_by_delay(self, count: int, delay: float) -> Array:
+        """Derivative of `substeps` by the delay."""
+        h = np.diff(self.t)
+        starts = self.t[:-1] + np.arange(count)[:, None] * h / count - delay
+        length = np.broadcast_to(np.maximum(h / count, 1e-9), starts.shape)
+        slope: Array = -(self.at(starts + length) - self.at(starts)) / length
+        return slope
+
+    def back(self, late: Sequence[float], delay: float = 0.0) -> Array:
+        """(BACK_STEPS, channels, n) mean torque on the way to `late` seconds ago, youngest first."""
+        ways = {d: self._way(d, delay) for d in set(late)}
+        return np.stack([ways[d] for d in late], axis=1)
+
+    def _way(self, late: float, delay: float) -> Array:
+        """(BACK_STEPS, n) of one channel; of a way of no length the torque at its end."""
+        steps = BACK_STEPS if late > 0.0 else 1
+        edges = self.t[:, None] - np.arange(steps, -1, -1) * late / steps
+        found = mean_torque(edges, self.t, self.u, delay).T[::-1]
+        return np.broadcast_to(found, (BACK_STEPS, len(self.t)))
+
+
+# ---------------------------------------------------------------------------------------------- first idea
+
+
+def first_states(stretch: Stretch) -> Array:
+    """(n, nx) positions and rates by local parabolas through the readings; no model."""
+    plant, t = stretch.plant, stretch.t
+    x = np.zeros((len(t), len(plant.states)))
+    for i, q in enumerate(plant.coordinates):
+        column = _reading(stretch, q)
+        if column is not None:
+            x[:, 2 * i], x[:, 2 * i + 1] = _parabolas(t, column)
+            continue
+        rate = _reading(stretch, f"d{q}")
+        if rate is not None:
+            x[:, 2 * i + 1] = _parabolas(t, rate)[0]
+            x[:, 2 * i] = np.concatenate([[0.0], np.cumsum(x[:-1, 2 * i + 1] * np.diff(t))])
+    return x
+
+
+def _reading(stretch: Stretch, state: str) -> Array | None:
+    for column, read in enumerate(stretch.plant.channels.values()):
+        if read == state and np.isfinite(stretch.y[:, column]).sum() >= PARABOLA:
+            return stretch.y[:, column]
+    return None
+
+
+def _parabolas(t: Array, y: Array) -> tuple[Array, Array]:
+    """Value and slope at every node of the parabola through the nearest samples."""
+    seen = np.isfinite(y)
+    ts, ys = t[seen], y[seen]
+    first = np.clip(np.searchsorted(ts, t) - PARABOLA // 2, 0, len(ts) - PARABOLA)
+    rows = first[:, None] + np.arange(PARABOLA)
+    dt = ts[rows] - t[:, None]
+    basis = np.stack([np.ones_like(dt), dt, dt**2], axis=-1)
+    normal = np.einsum("nki,nkj->nij", basis, basis)
+    right = np.einsum("nki,nk->ni", basis, ys[rows])
+    found = np.linalg.solve(normal, right[..., None])[..., 0]
+    return found[:, 0], found[:, 1]

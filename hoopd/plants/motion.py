@@ -1,0 +1,240 @@
+"""How a plant with effects moves over a substep: its forces, its dry friction, Runge-Kutta's step.
+
+Dry friction f acts along a direction a of the generalised forces against the rate a'q'. Where it can hold, it is over a
+substep of d seconds f = -(a'q'/d + a'q'')/(a'M^-1 a), the constant force under which the rate ends at zero, clipped to
++-level at every stage of the step: what rests under less than the level gets exactly the force that holds it. Where it
+cannot, it is the whole level against the motion, or the mean of both directions when the motion turns within the
+substep. Frictions along several directions are solved together, by sweeps.
+
+Rules of this file: nothing here knows a sensor, a delay or a lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.effects.base import DryFriction, Effect, Point
+
+# No time in a denominator is shorter, s.
+SHORTEST_S = 1e-7
+# A force beyond any friction's level.
+BEYOND = 1e9
+# A rate below this is none, rad/s.
+REST = 1e-30
+# Two frictions of the hoop and its ball act on each other by a sixth: 0.16^8 = 4e-7 of a force is left.
+SWEEPS = 8
+# Width of the smooth form of dry friction on the way back, rad/s: there is no sticking to be exact about.
+BACK_WIDTH = 0.02
+
+
+class Motion:
+    """A plant and its effects on forces; all parameters by `names`, expressions in and out."""
+
+    def __init__(
+        self, plant: DeclaredPlant, effects: Sequence[Effect], names: Sequence[str], *, inner_torque: bool
+    ) -> None:
+        """`inner_torque`: maps of the torque follow the plant inside a substep (there is no lag behind them)."""
+        self._plant, self._effects, self._names, self._inner = plant, effects, names, inner_torque
+        self._nq, self._nx = len(plant.coordinates), len(plant.states)
+        self._maps = [one for one in sorted(effects, key=lambda one: one.order) if one.torque is not None]
+        frictions = [(one, one.friction) for one in effects if one.friction is not None]
+        # a contact that the accelerations hold sees what all others leave
+        self._frictions = sorted(frictions, key=lambda one: one[1].needed is not None)
+
+    # ------------------------------------------------------------------------------------------ steps
+
+    def step(self, x: Any, torque: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
+        """State of the plant d seconds later, with the torque and the disturbance w held."""
+        values = self._vector(p)
+        stops = self._stops(x, torque, w, d, t, values) if self._frictions else ca.SX(0, 1)
+        after = _runge_kutta(lambda y, at: self._rate(y, torque, w, at, values, stops), x, d, t)
+        return self._at_rest(after) if self._frictions else after
+
+    def _at_rest(self, x: Any) -> Any:
+        """Rates of nothing are nothing: else what has stopped would go on through ever smaller, ever slower numbers."""
+        return ca.vertcat(*(ca.if_else(ca.fabs(x[i]) < REST, 0.0, x[i]) if i % 2 else x[i] for i in range(self._nx)))
+
+    def step_back(self, x: Any, torque: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
+        """State of the plant d seconds earlier; dry friction in its smooth form."""
+        values = self._vector(p)
+        return _runge_kutta(lambda y, at: self._smooth_rate(y, torque, w, at, values), x, -d, t)
+
+    def rate(self, x: Any, torque: Any, t: Any, p: Mapping[str, Any]) -> Any:
+        """dx/dt without a disturbance; ValueError with dry friction, whose force belongs to a step."""
+        if self._frictions:
+            raise ValueError("dry friction has no rate of its own")
+        return self._rate(x, torque, ca.SX.zeros(self._nq), t, self._vector(p), ca.SX(0, 1))
+
+    def drifted(self, x: Any, d: Any) -> Any:
+        """The state d seconds later if no force acted."""
+        return ca.vertcat(*(one for i in range(self._nq) for one in (x[2 * i] + d * x[2 * i + 1], x[2 * i + 1])))
+
+    def torque(self, x: Any, u: Any, t: Any, p: Mapping[str, Any]) -> Any:
+        """What limit and maps make of a demanded torque."""
+        u = ca.fmin(ca.fmax(u, -self._plant.limit), self._plant.limit)
+        for effect in self._maps:
+            assert effect.torque is not None
+            u = effect.torque(self._plant.point(x, p, u, t), effect.values(p))
+        return u
+
+    # ------------------------------------------------------------------------------------------ functions, made once
+
+    @cached_property
+    def _symbols(self) -> dict[str, Any]:
+        sizes = {"x": self._nx, "torque": 1, "w": self._nq, "t": 1, "p": len(self._names)}
+        return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+
+    @cached_property
+    def _rate(self) -> ca.Function:
+        """(x, torque, w, t, p, stops) -> dx/dt."""
+        s, stops = self._symbols, ca.SX.sym("stops", len(self._frictions))
+        p = self._named
+        point, force, seen = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
+        acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
+        for index, (effect, friction) in enumerate(self._frictions):
+            middle, level = self._middle_and_level(effect, friction, point, acceleration, p)
+            f = ca.fmin(ca.fmax(stops[index], middle - level), middle + level)
+            force += self._direction(friction, point) * f
+            acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
+        return ca.Function("rate", [*s.values(), stops], [_interleaved(s["x"], acceleration)], _CSE)
+
+    @cached_property
+    def _smooth_rate(self) -> ca.Function:
+        """(x, torque, w, t, p) -> dx/dt with dry friction as a steep smooth curve."""
+        s, p = self._symbols, self._named
+        point, force, seen = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
+        acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
+        for effect, friction in self._frictions:
+            middle, most = self._middle_and_level(effect, friction, point, acceleration, p)
+            direction = self._direction(friction, point)
+            force += direction * _smooth_friction(friction, middle, most, ca.dot(direction, _speeds(s["x"])))
+            acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
+        return ca.Function("smooth_rate", list(s.values()), [_interleaved(s["x"], acceleration)], _CSE)
+
+    @cached_property
+    def _stops(self) -> ca.Function:
+        """(x, torque, w, d, t, p) -> for each dry friction the force that ends its rate within d, not yet clipped."""
+        s, d, p = self._symbols, ca.SX.sym("d"), self._named
+        point, force, seen = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
+        unforced = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
+        mobility = self._mobility(seen, s["torque"], s["t"], s["p"])
+        directions = [self._direction(friction, point) for _, friction in self._frictions]
+        pushes = [ca.mtimes(mobility, one) for one in directions]
+        stops: list[Any] = [ca.SX(0)] * len(directions)
+        forces: list[Any] = [ca.SX(0)] * len(directions)
+        for _ in range(SWEEPS if len(directions) > 1 else 1):
+            for i, (effect, friction) in enumerate(self._frictions):
+                a = unforced + sum(pushes[j] * forces[j] for j in range(len(forces)) if j != i)
+                middle, level = self._middle_and_level(effect, friction, point, a, p)
+                rate, pull = ca.dot(directions[i], _speeds(s["x"])), ca.dot(directions[i], a)
+                stops[i] = _stop(rate, pull, ca.dot(directions[i], pushes[i]), middle, level, d)
+                forces[i] = ca.fmin(ca.fmax(stops[i], middle - level), middle + level)
+        inputs = [s["x"], s["torque"], s["w"], d, s["t"], s["p"]]
+        return ca.Function("stops", inputs, [ca.vertcat(*stops)], _CSE)
+
+    @cached_property
+    def _accelerations(self) -> ca.Function:
+        """(x as gravity sees it, generalised forces, torque, t, p) -> q''."""
+        s, force = self._symbols, ca.SX.sym("force", self._nq)
+        a = self._plant.accelerations(self._plant.point(s["x"], self._named, s["torque"], s["t"]), force)
+        return ca.Function("a", [s["x"], force, s["torque"], s["t"], s["p"]], [ca.densify(a)], _CSE)
+
+    @cached_property
+    def _mobility(self) -> ca.Function:
+        """(x, torque, t, p) -> q'' per generalised force: M^-1."""
+        s, force = self._symbols, ca.SX.sym("force", self._nq)
+        by_force = ca.jacobian(self._accelerations(s["x"], force, s["torque"], s["t"], s["p"]), force)
+        here = ca.densify(ca.substitute(by_force, force, ca.SX.zeros(self._nq)))
+        return ca.Function("mobility", [s["x"], s["torque"], s["t"], s["p"]], [here], _CSE)
+
+    # ------------------------------------------------------------------------------------------ parts
+
+    @property
+    def _named(self) -> dict[str, Any]:
+        return {name: self._symbols["p"][index] for index, name in enumerate(self._names)}
+
+    def _vector(self, p: Mapping[str, Any]) -> Any:
+        return ca.vertcat(*(p[name] for name in self._names))
+
+    def _smooth_forces(self, x: Any, u: Any, w: Any, t: Any, p: Mapping[str, Any]) -> tuple[Point, Any, Any]:
+        """The point, the generalised forces but for dry friction, and the state as gravity sees it."""
+        torque = self._torque_inside(x, u, t, p)
+        s = self._plant.point(x, p, torque, t)
+        force = {q: w[i] for i, q in enumerate(self._plant.coordinates)}
+        if self._plant.driven is not None:
+            force[self._plant.driven] += torque
+        seen = dict(zip(self._plant.states, ca.vertsplit(x), strict=True))
+        for effect in self._effects:
+            if effect.force is not None:
+                _add(force, effect.force(s, effect.values(p)))
+            if effect.shift is not None:
+                _add(seen, effect.shift(s, effect.values(p)))
+        return s, ca.vertcat(*force.values()), ca.vertcat(*seen.values())
+
+    def _torque_inside(self, x: Any, u: Any, t: Any, p: Mapping[str, Any]) -> Any:
+        return self.torque(x, u, t, p) if self._inner and self._plant.driven is not None else u
+
+    def _direction(self, friction: DryFriction, s: Point) -> Any:
+        along = friction.along(s)
+        return ca.vertcat(*(ca.SX(along.get(q, 0.0)) for q in self._plant.coordinates))
+
+    def _middle_and_level(
+        self, effect: Effect, friction: DryFriction, s: Point, a: Any, p: Mapping[str, Any]
+    ) -> tuple[Any, Any]:
+        """What a friction adds lies between -needed - level and -needed + level."""
+        level = friction.level(s, effect.values(p))
+        if friction.needed is None:
+            return 0.0, level
+        return -friction.needed(s, dict(zip(self._plant.coordinates, ca.vertsplit(a), strict=True))), level
+
+
+_CSE = {"cse": True}
+
+
+def _runge_kutta(f: Callable[[Any, Any], Any], x: Any, d: Any, t: Any) -> Any:
+    """x d seconds after t, by one classical step of fourth order."""
+    k1 = f(x, t)
+    k2 = f(x + d / 2 * k1, t + d / 2)
+    k3 = f(x + d / 2 * k2, t + d / 2)
+    k4 = f(x + d * k3, t + d)
+    return x + d / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _stop(rate: Any, pull: Any, mobility: Any, middle: Any, level: Any, d: Any) -> Any:
+    """Friction over d seconds, before it is clipped to middle +- level; pull: the rate's derivative without it."""
+    d = ca.fmax(d, SHORTEST_S)
+    # what would hold it, measured from the middle
+    hold = -pull / mobility - middle
+    # it cannot: the level, first against what is left of a motion in the direction of `hold`, then in it
+    way = ca.sign(hold)
+    crossed = ca.fmin(ca.fmax(rate * way / ((ca.fabs(hold) + level) * mobility * d), 0.0), 1.0)
+    turns = ca.logic_and(crossed > 0.0, crossed < 1.0)
+    slides = middle + way * (1.0 - 2.0 * crossed) * ca.if_else(turns, level, BEYOND)
+    return ca.if_else(ca.fabs(hold) <= level, -(rate / d + pull) / mobility, slides)
+
+
+def _smooth_friction(friction: DryFriction, middle: Any, most: Any, rate: Any) -> Any:
+    if friction.needed is None:
+        return -most * ca.tanh(rate / BACK_WIDTH)
+    # a contact that holds stays as it is
+    return ca.if_else(ca.fabs(rate) > BACK_WIDTH, middle - most * ca.sign(rate), 0.0)
+
+
+def _speeds(x: Any) -> Any:
+    return ca.vertcat(*(x[i] for i in range(1, x.numel(), 2)))
+
+
+def _interleaved(x: Any, acceleration: Any) -> Any:
+    """(q1', q1'', q2', q2'', ...)."""
+    return ca.vertcat(*(one for i in range(acceleration.numel()) for one in (x[2 * i + 1], acceleration[i])))
+
+
+def _add(total: dict[str, Any], more: Mapping[str, Any]) -> None:
+    for name, value in more.items():
+        if name in total:
+            total[name] = total[name] + value

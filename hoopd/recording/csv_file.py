@@ -1,0 +1,161 @@
+"""Recordings in CSV: a header line with the names of the signals, a row a sample, an empty cell for a missing number.
+
+Rules of this file: numbers are written with the shortest digits that give the same bits back; lines are read one by
+one, so a file may be larger than the memory that its text would take; every refusal names line and column.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.files.reading import InputError, os_reason
+from hoopd.files.whole_files import opened
+from hoopd.recording.recording import Recording
+from hoopd.recording.tables import MAX_ROWS, NAME_THEM, NAMES, SKIP, column_names, recording_of, refuse_double
+
+ORDER = ("u", "theta", "dtheta", "psi")  # always written; others where there is something to say
+MAX_FILE_BYTES = 2**32
+MAX_LINE_CHARS = 2**14  # nine numbers of 25 digits are 250
+BLOCK_ROWS = 2**14  # rows that wait as text
+_MISSING = frozenset(("", "nan", "NaN", "NAN"))
+
+
+def read(path: Path, columns: str | None = None) -> Recording:
+    """Recording of a .csv file; InputError names line and column of what is wrong.
+
+    columns: what the columns after `t` hold, in order, against the header's names.
+    """
+    try:
+        with TextIOWrapper(opened(path, MAX_FILE_BYTES), encoding="utf-8-sig", newline="") as file:
+            return _read(file, path, columns)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, "", os_reason(error)) from None
+
+
+def encode(recording: Recording, fields: dict[str, Any]) -> bytes:
+    """The file's bytes; `fields`: further signals by name."""
+    columns = {"t": recording.t, **{name: getattr(recording, name) for name in ORDER}, **fields}
+    texts = [[repr(x) if x == x else "" for x in column.tolist()] for column in columns.values()]  # noqa: PLR0124
+    lines = [",".join(columns), *map(",".join, zip(*texts, strict=True))]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _read(file: TextIO, path: Path, columns: str | None) -> Recording:
+    rows = _rows(file, path)
+    number, header = next(rows, (1, []))
+    names = _names([cell.strip() for cell in header], columns, path, number)
+    blocks, lines = [], []
+    for found, block in _blocks(rows, names, path):
+        lines.append(found)
+        blocks.append(block)
+        if len(blocks) * BLOCK_ROWS > MAX_ROWS:
+            raise InputError(path, "", f"more than {MAX_ROWS} rows")
+    if not blocks:
+        raise InputError(path, "", "holds a header and no rows")
+    line = np.concatenate(lines)
+    data = np.concatenate(blocks)
+    table = {name: data[:, k] for k, name in enumerate(names) if name != SKIP}
+    return recording_of(table, path, lambda index: f"line {line[index]}")
+
+
+def _names(header: list[str], columns: str | None, path: Path, line: int) -> list[str]:
+    """What each column holds; InputError when the header does not say."""
+    place = f"line {line}"
+    if "t" not in header:
+        raise InputError(path, place, f"expected a header with t and signals (t,{','.join(ORDER)}){_hint(header)}")
+    refuse_double(header, path, place)
+    if columns is not None:
+        return _asked(header, column_names(columns, ORDER, path), path)
+    unknown = [name for name in header if name != "t" and name not in NAMES]
+    if unknown:
+        raise InputError(path, place, f"unknown column {unknown[0]!r}; known: t, {', '.join(NAMES)}; or {NAME_THEM}")
+    return header
+
+
+def _asked(header: list[str], names: tuple[str, ...], path: Path) -> list[str]:
+    if len(names) != len(header) - 1:
+        raise InputError(path, "columns", f"{len(names)} names for {len(header) - 1} columns beside t")
+    others = iter(names)
+    return ["t" if name == "t" else next(others) for name in header]
+
+
+def _hint(header: list[str]) -> str:
+    if len(header) == 1 and ";" in header[0]:
+        return "; its cells are separated by semicolons: write it with commas, and points in the numbers"
+    return f", found {','.join(header)!r}" if header else ""
+
+
+def _lines(file: TextIO, path: Path) -> Iterator[str]:
+    number = 0
+    while line := file.readline(MAX_LINE_CHARS + 1):
+        number += 1
+        if len(line) > MAX_LINE_CHARS:
+            raise InputError(path, f"line {number}", f"longer than {MAX_LINE_CHARS} characters: no CSV of numbers")
+        yield line
+
+
+def _rows(file: TextIO, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of every line that is not blank."""
+    reader = csv.reader(_lines(file, path), strict=True)
+    try:
+        for cells in reader:
+            if cells and (len(cells) > 1 or cells[0].strip()):
+                yield reader.line_num, cells
+    except csv.Error as error:
+        raise InputError(path, f"line {reader.line_num}", f"not CSV: {error}") from None
+
+
+def _blocks(
+    rows: Iterable[tuple[int, list[str]]], names: list[str], path: Path
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """Line numbers and numbers (rows, columns) of the file, some thousand rows at a time."""
+    block: list[tuple[int, list[str]]] = []
+    for number, cells in rows:
+        if len(cells) != len(names):
+            raise InputError(path, f"line {number}", f"has {len(cells)} cells, the header has {len(names)}")
+        block.append((number, cells))
+        if len(block) == BLOCK_ROWS:
+            yield _numbers(block, names, path)
+            block = []
+    if block:
+        yield _numbers(block, names, path)
+
+
+def _numbers(
+    block: list[tuple[int, list[str]]], names: list[str], path: Path
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    data = np.empty((len(block), len(names)))
+    for k, name in enumerate(names):
+        if name == SKIP:
+            continue
+        try:
+            data[:, k] = [_number(cells[k]) for _, cells in block]
+        except ValueError:
+            raise _no_number(block, k, name, path) from None
+    return np.array([number for number, _ in block]), data
+
+
+def _number(cell: str) -> float:
+    """The number in a cell, NaN when empty; ValueError when it is none."""
+    text = cell.strip()
+    if text in _MISSING:
+        return float("nan")
+    if "_" in text:  # Python reads 1_000, nobody else does
+        raise ValueError(text)
+    return float(text)
+
+
+def _no_number(block: list[tuple[int, list[str]]], k: int, name: str, path: Path) -> InputError:
+    for number, cells in block:
+        try:
+            _number(cells[k])
+        except ValueError:
+            return InputError(path, f"line {number}, column {name}", f"expected a number, found {cells[k]!r}")
+    raise AssertionError("no cell was refused")

@@ -1,0 +1,82 @@
+"""Free runs with effects: against the model's own free run, uneven nodes, held torques and what a run takes."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from effectcases import VALUES, composite, sizes, two_level
+
+from hoopd.plants.free_run import FreeRun, readings, run
+from hoopd.plants.held_input import mean_torque
+from hoopd.plants.hoop.simulate import Model
+
+X0 = np.array([0.2, -1.0, 0.5, 2.0])
+
+
+def test_without_effects_it_is_the_model_s_free_run() -> None:
+    rng = np.random.default_rng(2)
+    t = np.cumsum(np.concatenate([[3.0], rng.uniform(0.002, 0.09, 120)]))
+    u = rng.normal(size=120) * 0.1
+    expected = Model("rolling", VALUES["rolling"], step_s=0.005).run([], X0, t, u)
+    assert np.abs(run(composite("rolling"), {}, X0, t, u) - expected).max() < 1e-4
+
+
+def test_more_nodes_change_nothing() -> None:
+    names = ("actuator.delay", "actuator.lag", "encoder.speed_lag", "frame.vibration")
+    c, values = composite("rolling", *names), sizes(*names)
+    t, u = two_level(1.0)
+    fine_t, fine_u = np.arange(4 * len(u) + 1) * 0.005, np.repeat(u, 4)
+    coarse, fine = run(c, values, X0, t, u), run(c, values, X0, fine_t, fine_u)
+    assert coarse.shape == (51, c.nz) == (51, 6)
+    assert np.abs(coarse - fine[::4])[:, [0, 2]].max() < 3e-4
+
+
+def test_only_the_nodes_asked_for_are_read() -> None:
+    t, u = two_level(1.0)
+    for name in ("camera.latency", "camera.angle_offset"):
+        c, values = composite("rolling", name), sizes(name)
+        free = FreeRun(c)
+        z = free.run(values, X0, t, u)
+        every, some = free.readings(values, t, u, z), free.readings(values, t, u, z, {"psi": [3, 40], "theta": []})
+        assert np.array_equal(some["psi"], every["psi"][[3, 40]])
+        assert len(some["theta"]) == 0
+
+
+def test_a_run_goes_on_from_a_whole_state() -> None:
+    names = ("actuator.lag", "encoder.speed_lag")
+    c, values, (t, u) = composite("entries", *names), sizes(*names), two_level(1.0)
+    whole = run(c, values, X0, t, u)
+    rest = run(c, values, whole[20], t[20:], u[20:])
+    assert np.abs(rest - whole[20:]).max() < 1e-9
+
+
+def test_the_first_readings_of_a_late_sensor_are_those_before_the_start() -> None:
+    names = ("camera.latency", "encoder.latency")
+    c, values = composite("rolling", *names), {f"{name}.d": 0.05 for name in names}
+    t, u = two_level(1.0)
+    whole = run(composite("rolling"), {}, X0, np.arange(-10, 51) * 0.01, np.full(60, u[0]))
+    y = readings(c, values, t, u, run(c, values, whole[10], t, u))
+    for channel, index in (("theta", 0), ("dtheta", 1), ("psi", 2)):
+        # at 0, 0.02 and 0.04 s: the states of -0.05, -0.03 and -0.01 s
+        assert y[channel][:3] == pytest.approx(whole[[5, 7, 9], index], abs=1e-5)
+
+
+# ---------------------------------------------------------------------------------------------- held torques
+
+
+def test_mean_torque_of_the_hold_is_the_torque_itself() -> None:
+    t, u = np.array([0.0, 0.02, 0.04, 0.07]), np.array([0.1, -0.2, 0.3])
+    edges = np.concatenate([np.linspace(a, b, 8)[:-1] for a, b in pairwise(t)] + [t[-1:]])
+    assert np.array_equal(mean_torque(edges, t, u), np.repeat(u, 7))
+
+
+def test_mean_torque_of_a_delay_is_the_integral() -> None:
+    t, u = np.array([0.0, 0.02, 0.04, 0.06]), np.array([1.0, 2.0, 4.0])
+    assert mean_torque([0.02, 0.03], t, u, 0.005) == pytest.approx([(0.005 * 1 + 0.005 * 2) / 0.01])
+    # before the first node the first torque, after the last one the last
+    assert mean_torque([-0.3, 0.01, 0.02, 0.9], t, u) == pytest.approx([1.0, 1.0, (0.02 * 2 + 0.86 * 4) / 0.88])
+    assert mean_torque([[0.0, 0.04], [0.01, 0.05]], t, u) == pytest.approx(
+        np.array([[1.5], [0.01 * (1 + 4 + 4) / 0.04]])
+    )
