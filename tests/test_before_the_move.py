@@ -9,7 +9,7 @@ from pathlib import Path
 import before_the_move as before
 import pytest
 
-from hoopd.replay import replay
+from hoopd.daemon.replay import replay
 
 DIGESTS = json.loads((before.KEPT / "digests.json").read_text())
 PATHS = before.recordings()

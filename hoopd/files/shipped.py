@@ -19,7 +19,7 @@ START_MODELS: Mapping[str, str] = MappingProxyType(
 
 def defaults_folder() -> Path:
     """Folder of the shipped configuration, in an installed package or in a checkout."""
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     shipped = package / "_config"
     return shipped if shipped.is_dir() else package.parent / "config"
 

@@ -8,7 +8,7 @@ import control
 import numpy as np
 import pytest
 
-from hoopd.design.analysis import linear_model, minimal, transfer_function
+from hoopd.design.analysis import linear_model, minimal
 from hoopd.design.delay import held, sample_delay, smith_predictor
 from hoopd.design.gang_of_four import gang_of_four, noise_gain, nyquist_gain, peaks
 from hoopd.design.laws import without_hoop
@@ -16,6 +16,7 @@ from hoopd.design.lqg import reduced_model
 from hoopd.design.pid import Parallel, pid
 from hoopd.design.placement import place, place_pi
 from hoopd.ident.discretization import c2d
+from hoopd.ident.transfer_functions import transfer_function
 from hoopd.plants.model_file import load_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
