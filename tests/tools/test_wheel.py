@@ -59,7 +59,7 @@ def test_it_has_every_module_the_configuration_and_the_licence(tool: ModuleType,
 def test_what_it_installs_knows_every_command(installed: Path, tmp_path: Path) -> None:
     import typer
 
-    from hoopd.cli import app
+    from hoopd.commands.cli import app
 
     shown = run(installed, tmp_path, "--help")
     assert shown.returncode == 0, shown.stderr
