@@ -9,7 +9,7 @@ import time
 import pytest
 
 from hoopd.shell import clock
-from hoopd.shell.clock import TickTimer
+from hoopd.shell.clock import TickTimer, wall_zero_ns
 
 PERIOD_S = 0.02
 
@@ -64,6 +64,13 @@ def test_deadlines_are_multiples_of_the_period_after_start():
         assert timer.deadline(50) == 1.0
         assert timer.now() == pytest.approx(time.monotonic() - start, abs=0.05)
         assert timer.expirations() >= 50  # a start in the past: the missed ones are counted
+
+
+def test_run_time_zero_by_the_wall_clock():
+    before = time.time_ns()
+    with TickTimer(PERIOD_S, start=time.monotonic() - 3600.0) as timer:
+        zero_ns = wall_zero_ns(timer.now)
+    assert before - 10**9 < zero_ns + 3600 * 10**9 < time.time_ns() + 10**9
 
 
 def test_cancelled_wait_leaves_its_count_to_the_next():

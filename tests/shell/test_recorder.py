@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import resource
 import signal
@@ -11,6 +12,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +76,18 @@ def test_threaded_and_lock_step_write_the_same_bytes(tmp_path: Path) -> None:
         assert recorder.counts[:3] == (301, 0, 0)
         content.append((tmp_path / name / "run-0001.mcap").read_bytes())
     assert content[0] == content[1] == content[2]
+
+
+def test_each_file_asks_the_wall_clock_and_keeps_its_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "ROOM_ROWS", 50)
+    (tmp_path / "size").mkdir()
+    clock, size = itertools.count(10**18, 10**9), make_run(tmp_path / "size").stat().st_size
+    recorder = Recorder(tmp_path, HEADER, limits=Limits(2 * size, 0), synchronous=True, zero_ns=partial(next, clock))
+    feed(recorder, 500)
+    assert recorder.close()
+    parts = [mcap.read_run(run.path) for run in runs(tmp_path)]
+    assert len(parts) > 1
+    assert [part.zero_ns for part in parts] == [10**18 + 10**9 * part.header.part for part in parts]
 
 
 def test_next_free_number(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 from system.runs import Run, run
 
 from hoopd.daemon.replay import replay
+from hoopd.recording.mcap import read_run
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -77,6 +78,7 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     runs = [process(tmp_path / name, seed, hashes, same) for name, seed, hashes in SEEDS]
     assert runs[0] == runs[1]
     assert runs[2] != runs[0]
+    assert read_run(tmp_path / "a/run-0001.mcap").zero_ns == 0  # no date in it
 
 
 SEEDS = (("a", 3, "1"), ("elsewhere/b", 3, "2"), ("c", 4, "1"))

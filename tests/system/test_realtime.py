@@ -23,6 +23,7 @@ from system.witness import Witness, witnessed
 
 from hoopd.core.modes import Mode
 from hoopd.daemon.replay import replay
+from hoopd.recording.mcap import read_run
 
 pytestmark = pytest.mark.realtime
 
@@ -46,12 +47,14 @@ def judge(run: Run) -> None:
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
 def test_a_signal_is_a_controlled_stop(name: str, tmp_path: Path) -> None:
     def check(folder: Path, witness: Witness) -> None:
+        before_ns = time.time_ns()
         with Daemon(folder, commands=REFERENCE) as daemon:
             daemon.wait_running()
             sent = daemon.signal(signal.Signals[name])
             assert daemon.wait_exit() == 0
             run = daemon.result()
         judge(run)
+        assert before_ns < read_run(run.recordings[0]).zero_ns < time.time_ns()
         assert run.torque.max_abs(sent - 0.1, sent) > 0.0
         assert run.torque.zero_for_good_from(sent) <= STOPPING_S + MARGIN_S
         assert [row.enabled for row in run.torque.rows[-4:]] == [False] * 4

@@ -81,10 +81,10 @@ function source(name, result, imports) {
 /** The published parser of message paths, from the grammar in the bundle. */
 function pathParser() {
   const text = fs.readFileSync(path.join(studio, "assets", "index.js"), "utf8");
-  const begin = text.lastIndexOf("\n/***/ ", text.indexOf("// Generated automatically by nearley"));
-  const body = text.slice(text.indexOf("\n", text.indexOf("((module)", begin)), text.indexOf("\n/***/ })", begin));
+  const inside = text.indexOf('"symbols": ["messagePath"]');
+  const begin = text.lastIndexOf("// Generated automatically by nearley", inside);
   const module = { exports: {} };
-  new Function("module", body)(module);
+  new Function("module", text.slice(begin, text.indexOf("\n/***/ })", inside)))(module);
   const syntax = "components/MessagePathSyntax";
   const imports = { memoize: lodash.memoize, uniq: lodash.uniq, filterMap: () => [], grammar: module.exports };
   const parse = source(`${syntax}/parseRosPath.js`, "parseRosPath", {
