@@ -41,7 +41,7 @@ FITS = (
     Asked("fit, prediction error", ("fit", BOTH, "--method", "prediction")),
     Asked("fit, rolling, two recordings", ("fit", SINE, BOTH, "--structure", "rolling")),
 )
-# The names and values of docs/diagnose_real.md; the first two take 20 s each, the others minutes.
+# The names and values of docs/explanations/diagnose_real.md; the first two take 20 s each, the others minutes.
 DIAGNOSES = (
     Asked("diagnosis, ball", ("diagnose", BALL, "--no-free-run")),
     Asked("diagnosis, chirp", ("diagnose", CHIRP, *NAMED, "--no-free-run")),
