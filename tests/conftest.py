@@ -1,29 +1,30 @@
 """What every test shares.
 
-Command sockets lie in a folder of this run, not among those of a daemon that runs beside it. Tests in which the clock
-counts (marker `realtime`) are named here by their place, or at the test itself: they run one after the other, while
-`tools/suite.py` runs the others side by side. Linear algebra has one thread, as in the program itself: of two beside
-another process, each waits for the other, and a small matrix takes fifty times as long.
+Command sockets lie in a folder of this run, not among those of a daemon that runs beside it. Tests of whole daemons on
+the real clock (marker `realtime`) are named here by their place, or at the test itself: they run one after the other,
+while `tools/suite.py` runs the others side by side. Linear algebra has one thread, as in the program itself: of two
+beside another process, each waits for the other, and a small matrix takes fifty times as long.
 """
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # before numpy is imported
-    os.environ.setdefault(threads, "1")
+    os.environ[threads] = "1"
 
 HERE = Path(__file__).parent
 ON_THE_CLOCK = (
-    "shell",
-    "sim/test_boardprocess.py",
-    "sim/test_camera.py",
-    "system/test_check_device.py",
+    "shell/test_clock.py",
+    "shell/test_loop.py",
+    "shell/test_service.py",
     "system/test_rig_priority.py",
 )
 
@@ -39,3 +40,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if any(place == item.path or place in item.path.parents for place in places):
             item.add_marker(pytest.mark.realtime)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def garbage() -> Iterator[None]:
+    """A daemon that runs in this process does not collect: all tests lie in its memory, a quarter of a second each time.
+
+    What was imported and collected so far is left out of every later collection instead. Daemons in processes of their
+    own do as ever.
+    """
+    gc.collect()
+    gc.freeze()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("hoopd.daemon.app.freeze_garbage", lambda: 0)
+        yield
+    gc.unfreeze()

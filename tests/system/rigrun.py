@@ -6,7 +6,6 @@ Rules of this file: what comes back is what the plant and the board did, not wha
 from __future__ import annotations
 
 import contextlib
-import gc
 import io
 import sys
 from dataclasses import dataclass
@@ -95,5 +94,3 @@ def _quietly(options: Options) -> dict[str, Any]:
             return run_daemon(options)
     finally:
         sys.setswitchinterval(interval)
-        gc.unfreeze()
-        gc.enable()
