@@ -44,10 +44,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def garbage() -> Iterator[None]:
-    """A daemon that runs in this process does not collect: all tests lie in its memory, a quarter of a second each time.
+    """A daemon that runs in this process does not collect at its start: all tests lie in its memory.
 
-    What was imported and collected so far is left out of every later collection instead. Daemons in processes of their
-    own do as ever.
+    That is a quarter of a second each time. What was imported so far is left out of every later collection instead.
+    Daemons in processes of their own do as ever.
     """
     gc.collect()
     gc.freeze()

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from harness.picture import Look, ball_centre, picture
 
 from hoopd.commands.calibrate import run
 from hoopd.files.reading import InputError
-from tests.vision.picture import Look, ball_centre, picture
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from system.rigrun import run_rig
+from harness.rigrun import run_rig
 
 from hoopd.daemon.report import _summary_rows
 from hoopd.recording.mcap import read

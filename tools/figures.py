@@ -21,7 +21,7 @@ from rich.status import Status
 from rich.table import Table
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tools")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
 from thesis import device, fitted, identification, linear, loops  # noqa: E402
 from thesis.records import Bench, how_to_get, shared_folder  # noqa: E402

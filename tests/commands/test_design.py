@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from harness.rigrun import run_rig
 from shared import shared_path
 
 from hoopd.commands import cli
@@ -27,7 +28,6 @@ from hoopd.files.reading import InputError
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording.recording import from_columns
 from hoopd.shell.config import load as load_config
-from tests.system.rigrun import run_rig
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 HOOP, THESIS = CONFIG / "models" / "hoop.yaml", CONFIG / "models" / "thesis.yaml"

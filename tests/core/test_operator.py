@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 import pytest
-from core.smallrig import HEALTHY_TICKS, SmallRig, healthy, running
+from harness.smallrig import HEALTHY_TICKS, SmallRig, healthy, running
 
 from hoopd.core.operator import BOARD_LATCHES, WISH_TICKS
 

@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.append(str(Path(__file__).parents[2] / "tools" / "bench"))
-
-from identcriteria import nonparametric as criteria
+from harness.identcriteria import nonparametric as criteria
 
 NAMES = sorted(name for name in vars(criteria) if name.startswith("criterion_"))
 

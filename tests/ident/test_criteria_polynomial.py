@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.append(str(Path(__file__).parents[2] / "tools" / "bench"))
-
-from identcriteria import optima, polynomial
-from identcriteria.judged import Criterion
+from harness.identcriteria import optima, polynomial
+from harness.identcriteria.judged import Criterion
 
 SEEDS = (0, 1)
 

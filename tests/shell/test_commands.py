@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 
 import pytest
-from core.smallrig import healthy
+from harness.smallrig import healthy
 from hypothesis import given
 from hypothesis import strategies as st
 

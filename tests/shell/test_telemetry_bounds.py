@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from harness.neighbours import HUGE, IDLE
 from shell.peers import OPERATOR, ROOT, Ticks, controlled, free_endpoint, running, wait_until
 
 from hoopd.shell.remote import send
@@ -19,31 +20,6 @@ from hoopd.shell.session import MESSAGE_BYTES
 from hoopd.shell.telemetry import Settings
 
 MB = 2**20
-HUGE = """
-import json, sys, zenoh
-from hoopd.shell.session import connecting
-with zenoh.open(connecting(sys.argv[1], json.loads(sys.argv[3]), 2.0)) as session:
-    assert session.info.transports()
-    for name in ("arm", "disarm"):
-        for reply in session.get(f"hoopd/hoop/cmd/{name}", payload=bytes(int(sys.argv[2])), timeout=2.0):
-            print(name, "taken" if reply.ok else reply.err.payload.to_string())
-"""
-IDLE = """
-import resource, socket, sys, time
-hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
-resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
-held = []
-for _ in range(int(sys.argv[2])):
-    one = socket.socket()
-    one.settimeout(1.0)
-    try:
-        one.connect(("127.0.0.1", int(sys.argv[1])))
-    except OSError:
-        continue
-    held.append(one)
-print(len(held), flush=True)
-time.sleep(60)
-"""
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from system.runs import run
+from harness.runs import run
 
 from hoopd.core.records import CameraSample
 from hoopd.shell.ball_detection import Analyser

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import serial
-from system.runs import run
+from harness.runs import run
 
 from hoopd.commands import cli
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from system.runs import Run, run
+from harness.runs import Run, run
 
 from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.picturechecks import NAMES

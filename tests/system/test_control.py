@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from harness.rigrun import RigRun, run_rig
 
 from hoopd.daemon.replay import replay
 from hoopd.files.reading import InputError
 from hoopd.recording.mcap import read_run
-from tests.system.rigrun import RigRun, run_rig
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTROLLERS = ROOT / "config" / "controllers"

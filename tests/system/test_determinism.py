@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.runs import Run, run
+from harness.runs import Run, run
 
 from hoopd.daemon.replay import replay
 from hoopd.recording.mcap import read_run

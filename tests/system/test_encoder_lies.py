@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from system.runs import PERIOD_S, Run, run
+from harness.runs import PERIOD_S, Run, run
 
 from hoopd.core.encoderchecks import EQUAL_SPEEDS, NAMES
 from hoopd.core.faulttable import BY_NAME, Action

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
-from system.runs import PERIOD_S, TORQUE_LIMIT_NM, Run, run, serve_late
+from harness.runs import PERIOD_S, TORQUE_LIMIT_NM, Run, run, serve_late
 
 from hoopd.core.encoderchecks import NAMES as ENCODER_FAULTS
 from hoopd.core.faulttable import BY_NAME, FAULTS, Action

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from system.rigrun import run_rig
-from system.rivals import SCENARIOS, Judged, judged, race
+from harness.rigrun import run_rig
+from harness.rivals import SCENARIOS, Judged, judged, race
 from system.test_bad_input import call
 
 from hoopd import lab

@@ -11,7 +11,7 @@ import re
 from pathlib import Path
 
 import pytest
-from system.rigrun import run_rig
+from harness.rigrun import run_rig
 from system.test_bad_input import call
 
 from hoopd.files.identified import identified_text, load_identified, parse_identified

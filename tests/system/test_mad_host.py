@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from system.runs import TORQUE_LIMIT_NM, run
+from harness.runs import TORQUE_LIMIT_NM, run
 
 from hoopd.core.frames import ERROR_OVERCURRENT, ERROR_OVERSPEED, STATUS_ENABLED, STATUS_FAULT
 from hoopd.core.health import HARD_ERRORS

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import psutil
 import pytest
-from system.realrun import ENVIRONMENT, START_S, Daemon, fifo_granted, free_port, undelayed
-from system.witness import Witness, witnessed
+from harness.realrun import ENVIRONMENT, START_S, Daemon, fifo_granted, free_port, undelayed
+from harness.witness import Witness, witnessed
 
 from hoopd.shell.operator import CommandError
 from hoopd.shell.socketfile import listening_socket

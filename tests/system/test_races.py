@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.runs import PERIOD_S, Run, run
+from harness.runs import PERIOD_S, Run, run
 
 from hoopd.core.modes import Mode
 from hoopd.daemon import app

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.realrun import Daemon, fifo_granted
-from system.runs import PERIOD_S, Run
-from system.witness import Witness, witnessed
+from harness.realrun import Daemon, fifo_granted
+from harness.runs import PERIOD_S, Run
+from harness.witness import Witness, witnessed
 
 from hoopd.core.modes import Mode
 

@@ -12,14 +12,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from system.realrun import ENVIRONMENT, Daemon, fifo_granted, undelayed, zero_of
-from system.runs import TORQUE_LIMIT_NM, Run
-from system.witness import Witness, witnessed
+from harness.neighbours import FLOOD, SUBSCRIBER, neighbour
+from harness.realrun import ENVIRONMENT, Daemon, fifo_granted, undelayed, zero_of
+from harness.runs import TORQUE_LIMIT_NM, Run
+from harness.witness import Witness, witnessed
 
 from hoopd.core.modes import Mode
 from hoopd.daemon.replay import replay
@@ -160,44 +159,6 @@ def test_a_full_disk_does_not_touch_control(tmp_path: Path) -> None:
         assert any(line.get("fault") == "recorder_trouble" and line["event"] == "fault" for line in run.log)
 
     witnessed(tmp_path, check)
-
-
-FLOOD = """
-import sys, time, zenoh
-from hoopd.shell.session import connecting
-from hoopd.shell.operator import CommandError, ask
-with zenoh.open(connecting(sys.argv[1], {}, 2.0)) as session:
-    end = time.monotonic() + float(sys.argv[3])
-    while time.monotonic() < end:
-        for _ in range(20):
-            session.get("hoopd/hoop/cmd/reference", zenoh.handlers.RingChannel(1), payload="0.1", timeout=0.5)
-        try:
-            ask({"command": "reference", "value": 0.1}, "hoop", sys.argv[2])
-        except CommandError:
-            pass
-"""
-
-SUBSCRIBER = """
-import sys, time, zenoh
-from hoopd.shell.session import connecting
-with zenoh.open(connecting(sys.argv[1], {}, 2.0)) as session:
-    with session.declare_subscriber("hoopd/**", zenoh.handlers.FifoChannel(10)):
-        print("ready", flush=True)
-        time.sleep(30)
-"""
-
-
-@contextmanager
-def neighbour(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A process that talks to the daemon."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", text, *arguments], env=ENVIRONMENT, stdout=subprocess.PIPE, text=True
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def test_a_flood_of_commands_delays_nothing_and_disarm_is_obeyed(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from system.realrun import ENVIRONMENT, FIFO_PRIORITY, Daemon, fifo_granted
+from harness.realrun import ENVIRONMENT, FIFO_PRIORITY, Daemon, fifo_granted
 
 from hoopd.shell.service import granted_realtime
 

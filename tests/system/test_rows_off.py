@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from system.runs import run
+from harness.runs import run
 
 from hoopd.core.health import Thresholds
 from hoopd.daemon.checks import Verdict, exit_code, fault_rows

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from harness import runs
+from harness.rigrun import run_rig
 
 from hoopd.core.feedforward import FeedForward, Part
 from hoopd.daemon.replay import replay
@@ -17,8 +19,6 @@ from hoopd.files.model import EffectEntry, ModelFile, Parameter, model_text
 from hoopd.plants.model_file import load_model, parse_model
 from hoopd.recording.mcap import read_run
 from hoopd.sim import truth
-from tests.system import runs
-from tests.system.rigrun import run_rig
 
 HOOP = Path(__file__).resolve().parents[2] / "config" / "models" / "hoop.yaml"
 HIDDEN: dict[str, dict[str, tuple[float, str]]] = {

@@ -8,13 +8,13 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 import pytest
+from harness.picture import Image, Look, ball_centre, picture
 
 from hoopd.vision.calibration import CalibrationError, PixelToAngle, propose, propose_from_run, wrap
 from hoopd.vision.circles import fit_circle, fit_circle_robust
 from hoopd.vision.detector import Detector
 from hoopd.vision.draw import draw_proposal, draw_run
 from tests.shared import shared_path
-from tests.vision.picture import Image, Look, ball_centre, picture
 
 LOOK = Look()
 # measured by hand, +-1.5 px

@@ -8,10 +8,10 @@ import math
 import cv2
 import numpy as np
 import pytest
+from harness.picture import Look, ball_centre, picture
 
 from hoopd.vision.calibration import PixelToAngle, wrap
 from hoopd.vision.detector import BGR_FROM_YUV, YUV_OFFSET, Detector, DetectorSettings
-from tests.vision.picture import Look, ball_centre, picture
 
 LOOK = Look()
 # the colour that `propose` finds for these pictures: the default weights leave the warm hoop at a third of the

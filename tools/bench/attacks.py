@@ -27,13 +27,13 @@ import numpy as np
 import psutil
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tools" / "bench")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools"), str(ROOT / "tools" / "bench")]
 
 from attacking.attacks import ATTACKS  # noqa: E402
+from harness.realrun import ENVIRONMENT, Daemon, fifo_granted, gaps_in, zero_of  # noqa: E402
+from harness.runs import Run  # noqa: E402
+from harness.witness import Witness  # noqa: E402
 from processes import process, progress  # noqa: E402
-from system.realrun import ENVIRONMENT, Daemon, fifo_granted, gaps_in, zero_of  # noqa: E402
-from system.runs import Run  # noqa: E402
-from system.witness import Witness  # noqa: E402
 
 from hoopd.shell.operator import CommandError  # noqa: E402
 

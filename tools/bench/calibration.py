@@ -20,10 +20,11 @@ import cv2
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
+
+from harness.picture import Image, Look, ball_centre, picture  # noqa: E402
 
 from hoopd.vision.calibration import CalibrationError, propose  # noqa: E402
-from tests.vision.picture import Image, Look, ball_centre, picture  # noqa: E402
 
 # measured by hand, +-1.5 px
 REAL = {"exp01_meas_pos01": (236.0, 426.0), "exp03_meas_pos01": (235.0, 409.7), "led": (238.5, 423.3)}

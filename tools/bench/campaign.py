@@ -20,14 +20,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tools" / "bench")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools"), str(ROOT / "tools" / "bench")]
 
 from faultcampaign.judging import Verdict, judge  # noqa: E402
 from faultcampaign.kinds import KINDS  # noqa: E402
 from faultcampaign.table import show  # noqa: E402
 from faultcampaign.trials import Way, perform  # noqa: E402
+from harness.witness import Witness  # noqa: E402
 from processes import progress  # noqa: E402
-from system.witness import Witness  # noqa: E402
 
 from hoopd.shell.operator import CommandError  # noqa: E402
 

@@ -23,7 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
+
+from harness.picture import Image, Look, picture  # noqa: E402
 
 from hoopd.shell.ball_detection import Analyser  # noqa: E402
 from hoopd.shell.config import load  # noqa: E402
@@ -31,7 +33,6 @@ from hoopd.sim.camera import i420  # noqa: E402
 from hoopd.sim.scene import Scene, SceneSettings  # noqa: E402
 from hoopd.vision.calibration import PixelToAngle, propose, wrap  # noqa: E402
 from hoopd.vision.detector import Detector, DetectorSettings  # noqa: E402
-from tests.vision.picture import Image, Look, picture  # noqa: E402
 
 SWING_RAD, SWING_HZ = 1.2, 1.35  # a free swing of the ball: pictures 20 ms apart, up to 10 rad/s
 

@@ -28,7 +28,7 @@ from typing import TextIO
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the processes share the cores
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tools" / "bench")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools"), str(ROOT / "tools" / "bench")]
 
 from honestrigs.rigs import HIDDEN, OFF, RIGHT, RIGS, UNHIDEABLE, off_by  # noqa: E402
 from honestrigs.watching import WAYS, Hour, Seen, spend  # noqa: E402

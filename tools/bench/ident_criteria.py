@@ -32,7 +32,7 @@ def known() -> dict[str, tuple[str, str]]:
     """Criteria by their numbers or names: module and function; two of one number carry their area."""
     found: dict[str, tuple[str, str]] = {}
     for area in AREAS:
-        module = import_module(f"identcriteria.{area}")
+        module = import_module(f"harness.identcriteria.{area}")
         for name in sorted(vars(module)):
             if name.startswith(MARKS) and callable(getattr(module, name)):
                 key = name.removeprefix("criterion_")
@@ -48,7 +48,7 @@ def held(area: str, name: str, seed: int) -> tuple[bool, str, float]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            figures = getattr(import_module(f"identcriteria.{area}"), name)(seed)
+            figures = getattr(import_module(f"harness.identcriteria.{area}"), name)(seed)
         wrong = [key for key, value in figures.items() if isinstance(value, bool | np.bool_) and not value]
         return not wrong, ", ".join(wrong), time.perf_counter() - start
     except Exception as error:  # a criterion that cannot be asked does not hold

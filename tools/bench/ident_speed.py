@@ -2,11 +2,11 @@
 
 python tools/bench/ident_speed.py [--runs 5] [--seed 0] [--samples 1000000] [--json FILE]
 
-Data sets: arx2 (10,000 samples), armax2, oe2 (5,000), mimo4 and mimo4k (2 in, 3 out, 5,000); `identcriteria.sets` and
-`.statespacesets` say what they are. Times are medians after a first call, one thread of linear algebra, the methods in
-turn, so that a busy machine is busy for all. GNU Octave with its control package is asked where it is installed. The
-memory is the largest resident set of a process that makes `--samples` samples and fits an ARX model to them. Exit code
-1 when a bound is missed: a busy machine may.
+Data sets: arx2 (10,000 samples), armax2, oe2 (5,000), mimo4 and mimo4k (2 in, 3 out, 5,000);
+`harness.identcriteria.sets` and `.statespacesets` say what they are. Times are medians after a first call, one thread
+of linear algebra, the methods in turn, so that a busy machine is busy for all. GNU Octave with its control package is
+asked where it is installed. The memory is the largest resident set of a process that makes `--samples` samples and fits
+an ARX model to them. Exit code 1 when a bound is missed: a busy machine may.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from typing import Any, NamedTuple
 # one thread of linear algebra; before numpy is loaded
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tools" / "bench")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
 import numpy as np  # noqa: E402
-from identcriteria import sets, statespacesets  # noqa: E402
+from harness.identcriteria import sets, statespacesets  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 from scipy.io import savemat  # noqa: E402
 
@@ -145,8 +145,8 @@ def octave_ms(task: Task, runs: int) -> float | None:
 def mebibytes(samples: int) -> float:
     """Largest resident set of a process that fits an ARX model to so many samples."""
     code = (
-        f"import resource, sys; sys.path[:0] = [{str(ROOT)!r}, {str(ROOT / 'tools' / 'bench')!r}]\n"
-        "from identcriteria import sets; from hoopd.ident import arx\n"
+        f"import resource, sys; sys.path[:0] = [{str(ROOT)!r}, {str(ROOT / 'tools')!r}]\n"
+        "from harness.identcriteria import sets; from hoopd.ident import arx\n"
         f"arx(sets.arx2({samples})[0], 2, 2)\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
     )

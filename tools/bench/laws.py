@@ -21,9 +21,9 @@ import numpy as np
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
-from tests.system.rigrun import RigRun, run_rig  # noqa: E402
+from harness.rigrun import RigRun, run_rig  # noqa: E402
 
 DEGREE = math.radians(1.0)
 THESIS = ("device.model=models/thesis.yaml", "sim.model=models/thesis.yaml", "sim.delay_frames=1")

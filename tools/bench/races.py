@@ -5,7 +5,7 @@
 Three operators send arm, disarm, stop, clear and reference within a few ticks of each other, while board, line, camera
 and host fail; the last race of each run is ended by SIGTERM. `--races` are played in virtual time with the whole
 daemon on the rig, `--real` over the unix socket, zenoh and signals against daemons on the machine's clock,
-`--sequences` on the tick alone (the property test of tests/core/test_races.py). Judged by the board's log of torque and
+`--sequences` on the tick alone (the property test of harness/sequences.py). Judged by the board's log of torque and
 the recorded modes. Exit code 1 when the rule is broken.
 """
 
@@ -24,7 +24,7 @@ from pathlib import Path
 # one thread of linear algebra a process; before numpy is loaded
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tools" / "bench")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools"), str(ROOT / "tools" / "bench")]
 
 from hypothesis import HealthCheck  # noqa: E402
 from processes import cores, progress  # noqa: E402
@@ -127,7 +127,7 @@ def _row(name: str, outcomes: Sequence[Outcome]) -> str:
 def tried(sequences: int, seed: int) -> bool:
     """The property test with so many sequences; whether the rule holds."""
     import hypothesis
-    from core.test_races import SEQUENCE, broken
+    from harness.sequences import SEQUENCE, broken
 
     count, begun = 0, time.monotonic()
 

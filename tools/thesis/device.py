@@ -8,10 +8,10 @@ from __future__ import annotations
 from math import radians
 
 import numpy as np
+from harness.rigrun import RigRun, run_rig
 
 from hoopd.plots import style
 from hoopd.plots.device import DeviceRun, draw_device
-from tests.system.rigrun import RigRun, run_rig
 from thesis.records import Bench
 from thesis.results import Drawn, Row
 

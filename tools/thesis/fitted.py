@@ -1,6 +1,6 @@
 """From a recording to a controller: LQG on a fitted model against LQG on the thesis's entries, on the same rig.
 
-Rules of this file: recording, fit and design as the three commands make them; measures in `tests/system/rivals.py`.
+Rules of this file: recording, fit and design as the three commands make them; measures in `tools/harness/rivals.py`.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ import contextlib
 import io
 from pathlib import Path
 
+from harness.rivals import SCENARIOS, SEEDS, Judged, judged, race
+
 from hoopd.commands import design, fit
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
@@ -16,7 +18,6 @@ from hoopd.design.laws import Spec
 from hoopd.plants.hoop.experiment_plan import Plan
 from hoopd.plots import style
 from hoopd.plots.device import DeviceRun, draw_device
-from tests.system.rivals import SCENARIOS, SEEDS, Judged, judged, race
 from thesis.records import Bench
 from thesis.results import Drawn, Row
 

@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import casadi
 import control as ct
 import numpy as np
 import pytest
+from harness.identcriteria import prediction as criteria
+from harness.identcriteria.statespacesets import PITCH, made, mimo4, mimo4k_gain, output_error, pair, pitch, responses
 
-ROOT = Path(__file__).resolve().parents[3]
-sys.path.append(str(ROOT / "tools" / "bench"))
-
-from identcriteria import prediction as criteria  # noqa: E402
-from identcriteria.statespacesets import PITCH, made, mimo4, mimo4k_gain, output_error, pair, pitch, responses  # noqa: E402
-
-from hoopd.ident.checks import IdentificationWarning  # noqa: E402
-from hoopd.ident.data import Data, iddata  # noqa: E402
-from hoopd.ident.models import Innovations  # noqa: E402
-from hoopd.ident.prediction import prediction_error  # noqa: E402
-from hoopd.ident.statespace import coordinates  # noqa: E402
-from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener  # noqa: E402
-from hoopd.ident.statespace.linear import radius, states  # noqa: E402
-from hoopd.ident.statespace.nonlinear import nonlinear_pem  # noqa: E402
-from hoopd.ident.statespace.pem import pem  # noqa: E402
-from hoopd.ident.statespace.sensitivities import piece, sensitivities, trajectory  # noqa: E402
-from hoopd.ident.statespace.structured import structured_pem  # noqa: E402
+from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.data import Data, iddata
+from hoopd.ident.models import Innovations
+from hoopd.ident.prediction import prediction_error
+from hoopd.ident.statespace import coordinates
+from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener
+from hoopd.ident.statespace.linear import radius, states
+from hoopd.ident.statespace.nonlinear import nonlinear_pem
+from hoopd.ident.statespace.pem import pem
+from hoopd.ident.statespace.sensitivities import piece, sensitivities, trajectory
+from hoopd.ident.statespace.structured import structured_pem
 
 W = np.array([0.1, 0.5, 1.5])
 SECOND = Innovations(

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import control as ct
 import numpy as np
 import pytest
+from harness.identcriteria import realisation as criteria
+from harness.identcriteria.statespacesets import made, mimo4, random_model, responses
 
-ROOT = Path(__file__).resolve().parents[3]
-sys.path.append(str(ROOT / "tools" / "bench"))
-
-from identcriteria import realisation as criteria  # noqa: E402
-from identcriteria.statespacesets import made, mimo4, random_model, responses  # noqa: E402
-
-from hoopd.ident.checks import IdentificationWarning  # noqa: E402
-from hoopd.ident.data import iddata  # noqa: E402
-from hoopd.ident.models import Innovations  # noqa: E402
-from hoopd.ident.statespace import sampling, similarity  # noqa: E402
-from hoopd.ident.statespace.era import era, era_of_data  # noqa: E402
-from hoopd.ident.statespace.frequencysubspace import frequency_subspace, from_response  # noqa: E402
-from hoopd.ident.statespace.okid import okid  # noqa: E402
-from hoopd.ident.statespace.stabilise import bounded, stabilise  # noqa: E402
+from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.data import iddata
+from hoopd.ident.models import Innovations
+from hoopd.ident.statespace import sampling, similarity
+from hoopd.ident.statespace.era import era, era_of_data
+from hoopd.ident.statespace.frequencysubspace import frequency_subspace, from_response
+from hoopd.ident.statespace.okid import okid
+from hoopd.ident.statespace.stabilise import bounded, stabilise
 
 
 @pytest.mark.parametrize("number", [20, 21, 22, 33, 34, 35, 36, 37, 41])

@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from harness.identcriteria import statespace as criteria
+from harness.identcriteria.statespacesets import made, mimo4, mimo4k_gain, mimo_set, responses
 
-ROOT = Path(__file__).resolve().parents[3]
-sys.path.append(str(ROOT / "tools" / "bench"))
-
-from identcriteria import statespace as criteria  # noqa: E402
-from identcriteria.statespacesets import made, mimo4, mimo4k_gain, mimo_set, responses  # noqa: E402
-
-from hoopd.ident.checks import IdentificationWarning  # noqa: E402
-from hoopd.ident.data import Data, iddata  # noqa: E402
-from hoopd.ident.models import Innovations  # noqa: E402
-from hoopd.ident.statespace import windows  # noqa: E402
-from hoopd.ident.statespace.linear import radius  # noqa: E402
-from hoopd.ident.statespace.projection import WEIGHTINGS  # noqa: E402
-from hoopd.ident.statespace.subspace import subspaceid  # noqa: E402
+from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.data import Data, iddata
+from hoopd.ident.models import Innovations
+from hoopd.ident.statespace import windows
+from hoopd.ident.statespace.linear import radius
+from hoopd.ident.statespace.projection import WEIGHTINGS
+from hoopd.ident.statespace.subspace import subspaceid
 
 W = np.array([0.1, 0.25, 0.9, 2.0])
 

@@ -6,7 +6,7 @@ from math import pi
 
 import numpy as np
 import pytest
-from effectcases import NAMES, VALUES, composite, sizes, two_level
+from harness.effectcases import NAMES, VALUES, composite, sizes, two_level
 
 from hoopd.plants.composite import Composite
 from hoopd.plants.effects.library import library

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from effectcases import NAMES, effects, plant, slide
+from harness.effectcases import NAMES, effects, plant, slide
 
 from hoopd.plants.effects.base import ROLES, Effect, EffectParameter
 from hoopd.plants.effects.library import library

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from effectcases import NAMES, composite, effects, sizes
+from harness.effectcases import NAMES, composite, effects, sizes
 
 from hoopd.plants.composite import BACK_STEPS, Composite
 

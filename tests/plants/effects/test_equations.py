@@ -9,7 +9,7 @@ from math import cos, exp, sin
 
 import numpy as np
 import pytest
-from effectcases import SIZES, VALUES, composite, sizes, two_level
+from harness.effectcases import SIZES, VALUES, composite, sizes, two_level
 from scipy.integrate import solve_ivp
 
 from hoopd.plants.free_run import readings, run

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from effectcases import VALUES, composite, sizes, two_level
+from harness.effectcases import VALUES, composite, sizes, two_level
 
 from hoopd.plants.free_run import FreeRun, readings, run
 from hoopd.plants.held_input import mean_torque

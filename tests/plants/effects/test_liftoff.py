@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effectcases import VALUES, composite, two_level
+from harness.effectcases import VALUES, composite, two_level
 
 from hoopd.plants.free_run import readings, run
 from hoopd.plants.hoop.flight import PRESSED, FlightRun

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from effectcases import NAMES, SIZES, composite, effects, sizes, two_level
+from harness.effectcases import NAMES, SIZES, composite, effects, sizes, two_level
 
 from hoopd.plants.composite import BACK_STEPS, Composite
 from hoopd.plants.free_run import FreeRun

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from effectcases import plant, two_level
+from harness.effectcases import plant, two_level
 
 from hoopd.files.reading import InputError
 from hoopd.plants.composite import Composite

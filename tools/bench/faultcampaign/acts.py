@@ -14,9 +14,8 @@ from contextlib import ExitStack, contextmanager
 from typing import Final
 
 import psutil
-from shell.test_telemetry_bounds import HUGE, IDLE
-from system.realrun import Daemon
-from system.test_realtime import FLOOD, SUBSCRIBER, neighbour
+from harness.neighbours import FLOOD, HUGE, IDLE, SUBSCRIBER, neighbour
+from harness.realrun import Daemon
 
 DISTURB_S: Final = 2.0
 IDLE_CONNECTIONS: Final = 2000

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from system.realrun import gaps_in
-from system.runs import TORQUE_LIMIT_NM
+from harness.realrun import gaps_in
+from harness.runs import TORQUE_LIMIT_NM
 
 from hoopd.daemon.replay import replay
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from system.realrun import Daemon
+from harness.realrun import Daemon
 
 AT_S: Final = 4.0  # run time at which the fault of a first trial begins
 BOARD_TIMEOUT_S: Final = 0.1

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import yaml
-from system.realrun import ENVIRONMENT, Daemon, zero_of
-from system.runs import Run, load
+from harness.realrun import ENVIRONMENT, Daemon, zero_of
+from harness.runs import Run, load
 
 from hoopd.sim import truth
 from hoopd.sim.truth import Truth

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from effectcases import SIZES
+from harness.effectcases import SIZES
 
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.effects.library import library

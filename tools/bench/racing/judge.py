@@ -1,7 +1,7 @@
 """Who judges a race: the board's own log of torque, the recorded modes, and what was sent.
 
 Rules of this file: nothing of the tick's own code is asked; what a command may lead to is written down here and in
-`tests/referee.py` once more. Times are run time in s.
+`tools/harness/referee.py` once more. Times are run time in s.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from math import inf, nan
 from typing import NamedTuple
 
-from referee import REVOKING, Referee
-from system.runs import Run
+from harness.referee import REVOKING, Referee
+from harness.runs import Run
 
 STOPPING_S = 1.0
 WIRE_S = 0.005  # a request on the wire, and the board's slew limit from full torque to none

@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import zenoh
-from referee import OFF
-from system.realrun import Daemon, fifo_granted
-from system.runs import Run
+from harness.realrun import Daemon, fifo_granted
+from harness.referee import OFF
+from harness.runs import Run
 
 from hoopd.daemon.replay import replay
 from hoopd.files.reading import InputError

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 import yaml
-from system.runs import Run, load, serve_late
+from harness.runs import Run, load, serve_late
 
 from hoopd.core.records import Inputs, TickRecord
 from hoopd.core.tick import Note

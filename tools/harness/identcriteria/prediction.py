@@ -13,19 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from hoopd.ident.data import Data, iddata
-from hoopd.ident.models import Innovations
-from hoopd.ident.prediction import predict, prediction_error, simulate
-from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener
-from hoopd.ident.statespace.linear import states
-from hoopd.ident.statespace.nonlinear import nonlinear_pem
-from hoopd.ident.statespace.pem import pem
-from hoopd.ident.statespace.similarity import similarity_transform
-from hoopd.ident.statespace.structured import structured_pem
-from hoopd.ident.statespace.subspace import subspaceid
-from hoopd.ident.statespace.uncertainty import pole_covariance, response_covariance
-from identcriteria.statespace import Verdicts, distance
-from identcriteria.statespacesets import (
+from harness.identcriteria.statespace import Verdicts, distance
+from harness.identcriteria.statespacesets import (
     PITCH,
     TANK,
     TANK_START,
@@ -42,6 +31,17 @@ from identcriteria.statespacesets import (
     tank_levels,
     tank_step,
 )  # fmt: skip
+from hoopd.ident.data import Data, iddata
+from hoopd.ident.models import Innovations
+from hoopd.ident.prediction import predict, prediction_error, simulate
+from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener
+from hoopd.ident.statespace.linear import states
+from hoopd.ident.statespace.nonlinear import nonlinear_pem
+from hoopd.ident.statespace.pem import pem
+from hoopd.ident.statespace.similarity import similarity_transform
+from hoopd.ident.statespace.structured import structured_pem
+from hoopd.ident.statespace.subspace import subspaceid
+from hoopd.ident.statespace.uncertainty import pole_covariance, response_covariance
 
 Array = NDArray[np.float64]
 

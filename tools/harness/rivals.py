@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from system.rigrun import RigRun, run_rig
 
+from harness.rigrun import RigRun, run_rig
 from hoopd.design.lqg import Weights
 
 REST = "sim.psi_rad=0"

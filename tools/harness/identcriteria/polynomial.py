@@ -11,6 +11,7 @@ import control as ct
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
+from harness.identcriteria.judged import Array, Criterion, Figures, frt, passed, quiet
 from hoopd.ident.conditioning import predictor_data
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Polynomials
@@ -27,7 +28,6 @@ from hoopd.ident.polynomial.estimators import (
 from hoopd.ident.polynomial.plr import plr
 from hoopd.ident.polynomial.structure import structure
 from hoopd.ident.prediction import error_system, predict, simulate
-from identcriteria.judged import Array, Criterion, Figures, frt, passed, quiet
 
 # ------------------------------------------------------------------------------------------------- 1 to 5: ARX, PLR
 

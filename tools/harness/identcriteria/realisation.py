@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate, linalg
 
+from harness.identcriteria.statespace import Verdicts, distance, small_systems
+from harness.identcriteria.statespacesets import made, output_error, random_model, responses
 from hoopd.ident.conditioning import predictor_data
 from hoopd.ident.data import Data
 from hoopd.ident.models import Innovations
@@ -22,8 +24,6 @@ from hoopd.ident.statespace.frequencysubspace import Known, frequency_subspace
 from hoopd.ident.statespace.okid import okid
 from hoopd.ident.statespace.stabilise import stabilise
 from hoopd.ident.statespace.subspace import subspaceid
-from identcriteria.statespace import Verdicts, distance, small_systems
-from identcriteria.statespacesets import made, output_error, random_model, responses
 
 Array = NDArray[np.float64]
 

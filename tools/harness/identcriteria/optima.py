@@ -9,6 +9,8 @@ import numpy as np
 from scipy.signal import cont2discrete, lfilter
 from scipy.stats import multivariate_normal
 
+from harness.identcriteria import sets
+from harness.identcriteria.judged import Array, Criterion, Figures, passed, quiet, response
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.measures import criteria, fit_percent, fpe, mse, nrmse, rms, sse
 from hoopd.ident.models import Polynomials
@@ -18,8 +20,6 @@ from hoopd.ident.polynomial.gaussnewton import search
 from hoopd.ident.polynomial.orders import scan
 from hoopd.ident.polynomial.pem import armax, oe, stretches
 from hoopd.ident.polynomial.structure import structure
-from identcriteria import sets
-from identcriteria.judged import Array, Criterion, Figures, passed, quiet, response
 
 
 @quiet

@@ -10,13 +10,13 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.identcriteria.statespacesets import fit_percent, made, mimo_set, resonant, responses
 from hoopd.ident.data import Data
 from hoopd.ident.models import Innovations
 from hoopd.ident.prediction import predict
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.projection import WEIGHTINGS
 from hoopd.ident.statespace.subspace import subspaceid
-from identcriteria.statespacesets import fit_percent, made, mimo_set, resonant, responses
 
 Array = NDArray[np.float64]
 Verdicts = dict[str, float | bool]

@@ -25,13 +25,13 @@ from typing import Any
 
 import psutil
 import yaml
-from system.runs import Run, load
-from system.witness import Witness
 
+from harness.runs import Run, load
+from harness.witness import Witness
 from hoopd.shell.operator import ask
 
 ROOT = Path(__file__).resolve().parents[2]
-ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests")))}
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tools")))}
 WIRE_S = 8 * 10 / 115200
 FIFO_PRIORITY = 40
 START_S = 20.0  # until it controls: interpreter and imports on a busy machine, then a second of good pictures
