@@ -9,8 +9,9 @@ taken for what they are. Row types are derived from the records, never written t
 from __future__ import annotations
 
 import types
-from collections.abc import Callable, Mapping
-from math import isnan
+from collections.abc import Callable, Iterable, Mapping
+from math import isfinite, isnan
+from operator import itemgetter
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import msgspec
@@ -94,14 +95,24 @@ def _back(value: Any) -> Any:
     return _INFINITE[value]
 
 
+def _all_finite(values: Iterable[float]) -> bool:
+    """No number is NaN or infinite, by a sum that either would spoil; False, too, when the sum overflows."""
+    total = sum(values)
+    return total - total == 0.0
+
+
 _X_HAT = TickRecord._fields.index("x_hat")
 _UNKNOWN = (_NAN,) * 4
+_optional_numbers = itemgetter(
+    *(k for k, name in enumerate(TickRecord._fields) if name in OPTIONAL[TickRecord] and k != _X_HAT)
+)
 
 
 def encode_tick(record: TickRecord) -> bytes:
     """Row of the `tick` channel: a number that is missing, or is none, is left out."""
-    # x - x is 0 for every number, and NaN for NaN and the infinities
-    values = [UNSET if isinstance(value, float) and value - value != 0.0 else value for value in record]
+    if _all_finite(_optional_numbers(record)) and _all_finite(record.x_hat):
+        return _encoder.encode(_TickRow(*record))
+    values = [UNSET if isinstance(value, float) and not isfinite(value) else value for value in record]
     if all(map(isnan, record.x_hat)):
         values[_X_HAT] = UNSET
     return _encoder.encode(_TickRow(*values))
@@ -123,8 +134,8 @@ def encode_input(inputs: Inputs) -> bytes:
     row = _InputRow(
         inputs.id,
         _out(inputs.t),
-        None if camera is None else _CameraRow(*map(_out, camera)),
-        None if driver is None else _DriverRow(*map(_out, driver)),
+        None if camera is None else _CameraRow(*(camera if _all_finite(camera) else map(_out, camera))),
+        None if driver is None else _DriverRow(*(driver if _all_finite(driver) else map(_out, driver))),
         _LinkRow(*inputs.link),
         [_CommandRow(name, _out(value), key) for name, value, key in inputs.commands],
         _out(inputs.lateness_s),
