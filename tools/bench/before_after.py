@@ -24,8 +24,6 @@ from typing import Any
 
 import processes
 from beforeafter import figures, hidden, ratios, realrecordings, speed, trees
-from rich.console import Console
-from rich.table import Table
 
 KEPT = trees.ROOT / "tests" / "data" / "before_the_move"
 MOST_ERRORS = 0.1
@@ -97,26 +95,27 @@ def timed(options: argparse.Namespace, work: Path) -> int:
     if {"fit", "diagnosis"} & set(chosen):
         processes.progress("recording")
         speed.prepare(options.before, work)
-    found = [
-        speed.compare(options.before, options.tree, name, options.pairs, work, processes.progress) for name in chosen
-    ]
-    processes.progress("")
-    table = Table(title=f"after / before, {options.pairs} pairs of fresh processes in turns, processor's time")
-    for head in ("work", "before", "after", "median ratio", "interval", "by the clock"):
-        table.add_column(head)
-    for one in found:
-        seconds = (f"{one.before_s:.4g} s", f"{one.after_s:.4g} s")
-        table.add_row(one.name, *seconds, *_ratio(one.cpu), " ".join(_ratio(one.clock)))
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    found = []
+    for name in chosen:
+        found.append(speed.compare(options.before, options.tree, name, options.pairs, work, processes.progress))
+        processes.progress("")
+        _told(found[-1])
     slow = [one.name for one in found if one.cpu.median > MOST_RATIO]
     for name in slow:
         print(f"FAILED {name}: the median ratio is above {MOST_RATIO:g}")
     return int(bool(slow))
 
 
-def _ratio(ratio: ratios.Ratio) -> tuple[str, str]:
-    interval = "-" if math.isnan(ratio.low) else f"{ratio.low:.3f} to {ratio.high:.3f} ({100 * ratio.level:.1f} %)"
-    return f"{ratio.median:.3f}", interval
+def _told(one: speed.Compared) -> None:
+    """A line for what is measured, as soon as it is."""
+    print(f"{one.name}: {one.before_s:.4g} s before, {one.after_s:.4g} s after; ratio {_ratio(one.cpu)}", end="; ")
+    print(f"by the clock {_ratio(one.clock)}", flush=True)
+
+
+def _ratio(ratio: ratios.Ratio) -> str:
+    if math.isnan(ratio.low):
+        return f"{ratio.median:.3f}"
+    return f"{ratio.median:.3f}, {ratio.low:.3f} to {ratio.high:.3f} ({100 * ratio.level:.1f} %)"
 
 
 def _parser() -> argparse.ArgumentParser:
