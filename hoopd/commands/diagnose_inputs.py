@@ -18,7 +18,7 @@ from hoopd.commands.inputs import read_recording
 from hoopd.diagnose.inputs import Source, source_of
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.recording.formats import EXTENSIONS, HDF5, split_path
 from hoopd.recording.slices import split_slice
 
@@ -144,7 +144,7 @@ def _words(coordinates: set[str]) -> str:
     return " and ".join(names.get(q, q) for q in sorted(coordinates, reverse=True))
 
 
-def plants(sources: Sequence[Source]) -> list[DeclaredPlant]:
+def plants(sources: Sequence[Source]) -> list[Plant]:
     """One of each kind; that in which most moves comes last."""
     every = {one.plant.coordinates: one.plant for source in sources for one in source.stretches}
     return sorted(every.values(), key=lambda plant: len(plant.slots))

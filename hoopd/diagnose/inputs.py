@@ -13,7 +13,7 @@ import numpy as np
 from hoopd.diagnose.quality.recording_quality import Quality, assess, cleaned
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.fit_data import once_at_rest
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.stretches import SHORTEST_S, Stretch, stretch_of
@@ -86,7 +86,7 @@ def source_of(name: str, recording: Recording, model: ModelFile) -> Source:
     )
 
 
-def _stretch(name: str, plant: DeclaredPlant, part: Timeline, begin: float, quality: Quality) -> Stretch:
+def _stretch(name: str, plant: Plant, part: Timeline, begin: float, quality: Quality) -> Stretch:
     readings = {}
     for channel in plant.channels:
         if channel == "dtheta" and quality.speed.wrong:

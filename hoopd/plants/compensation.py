@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.compiled import Call
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, Point
 from hoopd.plants.found_effects import Found
 from hoopd.plants.hoop.plant_with_effects import acts_now
@@ -81,7 +81,7 @@ def _one(found: Found, effect: Effect, s: Point, noise_rad_s: float) -> Any:
     return s.u + _friction(found.plant, effect.friction, s, e, noise_rad_s)
 
 
-def _friction(plant: DeclaredPlant, friction: DryFriction, s: Point, e: Any, noise_rad_s: float) -> Any:
+def _friction(plant: Plant, friction: DryFriction, s: Point, e: Any, noise_rad_s: float) -> Any:
     """level * direction: of the motion beyond the estimate's noise, of the wanted torque at rest."""
     level = friction.level(s, e)
     motion = ca.tanh(getattr(s, f"d{plant.driven}") / (MOTION_SIGMAS * noise_rad_s))

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.motion import SHORTEST_S, Motion
 
@@ -36,7 +36,7 @@ BACK_STEPS = 3
 class Composite:
     """A plant and its effects; parameters by name: the base's, then `slot.effect.parameter`."""
 
-    def __init__(self, plant: DeclaredPlant, effects: Sequence[Effect] = (), substeps: int | None = None) -> None:
+    def __init__(self, plant: Plant, effects: Sequence[Effect] = (), substeps: int | None = None) -> None:
         """`substeps`: of a node's interval, in place of what the effects need."""
         self.effects, self.declared = tuple(effects), plant
         for effect in self.effects:
@@ -97,7 +97,7 @@ class Composite:
         return self.nx + bool(self._torque_lags) + lagged.index(channel) if channel in lagged else None
 
     def _seen(self, channel: str, z: Any) -> Any:
-        return z[self.plant.states.index(self.plant.channels[channel])]
+        return z[self.plant.states.index(self.plant.state_of(channel))]
 
     def _substep(self, z: Any, u: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
         before = z[: self.nx]
@@ -215,7 +215,7 @@ class Composite:
     @property
     def settled(self) -> tuple[int | None, ...]:
         """Of the states behind lags: the plant's state that each follows at rest, None for the demanded torque."""
-        readings = [self.plant.states.index(self.plant.channels[channel]) for _, channel in self._sensor_lags]
+        readings = [self.plant.states.index(self.plant.state_of(channel)) for _, channel in self._sensor_lags]
         return (*([None] if self._torque_lags else []), *readings)
 
     @property

@@ -1,24 +1,44 @@
-"""A plant as the search for missing physics knows it: coordinates, accelerations, channels and slots.
+"""What a plant is: states and their equations, inputs, channels that are read, slots for effects, parameters.
 
-The state is (q1, q1', q2, q2', ...); the rate of a coordinate `theta` is called `dtheta`. The hoop with its ball is one
-such plant; another one is declared in a few lines (docs/reference/effects.md).
+The state is (q1, q1', q2, q2', ..., first-order states); the rate of a coordinate `theta` is called `dtheta`. The hoop
+with its ball is one such plant; another one is declared in a few lines (docs/reference/effects.md).
 
 Rules of this file: declarations only; nothing here knows a particular plant or effect.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any, NamedTuple
 
 import casadi as ca
 
-from hoopd.plants.effects.base import Point
+from hoopd.plants.effects.base import Effect, Point
+
+
+class Input(NamedTuple):
+    """What drives the plant, held between two samples."""
+
+    name: str
+    unit: str = "N m"
+    limit: float | None = None  # the drive gives no more, of either sign; None: none is known
+    coordinate: str | None = None  # the input is a generalised force on it; None: equations read it by its name
+
+
+class Channel(NamedTuple):
+    """What is measured: a state, or an expression of the point."""
+
+    state: str = ""
+    unit: str = ""
+    sensor: str = ""  # the slot
+    reading: Callable[[Point], Any] | None = None
 
 
 class Slot(NamedTuple):
-    """Where an effect may sit: `actuator`, `body`, `sensor`, `push`; the hoop's own are `rolling_ball` and `frame`."""
+    """Where an effect may sit: `actuator`, `body`, `sensor`, `push`, or a kind that a plant's own effects know."""
 
     kind: str
     coordinate: str = ""
@@ -27,33 +47,157 @@ class Slot(NamedTuple):
     device: str = ""  # of a sensor: encoder, camera, or anything else
     speed: float = 10.0  # usual rate of the coordinate, rad/s or m/s: the sizes that a search tries follow it
     viscous: Callable[[Point], Any] | None = None  # the base's viscous coefficient of the body, where it has one
-    contact: Callable[[Point], Any] | None = None  # of a rolling ball: `hoop.declaration.Contact`
+    data: Any = None  # what a plant's own effects have to know of its own kind of slot
+
+
+class Mode(NamedTuple):
+    """A mode of motion; more than one, with guards and resets, is reserved."""
+
+    name: str
+    guard: Callable[[Point], Any] | None = None
+    reset: Callable[[Point], Any] | None = None
+
+
+def _no_accelerations(s: Point, force: ca.SX) -> ca.SX:
+    """Of a plant without coordinates."""
+    return ca.SX(0, 1)
+
+
+def _no_rates(s: Point) -> ca.SX:
+    """Of a plant without first-order states."""
+    return ca.SX(0, 1)
 
 
 @dataclass(frozen=True)
-class DeclaredPlant:
-    """Everything the engine has to know of a plant."""
+class Plant:
+    """Everything that simulation, fits, diagnosis, design and reports have to know of a plant.
+
+    Forces of inputs with a coordinate are among the generalised forces that `accelerations` gets; it must not add them
+    again. Names of states, inputs and held quantities are attributes of the point, parameters are in `s.p`.
+    """
 
     name: str
-    coordinates: tuple[str, ...]
-    # q'' (n,) at a point under generalised forces (n,); the torque of the drive is among the forces
-    accelerations: Callable[[Point, ca.SX], ca.SX]
-    values: Mapping[str, float]  # base parameters
-    free: tuple[str, ...]  # those that are fitted
-    driven: str | None  # the coordinate the drive acts on
-    channels: Mapping[str, str]  # what is measured -> the coordinate or rate it reads
-    slots: Mapping[str, Slot]
+    coordinates: tuple[str, ...] = ()
+    # q'' (n,) at a point under generalised forces (n,); forces of the inputs are among them
+    accelerations: Callable[[Point, ca.SX], ca.SX] = _no_accelerations
+    first_order: tuple[str, ...] = ()
+    # x' (m,) of the first-order states at a point
+    rates: Callable[[Point], ca.SX] = _no_rates
+    inputs: tuple[Input, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)  # parameters, SI units
+    free: tuple[str, ...] = ()  # those that are fitted
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # outside there is no such plant
+    units: Mapping[str, str] = field(default_factory=dict)  # of parameters and first-order states
     held: Mapping[str, float] = field(default_factory=dict)  # names that effects may use and that do not move
-    units: Mapping[str, str] = field(default_factory=dict)
-    least: Mapping[str, float] = field(default_factory=dict)  # below it there is no such plant: a mass
-    force_unit: str = "N m"
-    limit: float = 0.7  # of the drive, in force_unit
+    channels: Mapping[str, Channel] = field(default_factory=dict)
+    slots: Mapping[str, Slot] = field(default_factory=dict)
+    scales: Mapping[str, float] = field(default_factory=dict)  # usual sizes of states and inputs; empty: from the data
+    time_scale_s: float = 0.02  # usual time between two samples: integration steps and searched delays follow it
+    energy: Callable[[Point], Any] | None = None  # J, where the plant has one
+    own_effects: Callable[[Plant], Iterable[Effect]] | None = None  # of its own kinds of slot
+    judges: Mapping[str, Any] = field(default_factory=dict)  # of a recording's quality, by channel
+    experiments: Callable[[Plant], Any] | None = None  # menu of experiments that tell effects apart
+    modes: tuple[Mode, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check(self)
 
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the state in its order."""
-        return tuple(name for q in self.coordinates for name in (q, f"d{q}"))
+        return (*(name for q in self.coordinates for name in (q, f"d{q}")), *self.first_order)
+
+    @property
+    def driven(self) -> str | None:
+        """The coordinate on which the first input acts."""
+        return self.inputs[0].coordinate if self.inputs else None
+
+    @property
+    def limit(self) -> float:
+        """Limit of the first input; infinite where none is known."""
+        return inf if not self.inputs or self.inputs[0].limit is None else self.inputs[0].limit
+
+    @property
+    def usual_input(self) -> float:
+        """Usual size of the first input: its scale, else its limit, else one."""
+        if not self.inputs:
+            return 1.0
+        return self.scales.get(self.inputs[0].name, self.limit if self.limit < inf else 1.0)
+
+    @property
+    def force_unit(self) -> str:
+        """Unit of the first input."""
+        return self.inputs[0].unit if self.inputs else "N m"
+
+    def state_of(self, channel: str) -> str:
+        """The state that a channel reads; empty where it reads an expression, or is none of this plant."""
+        return self.channels[channel].state if channel in self.channels else ""
+
+    @property
+    def states_read(self) -> tuple[str, ...]:
+        """`state_of` every channel."""
+        return tuple(one.state for one in self.channels.values())
 
     def point(self, x: Any, p: Mapping[str, Any], u: Any = 0.0, t: Any = 0.0) -> Point:
-        """Named view of a state."""
-        return Point({**self.held, **{name: x[i] for i, name in enumerate(self.states)}}, p, u, t)
+        """Named view of a state; `u`: the input, or a sequence of them where there are several."""
+        names = {**self.held, **{name: x[i] for i, name in enumerate(self.states)}}
+        if len(self.inputs) == 1:
+            names[self.inputs[0].name] = u
+        elif self.inputs:
+            every = {one.name: u if isinstance(u, float | int) else u[i] for i, one in enumerate(self.inputs)}
+            names, u = {**names, **every}, every[self.inputs[0].name]
+        return Point(names, p, u, t, self.inputs[0].name if self.inputs else "")
+
+
+def _check(plant: Plant) -> None:
+    """ValueError for a declaration that contradicts itself."""
+    names = [*plant.states, *(one.name for one in plant.inputs)]
+    if double := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"{plant.name}: {', '.join(double)} stands twice among states and inputs")
+    if plant.coordinates and plant.accelerations is _no_accelerations:
+        raise ValueError(f"{plant.name}: coordinates need accelerations")
+    if plant.first_order and plant.rates is _no_rates:
+        raise ValueError(f"{plant.name}: first-order states need rates")
+    for one in plant.inputs:
+        if one.coordinate is not None and one.coordinate not in plant.coordinates:
+            raise ValueError(f"{plant.name}: input {one.name} acts on {one.coordinate!r}, which is no coordinate")
+    for name, channel in plant.channels.items():
+        if channel.reading is None and channel.state not in plant.states:
+            raise ValueError(f"{plant.name}: channel {name} reads {channel.state!r}, which is no state")
+    for name in (*plant.free, *plant.bounds):
+        if name not in plant.values:
+            raise ValueError(f"{plant.name}: {name} is no parameter")
+    if len(plant.modes) > 1:
+        raise ValueError(f"{plant.name}: more than one mode is not supported yet")
+
+
+def DeclaredPlant(  # the name under which plants were declared before
+    name: str,
+    coordinates: tuple[str, ...],
+    accelerations: Callable[[Point, ca.SX], ca.SX],
+    values: Mapping[str, float],
+    free: tuple[str, ...],
+    driven: str | None,
+    channels: Mapping[str, str],
+    slots: Mapping[str, Slot],
+    held: Mapping[str, float] | None = None,
+    units: Mapping[str, str] | None = None,
+    least: Mapping[str, float] | None = None,
+    force_unit: str = "N m",
+    limit: float = 0.7,
+) -> Plant:
+    """A `Plant` in the words of earlier versions."""
+    warnings.warn("DeclaredPlant is now Plant, with inputs, channels and bounds", DeprecationWarning, stacklevel=2)
+    return Plant(
+        name=name,
+        coordinates=coordinates,
+        accelerations=accelerations,
+        values=values,
+        free=free,
+        inputs=(Input("u", force_unit, limit, driven),),
+        channels={channel: Channel(state) for channel, state in channels.items()},
+        slots=slots,
+        held=held or {},
+        units=units or {},
+        bounds={parameter: (low, inf) for parameter, low in (least or {}).items()},
+    )

@@ -15,7 +15,7 @@ import numpy as np
 
 from hoopd.files.reading import InputError, read_text
 from hoopd.plants.composite import Composite
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.free_run import readings, run
 
@@ -24,7 +24,7 @@ NAME = re.compile(r"[a-z][a-z0-9_]*\.[a-z][a-z0-9_]*")
 TRIED_STEPS, TRIED_SPEED = 10, 0.3
 
 
-def load_effects(path: Path, plant: DeclaredPlant) -> tuple[Effect, ...]:
+def load_effects(path: Path, plant: Plant) -> tuple[Effect, ...]:
     """The effects of a user's file for a plant, tried on it; InputError says which line or which effect is wrong."""
     text = read_text(path)
     # the user's own program, as the controller of `experiment` is: it runs with the rights of who calls us
@@ -42,7 +42,7 @@ def load_effects(path: Path, plant: DeclaredPlant) -> tuple[Effect, ...]:
     return effects
 
 
-def _check(path: Path, plant: DeclaredPlant, effect: Any) -> None:
+def _check(path: Path, plant: Plant, effect: Any) -> None:
     if not isinstance(effect, Effect):
         raise InputError(path, "EFFECTS", f"an Effect is expected, not {type(effect).__name__}")
     if not NAME.fullmatch(effect.name):
@@ -63,7 +63,7 @@ def _check(path: Path, plant: DeclaredPlant, effect: Any) -> None:
         raise InputError(path, effect.name, "with its parameters at their usual sizes the model is not finite")
 
 
-def _used(plant: DeclaredPlant, effect: Effect) -> Iterable[tuple[str, tuple[str, ...]]]:
+def _used(plant: Plant, effect: Effect) -> Iterable[tuple[str, tuple[str, ...]]]:
     """Names that must be among others: parameters of delays and lags, channels of sensors."""
     own, channels = tuple(one.name for one in effect.parameters), tuple(plant.channels)
     times = (effect.delay, effect.lag, *effect.latency.values(), *effect.sensor_lag.values())
@@ -71,7 +71,7 @@ def _used(plant: DeclaredPlant, effect: Effect) -> Iterable[tuple[str, tuple[str
     yield from ((channel, channels) for channel in (*effect.latency, *effect.sensor_lag))
 
 
-def _tried(plant: DeclaredPlant, effect: Effect | None, substeps: int | None = None) -> tuple[Any, Any]:
+def _tried(plant: Plant, effect: Effect | None, substeps: int | None = None) -> tuple[Any, Any]:
     """What a plant reads in a short run: with the effect neutral, and at its usual sizes."""
     composite = Composite(plant, (effect,) if effect else (), substeps)
     sizes = {effect.key(p.name): p.neutral + p.size for p in effect.parameters} if effect else {}
@@ -80,7 +80,7 @@ def _tried(plant: DeclaredPlant, effect: Effect | None, substeps: int | None = N
 
 def _run(composite: Composite, values: Mapping[str, float]) -> Any:
     plant = composite.plant
-    t, u = np.arange(TRIED_STEPS + 1) * 0.02, np.full(TRIED_STEPS, 0.1 * plant.limit)
+    t, u = np.arange(TRIED_STEPS + 1) * 0.02, np.full(TRIED_STEPS, 0.1 * plant.usual_input)
     start = [TRIED_SPEED * (i % 2 + 0.5) for i in range(len(plant.states))]
     z = run(composite, values, start, t, u)
     return np.stack(list(readings(composite, values, t, u, z).values()))

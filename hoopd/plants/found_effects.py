@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
@@ -62,15 +62,15 @@ class Found:
         return tuple(one.name for one in self.entries)
 
     @cached_property
-    def plant(self) -> DeclaredPlant:
+    def plant(self) -> Plant:
         """The declared plant, hoop and ball."""
         return self.plant_of("both")
 
-    def plant_of(self, moving: str) -> DeclaredPlant:
+    def plant_of(self, moving: str) -> Plant:
         """The same plant when both, the hoop or the ball alone moves."""
         return hoop_plant(self.structure, self.base, moving, self.limit_nm)
 
-    def effects(self, plant: DeclaredPlant | None = None) -> tuple[Effect, ...]:
+    def effects(self, plant: Plant | None = None) -> tuple[Effect, ...]:
         """Declarations of those that can act on the plant, in the library's order."""
         known = library(plant or self.plant)
         return tuple(effect for name, effect in known.items() if name in self.names)
@@ -109,7 +109,7 @@ class Found:
 # ---------------------------------------------------------------------------------------------- checks
 
 
-def checked(plant: DeclaredPlant, name: str, parameters: Mapping[str, float]) -> dict[str, float]:
+def checked(plant: Plant, name: str, parameters: Mapping[str, float]) -> dict[str, float]:
     """All parameters of an effect of the plant (those left out neutral); EffectError."""
     effect = library(plant).get(name)
     if effect is None:

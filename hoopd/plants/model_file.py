@@ -10,13 +10,13 @@ from pathlib import Path
 from hoopd.files.model import EffectEntry, ModelFile, Parameter
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
 from hoopd.files.records import between
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.found_effects import EffectError, Found, FoundEffect, check_region, checked, weak_end
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError, check_parameters
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import Plant as NumericPlant
 
 # No number of such a device is outside of these: a typing error, and products of such numbers leave the computer's.
 SMALLEST, LARGEST = 1e-15, 1e12
@@ -72,12 +72,12 @@ def _check_effects(path: object, model: ModelFile) -> None:
             _check_parameter(path, f"{key}.parameters.{name}", one, known[entry.name].parameter(name).unit)
 
 
-def plant_of(model: ModelFile) -> Plant:
+def plant_of(model: ModelFile) -> NumericPlant:
     """The plant that a model file describes; its effects are not part of it (`effects_of`)."""
-    return Plant(model.structure, model.values())
+    return NumericPlant(model.structure, model.values())
 
 
-def effects_plant(model: ModelFile) -> DeclaredPlant:
+def effects_plant(model: ModelFile) -> Plant:
     """The same plant, declared for effects."""
     return hoop_plant(model.structure, model.values(), limit=model.device.torque_limit_nm)
 

@@ -13,11 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from math import inf
 from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, Point
 
 # No time in a denominator is shorter, s.
@@ -35,9 +36,7 @@ BACK_WIDTH = 0.02
 class Motion:
     """A plant and its effects on forces; all parameters by `names`, expressions in and out."""
 
-    def __init__(
-        self, plant: DeclaredPlant, effects: Sequence[Effect], names: Sequence[str], *, inner_torque: bool
-    ) -> None:
+    def __init__(self, plant: Plant, effects: Sequence[Effect], names: Sequence[str], *, inner_torque: bool) -> None:
         """`inner_torque`: maps of the torque follow the plant inside a substep (there is no lag behind them)."""
         self._plant, self._effects, self._names, self._inner = plant, effects, names, inner_torque
         self._nq, self._nx = len(plant.coordinates), len(plant.states)
@@ -76,7 +75,8 @@ class Motion:
 
     def torque(self, x: Any, u: Any, t: Any, p: Mapping[str, Any]) -> Any:
         """What limit and maps make of a demanded torque."""
-        u = ca.fmin(ca.fmax(u, -self._plant.limit), self._plant.limit)
+        if self._plant.limit < inf:
+            u = ca.fmin(ca.fmax(u, -self._plant.limit), self._plant.limit)
         for effect in self._maps:
             assert effect.torque is not None
             u = effect.torque(self._plant.point(x, p, u, t), effect.values(p))

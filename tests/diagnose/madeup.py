@@ -10,7 +10,7 @@ import numpy as np
 
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.composite import Composite
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.kalman_filter import Noise
@@ -22,13 +22,13 @@ STEP_S = 0.02
 NOISE = Noise(np.array([2e-3, 1e-3]), np.array([0.15, 0.1]), np.array([tau / 4096 / np.sqrt(12.0), 0.1, 0.002]))
 
 
-def shipped_plant() -> DeclaredPlant:
+def shipped_plant() -> Plant:
     """The hoop and its ball with the shipped entries."""
     return hoop_plant("entries", load_model(or_shipped(Path("models/thesis.yaml"))).values())
 
 
 def stretch_with(
-    plant: DeclaredPlant,
+    plant: Plant,
     name: str,
     seed: int,
     seconds: float,

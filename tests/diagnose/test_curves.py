@@ -19,7 +19,7 @@ from hoopd.diagnose.search.chance import Group, drawn_maxima, null_of
 from hoopd.diagnose.search.screen import Column, change_of
 from hoopd.diagnose.search.surprise import log_chances
 from hoopd.files.shipped import or_shipped
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.fitting import Fit, fit
@@ -27,23 +27,21 @@ from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.model_file import load_model
 
 
-def cart() -> DeclaredPlant:
+def cart() -> Plant:
     """A mass on a slide, position measured, force commanded."""
-    return DeclaredPlant(
+    return Plant(
         name="cart",
         coordinates=("x",),
         accelerations=lambda s, force: (force - s.p["d"] * s.dx) / s.p["m"],
         values={"m": 0.5, "d": 0.3},
         free=("m", "d"),
-        driven="x",
-        channels={"position": "x"},
+        inputs=(Input("u", "N", 2.0, "x"),),
+        channels={"position": Channel("x")},
         slots={
             "motor": Slot("actuator", "x"),
             "slide": Slot("body", "x", speed=0.5),
             "ruler": Slot("sensor", "x", ("position",)),
         },
-        force_unit="N",
-        limit=2.0,
     )
 
 

@@ -11,7 +11,7 @@ from hoopd.diagnose.search.adjoint import DRAW_SEED, DRAWS, Adjoint, independent
 from hoopd.diagnose.search.scan import places, scan
 from hoopd.diagnose.search.screen import Column, Screen
 from hoopd.diagnose.search.surprise import log_chance
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, phase
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import Fit, fit
@@ -108,17 +108,15 @@ def test_a_push_is_found_in_its_recording_and_the_fit_keeps_it_there(pushed: Scr
 
 # ---------------------------------------------------------------------------------------------- another plant
 
-CART = DeclaredPlant(
+CART = Plant(
     name="cart",
     coordinates=("x",),
     accelerations=lambda s, force: (force - s.p["b"] * s.dx) / s.p["m"],
     values={"m": 0.5, "b": 0.2},
     free=("m", "b"),
-    driven="x",
-    channels={"x": "x"},
+    inputs=(Input("u", "N", 2.0, "x"),),
+    channels={"x": Channel("x")},
     slots={"drive": Slot("actuator", "x"), "hand": Slot("push", "x"), "floor": Slot("floor", "x")},
-    force_unit="N",
-    limit=2.0,
 )
 HUM = Effect(
     "floor.hum",

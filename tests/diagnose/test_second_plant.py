@@ -18,7 +18,7 @@ from hoopd.diagnose.report.curve_pictures import shown_of
 from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.ident.normal import Z95
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import fit
@@ -33,7 +33,7 @@ STEP_S, SUBSTEP_S = 0.02, 1e-3
 PUSH_N, PUSH_S, RULER_M = 0.2, 0.15, 2e-4
 
 
-def declared() -> tuple[DeclaredPlant, str]:
+def declared() -> tuple[Plant, str]:
     """The slide of the document, and its text."""
     (text,) = [block for block in re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S) if "SLIDE" in block]
     space: dict[str, Any] = {}

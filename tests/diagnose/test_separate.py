@@ -224,7 +224,7 @@ def test_every_entry_keeps_the_limits_and_is_a_command(menu: list[Expected]) -> 
 
 
 def test_a_plant_without_a_drive_has_no_menu() -> None:
-    idle = replace(PLANT, driven=None)
+    idle = replace(PLANT, inputs=())
     assert list(entries(Composite(idle), PLANT.values, STEP_S)) == []
 
 

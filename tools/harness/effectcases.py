@@ -8,7 +8,7 @@ import numpy as np
 
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.composite import Composite
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
@@ -55,7 +55,7 @@ NAMES = tuple(SIZES)
 
 
 @cache
-def plant(structure: str, moving: str = "both") -> DeclaredPlant:
+def plant(structure: str, moving: str = "both") -> Plant:
     return hoop_plant(structure, VALUES[structure], moving)
 
 
@@ -83,16 +83,16 @@ def two_level(seconds: float = 1.0, size: float = 0.1, seed: int = 1) -> tuple[n
     return np.arange(n + 1) * 0.02, np.repeat(u, 5)[:n]
 
 
-def slide() -> DeclaredPlant:
+def slide() -> Plant:
     """A motor-driven mass on a slide: m x'' = F - b x'."""
-    return DeclaredPlant(
+    return Plant(
         name="slide",
         coordinates=("x",),
         accelerations=lambda s, force: (force - s.p["b"] * s.dx) / s.p["m"],
         values={"m": 2.0, "b": 3.0},
         free=("m", "b"),
-        driven="x",
-        channels={"x": "x"},
+        inputs=(Input("u", "N", 20.0, "x"),),
+        channels={"x": Channel("x")},
         slots={
             "drive": Slot("actuator", "x"),
             "slide": Slot("body", "x", speed=0.3),
@@ -100,6 +100,4 @@ def slide() -> DeclaredPlant:
             "push": Slot("push", "x"),
         },
         units={"m": "kg", "b": "N s/m"},
-        force_unit="N",
-        limit=20.0,
     )

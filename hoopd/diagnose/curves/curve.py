@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hoopd.diagnose.curves.curve_sites import Factor, Site, Variable, Wanted, reads, wanted
 from hoopd.diagnose.curves.hats import curve_expression, spread_knots, turn_knots
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter, Point
 from hoopd.plants.likelihood.fitting import Fit
 from hoopd.plants.likelihood.reference_track import Track
@@ -119,7 +119,7 @@ class Curve:
         """The same with the columns of a basis (m, k) for amplitudes."""
         return replace(self, basis=basis)
 
-    def fits(self, plant: DeclaredPlant) -> bool:
+    def fits(self, plant: Plant) -> bool:
         """Whether a plant has its slot, and what it is made of moves there."""
         return self.effect.fits(plant)
 
@@ -135,11 +135,11 @@ def curves(fit: Fit) -> list[Curve]:
     return [curve for made in found.values() for curve in made]
 
 
-def _plants(fit: Fit) -> list[DeclaredPlant]:
+def _plants(fit: Fit) -> list[Plant]:
     return list({track.stretch.plant.coordinates: track.stretch.plant for track in fit.tracks}.values())
 
 
-def _made(want: Wanted, plant: DeclaredPlant, fit: Fit) -> list[Curve]:
+def _made(want: Wanted, plant: Plant, fit: Fit) -> list[Curve]:
     """Coarse and fine, for all recordings and for each by itself."""
     site, variable, factor = want
     first = Curve(site, variable, np.zeros(1), factor, reads=reads(want, plant))

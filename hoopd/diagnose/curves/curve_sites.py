@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import pi
 from typing import Any, NamedTuple
 
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Point
 from hoopd.plants.effects.slots import turns, units
 
@@ -44,9 +44,9 @@ class Factor(NamedTuple):
 Wanted = tuple[Site, Variable, Factor | None]
 
 
-def wanted(plant: DeclaredPlant) -> Iterator[Wanted]:
+def wanted(plant: Plant) -> Iterator[Wanted]:
     """Sites, variables and factors of a plant."""
-    kinds: dict[str, Callable[[DeclaredPlant, str, Slot], Iterator[Wanted]]] = {
+    kinds: dict[str, Callable[[Plant, str, Slot], Iterator[Wanted]]] = {
         "body": _of_body, "rolling_ball": _of_ball, "actuator": _of_actuator, "push": _of_push, "sensor": _of_sensor
     }  # fmt: skip
     for name, slot in plant.slots.items():
@@ -54,7 +54,7 @@ def wanted(plant: DeclaredPlant) -> Iterator[Wanted]:
             yield from kinds[slot.kind](plant, name, slot)
 
 
-def state(plant: DeclaredPlant, name: str) -> Variable:
+def state(plant: Plant, name: str) -> Variable:
     """A state of the plant as a variable: the angle of a turning body comes back after a turn."""
     names = units(plant)
     if name not in plant.coordinates:
@@ -63,7 +63,7 @@ def state(plant: DeclaredPlant, name: str) -> Variable:
     return Variable(name, names.coordinate, lambda s: getattr(s, name), 2 * pi if turning else None, turning)
 
 
-def wound(plant: DeclaredPlant, name: str) -> Variable:
+def wound(plant: Plant, name: str) -> Variable:
     """The angle of a turning body over all its turns."""
     return Variable(name, units(plant).coordinate, lambda s: getattr(s, name))
 
@@ -72,11 +72,11 @@ TIME = Variable("t", "s", lambda s: s.t)
 DEMAND = "u"
 
 
-def _demand(plant: DeclaredPlant) -> Variable:
+def _demand(plant: Plant) -> Variable:
     return Variable(DEMAND, plant.force_unit, lambda s: s.u)
 
 
-def reads(want: Wanted, plant: DeclaredPlant) -> tuple[str, ...]:
+def reads(want: Wanted, plant: Plant) -> tuple[str, ...]:
     """Coordinates of a plant that variable and factor are made of."""
     _, variable, factor = want
     names = (variable.name + ("" if factor is None else f" {factor.name}")).replace("-", " ").replace("*", " ").split()
@@ -87,7 +87,7 @@ def _as_factor(variable: Variable) -> Factor:
     return Factor(variable.name, variable.unit, variable.of)
 
 
-def _of_body(plant: DeclaredPlant, name: str, slot: Slot) -> Iterator[Wanted]:
+def _of_body(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
     q = slot.coordinate
     site = Site(name, "force", {q: 1.0}, plant.force_unit)
     rate = state(plant, f"d{q}")
@@ -100,12 +100,12 @@ def _of_body(plant: DeclaredPlant, name: str, slot: Slot) -> Iterator[Wanted]:
         yield site, one, _as_factor(rate)
 
 
-def _others(plant: DeclaredPlant, own: str) -> list[Variable]:
+def _others(plant: Plant, own: str) -> list[Variable]:
     """States of the other coordinates."""
     return [state(plant, name) for name in plant.states if name.removeprefix("d") != own and name != own]
 
 
-def _of_ball(plant: DeclaredPlant, name: str, slot: Slot) -> Iterator[Wanted]:
+def _of_ball(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
     q, others = slot.coordinate, [c for c in plant.coordinates if c != slot.coordinate]
     along = Site(name, "force", {q: 1.0, **dict.fromkeys(others, -1.0)}, plant.force_unit)
     names = [f"d{c}" for c in (*others, q)]
@@ -125,7 +125,7 @@ def _difference(terms: Sequence[Any]) -> Any:
     return terms[0] - terms[1] if len(terms) > 1 else terms[0]
 
 
-def _of_actuator(plant: DeclaredPlant, name: str, slot: Slot) -> Iterator[Wanted]:
+def _of_actuator(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
     site, demand, q = Site(name, "torque", {slot.coordinate: 1.0}, plant.force_unit), _demand(plant), slot.coordinate
     yield site, demand, None
     # a gain that changes with the rate, the angle, the time, and with whether the drive pushes or brakes
@@ -133,24 +133,24 @@ def _of_actuator(plant: DeclaredPlant, name: str, slot: Slot) -> Iterator[Wanted
         yield site, one, _as_factor(demand)
 
 
-def _power(plant: DeclaredPlant, q: str) -> Variable:
+def _power(plant: Plant, q: str) -> Variable:
     """What the demand gives to the motion: negative while it brakes, as after every reversal."""
     unit = "W" if plant.force_unit in ("N", "N m") else f"{plant.force_unit} {units(plant).rate}"
     return Variable(f"{DEMAND}*d{q}", unit, lambda s: s.u * getattr(s, f"d{q}"))
 
 
-def _of_push(plant: DeclaredPlant, name: str, slot: Slot) -> Iterator[Wanted]:
+def _of_push(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
     yield Site(name, "force", {slot.coordinate: 1.0}, plant.force_unit), TIME, None
 
 
-def _of_sensor(plant: DeclaredPlant, name: str, slot: Slot) -> Iterator[Wanted]:
+def _of_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
     q = slot.coordinate
     for channel in slot.channels:
         if channel not in plant.channels:
             continue
-        site = Site(name, "reading", {channel: 1.0}, state(plant, plant.channels[channel]).unit)
+        site = Site(name, "reading", {channel: 1.0}, state(plant, plant.state_of(channel)).unit)
         for one in (state(plant, q), state(plant, f"d{q}"), TIME):
             yield site, one, None
-        if plant.channels[channel] == q:
+        if plant.state_of(channel) == q:
             # late by a time that changes with the rate or the position
             yield site, state(plant, q), _as_factor(state(plant, f"d{q}"))

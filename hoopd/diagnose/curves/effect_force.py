@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hoopd.diagnose.curves.curve import at_nodes
 from hoopd.diagnose.search.screen import Column, change_of
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.slots import turns, units
 from hoopd.plants.likelihood.fitting import Fit
@@ -112,7 +112,7 @@ def _reading(effect: Effect, final: Fit, without: Fit, old: Track, new: Track) -
     error = new.stretch.y - along.readings(final.values)
     column = _most_changed(effect, loss, without.noise[new.stretch.recording], along)
     channel, plant = along.composite.channels[column], new.stretch.plant
-    unit = units(plant).coordinate if plant.channels[channel] in plant.coordinates else units(plant).rate
+    unit = units(plant).coordinate if plant.state_of(channel) in plant.coordinates else units(plant).rate
     variables = variables_of(effect, along, fit)
     if effect.latency or effect.sensor_lag:
         variables = (_rate_of(along, channel),)
@@ -130,7 +130,7 @@ def _most_changed(effect: Effect, loss: Array, noise: Noise, track: Track) -> in
 def _rate_of(track: Track, channel: str) -> Variable:
     """How fast a channel's true value changes: what is late is wrong in proportion to it."""
     plant, t = track.stretch.plant, track.stretch.t
-    name = plant.channels[channel]
+    name = plant.state_of(channel)
     value = np.gradient(track.z[:, plant.states.index(name)], t)
     unit = units(plant).rate if name in plant.coordinates else f"{units(plant).coordinate}/s2"
     return Variable(f"d{name}", unit, value)
@@ -145,7 +145,7 @@ def variables_of(effect: Effect, track: Track, found: Fit) -> tuple[Variable, ..
     return (*rolling, *(_variable(plant, name, np.ravel(getattr(here, name))) for name in rest))
 
 
-def _rolling(slot: str, plant: DeclaredPlant, names: Sequence[str], z: Array) -> tuple[Variable, ...]:
+def _rolling(slot: str, plant: Plant, names: Sequence[str], z: Array) -> tuple[Variable, ...]:
     """Of a contact, which rubs with the difference of two rates, that difference."""
     rates = [name for name in names if name in plant.states and name not in plant.coordinates]
     if plant.slots[slot].kind != "rolling_ball" or len(rates) < 2:
@@ -154,7 +154,7 @@ def _rolling(slot: str, plant: DeclaredPlant, names: Sequence[str], z: Array) ->
     return (Variable(f"{rates[0]}-{rates[1]}", units(plant).rate, a - b),)
 
 
-def _variable(plant: DeclaredPlant, name: str, value: Array) -> Variable:
+def _variable(plant: Plant, name: str, value: Array) -> Variable:
     if name == "u":
         return Variable(name, plant.force_unit, value)
     if name not in plant.coordinates:

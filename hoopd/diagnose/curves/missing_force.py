@@ -16,7 +16,7 @@ from hoopd.diagnose.curves.curve_sites import Variable, wanted
 from hoopd.diagnose.quality.unusual_intervals import disturbance
 from hoopd.diagnose.report_curves import Binned, Law, MissingForce, Regressor
 from hoopd.ident.normal import Z95
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Point
 from hoopd.plants.likelihood.fitting import Fit
 
@@ -58,7 +58,7 @@ def _value(fit: Fit, index: int, slot: str) -> tuple[Array, str]:
     return disturbance(fit, index)[:, plant.coordinates.index(q)], plant.force_unit
 
 
-def variables(plant: DeclaredPlant) -> dict[str, Variable]:
+def variables(plant: Plant) -> dict[str, Variable]:
     """All that curves of this plant depend on, by name; of an angle the one that comes back after a turn."""
     found: dict[str, Variable] = {}
     for _, variable, factor in wanted(plant):

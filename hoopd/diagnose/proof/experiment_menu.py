@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hoopd.core.excitation import Excitation, ExcitationLimits
 from hoopd.plants import free_run as freerun
 from hoopd.plants.composite import Composite
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.hoop.experiment_plan import (
     AMPLITUDES_NM,
     COMFORT,
@@ -93,7 +93,7 @@ def command(plan: Plan) -> str:
     return " ".join(["hoopd experiment", plan.kind, *parts, *(() if plan.ball else ("--no-ball",))])
 
 
-def is_hoop(plant: DeclaredPlant) -> bool:
+def is_hoop(plant: Plant) -> bool:
     """Whether `hoopd experiment` can play on it."""
     return plant.driven == "theta" and {"hoop", "encoder"} <= set(plant.slots)
 
@@ -105,7 +105,7 @@ def _largest(
     words: str, plan: Plan, composite: Composite, values: Mapping[str, float], period_s: float
 ) -> Entry | None:
     """The first that leaves room to every limit, as the command itself chooses."""
-    scale = composite.declared.limit / HOOP_LIMIT_NM
+    scale = composite.declared.usual_input / HOOP_LIMIT_NM
     for amplitude in AMPLITUDES_NM:
         for variant in range(min(VARIANTS.get(plan.kind, 1), MOST_VARIANTS)):
             tried = plan._replace(amplitude_nm=_rounded(amplitude * scale))
@@ -122,7 +122,7 @@ def _played(
     variants = VARIANTS.get(plan.kind, 1)
     table = (plan.amplitude_nm or 0.0) * unit_table(plan, plan.seed * variants + variant, period_s)
     law = Excitation(
-        table.tolist(), ExcitationLimits(composite.declared.limit, NO_SPEED_LIMIT),
+        table.tolist(), ExcitationLimits(composite.declared.usual_input, NO_SPEED_LIMIT),
         soft_start_ticks=round(plan.soft_start_s / period_s), soft_end_ticks=round(plan.soft_end_s / period_s),
     )  # fmt: skip
     u = np.array(law.torques_nm)
@@ -130,7 +130,7 @@ def _played(
     return Entry(words, plan, t, u, freerun.run(composite, values, np.zeros(composite.nx), t, u))
 
 
-def _use(entry: Entry, plant: DeclaredPlant) -> float:
+def _use(entry: Entry, plant: Plant) -> float:
     """Share of the limits, 1 at the nearest one; infinite for a run that is lost."""
     if not np.isfinite(entry.z).all():
         return float("inf")
@@ -139,16 +139,16 @@ def _use(entry: Entry, plant: DeclaredPlant) -> float:
     return max(speed / limit, _peak(entry, plant, ball) / entry.plan.angle_limit_rad if ball else 0.0)
 
 
-def _peak(entry: Entry, plant: DeclaredPlant, state: str) -> float:
+def _peak(entry: Entry, plant: Plant, state: str) -> float:
     return float(np.max(np.abs(entry.z[:, plant.states.index(state)])))
 
 
-def _ball(plant: DeclaredPlant) -> str | None:
+def _ball(plant: Plant) -> str | None:
     """Coordinate of a rolling ball."""
     return next((slot.coordinate for slot in plant.slots.values() if slot.kind == "rolling_ball"), None)
 
 
-def _usual_speed(plant: DeclaredPlant) -> float:
+def _usual_speed(plant: Plant) -> float:
     return max((s.speed for s in plant.slots.values() if s.coordinate == plant.driven), default=HOOP_SPEED)
 
 

@@ -60,7 +60,7 @@ def run_windows(found: Fit, window_s: float | None = WINDOW_S) -> list[Simulated
 def start_weights(stretch: Stretch) -> Array:
     """(nc,) what an error of each channel is measured in when a start is fitted."""
     plant, out = stretch.plant, []
-    for column, state in enumerate(plant.channels.values()):
+    for column, state in enumerate(plant.states_read):
         y = stretch.y[:, column]
         seen = np.isfinite(y)
         spread = float(np.std(y[seen])) if seen.any() else 1.0
@@ -69,7 +69,7 @@ def start_weights(stretch: Stretch) -> Array:
             spread = min(spread, RATE_S * float(np.std(rate)))
         judged = state.removeprefix("d") in plant.coordinates and state not in plant.coordinates
         # a measured rate beside its angle is data to be judged and gets no vote
-        out.append(np.inf if judged and state.removeprefix("d") in plant.channels.values() else SPREAD_SHARE * spread)
+        out.append(np.inf if judged and state.removeprefix("d") in plant.states_read else SPREAD_SHARE * spread)
     weights: Array = np.maximum(np.array(out), 1e-12)
     return weights
 
@@ -87,9 +87,8 @@ def series(runs: Sequence[Simulated]) -> dict[str, list[tuple[Array, Array, Arra
     """(t, measured, simulated) by channel, a part each window, only what counts."""
     out: dict[str, list[tuple[Array, Array, Array]]] = {}
     for run in runs:
-        channels = list(run.windows.stretch.plant.channels.items())
-        states = run.windows.stretch.plant.channels.values()
-        for column, (channel, state) in enumerate(channels):
+        states = run.windows.stretch.plant.states_read
+        for column, (channel, state) in enumerate(zip(run.windows.stretch.plant.channels, states, strict=True)):
             turning = f"d{state}" in states
             for b in range(run.y.shape[2]):
                 n, first = run.windows.count[b], run.windows.first[b]
@@ -142,8 +141,9 @@ def channel_source(stretches: Sequence[Stretch]) -> dict[str, str]:
     """What stands for a measured rate that is no measurement of it."""
     out = {}
     for one in stretches:
-        for column, (channel, state) in enumerate(one.plant.channels.items()):
-            angle = next((c for c, s in one.plant.channels.items() if f"d{s}" == state), None)
+        states = dict(zip(one.plant.channels, one.plant.states_read, strict=True))
+        for column, (channel, state) in enumerate(states.items()):
+            angle = next((c for c, s in states.items() if f"d{s}" == state), None)
             if angle is not None and not np.isfinite(one.y[:, column]).any():
                 out[channel] = f"the derivative of {angle}: the measured column is no rate of it"
     return out

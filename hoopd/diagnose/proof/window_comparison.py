@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.proof.simulation import Simulated, Simulator, Windows, bounded, windows_of
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.recording_parameters import names_of, values_of
 from hoopd.plants.likelihood.stretches import Stretch
@@ -99,22 +100,22 @@ def channel_weights(stretches: Sequence[Stretch]) -> list[Array]:
 
 def _weight(same: Sequence[Stretch], channel: str) -> float:
     plant = same[0].plant
-    if _asked_by_its_angle(plant.channels, channel):
+    if _asked_by_its_angle(plant, channel):
         return 0.0
     column = list(plant.channels).index(channel)
-    parts = [_signal(one.t, one.y[:, column], _turns(plant.channels, channel)) for one in same]
+    parts = [_signal(one.t, one.y[:, column], _turns(plant, channel)) for one in same]
     seen = np.concatenate([part[np.isfinite(part)] for part in parts])
     spread = float(np.linalg.norm(seen - seen.mean())) if len(seen) > 2 else 0.0
     return 1.0 / spread if spread > 1e-9 else 0.0
 
 
-def _turns(channels: Mapping[str, str], channel: str) -> bool:
-    return f"d{channels[channel]}" in channels.values()
+def _turns(plant: Plant, channel: str) -> bool:
+    return f"d{plant.state_of(channel)}" in plant.states_read
 
 
-def _asked_by_its_angle(channels: Mapping[str, str], channel: str) -> bool:
-    state = channels[channel]
-    return state.startswith("d") and state[1:] in channels.values()
+def _asked_by_its_angle(plant: Plant, channel: str) -> bool:
+    state = plant.state_of(channel)
+    return state.startswith("d") and state[1:] in plant.states_read
 
 
 def _signal(t: Array, y: Array, turns: bool) -> Array:
@@ -140,14 +141,14 @@ def errors_of(windows: Windows, weight: Array, y: Array) -> Array:
 def _compared(w: Windows, weight: Array, y: Array) -> Array:
     """Weighted signals of (n, nc, b)."""
     nodes = np.minimum(w.first + np.arange(w.length)[:, None], len(w.stretch.t) - 1)
-    channels = w.stretch.plant.channels
+    plant = w.stretch.plant
     seen = np.isfinite(w.y)
     out = np.full(y.shape, np.nan)
-    for column, channel in enumerate(channels):
+    for column, channel in enumerate(plant.channels):
         if weight[column] == 0.0:
             continue
         one = np.where(seen[:, column], y[:, column], np.nan)
-        if _turns(channels, channel):
+        if _turns(plant, channel):
             span = w.stretch.t[nodes[2:]] - w.stretch.t[nodes[:-2]]
             slope = np.full(one.shape, np.nan)
             slope[1:-1] = (one[2:] - one[:-2]) / np.maximum(span, 1e-9)

@@ -31,7 +31,7 @@ from hoopd.diagnose.report_curves import (
     Trace,
 )
 from hoopd.diagnose.search.naming import Named
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.slots import units
 from hoopd.plants.likelihood.fitting import Fit
 
@@ -78,9 +78,7 @@ def traces(base: Played, final: Played, recording: str) -> list[Trace]:
     return [_trace(name, plant, parts, after.get(name, [])) for name, parts in before.items()]
 
 
-def _trace(
-    name: str, plant: DeclaredPlant, before: Sequence[Sequence[Array]], after: Sequence[Sequence[Array]]
-) -> Trace:
+def _trace(name: str, plant: Plant, before: Sequence[Sequence[Array]], after: Sequence[Sequence[Array]]) -> Trace:
     pieces = [np.stack([*one, two[2]]) for one, two in zip(before, after, strict=True) if len(one[0])]
     lifted = [part for piece in pieces for part in (piece, np.full((4, 1), np.nan))][:-1]
     t, measured, first, last = np.concatenate(lifted, axis=1) if lifted else np.zeros((4, 0))
@@ -89,9 +87,9 @@ def _trace(
     return Trace(name, channel_unit(plant, name), t, measured, first, last)
 
 
-def channel_unit(plant: DeclaredPlant, name: str) -> str:
+def channel_unit(plant: Plant, name: str) -> str:
     """Of a channel, or of the rate of one."""
-    angle = plant.channels.get(name) in plant.coordinates
+    angle = plant.state_of(name) in plant.coordinates
     return units(plant).coordinate if angle else units(plant).rate
 
 
@@ -220,7 +218,7 @@ def _times(found: Fit, recording: str) -> Array:
     return np.concatenate([track.stretch.t for track in found.tracks if track.stretch.recording == recording])
 
 
-def body_on(plant: DeclaredPlant, q: str) -> str:
+def body_on(plant: Plant, q: str) -> str:
     """Name of the slot that moves along a coordinate."""
     kinds = ("body", "rolling_ball")
     return next((name for name, slot in plant.slots.items() if slot.coordinate == q and slot.kind in kinds), q)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.composite import SMOOTH_SUBSTEPS
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import composite_of, derivatives_of, fitting_effects, plant_key
@@ -196,11 +196,11 @@ def _between(begin: Array, end: Array, d: Array) -> Array:
     return x
 
 
-def _names(plant: DeclaredPlant, effect: Effect) -> tuple[str, ...]:
+def _names(plant: Plant, effect: Effect) -> tuple[str, ...]:
     return (*plant.values, *(effect.key(one.name) for one in effect.parameters))
 
 
-def _force_function(plant: DeclaredPlant, effect: Effect, n: int = 1) -> ca.Function | None:
+def _force_function(plant: Plant, effect: Effect, n: int = 1) -> ca.Function | None:
     """(x (n, states), u (n,), t (n,), p by `_names`) -> what an effect adds to the forces (n, coordinates).
 
     None for an effect whose functions do not take a whole column of points.
@@ -214,7 +214,7 @@ def _force_function(plant: DeclaredPlant, effect: Effect, n: int = 1) -> ca.Func
     return _forces[key]
 
 
-def _made_force_function(plant: DeclaredPlant, effect: Effect, n: int) -> ca.Function:
+def _made_force_function(plant: Plant, effect: Effect, n: int) -> ca.Function:
     names = _names(plant, effect)
     sizes = {"x": (n, len(plant.states)), "u": (n, 1), "t": (n, 1), "p": (len(names), 1)}
     # matrices take a function element by element, which is five times as fast as scalars point by point

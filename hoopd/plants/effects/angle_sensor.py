@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values, geometric, phase
 from hoopd.plants.effects.image_sensor import latency
 from hoopd.plants.effects.slots import named, of_kind, units
@@ -18,7 +18,7 @@ from hoopd.plants.effects.slots import named, of_kind, units
 UNEVEN_HARMONICS = tuple(float(n) for n in range(2, 13))
 
 
-def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+def effects(plant: Plant) -> tuple[Effect, ...]:
     """Those of every sensor but the cameras."""
     return tuple(
         effect
@@ -28,10 +28,10 @@ def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
     )
 
 
-def _of_slot(plant: DeclaredPlant, name: str, slot: Slot) -> tuple[Effect, ...]:
+def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
     q = slot.coordinate
-    angles = tuple(c for c in slot.channels if plant.channels.get(c) == q)
-    rates = tuple(c for c in slot.channels if plant.channels.get(c) == f"d{q}")
+    angles = tuple(c for c in slot.channels if plant.state_of(c) == q)
+    rates = tuple(c for c in slot.channels if plant.state_of(c) == f"d{q}")
     found = []
     if slot.turns and angles:
         found += [_eccentricity(name, q, angles, rates), _harmonic(plant, name, q, angles, rates)]
@@ -68,7 +68,7 @@ def _eccentricity(name: str, q: str, angles: tuple[str, ...], rates: tuple[str, 
     )
 
 
-def _harmonic(plant: DeclaredPlant, name: str, q: str, angles: tuple[str, ...], rates: tuple[str, ...]) -> Effect:
+def _harmonic(plant: Plant, name: str, q: str, angles: tuple[str, ...], rates: tuple[str, ...]) -> Effect:
     def seen(s: Point, e: Values) -> dict[str, Any]:
         angle = e.n * getattr(s, q) + e.phi
         # theta + a sin(n theta + phi);  of the rate its derivative, theta' (1 + n a cos(n theta + phi)), or nothing
@@ -111,7 +111,7 @@ def _speed_lag(name: str, rates: tuple[str, ...]) -> Effect:
     )
 
 
-def _offset(plant: DeclaredPlant, name: str, angles: tuple[str, ...]) -> Effect:
+def _offset(plant: Plant, name: str, angles: tuple[str, ...]) -> Effect:
     return Effect(
         f"{name}.offset",
         (EffectParameter("d", units(plant).coordinate, 0.0, -1.0, 1.0, grid=(0.01,)),),

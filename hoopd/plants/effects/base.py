@@ -26,10 +26,13 @@ ROLES = ("amplitude", "phase", "shape")
 
 
 class Point:
-    """Named view of where the plant is: coordinates and rates by name, `u` (N m), `t` (s), base parameters `p`."""
+    """Named view of where the plant is: states and inputs by name, `u` (first input), `t` (s), parameters `p`."""
 
-    def __init__(self, names: Mapping[str, Any], p: Mapping[str, Any], u: Any = 0.0, t: Any = 0.0) -> None:
-        self._names, self.p, self.u, self.t = dict(names), p, u, t
+    def __init__(
+        self, names: Mapping[str, Any], p: Mapping[str, Any], u: Any = 0.0, t: Any = 0.0, first_input: str = ""
+    ) -> None:
+        """`first_input`: the name under which `names` has `u`, too."""
+        self._names, self.p, self.u, self.t, self._first_input = dict(names), p, u, t, first_input
 
     def __getattr__(self, name: str) -> Any:
         try:
@@ -42,7 +45,9 @@ class Point:
 
     def replaced(self, u: Any = None, **names: Any) -> Point:
         """The same point with some names changed."""
-        return Point({**self._names, **names}, self.p, self.u if u is None else u, self.t)
+        if u is not None and self._first_input:
+            names = {self._first_input: u, **names}
+        return Point({**self._names, **names}, self.p, self.u if u is None else u, self.t, self._first_input)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, geometric, phase
 from hoopd.plants.effects.slots import force_scale, named, of_kind, scaled, speed_scale, units
 
@@ -18,12 +18,12 @@ from hoopd.plants.effects.slots import force_scale, named, of_kind, scaled, spee
 STRIBECK_SUBSTEPS = 10
 
 
-def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+def effects(plant: Plant) -> tuple[Effect, ...]:
     """Those of every body."""
     return tuple(effect for name, slot in of_kind(plant, "body") for effect in _of_slot(plant, name, slot))
 
 
-def _of_slot(plant: DeclaredPlant, name: str, slot: Slot) -> tuple[Effect, ...]:
+def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
     found = [_coulomb(plant, name, slot), _stribeck(plant, name, slot), _drag(plant, name, slot)]
     if slot.turns:
         found.append(_imbalance(plant, name, slot))
@@ -32,7 +32,7 @@ def _of_slot(plant: DeclaredPlant, name: str, slot: Slot) -> tuple[Effect, ...]:
     return tuple(found)
 
 
-def _coulomb(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
+def _coulomb(plant: Plant, name: str, slot: Slot) -> Effect:
     q, size = slot.coordinate, force_scale(plant)
     return Effect(
         f"{name}.coulomb_friction",
@@ -49,7 +49,7 @@ def _coulomb(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
     )
 
 
-def _stribeck(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
+def _stribeck(plant: Plant, name: str, slot: Slot) -> Effect:
     q, size, speed = slot.coordinate, force_scale(plant), speed_scale(slot)
     unit = units(plant)
 
@@ -79,7 +79,7 @@ def _stribeck(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
     )
 
 
-def _drag(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
+def _drag(plant: Plant, name: str, slot: Slot) -> Effect:
     q, size = slot.coordinate, force_scale(plant) / speed_scale(slot) ** 2
     return Effect(
         f"{name}.quadratic_drag",
@@ -96,7 +96,7 @@ def _drag(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
     )
 
 
-def _imbalance(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
+def _imbalance(plant: Plant, name: str, slot: Slot) -> Effect:
     q, size = slot.coordinate, force_scale(plant)
     return Effect(
         f"{name}.imbalance",

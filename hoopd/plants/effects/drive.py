@@ -8,11 +8,12 @@ and follow the plant's limit.
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import NO_LIMIT, Effect, EffectParameter, geometric, phase
 from hoopd.plants.effects.slots import force_scale, named, of_kind, scaled, speed_scale, turns, units
 
@@ -26,16 +27,18 @@ HARMONIC_SUBSTEPS = 10
 # A torque that switches within a substep enters by its mean: that moves an angle by 4e-5 rad at 2.5 ms, 2e-4 at 5 ms.
 SWITCH_SUBSTEPS = 8
 
+# Where no limit is known, the largest saturation that is searched, in usual sizes of the input.
+NO_KNOWN_LIMIT = 10.0
 # Of the drive's limit, what a demand leaves at least where it is asked which speed would touch it.
 LEAST_LEFT = 1e-3
 
 
-def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+def effects(plant: Plant) -> tuple[Effect, ...]:
     """Those of every actuator."""
     return tuple(effect for name, slot in of_kind(plant, "actuator") for effect in _of_slot(plant, name, slot))
 
 
-def _of_slot(plant: DeclaredPlant, name: str, slot: Any) -> tuple[Effect, ...]:
+def _of_slot(plant: Plant, name: str, slot: Any) -> tuple[Effect, ...]:
     every = (
         _gain(name),
         _bias(plant, name),
@@ -48,7 +51,7 @@ def _of_slot(plant: DeclaredPlant, name: str, slot: Any) -> tuple[Effect, ...]:
     return (
         *every,
         *(angle if turns(plant, slot.coordinate) else ()),
-        _back_emf(plant, name, slot.coordinate, speed_scale(slot)),
+        *((_back_emf(plant, name, slot.coordinate, speed_scale(slot)),) if plant.limit < inf else ()),
     )
 
 
@@ -70,7 +73,7 @@ def _gain(slot: str) -> Effect:
     )
 
 
-def _bias(plant: DeclaredPlant, slot: str) -> Effect:
+def _bias(plant: Plant, slot: str) -> Effect:
     size = force_scale(plant)
     return Effect(
         f"{slot}.torque_bias",
@@ -87,7 +90,7 @@ def _bias(plant: DeclaredPlant, slot: str) -> Effect:
     )
 
 
-def _deadzone(plant: DeclaredPlant, slot: str) -> Effect:
+def _deadzone(plant: Plant, slot: str) -> Effect:
     size = force_scale(plant)
     grid = scaled(geometric(0.005, 0.06, 8), size)
     return Effect(
@@ -108,7 +111,7 @@ def _deadzone(plant: DeclaredPlant, slot: str) -> Effect:
     )
 
 
-def _saturation(plant: DeclaredPlant, slot: str) -> Effect:
+def _saturation(plant: Plant, slot: str) -> Effect:
     size = force_scale(plant)
     grid = scaled((*geometric(0.02, 0.5, 12), 0.6, 0.69), size)
     return Effect(
@@ -119,7 +122,7 @@ def _saturation(plant: DeclaredPlant, slot: str) -> Effect:
                 units(plant).force,
                 NO_LIMIT,
                 0.01 * size,
-                plant.limit,
+                plant.limit if plant.limit < inf else NO_KNOWN_LIMIT * plant.usual_input,
                 "shape",
                 grid,
                 touched=lambda s: ca.fabs(s.u),
@@ -155,7 +158,7 @@ def _lag(slot: str) -> Effect:
     )
 
 
-def _delay(plant: DeclaredPlant, slot: str) -> Effect:
+def _delay(plant: Plant, slot: str) -> Effect:
     return Effect(
         f"{slot}.delay",
         (EffectParameter("d", "s", 0.0, 0.0, 0.2, "shape", geometric(0.002, 0.08, 9)),),
@@ -172,7 +175,7 @@ def _delay(plant: DeclaredPlant, slot: str) -> Effect:
     )
 
 
-def _cogging(plant: DeclaredPlant, slot: str, q: str) -> Effect:
+def _cogging(plant: Plant, slot: str, q: str) -> Effect:
     size = force_scale(plant)
     return Effect(
         f"{slot}.cogging",
@@ -219,7 +222,7 @@ def _ripple(slot: str, q: str) -> Effect:
     )
 
 
-def _back_emf(plant: DeclaredPlant, slot: str, q: str, speed: float) -> Effect:
+def _back_emf(plant: Plant, slot: str, q: str, speed: float) -> Effect:
     def limited(s: Any, e: Any) -> Any:
         # |tau| <= max(0, limit (1 - |theta'| / w0)), in all quadrants
         most = ca.fmax(0.0, plant.limit * (1 - ca.fabs(getattr(s, f"d{q}")) / e.w0))

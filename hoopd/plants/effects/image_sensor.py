@@ -9,12 +9,12 @@ from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values, geometric
 from hoopd.plants.effects.slots import named, of_kind
 
 
-def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+def effects(plant: Plant) -> tuple[Effect, ...]:
     """Those of every camera."""
     return tuple(
         effect
@@ -46,7 +46,7 @@ def latency(name: str, slot: Slot) -> Effect:
     )
 
 
-def _angle_offset(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
+def _angle_offset(plant: Plant, name: str, slot: Slot) -> Effect:
     return Effect(
         f"{name}.angle_offset",
         (EffectParameter("d", "rad", 0.0, -0.5, 0.5, grid=(0.02,)),),
@@ -62,7 +62,7 @@ def _angle_offset(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
     )
 
 
-def _center_offset(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
+def _center_offset(plant: Plant, name: str, slot: Slot) -> Effect:
     def moved(s: Point, e: Values) -> dict[str, Any]:
         psi = getattr(s, slot.coordinate)
         sine, cosine = ca.sin(psi), ca.cos(psi)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects import angle_sensor as encoder
 from hoopd.plants.effects import body as hoop
 from hoopd.plants.effects import drive as actuator
@@ -18,11 +18,11 @@ from hoopd.plants.hoop import ball_effects as ball
 from hoopd.plants.hoop import frame_effects as frame
 
 # A user's effects: ready ones, or what makes them for a plant.
-Extra = Effect | Callable[[DeclaredPlant], Iterable[Effect]]
+Extra = Effect | Callable[[Plant], Iterable[Effect]]
 SLOT_FILES = (actuator, hoop, ball, frame, external, camera, encoder)
 
 
-def library(plant: DeclaredPlant, extra: Iterable[Extra] = ()) -> dict[str, Effect]:
+def library(plant: Plant, extra: Iterable[Extra] = ()) -> dict[str, Effect]:
     """Effects by name along the signal path, then `extra`; ValueError when a name stands twice."""
     own = [effect for module in SLOT_FILES for effect in module.effects(plant)]
     found: dict[str, Effect] = {}

@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values
 from hoopd.plants.effects.slots import force_scale, of_kind, units
 
@@ -17,7 +17,7 @@ from hoopd.plants.effects.slots import force_scale, of_kind, units
 EDGE_S = 0.010
 
 
-def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+def effects(plant: Plant) -> tuple[Effect, ...]:
     """Those of every push."""
     return tuple(_disturbance(plant, name, slot) for name, slot in of_kind(plant, "push"))
 
@@ -26,7 +26,7 @@ def _edge(t: Any) -> Any:
     return ca.fmin(ca.fmax(t / EDGE_S + 0.5, 0.0), 1.0)
 
 
-def _disturbance(plant: DeclaredPlant, name: str, slot: Slot) -> Effect:
+def _disturbance(plant: Plant, name: str, slot: Slot) -> Effect:
     size = force_scale(plant)
 
     def pulse(s: Point, e: Values) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Plant, Slot
 
 # The sizes in the files of the slots are those of the hoop: a drive of 0.7 N m at rates of 10 rad/s. On another plant
 # they follow its limit and its slot's usual rate.
@@ -28,17 +28,17 @@ ANGLES = Units("N m", "rad", "rad/s", "N m s2")
 LENGTHS = Units("N", "m", "m/s", "N s2/m2")
 
 
-def units(plant: DeclaredPlant) -> Units:
+def units(plant: Plant) -> Units:
     """Those of a plant by its force."""
     return ANGLES if plant.force_unit == "N m" else LENGTHS
 
 
-def of_kind(plant: DeclaredPlant, kind: str) -> Iterator[tuple[str, Slot]]:
+def of_kind(plant: Plant, kind: str) -> Iterator[tuple[str, Slot]]:
     """Names and slots of a kind, in the plant's order."""
     return ((name, slot) for name, slot in plant.slots.items() if slot.kind == kind)
 
 
-def named(plant: DeclaredPlant, kind: str, effect: str, coordinate: str, device: str = "") -> tuple[str, ...]:
+def named(plant: Plant, kind: str, effect: str, coordinate: str, device: str = "") -> tuple[str, ...]:
     """`slot.effect` of each slot of a kind on a coordinate: partners in another slot."""
     return tuple(
         f"{name}.{effect}"
@@ -47,14 +47,14 @@ def named(plant: DeclaredPlant, kind: str, effect: str, coordinate: str, device:
     )
 
 
-def turns(plant: DeclaredPlant, coordinate: str) -> bool:
+def turns(plant: Plant, coordinate: str) -> bool:
     """Whether the body on a coordinate turns."""
     return any(slot.turns for _, slot in of_kind(plant, "body") if slot.coordinate == coordinate)
 
 
-def force_scale(plant: DeclaredPlant) -> float:
+def force_scale(plant: Plant) -> float:
     """Forces of this plant over the hoop's."""
-    return plant.limit / USUAL_LIMIT
+    return plant.usual_input / USUAL_LIMIT
 
 
 def speed_scale(slot: Slot) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point
 from hoopd.plants.effects.slots import named, of_kind
 from hoopd.plants.hoop.lift_off import lift_off
@@ -17,7 +17,7 @@ from hoopd.plants.hoop.normal_force import normal_force
 from hoopd.plants.hoop.slip import slip
 
 
-def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+def effects(plant: Plant) -> tuple[Effect, ...]:
     """Those of every rolling ball."""
     found = []
     for name, slot in of_kind(plant, "rolling_ball"):
@@ -25,9 +25,9 @@ def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
     return tuple(found)
 
 
-def _of_slot(plant: DeclaredPlant, name: str, slot: Slot) -> tuple[Effect, ...]:
+def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
     every = (_coulomb(plant, name), _rolling_resistance(name), _drag(name))
-    return every if slot.contact is None else (*every, slip(name, slot.contact), lift_off(name, slot.contact))
+    return every if slot.data is None else (*every, slip(name, slot.data), lift_off(name, slot.data))
 
 
 def _along(s: Point) -> dict[str, Any]:
@@ -36,7 +36,7 @@ def _along(s: Point) -> dict[str, Any]:
     return {"theta": ratio, "psi": -ratio}
 
 
-def _coulomb(plant: DeclaredPlant, name: str) -> Effect:
+def _coulomb(plant: Plant, name: str) -> Effect:
     return Effect(
         f"{name}.coulomb_friction",
         (EffectParameter("Fc", "N m", 0.0, 0.0, 1e-3, grid=(3e-5,)),),

@@ -6,11 +6,12 @@ Rules of this file: equations come from `equations`; nothing here knows an effec
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import inf
 from typing import Any, NamedTuple
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant, Slot
+from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Point
 from hoopd.plants.hoop.equations import MOTIONS, symbols
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
@@ -27,26 +28,27 @@ class Contact(NamedTuple):
     damping: Any  # N m s; bb
 
 
-def hoop_plant(structure: str, values: Mapping[str, float], moving: str = "both", limit: float = 0.7) -> DeclaredPlant:
+def hoop_plant(structure: str, values: Mapping[str, float], moving: str = "both", limit: float = 0.7) -> Plant:
     """The hoop with its ball, the hoop alone or the ball in a held hoop; `values` as in `Plant`."""
     coordinates = {"both": ("theta", "psi"), "hoop": ("theta",), "ball": ("psi",)}[moving]
-    seen = {"theta": "theta", "dtheta": "dtheta", "psi": "psi"}
-    channels = {
-        name: state for name, state in seen.items() if state.removeprefix("d") in coordinates or state in coordinates
+    seen = {
+        "theta": Channel("theta", "rad", "encoder"),
+        "dtheta": Channel("dtheta", "rad/s", "encoder"),
+        "psi": Channel("psi", "rad", "camera"),
     }
-    return DeclaredPlant(
+    channels = {name: one for name, one in seen.items() if one.state.removeprefix("d") in coordinates}
+    return Plant(
         name=f"{structure} ({moving})",
         coordinates=coordinates,
         accelerations=_hoop_accelerations(structure, moving),
         values=dict(values),
         free=_free(structure, moving),
-        driven="theta" if moving != "ball" else None,
+        inputs=(Input("u", "N m", limit, "theta" if moving != "ball" else None),),
         channels=channels,
         slots=_slots(structure, moving),
         held={"theta": 0.0, "dtheta": 0.0} if moving == "ball" else {},
         units=PARAMETER_UNITS[structure],
-        least=_least(structure, moving, values),
-        limit=limit,
+        bounds=_bounds(structure, moving, values),
     )
 
 
@@ -67,11 +69,12 @@ def _free(structure: str, moving: str) -> tuple[str, ...]:
 LEAST_OF_INERTIA, FRICTIONS = 0.01, ("bb", "bh")
 
 
-def _least(structure: str, moving: str, values: Mapping[str, float]) -> dict[str, float]:
+def _bounds(structure: str, moving: str, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     """Of physical parameters; entries have either sign."""
     if structure == "entries":
         return {}
-    return {name: 0.0 if name in FRICTIONS else LEAST_OF_INERTIA * values[name] for name in _free(structure, moving)}
+    free = _free(structure, moving)
+    return {name: (0.0 if name in FRICTIONS else LEAST_OF_INERTIA * values[name], inf) for name in free}
 
 
 def _slots(structure: str, moving: str) -> dict[str, Slot]:
@@ -82,7 +85,7 @@ def _slots(structure: str, moving: str) -> dict[str, Slot]:
         "external": Slot("push", "theta"),
     }
     ball = {
-        "ball": Slot("rolling_ball", "psi", contact=_contact(structure)),
+        "ball": Slot("rolling_ball", "psi", data=_contact(structure)),
         "frame": Slot("frame", "psi"),
         "camera": Slot("sensor", "psi", ("psi",), turns=True, device="camera"),
     }

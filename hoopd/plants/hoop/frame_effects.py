@@ -9,12 +9,12 @@ from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values, geometric, phase
 from hoopd.plants.effects.slots import named, of_kind
 
 
-def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
+def effects(plant: Plant) -> tuple[Effect, ...]:
     """Those of every frame."""
     return tuple(
         effect
@@ -23,7 +23,7 @@ def effects(plant: DeclaredPlant) -> tuple[Effect, ...]:
     )
 
 
-def _tilt(plant: DeclaredPlant, name: str, q: str) -> Effect:
+def _tilt(plant: Plant, name: str, q: str) -> Effect:
     return Effect(
         f"{name}.tilt",
         (EffectParameter("d", "rad", 0.0, -0.5, 0.5, grid=(0.02,)),),

@@ -65,7 +65,7 @@ class EffectModel:
         for row, column in enumerate(self._columns):
             out[:, column], by[:, column] = z[at, row], s[at, row]
         for channel in c.channels:
-            column = STATES.index(c.plant.channels[channel])
+            column = STATES.index(c.plant.state_of(channel))
             found = self._channel(channel, late[channel], values, nodes, t, u, z, s)
             out[:, column], by[:, column] = found
         return out, by

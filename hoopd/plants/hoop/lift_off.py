@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.hoop.normal_force import signed_normal_force
 from hoopd.plants.hoop.slip import ContactOf
@@ -25,7 +25,7 @@ NEAREST_M = 1e-3
 class FlyingPlant(NamedTuple):
     """What a flight needs: the plant in the air, the contact that ended and the force that ends it (N)."""
 
-    plant: DeclaredPlant
+    plant: Plant
     contact: ContactOf
     normal_force: Any
     through_contact: tuple[str, ...]  # effects that act through the contact
@@ -49,7 +49,7 @@ def lift_off(name: str, contact: ContactOf) -> Effect:
     )
 
 
-def _in_the_air(plant: DeclaredPlant, contact: ContactOf) -> DeclaredPlant:
+def _in_the_air(plant: Plant, contact: ContactOf) -> Plant:
     bodies = [slot for slot in plant.slots.values() if slot.kind == "body" and slot.coordinate == "theta"]
 
     def accelerations(s: Point, force: Any) -> Any:

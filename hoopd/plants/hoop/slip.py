@@ -16,7 +16,7 @@ from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point, Values, geometric
 from hoopd.plants.hoop.declaration import Contact
 from hoopd.plants.hoop.normal_force import normal_force
@@ -44,7 +44,7 @@ def slip(name: str, contact: ContactOf) -> Effect:
     )
 
 
-def slipping_plant(plant: DeclaredPlant, contact: ContactOf) -> DeclaredPlant:
+def slipping_plant(plant: Plant, contact: ContactOf) -> Plant:
     """The same plant with the slip as its last coordinate (rad; its force is the contact's, N)."""
 
     def accelerations(s: Point, force: Any) -> Any:

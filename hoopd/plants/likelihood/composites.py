@@ -11,7 +11,7 @@ from functools import lru_cache
 import casadi as ca
 
 from hoopd.plants.composite import Composite
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.batch_calls import KEPT, Recursion
@@ -22,7 +22,7 @@ _composites: dict[tuple[str, tuple[str, ...], int], Composite] = {}
 _derivatives: dict[tuple[int, tuple[str, ...]], tuple[ca.Function, ca.Function]] = {}
 
 
-def fitting_effects(plant: DeclaredPlant, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+def fitting_effects(plant: Plant, effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """The effects as this plant has them: an effect of a slot that it lacks is none of its."""
     key = plant_key(plant)
     if key not in _libraries:
@@ -31,12 +31,12 @@ def fitting_effects(plant: DeclaredPlant, effects: Sequence[Effect]) -> tuple[Ef
     return tuple(own.get(one.name, one) for one in effects if one.fits(plant))
 
 
-def plant_key(plant: DeclaredPlant) -> str:
+def plant_key(plant: Plant) -> str:
     """Equal for plants with equal equations and values; an effect may have given one a state more."""
     return f"{plant.name} {plant.states} {sorted(plant.values.items())}"
 
 
-def composite_of(plant: DeclaredPlant, effects: tuple[Effect, ...], substeps: int = 0) -> Composite:
+def composite_of(plant: Plant, effects: tuple[Effect, ...], substeps: int = 0) -> Composite:
     """One object for equal plants and effects: its functions are built once; `substeps`: other than its own."""
     key = (plant_key(plant), tuple(effect.name for effect in effects), substeps)
     if key not in _composites:

@@ -22,7 +22,7 @@ PRIOR_SIZE = 3.0
 
 def ranges(effects: Sequence[Effect], tracks: Sequence[Track]) -> dict[str, tuple[float, float]]:
     """Least and largest value by name; phases go round."""
-    base = {name: (low, np.inf) for track in tracks for name, low in track.stretch.plant.least.items()}
+    base = {name: bound for track in tracks for name, bound in track.stretch.plant.bounds.items()}
     return base | {e.key(p.name): (p.low, p.high) for e in effects for p in e.parameters if p.role != "phase"}
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.composite import BACK_STEPS, LONGEST_STEP_S
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.held_input import mean_torque
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ class Stretch:
     """A piece without gaps, of one recording."""
 
     recording: str
-    plant: DeclaredPlant
+    plant: Plant
     t: Array  # (n,) s from the recording's start, steps of at most LONGEST_STEP_S
     u: Array  # (n-1,) torque held between the nodes
     y: Array  # (n, channels) readings in the plant's order, NaN: none
@@ -73,7 +73,7 @@ class Stretch:
 
 
 def stretch_of(
-    recording: str, plant: DeclaredPlant, t: Array, u: Array, readings: Mapping[str, tuple[NDArray[np.int_], Array]]
+    recording: str, plant: Plant, t: Array, u: Array, readings: Mapping[str, tuple[NDArray[np.int_], Array]]
 ) -> Stretch:
     """From nodes t (n,), torque held between them (n-1,) and (nodes, values) of every channel."""
     cut = _cut(t)
@@ -155,7 +155,7 @@ def first_states(stretch: Stretch) -> Array:
 
 
 def _reading(stretch: Stretch, state: str) -> Array | None:
-    for column, read in enumerate(stretch.plant.channels.values()):
+    for column, read in enumerate(stretch.plant.states_read):
         if read == state and np.isfinite(stretch.y[:, column]).sum() >= PARABOLA:
             return stretch.y[:, column]
     return None

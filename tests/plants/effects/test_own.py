@@ -11,7 +11,7 @@ from harness.effectcases import plant, two_level
 
 from hoopd.files.reading import InputError
 from hoopd.plants.composite import Composite
-from hoopd.plants.declaration import DeclaredPlant
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.library import library
 from hoopd.plants.effects_file import load_effects
 from hoopd.plants.free_run import readings, run
@@ -37,7 +37,7 @@ def test_the_documented_file_works(tmp_path: Path) -> None:
 
 
 def test_the_documented_plant_works() -> None:
-    space: dict[str, DeclaredPlant] = {}
+    space: dict[str, Plant] = {}
     exec(SLIDE, space)  # type: ignore[arg-type]
     slide = space["SLIDE"]
     found = library(slide)
