@@ -17,6 +17,7 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`([^`\n]+(?:\n[^`\n]+)?)`")
 ASSIGNMENT = re.compile(r"[A-Z_]+=")
 SHELL = ("", "sh", "bash")
+PROGRAMS = ("hoopd", "python", "make", "pip", "source", "cp", "mkdir", "sudo")
 
 
 class Shown(NamedTuple):
@@ -37,7 +38,7 @@ def below(heading: str, page: Path = ROOT / "README.md") -> list[Shown]:
     text = f"\n{page.read_text(encoding='utf-8')}".partition(f"\n{heading}\n")[2]
     block = FENCE.search(text)
     assert block is not None, f"{page.name}: no block below {heading}"
-    return list(_commands(page.name, block[2]))
+    return list(commands(page.name, block[2]))
 
 
 def shown(program: str) -> list[Shown]:
@@ -47,13 +48,14 @@ def shown(program: str) -> list[Shown]:
         text = page.read_text(encoding="utf-8")
         for block in FENCE.finditer(text):
             if block[1] in SHELL:
-                rows.update(dict.fromkeys(_commands(page.name, block[2])))
+                rows.update(dict.fromkeys(commands(page.name, block[2])))
         for code in INLINE.finditer(FENCE.sub("", text)):
-            rows.update(dict.fromkeys(row._replace(whole=False) for row in _commands(page.name, code[1])))
+            rows.update(dict.fromkeys(row._replace(whole=False) for row in commands(page.name, code[1])))
     return [row for row in rows if row.words[0] == program]
 
 
-def _commands(page: str, block: str) -> Iterator[Shown]:
+def commands(page: str, block: str) -> Iterator[Shown]:
+    """The commands of a block."""
     values: dict[str, str] = {}
     for line in re.sub(r"\\\n", " ", block).splitlines():
         try:
