@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from hoopd.files.reading import InputError
+from hoopd.plants.hoop.suspicions import suspicions
 from hoopd.recording import Recording, load, save
+from hoopd.recording.doubts import doubts
 from hoopd.recording.edit import between, resampled
 from hoopd.recording.formats import extension_of, split_path
-from hoopd.recording.suspicions import suspicions
-
-SIGNALS = ("u", "theta", "dtheta", "psi", "current")
+from hoopd.recording.tick_columns import FILE_ORDER
 
 
 def run(
@@ -55,15 +55,16 @@ def edited(
 
 def summary(recording: Recording) -> dict[str, Any]:
     """Rows, span, signals and doubts of a recording."""
-    missing = {name: int(np.isnan(getattr(recording, name)).sum()) for name in SIGNALS}
-    present = [name for name in SIGNALS if missing[name] < len(recording)]
+    names = (*FILE_ORDER, "current") if recording.is_tick else tuple(recording.signals)
+    missing = {name: int(np.isnan(recording.column(name)).sum()) for name in names}
+    present = [name for name in names if missing[name] < len(recording)]
     return {
         "rows": len(recording),
         "seconds": float(recording.t[-1] - recording.t[0]),
         "step_s": None if len(recording) < 2 else round(recording.sample_time_s, 9),
         "signals": present,
         "missing": {name: missing[name] for name in present},
-        "notes": suspicions(recording),
+        "notes": suspicions(recording) if recording.is_tick else doubts(recording),
     }
 
 

@@ -30,11 +30,11 @@ from hoopd.plants.hoop.entry_constraints import constraint_words
 from hoopd.plants.hoop.kinematics import MEASURED, compare_kinematics, entries_covariance, known_from
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError
 from hoopd.plants.hoop.physical_parameters import Known, physical_from_entries
+from hoopd.plants.hoop.suspicions import suspicions
 from hoopd.plants.hoop.thesis import table_words
 from hoopd.plants.model_file import load_model
 from hoopd.recording.edit import has_times
 from hoopd.recording.recording import Recording
-from hoopd.recording.suspicions import suspicions
 
 # What a laboratory can weigh and measure. It is believed widely, never taken for given: a recording may have been made
 # with another ball.

@@ -19,7 +19,7 @@ def read_recording(text: str, columns: str | None = None, age: str = "") -> Reco
     ages = read_ages(age)
     recording = read_slice(text, columns)
     try:
-        return aged(recording, ages.get("y"), ages.get("psi")) if ages else recording
+        return aged(recording, **{f"{name}_s": age for name, age in ages.items()}) if ages else recording
     except ValueError as error:
         raise InputError("--age", "", str(error)) from None
 

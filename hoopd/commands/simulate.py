@@ -22,11 +22,11 @@ from hoopd.plants.fits.fit_data import moving_of
 from hoopd.plants.fits.fit_percent import WINDOW_S, Score, score
 from hoopd.plants.fits.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.plants.hoop.simulate import STEP_S
+from hoopd.plants.hoop.suspicions import suspicions
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording import Recording, save
 from hoopd.recording.formats import extension_of
 from hoopd.recording.slices import MAX_VALUE
-from hoopd.recording.suspicions import suspicions
 from hoopd.recording.timeline import driven
 
 MOVING = ("auto", "both", "hoop", "ball")

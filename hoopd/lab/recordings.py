@@ -41,7 +41,7 @@ def load(path: Path | str, columns: str | None = None, age: Mapping[str, float] 
     if unknown := [str(name) for name in ages if name not in ("psi", "y")]:
         raise ValueError(f"age: unknown {', '.join(unknown)}; known: psi, y")
     recording = read_recording(str(path), columns)
-    return aged(recording, ages.get("y"), ages.get("psi")) if ages else recording
+    return aged(recording, **{f"{name}_s": age for name, age in ages.items()}) if ages else recording
 
 
 def experiment(

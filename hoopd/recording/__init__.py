@@ -5,6 +5,6 @@ Rules of this package: immutable data; the daemon imports it, so scipy and h5py 
 """
 
 from hoopd.recording.formats import load, load_all, save
-from hoopd.recording.recording import Recording
+from hoopd.recording.recording import Recording, Signal, from_columns, from_signals
 
-__all__ = ["Recording", "load", "load_all", "save"]
+__all__ = ["Recording", "Signal", "from_columns", "from_signals", "load", "load_all", "save"]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.recording.recording import UNITS, Column, Recording, from_columns
+from hoopd.recording.recording import Column, Recording, Signal, from_signals
 from hoopd.recording.resample import held_mean, sampled
 from hoopd.recording.tables import MAX_ROWS
 from hoopd.recording.timeline import TORQUE_TIMES, switch_times
@@ -22,10 +22,10 @@ from hoopd.recording.unwrap import unwrapped
 
 __all__ = ["aged", "between", "joined", "resampled", "shifted", "unwrapped", "without"]
 
-_TIMES = ("t", "y_t", "psi_t")
-_SIGNALS = tuple(name for name in UNITS if name not in _TIMES)
 MAX_AGE_S = 1.0  # older is a mistake in the unit
-JOINT_S = 1.0  # a psi that was seen 50 ms before its row must not come before the end of the recording before
+JOINT_S = 1.0  # a picture taken 50 ms before its row must not come before the end of the recording before
+# Without an input nothing else ends a run than a pause (`timeline.GAP_STEPS`), and the row of nothing is within it.
+JOINT_STEPS = 7
 
 
 def between(recording: Recording, start_s: float | None = None, end_s: float | None = None) -> Recording:
@@ -40,23 +40,28 @@ def between(recording: Recording, start_s: float | None = None, end_s: float | N
 def shifted(recording: Recording, start_s: float) -> Recording:
     """The same rows with t beginning at start_s; sample times keep their distance to t."""
     offset = start_s - recording.t[0]
-    columns: dict[str, Any] = {name: getattr(recording, name) + offset for name in _TIMES}
-    if TORQUE_TIMES in recording.extra:
-        columns["extra"] = {**recording.extra, TORQUE_TIMES: recording.extra[TORQUE_TIMES] + offset}
-    return _with(recording, columns)
+    extra = dict(recording.extra)
+    if TORQUE_TIMES in extra:
+        extra[TORQUE_TIMES] = extra[TORQUE_TIMES] + offset
+    inputs, channels = _signals(recording, lambda signal: dataclasses.replace(signal, t=signal.t + offset))
+    return recording.replaced(t=recording.t + offset, inputs=inputs, channels=channels, extra=extra)
 
 
-def aged(recording: Recording, y_s: float | None = None, psi_s: float | None = None) -> Recording:
-    """The board's readings taken y_s seconds before their row, the ball's angle psi_s, None: as it is.
+def aged(recording: Recording, **ages_s: float | None) -> Recording:
+    """Channels sampled some seconds before their row, None: as it is.
 
-    y_t = t - y_s, psi_t = t - psi_s; the torque goes on acting at t. ValueError for an age outside 0 to MAX_AGE_S, or
-    where the recording has sample times of its own.
+    ages_s: by name of the sample times, `y_s` of the board's readings and otherwise CHANNEL_s: CHANNEL_t = t - age;
+    the inputs go on acting at t. ValueError for an age outside 0 to MAX_AGE_S, or where the recording has sample times
+    of its own.
     """
     times: dict[str, Any] = {}
-    for name, age_s in (("y", y_s), ("psi", psi_s)):
+    for key, age_s in ages_s.items():
         if age_s is not None:
+            name = key.removesuffix("_s")
             times[f"{name}_t"] = recording.t - _checked_age(recording, name, age_s)
-    return _with(recording, {**times, "extra": {**recording.extra, TORQUE_TIMES: switch_times(recording)}})
+    if recording.is_tick:  # else the board's sample times would say when a torque acts
+        times["extra"] = {**recording.extra, TORQUE_TIMES: switch_times(recording)}
+    return recording.replaced(**times)
 
 
 def _checked_age(recording: Recording, name: str, age_s: float) -> float:
@@ -68,8 +73,12 @@ def _checked_age(recording: Recording, name: str, age_s: float) -> float:
 
 
 def has_times(recording: Recording, name: str) -> bool:
-    """Whether `y` or `psi` was sampled at other times than its row's."""
-    return not np.array_equal(getattr(recording, f"{name}_t"), recording.t, equal_nan=True)
+    """Whether a channel (or `y`, the board's) was sampled at other times than its row's; ValueError when unknown."""
+    try:
+        times = recording.column(f"{name}_t")
+    except KeyError:
+        raise ValueError(f"{name}: the recording has no such sample times") from None
+    return not np.array_equal(times, recording.t, equal_nan=True)
 
 
 def joined(recordings: Sequence[Recording]) -> Recording:
@@ -77,68 +86,96 @@ def joined(recordings: Sequence[Recording]) -> Recording:
 
     The first keeps its times; each next begins JOINT_S, or five steps, after the last row before it. Of `extra`,
     columns of numbers and text that all have are kept, whole numbers are not (they have no value for missing).
-    ValueError for an empty list.
+    ValueError for an empty list, or when their signals differ.
     """
     if not recordings:
         raise ValueError("nothing to join")
-    parts = [recordings[0]]
+    if any(_form(item) != _form(recordings[0]) for item in recordings):
+        raise ValueError("recordings of different signals or units cannot be joined")
+    parts, steps = [recordings[0]], 5 if recordings[0].inputs else JOINT_STEPS
     for recording in recordings[1:]:
         gap = _gap_after(parts[-1])
         last_s = float(parts[-1].t[-1])
-        parts += [gap, shifted(recording, last_s + max(JOINT_S, 5 * (float(gap.t[0]) - last_s)))]
+        parts += [gap, shifted(recording, last_s + max(JOINT_S, steps * (float(gap.t[0]) - last_s)))]
     return _stacked(parts, recordings)
 
 
 def resampled(recording: Recording, step_s: float) -> Recording:
     """The recording at t[0], t[0] + step_s, ... up to its last row; ValueError for an impossible step.
 
-    u: mean over the new step of the torque as it acted (`timeline.switch_times`), missing when a part of it is.
-    Outputs: read at the new t from their own sample times, straight between samples, missing in gaps of more than
-    three samples; when the step grows, low-passed first (zero phase, within 0.1 % up to 0.8 of the new Nyquist
-    frequency). Angles are unwrapped before. `extra` is dropped. New y_t and psi_t are t.
+    Inputs that are held: mean over the new step of what acted (`timeline.switch_times`), missing when a part of it is.
+    Channels and inputs that go straight: read at the new t from their own times, straight between samples, missing in
+    gaps of more than three samples; when the step grows, low-passed first (zero phase, within 0.1 % up to 0.8 of the
+    new Nyquist frequency). Angles are unwrapped before. `extra` is dropped. All new times are t.
     """
     t = _grid(recording, step_s)
-    whole = unwrapped(recording)
-    outputs: dict[str, Any] = {
-        name: sampled(getattr(whole, times), getattr(whole, name), t, step_s)
-        for name, times in (("theta", "y_t"), ("dtheta", "y_t"), ("current", "y_t"), ("psi", "psi_t"))
+    channels = {
+        name: dataclasses.replace(signal, values=sampled(signal.t, signal.values, t, step_s), t=t)
+        for name, signal in unwrapped(recording).channels.items()
     }
-    u = held_mean(np.maximum.accumulate(switch_times(recording)), recording.u, t, step_s)
-    return dataclasses.replace(recording, t=t, u=u, y_t=t, psi_t=t, extra={}, **outputs)
+    inputs = {
+        name: dataclasses.replace(signal, values=_resampled_input(recording, name, t, step_s), t=t)
+        for name, signal in recording.inputs.items()
+    }
+    return recording.replaced(t=t, inputs=inputs, channels=channels, extra={})
+
+
+def _resampled_input(recording: Recording, name: str, t: Column, step_s: float) -> Column:
+    signal, times = recording.inputs[name], np.maximum.accumulate(switch_times(recording, name))
+    resample = held_mean if signal.hold == "zero" else sampled
+    return resample(times, signal.values, t, step_s)
 
 
 def without(recording: Recording, *signals: str) -> Recording:
     """The recording with these signals missing in every row; ValueError for an unknown one."""
     for name in signals:
-        if name not in _SIGNALS:
-            raise ValueError(f"no signal {name!r}; there are {', '.join(_SIGNALS)}")
-    return _with(recording, {name: np.full(len(recording), np.nan) for name in signals})
+        if name not in recording.signals:
+            raise ValueError(f"no signal {name!r}; there are {', '.join(recording.signals)}")
+    return recording.replaced(**{name: np.full(len(recording), np.nan) for name in signals})
 
 
-def _with(recording: Recording, changes: dict[str, Any]) -> Recording:
-    return dataclasses.replace(recording, **changes)
+def _form(recording: Recording) -> list[tuple[str, str, str]]:
+    return [(name, signal.unit, signal.hold) for name, signal in recording.signals.items()]
+
+
+def _signals(recording: Recording, change: Callable[[Signal], Signal]) -> tuple[dict[str, Signal], dict[str, Signal]]:
+    """Inputs and channels, all changed in the same way."""
+    inputs, channels = (
+        {name: change(signal) for name, signal in group.items()} for group in (recording.inputs, recording.channels)
+    )
+    return inputs, channels
 
 
 def _each(recording: Recording, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Recording:
     """Every column changed in the same way."""
+    inputs, channels = _signals(recording, lambda s: dataclasses.replace(s, values=change(s.values), t=change(s.t)))
     extra = {name: change(column) for name, column in recording.extra.items()}
-    return _with(recording, {**{name: change(getattr(recording, name)) for name in UNITS}, "extra": extra})
+    return recording.replaced(t=change(recording.t), inputs=inputs, channels=channels, extra=extra)
 
 
 def _gap_after(recording: Recording) -> Recording:
     """One row of nothing, a step after the last one."""
     step = recording.sample_time_s
     t = np.array([recording.t[-1] + (step if math.isfinite(step) else 0.02)])
-    return from_columns({"t": t})
+    inputs, channels = _signals(recording, lambda s: dataclasses.replace(s, values=np.array([np.nan]), t=t))
+    return from_signals(t, inputs, channels)
 
 
 def _stacked(parts: Sequence[Recording], sources: Sequence[Recording]) -> Recording:
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in UNITS}
+    def stacked(group: str, name: str) -> Signal:
+        signals: list[Signal] = [getattr(part, group)[name] for part in parts]
+        values, t = (np.concatenate([getattr(signal, key) for signal in signals]) for key in ("values", "t"))
+        return dataclasses.replace(signals[0], values=values, t=t)
+
+    inputs, channels = (
+        {name: stacked(group, name) for name in getattr(parts[0], group)} for group in ("inputs", "channels")
+    )
     extra = {name: np.concatenate([_extra(part, sources[0], name) for part in parts]) for name in _shared(sources)}
     names = list(dict.fromkeys(item.source for item in sources if item.source))
     lost = "; ".join(dict.fromkeys(item.lost for item in sources if item.lost))
     config = sources[0].config if len({item.config for item in sources}) == 1 else ""
-    return Recording(**columns, source=" + ".join(names), config=config, extra=extra, lost=lost)
+    t = np.concatenate([part.t for part in parts])
+    return from_signals(t, inputs, channels, source=" + ".join(names), config=config, extra=extra, lost=lost)
 
 
 def _shared(sources: Sequence[Recording]) -> list[str]:

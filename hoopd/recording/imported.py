@@ -12,7 +12,7 @@ from typing import Any
 
 from hoopd.core.records import TickRecord
 from hoopd.recording import mcap
-from hoopd.recording.recording import Recording
+from hoopd.recording.recording import UNITS, Recording
 
 _NAN = float("nan")
 _EMPTY = {"mode": "", "x_hat": (_NAN,) * 4, "reference": _NAN, "status": 0, "errors": 0}
@@ -37,8 +37,8 @@ def _ticks(recording: Recording) -> Iterator[TickRecord]:
 
 
 def _column(recording: Recording, name: str) -> Any:
-    if hasattr(recording, name):
-        return getattr(recording, name).tolist()
+    if name in UNITS:
+        return recording.column(name).tolist()
     if name in recording.extra:
         return recording.extra[name].tolist()
     if name == "id":

@@ -16,7 +16,6 @@ from hoopd.recording.edit import between
 from hoopd.recording.formats import load, split_path
 from hoopd.recording.recording import Recording
 
-SENSED = ("u", "theta", "dtheta", "current", "psi")
 # The hoop turns 50 000 times in an hour. Squares and sums of what is smaller stay finite.
 MAX_VALUE = 1e12
 _SLICE = re.compile(r"(?s)(.+)@([^@/]*)")
@@ -47,8 +46,8 @@ def read_recording(text: str, columns: str | None = None) -> Recording:
 
 def _usable(recording: Recording, path: str) -> Recording:
     """The recording; InputError for a number that no sensor gives (a file may hold it, no computation bears it)."""
-    for name in SENSED:
-        column = getattr(recording, name)
+    for name, signal in recording.signals.items():
+        column = signal.values
         if (bad := np.abs(column) > MAX_VALUE).any():
             k = int(np.argmax(bad))
             reason = f"is no value of a sensor (above {MAX_VALUE:g}): {column[k]:.6g} at {recording.t[k]:.6g} s"

@@ -110,8 +110,7 @@ def checked(recording: Recording, path: object, place: Place = row) -> Recording
     _refuse(~np.isfinite(t), "t", t, "time must be a finite number", path, place)
     _refuse(np.abs(t) > MAX_TIME_S, "t", t, "time is not in seconds", path, place)
     _refuse(np.diff(t, prepend=-np.inf) <= 0, "t", t, "time must grow from row to row", path, place)
-    for name in UNITS:
-        column = getattr(recording, name)
+    for name, column in recording.columns().items():
         _refuse(np.isinf(column), name, column, "must be finite, or empty (NaN) when missing", path, place)
     return recording
 

@@ -1,7 +1,9 @@
-"""A recording as a simulation sees it: nodes of time, the torque between them, the node of every measurement.
+"""A recording as a simulation sees it: nodes of time, the inputs between them, the node of every measurement.
 
 Rules of this file: a measurement belongs to the instant at which it was taken, not to the row that brought it; a row
-without a torque, rows that are missing, and a drive that is switched off end a run. No model here.
+without an input, rows that are missing, and a drive that is switched off end a run. An input that goes straight from
+row to row is its mean between two nodes: with a step h the speed at the nodes is exact, and the position lags by
+h^2/12 of the change in acceleration, which does not add up. No model here.
 """
 
 from __future__ import annotations
@@ -12,16 +14,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.recording.recording import Recording
+from hoopd.recording.recording import Column, Recording
 from hoopd.recording.spans import spans
+from hoopd.recording.tick_columns import BOARD_TIMES, TIMES
 from hoopd.recording.unwrap import unwrapped
+
+__all__ = ["SAME_S", "TIMES", "Channel", "Timeline", "driven", "switch_times", "timelines", "usual_steps"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 # Nodes nearer than this are one: a tick's clock is read to a microsecond.
 SAME_S = 1e-6
-# Over so many steps without a row nobody knows the torque.
+# Over so many steps without a row nobody knows the inputs.
 GAP_STEPS = 5.5
 # Steps to each side that say what is usual: fewer than a part of a recording has, more than a pause.
 NEIGHBOURS = 10
@@ -29,7 +34,6 @@ NEIGHBOURS = 10
 DRIVEN = ("RUNNING", "STOPPING")
 # Column of `extra`: when each row's torque began to act, where the sample times of the readings do not tell it.
 TORQUE_TIMES = "u_t"
-TIMES = {"theta": "y_t", "dtheta": "y_t", "current": "y_t", "psi": "psi_t"}
 
 
 class Channel(NamedTuple):
@@ -40,10 +44,10 @@ class Channel(NamedTuple):
 
 
 class Timeline(NamedTuple):
-    """Nodes, held torques, and the channels' measurements on them."""
+    """Nodes, held inputs, and the channels' measurements on them."""
 
     t: Array  # (n,) s
-    u: Array  # (n-1,) N m
+    u: Array  # (n-1,) in the unit of the one input; (n-1, m) of several or none
     channels: dict[str, Channel]
 
     def between(self, first: int, last: int) -> Timeline:
@@ -62,9 +66,11 @@ class Timeline(NamedTuple):
 
 
 def timelines(recording: Recording) -> list[Timeline]:
-    """One timeline for each stretch of two rows or more with a torque, angles unwrapped; ValueError without any."""
+    """One timeline for each stretch of two rows or more with all inputs, angles unwrapped; ValueError without any."""
     recording = unwrapped(recording)
-    whole = np.isfinite(recording.u) & np.isfinite(recording.t) & driven(recording)
+    whole = np.isfinite(recording.t) & driven(recording)
+    for signal in recording.inputs.values():
+        whole &= np.isfinite(signal.values)
     cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS * usual_steps(recording.t)) + 1
     stretches = [
         (int(c), int(d))
@@ -73,7 +79,7 @@ def timelines(recording: Recording) -> list[Timeline]:
         if d - c >= 2
     ]
     if not stretches:
-        raise ValueError("no two rows in a row with time and torque")
+        raise ValueError("no two rows in a row with time and torque" if recording.is_tick else _nothing(recording))
     return [_timeline(recording, slice(a, b)) for a, b in stretches]
 
 
@@ -94,13 +100,15 @@ def driven(recording: Recording) -> NDArray[np.bool_]:
 
 
 def _timeline(recording: Recording, rows: slice) -> Timeline:
-    switch = switch_times(recording)[rows]
-    u = recording.u[rows]
-    measured = {name: _measured(recording, name, rows) for name in TIMES}
-    times = np.concatenate([switch, *(t for t, _ in measured.values())])
-    # what was seen before the first known torque acted says nothing about this run
-    t = _distinct(np.sort(times[times >= switch[0] - SAME_S]))
-    held = u[np.clip(np.searchsorted(switch, t[:-1] + SAME_S, side="right") - 1, 0, None)]
+    switches = {name: switch_times(recording, name)[rows] for name in recording.inputs} or {"": recording.t[rows]}
+    measured = {name: _measured(recording, name, rows) for name in recording.channels}
+    times = np.concatenate([*switches.values(), *(t for t, _ in measured.values())])
+    # what was seen before the first known input acted says nothing about this run
+    t = _distinct(np.sort(times[times >= max(switch[0] for switch in switches.values()) - SAME_S]))
+    inputs = [
+        _between_nodes(t, switches[name], signal.values[rows], signal.hold) for name, signal in recording.inputs.items()
+    ]
+    held = inputs[0] if len(inputs) == 1 else np.reshape(inputs, (len(inputs), len(t) - 1)).T
     channels = {}
     for name, (when, values) in measured.items():
         inside = when >= t[0] - SAME_S
@@ -110,13 +118,30 @@ def _timeline(recording: Recording, rows: slice) -> Timeline:
     return Timeline(t, held, channels)
 
 
-def switch_times(recording: Recording) -> Array:
-    """When each row's torque began to act: the board samples as it takes a request over, so the next row's `y_t`
-    tells; without one, the usual time after the tick."""
-    t, y_t = recording.t, recording.y_t
+def _between_nodes(t: Array, switch: Array, u: Array, hold: str) -> Array:
+    """An input (n-1,) between the nodes t: what is held, or the mean of a line, whose corners are nodes."""
+    if hold == "zero":
+        return np.asarray(u[np.clip(np.searchsorted(switch, t[:-1] + SAME_S, side="right") - 1, 0, None)])
+    line = np.interp(t, switch, u)
+    return np.asarray((line[:-1] + line[1:]) / 2.0)
+
+
+def _nothing(recording: Recording) -> str:
+    needed = " and ".join(["a time", *recording.inputs])
+    return f"no two rows in a row with {needed}"
+
+
+def switch_times(recording: Recording, name: str | None = None) -> Array:
+    """When each row's input (the first, without a name) began to act.
+
+    Of the daemon's own: the board samples as it takes a request over, so the next row's `y_t` tells; without one, the
+    usual time after the tick.
+    """
+    if not recording.is_tick:
+        return _known(recording.inputs[name or next(iter(recording.inputs))].t, recording.t)
+    t, y_t = recording.t, recording.column(BOARD_TIMES)
     if TORQUE_TIMES in recording.extra:
-        known: Array = recording.extra[TORQUE_TIMES]
-        return np.asarray(np.where(np.isfinite(known), known, t))
+        return _known(recording.extra[TORQUE_TIMES], t)
     after = np.append(y_t[1:], np.nan)
     # a row's torque acts after its tick and before the next one, by more than the rounding of a text file
     good = (after >= t) & (after < np.append(t[1:], np.inf) - SAME_S)
@@ -125,8 +150,13 @@ def switch_times(recording: Recording) -> Array:
     return np.asarray(np.where(good, after, t + np.median((after - t)[good])))
 
 
+def _known(times: Array, t: Column) -> Array:
+    """The times, and the row's where there is none."""
+    return np.asarray(np.where(np.isfinite(times), times, t))
+
+
 def _measured(recording: Recording, name: str, rows: slice) -> tuple[Array, Array]:
-    t, values = getattr(recording, TIMES[name])[rows], getattr(recording, name)[rows]
+    t, values = recording.channels[name].t[rows], recording.channels[name].values[rows]
     seen = np.isfinite(t) & np.isfinite(values)
     t, values = t[seen], values[seen]
     # a board or camera that has nothing new is recorded twice: once is enough

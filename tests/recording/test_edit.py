@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hoopd.plants.hoop.suspicions import suspicions
 from hoopd.recording import Recording
 from hoopd.recording.edit import aged, between, joined, resampled, shifted, unwrapped, without
 from hoopd.recording.recording import UNITS, from_columns
-from hoopd.recording.suspicions import suspicions
 from hoopd.recording.timeline import switch_times, timelines
 
 TURN = 2 * math.pi

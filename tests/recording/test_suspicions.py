@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hoopd.plants.hoop.suspicions import COUNT_RAD, suspicions
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording import Recording, load
 from hoopd.recording.edit import joined
 from hoopd.recording.recording import from_columns
-from hoopd.recording.suspicions import COUNT_RAD, suspicions
 from tests.shared import ROOT, shared_path
 
 PLANT = plant_of(load_model(ROOT / "config" / "models" / "hoop.yaml"))

@@ -22,8 +22,8 @@ from hoopd.diagnose.quality.sensor_samples import Channel, absent_channel, ball_
 from hoopd.diagnose.quality.standstill import Clock, clock, saturated_share, unanswered
 from hoopd.diagnose.quality.turns import turned
 from hoopd.plants.fits.fit_data import HELD_COUNTS, moving_of
+from hoopd.plants.hoop.suspicions import ball_is_current, suspicions
 from hoopd.recording.recording import Recording
-from hoopd.recording.suspicions import ball_is_current, suspicions
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

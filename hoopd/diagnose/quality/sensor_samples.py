@@ -21,8 +21,8 @@ from hoopd.diagnose.quality.population import second_population
 from hoopd.diagnose.quality.sample_classes import Split, split
 from hoopd.diagnose.quality.turns import near
 from hoopd.plants.fits.fit_data import HELD_COUNTS
+from hoopd.plants.hoop.suspicions import repeated_rows
 from hoopd.recording.recording import Recording
-from hoopd.recording.suspicions import repeated_rows
 from hoopd.recording.timeline import TIMES
 
 Array = NDArray[np.float64]

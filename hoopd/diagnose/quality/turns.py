@@ -6,7 +6,6 @@ around, never by one.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -36,7 +35,7 @@ def turned(recording: Recording) -> Recording:
     base = np.concatenate([[0.0], np.cumsum(rate)])
     rest = _through_good(seen - base)
     result[rows] = _by_whole_turns(seen, base + rest)
-    return replace(unwrapped(recording), psi=result + (seen[0] - result[rows[0]]))
+    return unwrapped(recording).replaced(psi=result + (seen[0] - result[rows[0]]))
 
 
 def _through_good(rest: Array) -> Array:

@@ -192,8 +192,8 @@ def simulated(subject: Subject, recording: Recording, runs: Sequence[FreeRun], m
     again = run_from(subject, parts, [starts[round(part.t[0] / SAME_S)] for part in parts], moving)
     theta, dtheta, psi = (_at(again, STATES.index(n), getattr(whole, TIMES[n])) for n in ("theta", "dtheta", "psi"))
     source = f"simulated from {recording.source}"
-    return replace(
-        whole, theta=theta, dtheta=dtheta, psi=psi, current=_missing(whole), source=source, extra={}, lost=""
+    return whole.replaced(
+        theta=theta, dtheta=dtheta, psi=psi, current=_missing(whole), source=source, extra={}, lost=""
     )
 
 
@@ -201,7 +201,7 @@ def _with_every_sample(recording: Recording) -> Recording:
     """The same rows with nothing missing among angles and their times, so that each row has its node."""
     y_t, psi_t = (np.where(np.isfinite(t), t, recording.t) for t in (recording.y_t, recording.psi_t))
     nothing = np.zeros(len(recording))
-    return replace(recording, theta=nothing, dtheta=nothing, psi=nothing, y_t=y_t, psi_t=psi_t)
+    return recording.replaced(theta=nothing, dtheta=nothing, psi=nothing, y_t=y_t, psi_t=psi_t)
 
 
 def _missing(recording: Recording) -> Array:

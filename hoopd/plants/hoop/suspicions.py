@@ -1,4 +1,4 @@
-"""What in a recording may not be what it is called, in plain words: printed as warnings, never acted upon.
+"""What in a recording of the hoop may not be what it is called, in plain words: printed, never acted upon.
 
 Rules of this file: nothing is changed and nothing refused; a threshold follows from the device (counts of the encoder,
 limit of the torque, how the ball swings), never from one file; a doubt names the evidence, and what to do about it.
@@ -7,15 +7,15 @@ limit of the torque, how the ball swings), never from one file; a doubt names th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from hoopd.recording.doubts import GAP_STEPS, constant, damaged, finite, gaps, plural, wrapped
 from hoopd.recording.recording import Column, Recording
-from hoopd.recording.timeline import usual_steps
-from hoopd.recording.unwrap import jumps, unwrapped
+from hoopd.recording.unwrap import unwrapped
 
 COUNT_RAD = 2 * math.pi / 4096  # one count of the encoder
 TORQUE_LIMIT_NM = 0.7  # what the drive can give
@@ -34,56 +34,28 @@ OUTLIER_FLOORS = {"theta": 10 * COUNT_RAD, "dtheta": 0.0, "psi": 0.05}
 # In a step h it moves an angle by a h^2 / 2 off the middle of its neighbours, a speed by a h / 2.
 LARGEST = {"theta": (500.0, 2), "dtheta": (500.0, 1), "psi": (250.0, 2)}
 REPEAT_COUNTS = 3  # a hoop that moves this many counts in a step cannot give the same row again
-GAP_STEPS = 1.5
 MIN_ROWS = 20  # below that there is nothing to compare
 
 
 def suspicions(recording: Recording) -> list[str]:
     """One sentence for each thing in the recording that is worth a doubt; empty when there is none."""
-    checks: tuple[Callable[[Recording], Iterator[str]], ...] = (
-        _lost,
-        _gaps,
-        _torque,
-        _hoop,
-        _ball,
-        _ball_is_current,
-        _speed,
-        _repeated,
-        _outliers,
-    )
+    checks = (damaged, gaps, _torque, _hoop, _ball, _ball_is_current, _speed, _repeated, _outliers)
     whole = unwrapped(recording)
-    return [*_wrapped(recording), *(sentence for check in checks for sentence in check(whole))]
-
-
-def _wrapped(recording: Recording) -> Iterator[str]:
-    for name, count in jumps(recording).items():
-        yield f"{name} is wrapped (at {count} place{'s' if count > 1 else ''}): fits and simulations unwrap it"
-
-
-def _lost(recording: Recording) -> Iterator[str]:
-    if recording.lost:
-        yield f"the file was damaged: {recording.lost}"
-
-
-def _gaps(recording: Recording) -> Iterator[str]:
-    steps = np.diff(recording.t)
-    long = steps[steps > GAP_STEPS * usual_steps(recording.t)]
-    if len(long):
-        yield f"rows are missing at {len(long)} place{_s(long)}, the longest step is {long.max():.3g} s"
+    return [*wrapped(recording), *(sentence for check in checks for sentence in check(whole))]
 
 
 def _torque(recording: Recording) -> Iterator[str]:
-    u = _finite(recording.u)
+    u = finite(recording.u)
     if not len(u):
         yield "u is missing in every row: nothing says what drove the hoop"
     elif np.abs(u).max() > TORQUE_LIMIT_NM * 1.01:
         yield f"u reaches {np.abs(u).max():.3g}, the drive's limit is {TORQUE_LIMIT_NM} N m: another unit?"
-    elif _constant(u):
+    elif constant(u):
         yield f"u never changes ({u[0]:.3g} N m): no torque drives the recording"
 
 
 def _hoop(recording: Recording) -> Iterator[str]:
-    theta = _finite(recording.theta)
+    theta = finite(recording.theta)
     if not len(theta):
         yield "theta is missing in every row"
     elif np.ptp(theta) <= 1.5 * COUNT_RAD:
@@ -91,8 +63,8 @@ def _hoop(recording: Recording) -> Iterator[str]:
 
 
 def _ball(recording: Recording) -> Iterator[str]:
-    psi = _finite(recording.psi)
-    if len(psi) and _constant(psi):
+    psi = finite(recording.psi)
+    if len(psi) and constant(psi):
         yield f"psi never changes ({psi[0]:.4g} rad): no ball; leave it out with --columns u,theta,dtheta,-"
 
 
@@ -106,7 +78,7 @@ def _ball_is_current(recording: Recording) -> Iterator[str]:
     if u is None or psi is None:
         return
     fast_u, fast_psi = _fast(u, recording.sample_time_s), _fast(psi, recording.sample_time_s)
-    if fast_u is None or fast_psi is None or fast_u.std() <= SHARE_ABOVE * u.std() or _constant(psi):
+    if fast_u is None or fast_psi is None or fast_u.std() <= SHARE_ABOVE * u.std() or constant(psi):
         return
     if (fast := _correlation(fast_u, fast_psi)) > FOLLOWS:
         yield (
@@ -143,7 +115,7 @@ def _repeated(recording: Recording) -> Iterator[str]:
     rows = repeated_rows(recording)
     if len(rows):
         first = f"{recording.t[rows[0]]:.6g} s"
-        yield f"{len(rows)} row{_s(rows)} the same as the one before while the hoop turns (first at {first})"
+        yield f"{len(rows)} row{plural(rows)} the same as the one before while the hoop turns (first at {first})"
 
 
 def _outliers(recording: Recording) -> Iterator[str]:
@@ -153,7 +125,7 @@ def _outliers(recording: Recording) -> Iterator[str]:
         places = _jumps(recording.t, getattr(recording, name), floor + able)
         if len(places):
             where = ", ".join(f"{recording.t[k]:.6g}" for k in places[:3]) + (", ..." if len(places) > 3 else "")
-            yield f"{name} has {len(places)} outlier{_s(places)} (at {where} s): a slip of the sensor, or a hand"
+            yield f"{name} has {len(places)} outlier{plural(places)} (at {where} s): a slip of the sensor, or a hand"
 
 
 def _jumps(t: Column, column: Column, floor: float) -> NDArray[np.int64]:
@@ -194,15 +166,3 @@ def _filled(t: Column, column: Column) -> Column | None:
 def _correlation(a: Column, b: Column) -> float:
     a, b = a - a.mean(), b - b.mean()
     return float(a @ b / max(math.sqrt((a @ a) * (b @ b)), np.finfo(float).tiny))
-
-
-def _finite(column: Column) -> Column:
-    return column[np.isfinite(column)]
-
-
-def _constant(column: Column) -> bool:
-    return len(column) > 1 and bool(np.ptp(column) == 0)
-
-
-def _s(items: Column | NDArray[np.int64]) -> str:
-    return "s" if len(items) != 1 else ""
