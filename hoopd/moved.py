@@ -126,7 +126,7 @@ MOVED: dict[str, str] = {
     "ident.device.experiments": "plants.fits.fit_data",
     "ident.device.fit": "plants.fits.fit",
     "ident.device.freerun": "plants.fits.recorded_runs",
-    "ident.device.gaussnewton": "plants.fits.damped_gauss_newton",
+    "ident.device.gaussnewton": "plants.fits.robust_least_squares",
     "ident.device.innovations": "plants.fits.innovations",
     "ident.device.kinematics": "plants.hoop.kinematics",
     "ident.device.likelihood": "plants.fits.innovation_likelihood",

@@ -36,11 +36,11 @@ from scipy.optimize import minimize
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from hoopd.plants.fits.damped_gauss_newton import Array  # noqa: E402
 from hoopd.plants.fits.fit import Fit, fit  # noqa: E402
 from hoopd.plants.fits.fit_data import STATES, Run, prepare  # noqa: E402
 from hoopd.plants.fits.free_parameters import scale_of  # noqa: E402
 from hoopd.plants.fits.output_error import Problem, Solution, fit_output_error  # noqa: E402
+from hoopd.plants.fits.robust_least_squares import Array  # noqa: E402
 from hoopd.plants.hoop.simulate import Model  # noqa: E402
 from hoopd.plants.hoop.solver_comparison import ATOL, RTOL, two_level_torque  # noqa: E402
 from hoopd.plants.model_file import load_model  # noqa: E402

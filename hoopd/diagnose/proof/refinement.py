@@ -1,7 +1,7 @@
 """The parameters that simulate best: output-error refinement of a hypothesis on free runs.
 
-Starts of all windows are eliminated (variable projection, Golub and Pereyra 1973), parameters move by damped
-Gauss-Newton steps. A long run forgives no error on its way: windows grow from two seconds to the whole stretch, and the
+Starts of all windows are eliminated, parameters move by damped least squares (`hoopd.ident.damped_least_squares`).
+A long run forgives no error on its way: windows grow from two seconds to the whole stretch, and the
 starts of longer ones are the states that the shorter ones had there.
 
 Rules of this file: the criterion is the measure of `tables` (each channel's error over its spread); a hypothesis is
@@ -26,6 +26,7 @@ from hoopd.diagnose.proof.window_comparison import (
     simulated,
     start_spread,
 )
+from hoopd.ident.damped_least_squares import Damping, Ends, Starts, StartsEliminated, minimise
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.recording_parameters import plain
 from hoopd.plants.likelihood.stretches import Stretch
@@ -37,7 +38,7 @@ LENGTHS_S: tuple[float | None, ...] = (2.0, 5.0, None)
 MOST_STEPS = 12
 # A search ends when a step lowers the cost by less than this share.
 SETTLED = 1e-4
-DAMPING, EASIER, HARDER, MOST_DAMPING = 1e-3, 0.2, 6.0, 1e6
+DAMPING = Damping(first=1e-3, easier=0.2, harder=6.0, least=1e-9, most=1e6)
 # Finite differences, relative to a parameter's size.
 DIFFERENCE = 1e-5
 # Starts stay near what the smoother says: START_SPREAD counts as little as this.
@@ -80,30 +81,46 @@ def refine(
 # ---------------------------------------------------------------------------------------------- search
 
 
+@dataclass(frozen=True)
+class _Point:
+    """Parameters, starts of every part (nx, b), cost."""
+
+    values: dict[str, float]
+    starts: list[Array]
+    cost: float
+
+
 def _search(
     parts: list[Part], values: dict[str, float], free: tuple[str, ...], effects: Sequence[Effect], settled: float
 ) -> tuple[dict[str, float], float]:
-    """Levenberg-Marquardt on parameters and starts."""
+    """Parameters and starts of least cost; the parts keep the starts."""
     scale = sizes(values, free, effects)
     centre = np.array([values[name] for name in free])
-    damping, cost = DAMPING, _cost(parts, values, [part.start for part in parts], free, centre, scale)
-    for _ in range(MOST_STEPS):
-        blocks = [_blocks(part, values, free, scale) for part in parts]
-        before = cost
-        while damping < MOST_DAMPING:
-            delta, moves = _step(blocks, values, free, centre, scale, damping)
-            trial = _moved(values, free, delta, effects)
-            starts = [part.start + move for part, move in zip(parts, moves, strict=True)]
-            now = _cost(parts, trial, starts, free, centre, scale)
-            if now < cost:
-                values, cost, damping = trial, now, max(damping * EASIER, 1e-9)
-                for part, start in zip(parts, starts, strict=True):
-                    part.start = start
-                break
-            damping *= HARDER
-        if before - cost < settled * before:
-            break
-    return values, cost
+
+    def at(values: dict[str, float], starts: list[Array]) -> _Point:
+        return _Point(values, starts, _cost(parts, values, starts, free, centre, scale))
+
+    def linearised(point: _Point) -> StartsEliminated:
+        off = (np.array([point.values[name] for name in free]) - centre) / scale
+        pull = PRIOR_WEIGHT / PRIOR_SIZE**2
+        normal, slope, groups = np.eye(len(free)) * pull, pull * off, []
+        for part, start in zip(parts, point.starts, strict=True):
+            pp, p, group = _equations(part, start, point.values, free, scale)
+            normal, slope = normal + pp, slope + p
+            groups.append(group)
+        return StartsEliminated(normal, slope, groups)
+
+    def moved(point: _Point, step: tuple[Array, list[Array]]) -> _Point:
+        starts = [start + move.T for start, move in zip(point.starts, step[1], strict=True)]
+        return at(_moved(point.values, free, step[0] * scale, effects), starts)
+
+    first = at(values, [part.start for part in parts])
+    if not np.isfinite(first.cost):  # there is no such plant here: no step could be called better
+        return values, first.cost
+    found = minimise(first, linearised, moved, DAMPING, Ends(MOST_STEPS, gain=settled))
+    for part, start in zip(parts, found.point.starts, strict=True):
+        part.start = start
+    return found.point.values, found.point.cost
 
 
 def sizes(values: Mapping[str, float], free: Sequence[str], effects: Sequence[Effect]) -> Array:
@@ -143,24 +160,16 @@ def _cost(
     return total + PRIOR_WEIGHT * float(off @ off)
 
 
-@dataclass(frozen=True)
-class _Blocks:
-    """Normal equations of one stretch: starts of each window (b, nx, nx), mixed (b, nx, m), parameters (m, m)."""
-
-    xx: Array
-    xp: Array
-    pp: Array
-    x: Array
-    p: Array
-
-
-def _blocks(part: Part, values: Mapping[str, float], free: Sequence[str], scale: Array) -> _Blocks:
-    nx = len(part.start)
+def _equations(
+    part: Part, begin: Array, values: Mapping[str, float], free: Sequence[str], scale: Array
+) -> tuple[Array, Array, Starts]:
+    """Of one stretch from the starts `begin` (nx, b): J'J (m, m) and J'e (m,) of the parameters, and the starts'."""
+    nx = len(begin)
     local, m = part.local(values), len(free)
     mine = [(i, part.names[name]) for i, name in enumerate(free) if name in part.names]
     columns = [local] * (1 + nx) + [{**local, own: local[own] + DIFFERENCE * scale[i]} for i, own in mine]
-    start = np.repeat(part.start[:, :, None], len(columns), axis=2)
-    steps = DIFFERENCE * np.maximum(np.abs(part.start), 1.0)
+    start = np.repeat(begin[:, :, None], len(columns), axis=2)
+    steps = DIFFERENCE * np.maximum(np.abs(begin), 1.0)
     for i in range(nx):
         start[i, :, 1 + i] += steps[i]
     y = part.simulator.readings(columns, part.simulator.run(columns, start))
@@ -170,39 +179,9 @@ def _blocks(part: Part, values: Mapping[str, float], free: Sequence[str], scale:
     jp = np.zeros((*e.shape, m))
     for column, (i, _) in enumerate(mine):
         jp[..., i] = by[..., nx + column] / DIFFERENCE  # by the parameter in units of its size
-    spread, count = start_spread(part), part.start.size
+    spread, count = start_spread(part), begin.size
     pull = START_WEIGHT / count / spread**2
     xx = np.einsum("ncbi,ncbj->bij", jx, jx) + np.eye(nx) * pull.T[None]
-    x = np.einsum("ncbi,ncb->bi", jx, e) - (pull * (part.start - part.anchor)).T
-    return _Blocks(
-        xx, np.einsum("ncbi,ncbj->bij", jx, jp), np.einsum("ncbi,ncbj->ij", jp, jp), x, np.einsum("ncbi,ncb->i", jp, e)
-    )
-
-
-def _step(
-    blocks: Sequence[_Blocks], values: Mapping[str, float], free: Sequence[str], centre: Array, scale: Array,
-    damping: float,
-) -> tuple[Array, list[Array]]:  # fmt: skip
-    """Parameters' step (m,), starts' steps (nx, b) of each stretch."""
-    m = len(free)
-    off = (np.array([values[name] for name in free]) - centre) / scale
-    normal = np.eye(m) * PRIOR_WEIGHT / PRIOR_SIZE**2
-    right = -PRIOR_WEIGHT / PRIOR_SIZE**2 * off
-    solved: list[Array] = []
-    for one in blocks:
-        damped = one.xx + damping * _diagonals(one.xx)
-        gain: Array = np.linalg.solve(damped, np.concatenate([one.xp, one.x[..., None]], axis=2))
-        solved.append(gain)
-        normal = normal + one.pp - np.einsum("bim,bin->mn", one.xp, gain[..., :m])
-        right = right + one.p - np.einsum("bim,bi->m", one.xp, gain[..., m])
-    normal = (normal + normal.T) / 2
-    delta = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), right) if m else np.zeros(0)
-    moves: list[Array] = [np.asarray((gain[..., m] - gain[..., :m] @ delta).T) for gain in solved]
-    return delta * scale, moves
-
-
-def _diagonals(a: Array) -> Array:
-    out = np.zeros_like(a)
-    i = np.arange(a.shape[1])
-    out[:, i, i] = a[:, i, i]
-    return out
+    x = (pull * (begin - part.anchor)).T - np.einsum("ncbi,ncb->bi", jx, e)
+    starts = Starts(xx, np.einsum("ncbi,ncbj->bij", jx, jp), x)
+    return np.einsum("ncbi,ncbj->ij", jp, jp), -np.einsum("ncbi,ncb->i", jp, e), starts

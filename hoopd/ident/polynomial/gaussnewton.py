@@ -1,4 +1,4 @@
-"""Prediction errors of a polynomial model, their exact derivatives and the Gauss-Newton search for the least sum.
+"""Prediction errors of a polynomial model, their exact derivatives and the search for the least sum of squares.
 
     e = D/C [A y - sum_i B_i/F_i u_i] + P/(C F_1 ... F_nu) delta
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from hoopd.ident.damped_least_squares import Damping, Ends, NormalEquations, minimise
 from hoopd.ident.polynomial.stable import reflected
 from hoopd.ident.polynomial.structure import Structure
 
@@ -27,7 +28,8 @@ SETTLED = 1e-8
 # ... or when the errors are the rounding of the output.
 EXACT = 1e-28
 ITERATIONS = 60
-STIFFEST = 1e9
+# Steps are undamped until one fails.
+DAMPING = Damping(first=0.0, easier=0.1, harder=10.0, again=1e-4, most=1e9)
 
 
 @dataclass(frozen=True)
@@ -126,36 +128,42 @@ def jacobian(own: Structure, found: Evaluation, stretch: Stretch, states: int) -
 def search(
     own: Structure, each: Sequence[Stretch], start: Array, *, free_start: bool, iterations: int = ITERATIONS
 ) -> Optimum:
-    """Least squares of the errors of all stretches from a start, by Levenberg-Marquardt.
-
-    Source: More, The Levenberg-Marquardt algorithm (1978): the steps are scaled by the columns' lengths; C and F are
-    reflected into the circle after each.
-    """
+    """Least squares of the errors of all stretches from a start; C and F are reflected into the circle at each step."""
     states = own.states if free_start else 0
-    x, p = stable(own, start), np.zeros((len(each), states))
-    found = _all(own, x, p, each)
-    total, floor = _total(found), EXACT * sum(float(one.y @ one.y) for one in each)
     count = sum(one.count for one in each)
-    damping, steps, settled = 0.0, 0, False
-    hessian, slope = _normal(own, found, each, states)
-    while steps < iterations:
-        steps += 1
-        step = _step(hessian, slope, damping)
-        promised = float(step @ (hessian @ step))
-        settled = promised <= SETTLED * total / count or total <= floor
-        new_x = stable(own, x + step[: own.size])
-        new_p = p + step[own.size :].reshape(p.shape)
-        tried = _all(own, new_x, new_p, each)
-        new_total = _total(tried)
-        if np.isfinite(new_total) and new_total <= total:
-            x, p, found, total = new_x, new_p, tried, new_total
-            damping = damping / 10.0 if damping > 1e-6 else 0.0
-            hessian, slope = _normal(own, found, each, states)
-        else:
-            damping = max(10.0 * damping, 1e-3)
-        if settled or damping > STIFFEST:
-            break
-    return Optimum(x, p, total, _inverse(hessian)[: own.size, : own.size], steps, settled)
+    ends = Ends(
+        iterations, gain=0.0, promise=SETTLED / count, exact=EXACT * sum(float(one.y @ one.y) for one in each),
+        stuck=SETTLED / count,
+    )  # fmt: skip
+
+    def at(x: Array, p: Array) -> _Point:
+        found = _all(own, x, p, each)
+        total = _total(found)
+        return _Point(x, p, found, total if np.isfinite(total) else np.inf)
+
+    def moved(point: _Point, step: Array) -> _Point:
+        return at(stable(own, point.x + step[: own.size]), point.p + step[own.size :].reshape(point.p.shape))
+
+    def linearised(point: _Point) -> NormalEquations:
+        return NormalEquations(*_normal(own, point.found, each, states))
+
+    first = at(stable(own, start), np.zeros((len(each), states)))
+    if not np.isfinite(first.cost):
+        return Optimum(first.x, first.p, first.cost, np.full((own.size, own.size), np.nan), 0, False)
+    best = minimise(first, linearised, moved, DAMPING, ends)
+    hessian, _ = _normal(own, best.point.found, each, states)
+    inverse = _inverse(hessian)[: own.size, : own.size]
+    return Optimum(best.point.x, best.point.p, best.point.cost, inverse, best.steps, best.converged)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Coefficients, initial responses, errors of all stretches and their squares."""
+
+    x: Array
+    p: Array
+    found: list[Evaluation]
+    cost: float
 
 
 def stable(own: Structure, x: Array) -> Array:
@@ -197,24 +205,6 @@ def _normal(own: Structure, found: Sequence[Evaluation], each: Sequence[Stretch]
         slope[:m] += right[:m]
         slope[at] = right[m:]
     return hessian, slope
-
-
-def _step(hessian: Array, slope: Array, damping: float) -> Array:
-    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    m = hessian / np.outer(scale, scale) + damping * np.eye(len(hessian))
-    return np.asarray(-solved(m, slope / scale) / scale)
-
-
-def solved(m: Array, right: Array) -> Array:
-    """m^-1 right (m symmetric, of unit diagonal); the least solution where m is singular."""
-    try:
-        found = np.linalg.solve(m, right)
-    except np.linalg.LinAlgError:
-        found = np.full(len(right), np.inf)
-    # a step as long as the inverse of the rounding is no step: the least one instead
-    if np.abs(found).max() < 1e12 * max(np.abs(right).max(), 1e-300):
-        return np.asarray(found)
-    return np.asarray(np.linalg.lstsq(m, right, rcond=1e-12)[0])
 
 
 def _inverse(hessian: Array) -> Array:

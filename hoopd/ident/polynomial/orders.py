@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.ident.checks import check
+from hoopd.ident.damped_least_squares import solved
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.measures import aic, aicc, bic, fpe
-from hoopd.ident.polynomial.gaussnewton import solved
 from hoopd.ident.polynomial.regression import gram_of
 from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
 

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from hoopd.ident.damped_least_squares import solved
 from hoopd.ident.lagged import lagged_gram
-from hoopd.ident.polynomial.gaussnewton import Stretch, solved, stable
+from hoopd.ident.polynomial.gaussnewton import Stretch, stable
 from hoopd.ident.polynomial.stable import radius, reflected
 from hoopd.ident.polynomial.structure import Structure
 

@@ -1,4 +1,4 @@
-"""Damped Gauss-Newton on prediction errors of state-space models, in local coordinates that are renewed at every step.
+"""Damped least squares of state-space models' prediction errors, in local coordinates that are renewed at every step.
 
 Rules of this file: the cost is the sum of squared weighted errors plus the regulariser's; a step to a predictor that
 is not stable (or to a model that is not, where that is asked) is refused; same data, same answer.
@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
+from hoopd.ident.damped_least_squares import Damping, Ends, NormalEquations
+from hoopd.ident.damped_least_squares import minimise as least_squares
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coordinates import Freedom
@@ -24,6 +25,7 @@ Loss = Callable[[Array], tuple[Array, Array]]  # squared errors -> (rho, rho')
 
 # A predictor may be this near to the unit circle; beyond it the recursion does not forget its start within any data.
 EDGE = 1.0 - 1e-9
+DAMPING = Damping(first=1e-6, easier=0.1, harder=10.0, again=1e-6, trials=12)
 
 
 @dataclass(frozen=True)
@@ -89,16 +91,28 @@ def with_best_starts(problem: Problem, model: Innovations) -> Point:
 
 def minimise(problem: Problem, point: Point, steps: int, tolerance: float = 1e-9) -> Point:
     """At most so many steps; ends when one lowers the cost by less than the tolerance (relative)."""
-    damping = 1e-6
-    for _ in range(steps):
-        normal = normal_equations(problem, point)
-        better, damping = _step(problem, point, normal, damping)
-        if better is None:
-            return point
-        gained, point = point.cost - better.cost, better
-        if gained <= tolerance * (point.cost + 1e-300):
-            return point
-    return replace(point, ended=False)
+
+    def linearised(point: Point) -> _Equations:
+        return _Equations(normal_equations(problem, point))
+
+    def away(point: Point, step: tuple[Normal, Array]) -> Point:
+        return moved(problem, point, *step)
+
+    found = least_squares(point, linearised, away, DAMPING, Ends(steps, gain=tolerance))
+    return replace(found.point, ended=found.converged)
+
+
+class _Equations:
+    """A step goes with the coordinates that it is made of."""
+
+    def __init__(self, normal: Normal) -> None:
+        self.normal, self.equations = normal, NormalEquations(normal.gram, normal.gradient)
+
+    def step(self, damping: float) -> tuple[Normal, Array]:
+        return self.normal, self.equations.step(damping)
+
+    def promised(self, damping: float) -> float:
+        return self.equations.promised(damping)
 
 
 def normal_equations(problem: Problem, point: Point) -> Normal:
@@ -127,23 +141,6 @@ def moved(problem: Problem, point: Point, normal: Normal, step: Array) -> Point:
     if problem.start:
         starts = tuple(x + step[m + i * nx : m + (i + 1) * nx] for i, x in enumerate(starts))
     return evaluate(problem, coordinates.with_values(point.model, full), starts)
-
-
-def _step(problem: Problem, point: Point, normal: Normal, damping: float) -> tuple[Point | None, float]:
-    """The first damped step that lowers the cost, and the damping to go on with."""
-    scale = np.sqrt(np.maximum(np.diag(normal.gram), 1e-300))
-    gram, gradient = normal.gram / np.outer(scale, scale), normal.gradient / scale
-    for _ in range(12):
-        try:
-            step = -linalg.solve(gram + damping * np.eye(len(gram)), gradient, assume_a="pos") / scale
-        except linalg.LinAlgError:
-            damping = max(damping, 1e-12) * 10.0
-            continue
-        found = moved(problem, point, normal, step)
-        if found.cost < point.cost:
-            return found, damping * 0.1
-        damping = max(damping, 1e-6) * 10.0
-    return None, damping
 
 
 def _open(problem: Problem, model: Innovations) -> float:

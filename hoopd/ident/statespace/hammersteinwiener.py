@@ -1,8 +1,8 @@
 """A linear model between static nonlinearities of known shape and unknown parameters.
 
 v = g(u, p), x+ = A x + B v + K e, z = C x + D v, y = h(z, p) + e. All matrices (in minimal local coordinates), p and
-the initial states are fitted by damped Gauss-Newton (`hammersteinerrors` has errors and derivatives). Behind a map that
-hides signs the cost has many minima: hence many starts.
+the initial states are fitted by damped least squares (`hammersteinerrors` has errors and derivatives). Behind a map
+that hides signs the cost has many minima: hence many starts.
 
 Rules of this file: maps take signals (channels, n) with time along the last axis, and keep it; the same seed gives the
 same starts.
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
 from hoopd.ident.checks import IdentificationWarning, Orders, check, check_channels, check_determined, unsettled
+from hoopd.ident.damped_least_squares import Damping, Ends, NormalEquations, minimise
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
@@ -36,6 +37,7 @@ Array = NDArray[np.float64]
 SCREEN = 30  # steps that every start gets
 FINISHED = 6  # starts that are then brought to their minimum
 EXACT = 1e-20  # of the outputs' power: nothing is left to fit
+DAMPING = Damping(first=1e-3, easier=0.2, harder=8.0, least=1e-9, again=1e-6, trials=10)
 AGREE = 1.01  # two starts that end within a percent of the least cost have found the same minimum
 
 
@@ -182,40 +184,37 @@ def _random(task: Task, order: int, p: Array, rng: np.random.Generator) -> Innov
 
 
 def _minimised(task: Task, point: Point, iterations: int) -> Point:
-    damping = 1e-3
-    for _ in range(iterations):
-        if not np.isfinite(point.cost):
-            return point
-        columns = coordinates.basis(point.model, task.free)
-        gradient, gram = normal_equations(task, point, columns)
-        scale = np.sqrt(np.maximum(np.diag(gram), 1e-12 * np.diag(gram).max(initial=0.0) + 1e-300))
-        better, damping = _step(task, point, columns, (gradient / scale, gram / np.outer(scale, scale), scale), damping)
-        if better is None:
-            return point
-        gained, point = point.cost - better.cost, better
-        if gained <= 1e-9 * point.cost or point.cost <= EXACT * _power(task):
-            return point
-    return replace(point, ended=False)
+    if not np.isfinite(point.cost):
+        return point
+    ends = Ends(iterations, exact=EXACT * _power(task))
+    found = minimise(point, lambda at: _Equations(task, at), lambda at, step: _moved(task, at, *step), DAMPING, ends)
+    return replace(found.point, ended=found.converged)
+
+
+class _Equations:
+    """A step goes with the coordinates that it is made of."""
+
+    def __init__(self, task: Task, point: Point) -> None:
+        self.columns = coordinates.basis(point.model, task.free)
+        gradient, gram = normal_equations(task, point, self.columns)
+        self.equations = NormalEquations(gram, gradient)
+
+    def step(self, damping: float) -> tuple[Array, Array]:
+        return self.columns, self.equations.step(damping)
+
+    def promised(self, damping: float) -> float:
+        return self.equations.promised(damping)
+
+
+def _moved(task: Task, point: Point, columns: Array, step: Array) -> Point:
+    m, nx = columns.shape[1], point.model.nx
+    model = coordinates.with_values(point.model, coordinates.values(point.model) + columns @ step[:m])
+    starts = tuple(x + step[m + i * nx : m + (i + 1) * nx] for i, x in enumerate(point.starts))
+    return evaluated(task, model, point.p + step[m + nx * len(starts) :], starts)
 
 
 def _power(task: Task) -> float:
     return float(sum(np.vdot(one.y, one.y) for one in task.pieces))
-
-
-def _step(
-    task: Task, point: Point, columns: Array, normal: tuple[Array, Array, Array], damping: float
-) -> tuple[Point | None, float]:
-    gradient, gram, scale = normal
-    m, nx = columns.shape[1], point.model.nx
-    for _ in range(10):
-        step = -np.linalg.lstsq(gram + damping * np.eye(len(gram)), gradient, rcond=None)[0] / scale
-        model = coordinates.with_values(point.model, coordinates.values(point.model) + columns @ step[:m])
-        starts = tuple(x + step[m + i * nx : m + (i + 1) * nx] for i, x in enumerate(point.starts))
-        found = evaluated(task, model, point.p + step[m + nx * len(starts) :], starts)
-        if found.cost < point.cost:
-            return found, max(damping * 0.2, 1e-9)
-        damping = max(damping, 1e-6) * 8.0
-    return None, damping
 
 
 def _result(task: Task, best: Point, names: tuple[str, ...], costs: list[float], one: Data) -> HammersteinWiener:

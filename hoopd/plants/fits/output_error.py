@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.fits.damped_gauss_newton import SMALLEST_GAIN, Block, minimise
 from hoopd.plants.fits.fit_data import STATES, Run
 from hoopd.plants.fits.free_parameters import Prior, Scale, scale_of
+from hoopd.plants.fits.robust_least_squares import SMALLEST_GAIN, Block, minimise
 from hoopd.plants.found_effects import Found
 from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.free_run_with_effects import model_of

@@ -14,8 +14,8 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import fftconvolve
 
 from hoopd.ident.normal import Z95
-from hoopd.plants.fits.damped_gauss_newton import loss_weight
 from hoopd.plants.fits.output_error import Solution, prior_of
+from hoopd.plants.fits.robust_least_squares import loss_weight
 
 Array = NDArray[np.float64]
 
