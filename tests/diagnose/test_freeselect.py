@@ -150,20 +150,35 @@ def gain_of(one: Choice, error: np.ndarray) -> float:
     return float(largest(z.T @ z, (z.T @ error)[:, None], one.signed)[0])
 
 
-def test_chance_is_that_of_the_best_of_the_library() -> None:
-    """Of 60 made-up nulls some effect is below 5 % of its own chances in most, below 5 % of the best in few."""
+def chances(nulls: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of made-up nulls: the smallest of the effects' own chances, and of the chances of the best of the library."""
     own, best = [], []
-    for seed in range(60):
+    for seed in range(nulls):
         choices, error, blocks, known = made_up_null(seed)
         whole = given_back(error, known, blocks)
         found = BestOfAll(choices, whole, blocks, seed)
         alone = [BestOfAll([one], whole, blocks, seed).chance(one.name, gain_of(one, error)) for one in choices]
         own.append(min(alone))
         best.append(min(found.chance(one.name, gain_of(one, error)) for one in choices))
-    assert np.mean(np.array(own) <= CHANCE) > 0.5
+    return np.array(own), np.array(best)
+
+
+@pytest.mark.proof
+def test_chance_is_that_of_the_best_of_the_library_in_60_nulls() -> None:
+    """Of made-up nulls some effect is below 5 % of its own chances in most, below 5 % of the best in few."""
+    own, best = chances(60)
+    assert np.mean(own <= CHANCE) > 0.5
     # 5 % of 60 are 3; of the right level, 8 or more come once in a hundred times
-    assert np.mean(np.array(best) <= CHANCE) < 8 / 60
-    assert np.mean(np.array(best) <= 0.5) > 0.25  # nor is nothing ever found
+    assert np.mean(best <= CHANCE) < 8 / 60
+    assert np.mean(best <= 0.5) > 0.25  # nor is nothing ever found
+
+
+def test_chance_is_that_of_the_best_of_the_library() -> None:
+    own, best = chances(15)
+    assert np.mean(own <= CHANCE) > 0.5
+    # 5 % of 15 are 1; of the right level, 4 or more come once in two hundred times
+    assert np.mean(best <= CHANCE) < 4 / 15
+    assert np.mean(best <= 0.5) > 0.25
 
 
 def test_what_the_fit_took_of_the_error_is_given_back() -> None:

@@ -115,7 +115,7 @@ def test_races_keep_the_rule_and_print_how_they_began() -> None:
 
 
 def test_simulate_prints_every_way_and_the_bound() -> None:
-    out = run_bench("simulate.py", "--runs", "5", "--slow", "1")
+    out = run_bench("simulate.py", "--runs", "5", "--slow", "1", "--samples", "200")
     assert out.count("scipy") == 4 and out.count("hoopd, steps") == 2
     assert "the bound is 5 ms" in out
 

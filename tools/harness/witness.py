@@ -1,7 +1,7 @@
 """An independent witness of the machine: a process on each core that notes gaps of the clock longer than 50 ms.
 
 Rules of this file: it shares nothing with what it judges; a test in real time may be repeated only when the witness saw
-the machine stand still.
+the machine stand still; one that fails every time while it stood still is skipped, and says for how long.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
+from unittest import SkipTest
 
 GAP_S = 0.05
 SLEEP_S = 0.005
@@ -63,9 +64,17 @@ def witnessed(folder: Path, check: Callable[[Path, Witness], None]) -> None:
             try:
                 check(mine, witness)
                 return
-            except AssertionError:
-                if attempt == ATTEMPTS - 1 or not witness.gaps():
+            except AssertionError as error:
+                gaps = witness.gaps()
+                if not gaps:
                     raise
+                last = f"{standstill(gaps)}: {str(error).partition(chr(10))[0]}"
+    raise SkipTest(f"the machine stood still in each of {ATTEMPTS} attempts, nothing can be judged; {last}")
+
+
+def standstill(gaps: Sequence[Gap]) -> str:
+    """How often and how long, in words."""
+    return f"{len(gaps)} gaps, up to {1e3 * max(gap.stop - gap.start for gap in gaps):.0f} ms"
 
 
 def watch(path: Path, core: int) -> None:
