@@ -73,7 +73,8 @@ def main() -> int:
                 times[name].append(timed(call)[0])
     ours = 1e3 * float(np.median(next(iter(times.values()))))
     print(
-        f"{f'{options.samples:,} samples':<42} {'median ms':>9} {'p95 ms':>8} {'first ms':>9} {'against ours':>12} {'theta error':>12}"
+        f"{str(options.samples) + ' samples':<42} {'median ms':>9} {'p95 ms':>8} {'first ms':>9} {'against ours':>12}"
+        f" {'theta error':>12}"
     )
     for name, (first_s, states) in first.items():
         median, p95 = (1e3 * float(np.percentile(times[name], q)) for q in (50, 95))
