@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from hoopd.commands.options.convert import ConvertOptions
 from hoopd.files.reading import InputError
 from hoopd.plants.hoop.suspicions import suspicions
 from hoopd.recording import Recording, load, save
@@ -20,24 +21,13 @@ from hoopd.recording.formats import extension_of, split_path
 from hoopd.recording.tick_columns import FILE_ORDER
 
 
-def run(
-    source: Path | str,
-    target: Path | str,
-    *,
-    columns: str | None = None,
-    experiment: str | None = None,
-    start: float | None = None,
-    end: float | None = None,
-    step: float | None = None,
-) -> dict[str, Any]:
-    """Write the recording of `source` to `target`; what was written, and what in it is worth a doubt.
-
-    columns, experiment: as in `hoopd.recording.load`. start, end: first and last second kept. step: new step in s.
-    """
-    source, target = Path(source), Path(target)
+def run(options: ConvertOptions) -> dict[str, Any]:
+    """Write the recording of `source` to `target`; what was written, and what in it is worth a doubt."""
+    source, target = options.source, options.target
     extension_of(target)  # before the source is read
     _refuse_same(source, target)
-    recording = edited(load(source, columns, experiment), source, start, end, step)
+    recording = load(source, options.columns, options.experiment)
+    recording = edited(recording, source, options.start, options.end, options.step)
     save(recording, target)
     return {"source": str(source), "target": str(target), **summary(recording)}
 

@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from hoopd.commands.design_options import spec_from
 from hoopd.commands.inputs import read_recording
+from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.output_files import check_results
 from hoopd.core.estimator import EkfSettings
 from hoopd.design.arx_law import design_arx
@@ -46,25 +48,17 @@ LEAST_PHASE_DEG, LARGEST_MS, LEAST_GAIN_UP = 30.0, 2.0, 2.0
 DELAY_POLE = 0.01  # |z|: below it a pole's response is over within a tick; a fourfold one is found at 1e-4, not at 0
 
 
-def run(
-    law: str,
-    model_path: Path,
-    spec: Spec,
-    *,
-    recording: str | None = None,
-    identified: Path | None = None,
-    out: Path | None = None,
-    figure: Path | None = None,
-    disturbance_rad: float = 0.4,
-) -> dict[str, Any]:
+def run(options: DesignOptions) -> dict[str, Any]:
     """Design, judge, write and draw; the result as plain data. InputError: unusable input or an unstable loop."""
+    law, out, figure, disturbance_rad = options.law, options.out, options.figure, options.disturbance_rad
+    spec = spec_from(options)
     check_results(out, figure)
     _check_disturbance(disturbance_rad)
-    model_path = or_shipped(model_path)
+    model_path = or_shipped(options.model)
     model = load_model(model_path)
     plant, found_effects = plant_of(model), effects_of(model)
     spec = _with_delays(spec, found_effects)
-    designed = _designed(law, plant, spec, recording, identified)
+    designed = _designed(law, plant, spec, options.recording, options.identified)
     poles = _poles_of(law, designed)
     _refuse_unstable(law, poles, spec)
     text = _text(law, designed, spec, model, model_path, out)

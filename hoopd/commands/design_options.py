@@ -5,34 +5,31 @@ Rules of this file: a number or text that makes no sense is one `InputError` wit
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import fields, replace
 from math import inf
 from typing import Any
 
+from hoopd.commands.options.declaration import option_name
+from hoopd.commands.options.design import DesignOptions
 from hoopd.design.laws import Spec, SpecError
 from hoopd.design.lqg import Weights
 from hoopd.files.reading import InputError
 
 WEIGHT_NAMES = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s", "torque": "torque_nm"}
-# Options whose name is not that of the specification's number.
-OPTIONS = {
-    "omega_rad_s": "--omega",
-    "phase_deg": "--phase",
-    "filter_ratio": "--filter",
-    "sample_time_s": "--sample-time",
-    "delay_s": "--delay",
-}
 
 
-def spec_from(**values: Any) -> Spec:
+def spec_from(options: DesignOptions) -> Spec:
     """A specification; InputError names the option whose number makes no sense."""
+    read: dict[str, Any] = {"poles": poles_from(options.poles), "weights": weights_from(options.weights)}
+    values: dict[str, Any] = {one.name: read.get(one.name, getattr(options, one.name, None)) for one in fields(Spec)}
     try:
-        return Spec(**values)
+        return Spec(**{name: value for name, value in values.items() if hasattr(options, name)})
     except SpecError as error:
-        raise InputError(OPTIONS.get(error.name, f"--{error.name}"), "", error.reason) from None
+        raise InputError(option_name(DesignOptions, error.name), "", error.reason) from None
 
 
-def weights_from(texts: list[str]) -> Weights:
+def weights_from(texts: Sequence[str]) -> Weights:
     """Weights of "psi=0.2" and the like; InputError for a name or a number that is none."""
     changes: dict[str, float] = {}
     for text in (part for item in texts for part in item.split(",")):

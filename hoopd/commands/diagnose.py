@@ -12,6 +12,7 @@ import msgspec
 
 from hoopd.commands.diagnose_inputs import check_distinct, check_lengths, check_motion, expanded, plants, read_source
 from hoopd.commands.diagnosed_model import found_model, left_out
+from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.output_files import check_targets
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.record import Diagnosis
@@ -32,68 +33,38 @@ Progress = Callable[[str], None]
 DEFAULT_MODEL = Path("models/thesis.yaml")
 
 
-def run(
-    recordings: Sequence[str],
-    holdout: Sequence[str] = (),
-    *,
-    model: Path | None = None,
-    effects: Path | None = None,
-    without: Sequence[str] = (),
-    json_path: Path | None = None,
-    report: Path | None = None,
-    write: Path | None = None,
-    columns: str | None = None,
-    age: str = "",
-    seed: int = 0,
-    free_run: bool = True,
-    free_run_choice: bool = False,
-    progress: Progress = lambda text: None,
-) -> Diagnosis:
+def run(options: DiagnoseOptions, *, progress: Progress = lambda text: None) -> Diagnosis:
     """Diagnose and write; InputError when anything cannot be used or written."""
-    texts, held_texts = expanded(recordings), expanded(holdout)
-    inputs: list[Path | str] = [*texts, *held_texts, *(one for one in (model, effects) if one is not None)]
-    check_targets(inputs, {"--json": json_path, "--report": report, "--write": write})
-    base = load_model(or_shipped(model or DEFAULT_MODEL))
-    outcome = outcome_of(
-        texts,
-        held_texts,
-        base,
-        effects=effects,
-        without=without,
-        columns=columns,
-        age=age,
-        seed=seed,
-        free_run=free_run,
-        free_run_choice=free_run_choice,
-        progress=progress,
-    )
+    texts, held_texts = expanded(options.recordings), expanded(options.holdout)
+    inputs: list[Path | str] = [*texts, *held_texts]
+    inputs += [one for one in (options.model, options.effects) if one is not None]
+    check_targets(inputs, {"--json": options.json_path, "--report": options.report, "--write": options.write})
+    base = load_model(or_shipped(options.model or DEFAULT_MODEL))
+    outcome = outcome_of(texts, held_texts, base, options, progress=progress)
     progress("drawing and writing")
-    return _written(outcome, base, json_path, report, write)
+    return _written(outcome, base, options.json_path, options.report, options.write)
 
 
 def outcome_of(
     texts: Sequence[str],
     held_texts: Sequence[str],
     base: ModelFile,
+    options: DiagnoseOptions | None = None,
     *,
-    effects: Path | None = None,
-    without: Sequence[str] = (),
-    columns: str | None = None,
-    age: str = "",
-    seed: int = 0,
-    free_run: bool = True,
-    free_run_choice: bool = False,
     progress: Progress = lambda text: None,
 ) -> Outcome:
-    """The diagnosis with the curves and fits behind it; nothing is written."""
+    """The diagnosis with the curves and fits behind it; nothing is written, and of `options` only what is searched
+    for counts."""
+    options = options or DiagnoseOptions(recordings=tuple(texts))
     check_distinct(texts, held_texts)
+    without = [name for text in options.without for name in text.split(",")]
     progress("reading the recordings")
-    train = [read_source(text, base, columns, age) for text in texts]
-    held = [read_source(text, base, columns, age) for text in held_texts]
+    train = [read_source(text, base, options.columns, options.age) for text in texts]
+    held = [read_source(text, base, options.columns, options.age) for text in held_texts]
     check_motion(train, held, base.structure)
     whole = () if held else tuple(train)
     train, held, how = _parts(train, held)
-    known = _library([*train, *held], effects, without)
+    known = _library([*train, *held], options.effects, without)
     own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
     return diagnose(
         Case(
@@ -103,10 +74,10 @@ def outcome_of(
             heldout=held,
             library=known,
             effects=own,
-            free_run=free_run,
-            choose_free_run=free_run_choice,
+            free_run=options.free_run,
+            choose_free_run=options.free_run_choice,
             whole=whole,
-            seed=seed,
+            seed=options.seed,
             held_out_how=how,
             progress=progress,
             settings=Settings(progress=progress),

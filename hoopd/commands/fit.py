@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.commands.fit_options import Wish, settings_of
+from hoopd.commands.fit_options import settings_of
 from hoopd.commands.fit_record import record
 from hoopd.commands.inputs import read_ages, read_recording
+from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.output_files import check_results
 from hoopd.files.model import ModelFile, model_text
 from hoopd.files.reading import InputError
@@ -31,27 +32,19 @@ Progress = Callable[[str], None]
 DIVERGED = "no finite result from this start; look at --model, --fix, --prior, or take --window 1"
 
 
-def run(
-    recordings: Sequence[str],
-    holdout: Sequence[str] = (),
-    wish: Wish | None = None,
-    *,
-    out: Path | None = None,
-    figure: Path | None = None,
-    progress: Progress = lambda text: None,
-) -> dict[str, Any]:
+def run(options: FitOptions, *, progress: Progress = lambda text: None) -> dict[str, Any]:
     """Fit, judge, write; the result as a record. InputError when anything cannot be used or written."""
-    wish = wish or Wish()
+    recordings, holdout, out, figure = options.recordings, options.holdout, options.out, options.figure
     check_results(out, figure)
-    base, settings = settings_of(wish)
-    nominal = nominal_values(base, wish.structure)
-    train = [read_recording(text, wish.columns, wish.age) for text in recordings]
-    held = [read_recording(text, wish.columns, wish.age) for text in holdout]
+    base, settings = settings_of(options)
+    nominal = nominal_values(base, options.structure)
+    train = [read_recording(text, options.columns, options.age) for text in recordings]
+    held = [read_recording(text, options.columns, options.age) for text in holdout]
     _refuse_shared([*zip(recordings, train, strict=True)], [*zip(holdout, held, strict=True)])
     found = _fitted(train, nominal, settings, progress)
     named = dict(zip(recordings, train, strict=True)), dict(zip(holdout, held, strict=True))
-    result = record(found, base, wish, *named, progress)
-    result |= {"age_s": read_ages(wish.age)} if wish.age else {}
+    result = record(found, base, options, *named, progress)
+    result |= {"age_s": read_ages(options.age)} if options.age else {}
     _write(found, base, train, out, figure)
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
 

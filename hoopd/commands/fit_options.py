@@ -6,10 +6,9 @@ Rules of this file: everything unusable is one `InputError` that names the optio
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import NamedTuple
 
 from hoopd.commands.inputs import read_values
+from hoopd.commands.options.fit import FitOptions
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import START_MODELS, defaults_folder, or_shipped
@@ -21,46 +20,29 @@ from hoopd.plants.hoop.parameters import PARAMETER_UNITS, STRUCTURES, ParameterE
 from hoopd.plants.model_file import effects_of, load_model
 
 
-class Wish(NamedTuple):
-    """What the command line asks for, as text."""
-
-    structure: str = "entries"
-    model: Path | None = None
-    columns: str | None = None
-    age: str = ""
-    free: str = ""
-    fix: Sequence[str] = ()
-    priors: Sequence[str] = ()
-    channels: str = ""
-    window_s: float | None = None
-    loss: str = "linear"
-    method: str = "output"
-    kinematics: bool = False
-
-
-def settings_of(wish: Wish) -> tuple[ModelFile, Settings]:
+def settings_of(options: FitOptions) -> tuple[ModelFile, Settings]:
     """The model that a fit starts from, and its settings."""
-    _one_of("--structure", wish.structure, STRUCTURES)
-    _one_of("--loss", wish.loss, LOSSES)
-    _one_of("--method", wish.method, METHODS)
-    base = load_model(or_shipped(wish.model or defaults_folder() / START_MODELS[wish.structure]))
-    if wish.kinematics and base.effects:
+    _one_of("--structure", options.structure, STRUCTURES)
+    _one_of("--loss", options.loss, LOSSES)
+    _one_of("--method", options.method, METHODS)
+    base = load_model(or_shipped(options.model or defaults_folder() / START_MODELS[options.structure]))
+    if options.kinematics and base.effects:
         raise InputError("--kinematics", "", "compares models without effects, and this one has some")
-    nominal = nominal_values(base, wish.structure)
-    names = tuple(PARAMETER_UNITS[wish.structure])
-    if wish.window_s is not None and not 0.2 <= wish.window_s <= 1e4:
-        raise InputError("--window", "", f"must be 0.2 to 10000 s, not {wish.window_s:g}")
+    nominal = nominal_values(base, options.structure)
+    names = tuple(PARAMETER_UNITS[options.structure])
+    if options.window_s is not None and not 0.2 <= options.window_s <= 1e4:
+        raise InputError("--window", "", f"must be 0.2 to 10000 s, not {options.window_s:g}")
     return base, Settings(
-        structure=wish.structure,
-        free=_names("--free", wish.free, names),
-        fixed=_fixed(wish.fix, names, nominal, wish.structure),
-        priors=_priors(wish.priors, names, wish.structure),
-        channels=_names("--channels", wish.channels, CHANNELS),
-        window_s=wish.window_s,
-        loss=wish.loss,
-        method=wish.method,
+        structure=options.structure,
+        free=_known("--free", options.free, names),
+        fixed=_fixed(options.fix, names, nominal, options.structure),
+        priors=_priors(options.prior, names, options.structure),
+        channels=_known("--channels", options.channels, CHANNELS),
+        window_s=options.window_s,
+        loss=options.loss,
+        method=options.method,
         encoder_counts=base.device.encoder_counts,
-        effects=effects_of(base).on(wish.structure, nominal) if base.effects else None,
+        effects=effects_of(base).on(options.structure, nominal) if base.effects else None,
     )
 
 
@@ -69,8 +51,7 @@ def _one_of(option: str, value: str, known: Sequence[str]) -> None:
         raise InputError(option, "", f"unknown {value!r}; known: {', '.join(known)}")
 
 
-def _names(option: str, text: str, known: Sequence[str]) -> tuple[str, ...]:
-    names = tuple(part.strip() for part in text.split(",") if part.strip())
+def _known(option: str, names: tuple[str, ...], known: Sequence[str]) -> tuple[str, ...]:
     for name in names:
         _one_of(option, name, known)
     return names

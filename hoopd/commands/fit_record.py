@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.commands.fit_options import Wish
+from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.simulate import number, off_words
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
@@ -58,7 +58,7 @@ Progress = Callable[[str], None]
 def record(
     found: Fit,
     base: ModelFile,
-    wish: Wish,
+    options: FitOptions,
     train: Mapping[str, Recording],
     held: Mapping[str, Recording],
     progress: Progress,
@@ -78,7 +78,7 @@ def record(
         "correlation": _correlation(found),
         "notes": [*_notes(found, [*train.values(), *held.values()]), *_worse(judged)],
     }
-    return result | {**_noise(found), **_physics(found, base, [*train.values()], wish, progress)}
+    return result | {**_noise(found), **_physics(found, base, [*train.values()], options, progress)}
 
 
 def _worse(judged: dict[str, Any]) -> list[str]:
@@ -189,20 +189,22 @@ def _noise(found: Fit) -> dict[str, Any]:
     return {"noise": levels, "innovations": white, "log_likelihood": found.solution.log_likelihood}
 
 
-def _physics(found: Fit, base: ModelFile, train: Sequence[Recording], wish: Wish, progress: Progress) -> dict[str, Any]:
+def _physics(
+    found: Fit, base: ModelFile, train: Sequence[Recording], options: FitOptions, progress: Progress
+) -> dict[str, Any]:
     """What the parameters mean beyond themselves: what is not determined, what they are made of, which kinematics."""
     judged = determined(found.solution, found.uncertainty, found.structure)
     result: dict[str, Any] = {"undetermined": plain(judged)}
     device = _device(base, found.settings.fixed)
     if found.structure == "entries" and found.movings == ("both",):
         progress("physical parameters of the entries")
-        asked = wish.model is not None or wish.kinematics
+        asked = options.model is not None or options.kinematics
         printed = table_words() if asked and base.name == "thesis" else []
         try:
             result["physical"] = _second_step(found, device, printed)
         except (np.linalg.LinAlgError, ArithmeticError, ParameterError):  # entries far from those of any device
             result["no_physical_parameters"] = "the search for positive parameters of these entries ran away"
-    if wish.kinematics:
+    if options.kinematics:
         progress("kinematics")
         runs = [
             one
@@ -211,7 +213,7 @@ def _physics(found: Fit, base: ModelFile, train: Sequence[Recording], wish: Wish
         ]
         if not runs:
             raise InputError("--kinematics", "", "needs a recording in which both hoop and ball move")
-        known = _known(base, device) if wish.model is not None else ()  # else nobody has said that it was measured
+        known = _known(base, device) if options.model is not None else ()  # else nobody has said that it was measured
         result["kinematics"] = plain(compare_kinematics(runs, device, known=known, progress=progress))
     return result
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from hoopd.commands.identify_data import OUTPUTS, Wish, check_held, read, split
+from hoopd.commands.identify_data import OUTPUTS, check_held, read, split
 from hoopd.commands.identify_figures import draw, poles_of
+from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.output_files import check_targets
 from hoopd.files.identified import IdentifiedFile, identified_text
 from hoopd.files.reading import InputError
@@ -39,46 +40,38 @@ STATE_SPACE = ("subspace", "pem")
 HORIZONS = {"1": 1.0, "10": 10.0, "simulation": np.inf}
 
 
-def run(
-    recordings: Sequence[str],
-    holdout: Sequence[str],
-    wish: Wish,
-    *,
-    columns: str | None = None,
-    out: Path | None = None,
-    figure: Path | None = None,
-    progress: Progress = lambda text: None,
-) -> dict[str, Any]:
+def run(options: IdentifyOptions, *, progress: Progress = lambda text: None) -> dict[str, Any]:
     """Identify, compare, write and draw; the result as plain data. InputError: nothing that can be used."""
-    _check(wish)
+    recordings, holdout, out, figure = options.recordings, options.holdout, options.out, options.figure
+    _check(options)
     check_targets([*recordings, *holdout], {"--out": out, "--figure": figure})
     if figure is not None:
         style.check_path(figure)
     progress("reading the recordings")
-    train, said = read(recordings, columns, wish)
-    held, more = read(holdout, columns, wish)
+    train, said = read(recordings, options)
+    held, more = read(holdout, options)
     how = ", ".join(holdout) or "the last third of every recording"
     if not held:
         train, held = split(train)
     check_held(train, held, ", ".join(holdout) or f"{', '.join(recordings)}, last third")
-    progress(f"fitting {wish.method}")
-    model, parts, doubts = _identified(train, wish, recordings)
+    progress(f"fitting {options.method}")
+    model, parts, doubts = _identified(train, options, recordings)
     progress("comparing")
     percent, lost = _percents(model, held)
     try:
         report = residuals(model, held)
     except ValueError as error:
-        raise InputError("--method", wish.method, str(error)) from None
+        raise InputError("--method", options.method, str(error)) from None
     notes = [*said, *more, *doubts, *lost, *report.warnings]
-    file = _file(model, wish, recordings, percent, notes, out)
+    file = _file(model, options, recordings, percent, notes, out)
     if figure is not None:
-        draw(model, parts, wish.method, max(held, key=lambda one: one.n), how, report, figure)
+        draw(model, parts, options.method, max(held, key=lambda one: one.n), how, report, figure)
     if out is not None:
         replace_file(out, identified_text(file).encode())
     return {
-        "method": wish.method,
+        "method": options.method,
         "states": model.nx,
-        "outputs": list(wish.outputs),
+        "outputs": list(options.outputs),
         "held_out": how,
         "fit_percent": percent,
         "poles": [{"re": float(z.real), "im": float(z.imag)} for z in poles_of(model)],
@@ -91,48 +84,48 @@ def run(
 # ---------------------------------------------------------------------------------------------- models
 
 
-def _check(wish: Wish) -> None:
-    if wish.method not in METHODS:
-        raise InputError("--method", "", f"unknown method {wish.method!r}; known: {', '.join(METHODS)}")
+def _check(options: IdentifyOptions) -> None:
+    if options.method not in METHODS:
+        raise InputError("--method", "", f"unknown method {options.method!r}; known: {', '.join(METHODS)}")
     known = ("theta", "dtheta", "psi")
-    if not wish.outputs or set(wish.outputs) - set(known) or len(set(wish.outputs)) != len(wish.outputs):
-        raise InputError("--outputs", "", f"different ones of {', '.join(known)}, not {','.join(wish.outputs)}")
-    if wish.delay_s is not None and set(wish.outputs) - set(OUTPUTS):
+    if not options.outputs or set(options.outputs) - set(known) or len(set(options.outputs)) != len(options.outputs):
+        raise InputError("--outputs", "", f"different ones of {', '.join(known)}, not {','.join(options.outputs)}")
+    if options.delay_s is not None and set(options.outputs) - set(OUTPUTS):
         raise InputError("--delay", "", f"is known of {', '.join(OUTPUTS)} only")
-    if not 2 <= len(wish.orders) <= 3 or min(wish.orders) < 1:
+    if not 2 <= len(options.orders) <= 3 or min(options.orders) < 1:
         raise InputError("--orders", "", "two or three whole numbers from 1 on: na,nb or na,nb,nc")
-    if wish.order is not None and wish.order < 1:
-        raise InputError("--order", "", f"at least 1, not {wish.order}")
+    if options.order is not None and options.order < 1:
+        raise InputError("--order", "", f"at least 1, not {options.order}")
 
 
 def _identified(
-    train: Sequence[Data], wish: Wish, recordings: Sequence[str]
+    train: Sequence[Data], options: IdentifyOptions, recordings: Sequence[str]
 ) -> tuple[Innovations, list[Estimated], list[str]]:
     """The model in innovation form, as its method gave it (a part an output, or one), and what that warned of."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", IdentificationWarning)
         try:
-            model, parts = _by_method(train, wish)
+            model, parts = _by_method(train, options)
         except (ValueError, ArithmeticError) as error:
             raise InputError(", ".join(recordings), "", str(error)) from None
     notes = [str(one.message) for one in caught if issubclass(one.category, IdentificationWarning)]
     return model, parts, list(dict.fromkeys(notes))
 
 
-def _by_method(train: Sequence[Data], wish: Wish) -> tuple[Innovations, list[Estimated]]:
-    if wish.method == "arx":
-        joint = varx(train, *wish.orders[:2])
+def _by_method(train: Sequence[Data], options: IdentifyOptions) -> tuple[Innovations, list[Estimated]]:
+    if options.method == "arx":
+        joint = varx(train, *options.orders[:2])
         return joint.state_space, [joint]
-    if wish.method in STATE_SPACE:
-        model = subspaceid(train, wish.order) if wish.method == "subspace" else pem(train, wish.order)
+    if options.method in STATE_SPACE:
+        model = subspaceid(train, options.order) if options.method == "subspace" else pem(train, options.order)
         return model, [model]
-    na, nb, nc = (*wish.orders, wish.orders[0])[:3]
+    na, nb, nc = (*options.orders, options.orders[0])[:3]
     fits: Mapping[str, Callable[[Sequence[Data]], Polynomials]] = {
         "armax": lambda each: armax(each, na, nb, nc),
         "oe": lambda each: oe(each, nb, na),
         "bj": lambda each: bj(each, nb, nc, nc, na),
     }
-    rows = [fits[wish.method]([one.channels([i]) for one in train]) for i in range(train[0].ny)]
+    rows = [fits[options.method]([one.channels([i]) for one in train]) for i in range(train[0].ny)]
     return beside([state_space(one) for one in rows]), [*rows]
 
 
@@ -163,17 +156,17 @@ def _percents(model: Innovations, held: Sequence[Data]) -> tuple[dict[str, dict[
 
 
 def _file(
-    model: Innovations, wish: Wish, recordings: Sequence[str], percent: Mapping[str, dict[str, float]],
+    model: Innovations, options: IdentifyOptions, recordings: Sequence[str], percent: Mapping[str, dict[str, float]],
     notes: Sequence[str], out: Path | None,
 ) -> IdentifiedFile:  # fmt: skip
     r = np.zeros((model.ny, model.ny)) if model.r is None else model.r
     return IdentifiedFile(
         schema="hoopd.identified/1",
-        name=wish.method if out is None else out.stem,
-        method=wish.method,
+        name=options.method if out is None else out.stem,
+        method=options.method,
         sample_time_s=model.dt,
         inputs=["torque"],
-        outputs=list(wish.outputs),
+        outputs=list(options.outputs),
         **{name: getattr(model, name).tolist() for name in ("a", "b", "c", "d", "k")},
         r=r.tolist(),
         recordings=[Path(one).name for one in recordings],

@@ -6,12 +6,13 @@ Rules of this file: whatever cannot be used is an InputError that names file, co
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.commands.inputs import read_recording
+from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.design.arx_law import arriving
 from hoopd.design.laws import Spec
 from hoopd.files.reading import InputError
@@ -33,34 +34,22 @@ FEWEST_READINGS = 20
 SAME_STEP = 1e-6
 
 
-@dataclass(frozen=True)
-class Wish:
-    """What is asked for: `orders` na, nb (and nc) of polynomials; `order`, states of a state space, None: chosen."""
-
-    method: str = "arx"
-    orders: tuple[int, ...] = (4, 6)
-    order: int | None = None
-    outputs: tuple[str, ...] = OUTPUTS
-    delay_s: float | None = None  # age of a picture in a file whose rows were taken at once; None: rows as they are
-    detrend: bool = False
-
-
-def read(names: Sequence[str], columns: str | None, wish: Wish) -> tuple[list[Data], list[str]]:
+def read(names: Sequence[str], options: IdentifyOptions) -> tuple[list[Data], list[str]]:
     """The stretches of recordings, and what has to be said of them."""
     found, said = [], []
     for name in names:
-        parts, notes = stretches(read_recording(name, columns), name, wish)
+        parts, notes = stretches(read_recording(name, options.columns), name, options)
         found += parts
         said += notes
     return found, said
 
 
-def stretches(recording: Recording, name: str, wish: Wish) -> tuple[list[Data], list[str]]:
+def stretches(recording: Recording, name: str, options: IdentifyOptions) -> tuple[list[Data], list[str]]:
     """Torque and outputs of a recording, row by row, cut where the torque is not known; what was cut, in words.
 
     An output that was not read is missing. A stretch begins where every output was read, and has 50 rows at least.
     """
-    y, u = _outputs(recording, wish), np.asarray(recording.u, dtype=float)
+    y, u = _outputs(recording, options), np.asarray(recording.u, dtype=float)
     known = np.isfinite(u)
     whole = np.asarray(np.isfinite(y).all(axis=1))
     if not whole.any():
@@ -69,7 +58,7 @@ def stretches(recording: Recording, name: str, wish: Wish) -> tuple[list[Data], 
     for start, end in parts:
         first = start + int(np.argmax(whole[start:end]))
         if whole[first] and end - first >= (SHORTEST if len(parts) > 1 else 1):
-            found.append(_data(y[first:end], u[first:end], step, name, wish))
+            found.append(_data(y[first:end], u[first:end], step, name, options))
     if not found:
         raise InputError(name, "u", f"no {SHORTEST} rows follow each other of which the torque is known")
     return found, _cut(known, found, name)
@@ -85,23 +74,23 @@ def _cut(known: NDArray[np.bool_], found: Sequence[Data], name: str) -> list[str
     ]
 
 
-def _outputs(recording: Recording, wish: Wish) -> Array:
-    columns = {one: np.asarray(getattr(recording, one), dtype=float) for one in wish.outputs}
-    if wish.delay_s is not None:
+def _outputs(recording: Recording, options: IdentifyOptions) -> Array:
+    columns = {one: np.asarray(getattr(recording, one), dtype=float) for one in options.outputs}
+    if options.delay_s is not None:
         try:
-            spec = Spec(delay_s=wish.delay_s, sample_time_s=recording.sample_time_s)
+            spec = Spec(delay_s=options.delay_s, sample_time_s=recording.sample_time_s)
             columns |= dict(zip(OUTPUTS, arriving(recording, spec)[1].T, strict=True))
         except ValueError as error:
             raise InputError("--delay", "", getattr(error, "reason", str(error))) from None
-    return np.stack([columns[one] for one in wish.outputs], axis=1)
+    return np.stack([columns[one] for one in options.outputs], axis=1)
 
 
-def _data(y: Array, u: Array, step: float, name: str, wish: Wish) -> Data:
+def _data(y: Array, u: Array, step: float, name: str, options: IdentifyOptions) -> Data:
     try:
-        made = iddata(y, u, step, outputs=wish.outputs, inputs=["torque"])
+        made = iddata(y, u, step, outputs=options.outputs, inputs=["torque"])
     except ValueError as error:
         raise InputError(name, "", str(error)) from None
-    return _without_mean(made) if wish.detrend else made
+    return _without_mean(made) if options.detrend else made
 
 
 def _without_mean(data: Data) -> Data:

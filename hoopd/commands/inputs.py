@@ -42,11 +42,3 @@ def read_values(option: str, text: str, names: tuple[str, ...]) -> dict[str, flo
             raise InputError(option, name, "stands twice")
         values[name] = finite(option, name, value)
     return values
-
-
-def whole_numbers(option: str, text: str) -> tuple[int, ...]:
-    """Numbers of "4,6"; InputError for what is none."""
-    try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(option, "", f"whole numbers between commas, not {text!r}") from None

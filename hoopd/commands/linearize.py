@@ -7,14 +7,14 @@ in `linearrecord`; whatever cannot be used is refused before the work.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import control
 import numpy as np
 
 from hoopd.commands.linearize_record import report
+from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.design.analysis import STATES, channel, linear_model
 from hoopd.design.delay import held
 from hoopd.design.effects_near import Near, effects_near
@@ -32,63 +32,42 @@ MOST_TURNS_RAD = 100.0
 MOST_GROWTH = 1e12
 
 
-class Request(NamedTuple):
-    """Around which point, measured how, and sampled or not."""
-
-    outputs: Sequence[str] = ("psi",)
-    psi_rad: float | None = None
-    dtheta_rad_s: float | None = None
-    top: bool = False
-    sample_time_s: float | None = None
-    delay_samples: int = 0
-
-
-def run(
-    model: Path,
-    *,
-    outputs: Sequence[str] = ("psi",),
-    psi_rad: float | None = None,
-    dtheta_rad_s: float | None = None,
-    top: bool = False,
-    sample_time_s: float | None = None,
-    delay_samples: int = 0,
-    figure: Path | None = None,
-    plot: str | None = None,
-) -> dict[str, Any]:
+def run(options: LinearizeOptions) -> dict[str, Any]:
     """What `hoopd linearize` finds, as plain data; InputError on a file or a value that cannot be used."""
-    request = Request(outputs, psi_rad, dtheta_rad_s, top, sample_time_s, delay_samples)
-    _check(request)
-    _check_figure(figure, plot)
+    _check(options)
+    _check_figure(options.figure, options.plot)
+    model = options.model
     file = load_model(or_shipped(model))
     try:
-        point, system, near = linearized(file, request)
-        result = report(file, point, system, (sample_time_s, delay_samples), near)
+        point, system, near = linearized(file, options)
+        result = report(file, point, system, (options.sample_time_s, options.delay_samples), near)
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise InputError(model, "parameters", f"the linear model leaves the computer's range ({error})") from None
-    if figure is not None:
+    if options.figure is not None:
         from hoopd.plots import linear, style
 
-        draw, first = linear.DRAWINGS[plot or "overview"], channel(system, outputs[0])
-        style.save(draw(first, title=f"{file.name}: {outputs[0]} / torque"), figure)
+        output = options.outputs[0]
+        draw, first = linear.DRAWINGS[options.plot or "overview"], channel(system, output)
+        style.save(draw(first, title=f"{file.name}: {output} / torque"), options.figure)
     return result
 
 
-def linearized(file: ModelFile, request: Request) -> tuple[OperatingPoint, control.StateSpace, Near]:
+def linearized(file: ModelFile, options: LinearizeOptions) -> tuple[OperatingPoint, control.StateSpace, Near]:
     """Operating point, linear system and what became of the model's effects; InputError where there is no point."""
-    psi = math.pi if request.top else request.psi_rad
-    turning = bool(request.dtheta_rad_s) or (psi is not None and psi != 0.0 and not request.top)
-    near = effects_near(plant_of(file), effects_of(file), request.outputs, turning=turning)
+    psi = math.pi if options.top else options.held_rad
+    turning = bool(options.turning_rad_s) or (psi is not None and psi != 0.0 and not options.top)
+    near = effects_near(plant_of(file), effects_of(file), options.outputs, turning=turning)
     plant = near.plant
     try:
         point = operating_point(
-            plant, psi_rad=psi, dtheta_rad_s=request.dtheta_rad_s, torque_limit_nm=file.device.torque_limit_nm
+            plant, psi_rad=psi, dtheta_rad_s=options.turning_rad_s, torque_limit_nm=file.device.torque_limit_nm
         )
     except NoEquilibriumError as error:
-        raise InputError("--hoop-speed" if request.dtheta_rad_s is not None else "--psi", "", str(error)) from None
-    system = linear_model(plant, point.x, point.u, request.outputs)
-    if request.sample_time_s is not None:
-        delay_s = request.delay_samples * request.sample_time_s + near.delay_s
-        system = held(system, request.sample_time_s, delay_s)
+        raise InputError("--hoop-speed" if options.turning_rad_s is not None else "--psi", "", str(error)) from None
+    system = linear_model(plant, point.x, point.u, options.outputs)
+    if options.sample_time_s is not None:
+        delay_s = options.delay_samples * options.sample_time_s + near.delay_s
+        system = held(system, options.sample_time_s, delay_s)
         if not np.abs(system.A).max() < MOST_GROWTH:
             raise InputError("--sample-time", "", "the plant runs away within one sample: shorten it")
     return point, system, near
@@ -97,27 +76,27 @@ def linearized(file: ModelFile, request: Request) -> tuple[OperatingPoint, contr
 # ---------------------------------------------------------------------------------------------- checks
 
 
-def _check(request: Request) -> None:
+def _check(options: LinearizeOptions) -> None:
     """One line for every value that cannot be meant."""
-    unknown = [name for name in request.outputs if name not in STATES]
-    if unknown or not request.outputs:
+    unknown = [name for name in options.outputs if name not in STATES]
+    if unknown or not options.outputs:
         raise InputError("--output", "", f"must be of {', '.join(STATES)}, not {unknown[0] if unknown else 'none'}")
-    if len(set(request.outputs)) != len(request.outputs):
+    if len(set(options.outputs)) != len(options.outputs):
         raise InputError("--output", "", "an output is named twice")
-    given = {"--top": request.top or None, "--psi": request.psi_rad, "--hoop-speed": request.dtheta_rad_s}
+    given = {"--top": options.top or None, "--psi": options.held_rad, "--hoop-speed": options.turning_rad_s}
     chosen = [name for name, value in given.items() if value is not None]
     if len(chosen) > 1:
         raise InputError(chosen[1], "", f"cannot be given together with {chosen[0]}: either fixes the other")
-    for name, value in {**given, "--sample-time": request.sample_time_s}.items():
+    for name, value in {**given, "--sample-time": options.sample_time_s}.items():
         if value is not None and not math.isfinite(value):
             raise InputError(name, "", f"must be a finite number, not {value}")
-    if request.psi_rad is not None and not abs(request.psi_rad) <= MOST_TURNS_RAD:
-        raise InputError("--psi", "", f"must be at most {MOST_TURNS_RAD:g} rad, not {request.psi_rad:g}")
-    if request.sample_time_s is not None and not 1e-5 <= request.sample_time_s <= 10.0:
-        raise InputError("--sample-time", "", f"must be between 1e-05 and 10 s, not {request.sample_time_s:g}")
-    if not 0 <= request.delay_samples <= MOST_DELAY_SAMPLES:
-        raise InputError("--delay", "", f"must be 0 to {MOST_DELAY_SAMPLES} samples, not {request.delay_samples}")
-    if request.delay_samples and request.sample_time_s is None:
+    if options.held_rad is not None and not abs(options.held_rad) <= MOST_TURNS_RAD:
+        raise InputError("--psi", "", f"must be at most {MOST_TURNS_RAD:g} rad, not {options.held_rad:g}")
+    if options.sample_time_s is not None and not 1e-5 <= options.sample_time_s <= 10.0:
+        raise InputError("--sample-time", "", f"must be between 1e-05 and 10 s, not {options.sample_time_s:g}")
+    if not 0 <= options.delay_samples <= MOST_DELAY_SAMPLES:
+        raise InputError("--delay", "", f"must be 0 to {MOST_DELAY_SAMPLES} samples, not {options.delay_samples}")
+    if options.delay_samples and options.sample_time_s is None:
         raise InputError("--delay", "", "counts samples: give --sample-time too")
 
 

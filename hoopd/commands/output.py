@@ -9,6 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from hoopd.files.reading import InputError
+
 # What a person compares; the JSON has every digit. A matrix of six columns fits a terminal of 80 with four.
 DIGITS = 7
 MATRIX_DIGITS = 4
@@ -132,3 +134,9 @@ def write_json(path: Path | None, result: dict[str, Any]) -> None:
     from hoopd.files.whole_files import replace_file
 
     replace_file(path, msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
+
+
+def check_json(path: Path | None) -> None:
+    """InputError where the result could not be written: said before a run, not after it."""
+    if path is not None and not path.parent.is_dir():
+        raise InputError(path, "--json", "no such folder")

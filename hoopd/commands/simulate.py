@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from hoopd.commands.inputs import read_ages, read_recording, read_values
+from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
@@ -21,7 +22,6 @@ from hoopd.files.shipped import or_shipped
 from hoopd.plants.fits.fit_data import moving_of
 from hoopd.plants.fits.fit_percent import WINDOW_S, Score, score
 from hoopd.plants.fits.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
-from hoopd.plants.hoop.simulate import STEP_S
 from hoopd.plants.hoop.suspicions import suspicions
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording import Recording, save
@@ -34,43 +34,28 @@ MOVING = ("auto", "both", "hoop", "ball")
 STEP_RANGE_S = (1e-4, 0.1)
 
 
-def run(
-    model: Path,
-    recording: str,
-    *,
-    columns: str | None = None,
-    age: str = "",
-    x0: str | None = None,
-    step_s: float = STEP_S,
-    moving: str = "auto",
-    without_effects: bool = False,
-    out: Path | None = None,
-    figure: Path | None = None,
-) -> dict[str, Any]:
-    """Simulate, compare, write; the result as a record.
-
-    recording, age: as in `read_recording`. x0: "psi=0.4,dtheta=0", the start instead of an estimated one. moving: auto,
-    both, hoop or ball. InputError when anything cannot be used or written.
-    """
+def run(options: SimulateOptions) -> dict[str, Any]:
+    """Simulate, compare, write; the result as a record. InputError when anything cannot be used or written."""
+    out, figure, model, step_s = options.out, options.figure, options.model, options.step_s
     if out is not None:
         extension_of(out)  # said before the work, not after it
     check_results(out, figure)
     file = load_model(or_shipped(model))
-    effects = None if without_effects or not file.effects else effects_of(file)
+    effects = None if options.without_effects or not file.effects else effects_of(file)
     _check_step(step_s)
-    found = read_recording(recording, columns, age)
-    start = None if x0 is None else read_values("--x0", x0, STATES)
+    found = read_recording(options.recording, options.columns, options.age)
+    start = None if options.x0 is None else read_values("--x0", options.x0, STATES)
     subject = Subject(file.structure, file.values(), step_s=step_s, effects=effects)
-    what = _moving(found, moving, file.device.encoder_counts)
+    what = _moving(found, options.moving, file.device.encoder_counts)
     _check_start(what, start)
     whole = score(subject, found, start=start if start is not None else _rest(found), moving=what)
     windows = score(subject, found, window_s=WINDOW_S, moving=what) if whole.traces else None
     _refuse_runaway(model, whole)
     _write(subject, found, whole, file, out, figure)
     result = _result(file, found, whole, windows, start is not None, step_s)
-    result |= {"age_s": read_ages(age)} if age else {}
+    result |= {"age_s": read_ages(options.age)} if options.age else {}
     result["effects"] = [*effects.names] if effects else []
-    result["notes"] = _notes(file, found, whole, without_effects=without_effects)
+    result["notes"] = _notes(file, found, whole, without_effects=options.without_effects)
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
 
 

@@ -12,9 +12,10 @@ from harness.rigrun import run_rig
 from shared import shared_path
 
 from hoopd.commands import cli
-from hoopd.commands.design import run
+from hoopd.commands import design as command
 from hoopd.commands.design_options import poles_from, spec_from, weights_from
 from hoopd.commands.linear_tables import of_design
+from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.output import table_rows
 from hoopd.daemon.build import build_tick, mismatch, read_texts
 from hoopd.design.arx_law import arriving
@@ -34,6 +35,11 @@ HOOP, THESIS = CONFIG / "models" / "hoop.yaml", CONFIG / "models" / "thesis.yaml
 BEARING = ("lqg", "lqr", "placement", "pid", "pi")
 
 
+def run(law: str, model: Path, **asked: Any) -> dict[str, Any]:
+    """What the command finds."""
+    return command.run(DesignOptions(law=law, model=model, **asked))
+
+
 def simulated(folder: Path) -> Path:
     """A recording like the old ones: all of a row taken at once, two-level torque."""
     plant, rng = plant_of(load_model(HOOP)), np.random.default_rng(3)
@@ -51,7 +57,7 @@ def simulated(folder: Path) -> Path:
 
 def test_a_person_reads_margins_first_and_poles_last(tmp_path: Path) -> None:
     out = tmp_path / "my law.yaml"
-    result = run("lqg", HOOP, Spec(), out=out)
+    result = run("lqg", HOOP, out=out)
     shown = of_design(result, out)
     order = [key for key in shown if isinstance(shown[key], dict)]
     assert order == ["margins", "closed_loop", "gang_of_four", "gains", "design", "closed_loop_poles"]
@@ -67,7 +73,7 @@ def test_a_person_reads_margins_first_and_poles_last(tmp_path: Path) -> None:
 @pytest.mark.parametrize("law", BEARING)
 def test_what_is_written_is_what_the_daemon_loads(tmp_path: Path, law: str) -> None:
     out = tmp_path / "mine.yaml"
-    result = run(law, HOOP, Spec(), out=out)
+    result = run(law, HOOP, out=out)
     file = load_controller(out)
     assert file.gains == result["gains"] and file.kind == result["kind"] and file.name == "mine"
     controller_of(file)
@@ -79,7 +85,7 @@ def test_what_is_written_is_what_the_daemon_loads(tmp_path: Path, law: str) -> N
 
 def test_default_lqg_is_the_shipped_one(tmp_path: Path) -> None:
     out = tmp_path / "mine.yaml"
-    run("lqg", HOOP, Spec(), out=out)
+    run("lqg", HOOP, out=out)
     shipped, mine = load_controller(CONFIG / "controllers" / "lqg.yaml"), load_controller(out)
     assert mine.estimator == shipped.estimator and mine.limits == shipped.limits and mine.model == shipped.model
     assert mine.gains == pytest.approx(shipped.gains, rel=1e-6)
@@ -92,7 +98,7 @@ def test_designed_law_holds_the_ball_in_the_rig(tmp_path: Path, law: str, bound_
     model.parent.mkdir()
     model.write_text(HOOP.read_text().replace("name: hoop", "name: fitted"))
     out = tmp_path / "mine.yaml"
-    run(law, model, Spec(), out=out)
+    run(law, model, out=out)
     assert load_controller(out).model == "fits/fitted.yaml"
     made = run_rig(tmp_path / "run", f"control.file={out}", duration_s=8.0)
     assert made.settled_s(made.psi, 0.05) < bound_s
@@ -103,7 +109,7 @@ def test_recordings_do_not_tell_where_the_model_lay(tmp_path: Path) -> None:
     (tmp_path / "fits" / "m.yaml").write_text(HOOP.read_text())
     (tmp_path / "laws").mkdir()
     out = tmp_path / "laws" / "mine.yaml"
-    run("lqg", tmp_path / "fits" / "m.yaml", Spec(), out=out)
+    run("lqg", tmp_path / "fits" / "m.yaml", out=out)
     assert load_controller(out).model == "../fits/m.yaml"
     texts = read_texts(load_config(None, sim=True, overrides=[f"control.file={out}"]), None)
     assert "\nmodel: m.yaml\n" in texts.controller and "fits" not in texts.controller
@@ -111,7 +117,7 @@ def test_recordings_do_not_tell_where_the_model_lay(tmp_path: Path) -> None:
 
 def test_arx_is_designed_from_a_recording(tmp_path: Path) -> None:
     out = tmp_path / "arx.yaml"
-    result = run("arx", HOOP, Spec(), recording=str(simulated(tmp_path)), out=out)
+    result = run("arx", HOOP, recording=str(simulated(tmp_path)), out=out)
     assert result["kind"] == "lqg_linear" and result["margins"]["phase_deg"] > 45
     assert result["design"]["innovation_std"]["psi_rad"] == pytest.approx(0.005, rel=0.2)
     made = run_rig(tmp_path / "run", f"control.file={out}", duration_s=8.0)
@@ -123,7 +129,7 @@ def test_arx_of_a_real_recording_holds_the_ball_in_the_rig(tmp_path: Path, name:
     """Judged on the thesis's model, run on a rig of the thesis's device; the recorded device is another one."""
     recording = str(shared_path(f"recordings/{name}.mat"))
     out = tmp_path / "arx.yaml"
-    result = run("arx", THESIS, Spec(), recording=recording, out=out)
+    result = run("arx", THESIS, recording=recording, out=out)
     assert result["margins"]["phase_deg"] > 50 and result["margins"]["delay_ms"] > 60
     made = run_rig(tmp_path / "run", f"control.file={out}", "sim.model=models/thesis.yaml", duration_s=8.0)
     assert made.settled_s(made.psi, 0.05) < 2.0
@@ -131,7 +137,7 @@ def test_arx_of_a_real_recording_holds_the_ball_in_the_rig(tmp_path: Path, name:
 
 def test_a_recording_that_tells_nothing_is_refused() -> None:
     with pytest.raises(InputError, match="hardly moves"):
-        run("arx", THESIS, Spec(), recording=str(shared_path("recordings/meas_ballOnly01.mat")))
+        run("arx", THESIS, recording=str(shared_path("recordings/meas_ballOnly01.mat")))
 
 
 def test_a_file_without_arrival_times_is_made_late() -> None:
@@ -159,7 +165,7 @@ SLIP = "{name: ball.slip, parameters: {mu: {value: 0.1, unit: '-'}}}"
 
 
 def test_a_law_is_designed_on_what_feed_forward_leaves(tmp_path: Path) -> None:
-    plain, found = run("lqg", HOOP, Spec()), run("lqg", with_effect(tmp_path, FRICTION), Spec())
+    plain, found = run("lqg", HOOP), run("lqg", with_effect(tmp_path, FRICTION))
     assert found["gains"] == plain["gains"] and found["margins"] == plain["margins"]
     assert found["effects"]["fed_forward"] == found["effects"]["in_the_filter"] == ["hoop.coulomb_friction"]
     released = found["closed_loop"]["released"]
@@ -172,8 +178,8 @@ def count_poles(result: dict[str, Any]) -> int:
 
 
 def test_delays_of_a_model_are_in_the_loop(tmp_path: Path) -> None:
-    plain = run("lqg", HOOP, Spec())
-    late = run("lqg", with_effect(tmp_path, LATE_CAMERA, LATE_DRIVE), Spec())
+    plain = run("lqg", HOOP)
+    late = run("lqg", with_effect(tmp_path, LATE_CAMERA, LATE_DRIVE))
     assert late["delay_s"] == pytest.approx(plain["delay_s"] + 0.04)
     # torques on their way: two ticks in what is seen of the hoop, two and two more in what is seen of the ball
     assert count_poles(late) > count_poles(plain) + 6 and late["margins"]["delay_ms"] > 20.0
@@ -183,18 +189,18 @@ def test_delays_of_a_model_are_in_the_loop(tmp_path: Path) -> None:
 
 def test_delays_that_no_filter_remembers_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="effects"):
-        run("lqg", with_effect(tmp_path, LATE_CAMERA.replace("0.04", "0.2"), LATE_DRIVE), Spec())
+        run("lqg", with_effect(tmp_path, LATE_CAMERA.replace("0.04", "0.2"), LATE_DRIVE))
 
 
 def test_effects_that_a_daemon_cannot_use_are_named(tmp_path: Path) -> None:
-    (warning,) = run("lqg", with_effect(tmp_path, SLIP), Spec())["warnings"]
+    (warning,) = run("lqg", with_effect(tmp_path, SLIP))["warnings"]
     assert "ball.slip" in warning and "no state" in warning
 
 
 def test_a_limit_of_the_drive_limits_the_law(tmp_path: Path) -> None:
     limit = "{name: actuator.saturation, parameters: {s: {value: 0.3, unit: N m}}}"
     out = tmp_path / "c.yaml"
-    run("lqg", with_effect(tmp_path, limit), Spec(), out=out)
+    run("lqg", with_effect(tmp_path, limit), out=out)
     assert load_controller(out).limits.torque_nm == 0.3
 
 
@@ -202,7 +208,7 @@ def test_a_limit_of_the_drive_limits_the_law(tmp_path: Path) -> None:
 
 
 def test_pid_of_the_thesis_specification_and_what_delay_does_to_it(tmp_path: Path) -> None:
-    result = run("pid", THESIS, Spec(delay_s=0.0), out=tmp_path / "pid.yaml")
+    result = run("pid", THESIS, delay_s=0.0, out=tmp_path / "pid.yaml")
     design = result["design"]
     assert (design["kp"], design["ki"], design["kd"]) == pytest.approx((0.1966659, 2.8154613, 0.0473456), abs=5e-8)
     assert design["peak_complementary"]["value"] == pytest.approx(1.25, abs=1e-9)
@@ -212,26 +218,26 @@ def test_pid_of_the_thesis_specification_and_what_delay_does_to_it(tmp_path: Pat
     assert disturbed["psi_settled_s"] < 1.5
     assert abs(result["closed_loop"]["wrong_zero"]["end_hoop_speed_rad_s"]) == pytest.approx(7.4, abs=0.1)
     with pytest.raises(InputError, match=r"unstable with pictures 60 ms old: pole z = 1\.\d+ \+- 0\.\d+j"):
-        run("pid", THESIS, Spec(omega_rad_s=10, mt=1.25, phase_deg=50, delay_s=0.06), out=tmp_path / "no.yaml")
+        run("pid", THESIS, omega_rad_s=10, mt=1.25, phase_deg=50, delay_s=0.06, out=tmp_path / "no.yaml")
     assert not (tmp_path / "no.yaml").exists()
 
 
 def test_lead_settles_without_delay_and_is_refused_with_it(tmp_path: Path) -> None:
-    result = run("lead", THESIS, Spec(delay_s=0.0))
+    result = run("lead", THESIS, delay_s=0.0)
     np.testing.assert_allclose(result["gains"]["b"], [2.4342806945451483, -1.1514210418177229], rtol=1e-12)
     np.testing.assert_allclose(result["gains"]["a"], [1.0, 0.28285965272742575], rtol=1e-12)
     assert result["closed_loop"]["disturbed"]["psi_settled_s"] < 1.5
     with pytest.raises(InputError, match="unstable"):
-        run("lead", THESIS, Spec(), out=tmp_path / "no.yaml")
+        run("lead", THESIS, out=tmp_path / "no.yaml")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_state_feedback_bears_the_delay_that_a_pid_does_not() -> None:
-    lqg, pid = run("lqg", THESIS, Spec()), run("pid", THESIS, Spec())
+    lqg, pid = run("lqg", THESIS), run("pid", THESIS)
     assert lqg["warnings"] == [] and lqg["margins"]["delay_ms"] > 90
     assert any("phase margin" in text for text in pid["warnings"])
     assert pid["margins"]["delay_ms"] < 40
-    placed = run("placement", THESIS, Spec(poles=(-4, -6 + 6j, -6 - 6j)))
+    placed = run("placement", THESIS, poles="-4,-6+6j,-6-6j")
     found = {round(value, 6) for value in placed["natural_rad_s"]}
     assert {4.0, round(abs(-6 + 6j), 6)} <= found
 
@@ -285,7 +291,7 @@ def test_bad_input_is_one_line(words: list[str], message: str, tmp_path: Path, m
 def test_options_become_a_specification() -> None:
     assert weights_from([]) == Weights()
     assert poles_from("-6+6j, -6-6i,-1") == (-6 + 6j, -6 - 6j, -1)
-    assert spec_from(lead=(80.0, 5.0), delay_s=0.0).loop_delay_s == 0.0
+    assert spec_from(DesignOptions(law="pid", model=HOOP, lead=(80.0, 5.0), delay_s=0.0)).loop_delay_s == 0.0
     assert Spec(delay_s=0.05).delay_ticks == 3 and Spec(delay_s=0.04).delay_ticks == 2
 
 

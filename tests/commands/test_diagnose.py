@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -18,6 +18,7 @@ from diagnose.madeup import NOISE, stretch_with
 
 from hoopd.commands import cli, diagnose
 from hoopd.commands.diagnose_inputs import check_distinct, expanded
+from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import parse
 from hoopd.files.reading import InputError
@@ -46,6 +47,12 @@ class Page(HTMLParser):
         self.sections += [found["id"]] if tag == "section" and "id" in found else []
         self.figures += tag == "figure"
         self.loaded += [v for k, v in attrs if k in ("src", "href") and v and not v.startswith(("#", "data:"))]
+
+
+def run(recordings: Sequence[str], holdout: Sequence[str] = (), *, progress: Any = print, **asked: Any) -> Diagnosis:
+    """What the command finds."""
+    options = DiagnoseOptions(recordings=tuple(recordings), holdout=tuple(holdout), **asked)
+    return diagnose.run(options, progress=progress)
 
 
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -124,7 +131,7 @@ def test_a_run_from_python_says_what_it_does_and_writes_the_same_bytes(
     monkeypatch.chdir(made)
     steps: list[str] = []
     outputs = {"json_path": tmp_path / "one.json", "report": tmp_path / "one.html", "write": tmp_path / "found.yaml"}
-    found = diagnose.run(["train"], ["held.csv"], progress=steps.append, **outputs)
+    found = run(["train"], ["held.csv"], progress=steps.append, **outputs)
     assert steps[0] == "reading the recordings" and "screening the library" in steps
     assert found.effects[0].name == NAME
     assert all((made / path.name).read_bytes() == path.read_bytes() for path in outputs.values())
@@ -273,7 +280,7 @@ def test_recordings_of_one_name_in_two_folders_stay_apart(short: Path, tmp_path:
 
     with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError):
         patch.setattr(diagnose, "diagnose", stopped)
-        diagnose.run([str(short), str(other)])
+        run([str(short), str(other)])
     assert seen == [[str(short), str(other), str(short), str(other)]]
 
 
@@ -286,7 +293,7 @@ def test_a_models_own_effects_are_part_of_what_is_judged(made: Path) -> None:
 
     with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError):
         patch.setattr(diagnose, "diagnose", stopped)
-        diagnose.run([str(made / "train")], [str(made / "held.csv")], model=made / "found.yaml")
+        run([str(made / "train")], [str(made / "held.csv")], model=made / "found.yaml")
     assert [effect.name for effect in cases[0].effects] == [NAME]
     assert cases[0].values[f"{NAME}.Fc"] == load_model(made / "found.yaml").effects[0].parameters["Fc"].value
 
@@ -308,7 +315,7 @@ def of_two_kinds(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_bare_hoop_and_hoop_with_ball_are_diagnosed_together(of_two_kinds: Path) -> None:
     train, held = [str(of_two_kinds / name) for name in ("bare.csv", "run.csv")], [str(of_two_kinds / "held.csv")]
-    found = diagnose.run(train, held, model=MODELS / "hoop.yaml", free_run=False)
+    found = run(train, held, model=MODELS / "hoop.yaml", free_run=False)
     low, high = found.effects[0].parameters["Fc"].ci95 or (0.0, 0.0)
     assert [one.name for one in found.effects] == [NAME]
     assert low - 0.3e-3 < FRICTION_NM < high + 0.3e-3
@@ -320,7 +327,7 @@ def test_a_bare_hoop_and_hoop_with_ball_are_diagnosed_together(of_two_kinds: Pat
 def test_what_is_not_to_be_looked_for_is_called_unknown(of_two_kinds: Path) -> None:
     train, held = [str(of_two_kinds / name) for name in ("bare.csv", "run.csv")], [str(of_two_kinds / "held.csv")]
     rubs = (NAME, "hoop.stribeck_friction", "hoop.friction_drift", "hoop.quadratic_drag")
-    found = diagnose.run(train, held, model=MODELS / "hoop.yaml", free_run=False, without=rubs)
+    found = run(train, held, model=MODELS / "hoop.yaml", free_run=False, without=rubs)
     assert found.verdict == "unknown_physics"
     assert found.effects[0].name == "unknown.hoop"
     assert (found.location.slot, found.location.depends_on) == ("hoop", ["dtheta"])

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -11,11 +13,11 @@ import pytest
 from shared import shared_path
 from typer.testing import CliRunner
 
+from hoopd.commands import fit
 from hoopd.commands.cli import app
-from hoopd.commands.fit import run
-from hoopd.commands.fit_options import Wish
 from hoopd.commands.fit_record import _device, _known, _worse
 from hoopd.commands.fit_tables import _made_of, for_terminal
+from hoopd.commands.options.fit import FitOptions
 from hoopd.files.model import Parameter
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import defaults_folder
@@ -26,6 +28,11 @@ from hoopd.recording import save
 from hoopd.recording.recording import from_columns
 
 HOOP = load_model(defaults_folder() / "models/hoop.yaml")
+
+
+def run(recordings: Sequence[str], holdout: Sequence[str] = (), **asked: Any) -> dict[str, Any]:
+    """What the command finds."""
+    return fit.run(FitOptions(recordings=tuple(recordings), holdout=tuple(holdout), **asked))
 
 
 def recording(folder: Path, name: str = "run.csv", seed: int = 1, seconds: float = 6.0, ball: bool = True) -> str:
@@ -88,7 +95,7 @@ def late(folder: Path) -> str:
 
 def test_ages_put_late_samples_where_they_belong(tmp_path: Path) -> None:
     rec = late(tmp_path)
-    told, untold = run([rec], wish=Wish(age="psi=0.03,y=0.02")), run([rec])
+    told, untold = run([rec], age="psi=0.03,y=0.02"), run([rec])
     assert told["age_s"] == {"psi": 0.03, "y": 0.02}
     assert told["parameters"]["K2"]["value"] == pytest.approx(-78.546, rel=0.002)
     assert told["residuals"]["psi"]["sigma"] < 0.003 < untold["residuals"]["psi"]["sigma"]
@@ -102,7 +109,7 @@ def test_a_file_with_sample_times_takes_no_age(tmp_path: Path) -> None:
     save(from_columns({"t": t, "u": t, "theta": t, "dtheta": t, "psi": t, "psi_t": t - 0.04}), path)
     for age, words in (("psi=0.03", "--age: psi: own.csv has sample times"), ("y=20", "--age: y must be 0 to 1 s")):
         with pytest.raises(InputError) as caught:
-            run([str(path)], wish=Wish(age=age))
+            run([str(path)], age=age)
         assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -141,9 +148,9 @@ def test_a_held_out_run_that_got_worse_is_said(tmp_path: Path) -> None:
 
 
 def test_several_recordings_make_one_physical_fit(tmp_path: Path) -> None:
-    wish = Wish(structure="rolling", fix=("mb", "Ro=0.0957,Rb=0.0104"), priors=("Ih=0.0014:0.5",))
+    wish = {"structure": "rolling", "fix": ("mb", "Ro=0.0957,Rb=0.0104"), "prior": ("Ih=0.0014:0.5",)}
     files = [recording(tmp_path, "one.csv", 1), recording(tmp_path, "hoop.csv", 2, ball=False)]
-    result = run(files, wish=wish, out=tmp_path / "m.yaml")
+    result = run(files, **wish, out=tmp_path / "m.yaml")
     assert result["parameters"]["Ih"]["value"] == pytest.approx(0.001518, rel=0.01)
     assert result["parameters"]["mb"] == {"value": 0.0608, "unit": "kg", "ci95": None, "nominal": 0.0608}
     assert result["starts"] == 2
@@ -162,7 +169,7 @@ def test_the_command_prints_tables_and_writes_json(tmp_path: Path) -> None:
 
 
 def test_prediction_error_gives_noise_levels(tmp_path: Path) -> None:
-    result = run([recording(tmp_path)], wish=Wish(method="prediction"))
+    result = run([recording(tmp_path)], method="prediction")
     assert result["parameters"]["K2"]["value"] == pytest.approx(-78.546, rel=0.005)
     assert result["noise"]["r_psi"]["value"] == pytest.approx(0.002**2, rel=0.3)
     assert set(result["innovations"]) == {"theta", "psi"}
@@ -170,32 +177,32 @@ def test_prediction_error_gives_noise_levels(tmp_path: Path) -> None:
 
 
 BAD_WISHES = [
-    (Wish(structure="rotating"), "--structure: unknown 'rotating'"),
-    (Wish(loss="square"), "--loss: unknown"),
-    (Wish(method="guess"), "--method: unknown"),
-    (Wish(free="K3"), "--free: unknown 'K3'"),
-    (Wish(fix=("K2=heavy",)), "--fix: K2: expected a number"),
-    (Wish(fix=("Ib",)), "--fix: unknown 'Ib'"),
-    (Wish(priors=("K2=-70",)), "expected NAME=VALUE:SIGMA"),
-    (Wish(priors=("K2=-70:0",)), "sigma must be positive"),
-    (Wish(channels="current"), "--channels: unknown 'current'"),
-    (Wish(free="J11,mb"), "--free: mb: these recordings bear on"),
-    (Wish(priors=("mb=0.06:0.1",)), "--prior: mb: is not fitted"),
-    (Wish(structure="rolling", fix=("mb=-1",)), "--fix: mb: must be positive"),
-    (Wish(structure="rolling", fix=("Rb=0.2",)), "--fix: Rb: the ball's rolling radius"),
-    (Wish(structure="rolling", priors=("Ih=-1:0.1",)), "--prior: Ih: must be positive"),
-    (Wish(window_s=0.01), "--window: must be 0.2"),
-    (Wish(fix=("J11", "J12", "K1", "L1", "J21", "J22", "K2", "L2")), "nothing is left to fit"),
-    (Wish(method="prediction", channels="theta_rate"), "use theta"),
-    (Wish(structure="rolling", model=defaults_folder() / "models/thesis.yaml"), "nothing to start a fit of rolling"),
+    ({"structure": "rotating"}, "--structure: unknown 'rotating'"),
+    ({"loss": "square"}, "--loss: unknown"),
+    ({"method": "guess"}, "--method: unknown"),
+    ({"free": ("K3",)}, "--free: unknown 'K3'"),
+    ({"fix": ("K2=heavy",)}, "--fix: K2: expected a number"),
+    ({"fix": ("Ib",)}, "--fix: unknown 'Ib'"),
+    ({"prior": ("K2=-70",)}, "expected NAME=VALUE:SIGMA"),
+    ({"prior": ("K2=-70:0",)}, "sigma must be positive"),
+    ({"channels": ("current",)}, "--channels: unknown 'current'"),
+    ({"free": ("J11", "mb")}, "--free: mb: these recordings bear on"),
+    ({"prior": ("mb=0.06:0.1",)}, "--prior: mb: is not fitted"),
+    ({"structure": "rolling", "fix": ("mb=-1",)}, "--fix: mb: must be positive"),
+    ({"structure": "rolling", "fix": ("Rb=0.2",)}, "--fix: Rb: the ball's rolling radius"),
+    ({"structure": "rolling", "prior": ("Ih=-1:0.1",)}, "--prior: Ih: must be positive"),
+    ({"window_s": 0.01}, "--window: must be 0.2"),
+    ({"fix": ("J11", "J12", "K1", "L1", "J21", "J22", "K2", "L2")}, "nothing is left to fit"),
+    ({"method": "prediction", "channels": ("theta_rate",)}, "use theta"),
+    ({"structure": "rolling", "model": defaults_folder() / "models/thesis.yaml"}, "nothing to start a fit of rolling"),
 ]
 
 
 @pytest.mark.parametrize(("wish", "words"), BAD_WISHES, ids=[words for _, words in BAD_WISHES])
-def test_a_wish_that_cannot_be_met_is_one_line(tmp_path: Path, wish: Wish, words: str) -> None:
+def test_a_wish_that_cannot_be_met_is_one_line(tmp_path: Path, wish: dict[str, Any], words: str) -> None:
     out = tmp_path / "m.yaml"
     with pytest.raises(InputError) as caught:
-        run([recording(tmp_path)], wish=wish, out=out)
+        run([recording(tmp_path)], **wish, out=out)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not out.exists()
@@ -246,7 +253,7 @@ def test_the_device_is_what_it_started_from_never_what_was_fitted(tmp_path: Path
 
 
 def test_the_second_step_says_what_the_thesis_s_table_is(tmp_path: Path) -> None:
-    result = run([str(shared_path("recordings/meas_hoopAndBall2_01.mat")) + "@:19.8"], wish=Wish(kinematics=True))
+    result = run([str(shared_path("recordings/meas_hoopAndBall2_01.mat")) + "@:19.8"], kinematics=True)
     words = " ".join(result["physical"]["words"])
     assert "Table 3.1" in words
     assert "do not reproduce" in words

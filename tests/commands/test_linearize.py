@@ -11,13 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hoopd.commands import cli
+from hoopd.commands import cli, linearize
 from hoopd.commands.linear_tables import of_linearize
-from hoopd.commands.linearize import run
+from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.plots import linear
 
 MODELS = Path(__file__).resolve().parents[2] / "config" / "models"
 THESIS = MODELS / "thesis.yaml"
+
+
+def run(model: Path, **asked: Any) -> dict[str, Any]:
+    """What the command finds."""
+    return linearize.run(LinearizeOptions(model=model, **asked))
 
 
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -63,7 +68,7 @@ def test_json_holds_the_thesis_s_figures(
 def test_no_number_of_any_record_is_infinite(tmp_path: Path) -> None:
     requests: list[dict[str, Any]] = [
         {"outputs": ("theta", "psi")},
-        {"outputs": ("dtheta",), "psi_rad": 0.3},
+        {"outputs": ("dtheta",), "held_rad": 0.3},
         {"sample_time_s": 0.02, "delay_samples": 3},
         {"top": True},
     ]
@@ -102,7 +107,7 @@ def test_sampled_plant_has_its_delay_as_states_and_margins_in_samples() -> None:
 
 
 def test_operating_point_with_a_turning_hoop() -> None:
-    result = run(THESIS, dtheta_rad_s=60.0)
+    result = run(THESIS, turning_rad_s=60.0)
     point = result["operating_point"]
     assert point["dtheta"] == 60.0 and 0.0 < point["psi"] < 0.2 and 0.0 < point["torque"] < 0.1
     assert math.isclose(result["state_space"]["A"][3][2], -73.63359905056758 * math.cos(point["psi"]))
@@ -145,8 +150,8 @@ def test_a_latency_is_a_delay_where_the_model_is_sampled(tmp_path: Path) -> None
 
 def test_what_turns_with_the_hoop_has_no_mean(tmp_path: Path) -> None:
     imbalance = "{name: hoop.imbalance, parameters: {A: {value: 0.008, unit: N m}, phi: {value: 0.7, unit: rad}}}"
-    result = run(with_effects(tmp_path, imbalance), dtheta_rad_s=10.0)
-    assert result["state_space"] == run(THESIS, dtheta_rad_s=10.0)["state_space"]
+    result = run(with_effects(tmp_path, imbalance), turning_rad_s=10.0)
+    assert result["state_space"] == run(THESIS, turning_rad_s=10.0)["state_space"]
     assert "mean over the turns" in result["effects"]["left_out"][0]["reason"]
 
 

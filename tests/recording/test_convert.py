@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from hoopd.commands import convert
 from hoopd.commands.cli import app
-from hoopd.commands.convert import run
+from hoopd.commands.options.convert import ConvertOptions
 from hoopd.files.reading import InputError
 from hoopd.recording import load, save
 from hoopd.recording.recording import from_columns
@@ -25,6 +27,11 @@ def source(tmp_path: Path) -> Path:
     psi = np.where(t == t[3], np.nan, np.cos(t))
     save(from_columns({"t": t, "u": 0.1 * np.sin(t), "theta": t, "dtheta": 0 * t + 1, "psi": psi}), tmp_path / "a.csv")
     return tmp_path / "a.csv"
+
+
+def run(source: Path, target: Path, **asked: Any) -> dict[str, Any]:
+    """What the command writes."""
+    return convert.run(ConvertOptions(source=source, target=target, **asked))
 
 
 def test_result(source: Path, tmp_path: Path) -> None:

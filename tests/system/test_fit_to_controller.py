@@ -16,7 +16,8 @@ from system.test_bad_input import call
 
 from hoopd import lab
 from hoopd.commands import design, fit
-from hoopd.design.laws import Spec
+from hoopd.commands.options.design import DesignOptions
+from hoopd.commands.options.fit import FitOptions
 from hoopd.files.model import model_text
 from hoopd.plants.model_file import load_model
 
@@ -38,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for command in COMMANDS:
             code, _, errors = call(tuple(command.split()[1:]))
             assert code == 0, (command, errors)
-    design.run("lqg", Path("models/thesis.yaml"), Spec(), out=place / "thesis.yaml")
+    design.run(DesignOptions(law="lqg", model=Path("models/thesis.yaml"), out=place / "thesis.yaml"))
     return place
 
 
@@ -105,8 +106,10 @@ def test_a_fit_from_wrong_numbers_is_as_good(folder: Path) -> None:
         )
     start = folder / "wrong.yaml"
     start.write_text(text, encoding="utf-8")
-    fit.run([str(folder / "rec.mcap")], wish=fit.Wish(structure="rolling", model=start), out=folder / "again.yaml")
-    design.run("lqg", folder / "again.yaml", Spec(), out=folder / "again-lqg.yaml")
+    fit.run(
+        FitOptions(recordings=(str(folder / "rec.mcap"),), structure="rolling", model=start, out=folder / "again.yaml")
+    )
+    design.run(DesignOptions(law="lqg", model=folder / "again.yaml", out=folder / "again-lqg.yaml"))
     asked = SCENARIOS["references"]
     (again,), (first,) = (race(folder / "again", folder / name, asked, (0,)) for name in ("again-lqg.yaml", "lqg.yaml"))
     assert judged(again).off_rms_rad == pytest.approx(judged(first).off_rms_rad, rel=0.02)

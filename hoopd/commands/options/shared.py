@@ -1,4 +1,4 @@
-"""Options that the offline commands share, and how they end: files checked, progress shown, a result printed.
+"""Options that several commands share, and how a command ends: files checked, progress shown, a result printed.
 
 Rules of this file: no command; heavy imports are made inside the functions.
 """
@@ -8,34 +8,51 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+from hoopd.commands.options.declaration import REQUIRED, option
 
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result to this file.", metavar="FILE")]
-FigureOption = Annotated[
-    Path | None, typer.Option("--figure", help="Draw into this file (.png, .svg or .pdf).", metavar="FILE")
-]
-ModelOption = Annotated[
-    Path,
-    typer.Option(
+SLICE = "FILE[:EXPERIMENT][@START:END]"
+
+
+def json_option() -> Any:
+    """Where the result goes as JSON."""
+    return option("--json", text="Write the result to this file.", metavar="FILE")
+
+
+def figure_option(text: str = "Draw into this file (.png, .svg or .pdf).") -> Any:
+    """Where a figure goes."""
+    return option("--figure", text=text, metavar="FILE")
+
+
+def model_option() -> Any:
+    """The model that a command cannot do without."""
+    return option(
         "--model",
-        help="Model file of `hoopd fit`, or a shipped one: models/hoop.yaml, models/thesis.yaml.",
+        text="Model file of `hoopd fit`, or a shipped one: models/hoop.yaml, models/thesis.yaml.",
         metavar="MODEL",
-    ),
-]
-ColumnsOption = Annotated[
-    str | None,
-    typer.Option("--columns", help="What a file's columns hold, e.g. u,theta,dtheta,current.", metavar="NAMES"),
-]
-AgeOption = Annotated[
-    str,
-    typer.Option(
+        default=REQUIRED,
+    )
+
+
+def columns_option() -> Any:
+    """What the columns of a file are."""
+    return option("--columns", text="What a file's columns hold, e.g. u,theta,dtheta,current.", metavar="NAMES")
+
+
+def age_option() -> Any:
+    """How old samples are at their row."""
+    return option(
         "--age",
-        help="Seconds by which samples are older than their row: the ball's angle, the board's readings.",
+        text="Seconds by which samples are older than their row: the ball's angle, the board's readings.",
         metavar="psi=0.03,y=0.02",
-    ),
-]
+        default="",
+    )
+
+
+def holdout_option(text: str) -> Any:
+    """Recordings that judge."""
+    return option("--holdout", text=text, metavar="REC", default=())
 
 
 def check_files(inputs: Sequence[Path | str | None], **outputs: Path | None) -> None:

@@ -1,0 +1,115 @@
+"""Commands to a running daemon: by its socket, or over zenoh where a configuration names that way.
+
+Rules of this file: one request, one answer, printed; no decision is taken here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from hoopd.commands.options.running import (
+    ArmOptions,
+    ClearOptions,
+    DaemonOptions,
+    DisarmOptions,
+    RefOptions,
+    StatusOptions,
+    StopOptions,
+    TuneOptions,
+)
+from hoopd.commands.output import check_json, print_result, write_json
+from hoopd.files.reading import InputError
+
+if TYPE_CHECKING:
+    from hoopd.shell.config import Config
+
+
+def ask(request: dict[str, Any], config: Path | None, sets: Sequence[str]) -> dict[str, Any]:
+    """The daemon's answer; InputError where there is no daemon or it refuses."""
+    from hoopd.shell import config as configuration
+    from hoopd.shell import operator
+
+    settings = configuration.load(config, sim=False, overrides=list(sets))
+    try:
+        return operator.ask(request, settings.device.name, settings.commands.socket)
+    except operator.NoDaemonError:
+        answer = _ask_over_zenoh(request, settings)
+        if answer is None:
+            raise
+        return answer
+
+
+def _ask_over_zenoh(request: dict[str, Any], settings: Config) -> dict[str, Any] | None:
+    """The other way: where a configuration names the session of control, and for what is taken from everybody."""
+    from hoopd.shell.commands import ALWAYS
+    from hoopd.shell.operator import NoDaemonError
+    from hoopd.shell.remote import send
+
+    telemetry, name = settings.telemetry, request["command"]
+    places = [(telemetry.control.endpoint, telemetry.control.zenoh)] if name != "status" else []
+    places += [(telemetry.endpoint, telemetry.zenoh)] if name in ALWAYS else []
+    for endpoint, zenoh in places:
+        # Of zenoh's keys an operator shares user, password and certificates with the daemon, not where it listens.
+        extras = {key: value for key, value in zenoh.items() if key.partition("/")[0] == "transport"}
+        with contextlib.suppress(NoDaemonError):
+            if endpoint:
+                value, key = request.get("value"), request.get("key", "")
+                return send(name, value, endpoint, settings.device.name, key=key, extras=extras)
+    return None
+
+
+def _command(request: dict[str, Any], options: DaemonOptions | RefOptions | TuneOptions) -> None:
+    """Send it and print how the daemon stood once it had obeyed."""
+    answer = ask(request, options.config, options.sets)
+    typer.echo(f"{request['command']}: {answer['mode']}, reference {answer['reference']:g} rad")
+
+
+def arm(options: ArmOptions) -> None:
+    """Arm."""
+    _command({"command": "arm"}, options)
+
+
+def disarm(options: DisarmOptions) -> None:
+    """Disarm."""
+    _command({"command": "disarm"}, options)
+
+
+def stop(options: StopOptions) -> None:
+    """Brake, then disarm."""
+    _command({"command": "stop"}, options)
+
+
+def clear(options: ClearOptions) -> None:
+    """Acknowledge what is over."""
+    _command({"command": "clear"}, options)
+
+
+def ref(options: RefOptions) -> None:
+    """Set the reference."""
+    _command({"command": "reference", "value": _number(options.value)}, options)
+
+
+def tune(options: TuneOptions) -> None:
+    """Change a parameter of the law."""
+    _command({"command": "tune", "key": options.key, "value": _number(options.value)}, options)
+
+
+def status(options: StatusOptions) -> None:
+    """Show how it stands."""
+    check_json(options.json_path)
+    answer = ask({"command": "status"}, options.config, options.sets)
+    fields = {**answer["status"], "session": answer["session"]}
+    write_json(options.json_path, fields)
+    print_result(fields)
+
+
+def _number(value: float) -> float:
+    if not isfinite(value):
+        raise InputError("VALUE", "", f"must be a finite number, not {value}")
+    return value

@@ -1,0 +1,33 @@
+"""Options of `hoopd calibrate`.
+
+Rules of this file: the record and its way to the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoopd.commands.options.declaration import argument, option
+from hoopd.commands.options.shared import json_option
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateOptions:
+    """Propose colour weights, threshold, circle and zero angle, drawn on the picture."""
+
+    picture: Path | None = argument("One picture of the hoop with the ball at rest.", default=None)
+    positions: Path | None = option(
+        "--positions", text="Recorded ball positions (.csv, .npy or .mcap).", metavar="FILE"
+    )
+    json_path: Path | None = json_option()
+    figure: Path | None = option("--figure", text="Where the drawn proposal goes.")
+    save: Path | None = option("--save", text="Save the proposal as a configuration file.")
+
+
+def calibrate(options: CalibrateOptions) -> None:
+    """Run the command."""
+    from hoopd.commands.calibrate import run
+    from hoopd.commands.output import print_result
+
+    print_result(run(options.picture, options.positions, options.json_path, options.figure, options.save))

@@ -1,0 +1,61 @@
+"""Options of `hoopd design`.
+
+Rules of this file: the record and its way to the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoopd.commands.options.declaration import argument, option
+from hoopd.commands.options.shared import check_files, figure_option, finish, json_option, model_option
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignOptions:
+    """Design a control law for a model and write the file that the daemon loads."""
+
+    law: str = argument("lqg, lqr, placement, pid, pi, lead, lag, arx or identified.", metavar="LAW")
+    model: Path = model_option()
+    out: Path | None = option("--out", text="Write the controller file here.", metavar="CONTROLLER")
+    recording: str | None = option("--recording", text="arx: the run that the model is fitted to.", metavar="REC")
+    identified: Path | None = option("--identified", text="identified: model file of `hoopd identify`.", metavar="FILE")
+    omega_rad_s: float | None = option("--omega", "--bandwidth", text="rad/s: where the loop is shaped, the link acts.")
+    mt: float | None = option("--mt", text="pid: largest |T| wanted, e.g. 1.25.")
+    phase_deg: float | None = option("--phase", text="Degrees; pid: angle of the touching point; pi: phase margin.")
+    zeta: float | None = option("--zeta", text="pi: damping, poles placed instead.")
+    filter_ratio: float = option("--filter", text="pid: N of the derivative's filter Td/N.", default=15.0)
+    lead: tuple[float, float] | None = option("--lead", text="pid: lead link in series, rad/s and N.")
+    ratio: float = option("--ratio", text="lead: N; lag: M.", default=5.0)
+    gain: float = option("--gain", text="lead, lag: N m/rad.", default=1.0)
+    poles: str = option(
+        "--poles", text="placement: three poles in rad/s, for hoop speed and ball.", default="-5+7j,-5-7j,-4"
+    )
+    weights: tuple[str, ...] = option(
+        "--weights",
+        text="lqg, arx: deviations that cost the same, e.g. psi=0.2,torque=0.05; also dtheta, dpsi.",
+        default=(),
+    )
+    delay_s: float = option(
+        "--delay",
+        text="Age of a picture in s when a tick uses it: the camera's delay and half a tick.",
+        default=0.05,
+    )
+    sample_time_s: float = option("--sample-time", text="Tick in s.", default=0.02)
+    disturbance_rad: float = option(
+        "--disturbance", text="Angle in rad of the trial's release and of its one wrong picture.", default=0.4
+    )
+    figure: Path | None = figure_option()
+    json_path: Path | None = json_option()
+
+
+def design(options: DesignOptions) -> None:
+    """Run the command."""
+    from hoopd.commands.design import run
+    from hoopd.commands.linear_tables import of_design
+
+    inputs: list[Path | str | None] = [options.recording, options.identified, options.model]
+    check_files(inputs, out=options.out, figure=options.figure, json=options.json_path)
+    result = run(options)
+    finish(result, options.json_path, of_design(result, options.out))

@@ -1,0 +1,58 @@
+"""Options of `hoopd diagnose`.
+
+Rules of this file: the record and its way to the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoopd.commands.options.declaration import argument, option
+from hoopd.commands.options.shared import (
+    SLICE,
+    age_option,
+    columns_option,
+    holdout_option,
+    json_option,
+    shown_progress,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions:
+    """Say where recordings and model differ, name the physics that was left out, prove it (docs/guides/diagnose.md)."""
+
+    recordings: tuple[str, ...] = argument(f"Recordings, or folders of them: {SLICE}.", metavar="REC...")
+    holdout: tuple[str, ...] = holdout_option("Recording that proves the gain, never fitted; repeatable.")
+    model: Path | None = option(
+        "--model", text="Model that is judged; without one the thesis's entries.", metavar="MODEL"
+    )
+    effects: Path | None = option("--effects", text="Effects of your own beside the library.", metavar="FILE.py")
+    without: tuple[str, ...] = option(
+        "--without", text="Effect that is not to be looked for; repeatable.", metavar="NAME[,NAME]", default=()
+    )
+    columns: str | None = columns_option()
+    age: str = age_option()
+    report: Path | None = option("--report", text="Write the whole report as one page.", metavar="FILE.html")
+    write: Path | None = option("--write", text="Write a model with what was found.", metavar="MODEL")
+    seed: int = option("--seed", min=0, text="Seed of everything random in the search.", default=0)
+    free_run: bool = option(
+        "--free-run/--no-free-run", text="Also refine and compare one run over whole recordings.", default=True
+    )
+    free_run_choice: bool = option(
+        "--free-run-choice", text="Look, too, for effects that make that run better (minutes).", default=False
+    )
+    json_path: Path | None = json_option()
+
+
+def diagnose(options: DiagnoseOptions) -> None:
+    """Run the command."""
+    from rich.console import Console
+
+    from hoopd.commands.diagnose import run
+    from hoopd.diagnose.report.terminal import report_text
+
+    with shown_progress() as progress:
+        found = run(options, progress=progress)
+    report_text(found, Console())

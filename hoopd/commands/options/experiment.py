@@ -1,0 +1,91 @@
+"""Options of `hoopd experiment`.
+
+Rules of this file: the record and its way to the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+
+from hoopd.commands.options.declaration import argument, option
+from hoopd.commands.options.running import (
+    arm_option,
+    camera_option,
+    checked_speed,
+    config_option,
+    sets_option,
+    speed_option,
+    without_pictures,
+)
+from hoopd.commands.options.shared import figure_option, json_option
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOptions:
+    """Play a test signal within limits of torque, hoop speed and ball angle, and record it."""
+
+    kind: str = argument("prbs, chirp, multisine, steps or decay.", metavar="KIND")
+    sim: bool = option("--sim", text="On the simulated rig.", default=False)
+    config: Path | None = config_option()
+    sets: tuple[str, ...] = sets_option()
+    duration_s: float | None = option("--duration", text="Seconds of signal; 20, for decay 34.", min=0.5, max=1200.0)
+    amplitude_nm: float | None = option("--amplitude", text="Torque in N m; without it what the model lets through.")
+    seed: int = option("--seed", min=0, text="Seed of the signal, and of the rig.", default=0)
+    clock_ticks: int = option("--clock", min=1, max=1000, text="prbs: ticks that a value is held.", default=1)
+    low_hz: float = option("--low", text="chirp, multisine: lowest frequency in Hz.", default=0.3)
+    high_hz: float = option("--high", text="chirp, multisine: highest frequency in Hz.", default=5.0)
+    hold_s: float = option("--hold", min=0.02, max=600.0, text="steps: seconds of each.", default=0.4)
+    kick_s: float = option("--kick", min=0.02, max=600.0, text="decay: seconds of torque.", default=0.2)
+    rest_s: float = option("--rest", min=0.02, max=600.0, text="decay: seconds without, after each kick.", default=8.0)
+    torque_limit_nm: float = option("--max-torque", min=0.001, max=0.7, text="Limit in N m.", default=0.3)
+    speed_limit_rad_s: float = option(
+        "--max-speed", min=0.1, text="Hoop speed in rad/s that ends the experiment.", default=45.0
+    )
+    angle_limit_rad: float = option(
+        "--max-angle", min=0.01, max=3.2, text="Ball angle in rad that ends the experiment.", default=1.25
+    )
+    soft_start_s: float = option(
+        "--soft-start", min=0.0, max=60.0, text="Seconds in which the amplitude rises.", default=1.0
+    )
+    soft_end_s: float = option("--soft-end", min=0.0, max=60.0, text="Seconds in which it falls.", default=0.5)
+    centring_nm_per_rad_s: float = option(
+        "--centring", min=0.0, max=0.05, text="Feedback that slows the hoop, N m per rad/s.", default=0.0
+    )
+    around: Path | None = option("--around", text="On top of this holding law.", metavar="CONTROLLER")
+    no_ball: bool = option("--no-ball", text="There is no ball in the hoop; no camera needed.", default=False)
+    record: Path | None = option("--record", text="Existing folder for the recording.")
+    out: Path | None = option("--out", text="The recording's file (.mcap).", metavar="FILE")
+    figure: Path | None = figure_option("Draw what was recorded.")
+    speed: str = speed_option()
+    camera: str | None = camera_option()
+    arm: bool = arm_option()
+    json_path: Path | None = json_option()
+
+
+def experiment(options: ExperimentOptions) -> None:
+    """Run the command."""
+    from hoopd.commands.output import check_json, print_result, write_json
+    from hoopd.daemon.app import Options
+    from hoopd.daemon.experiment import Where, run
+    from hoopd.plants.hoop.experiment_plan import DURATION_S, DURATIONS_S, Plan
+
+    asked = {name: getattr(options, name) for name in Plan._fields if name not in ("duration_s", "ball")}
+    seconds = DURATIONS_S.get(options.kind, DURATION_S) if options.duration_s is None else options.duration_s
+    plan = Plan(**asked, duration_s=seconds, ball=not options.no_ball)
+    rig = Options(
+        sim=options.sim,
+        config=options.config,
+        sets=options.sets,
+        seed=options.seed,
+        speed=checked_speed(options.speed),
+        direct=without_pictures(options.camera),
+        arm=options.arm,
+    )
+    check_json(options.json_path)
+    result = run(plan, rig, Where(options.record, options.out), options.figure)
+    write_json(options.json_path, result)
+    print_result(result)
+    raise typer.Exit(result["exit"])

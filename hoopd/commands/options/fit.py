@@ -1,0 +1,85 @@
+"""Options of `hoopd fit`.
+
+Rules of this file: the record and its way to the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoopd.commands.options.declaration import argument, names_of, option
+from hoopd.commands.options.shared import (
+    SLICE,
+    age_option,
+    check_files,
+    columns_option,
+    figure_option,
+    finish,
+    holdout_option,
+    json_option,
+    shown_progress,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """Fit the plant's parameters to recordings, with 95 % intervals (docs/guides/fit.md)."""
+
+    recordings: tuple[str, ...] = argument(f"Recordings to fit: {SLICE}.", metavar="REC...")
+    holdout: tuple[str, ...] = holdout_option("Recording that judges the model, never fitted; repeatable.")
+    structure: str = option(
+        "--structure",
+        text="entries: eight coefficients; rolling, published: masses, radii, inertias, frictions.",
+        default="entries",
+    )
+    method: str = option(
+        "--method",
+        text="output: free runs; prediction: a Kalman filter's innovations, with noise levels.",
+        default="output",
+    )
+    model: Path | None = option("--model", text="What it starts from; a shipped one by default.", metavar="MODEL")
+    fix: tuple[str, ...] = option(
+        "--fix",
+        text="Not fitted, e.g. mb=0.0608 (kg); NAME alone: at its start; repeatable.",
+        metavar="NAME[=VALUE]",
+        default=(),
+    )
+    prior: tuple[str, ...] = option(
+        "--prior",
+        text="Known beforehand, e.g. Rb=0.0104:0.02: SIGMA relative (of J, K, L2: absolute); repeatable.",
+        metavar="NAME=VALUE:SIGMA",
+        default=(),
+    )
+    free: tuple[str, ...] = option(
+        "--free", text="Only these are fitted, separated by commas.", metavar="NAMES", default="", read=names_of
+    )
+    channels: tuple[str, ...] = option(
+        "--channels",
+        text="What is compared: theta, theta_rate, dtheta, psi; chosen by itself else.",
+        metavar="NAMES",
+        default="",
+        read=names_of,
+    )
+    window_s: float | None = option("--window", text="Runs of so many seconds, each with its own start.")
+    loss: str = option("--loss", text="linear, huber, soft_l1 or cauchy.", default="linear")
+    columns: str | None = columns_option()
+    age: str = age_option()
+    kinematics: bool = option(
+        "--kinematics", text="Which kinematics the recordings support (several fits).", default=False
+    )
+    out: Path | None = option("--out", text="Write the model here.", metavar="MODEL")
+    figure: Path | None = figure_option()
+    json_path: Path | None = json_option()
+
+
+def fit(options: FitOptions) -> None:
+    """Run the command."""
+    from hoopd.commands.fit import run
+    from hoopd.commands.fit_tables import for_terminal
+
+    inputs = [*options.recordings, *options.holdout, options.model]
+    check_files(inputs, out=options.out, figure=options.figure, json=options.json_path)
+    with shown_progress() as progress:
+        result = run(options, progress=progress)
+    finish(result, options.json_path, for_terminal(result))

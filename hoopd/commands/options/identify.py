@@ -1,0 +1,64 @@
+"""Options of `hoopd identify`.
+
+Rules of this file: the record and its way to the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoopd.commands.options.declaration import argument, names_of, option
+from hoopd.commands.options.shared import (
+    SLICE,
+    columns_option,
+    figure_option,
+    finish,
+    holdout_option,
+    json_option,
+    shown_progress,
+)
+from hoopd.files.reading import InputError
+
+
+def whole_numbers(text: str) -> tuple[int, ...]:
+    """Numbers of "4,6"; InputError for what is none."""
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError("--orders", "", f"whole numbers between commas, not {text!r}") from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyOptions:
+    """Identify a linear model from recordings, compare it with data it has not seen (docs/guides/identify.md)."""
+
+    recordings: tuple[str, ...] = argument(f"Recordings: {SLICE}.", metavar="REC...")
+    holdout: tuple[str, ...] = holdout_option("Recording that is compared, never fitted; repeatable.")
+    method: str = option(
+        "--method", text="arx, armax, oe, bj (polynomials), subspace or pem (state space).", default="arx"
+    )
+    orders: tuple[int, ...] = option(
+        "--orders", text="Polynomials: na,nb or na,nb,nc.", metavar="4,6", default="4,6", read=whole_numbers
+    )
+    order: int | None = option("--order", min=1, text="State space: states; without it the data choose.")
+    outputs: tuple[str, ...] = option(
+        "--outputs", text="Of theta, dtheta, psi.", metavar="NAMES", default="dtheta,psi", read=names_of
+    )
+    delay_s: float | None = option(
+        "--delay", text="Age of a picture in s when a tick uses it, for rows that were taken at once."
+    )
+    detrend: bool = option("--detrend", text="Take the mean off every signal.", default=False)
+    columns: str | None = columns_option()
+    out: Path | None = option("--out", text="Write the model here (.yaml), for `hoopd design`.", metavar="FILE")
+    figure: Path | None = figure_option()
+    json_path: Path | None = json_option()
+
+
+def identify(options: IdentifyOptions) -> None:
+    """Run the command."""
+    from hoopd.commands.identify import run
+
+    with shown_progress() as progress:
+        result = run(options, progress=progress)
+    finish(result, options.json_path)

@@ -1,0 +1,42 @@
+"""Options of `hoopd linearize`.
+
+Rules of this file: the record and its way to the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoopd.commands.options.declaration import option
+from hoopd.commands.options.shared import check_files, figure_option, finish, json_option, model_option
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearizeOptions:
+    """Linear model around an operating point (the bottom at rest), and what it says (docs/explanations/linear.md)."""
+
+    model: Path = model_option()
+    outputs: tuple[str, ...] = option(
+        "--output", text="Measured: psi, theta, dtheta or dpsi; repeatable.", metavar="NAME", default=("psi",)
+    )
+    held_rad: float | None = option("--psi", text="Ball held at this angle (rad), hoop turning.")
+    turning_rad_s: float | None = option(
+        "--hoop-speed", text="Hoop turning at this speed (rad/s), ball held up its side."
+    )
+    top: bool = option("--top", text="Ball at rest at the top.", default=False)
+    sample_time_s: float | None = option("--sample-time", text="Hold the torque over this time (s): the sampled plant.")
+    delay_samples: int = option("--delay", text="Samples of delay in the sampled plant.", default=0)
+    figure: Path | None = figure_option()
+    plot: str | None = option("--plot", text="What --figure shows: overview, bode, nyquist, poles or step.")
+    json_path: Path | None = json_option()
+
+
+def linearize(options: LinearizeOptions) -> None:
+    """Run the command."""
+    from hoopd.commands.linear_tables import of_linearize
+    from hoopd.commands.linearize import run
+
+    check_files([options.model], figure=options.figure, json=options.json_path)
+    result = run(options)
+    finish(result, options.json_path, of_linearize(result))

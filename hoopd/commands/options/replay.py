@@ -1,0 +1,34 @@
+"""Options of `hoopd replay`.
+
+Rules of this file: the record and its way to the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+
+from hoopd.commands.options.declaration import argument, option
+from hoopd.commands.options.shared import json_option
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions:
+    """Recompute every command from the recorded inputs and compare bit for bit."""
+
+    recording: Path = argument("A recording (.mcap) made by the daemon.")
+    json_path: Path | None = json_option()
+    run_law: bool = option("--run-law", text="Run the user's own law in the recording: code.", default=False)
+
+
+def replay(options: ReplayOptions) -> None:
+    """Run the command."""
+    from hoopd.commands.output import print_result, write_json
+    from hoopd.daemon.replay import replay as repeat
+
+    result = repeat(options.recording, run_law=options.run_law)
+    write_json(options.json_path, result)
+    print_result(result)
+    raise typer.Exit(0 if result["equal"] else 1)

@@ -1,0 +1,53 @@
+"""Options of `hoopd simulate`.
+
+Rules of this file: the record and its way to the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoopd.commands.options.declaration import REQUIRED, option
+from hoopd.commands.options.shared import (
+    SLICE,
+    age_option,
+    check_files,
+    columns_option,
+    figure_option,
+    finish,
+    json_option,
+    model_option,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions:
+    """Run a model freely with the torque of a recording, and compare with what was measured."""
+
+    model: Path = model_option()
+    recording: str = option(
+        "--input", text=f"Recording whose torque is applied: {SLICE}.", metavar="REC", default=REQUIRED
+    )
+    figure: Path | None = figure_option()
+    columns: str | None = columns_option()
+    age: str = age_option()
+    x0: str | None = option(
+        "--x0", text="Start (rad, rad/s) instead of an estimated one, the rest 0.", metavar="psi=0.4,dtheta=0"
+    )
+    step_s: float = option("--step", text="Longest integration step in seconds.", default=0.01)
+    moving: str = option(
+        "--moving", text="What moves: both, hoop, ball, or auto: as the recording shows.", default="auto"
+    )
+    without_effects: bool = option("--without-effects", text="Leave the model's effects out.", default=False)
+    out: Path | None = option("--out", text="Write the simulated run (.csv, .mcap, .mat or .h5).", metavar="FILE")
+    json_path: Path | None = json_option()
+
+
+def simulate(options: SimulateOptions) -> None:
+    """Run the command."""
+    from hoopd.commands.simulate import run
+
+    inputs: list[Path | str | None] = [options.recording, options.model]
+    check_files(inputs, out=options.out, figure=options.figure, json=options.json_path)
+    finish(run(options), options.json_path)
