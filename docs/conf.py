@@ -7,7 +7,12 @@ of ours. A link or an anchor that leads nowhere is a warning, and `make docs` ta
 
 from __future__ import annotations
 
+import sys
 from importlib.metadata import version as version_of
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
 
 project = "hoopd"
 author = "the hoopd authors"
@@ -18,9 +23,9 @@ language = "en"
 extensions = ["myst_parser"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build"]
+generated = "reference/generated"  # of the code, by tools/docpages
 myst_heading_anchors = 4  # links of the form page.md#heading, as code hosts make them
 myst_enable_extensions = ["colon_fence", "dollarmath"]
-suppress_warnings = ["myst.header"]  # a page may begin with a section of another one
 highlight_language = "none"  # a block without a language is a terminal's
 
 html_theme = "furo"
@@ -30,3 +35,11 @@ html_show_sourcelink = False
 html_static_path = ["_static"]
 html_css_files = ["wide.css"]
 html_theme_options = {"navigation_with_keys": True}
+
+
+def setup(app: Any) -> None:
+    """Make the pages that come from the code before any page is read."""
+    sys.path.insert(0, str(HERE.parent / "tools"))
+    from docpages import written
+
+    app.connect("builder-inited", lambda app: written(Path(app.srcdir) / generated))

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+GENERATED = ROOT / "docs" / "reference" / "generated"  # made with the site, and tested with it
+PAGES = (ROOT / "README.md", *(path for path in sorted((ROOT / "docs").rglob("*.md")) if path.parent != GENERATED))
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`([^`\n]+(?:\n[^`\n]+)?)`")
 ASSIGNMENT = re.compile(r"[A-Z_]+=")
