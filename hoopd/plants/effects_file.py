@@ -6,18 +6,18 @@ Rules of this file: whatever is wrong in such a file is one `InputError`; the da
 from __future__ import annotations
 
 import re
-import traceback
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hoopd.files.reading import InputError, read_text
+from hoopd.files.reading import InputError
 from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.free_run import readings, run
+from hoopd.plants.user_program import executed, line_of, reason_of, wrong_program
 
 NAME = re.compile(r"[a-z][a-z0-9_]*\.[a-z][a-z0-9_]*")
 # Where an effect is tried: some motion of everything, for as long as a delay may be.
@@ -26,15 +26,12 @@ TRIED_STEPS, TRIED_SPEED = 10, 0.3
 
 def load_effects(path: Path, plant: Plant) -> tuple[Effect, ...]:
     """The effects of a user's file for a plant, tried on it; InputError says which line or which effect is wrong."""
-    text = read_text(path)
-    # the user's own program, as the controller of `experiment` is: it runs with the rights of who calls us
-    space: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
+    space = executed(path)
     try:
-        exec(compile(text, str(path), "exec"), space)
         made = space["effects"](plant) if callable(space.get("effects")) else space.get("EFFECTS")
         effects = tuple(made) if isinstance(made, Iterable) else None
     except Exception as error:
-        raise InputError(path, _line(error, path), _reason(error)) from None
+        raise wrong_program(path, error) from None
     if effects is None:
         raise InputError(path, "", "defines neither EFFECTS nor effects(plant)")
     for effect in effects:
@@ -56,7 +53,7 @@ def _check(path: Path, plant: Plant, effect: Any) -> None:
     try:
         neutral, sized = _tried(plant, effect)
     except Exception as error:
-        raise InputError(path, effect.name, f"{_line(error, path)} {_reason(error)}".strip()) from None
+        raise InputError(path, effect.name, f"{line_of(error, path)} {reason_of(error)}".strip()) from None
     if not np.array_equal(neutral, _tried(plant, None, Composite(plant, (effect,)).substeps)[0]):
         raise InputError(path, effect.name, "its neutral values change the model")
     if not np.isfinite(sized).all():
@@ -84,15 +81,3 @@ def _run(composite: Composite, values: Mapping[str, float]) -> Any:
     start = [TRIED_SPEED * (i % 2 + 0.5) for i in range(len(plant.states))]
     z = run(composite, values, start, t, u)
     return np.stack(list(readings(composite, values, t, u, z).values()))
-
-
-def _reason(error: Exception) -> str:
-    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
-
-
-def _line(error: Exception, path: Path) -> str:
-    """Line of the user's file in which it happened."""
-    if isinstance(error, SyntaxError) and error.filename == str(path):
-        return f"line {error.lineno}"
-    lines = [one.lineno for one in traceback.extract_tb(error.__traceback__) if one.filename == str(path)]
-    return f"line {lines[-1]}" if lines else ""

@@ -48,10 +48,11 @@ def _of_slot(plant: Plant, name: str, slot: Any) -> tuple[Effect, ...]:
         _delay(plant, name),
     )
     angle = (_cogging(plant, name, slot.coordinate), _ripple(name, slot.coordinate))
+    brakes = plant.limit < inf and slot.coordinate in plant.coordinates
     return (
         *every,
         *(angle if turns(plant, slot.coordinate) else ()),
-        *((_back_emf(plant, name, slot.coordinate, speed_scale(slot)),) if plant.limit < inf else ()),
+        *((_back_emf(plant, name, slot.coordinate, speed_scale(slot)),) if brakes else ()),
     )
 
 

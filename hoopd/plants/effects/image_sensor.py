@@ -22,8 +22,7 @@ def effects(plant: Plant) -> tuple[Effect, ...]:
         if slot.device == "camera"
         for effect in (
             latency(name, slot),
-            _angle_offset(plant, name, slot),
-            _center_offset(plant, name, slot),
+            *((_angle_offset(plant, name, slot), _center_offset(plant, name, slot)) if slot.turns else ()),
             _late_frames(name, slot),
             _outliers(name, slot),
         )

@@ -29,8 +29,9 @@ LENGTHS = Units("N", "m", "m/s", "N s2/m2")
 
 
 def units(plant: Plant) -> Units:
-    """Those of a plant by its force."""
-    return ANGLES if plant.force_unit == "N m" else LENGTHS
+    """Those of a plant by its coordinate; where nobody said its unit, by its force."""
+    known = plant.units.get(plant.coordinates[0]) if plant.coordinates else None
+    return LENGTHS if known == "m" or (known is None and plant.force_unit != "N m") else ANGLES
 
 
 def of_kind(plant: Plant, kind: str) -> Iterator[tuple[str, Slot]]:

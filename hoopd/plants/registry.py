@@ -1,0 +1,54 @@
+"""Plants that are known by name, and what `--plant` takes: such a name, or a plant file.
+
+Rules of this file: names and files only; no equation lives here.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from hoopd.files.reading import InputError
+from hoopd.files.shipped import or_shipped
+from hoopd.plants.declaration import Plant
+from hoopd.plants.model_file import effects_plant, load_model
+from hoopd.plants.plant_file import load_plant
+
+FOLDER = Path(__file__).parent
+SUFFIXES = (".yaml", ".yml", ".py")
+
+
+def _hoop() -> Plant:
+    return effects_plant(load_model(or_shipped(Path("models/hoop.yaml"))))
+
+
+def _shipped(name: str) -> Callable[[], Plant]:
+    return lambda: load_plant(FOLDER / f"{name}.yaml")
+
+
+REGISTERED: Mapping[str, Callable[[], Plant]] = MappingProxyType(
+    {"hoop": _hoop, **{name: _shipped(name) for name in ("pendulum", "axis", "tanks", "falling")}}
+)
+
+
+def plant_named(name: str) -> Plant:
+    """A registered plant; InputError for a name that is none.
+
+    Examples
+    --------
+    >>> plant_named("axis").free
+    ('M', 'Fv', 'offset')
+    """
+    if name not in REGISTERED:
+        close = difflib.get_close_matches(name, REGISTERED, 1)
+        hint = f"did you mean {close[0]}" if close else f"known: {', '.join(REGISTERED)}"
+        raise InputError("--plant", name, f"neither a registered plant nor a file (.yaml, .py); {hint}")
+    return REGISTERED[name]()
+
+
+def resolve_plant(text: str) -> Plant:
+    """The plant of a registered name or of a file; a file of the same name in the folder is meant by ./NAME."""
+    path = Path(text)
+    return load_plant(path) if path.suffix in SUFFIXES or "/" in text else plant_named(text)
