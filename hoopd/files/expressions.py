@@ -184,8 +184,8 @@ def _near(name: str, known: Mapping[str, int]) -> str:
     rate = name[1:]
     if name.startswith("d") and known.get(rate):
         return f"; the rate of {rate} is written {rate}'"
-    close = difflib.get_close_matches(name, known, 1, 0.5)
-    return f"; did you mean {close[0]}?" if close else f"; known: {', '.join(known)}"
+    close = difflib.get_close_matches(name, known, 2, 0.5)
+    return f"; did you mean {' or '.join(close)}?" if close else f"; known: {', '.join(known)}"
 
 
 class _Token(NamedTuple):

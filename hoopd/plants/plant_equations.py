@@ -245,7 +245,8 @@ class Equations:
         s, more = self._symbols, ca.SX.sym("force", len(self.coordinates))
         acting = ca.vertcat(*(0.0 if name in self.acting else s["u"][i] for i, name in enumerate(self.inputs)))
         force = (ca.substitute(self._force, s["u"], acting) if self.inputs else self._force) + more
-        found = ca.solve(self._mass, force) if len(self.coordinates) > 1 else force / self._mass
+        solved = {0: lambda: force, 1: lambda: force / self._mass}
+        found = solved.get(len(self.coordinates), lambda: ca.solve(self._mass, force))()
         return ca.Function("accelerations", [*s.values(), more], [ca.densify(found)])
 
     def _arguments(self, s: Point) -> tuple[Any, ...]:

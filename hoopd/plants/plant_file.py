@@ -134,9 +134,10 @@ class _Maker:
 
     def _check_numbers(self) -> None:
         path = self._path
-        for section in (self._coordinates, self._states, self._inputs, self._parameters):
-            for key, one in section.items():
-                check_unit(path, key, one.unit)
+        sections = {"coordinates": self._coordinates, "states": self._states, "inputs": self._inputs}
+        for key, section in {**sections, "parameters": self._parameters}.items():
+            for name, one in section.items():
+                check_unit(path, f"{key}.{name}", one.unit)
         for name, one in self._coordinates.items():
             if one.unit not in USUAL_RATE:
                 raise InputError(path, f"coordinates.{name}", f"must be in m or rad, not {one.unit!r}")
@@ -148,7 +149,7 @@ class _Maker:
         for name, one in self._inputs.items():
             if one.limit is not None:
                 between(path, f"inputs.{name}.limit", one.limit, 0.0, 1e12)
-        for key, section in (("coordinates", self._coordinates), ("states", self._states), ("inputs", self._inputs)):
+        for key, section in sections.items():
             for name, one in section.items():
                 for field in ("usual", "usual_rate"):
                     if getattr(one, field, None) is not None:
