@@ -124,7 +124,7 @@ def experiment() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_a_run_reads_what_the_sensors_read_and_its_derivatives_are_exact(name: str) -> None:
     t, u, x0 = experiment()
     model, p = EffectModel(RUNS[name], FREE), np.array([FILE.values()[one] for one in FREE])
-    ran, composite = model.run(p, x0, t, u), model._composite
+    ran, composite = model.run(p, x0, t, u), model.composite
     values, free = RUNS[name].values | {}, FreeRun(composite)
     states = free.run(values, x0, t, u)
     for column, channel in enumerate(("theta", "dtheta", "psi")):
