@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from tests.shellblocks import PROGRAMS, ROOT, SHELL, commands
 
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs" / "guides").glob("*.md")))
+PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs" / "guides").glob("*.md")))
 BLOCK = re.compile(r"(?:^<!-- ([^\n]*) -->\n)?^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 FORM = re.compile(
     r"run(?P<clock> in real time)?(?:; first: (?P<first>.+))?|run by (?P<test>tests/\S+\.py)|not run: .{10,}"
