@@ -14,6 +14,7 @@ import hoopd.lab
 from hoopd.commands.cli import app
 from hoopd.core.layout import DEFAULT_LAYOUT
 from hoopd.files.model import ModelFile
+from hoopd.plants.registry import REGISTERED
 from hoopd.recording import schemas
 from hoopd.shell.config import Config
 
@@ -72,6 +73,12 @@ def test_every_effect_of_the_library_is_told(pages: dict[str, str]) -> None:
     names = [row.split("|")[1].strip() for row in listed.splitlines()[2:]]
     assert len(names) > 25 and [name for name in names if f"### {name}\n" not in told] == []
     assert "| `Fc` | N m | 0 |" in told
+
+
+def test_every_plant_that_has_a_name_is_told(pages: dict[str, str]) -> None:
+    told = pages["plants.md"]
+    assert [name for name in REGISTERED if f"## {name}\n" not in told] == []
+    assert "| `J` | 0.0002 | kg m2 | 1e-06 to 0.01 | yes |" in told and "schema: hoopd.plant/1" in told
 
 
 def test_every_field_of_messages_and_frames_is_told(pages: dict[str, str]) -> None:
