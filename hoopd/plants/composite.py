@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.motion import SHORTEST_S, Motion
+from hoopd.plants.motion import USUAL_S, Motion, joined, split_inputs
 
 Array = NDArray[np.float64]
 
@@ -36,8 +36,11 @@ BACK_STEPS = 3
 class Composite:
     """A plant and its effects; parameters by name: the base's, then `slot.effect.parameter`."""
 
-    def __init__(self, plant: Plant, effects: Sequence[Effect] = (), substeps: int | None = None) -> None:
-        """`substeps`: of a node's interval, in place of what the effects need."""
+    def __init__(
+        self, plant: Plant, effects: Sequence[Effect] = (), substeps: int | None = None, *, limited: bool = True
+    ) -> None:
+        """`substeps`: of a node's interval, in place of what the effects need; `limited`: no input is larger than its
+        limit."""
         self.effects, self.declared = tuple(effects), plant
         for effect in self.effects:
             if effect.plant is not None:
@@ -46,14 +49,19 @@ class Composite:
         self.values = {**plant.values, **{e.key(name): value for e in effects for name, value in e.neutral().items()}}
         self.names = tuple(self.values)
         self._torque_lags = [e for e in self.effects if e.lag]
-        self._sensor_lags = [(e, c) for e in self.effects for c in e.sensor_lag if c in plant.channels]
+        self._sensor_lags = [(e, c) for e in self.effects for c in e.sensor_lag if plant.state_of(c)]
         self.latencies = {c: e.key(name) for e in self.effects for c, name in e.latency.items() if c in plant.channels}
         self.delays = tuple(e.key(e.delay) for e in self.effects if e.delay)
         self.nx, self.nq = len(plant.states), len(plant.coordinates)
+        # disturbances: a force on every coordinate, a rate of every first-order state
+        self.nw, self.nu = self.nq + len(plant.first_order), max(1, len(plant.inputs))
+        self.longest_step_s = LONGEST_STEP_S * (plant.time_scale_s / USUAL_S)
         self.nz = self.nx + bool(self._torque_lags) + len(self._sensor_lags)
         self.channels = tuple(plant.channels)
         self.substeps = substeps or self._needed_substeps()
-        self._motion = Motion(self.plant, self.effects, self.names, inner_torque=not self._torque_lags)
+        inner = not self._torque_lags
+        self._motion = Motion(self.plant, self.effects, self.names, inner_torque=inner, limited=limited)
+        self._shortest_s = self._motion.shortest_s
 
     def _needed_substeps(self) -> int:
         dry = any(e.friction for e in self.effects)
@@ -62,7 +70,7 @@ class Composite:
     # ------------------------------------------------------------------------------------------ expressions
 
     def step_expression(self, z: Any, torques: Any, w: Any, h: Any, t: Any, p: Mapping[str, Any]) -> Any:
-        """State after h seconds; torques (substeps,), w (coordinates,) held."""
+        """State after h seconds; torques: the input (or a column of several) of each substep; w (nw,) held."""
         d = h / self.substeps
         for j in range(self.substeps):
             z = self._substep(z, torques[j], w, d, t + j * d, p)
@@ -73,7 +81,7 @@ class Composite:
         return self._motion.rate(x, torque, t, p)
 
     def output_expressions(self, z: Any, back: Any, w: Any, t: Any, p: Mapping[str, Any]) -> Any:
-        """Readings (channels,); back (channels, BACK_STEPS): torque on the way back, the youngest first."""
+        """Readings (channels,); back (channels, BACK_STEPS nu): inputs on the way back, the youngest first."""
         found = []
         for row, channel in enumerate(self.channels):
             if channel in self.latencies:
@@ -86,7 +94,7 @@ class Composite:
     def reading(self, channel: str, z: Any, t: Any, p: Mapping[str, Any]) -> Any:
         """What a channel reads of a state, its latency apart."""
         index = self._lag_index(channel)
-        value = self._seen(channel, z) if index is None else z[index]
+        value = self._seen(channel, z, t, p) if index is None else z[index]
         for effect in self.effects:
             if effect.sensor is not None:
                 value += effect.sensor(self.plant.point(z, p, 0.0, t), effect.values(p)).get(channel, 0.0)
@@ -96,7 +104,10 @@ class Composite:
         lagged = [c for _, c in self._sensor_lags]
         return self.nx + bool(self._torque_lags) + lagged.index(channel) if channel in lagged else None
 
-    def _seen(self, channel: str, z: Any) -> Any:
+    def _seen(self, channel: str, z: Any, t: Any = 0.0, p: Mapping[str, Any] | None = None) -> Any:
+        reading = self.plant.channels[channel].reading
+        if reading is not None:
+            return reading(self.plant.reading_point(z, p or {}, t))
         return z[self.plant.states.index(self.plant.state_of(channel))]
 
     def _substep(self, z: Any, u: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
@@ -106,7 +117,8 @@ class Composite:
         for effect, channel in self._sensor_lags:
             time = p[effect.key(effect.sensor_lag[channel])]
             reading = z[self.nx + len(tail)]
-            tail = [*tail, _low_passed(reading, self._seen(channel, before), self._seen(channel, x), d, time)]
+            seen = (self._seen(channel, before), self._seen(channel, x))
+            tail = [*tail, _low_passed(reading, *seen, d, time, self._shortest_s)]
         return ca.vertcat(x, *tail)
 
     def _lagged(self, z: Any, u: Any, d: Any, t: Any, p: Mapping[str, Any]) -> tuple[Any, list[Any]]:
@@ -116,16 +128,17 @@ class Composite:
         lag = p[self._torque_lags[0].key(str(self._torque_lags[0].lag))]
         # what the maps make of the demand follows the angle: taken in the middle of the substep
         middle = self._motion.drifted(z[: self.nx], d / 2)
-        torque = self._motion.torque(middle, u, t + d / 2, p)
+        torque, others = split_inputs(self._motion.torque(middle, u, t + d / 2, p), self.nu)
         # T tau' = u - tau:  tau(d) = u + (tau_0 - u) e^(-d/T),  its mean over d: u + (tau_0 - u) (1 - e^(-d/T)) T/d
-        decay, off = ca.exp(-d / ca.fmax(lag, SHORTEST_S)), z[self.nx] - torque
-        return torque + off * (1 - decay) * lag / ca.fmax(d, SHORTEST_S), [torque + off * decay]
+        decay, off = ca.exp(-d / ca.fmax(lag, self._shortest_s)), z[self.nx] - torque
+        mean = torque + off * (1 - decay) * lag / ca.fmax(d, self._shortest_s)
+        return joined(mean, others), [torque + off * decay]
 
     def _earlier(self, z: Any, torques: Any, w: Any, t: Any, p: Mapping[str, Any], d: Any) -> Any:
         """State d seconds ago."""
         h = d / BACK_STEPS
         for j in range(BACK_STEPS):
-            z = self._one_back(z, torques[j], w, t - j * h, p, h)
+            z = self._one_back(z, torques[j * self.nu : (j + 1) * self.nu].T, w, t - j * h, p, h)
         return z
 
     def _one_back(self, z: Any, u: Any, w: Any, t: Any, p: Mapping[str, Any], h: Any) -> Any:
@@ -133,16 +146,20 @@ class Composite:
         torque = u
         if self._torque_lags:
             lag = p[self._torque_lags[0].key(str(self._torque_lags[0].lag))]
-            u = self._motion.torque(self._motion.drifted(x, -h / 2), u, t - h / 2, p)
+            every = self._motion.torque(self._motion.drifted(x, -h / 2), u, t - h / 2, p)
+            u, others = split_inputs(every, self.nu)
             # tau_0 = u + (tau - u) e^(h/T), and its mean over h as above
-            off = (z[self.nx] - u) * _grown(h, lag)
-            torque = u + off * (1 - ca.exp(-h / ca.fmax(lag, SHORTEST_S))) * lag / ca.fmax(h, SHORTEST_S)
+            shortest = self._shortest_s
+            off = (z[self.nx] - u) * _grown(h, lag, shortest)
+            torque = u + off * (1 - ca.exp(-h / ca.fmax(lag, shortest))) * lag / ca.fmax(h, shortest)
+            torque = joined(torque, others)
             tail = [u + off]
         before = self._motion.step_back(x, torque, w, h, t, p)
         for effect, channel in self._sensor_lags:
             time = p[effect.key(effect.sensor_lag[channel])]
             reading = z[self.nx + len(tail)]
-            tail = [*tail, _low_pass_undone(reading, self._seen(channel, before), self._seen(channel, x), h, time)]
+            seen = (self._seen(channel, before), self._seen(channel, x))
+            tail = [*tail, _low_pass_undone(reading, *seen, h, time, self._shortest_s)]
         return ca.vertcat(before, *tail)
 
     # ------------------------------------------------------------------------------------------ functions
@@ -151,12 +168,12 @@ class Composite:
     def _symbols(self) -> dict[str, Any]:
         return {
             "z": ca.SX.sym("z", self.nz),
-            "torques": ca.SX.sym("torques", self.substeps),
-            "w": ca.SX.sym("w", self.nq),
+            "torques": ca.SX.sym("torques", self.substeps, self.nu),
+            "w": ca.SX.sym("w", self.nw),
             "h": ca.SX.sym("h"),
             "t": ca.SX.sym("t"),
             "p": ca.SX.sym("p", len(self.names)),
-            "back": ca.SX.sym("back", len(self.channels), BACK_STEPS),
+            "back": ca.SX.sym("back", len(self.channels), BACK_STEPS * self.nu),
         }
 
     def _named(self, p: Any) -> dict[str, Any]:
@@ -166,7 +183,7 @@ class Composite:
     def step_function(self) -> ca.Function:
         """(z, torques, w, h, t, p) -> z after."""
         s = self._symbols
-        after = self.step_expression(s["z"], s["torques"], s["w"], s["h"], s["t"], self._named(s["p"]))
+        after = self.step_expression(s["z"], _rows(s["torques"]), s["w"], s["h"], s["t"], self._named(s["p"]))
         return ca.Function("step", [s[k] for k in ("z", "torques", "w", "h", "t", "p")], [ca.densify(after)], _CSE)
 
     @cached_property
@@ -186,7 +203,7 @@ class Composite:
     def substep_derivatives(self, free: Sequence[str]) -> ca.Function:
         """(z, torque, w, d, t, p) -> z after d seconds; its derivatives by z, w, torque and free parameters."""
         s = self._symbols
-        ins = [s["z"], s["torques"][0], s["w"], s["h"], s["t"], s["p"]]
+        ins = [s["z"], _rows(s["torques"])[0], s["w"], s["h"], s["t"], s["p"]]
         after = self._substep(ins[0], ins[1], ins[2], ins[3], ins[4], self._named(s["p"]))
         by = ca.vertcat(ins[0], ins[2], ins[1], *(s["p"][self.names.index(name)] for name in free))
         return ca.Function("derivatives", ins, [ca.densify(after), ca.densify(ca.jacobian(after, by))], _CSE)
@@ -235,20 +252,25 @@ class Composite:
 _CSE = {"cse": True}
 
 
-def _low_passed(m: Any, before: Any, after: Any, d: Any, lag: Any) -> Any:
+def _rows(inputs: Any) -> list[Any]:
+    """Columns of the inputs, one a substep."""
+    return [row.T for row in ca.vertsplit(inputs)]
+
+
+def _low_passed(m: Any, before: Any, after: Any, d: Any, lag: Any, shortest_s: float) -> Any:
     """T m' = y - m over d seconds of a reading y that moves in a straight line, exactly."""
     # m(d) = y_1 - s T + (m_0 - y_0 + s T) e^(-d/T),  s = (y_1 - y_0)/d
-    run = (after - before) / ca.fmax(d, SHORTEST_S) * lag
-    return after - run + (m - before + run) * ca.exp(-d / ca.fmax(lag, SHORTEST_S))
+    run = (after - before) / ca.fmax(d, shortest_s) * lag
+    return after - run + (m - before + run) * ca.exp(-d / ca.fmax(lag, shortest_s))
 
 
-def _low_pass_undone(m: Any, before: Any, after: Any, d: Any, lag: Any) -> Any:
+def _low_pass_undone(m: Any, before: Any, after: Any, d: Any, lag: Any, shortest_s: float) -> Any:
     """m d seconds ago: the same solved for m_0."""
-    run, more = (after - before) / ca.fmax(d, SHORTEST_S) * lag, _grown(d, lag) - 1
+    run, more = (after - before) / ca.fmax(d, shortest_s) * lag, _grown(d, lag, shortest_s) - 1
     # m_0 = y_0 - s T + (m - y_1 + s T) e^(d/T)
     return m + (before - after) + (m - after + run) * more
 
 
-def _grown(d: Any, lag: Any) -> Any:
+def _grown(d: Any, lag: Any, shortest_s: float) -> Any:
     """e^(d/T) of the way back, at most e: what has died away cannot be called back."""
-    return ca.exp(ca.fmin(d / ca.fmax(lag, SHORTEST_S), 1.0))
+    return ca.exp(ca.fmin(d / ca.fmax(lag, shortest_s), 1.0))

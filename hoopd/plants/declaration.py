@@ -11,7 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, nan
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -147,6 +147,10 @@ class Plant:
             every = {one.name: u if isinstance(u, float | int) else u[i] for i, one in enumerate(self.inputs)}
             names, u = {**names, **every}, every[self.inputs[0].name]
         return Point(names, p, u, t, self.inputs[0].name if self.inputs else "")
+
+    def reading_point(self, x: Any, p: Mapping[str, Any], t: Any) -> Point:
+        """What a channel may read: states, held names, parameters and the time; the inputs are not among them."""
+        return Point({**self.held, **{name: x[i] for i, name in enumerate(self.states)}}, p, nan, t)
 
 
 def _check(plant: Plant) -> None:

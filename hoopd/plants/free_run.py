@@ -13,10 +13,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.plants.composite import BACK_STEPS, LONGEST_STEP_S, Composite
-from hoopd.plants.held_input import SAME_S, mean_torque
-from hoopd.plants.hoop.simulate import CHUNK, node_axis
+from hoopd.plants.composite import BACK_STEPS, Composite
+from hoopd.plants.held_input import SAME_S, mean_inputs, node_axis
 
+# Steps in one call: few enough to be written out in a millisecond, many enough that the call costs nothing.
+CHUNK = 50
 # A distance that is longer by this share is jitter of the same tick, not worth a second step.
 JITTER = 0.25
 
@@ -24,7 +25,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-def run(composite: Composite, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Array:
+def run(
+    composite: Composite, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None
+) -> Array:
     """States z (n, nz) at the nodes t (n,) s with the torques u (n-1,) held between them; see `FreeRun.run`."""
     return _free_run(composite).run(values, x0, t, u)
 
@@ -33,7 +36,7 @@ def readings(
     composite: Composite,
     values: Mapping[str, float],
     t: ArrayLike,
-    u: ArrayLike,
+    u: ArrayLike | None,
     z: Array,
     channel_nodes: Mapping[str, ArrayLike] | None = None,
 ) -> dict[str, Array]:
@@ -46,27 +49,27 @@ class FreeRun:
 
     def __init__(self, composite: Composite) -> None:
         self._composite = c = composite
-        z, torques, h, t = ca.SX.sym("z", c.nz), ca.SX.sym("torques", c.substeps), ca.SX.sym("h"), ca.SX.sym("t")
+        z, torques, h, t = ca.SX.sym("z", c.nz), ca.SX.sym("torques", c.substeps, c.nu), ca.SX.sym("h"), ca.SX.sym("t")
         p = ca.SX.sym("p", len(c.names))
-        step = ca.Function("step", [z, torques, h, t, p], [c.step_function(z, torques, ca.SX.zeros(c.nq), h, t, p)])
+        step = ca.Function("step", [z, torques, h, t, p], [c.step_function(z, torques, ca.SX.zeros(c.nw), h, t, p)])
         seen = ca.Function("seen", [z, t, p], [c.reading_function(z, t, p)])
         self._accumulate = Chunks(step.mapaccum("run", CHUNK), accumulates=True)
         self._step = Chunks(step.map(CHUNK))
         self._seen = Chunks(seen.map(CHUNK))
 
-    def run(self, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Array:
-        """States z (n, nz) at the nodes t (n,) s from x0 (the plant's state, or a whole z) under u (n-1,) N m.
+    def run(self, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None) -> Array:
+        """States z (n, nz) at the nodes t (n,) s from x0 (the plant's state, or a whole z) under the input u (n-1,).
 
-        Before the first node the torque was u[0], for what is late.
+        Several inputs are (n-1, m); before the first node the input was u[0], for what is late.
         """
-        t, u, _ = node_axis(t, u)
-        return self._forward(values, self._start(np.asarray(x0, float), float(u[0])), t, u, slice(None))
+        t, u, _ = node_axis(t, u, len(self._composite.plant.inputs))
+        return self._forward(values, self._start(np.asarray(x0, float), u), t, u, slice(None))
 
     def _forward(self, values: Mapping[str, float], start: Array, t: Array, u: Array, part: slice) -> Array:
         """States at some nodes of a run from the first of them."""
         nodes = t[part]
         h = np.diff(nodes)
-        steps = np.maximum(1, np.ceil(h / LONGEST_STEP_S - JITTER)).astype(int)
+        steps = np.maximum(1, np.ceil(h / self._composite.longest_step_s - JITTER)).astype(int)
         last = np.cumsum(steps)
         # begin of every step: as many as each interval needs, all of the same length
         number = np.arange(last[-1]) - np.repeat(last - steps, steps)
@@ -80,12 +83,12 @@ class FreeRun:
         self,
         values: Mapping[str, float],
         t: ArrayLike,
-        u: ArrayLike,
+        u: ArrayLike | None,
         z: Array,
         channel_nodes: Mapping[str, ArrayLike] | None = None,
     ) -> dict[str, Array]:
         """Readings by channel at its nodes (indices into t; all without), from a run's t (n,), u (n-1,), z (n, nz)."""
-        (t, u, _), p = node_axis(t, u), self._composite.vector(values)
+        (t, u, _), p = node_axis(t, u, len(self._composite.plant.inputs)), self._composite.vector(values)
         every = np.arange(len(t))
         nodes = dict.fromkeys(self._composite.channels, every) if channel_nodes is None else channel_nodes
         return {c: self._channel(c, np.asarray(at, np.intp), values, p, t, u, z) for c, at in nodes.items()}
@@ -108,31 +111,31 @@ class FreeRun:
     def _between(self, when: Array, values: Mapping[str, float], p: Array, t: Array, u: Array, z: Array) -> Array:
         """States at any times from the node before each, by the steps of the run itself."""
         node = np.clip(np.searchsorted(t, when + SAME_S, side="right") - 1, 0, len(t) - 1)
-        states, at = z[node].copy(), t[node].copy()
+        states, at, longest = z[node].copy(), t[node].copy(), self._composite.longest_step_s
         while (rest := np.flatnonzero(when > at)).size:
-            length = np.minimum(when[rest] - at[rest], LONGEST_STEP_S)
+            length = np.minimum(when[rest] - at[rest], longest)
             torques = self._torques(values, at[rest], length, t, u)
             states[rest] = self._step(None, (states[rest], torques, length, at[rest]), p)
             # the last step of each arrives exactly
-            at[rest] = np.where(length < LONGEST_STEP_S, when[rest], at[rest] + length)
+            at[rest] = np.where(length < longest, when[rest], at[rest] + length)
         return states
 
     def _before_the_start(self, row: int, z0: Array, after: float, late: float, t: Array, u: Array, p: Array) -> float:
         """A reading from before the first node: the first state carried back with the torque it began with."""
         c = self._composite
-        back = np.full((len(c.channels), BACK_STEPS), u[0])
+        back = np.tile(np.atleast_1d(u[0]), (len(c.channels), BACK_STEPS))
         # the output's own way back, over the part of the latency that lies before the start
         shortened = p.copy()
         shortened[c.names.index(c.latencies[c.channels[row]])] = late - after
-        return float(c.output_function(z0, back, np.zeros(c.nq), t[0], shortened)[row])
+        return float(c.output_function(z0, back, np.zeros(c.nw), t[0], shortened)[row])
 
     def _torques(self, values: Mapping[str, float], begin: Array, length: Array, t: Array, u: Array) -> Array:
-        """Mean torque of every substep, (steps, substeps)."""
+        """Mean inputs of every substep, (steps, substeps nu)."""
         share = np.arange(self._composite.substeps + 1) / self._composite.substeps
-        return mean_torque(begin[:, None] + length[:, None] * share, t, u, self._composite.delay_s(values))
+        return mean_inputs(begin[:, None] + length[:, None] * share, t, u, self._composite.delay_s(values))
 
-    def _start(self, x0: Array, u: float) -> Array:
-        return x0 if len(x0) == self._composite.nz else self._composite.beginning(x0, u)
+    def _start(self, x0: Array, u: Array) -> Array:
+        return x0 if len(x0) == self._composite.nz else self._composite.beginning(x0, float(np.ravel(u)[0]))
 
 
 class Chunks:

@@ -21,8 +21,8 @@ import casadi as ca
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, Point
 
-# No time in a denominator is shorter, s.
-SHORTEST_S = 1e-7
+# No time in a denominator is shorter, s, of a plant whose usual time between samples is USUAL_S.
+SHORTEST_S, USUAL_S = 1e-7, 0.02
 # A force beyond any friction's level.
 BEYOND = 1e9
 # A rate below this is none, rad/s.
@@ -36,10 +36,16 @@ BACK_WIDTH = 0.02
 class Motion:
     """A plant and its effects on forces; all parameters by `names`, expressions in and out."""
 
-    def __init__(self, plant: Plant, effects: Sequence[Effect], names: Sequence[str], *, inner_torque: bool) -> None:
-        """`inner_torque`: maps of the torque follow the plant inside a substep (there is no lag behind them)."""
+    def __init__(
+        self, plant: Plant, effects: Sequence[Effect], names: Sequence[str], *, inner_torque: bool, limited: bool = True
+    ) -> None:
+        """`inner_torque`: maps of the torque follow the plant inside a substep (there is no lag behind them);
+        `limited`: no input is larger than its limit."""
         self._plant, self._effects, self._names, self._inner = plant, effects, names, inner_torque
+        self._limited = limited
         self._nq, self._nx = len(plant.coordinates), len(plant.states)
+        self._disturbed = (*plant.coordinates, *plant.first_order)
+        self.shortest_s = SHORTEST_S * (plant.time_scale_s / USUAL_S)
         self._maps = [one for one in sorted(effects, key=lambda one: one.order) if one.torque is not None]
         frictions = [(one, one.friction) for one in effects if one.friction is not None]
         # a contact that the accelerations hold sees what all others leave
@@ -56,7 +62,10 @@ class Motion:
 
     def _at_rest(self, x: Any) -> Any:
         """Rates of nothing are nothing: else what has stopped would go on through ever smaller, ever slower numbers."""
-        return ca.vertcat(*(ca.if_else(ca.fabs(x[i]) < REST, 0.0, x[i]) if i % 2 else x[i] for i in range(self._nx)))
+        rates = range(1, 2 * self._nq, 2)
+        return ca.vertcat(
+            *(ca.if_else(ca.fabs(x[i]) < REST, 0.0, x[i]) if i in rates else x[i] for i in range(self._nx))
+        )
 
     def step_back(self, x: Any, torque: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
         """State of the plant d seconds earlier; dry friction in its smooth form."""
@@ -67,26 +76,31 @@ class Motion:
         """dx/dt without a disturbance; ValueError with dry friction, whose force belongs to a step."""
         if self._frictions:
             raise ValueError("dry friction has no rate of its own")
-        return self._rate(x, torque, ca.SX.zeros(self._nq), t, self._vector(p), ca.SX(0, 1))
+        return self._rate(x, torque, ca.SX.zeros(len(self._disturbed)), t, self._vector(p), ca.SX(0, 1))
 
     def drifted(self, x: Any, d: Any) -> Any:
         """The state d seconds later if no force acted."""
-        return ca.vertcat(*(one for i in range(self._nq) for one in (x[2 * i] + d * x[2 * i + 1], x[2 * i + 1])))
+        moved = (one for i in range(self._nq) for one in (x[2 * i] + d * x[2 * i + 1], x[2 * i + 1]))
+        return ca.vertcat(*moved, x[2 * self._nq :])
 
     def torque(self, x: Any, u: Any, t: Any, p: Mapping[str, Any]) -> Any:
-        """What limit and maps make of a demanded torque."""
-        if self._plant.limit < inf:
-            u = ca.fmin(ca.fmax(u, -self._plant.limit), self._plant.limit)
+        """What limits and maps make of the demanded inputs; the maps are those of the first one's drive."""
+        first, others = split_inputs(u, len(self._plant.inputs))
+        if self._limited:
+            limits = [one.limit for one in self._plant.inputs]
+            first = _within(first, limits[0] if limits else None)
+            others = [_within(one, limit) for one, limit in zip(others, limits[1:], strict=True)]
         for effect in self._maps:
             assert effect.torque is not None
-            u = effect.torque(self._plant.point(x, p, u, t), effect.values(p))
-        return u
+            first = effect.torque(self._plant.point(x, p, joined(first, others), t), effect.values(p))
+        return joined(first, others)
 
     # ------------------------------------------------------------------------------------------ functions, made once
 
     @cached_property
     def _symbols(self) -> dict[str, Any]:
-        sizes = {"x": self._nx, "torque": 1, "w": self._nq, "t": 1, "p": len(self._names)}
+        inputs = max(1, len(self._plant.inputs))
+        sizes = {"x": self._nx, "torque": inputs, "w": len(self._disturbed), "t": 1, "p": len(self._names)}
         return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
 
     @cached_property
@@ -94,35 +108,41 @@ class Motion:
         """(x, torque, w, t, p, stops) -> dx/dt."""
         s, stops = self._symbols, ca.SX.sym("stops", len(self._frictions))
         p = self._named
-        point, force, seen = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
-        acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
+        point, force, seen, torque, more = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
+        acceleration = self._accelerations(seen, force, torque, s["t"], s["p"])
         for index, (effect, friction) in enumerate(self._frictions):
             middle, level = self._middle_and_level(effect, friction, point, acceleration, p)
             f = ca.fmin(ca.fmax(stops[index], middle - level), middle + level)
             force += self._direction(friction, point) * f
-            acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
-        return ca.Function("rate", [*s.values(), stops], [_interleaved(s["x"], acceleration)], _CSE)
+            acceleration = self._accelerations(seen, force, torque, s["t"], s["p"])
+        return ca.Function("rate", [*s.values(), stops], [self._joined(point, acceleration, more)], _CSE)
+
+    def _joined(self, s: Point, acceleration: Any, more: Any) -> Any:
+        """dx/dt from q'' and the rates of the first-order states, to which effects add."""
+        rates = [getattr(s, f"d{q}") for q in self._plant.coordinates]
+        second = (one for i, rate in enumerate(rates) for one in (rate, acceleration[i]))
+        return ca.densify(ca.vertcat(*second, self._plant.rates(s) + more))
 
     @cached_property
     def _smooth_rate(self) -> ca.Function:
         """(x, torque, w, t, p) -> dx/dt with dry friction as a steep smooth curve."""
         s, p = self._symbols, self._named
-        point, force, seen = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
-        acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
+        point, force, seen, torque, more = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
+        acceleration = self._accelerations(seen, force, torque, s["t"], s["p"])
         for effect, friction in self._frictions:
             middle, most = self._middle_and_level(effect, friction, point, acceleration, p)
             direction = self._direction(friction, point)
-            force += direction * _smooth_friction(friction, middle, most, ca.dot(direction, _speeds(s["x"])))
-            acceleration = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
-        return ca.Function("smooth_rate", list(s.values()), [_interleaved(s["x"], acceleration)], _CSE)
+            force += direction * _smooth_friction(friction, middle, most, ca.dot(direction, self._speeds(s["x"])))
+            acceleration = self._accelerations(seen, force, torque, s["t"], s["p"])
+        return ca.Function("smooth_rate", list(s.values()), [self._joined(point, acceleration, more)], _CSE)
 
     @cached_property
     def _stops(self) -> ca.Function:
         """(x, torque, w, d, t, p) -> for each dry friction the force that ends its rate within d, not yet clipped."""
         s, d, p = self._symbols, ca.SX.sym("d"), self._named
-        point, force, seen = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
-        unforced = self._accelerations(seen, force, s["torque"], s["t"], s["p"])
-        mobility = self._mobility(seen, s["torque"], s["t"], s["p"])
+        point, force, seen, torque, _ = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
+        unforced = self._accelerations(seen, force, torque, s["t"], s["p"])
+        mobility = self._mobility(seen, torque, s["t"], s["p"])
         directions = [self._direction(friction, point) for _, friction in self._frictions]
         pushes = [ca.mtimes(mobility, one) for one in directions]
         stops: list[Any] = [ca.SX(0)] * len(directions)
@@ -131,8 +151,10 @@ class Motion:
             for i, (effect, friction) in enumerate(self._frictions):
                 a = unforced + sum(pushes[j] * forces[j] for j in range(len(forces)) if j != i)
                 middle, level = self._middle_and_level(effect, friction, point, a, p)
-                rate, pull = ca.dot(directions[i], _speeds(s["x"])), ca.dot(directions[i], a)
-                stops[i] = _stop(rate, pull, ca.dot(directions[i], pushes[i]), middle, level, d)
+                rate, pull = ca.dot(directions[i], self._speeds(s["x"])), ca.dot(directions[i], a)
+                stops[i] = _stop(
+                    rate, pull, ca.dot(directions[i], pushes[i]), middle, level, ca.fmax(d, self.shortest_s)
+                )
                 forces[i] = ca.fmin(ca.fmax(stops[i], middle - level), middle + level)
         inputs = [s["x"], s["torque"], s["w"], d, s["t"], s["p"]]
         return ca.Function("stops", inputs, [ca.vertcat(*stops)], _CSE)
@@ -161,23 +183,29 @@ class Motion:
     def _vector(self, p: Mapping[str, Any]) -> Any:
         return ca.vertcat(*(p[name] for name in self._names))
 
-    def _smooth_forces(self, x: Any, u: Any, w: Any, t: Any, p: Mapping[str, Any]) -> tuple[Point, Any, Any]:
-        """The point, the generalised forces but for dry friction, and the state as gravity sees it."""
+    def _smooth_forces(self, x: Any, u: Any, w: Any, t: Any, p: Mapping[str, Any]) -> tuple[Point, Any, Any, Any, Any]:
+        """The point, the generalised forces but for dry friction, the state as gravity sees it, the inputs behind
+        their drives, and what is added to the rates of first-order states."""
         torque = self._torque_inside(x, u, t, p)
         s = self._plant.point(x, p, torque, t)
-        force = {q: w[i] for i, q in enumerate(self._plant.coordinates)}
-        if self._plant.driven is not None:
-            force[self._plant.driven] += torque
+        force = {q: w[i] for i, q in enumerate(self._disturbed)}
+        for one in self._plant.inputs:
+            if one.coordinate is not None:
+                force[one.coordinate] += getattr(s, one.name)
         seen = dict(zip(self._plant.states, ca.vertsplit(x), strict=True))
         for effect in self._effects:
             if effect.force is not None:
                 _add(force, effect.force(s, effect.values(p)))
             if effect.shift is not None:
                 _add(seen, effect.shift(s, effect.values(p)))
-        return s, ca.vertcat(*force.values()), ca.vertcat(*seen.values())
+        forces, more = ([force[name] for name in names] for names in (self._plant.coordinates, self._plant.first_order))
+        return s, _column(forces), ca.vertcat(*seen.values()), torque, _column(more)
 
     def _torque_inside(self, x: Any, u: Any, t: Any, p: Mapping[str, Any]) -> Any:
-        return self.torque(x, u, t, p) if self._inner and self._plant.driven is not None else u
+        return self.torque(x, u, t, p) if self._inner and self._plant.inputs else u
+
+    def _speeds(self, x: Any) -> Any:
+        return ca.vertcat(*(x[i] for i in range(1, 2 * self._nq, 2)))
 
     def _direction(self, friction: DryFriction, s: Point) -> Any:
         along = friction.along(s)
@@ -207,7 +235,6 @@ def _runge_kutta(f: Callable[[Any, Any], Any], x: Any, d: Any, t: Any) -> Any:
 
 def _stop(rate: Any, pull: Any, mobility: Any, middle: Any, level: Any, d: Any) -> Any:
     """Friction over d seconds, before it is clipped to middle +- level; pull: the rate's derivative without it."""
-    d = ca.fmax(d, SHORTEST_S)
     # what would hold it, measured from the middle
     hold = -pull / mobility - middle
     # it cannot: the level, first against what is left of a motion in the direction of `hold`, then in it
@@ -225,13 +252,22 @@ def _smooth_friction(friction: DryFriction, middle: Any, most: Any, rate: Any) -
     return ca.if_else(ca.fabs(rate) > BACK_WIDTH, middle - most * ca.sign(rate), 0.0)
 
 
-def _speeds(x: Any) -> Any:
-    return ca.vertcat(*(x[i] for i in range(1, x.numel(), 2)))
+def split_inputs(u: Any, count: int) -> tuple[Any, list[Any]]:
+    """The first of the inputs, and the others."""
+    return (u, []) if count < 2 else (u[0], [u[i] for i in range(1, count)])
 
 
-def _interleaved(x: Any, acceleration: Any) -> Any:
-    """(q1', q1'', q2', q2'', ...)."""
-    return ca.vertcat(*(one for i in range(acceleration.numel()) for one in (x[2 * i + 1], acceleration[i])))
+def joined(first: Any, others: Sequence[Any]) -> Any:
+    """The inputs in one column again."""
+    return ca.vertcat(first, *others) if others else first
+
+
+def _column(parts: Sequence[Any]) -> Any:
+    return ca.vertcat(*parts) if parts else ca.SX(0, 1)
+
+
+def _within(u: Any, limit: float | None) -> Any:
+    return u if limit is None or limit == inf else ca.fmin(ca.fmax(u, -limit), limit)
 
 
 def _add(total: dict[str, Any], more: Mapping[str, Any]) -> None:

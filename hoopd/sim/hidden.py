@@ -113,7 +113,7 @@ def _functions(c: Composite, found: Found) -> tuple[Call, Call]:
     """(z, u, h, t) -> z after, and (z, t) -> readings without latency."""
     z, u, h, t = ca.SX.sym("z", c.nz), ca.SX.sym("u"), ca.SX.sym("h"), ca.SX.sym("t")
     p = numbers(c, found.values)
-    after = c.step_expression(z, [u], ca.SX.zeros(c.nq), h, t, p)
+    after = c.step_expression(z, [u], ca.SX.zeros(c.nw), h, t, p)
     seen = ca.vertcat(*(c.reading(channel, z, t, p) for channel in ("theta", "dtheta", "psi")))
     step = ca.Function("step", [z, u, h, t], [ca.densify(after)], {"cse": True})
     return Call(step), Call(ca.Function("readings", [z, t], [ca.densify(seen)]))

@@ -84,7 +84,7 @@ class Simulator:
         torques, h, t = self._inputs(each)
         step = _Mapped(c.step_function, total)
         step.set(5, np.tile(np.stack([c.vector(one) for one in each], axis=1), (1, b)))
-        step.set(2, np.zeros((c.nq, total)))
+        step.set(2, np.zeros((c.nw, total)))
         out = np.empty((n, c.nz, total))
         out[0] = self._beginning(start).reshape(c.nz, total)
         h, t = np.repeat(h, k, axis=1), np.repeat(t, k, axis=1)
@@ -114,7 +114,7 @@ class Simulator:
         z = states.transpose(1, 0, 2, 3).reshape(nz, count)
         t = np.repeat(w.stretch.t[nodes][..., None], k, axis=-1).reshape(1, count)
         p = np.tile(np.stack([c.vector(one) for one in each], axis=1), (1, n * b))
-        y = np.asarray(c.output_function.map(count)(z, side, np.zeros((c.nq, count)), t, p).full())
+        y = np.asarray(c.output_function.map(count)(z, side, np.zeros((c.nw, count)), t, p).full())
         return y.reshape(len(c.channels), n, b, k).transpose(1, 0, 2, 3)
 
     def _back(self, values: Mapping[str, float]) -> Array:

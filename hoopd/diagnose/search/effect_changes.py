@@ -93,7 +93,7 @@ class Changes:
     def _sampled_points(self, parts: int) -> Inside:
         c, track, n = self.track.composite, self.track, len(self.z) - 1
         call, d = mapped(derivatives_of(c, ())[0], n, (5,)), track.stretch.h / parts
-        torques, nothing = track.held.substeps(parts, c.delay_s(self._local)), np.zeros((n, c.nq))
+        torques, nothing = track.held.substeps(parts, c.delay_s(self._local)), np.zeros((n, c.nw))
         starts, p = track.stretch.t[:-1] + np.arange(parts)[:, None] * d, c.vector(self._local)
         states, by = [self.z[:-1]], []
         for j in range(parts):

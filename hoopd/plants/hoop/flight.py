@@ -19,9 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from hoopd.plants.composite import LONGEST_STEP_S, Composite
 from hoopd.plants.effects.base import Point
 from hoopd.plants.free_run import FreeRun
-from hoopd.plants.held_input import mean_torque
+from hoopd.plants.held_input import mean_torque, node_axis
 from hoopd.plants.hoop.lift_off import FlyingPlant
-from hoopd.plants.hoop.simulate import node_axis
 
 Array = NDArray[np.float64]
 
@@ -48,10 +47,10 @@ class FlightRun(FreeRun):
         self._normal, self._off, self._on = self._modes()
         self.flights: list[tuple[float, float]] = []
 
-    def run(self, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Array:
+    def run(self, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None) -> Array:
         """As `FreeRun.run`; of a flying ball psi is the direction in which it is seen."""
         t, u, _ = node_axis(t, u)
-        course = _Course(self, values, self._start(np.asarray(x0, float), float(u[0])))
+        course = _Course(self, values, self._start(np.asarray(x0, float), u))
         rows = [course.seen()]
         while len(rows) < len(t):
             safe = rows[:0] if course.flies else list(self._safely_on(values, course.z, t, u, len(rows) - 1))
@@ -176,7 +175,7 @@ class _Course:
 
     def _moved(self, torque: float, d: float, t: float) -> Array:
         c = self._o._air if self.flies else self._o._rolling
-        z = c.step_function(self.z, torque, np.zeros(c.nq), d, t, self._p[self.flies])
+        z = c.step_function(self.z, torque, np.zeros(c.nw), d, t, self._p[self.flies])
         return np.asarray(z.full().ravel())
 
     def _distance(self, z: Array) -> float:

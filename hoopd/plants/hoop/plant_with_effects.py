@@ -95,7 +95,7 @@ def _step(found: Found, effects: tuple[Effect, ...], substeps: int, *, jacobian:
     """(x, u, h) -> x after, and its derivative."""
     c = composite_of(found, effects, substeps)
     x, u, h = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("h")
-    after = c.step_expression(x, [u] * substeps, ca.SX.zeros(c.nq), h, 0.0, numbers(c, found.values))
+    after = c.step_expression(x, [u] * substeps, ca.SX.zeros(c.nw), h, 0.0, numbers(c, found.values))
     results = [ca.densify(after)] + ([ca.densify(ca.jacobian(after, x))] if jacobian else [])
     return ca.Function("step", [x, u, h], results, {"cse": True})
 

@@ -14,6 +14,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hoopd.plants.free_run import CHUNK
+from hoopd.plants.held_input import node_axis
 from hoopd.plants.hoop.equations import ExtraForce, rate, runge_kutta
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 
@@ -22,8 +24,6 @@ Array = NDArray[np.float64]
 # Classical Runge-Kutta at 10 ms misses the converged psi by 2.4e-8 rad over a 20 ms step at full speed (test of
 # step-halving), 1e4 times below the encoder's step.
 STEP_S = 0.010
-# Steps in one call: few enough to be written out in a millisecond, many enough that the call costs nothing.
-CHUNK = 50
 # Functions kept for the next model of the same kind: a fit makes several in a row.
 KEPT = 32
 
@@ -139,14 +139,3 @@ def _with_sensitivity(x: ca.SX, p: ca.SX, after: ca.SX) -> tuple[ca.SX, ca.SX]:
     by_p = ca.horzcat(ca.densify(ca.jacobian(after, p)), ca.SX.zeros(4, 4))
     s_after = ca.densify(ca.mtimes(ca.jacobian(after, x), s) + by_p)
     return ca.vertcat(x, ca.vec(s)), ca.vertcat(after, ca.vec(s_after))
-
-
-def node_axis(t: ArrayLike, u: ArrayLike) -> tuple[Array, Array, Array]:
-    """Nodes, torques and distances; ValueError when they do not fit."""
-    t, u = np.asarray(t, float), np.asarray(u, float)
-    if t.ndim != 1 or len(t) < 2 or u.shape != (len(t) - 1,):
-        raise ValueError(f"expected n nodes and n - 1 torques, not {t.shape} and {u.shape}")
-    h = np.diff(t)
-    if not (h > 0.0).all():
-        raise ValueError("the nodes must increase")
-    return t, u, h

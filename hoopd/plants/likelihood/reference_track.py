@@ -100,7 +100,7 @@ class Track:
 
     def _wide(self, w: Array) -> Array:
         """Disturbances with a column for every coordinate of the composite."""
-        return np.pad(w, ((0, 0), (0, self.composite.nq - w.shape[1])))
+        return np.pad(w, ((0, 0), (0, self.composite.nw - w.shape[1])))
 
     def _output_inputs(self, values: Mapping[str, float], z: Array, w: Array) -> list[Array]:
         return [z, self._back(values), self._wide(w), self.stretch.t, self.composite.vector(values)]
@@ -191,8 +191,8 @@ class Track:
         c, n, z = self.composite, len(self.stretch.t) - 1, self.filtered[:-1]
         call, d = mapped(derivatives_of(c, free)[0], n, (5,)), self.stretch.h / c.substeps
         torques, slope = self.torques(values), self.held.substeps_by_delay(c.substeps, c.delay_s(values))
-        late = [c.nz + c.nq + free.index(name) for name in c.delays if name in free]
-        nothing, p, nu = np.zeros((n, c.nq)), c.vector(values), c.nz + c.nq
+        late = [c.nz + c.nw + free.index(name) for name in c.delays if name in free]
+        nothing, p, nu = np.zeros((n, c.nw)), c.vector(values), c.nz + c.nw
         total = np.zeros((n, c.nz, nu + len(free)))
         total[:, range(c.nz), range(c.nz)] = 1.0
         for j in range(c.substeps):
