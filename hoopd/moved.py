@@ -149,7 +149,7 @@ MOVED: dict[str, str] = {
     "physics": "plants",
     "physics.compensation": "plants.compensation",
     "physics.composite": "plants.composite",
-    "physics.declared": "plants.declaration plants.hoop.declaration",
+    "physics.declared": "plants.declaration plants.hoop.declaration plants.hoop.contact",
     "physics.effectmodel": "plants.hoop.free_run_with_effects",
     "physics.effectplant": "plants.hoop.plant_with_effects",
     "physics.effects": "plants.effects",

@@ -180,8 +180,6 @@ _KEPT: WeakKeyDictionary[Composite, FreeRun] = WeakKeyDictionary()
 
 def _free_run(composite: Composite) -> FreeRun:
     if composite not in _KEPT:
-        from hoopd.plants.hoop.flight import FlightRun  # it is a free run itself
-
-        flies = any(effect.flight for effect in composite.effects)
-        _KEPT[composite] = FlightRun(composite) if flies else FreeRun(composite)
+        own = next((effect.free_run for effect in composite.effects if effect.free_run is not None), FreeRun)
+        _KEPT[composite] = own(composite)
     return _KEPT[composite]

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import ast
 from dataclasses import replace
 from math import inf
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hoopd.plants import effects
 from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Channel, DeclaredPlant, Input, Plant, Slot
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import run
 
 MOTOR = Plant(
@@ -82,3 +87,16 @@ def test_old_imports_find_it() -> None:
     with pytest.warns(DeprecationWarning):
         import hoopd.physics.declared as old
     assert old.DeclaredPlant is DeclaredPlant  # type: ignore[attr-defined]
+
+
+def test_the_library_imports_no_plant() -> None:
+    for path in Path(effects.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not any(name.startswith("hoopd.plants.hoop") for name in modules), path.name
+
+
+def test_own_effects_of_a_plant_are_in_its_library() -> None:
+    leak = Effect("tank.leak", (), force=lambda s, e: {"level": -s.level})
+    tank = Plant("tank", first_order=("level",), rates=lambda s: -s.level, own_effects=lambda plant: (leak,))
+    assert library(tank) == {"tank.leak": leak}

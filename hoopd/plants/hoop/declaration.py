@@ -1,31 +1,27 @@
 """The hoop with its ball as a declared plant: both, the hoop alone, or the ball in a held hoop.
 
-Rules of this file: equations come from `equations`; nothing here knows an effect.
+Rules of this file: equations come from `equations`; its own effects come from the files of their slots.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
-from hoopd.plants.effects.base import Point
+from hoopd.plants.effects.base import Effect, Point
+from hoopd.plants.hoop import ball_effects, frame_effects
+from hoopd.plants.hoop.contact import contact_of
 from hoopd.plants.hoop.equations import MOTIONS, symbols
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 
 
-class Contact(NamedTuple):
-    """How a rolling ball is held by the hoop: spin w = by_theta theta' + by_psi psi', and what moves when it is not."""
-
-    by_theta: Any
-    by_psi: Any
-    theta_inertia: Any  # kg m^2; of the hoop without its ball
-    psi_inertia: Any  # kg m^2; of the ball's path without its spin, m (Ro-Rb)^2
-    spin_inertia: Any  # kg m^2; Ib
-    damping: Any  # N m s; bb
+def own_effects(plant: Plant) -> tuple[Effect, ...]:
+    """Those of the rolling ball and of the frame."""
+    return (*ball_effects.effects(plant), *frame_effects.effects(plant))
 
 
 def hoop_plant(structure: str, values: Mapping[str, float], moving: str = "both", limit: float = 0.7) -> Plant:
@@ -49,6 +45,7 @@ def hoop_plant(structure: str, values: Mapping[str, float], moving: str = "both"
         held={"theta": 0.0, "dtheta": 0.0} if moving == "ball" else {},
         units=PARAMETER_UNITS[structure],
         bounds=_bounds(structure, moving, values),
+        own_effects=own_effects,
     )
 
 
@@ -85,7 +82,7 @@ def _slots(structure: str, moving: str) -> dict[str, Slot]:
         "external": Slot("push", "theta"),
     }
     ball = {
-        "ball": Slot("rolling_ball", "psi", data=_contact(structure)),
+        "ball": Slot("rolling_ball", "psi", data=contact_of(structure)),
         "frame": Slot("frame", "psi"),
         "camera": Slot("sensor", "psi", ("psi",), turns=True, device="camera"),
     }
@@ -110,36 +107,6 @@ def _implied_friction(s: Point) -> Any:
     d = p["J12"] / (p["L1"] - p["L2"])
     implied = (p["L2"] * d - p["J11"]) / p["L1"] - d
     return ca.if_else(implied > 0.0, implied, _bare_hoop_friction(s))
-
-
-def _contact(structure: str) -> Callable[[Point], Contact]:
-    # w = phi' + psi' (rolling) or phi' + theta' (published),  phi' = (Ro/Rb) (theta' - psi')
-    more = 1.0 if structure == "published" else 0.0
-
-    def physical(s: Point) -> Contact:
-        p, ratio = s.p, s.p["Ro"] / s.p["Rb"] + more
-        return Contact(ratio, 1.0 - ratio, p["Ih"], p["mb"] * (p["Ro"] - p["Rb"]) ** 2, p["Ib"], p["bb"])
-
-    return _implied_contact if structure == "entries" else physical
-
-
-# Of an inertia, what at least belongs to the body itself: entries may be such that nothing would be left of it.
-LEAST_SHARE = 0.1
-
-
-def _implied_contact(s: Point) -> Contact:
-    """That of the entries: their mobility's inverse M, taken apart as the rolling ball's (table in `entries`)."""
-    p, ratio = s.p, s.p["Ro"] / s.p["Rb"]
-    corner = -p["K2"] / (p["mb"] * p["g"] * (p["Ro"] - p["Rb"]))
-    # M = [[L1, L2], [L2, n]]^-1
-    det = p["L1"] * corner - p["L2"] ** 2
-    m11, m12, m22 = corner / det, -p["L2"] / det, p["L1"] / det
-    # M12 = -Ib (Ro/Rb) (Ro/Rb - 1),  M11 = Ih + Ib (Ro/Rb)^2,  M22 = m (Ro-Rb)^2 + Ib (Ro/Rb - 1)^2
-    most = (1.0 - LEAST_SHARE) * ca.fmin(m11 / ratio**2, m22 / (ratio - 1.0) ** 2)
-    spin = ca.fmin(ca.fmax(-m12 / (ratio * (ratio - 1.0)), LEAST_SHARE * most), most)
-    # J12 = bb (Ro/Rb)^2 (L1 - L2)
-    damping = ca.fmax(p["J12"] / (p["L1"] - p["L2"]) / ratio**2, 0.0)
-    return Contact(ratio, 1.0 - ratio, m11 - spin * ratio**2, m22 - spin * (ratio - 1.0) ** 2, spin, damping)
 
 
 def _hoop_accelerations(structure: str, moving: str) -> Callable[[Point, ca.SX], ca.SX]:

@@ -20,7 +20,7 @@ from hoopd.plants.composite import LONGEST_STEP_S, Composite
 from hoopd.plants.effects.base import Point
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.held_input import mean_torque, node_axis
-from hoopd.plants.hoop.lift_off import FlyingPlant
+from hoopd.plants.hoop.flying_plant import FlyingPlant
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ Rules of this file: one effect.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -18,13 +18,11 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point, Values, geometric
-from hoopd.plants.hoop.declaration import Contact
+from hoopd.plants.hoop.contact import Contact, ContactOf
 from hoopd.plants.hoop.normal_force import normal_force
 
 # A contact that never slips, and the least force (N) of a ball on the hoop: their product is beyond any force.
 NO_SLIP, LEAST_FORCE = 1e9, 1e-6
-
-ContactOf = Callable[[Point], Contact]
 
 
 def slip(name: str, contact: ContactOf) -> Effect:
