@@ -17,18 +17,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.plants.composite import BACK_STEPS, LONGEST_STEP_S, Composite
+from hoopd.plants.composite import BACK_STEPS, Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.free_run import Chunks
-from hoopd.plants.held_input import SAME_S, mean_torque
+from hoopd.plants.free_run import CHUNK, Chunks
+from hoopd.plants.held_input import SAME_S, mean_inputs
 
 Array = NDArray[np.float64]
-
-# Steps in one call: few enough to be written out in a millisecond, many enough that the call costs nothing.
-CHUNK = 50
-# Of the plant's usual sample time; its Runge-Kutta step is half as long.
-USUAL_S = 0.020
 
 
 class FreeRun(NamedTuple):
@@ -81,10 +76,9 @@ class FreeRunModel:
         step_s: float | None = None,
     ) -> None:
         self.composite = c = Composite(plant, effects)
-        longest = LONGEST_STEP_S * plant.time_scale_s / USUAL_S
         half = plant.time_scale_s / 2.0 if step_s is None else step_s
         # a step of the composite is so many Runge-Kutta steps
-        self.free, self.step_s = tuple(free), min(half * c.substeps, longest)
+        self.free, self.step_s = tuple(free), min(half * c.substeps, c.longest_step_s)
         self.values = {name: (values or {}).get(name, value) for name, value in c.values.items()}
         if unknown := [name for name in self.free if name not in c.names]:
             raise ValueError(f"{plant.name} has no parameter {', '.join(unknown)}")
@@ -126,7 +120,7 @@ class FreeRunModel:
         length = np.repeat(h / steps, steps)
         begin = np.repeat(nodes[:-1], steps) + (np.arange(last[-1]) - np.repeat(last - steps, steps)) * length
         edges, delay = np.column_stack([begin, begin + length]), c.delay_s(values)
-        held = np.column_stack([mean_torque(edges, t, column, delay) for column in u.T])
+        held = mean_inputs(edges, t, u, delay)
         start = c.beginning(x0, float(u[0, 0]))
         first = start if not derivatives else np.concatenate([start, self._first_sensitivity().T.ravel()])
         runner = self._with_derivatives if derivatives else self._plain
@@ -168,7 +162,7 @@ class FreeRunModel:
             shortened = vector.copy()
             shortened[c.names.index(c.latencies[channel])] = late - (t[index] - nodes[0])
             back = np.tile(u[0], (len(c.channels), BACK_STEPS))
-            y, by_z, by_p = self._outputs(z[0], back, np.zeros(self._disturbances), nodes[0], shortened)
+            y, by_z, by_p = self._outputs(z[0], back, np.zeros(c.nw), nodes[0], shortened)
             out[index] = float(y[row])
             if s.shape[2]:
                 by[index] = by_z.full()[row] @ s[0]
@@ -192,11 +186,7 @@ class FreeRunModel:
     @property
     def _inputs(self) -> int:
         """Held numbers of a step: one also where there is no input."""
-        return max(1, len(self.composite.plant.inputs))
-
-    @property
-    def _disturbances(self) -> int:
-        return int(self.composite.step_function.size1_in(2))
+        return self.composite.nu
 
     @cached_property
     def _symbols(self) -> tuple[Any, ...]:
@@ -241,7 +231,7 @@ class FreeRunModel:
 
     def _after(self, z: Any, u: Any, h: Any, t: Any, p: Any) -> Any:
         c = self.composite
-        return c.step_function(z, ca.repmat(u.T, c.substeps, 1), ca.SX.zeros(self._disturbances), h, t, p)
+        return c.step_function(z, ca.repmat(u.T, c.substeps, 1), ca.SX.zeros(c.nw), h, t, p)
 
 
 def _axis(t: ArrayLike, u: ArrayLike, inputs: int) -> tuple[Array, Array]:
