@@ -26,7 +26,7 @@ from hoopd.plants.held_input import SAME_S, mean_inputs
 Array = NDArray[np.float64]
 
 
-class FreeRun(NamedTuple):
+class SimulatedRun(NamedTuple):
     """A free run at its nodes; derivatives have no columns where none were asked for."""
 
     states: Array  # (n, nx) in the plant's order
@@ -83,20 +83,20 @@ class FreeRunModel:
         if unknown := [name for name in self.free if name not in c.names]:
             raise ValueError(f"{plant.name} has no parameter {', '.join(unknown)}")
 
-    def run(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> FreeRun:
+    def run(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> SimulatedRun:
         """From x0 (nx,) at the first of the nodes t (n,) s with the inputs u held between them.
 
         u: (n-1,) of one input, (n-1, inputs) of several, (n-1, 0) of none.
         """
         return self._simulated(p, x0, t, u, derivatives=False)
 
-    def run_with_sensitivity(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> FreeRun:
+    def run_with_sensitivity(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> SimulatedRun:
         """The same with exact derivatives, taken through the integration steps themselves."""
         return self._simulated(p, x0, t, u, derivatives=True)
 
     # ------------------------------------------------------------------------------------------ run
 
-    def _simulated(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike, *, derivatives: bool) -> FreeRun:
+    def _simulated(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike, *, derivatives: bool) -> SimulatedRun:
         c = self.composite
         t, u = _axis(t, u, self._inputs)
         values = {**self.values, **dict(zip(self.free, np.asarray(p, float), strict=True))}
@@ -107,7 +107,7 @@ class FreeRunModel:
         for row, channel in enumerate(c.channels):
             readings[:, row], by[:, row] = self._channel(channel, late[channel], values, nodes, t, u, z, s)
         at = _index(nodes, t)
-        return FreeRun(z[at, : c.nx], readings, s[at, : c.nx], by)
+        return SimulatedRun(z[at, : c.nx], readings, s[at, : c.nx], by)
 
     def _run(
         self, values: dict[str, float], x0: Array, nodes: Array, t: Array, u: Array, derivatives: bool

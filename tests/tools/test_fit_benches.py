@@ -14,7 +14,7 @@ import pytest
 
 from hoopd.plants.fits.fit import fit
 from hoopd.plants.fits.fit_data import prepare
-from hoopd.plants.fits.output_error import fit_output_error
+from hoopd.plants.hoop.output_error import fit_output_error
 from hoopd.plants.model_file import load_model
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -37,10 +37,12 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from hoopd.plants.fits.fit import Fit, fit  # noqa: E402
-from hoopd.plants.fits.fit_data import STATES, Run, prepare  # noqa: E402
+from hoopd.plants.fits.fit_data import STATES, prepare  # noqa: E402
 from hoopd.plants.fits.free_parameters import scale_of  # noqa: E402
-from hoopd.plants.fits.output_error import Problem, Solution, fit_output_error  # noqa: E402
+from hoopd.plants.fits.output_error import Solution  # noqa: E402
 from hoopd.plants.fits.robust_least_squares import Array  # noqa: E402
+from hoopd.plants.fits.runs import Run  # noqa: E402
+from hoopd.plants.hoop.output_error import fit_output_error, hoop_problem  # noqa: E402
 from hoopd.plants.hoop.simulate import Model  # noqa: E402
 from hoopd.plants.hoop.solver_comparison import ATOL, RTOL, two_level_torque  # noqa: E402
 from hoopd.plants.model_file import load_model  # noqa: E402
@@ -108,7 +110,7 @@ class Judge:
 
     def __init__(self, run: Run, values: dict[str, float], sigma: dict[str, float]) -> None:
         self.run, self.sigma = run, sigma
-        self.problem = Problem("entries", values, [run], scale_of("entries", NAMES, values))
+        self.problem = hoop_problem("entries", values, [run], scale_of("entries", NAMES, values))
         self.problem.sigma = dict(sigma)
 
     def cost(self, values: dict[str, float], start: Array) -> float:
@@ -141,7 +143,9 @@ class ThesisWay:
             raise TimeIsUpError
         self.simulations += 1
         x = self.states(*self.parameters(z))
-        parts = [(one.of(x) - one.values) / self.judge.sigma[name] for name, one in self.run.series.items()]
+        parts = [
+            (one.of(x[:, STATES[name]]) - one.values) / self.judge.sigma[name] for name, one in self.run.series.items()
+        ]
         cost = sum(float(e @ e) for e in parts) / 2
         if cost < self.best_cost:
             self.best, self.best_cost = z.copy(), cost

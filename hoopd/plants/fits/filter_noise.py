@@ -14,8 +14,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.fits.fit_data import Run
 from hoopd.plants.fits.innovations import CHANNELS, STATE_NAMES
+from hoopd.plants.fits.runs import Run
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,6 @@ said; nothing of the input is changed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import tau
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
+from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, Run, Series
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Channel, Timeline, timelines
 
@@ -30,61 +30,6 @@ STUCK = 5
 STILL_PSI_RAD = 0.005
 # A hoop that stayed within so many encoder counts was held.
 HELD_COUNTS = 2.5
-# A run shorter than this tells nothing beyond its own initial state.
-SHORTEST_ROWS = 10
-# Fewer samples of a channel than these say nothing of its spread, and have no central difference.
-FEWEST = 3
-
-
-@dataclass(frozen=True)
-class Series:
-    """One channel of a run: values and the nodes they compare with; `before`: a rate over two nodes."""
-
-    name: str
-    nodes: Index  # (k,)
-    values: Array  # (k,)
-    before: Index | None = None
-    span_s: Array | None = None  # time between the two nodes
-
-    def of(self, states: Array) -> Array:
-        """The same from simulated states (n, 4, ...): (k, ...)."""
-        column = states[:, STATES[self.name]]
-        if self.before is None or self.span_s is None:
-            return np.asarray(column[self.nodes])
-        span = self.span_s.reshape(-1, *([1] * (column.ndim - 1)))
-        return np.asarray((column[self.nodes] - column[self.before]) / span)
-
-    def until(self, last: int) -> Series:
-        """What was measured up to this node."""
-        keep = self.nodes <= last
-        before = None if self.before is None else self.before[keep]
-        span_s = None if self.span_s is None else self.span_s[keep]
-        return Series(self.name, self.nodes[keep], self.values[keep], before, span_s)
-
-
-@dataclass(frozen=True)
-class Run:
-    """A stretch that is simulated from one initial state."""
-
-    recording: str
-    moving: str  # both, hoop (no ball), ball (hoop held)
-    t: Array  # (n,) s
-    u: Array  # (n-1,) N m
-    series: dict[str, Series]
-    start: Array  # (4,) first guess of the state
-    set_aside: dict[str, int]  # samples that do not count, by channel
-
-    @property
-    def samples(self) -> int:
-        """Measurements that count."""
-        return sum(len(series.values) for series in self.series.values())
-
-    def beginning(self, length_s: float) -> Run:
-        """The first seconds of the run."""
-        last = int(np.searchsorted(self.t, self.t[0] + length_s, side="right")) - 1
-        cut = {name: one.until(last) for name, one in self.series.items()}
-        series = {name: one for name, one in cut.items() if len(one.values) >= FEWEST}
-        return replace(self, t=self.t[: last + 1], u=self.u[:last], series=series)
 
 
 def moving_of(recording: Recording, encoder_counts: int = 4096) -> str:

@@ -16,12 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.fits.fit_data import STATES, Run
-from hoopd.plants.fits.free_parameters import Prior, Scale, scale_of
+from hoopd.plants.fits.free_parameters import Prior, Scale
 from hoopd.plants.fits.robust_least_squares import SMALLEST_GAIN, Block, minimise
-from hoopd.plants.found_effects import Found
-from hoopd.plants.hoop.equations import ExtraForce
-from hoopd.plants.hoop.free_run_with_effects import model_of
+from hoopd.plants.fits.runs import Run, System
 
 Array = NDArray[np.float64]
 
@@ -31,7 +28,7 @@ SIGMA_ROUNDS = 12
 # Until they change by less than this, a search to the last digit would be for another problem's solution.
 SIGMA_NEAR = 0.1
 ROUGH_GAIN = 1e-2
-# Far above any speed of the device: a wild step of the search is turned back instead of overflowing.
+# Far above any residual in units of sigma: a wild step of the search is turned back instead of overflowing.
 LARGEST_RESIDUAL = 1e6
 
 Progress = Callable[[str], None]
@@ -42,10 +39,10 @@ class Solution:
     """What a fit found: parameters, starts, residuals and their derivatives at the solution."""
 
     names: tuple[str, ...]
-    values: dict[str, float]  # every parameter of the structure, fitted or not
+    values: dict[str, float]  # every parameter, fitted or not
     scale: Scale
     z: Array  # (m,) search coordinates of the fitted ones
-    starts: list[Array]  # (4,) of every run
+    starts: list[Array]  # (nx,) of every run
     sigma: dict[str, float]  # by channel
     residuals: list[dict[str, Array]]  # by run and channel, in the channel's unit
     jacobian: list[dict[str, Array]]  # d residual / d (z, free starts of the run)
@@ -58,27 +55,19 @@ class Solution:
 class Problem:
     """Residuals and derivatives of all runs, in units of sigma."""
 
-    def __init__(
-        self,
-        structure: str,
-        values: Mapping[str, float],
-        runs: Sequence[Run],
-        scale: Scale,
-        extra_forces: tuple[ExtraForce, ...] = (),
-        effects: Found | None = None,
-    ) -> None:
-        self.runs, self.scale = list(runs), scale
-        kinds = {run.moving for run in runs}
-        self.models = {m: model_of(structure, values, scale.names, extra_forces, effects, moving=m) for m in kinds}
-        self.free = [free_starts(run) for run in runs]
-        self.sigma = {name: _first_sigma(name, runs) for name in _channels(runs)}
+    def __init__(self, system: System, runs: Sequence[Run], scale: Scale) -> None:
+        self.runs, self.scale, self.columns = list(runs), scale, system.columns
+        self.models = {moving: system.model(moving, scale.names) for moving in {run.moving for run in runs}}
+        self.free = [system.free_starts(run) for run in runs]
+        seen = [name for name in system.columns if any(name in run.series for run in runs)]
+        self.sigma = {name: _first_sigma(name, runs) for name in seen}
 
     def first_starts(self) -> list[Array]:
         """The runs' own guesses of what is free in their starts."""
         return [run.start[free] for run, free in zip(self.runs, self.free, strict=True)]
 
     def whole_starts(self, starts: Sequence[Array]) -> list[Array]:
-        """(4,) states from their free components."""
+        """(nx,) states from their free components."""
         whole = [run.start.copy() for run in self.runs]
         for state, free, start in zip(whole, self.free, starts, strict=True):
             state[free] = start
@@ -89,7 +78,7 @@ class Problem:
         p, parts = self.scale.parameters(z), []
         for run, start in zip(self.runs, self.whole_starts(starts), strict=True):
             x = self.models[run.moving].run(p, start, run.t, run.u)
-            parts.append({name: one.of(x) - one.values for name, one in run.series.items()})
+            parts.append({name: one.of(x[:, self.columns[name]]) - one.values for name, one in run.series.items()})
         return parts
 
     def derivatives(self, z: Array, starts: Sequence[Array]) -> tuple[list[dict[str, Array]], list[dict[str, Array]]]:
@@ -99,8 +88,9 @@ class Problem:
         for run, start, free in zip(self.runs, self.whole_starts(starts), self.free, strict=True):
             found = self.models[run.moving].run_with_sensitivity(p, start, run.t, run.u)
             both = np.concatenate([found.by_parameters * dp, found.by_start[:, :, free]], axis=2)
-            errors.append({name: one.of(found.x) - one.values for name, one in run.series.items()})
-            by.append({name: one.of(both) for name, one in run.series.items()})
+            at = {name: (one, self.columns[name]) for name, one in run.series.items()}
+            errors.append({name: one.of(found.x[:, column]) - one.values for name, (one, column) in at.items()})
+            by.append({name: one.of(both[:, column]) for name, (one, column) in at.items()})
         return errors, by
 
     def residuals(self, z: Array, starts: Sequence[Array]) -> list[Array]:
@@ -140,26 +130,48 @@ def prior_of(scale: Scale, priors: Mapping[str, Prior]) -> tuple[Array, Array]:
 
 
 def fit_output_error(
-    structure: str,
-    values: Mapping[str, float],
+    system: System,
     names: Sequence[str],
     runs: Sequence[Run],
     *,
     priors: Mapping[str, Prior] | None = None,
     loss: str = "linear",
-    extra_forces: tuple[ExtraForce, ...] = (),
-    effects: Found | None = None,
     rounds: int = SIGMA_ROUNDS,
     smallest_gain: float = SMALLEST_GAIN,
     progress: Progress = lambda text: None,
 ) -> Solution:
-    """Parameters `names` (start: `values`) and the runs' initial states; loss: linear, huber, soft_l1 or cauchy.
+    """Parameters of a plant and the initial states of its runs.
 
-    `effects`: what the plant has beside its equations, held. The search ends where a step gains less than
-    `smallest_gain` of the cost.
+    Parameters
+    ----------
+    system
+        The plant; its values are where the search begins.
+    names
+        Parameters that are fitted; none: only the starts are.
+    runs
+        Stretches of recordings.
+    priors
+        What is believed beforehand, by name.
+    loss
+        linear, huber, soft_l1 or cauchy.
+    rounds
+        How often the channels' standard deviations are estimated anew at most.
+    smallest_gain
+        The search ends where a step gains less than this share of the cost.
+    progress
+        Is told a line a round.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    ArithmeticError
+        Where the plant leaves every bound from the first guess on.
     """
     priors = {name: prior for name, prior in (priors or {}).items() if name in names}
-    problem = Problem(structure, values, runs, scale_of(structure, names, values), extra_forces, effects)
+    problem = Problem(system, runs, system.scale(names))
     prior = prior_of(problem.scale, priors)
     z, starts, steps, change = np.zeros(len(names)), problem.first_starts(), 0, np.inf
     for number in range(1, rounds + 1):
@@ -176,7 +188,7 @@ def fit_output_error(
     fitted = dict(zip(names, problem.scale.parameters(z).tolist(), strict=True))
     return Solution(
         names=tuple(names),
-        values={**values, **fitted},
+        values={**system.values, **fitted},
         scale=problem.scale,
         z=z,
         starts=problem.whole_starts(starts),
@@ -190,17 +202,7 @@ def fit_output_error(
     )
 
 
-def _channels(runs: Sequence[Run]) -> list[str]:
-    return [name for name in STATES if any(name in run.series for run in runs)]
-
-
 def _first_sigma(name: str, runs: Sequence[Run]) -> float:
     """A fifth of the signal: what a rough model leaves."""
     values = np.concatenate([run.series[name].values for run in runs if name in run.series])
     return max(float(np.std(values)) / 5.0, 1e-9)
-
-
-def free_starts(run: Run) -> list[int]:
-    """Components of the initial state that the run's channels see."""
-    hoop = [0, 1] if "theta" in run.series else [1]
-    return {"both": [*hoop, 2, 3], "hoop": hoop, "ball": [2, 3]}[run.moving]

@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
-from hoopd.plants.fits.fit_data import Run, channels_of, pieces, run_of
-from hoopd.plants.fits.output_error import Solution, fit_output_error
+from hoopd.plants.fits.fit_data import STATES as COLUMNS
+from hoopd.plants.fits.fit_data import channels_of, pieces, run_of
+from hoopd.plants.fits.output_error import Solution
+from hoopd.plants.fits.runs import Run
 from hoopd.plants.found_effects import Found
 from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.free_run_with_effects import EffectModel, model_of
+from hoopd.plants.hoop.output_error import fit_output_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.hoop.plant import Plant
 from hoopd.plants.hoop.simulate import STEP_S, Model
@@ -172,7 +175,7 @@ def _misfit(model: Model | EffectModel, run: Run, start: Array) -> float:
     """Squared errors of all channels, each by the spread of its samples."""
     states = model.run((), start, run.t, run.u)
     parts = [
-        float(np.mean((s.of(states) - s.values) ** 2)) / max(float(np.var(s.values)), 1e-12)
+        float(np.mean((s.of(states[:, COLUMNS[s.name]]) - s.values) ** 2)) / max(float(np.var(s.values)), 1e-12)
         for s in run.series.values()
     ]
     return float(np.nan_to_num(sum(parts), nan=np.inf))

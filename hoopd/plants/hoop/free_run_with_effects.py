@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.plants.composite import Composite
 from hoopd.plants.found_effects import Found
-from hoopd.plants.free_run_model import FreeRun, FreeRunModel
+from hoopd.plants.free_run_model import FreeRunModel, SimulatedRun
 from hoopd.plants.hoop.equations import ExtraForce
-from hoopd.plants.hoop.simulate import STEP_S, Model, Trajectory
+from hoopd.plants.hoop.simulate import STEP_S, Model
+from hoopd.plants.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class EffectModel:
             start[own] = np.asarray(x0, float)[column]
         return start
 
-    def _four(self, found: FreeRun) -> tuple[Array, Array]:
+    def _four(self, found: SimulatedRun) -> tuple[Array, Array]:
         """Readings (n, 4) and derivatives (n, 4, m + 4)."""
         m, n = len(self.free), len(found.states)
         asked = found.states_by.shape[2] > 0

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -18,6 +17,7 @@ from hoopd.plants.free_run import CHUNK
 from hoopd.plants.held_input import node_axis
 from hoopd.plants.hoop.equations import ExtraForce, rate, runge_kutta
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
+from hoopd.plants.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -26,14 +26,6 @@ Array = NDArray[np.float64]
 STEP_S = 0.010
 # Functions kept for the next model of the same kind: a fit makes several in a row.
 KEPT = 32
-
-
-class Trajectory(NamedTuple):
-    """A free run at its nodes, with the derivatives of every state by the free parameters and the initial state."""
-
-    x: Array  # (n, 4)
-    by_parameters: Array  # (n, 4, m)
-    by_start: Array  # (n, 4, 4)
 
 
 class Model:

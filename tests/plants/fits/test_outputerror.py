@@ -15,9 +15,9 @@ from hoopd.files.shipped import defaults_folder
 from hoopd.plants.fits.fit import Settings, fit, model_file
 from hoopd.plants.fits.fit_data import fresh_angles, moving_of, not_stuck, once_at_rest, prepare
 from hoopd.plants.fits.free_parameters import Prior, scale_of
-from hoopd.plants.fits.output_error import Problem, fit_output_error
 from hoopd.plants.fits.robust_least_squares import Block, loss_value, minimise
 from hoopd.plants.fits.uncertainty import autocorrelation, correlate
+from hoopd.plants.hoop.output_error import fit_output_error, hoop_problem
 from hoopd.plants.hoop.plant import Plant
 from hoopd.plants.hoop.simulate import Model
 from hoopd.plants.model_file import load_model
@@ -117,7 +117,7 @@ def test_a_robust_loss_bears_outliers() -> None:
 def test_derivatives_of_the_residuals_are_exact() -> None:
     names = ("mb", "Ib", "bh")
     runs = prepare([simulated(8, seconds=3.0)], ("theta", "theta_rate", "dtheta", "psi"), 1.0)
-    problem = Problem("rolling", HOOP.values(), runs, scale_of("rolling", names, HOOP.values()))
+    problem = hoop_problem("rolling", HOOP.values(), runs, scale_of("rolling", names, HOOP.values()))
     z, starts = np.array([0.1, -0.2, 0.3]), problem.first_starts()
     for run, block in enumerate(problem.blocks(z, starts)):
         for column in range(3):

@@ -1,0 +1,70 @@
+"""Output-error fits of the hoop: its structures, with both moving, the hoop alone or the ball in a held hoop.
+
+Rules of this file: it tells `plants.fits.output_error` what the hoop is; no mathematics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hoopd.plants.fits import output_error
+from hoopd.plants.fits.fit_data import STATES
+from hoopd.plants.fits.free_parameters import Scale, scale_of
+from hoopd.plants.fits.output_error import Problem, Solution
+from hoopd.plants.fits.runs import Run
+from hoopd.plants.found_effects import Found
+from hoopd.plants.hoop.equations import ExtraForce
+from hoopd.plants.hoop.free_run_with_effects import EffectModel, model_of
+from hoopd.plants.hoop.simulate import Model
+
+
+@dataclass(frozen=True)
+class HoopSystem:
+    """A structure with its numbers, and what it has beside its equations, held."""
+
+    structure: str
+    values: Mapping[str, float]
+    extra_forces: tuple[ExtraForce, ...] = ()
+    effects: Found | None = None
+
+    @property
+    def columns(self) -> Mapping[str, int]:
+        """Of the states theta, dtheta, psi, dpsi; a rate is theta's."""
+        return STATES
+
+    def model(self, moving: str, free: Sequence[str]) -> Model | EffectModel:
+        """moving: both, hoop or ball."""
+        return model_of(self.structure, self.values, free, self.extra_forces, self.effects, moving=moving)
+
+    def scale(self, names: Sequence[str]) -> Scale:
+        return scale_of(self.structure, names, self.values)
+
+    def free_starts(self, run: Run) -> list[int]:
+        return free_starts(run)
+
+
+def free_starts(run: Run) -> list[int]:
+    """Components of the initial state that the run's channels see."""
+    hoop = [0, 1] if "theta" in run.series else [1]
+    return {"both": [*hoop, 2, 3], "hoop": hoop, "ball": [2, 3]}[run.moving]
+
+
+def hoop_problem(structure: str, values: Mapping[str, float], runs: Sequence[Run], scale: Scale) -> Problem:
+    """Residuals and derivatives of a structure's runs."""
+    return Problem(HoopSystem(structure, values), runs, scale)
+
+
+def fit_output_error(
+    structure: str,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    runs: Sequence[Run],
+    *,
+    extra_forces: tuple[ExtraForce, ...] = (),
+    effects: Found | None = None,
+    **options: Any,
+) -> Solution:
+    """Parameters `names` of a structure (start: `values`); options as in `plants.fits.output_error`."""
+    return output_error.fit_output_error(HoopSystem(structure, values, extra_forces, effects), names, runs, **options)
