@@ -19,7 +19,6 @@ from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.output_files import check_results
 from hoopd.core.estimator import EkfSettings
 from hoopd.design.arx_law import design_arx
-from hoopd.design.closed_loop import Run
 from hoopd.design.controller_text import controller_data, controller_text
 from hoopd.design.gang_of_four import GangOfFour, gang_of_four, noise_gain, nyquist_gain, peaks
 from hoopd.design.identified import OUTPUTS, design_identified
@@ -27,7 +26,6 @@ from hoopd.design.innovation_levels import innovation_levels
 from hoopd.design.laws import LAWS, Law, Spec, SpecError
 from hoopd.design.margins import Margins, margins
 from hoopd.design.poles import Pole, closed_loop_poles, unstable
-from hoopd.design.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
 from hoopd.files.controller import ControllerFile, parse_controller
 from hoopd.files.identified import IdentifiedFile, load_identified
 from hoopd.files.model import ModelFile
@@ -35,7 +33,9 @@ from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped, way_to
 from hoopd.files.whole_files import replace_file
 from hoopd.plants.found_effects import Found
+from hoopd.plants.hoop.closed_loop import Run
 from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
 from hoopd.plants.hoop.writeback import cancelled, delays_of, filter_effects, limits_of, unused
 from hoopd.plants.model_file import effects_of, load_model, plant_of
 from hoopd.plots import style

@@ -18,10 +18,10 @@ from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.design.analysis import STATES, channel, linear_model
 from hoopd.design.delay import held
 from hoopd.design.effects_near import Near, effects_near
-from hoopd.design.operating_points import NoEquilibriumError, OperatingPoint, operating_point
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
+from hoopd.plants.hoop.operating_points import NoEquilibriumError, OperatingPoint, operating_point
 from hoopd.plants.model_file import effects_of, load_model, plant_of
 
 # Beyond this a chain of delays is no delay of a controller but a mistake in the command.

@@ -17,10 +17,10 @@ from hoopd.design import visibility
 from hoopd.design.analysis import STATES, channel, minimal
 from hoopd.design.effects_near import Near
 from hoopd.design.margins import Margins, margins
-from hoopd.design.operating_points import OperatingPoint
 from hoopd.design.speed import Bandwidth, bandwidth, sampling_advice, step_info
 from hoopd.files.model import ModelFile
 from hoopd.ident.transfer_functions import numerator_and_denominator, transfer_function, zeros
+from hoopd.plants.hoop.operating_points import OperatingPoint
 
 # A pole and a zero this near to each other (beside the larger) leave next to nothing of the mode in the output.
 NEAR = 0.05

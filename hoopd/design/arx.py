@@ -95,9 +95,9 @@ def linear_lqg(
 def _feedforward(a: Array, b: Array, c: Array, feedback: Array, h: float) -> float:
     """Torque per reference that brings psi nearest to it between 0.3 and 1 s after a step: later the regulated hoop
     speed takes it back, because no torque holds the ball off the bottom at a constant speed of the hoop."""
-    x, psi = np.zeros(len(b)), []
+    x, angle = np.zeros(len(b)), []
     for _ in range(round(1.0 / h)):
         x = a @ x + b * (1.0 - float(feedback @ x))
-        psi.append(float(c[1] @ x))
-    step = np.array(psi[round(0.3 / h) :])
+        angle.append(float(c[1] @ x))
+    step = np.array(angle[round(0.3 / h) :])
     return float(step.sum() / (step @ step))

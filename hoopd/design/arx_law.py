@@ -21,6 +21,9 @@ from hoopd.recording.recording import Recording
 
 Array = NDArray[Any]
 
+# What the law's tick is given: the hoop's speed, and the ball's angle of the newest picture.
+SEEN = ("dtheta", "psi")
+
 
 def design_arx(plant: Plant, spec: Spec, recording: Recording, orders: tuple[int, int] = (4, 6)) -> Law:
     """LQG on an ARX model of what arrives in each tick; the plant judges it."""
@@ -47,7 +50,7 @@ def arriving(recording: Recording, spec: Spec) -> tuple[Array, Array]:
     if abs(recording.sample_time_s / spec.sample_time_s - 1.0) > 0.01:
         reason = f"rows are {recording.sample_time_s:g} s apart, the tick has {spec.sample_time_s:g} s"
         raise ValueError(f"{reason}: resample the recording (hoopd convert --step)")
-    y = np.stack([recording.dtheta, recording.psi], axis=1)
+    y = np.stack([*(getattr(recording, name) for name in SEEN)], axis=1)
     if np.array_equal(recording.psi_t, recording.t):
         y = np.stack([_later(y[:, 0], 1), _later(y[:, 1], spec.delay_ticks)], axis=1)
     return recording.u, y

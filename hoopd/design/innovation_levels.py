@@ -9,8 +9,8 @@ from hoopd.core.controllers import Lqg
 from hoopd.core.drift import BLOCK_S, CHANNELS, LEARNED_BLOCKS, SETTLE_S, Drift
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
-from hoopd.design.closed_loop import Scenario, picture_timing, simulate
 from hoopd.design.lqg import Weights, lqg_gains
+from hoopd.plants.hoop.closed_loop import Scenario, picture_timing, simulate
 from hoopd.plants.hoop.plant import Plant
 
 # Steps of the reference, so that the hoop turns and the ball swings: +-0.03 rad every three seconds.

@@ -193,11 +193,11 @@ def _regressed(rows: Array, y: Array, ridge: float) -> tuple[Array, float, Array
         raise ValueError(f"{len(own)} samples do not tell {n} functions apart: take fewer, or a weight `ridge`")
     weighted = np.vstack([own, np.sqrt(ridge) * np.eye(n)]) if ridge else own
     padded = np.concatenate([target, np.zeros(len(weighted) - len(own))])
-    theta = np.linalg.lstsq(weighted, padded, rcond=None)[0]
-    variance = float(np.sum((target - own @ theta) ** 2)) / (len(own) - n)
+    coefficients = np.linalg.lstsq(weighted, padded, rcond=None)[0]
+    variance = float(np.sum((target - own @ coefficients) ** 2)) / (len(own) - n)
     inverse = np.linalg.inv(weighted.T @ weighted)
     spread = variance * np.einsum("ij,jk,ki->i", inverse, own.T @ own, inverse)
-    return theta, variance, np.sqrt(spread)
+    return coefficients, variance, np.sqrt(spread)
 
 
 def _parallel(basis: Basis, coefficients: Array) -> ct.StateSpace:

@@ -115,7 +115,7 @@ def impulseest(
     g, covariance = np.zeros(shape), np.zeros((shape[0], shape[1] * n, shape[1] * n))
     where = (np.arange(shape[1])[:, None] * n + lags).reshape(-1)
     for i, one in enumerate(found):
-        g[i].reshape(-1)[where] = one.theta / dt
+        g[i].reshape(-1)[where] = one.coefficients / dt
         covariance[i][np.ix_(where, where)] = one.covariance / dt**2
     return Impulse(
         dt * np.arange(n, dtype=float), g.transpose(2, 0, 1), covariance, np.array([one.variance for one in found]), dt,
@@ -127,7 +127,7 @@ def impulseest(
 
 
 class _Found(NamedTuple):
-    theta: Array
+    coefficients: Array
     covariance: Array
     variance: float
     prior: Tuned | None
@@ -138,7 +138,7 @@ def _estimated(given: Triangle, nu: int, lags: Lags, prior: str | None, ridge: f
     if prior is None:
         return _least_squares(given, m, ridge)
     found = tuned(given, nu, lags, prior)
-    # posterior of theta: mean P R'S^-1 s, covariance P - P R'S^-1 R P, with S = R P R' + variance I
+    # posterior of coefficients: mean P R'S^-1 s, covariance P - P R'S^-1 R P, with S = R P R' + variance I
     gain = linalg.cho_solve(
         linalg.cho_factor(given.r @ found.p @ given.r.T + found.variance * np.eye(m)), given.r @ found.p
     ).T
@@ -154,10 +154,10 @@ def _least_squares(given: Triangle, m: int, ridge: float) -> _Found:
                          "take fewer, or a prior")  # fmt: skip
     information = given.r.T @ given.r
     inverse = np.linalg.inv(information + ridge * np.eye(m))
-    theta = inverse @ given.r.T @ given.s if ridge else linalg.solve_triangular(given.r, given.s)
-    misfit = given.rest + float(np.sum((given.s - given.r @ theta) ** 2))
+    coefficients = inverse @ given.r.T @ given.s if ridge else linalg.solve_triangular(given.r, given.s)
+    misfit = given.rest + float(np.sum((given.s - given.r @ coefficients) ** 2))
     variance = misfit / (given.rows - float(np.trace(inverse @ information)))
-    return _Found(theta, variance * inverse @ information @ inverse, variance, None)
+    return _Found(coefficients, variance * inverse @ information @ inverse, variance, None)
 
 
 def _triangle(each: list[Data], output: int, lags: Lags) -> Triangle:

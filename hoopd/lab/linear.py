@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from hoopd.design import analysis, margins, visibility
 from hoopd.design.delay import held
-from hoopd.design.operating_points import OperatingPoint, operating_point
 from hoopd.design.speed import Bandwidth, bandwidth, step_info
 from hoopd.ident import transfer_functions
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
+from hoopd.plants.hoop.operating_points import OperatingPoint, operating_point
 from hoopd.plots.linear import DRAWINGS
 
 

@@ -1,6 +1,6 @@
 """The closed loop against the nonlinear plant.
 
-Rules of this file: thin over `hoopd.design.trial`.
+Rules of this file: thin over `hoopd.plants.hoop.trial`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.core.records import PICTURE_AGE_S
-from hoopd.design.closed_loop import LinearPlant, Run, Scenario, picture_timing
-from hoopd.design.trial import figures_of
-from hoopd.design.trial import run as closed
 from hoopd.lab.controllers import Controller, as_controller
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
+from hoopd.plants.hoop.closed_loop import LinearPlant, Run, Scenario, picture_timing
+from hoopd.plants.hoop.trial import figures_of
+from hoopd.plants.hoop.trial import run as closed
 from hoopd.plots.loops import draw_runs
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ class ClosedLoop:
     torque_limit: float  # N m
 
     def __repr__(self) -> str:
-        return f"ClosedLoop({self.name}, {len(self.t)} ticks, ball within {np.abs(self.psi).max():.3g} rad)"
+        return f"ClosedLoop({self.name}, {len(self.t)} ticks, ball within {self.figures['largest_psi_rad']:.3g} rad)"
 
     @property
     def t(self) -> Array:
@@ -46,15 +46,11 @@ class ClosedLoop:
         """True states (n, 4): theta (rad), dtheta (rad/s), psi (rad), dpsi (rad/s)."""
         return self.run.x
 
-    @property
-    def psi(self) -> Array:
-        """True ball angle (n,) in rad."""
-        return self.run.psi
-
-    @property
-    def dtheta(self) -> Array:
-        """True hoop speed (n,) in rad/s."""
-        return self.run.dtheta
+    def __getattr__(self, name: str) -> Array:
+        """The run's own signals (n,): `psi` (rad) and `dtheta` (rad/s), as they truly were."""
+        if name.startswith("_") or name == "run":
+            raise AttributeError(name)
+        return getattr(self.run, name)  # type: ignore[no-any-return]
 
     @property
     def u(self) -> Array:

@@ -22,7 +22,7 @@ class DeviceRun(NamedTuple):
     """One row a tick."""
 
     t: Array  # s
-    psi: Array  # rad, NaN without a new picture
+    ball_angle: Array  # rad, NaN without a new picture
     dtheta: Array  # rad/s
     u: Array  # N m
     reference: Array | None = None  # rad
@@ -40,9 +40,9 @@ def draw_device(
     figure = style.figure(7.0, 6.2, rows=3, sharex=True, title=title)
     ball, hoop, torque = figure.axes
     for (name, run), colour, width in zip(runs.items(), colours, widths_pt, strict=False):
-        seen = np.isfinite(run.psi)
+        seen = np.isfinite(run.ball_angle)
         look: dict[str, Any] = {"color": colour, "linewidth": width}
-        ball.plot(run.t[seen], run.psi[seen], label=name, **look)
+        ball.plot(run.t[seen], run.ball_angle[seen], label=name, **look)
         hoop.plot(run.t, run.dtheta, **look)
         torque.step(run.t, run.u, where="post", **look)
     first = next(iter(runs.values()))

@@ -7,16 +7,19 @@ formula. Figures of the curves themselves are in `diagnosiscurves`.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from hoopd.diagnose.record import Candidate, Ignored, Number, Quantity, Visible
-from hoopd.diagnose.report.number_format import amount, brief, nats, safe, value_text
-from hoopd.diagnose.report_curves import Strip
 from hoopd.plots import style
+from hoopd.plots.number_format import amount, brief, nats, safe, value_text
+
+if TYPE_CHECKING:
+    from hoopd.diagnose.record import Candidate, Ignored, Number, Quantity, Visible
+    from hoopd.diagnose.report_curves import Strip
 
 WIDTH_IN, ROW_IN = 8.0, 0.28
 MOST_CANDIDATES = 14

@@ -5,16 +5,20 @@ Rules of this file: draws what it is given; SI units on every axis; long series 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from hoopd.diagnose.record import Curve
-from hoopd.diagnose.report.number_format import unit_text
-from hoopd.diagnose.report_curves import Comparison, Harmonics, MissingForce, Regressor, Trace
 from hoopd.plots import style
+from hoopd.plots.number_format import unit_text
+
+if TYPE_CHECKING:
+    from hoopd.diagnose.record import Curve
+    from hoopd.diagnose.report_curves import Comparison, Harmonics, MissingForce, Regressor, Trace
 from hoopd.plots.diagnosis import LEAST_TIME_S, WIDTH_IN, plain, shade
 
 Array = NDArray[np.float64]

@@ -37,7 +37,8 @@ def draw_experiment(recording: Recording, kind: str, limits: Limits) -> Figure:
     _signal(times[0], recording.t, recording.u, "torque (N m)", limits.torque_nm, steps=True)
     _signal(times[1], recording.y_t, recording.dtheta, "hoop speed (rad/s)", limits.hoop_speed_rad_s)
     if limits.ball_angle_rad is not None:
-        _signal(times[2], recording.psi_t, recording.psi, "ball angle (rad)", limits.ball_angle_rad)
+        ball = recording.channels["psi"]
+        _signal(times[2], ball.t, ball.values, "ball angle (rad)", limits.ball_angle_rad)
     for axes in times[1:]:
         axes.sharex(times[0])
     _shade(times, recording.t, played)

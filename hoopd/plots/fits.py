@@ -99,8 +99,9 @@ def _points(
     name: str, recording: Recording, score: Score
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     if name == "theta":
-        known = np.isfinite(recording.theta)
-        return recording.y_t[known], recording.theta[known], np.ones(int(known.sum()), bool)
+        angle = recording.channels[name]
+        known = np.isfinite(angle.values)
+        return angle.t[known], angle.values[known], np.ones(int(known.sum()), bool)
     trace = score.traces[name]
     return trace.t, trace.measured, trace.fresh
 

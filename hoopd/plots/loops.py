@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hoopd.design.closed_loop import Run
 from hoopd.design.gang_of_four import GangOfFour
-from hoopd.design.trial import Trial
+from hoopd.plants.hoop.closed_loop import Run
+from hoopd.plants.hoop.trial import Trial
 from hoopd.plots import style
 
 # Of each panel: attribute, title, unit on the axis.
@@ -41,7 +41,7 @@ def draw_responses(runs: Mapping[str, tuple[Run, Run]], title: str = "Closed loo
     figure = style.figure(WIDTH_IN, 7.0, rows=3, columns=1, title=title, sharex=True)
     for index, (name, pair) in enumerate(runs.items()):
         _pair(figure.axes, name, pair, style.COLOURS[index])
-    _name_axes(figure.axes)
+    _name_axes(figure.axes, next(iter(runs.values()), (None,))[0])
     style.legend(figure.axes[0], ncols=2)
     return figure
 
@@ -50,10 +50,8 @@ def draw_runs(runs: Mapping[str, Run], title: str = "") -> Figure:
     """Ball angle, hoop speed and torque of runs by name."""
     figure = style.figure(WIDTH_IN, 7.0, rows=3, columns=1, title=title, sharex=True)
     for name, run in runs.items():
-        figure.axes[0].plot(run.t, run.psi, label=name)
-        figure.axes[1].plot(run.t, run.dtheta)
-        figure.axes[2].step(run.t, run.u, where="post", linewidth=0.9)
-    _name_axes(figure.axes)
+        _curves(figure.axes, run, {"label": name}, {"linewidth": 0.9})
+    _name_axes(figure.axes, next(iter(runs.values()), None))
     style.legend(figure.axes[0], loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=max(1, len(runs)))
     return figure
 
@@ -69,7 +67,7 @@ def draw_design(gang: GangOfFour, runs: Trial, disturbance_rad: float, title: st
     for column, (name, pair) in enumerate(columns.items()):
         axes = figure.axes[4 + column :: 2]
         _pair(axes, "", pair, style.BLUE)
-        _name_axes(axes)
+        _name_axes(axes, pair[0])
         for one in axes[:-1]:
             one.tick_params(labelbottom=False)
         axes[0].set_title(name, fontsize=style.TITLE_PT)
@@ -106,13 +104,20 @@ def _pair(axes: Any, name: str, pair: tuple[Run, Run], colour: str) -> None:
     for run, label, look in zip(pair, (solid, dashed), ("-", "--"), strict=True):
         own = colour if name or look == "-" else style.VERMILION
         options: dict[str, Any] = {"color": own, "linestyle": look}
-        axes[0].plot(run.t, run.psi, label=label, **options)
-        axes[1].plot(run.t, run.dtheta, **options)
-        axes[2].step(run.t, run.u, where="post", **options)
+        _curves(axes, run, {"label": label, **options}, options)
 
 
-def _name_axes(axes: Any) -> None:
-    for one, label in zip(axes, ("ball angle (rad)", "hoop speed (rad/s)", "torque (N m)"), strict=True):
+def _curves(axes: Any, run: Run, first: Mapping[str, Any], rest: Mapping[str, Any]) -> None:
+    """The signals of a run below each other, the last one, which is held, in steps."""
+    *smooth, held = run.signals.values()
+    for index, (one, values) in enumerate(zip(axes, smooth, strict=False)):
+        one.plot(run.t, values, **(first if index == 0 else {key: rest[key] for key in rest if key != "linewidth"}))
+    axes[-1].step(run.t, held, where="post", **rest)
+
+
+def _name_axes(axes: Any, run: Run | None) -> None:
+    for one, label in zip(axes, run.signals if run else (), strict=False):
         one.set_ylabel(label)
+    for one in axes:
         one.margins(x=0.0)
     axes[-1].set_xlabel("time (s)")

@@ -44,8 +44,8 @@ class Analyser:
     def _sample(self, frame: int, t: float, t_arrival: float, found: Detection | None, corners: int) -> CameraSample:
         if found is None:
             return CameraSample(frame, t, t_arrival, nan, 0.0, nan, nan, corners)
-        psi = self._to_angle(found.x_px, found.y_px)
-        return CameraSample(frame, t, t_arrival, psi, found.confidence, found.x_px, found.y_px, corners)
+        angle = self._to_angle(found.x_px, found.y_px)
+        return CameraSample(frame, t, t_arrival, angle, found.confidence, found.x_px, found.y_px, corners)
 
 
 def corners_of(picture: Image) -> int:

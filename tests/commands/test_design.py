@@ -19,13 +19,13 @@ from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.output import table_rows
 from hoopd.daemon.build import build_tick, mismatch, read_texts
 from hoopd.design.arx_law import arriving
-from hoopd.design.closed_loop import LinearPlant, Scenario, picture_timing
 from hoopd.design.gang_of_four import noise_gain
 from hoopd.design.laws import LAWS, Spec
 from hoopd.design.lqg import Weights
 from hoopd.design.margins import margins
 from hoopd.files.controller import controller_of, load_controller
 from hoopd.files.reading import InputError
+from hoopd.plants.hoop.closed_loop import LinearPlant, Scenario, picture_timing
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording.recording import from_columns
 from hoopd.shell.config import load as load_config

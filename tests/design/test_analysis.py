@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from hoopd.design.analysis import channel, linear_model, minimal
 from hoopd.design.delay import held
 from hoopd.design.margins import closed_loop_poles, is_stable, margins
-from hoopd.design.operating_points import NoEquilibriumError, operating_point
 from hoopd.design.response import response
 from hoopd.design.speed import bandwidth, sampling_advice, step_info
 from hoopd.design.visibility import controllability, detectability, in_words, observability
 from hoopd.ident.transfer_functions import numerator_and_denominator, transfer_function, zeros
+from hoopd.plants.hoop.operating_points import NoEquilibriumError, operating_point
 from hoopd.plants.hoop.plant import Plant
 from hoopd.plants.model_file import load_model, plant_of
 

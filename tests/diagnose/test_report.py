@@ -19,10 +19,10 @@ from rich.console import Console
 
 from hoopd.diagnose.record import DataQuality, Diagnosis, FitTable, FreeRunChoice, FreeRunEffect, Quantity
 from hoopd.diagnose.report import sentences as words
-from hoopd.diagnose.report.number_format import interval_text, percent, short_names, value_text
 from hoopd.diagnose.report.page import page
 from hoopd.diagnose.report.terminal import report_text, write_html
 from hoopd.diagnose.report_curves import Comparison, MissingForce, Regressor, Shown, Strip, Trace
+from hoopd.plots.number_format import interval_text, percent, short_names, value_text
 
 VOID = {"meta", "link", "br", "img"}
 

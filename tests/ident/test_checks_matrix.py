@@ -267,7 +267,7 @@ def test_no_sample_poisons_the_estimate_on_line() -> None:
     own = RecursiveArx(2, 2, forgetting=1.0)
     for t, (y, u) in enumerate(zip(data.y[:, 0], data.u[:, 0], strict=True)):
         own.update(np.inf if t == 100 else y, np.float32(np.nan) if t == 200 else np.float32(u))
-    assert np.allclose(own.theta, [-1.5, 0.7, 1.0, 0.5], atol=0.15)
+    assert np.allclose(own.coefficients, [-1.5, 0.7, 1.0, 0.5], atol=0.15)
     assert own.skipped > 1 and own.samples + own.skipped == N
     with pytest.raises(ValueError, match="p0 and trace_bound"):
         RecursiveArx(1, 1, p0=-1.0)

@@ -6,9 +6,9 @@ import control
 import numpy as np
 import pytest
 
-from hoopd.design.closed_loop import Run
 from hoopd.design.gang_of_four import gang_of_four
-from hoopd.design.trial import Trial
+from hoopd.plants.hoop.closed_loop import Run
+from hoopd.plants.hoop.trial import Trial
 from hoopd.plots.loops import draw_design, draw_gang_of_four, draw_responses
 from hoopd.plots.style import rendered
 

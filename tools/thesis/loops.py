@@ -10,17 +10,17 @@ from math import degrees, isfinite
 import control
 import numpy as np
 
-from hoopd.design.closed_loop import LinearPlant, Run, Scenario, picture_timing
 from hoopd.design.gang_of_four import gang_of_four
 from hoopd.design.laws import ball_angle
 from hoopd.design.links import lead_link_at
 from hoopd.design.loop_shaping import loopshaping_pid, peak_complementary
 from hoopd.design.margins import margins
 from hoopd.design.pid import pid
-from hoopd.design.trial import run
 from hoopd.files.controller import load_controller
 from hoopd.files.shipped import defaults_folder
 from hoopd.ident.transfer_functions import transfer_function
+from hoopd.plants.hoop.closed_loop import LinearPlant, Run, Scenario, picture_timing
+from hoopd.plants.hoop.trial import run
 from hoopd.plots.loops import draw_gang_of_four, draw_responses
 from thesis.records import Bench, thesis_plant
 from thesis.results import Drawn, Row

@@ -13,9 +13,9 @@ from importlib import resources
 
 from matplotlib.figure import Figure
 
-from hoopd.diagnose.report.number_format import NOTHING, safe
 from hoopd.diagnose.report.tables import Table
 from hoopd.plots import style
+from hoopd.plots.number_format import NOTHING, safe
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 

@@ -13,10 +13,10 @@ from hoopd.diagnose.record_file import canonical
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report import tables
 from hoopd.diagnose.report.markup import document, drawing, paragraph, section, table, text
-from hoopd.diagnose.report.number_format import listed, nats
 from hoopd.diagnose.report_curves import Comparison, Harmonics, MissingForce, Shown
 from hoopd.plots import diagnosis as figures
 from hoopd.plots import diagnosis_curves as curves
+from hoopd.plots.number_format import listed, nats
 
 FITS = "NRMSE percent, 100 is perfect; each window of 2 s starts from its own estimated state."
 MOST_COMPARISONS = 6  # a page that is sent by mail has no room for more

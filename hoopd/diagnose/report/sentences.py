@@ -19,7 +19,7 @@ from hoopd.diagnose.record import (
     NextExperiment,
     Visible,
 )
-from hoopd.diagnose.report.number_format import listed, nats, safe, share, short_names, value_text
+from hoopd.plots.number_format import listed, nats, safe, share, short_names, value_text
 
 TITLES = {
     "consistent": "Consistent",

@@ -21,7 +21,8 @@ from hoopd.diagnose.record import (
     RecordingQuality,
     Visible,
 )
-from hoopd.diagnose.report.number_format import (
+from hoopd.diagnose.report.sentences import each_fit, numbers_of
+from hoopd.plots.number_format import (
     NOTHING,
     amount,
     counted,
@@ -34,7 +35,6 @@ from hoopd.diagnose.report.number_format import (
     short_names,
     value_text,
 )
-from hoopd.diagnose.report.sentences import each_fit, numbers_of
 
 Row = tuple[str, ...]
 

@@ -17,9 +17,9 @@ from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import canonical
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report import tables
-from hoopd.diagnose.report.number_format import safe
 from hoopd.diagnose.report.tables import Table
 from hoopd.diagnose.report_curves import Shown
+from hoopd.plots.number_format import safe
 
 COLOURS = {"consistent": "green", "parameters": "cyan", "missing_physics": "yellow", "unknown_physics": "magenta"}
 

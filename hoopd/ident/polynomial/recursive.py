@@ -1,6 +1,6 @@
 """ARX models that follow a plant on line: recursive least squares, one sample at a time.
 
-    k = P phi / (lambda + phi'P phi),  theta += k e,  P = (P - k phi'P) / lambda
+    k = P phi / (lambda + phi'P phi),  coefficients += k e,  P = (P - k phi'P) / lambda
 (Ljung, System Identification, 1999, 11.2). Old samples are forgotten by lambda; what keeps P from growing while
 nothing happens is a bound on its trace and a dead zone, in which a sample without news changes nothing.
 
@@ -9,6 +9,7 @@ Rules of this file: numpy only; `update` works in arrays made once and returns a
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from math import isfinite, nan
 from numbers import Real
@@ -29,7 +30,7 @@ SURE_OF_NOTHING = 1e4
 class RecursiveArx:
     """A y = B u + e with coefficients that follow the samples.
 
-    `theta` (na + sum nb,) holds a1 ..., then b of each input; `p` their covariance over the variance of e.
+    `coefficients` (na + sum nb,) holds a1 ..., then b of each input; `p` their covariance over the variance of e.
     """
 
     def __init__(
@@ -48,9 +49,9 @@ class RecursiveArx:
             raise ValueError(f"p0 and trace_bound are positive, not {p0} and {trace_bound}")
         self.forgetting, self.dead_zone, self.p0 = forgetting, dead_zone, p0
         self.trace_bound = size * p0 if trace_bound is None else trace_bound
-        self.theta = np.zeros(size) if start is None else np.array(start, dtype=float)
-        if self.theta.shape != (size,):
-            raise ValueError(f"start has {self.theta.size} coefficients, the model {size}")
+        self.coefficients = np.zeros(size) if start is None else np.array(start, dtype=float)
+        if self.coefficients.shape != (size,):
+            raise ValueError(f"start has {self.coefficients.size} coefficients, the model {size}")
         self.p = p0 * np.eye(size)
         self.samples = self.skipped = 0
         inputs = sum(self.nb)
@@ -63,6 +64,12 @@ class RecursiveArx:
         self._reach, self._at = reach, 0
         self._past = np.zeros((1 + len(self.nb), 2 * reach))
 
+    def __getattr__(self, name: str) -> Array:
+        if name == "theta":  # what the coefficients were called
+            warnings.warn("theta is now called coefficients", DeprecationWarning, stacklevel=2)
+            return self.coefficients
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
     def update(self, y: float, u: float | Sequence[float] | Array = ()) -> float:
         """Take y(t) and u(t) (one number or one an input); the prediction error before the update.
 
@@ -72,7 +79,7 @@ class RecursiveArx:
         """
         self._step_back(u)
         self._regress()
-        said = float(self._phi @ self.theta)
+        said = float(self._phi @ self.coefficients)
         known = isfinite(y)
         self._write(0, float(y) if known else said)
         if known and not self._held:
@@ -89,7 +96,7 @@ class RecursiveArx:
         self._step_back(u)
         self._regress()
         self._at, self._past[:], self._held = before, kept, held
-        return float(self._phi @ self.theta)
+        return float(self._phi @ self.coefficients)
 
     def reset(self, p0: float | None = None) -> None:
         """Covariance reset: forget how sure the coefficients were, and keep them."""
@@ -103,10 +110,11 @@ class RecursiveArx:
         from hoopd.ident.polynomial.structure import structure
 
         own = structure(len(self.nb), self.na, self.nb, delay=self.delay)
-        parts = list(own.split(self.theta))
+        parts = list(own.split(self.coefficients))
         self._check_told()
         found = Polynomials(
-            dt, parts[0], tuple(parts[1 : 1 + own.nu]), variance=variance, names=own.names, values=self.theta.copy(),
+            dt, parts[0], tuple(parts[1 : 1 + own.nu]), variance=variance, names=own.names,
+            values=self.coefficients.copy(),
             covariance=variance * self.p if variance else None,
         )  # fmt: skip
         memory = self.samples if self.forgetting == 1.0 else min(self.samples, round(1.0 / (1.0 - self.forgetting)))
@@ -171,7 +179,7 @@ class RecursiveArx:
         self._outer *= 1.0 / (lam + news)
         self.p -= self._outer
         gain *= error / (lam + news)
-        self.theta += gain
+        self.coefficients += gain
         self.p *= 1.0 / lam
         trace = float(self.p.trace())
         if trace > self.trace_bound:

@@ -25,7 +25,7 @@ def test_without_forgetting_it_is_least_squares() -> None:
     errors = [own.update(one, float(v)) for one, v in zip(y, u, strict=True)]
     padded = iddata(np.concatenate([np.zeros(2), y]), np.concatenate([np.zeros(2), u]))
     a, b = regressors(padded, 2, 2, 1)
-    assert np.allclose(own.theta, np.linalg.lstsq(a, b, rcond=None)[0], atol=1e-7)
+    assert np.allclose(own.coefficients, np.linalg.lstsq(a, b, rcond=None)[0], atol=1e-7)
     assert np.allclose(own.p, np.linalg.inv(a.T @ a), rtol=1e-4, atol=1e-9)
     assert errors[0] == y[0]
 
@@ -37,7 +37,7 @@ def test_forgetting_weighs_the_past_down() -> None:
         own.update(one, float(v))
     a, b = regressors(iddata(np.concatenate([np.zeros(2), y]), np.concatenate([np.zeros(2), u])), 1, 1, 2)
     w = 0.95 ** (np.arange(len(b))[::-1] / 2.0)
-    assert np.allclose(own.theta, np.linalg.lstsq(a * w[:, None], b * w, rcond=None)[0], atol=1e-6)
+    assert np.allclose(own.coefficients, np.linalg.lstsq(a * w[:, None], b * w, rcond=None)[0], atol=1e-6)
 
 
 def test_it_follows_a_change() -> None:
@@ -45,7 +45,7 @@ def test_it_follows_a_change() -> None:
     for seed, b in ((0, 1.0), (1, 2.0)):
         for v, one in zip(*signals(500, seed, b=b), strict=True):
             own.update(one, float(v))
-        assert np.allclose(own.theta, [-0.8, b], atol=0.1)
+        assert np.allclose(own.coefficients, [-0.8, b], atol=0.1)
 
 
 def test_nothing_happens_while_nothing_happens() -> None:
@@ -54,10 +54,10 @@ def test_nothing_happens_while_nothing_happens() -> None:
         own.update(one, float(v))
     for _ in range(10):
         own.update(0.0, 0.0)
-    theta, p = own.theta.copy(), own.p.copy()
+    theta, p = own.coefficients.copy(), own.p.copy()
     for _ in range(2000):
         own.update(0.0, 0.0)
-    assert np.array_equal(own.theta, theta) and np.array_equal(own.p, p)
+    assert np.array_equal(own.coefficients, theta) and np.array_equal(own.p, p)
 
 
 def test_the_trace_is_bounded_while_one_direction_only_is_seen() -> None:
@@ -76,7 +76,7 @@ def test_a_reset_makes_it_quick_again() -> None:
     assert np.array_equal(own.p, own.p0 * np.eye(2))
     for v, one in zip(*signals(60, 1, b=3.0), strict=True):
         own.update(one, float(v))
-    assert own.theta[1] == pytest.approx(3.0, abs=0.3)
+    assert own.coefficients[1] == pytest.approx(3.0, abs=0.3)
 
 
 def test_missing_samples_are_bridged() -> None:
@@ -84,16 +84,16 @@ def test_missing_samples_are_bridged() -> None:
     y[100:110] = np.nan
     own = RecursiveArx(1, 1, 2, forgetting=1.0)
     for one, v in zip(y, u, strict=True):
-        before = own.theta.copy()
+        before = own.coefficients.copy()
         expected = own.predict(float(v))
         error = own.update(one, float(v))
         assert np.isnan(error) == np.isnan(one)
         if np.isnan(one):
-            assert np.array_equal(before, own.theta)
+            assert np.array_equal(before, own.coefficients)
         else:
             assert error == pytest.approx(one - expected, abs=1e-12)
     assert own.samples == 590
-    assert np.allclose(own.theta, [-0.8, 1.0], atol=0.05)
+    assert np.allclose(own.coefficients, [-0.8, 1.0], atol=0.05)
 
 
 def test_two_inputs_and_the_model_of_the_moment() -> None:

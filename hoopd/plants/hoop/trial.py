@@ -13,9 +13,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hoopd.core.estimator import DelayedEkf
-from hoopd.design.closed_loop import WIRE_S, LateTorque, LinearPlant, Moving, Run, Scenario, picture_timing, simulate
 from hoopd.files.controller import ControllerFile, controller_of, limiter_of, settings_of
 from hoopd.plants.found_effects import Found
+from hoopd.plants.hoop.closed_loop import (
+    WIRE_S,
+    LateTorque,
+    LinearPlant,
+    Moving,
+    Run,
+    Scenario,
+    picture_timing,
+    simulate,
+)
 from hoopd.plants.hoop.plant import Plant
 from hoopd.plants.hoop.plant_with_effects import acts_now
 from hoopd.plants.hoop.writeback import delays_of, estimator_with, feedforward_of, filter_plant

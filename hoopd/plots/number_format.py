@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-from hoopd.diagnose.record import Number, Quantity
+if TYPE_CHECKING:
+    from hoopd.diagnose.record import Number, Quantity
 
 NOTHING = "-"  # where no number is known
 # Only a unit that begins with one of these to the first power takes a prefix: "mN m" is read, "mkg" or "mm2" is not.

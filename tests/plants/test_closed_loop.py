@@ -11,8 +11,8 @@ import pytest
 
 from hoopd.core.controllers import Controller
 from hoopd.core.estimator import DelayedEkf
-from hoopd.design.closed_loop import Run, Scenario, simulate
 from hoopd.files.controller import controller_of, limiter_of, load_controller, settings_of
+from hoopd.plants.hoop.closed_loop import Run, Scenario, simulate
 from hoopd.plants.hoop.plant import Plant
 from hoopd.plants.model_file import load_model, plant_of
 

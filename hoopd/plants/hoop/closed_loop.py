@@ -102,6 +102,11 @@ class Run:
         """True hoop speed in rad/s."""
         return self.x[:, 1]
 
+    @property
+    def signals(self) -> dict[str, Vector]:
+        """What a figure shows of it, by name and unit."""
+        return {"ball angle (rad)": self.psi, "hoop speed (rad/s)": self.dtheta, "torque (N m)": self.u}
+
     def settled_s(self, values: Vector, bound: float) -> float:
         """Time after which |values| stays below a bound; inf when it does not."""
         outside = np.flatnonzero(np.abs(values) >= bound)
