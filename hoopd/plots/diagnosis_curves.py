@@ -5,6 +5,7 @@ Rules of this file: draws what it is given; SI units on every axis; long series 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -147,7 +148,8 @@ def _first(trace: Trace) -> Trace:
     """As many samples as are drawn."""
     part = slice(MOST_POINTS)
     after = None if trace.after is None else trace.after[part]
-    return Trace(trace.name, trace.unit, trace.t_s[part], trace.measured[part], trace.before[part], after)
+    cut = {name: getattr(trace, name)[part] for name in ("t_s", "measured", "before")}
+    return replace(trace, **cut, after=after)
 
 
 def _within(axes: Axes, measured: Array) -> None:
