@@ -23,7 +23,8 @@ for axes in figure.axes:
     axes.plot([0, 1, 2], [1, 0, 3], label="psi [rad]")
     style.legend(axes)
 figure.axes[1].set_xlabel("time [s]")
-style.save(figure, Path(sys.argv[1]))
+for path in sys.argv[1:]:
+    style.save(figure, Path(path))
 assert "matplotlib.pyplot" not in sys.modules
 """
 
@@ -35,16 +36,27 @@ def small() -> Figure:
     return figure
 
 
-@pytest.mark.parametrize("extension", style.EXTENSIONS)
-def test_two_processes_write_the_same_bytes(tmp_path: Path, extension: str) -> None:
-    files = [tmp_path / f"{seed}{extension}" for seed in (1, 2)]
-    for seed, path in zip((1, 2), files, strict=True):
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the same figure, in every form, of two processes on different days and with other hashes."""
+    folder = tmp_path_factory.mktemp("drawn")
+    for seed in (1, 2):
+        files = [str(folder / f"{seed}{extension}") for extension in style.EXTENSIONS]
         environment = {**os.environ, "PYTHONHASHSEED": str(seed), "SOURCE_DATE_EPOCH": str(seed * 10**9)}
-        subprocess.run([sys.executable, "-c", DRAW, str(path)], env=environment, check=True, timeout=60)
-    first, second = (path.read_bytes() for path in files)
+        subprocess.run([sys.executable, "-c", DRAW, *files], env=environment, check=True, timeout=60)
+    return folder
+
+
+@pytest.mark.parametrize("extension", style.EXTENSIONS)
+def test_two_processes_write_the_same_bytes(drawn: Path, extension: str) -> None:
+    first, second = ((drawn / f"{seed}{extension}").read_bytes() for seed in (1, 2))
     assert first == second
     assert mpl.__version__.encode() not in first
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f"1{extension}", f"2{extension}"]  # no .part left
+
+
+def test_no_part_of_a_figure_is_left_behind(drawn: Path) -> None:
+    names = [f"{seed}{extension}" for seed in (1, 2) for extension in style.EXTENSIONS]
+    assert sorted(path.name for path in drawn.iterdir()) == sorted(names)
 
 
 def test_drawing_and_saving_change_no_setting_of_matplotlib(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -224,13 +224,15 @@ def test_a_diagnosis_that_failed_is_an_answer(folder: runfolder.RunFolder) -> No
     assert not score._done(folder, kind, "nobody", False)
 
 
-def run_whole(folder: runfolder.RunFolder, *nulls: str) -> None:
+def run_whole(folder: runfolder.RunFolder, *nulls: str, rivals: Iterable[str] = ()) -> None:
     """Generator, sealed folder, dask, `hoopd diagnose` as a process, score. The nulls that are named have an
-    answer already, which stays; that the biased one failed before is asked again."""
+    answer already, of those rivals too, which stays; that the biased one failed before is asked again."""
     console = Console(file=sys.stdout, width=100)
     (biased,) = of_family(folder, "single")
     for done in nulls:
         folder.say(score.DIAGNOSES, done, {"diagnosis": CONSISTENT, "seconds": 2.0, "code": 0, "error": ""})
+        for rival in rivals:
+            folder.say(rival, done, CONSISTENT)
     folder.say(score.DIAGNOSES, biased, {"diagnosis": None, "seconds": 0.1, "code": 1, "error": "broken off"})
     before = [(folder.path / score.DIAGNOSES / f"{done}.json").read_bytes() for done in nulls]
     with score.cluster(None, 1) as client:
@@ -261,7 +263,7 @@ def told_by(folder: runfolder.RunFolder, name: str) -> dict[str, Any]:
 
 @pytest.mark.timeout(900)  # 15 s of a processor, which other work may share
 def test_a_run_names_what_is_hidden(folder: runfolder.RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
-    run_whole(folder, *of_family(folder, "null"))
+    run_whole(folder, *of_family(folder, "null"), rivals=baselines.RIVALS)
     assert "false alarms" in capsys.readouterr().out
 
 
