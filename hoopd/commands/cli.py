@@ -29,6 +29,7 @@ from hoopd.commands.options.experiment import ExperimentOptions, experiment
 from hoopd.commands.options.fit import FitOptions, fit
 from hoopd.commands.options.identify import IdentifyOptions, identify
 from hoopd.commands.options.linearize import LinearizeOptions, linearize
+from hoopd.commands.options.plant import PlantOptions, plant
 from hoopd.commands.options.replay import ReplayOptions, replay
 from hoopd.commands.options.running import (
     ArmOptions,
@@ -128,6 +129,7 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
         (DesignOptions, design),
         (DiagnoseOptions, diagnose),
         (IdentifyOptions, identify),
+        (PlantOptions, plant),
     ),
     "Device and rig": (
         (CheckOptions, check),

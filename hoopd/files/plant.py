@@ -15,76 +15,76 @@ from hoopd.files.dimensions import parse_unit
 from hoopd.files.reading import ANY_NUMBER, InputError
 from hoopd.files.records import Strict
 
-SCHEMA = "hoopd.plant/1"
 _QUANTITY = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(.*)", re.DOTALL)
 
 Bound = Annotated[float, ANY_NUMBER]
 
 
 class CoordinateEntry(Strict, frozen=True):
-    """A coordinate of second order: m or rad; how far and how fast it usually goes, where the file says so."""
+    """A coordinate of second order; how far and how fast it usually goes, where the file says so."""
 
-    unit: str
-    usual: float | None = None
-    usual_rate: float | None = None
+    unit: str  # m or rad
+    usual: float | None = None  # size of its usual motion
+    usual_rate: float | None = None  # of its rate, a second
 
 
 class StateEntry(Strict, frozen=True):
     """A state of first order: a level, a temperature, a current."""
 
     unit: str
-    usual: float | None = None
+    usual: float | None = None  # its usual size
 
 
 class InputEntry(Strict, frozen=True):
-    """What drives the plant; its limit in the same unit."""
+    """What drives the plant, held between two samples."""
 
     unit: str
-    limit: float | None = None
-    usual: float | None = None
+    limit: float | None = None  # the drive gives no more, of either sign
+    usual: float | None = None  # its usual size
 
 
 class ParameterEntry(Strict, frozen=True):
-    """A number of the plant: fitted within its bounds unless it is held."""
+    """A number of the plant."""
 
-    value: float
+    value: float  # nominal: where a fit starts
     unit: str
-    bounds: tuple[Bound, Bound] = (-float("inf"), float("inf"))
-    held: bool = False
+    bounds: tuple[Bound, Bound] = (-float("inf"), float("inf"))  # a fit stays within; .inf: no bound
+    held: bool = False  # known, and not fitted
 
 
 class ChannelEntry(Strict, frozen=True):
-    """What is measured: an expression of states and parameters, by a sensor (the slot of its errors)."""
+    """What is measured."""
 
-    reads: str
-    unit: str = ""
-    sensor: str = ""
+    reads: str  # an expression of states, rates and parameters
+    unit: str = ""  # that of the expression without it
+    sensor: str = ""  # the slot of its errors; encoder and camera have effects of their own
 
 
 class SlotEntry(Strict, frozen=True):
-    """A place where physics may be missing, for who wants other places than those made from the coordinates."""
+    """A place where physics may be missing."""
 
     kind: Literal["actuator", "body", "sensor", "push"]
     coordinate: str
-    channels: tuple[str, ...] = ()
-    device: str = ""
+    channels: tuple[str, ...] = ()  # of a sensor
+    device: str = ""  # of a sensor: encoder, camera or anything else
 
 
 class PlantFile(Strict, frozen=True):
-    """`hoopd.plant/1`; a text in place of a record is its unit, a parameter's value and unit, what a channel reads."""
+    """What moves and by which equations. A text in place of a record is its unit, of a parameter its value and unit, of
+    a channel what it reads: `coordinates: {x: m}`, `parameters: {m: 2 kg}`, `channels: {x: x}`."""
 
     schema: Literal["hoopd.plant/1"]
     name: str
-    equations: dict[str, str]
+    equations: dict[str, str]  # `left = right` by coordinate and state
     description: str = ""
-    coordinates: dict[str, CoordinateEntry | str] = msgspec.field(default_factory=dict)
-    states: dict[str, StateEntry | str] = msgspec.field(default_factory=dict)
+    coordinates: dict[str, CoordinateEntry | str] = msgspec.field(default_factory=dict)  # each with x, x', x''
+    states: dict[str, StateEntry | str] = msgspec.field(default_factory=dict)  # each with h, h'
     inputs: dict[str, InputEntry | str] = msgspec.field(default_factory=dict)
     parameters: dict[str, ParameterEntry | str] = msgspec.field(default_factory=dict)
-    channels: dict[str, ChannelEntry | str] = msgspec.field(default_factory=dict)
-    slots: dict[str, SlotEntry] = msgspec.field(default_factory=dict)
+    channels: dict[str, ChannelEntry | str] = msgspec.field(default_factory=dict)  # without: coordinates and states
+    slots: dict[str, SlotEntry] = msgspec.field(default_factory=dict)  # without: made from the coordinates
     energy: str = ""  # J; what is stored, of states and parameters
-    sample_time_s: float = 0.02
+    sample_time_s: float = 0.02  # usual time between two samples
 
 
 def quantity(path: object, key: str, text: str) -> tuple[float, str]:

@@ -15,7 +15,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
+from hoopd.plants.free_run_model import FreeRunModel
 
 Array = NDArray[np.float64]
 
@@ -39,14 +41,6 @@ class Check:
     reason: str
 
 
-@dataclass(frozen=True)
-class FreeRun:
-    """A run from the usual sizes of the states."""
-
-    t: Array  # (n,) s
-    x: Array  # (n, states)
-
-
 def checks(plant: Plant) -> Iterator[Check]:
     """All of them, the quick ones first."""
     yield _inertia(plant)
@@ -64,37 +58,17 @@ def usual_state(plant: Plant) -> Array:
 
 
 def state_rate(plant: Plant) -> ca.Function:
-    """(x, u, p) -> x', of the first-order form of a plant without effects."""
+    """(x, u, p) -> x', of a plant without effects."""
     x, u, p = (ca.SX.sym(name, size) for name, size in _sizes(plant).items())
-    s = _point(plant, x, u, p)
-    found = []
-    if plant.coordinates:
-        force = {q: ca.SX(0) for q in plant.coordinates}
-        for i, one in enumerate(plant.inputs):
-            if one.coordinate is not None:
-                force[one.coordinate] += u[i]
-        a = plant.accelerations(s, ca.vertcat(*force.values()))
-        found += [part for i in range(len(plant.coordinates)) for part in (x[2 * i + 1], a[i])]
-    if plant.first_order:
-        found.append(plant.rates(s))
-    return ca.Function("rate", [x, u, p], [ca.densify(ca.vertcat(*found))])
+    named = {name: p[i] for i, name in enumerate(plant.values)}
+    return ca.Function("rate", [x, u, p], [ca.densify(Composite(plant).rate_expression(x, u, ca.SX(0), named))])
 
 
-def free_run(plant: Plant, substeps: int = 4) -> FreeRun:
-    """Classical Runge-Kutta steps, so many a sample; the inputs held at a tenth of their usual sizes."""
-    rate, h = state_rate(plant), plant.time_scale_s / substeps
-    x, u, p = (ca.SX.sym(name, size) for name, size in _sizes(plant).items())
-    after = x
-    for _ in range(substeps):
-        k1 = rate(after, u, p)
-        k2 = rate(after + h / 2 * k1, u, p)
-        k3 = rate(after + h / 2 * k2, u, p)
-        k4 = rate(after + h * k3, u, p)
-        after = after + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    steps = ca.Function("step", [x, u, p], [after]).mapaccum(SAMPLES)
-    begin = usual_state(plant)
-    run: Array = steps(begin, *(np.tile(one[:, None], SAMPLES) for one in (_inputs(plant), _values(plant)))).full().T
-    return FreeRun(np.arange(SAMPLES + 1.0) * plant.time_scale_s, np.vstack([begin, run]).astype(float))
+def free_run(plant: Plant, step_s: float | None = None) -> tuple[Array, Array]:
+    """Times (n,) s and states (n, nx) from the usual sizes, the inputs held at a tenth of theirs."""
+    t: Array = np.linspace(0.0, SAMPLES * plant.time_scale_s, SAMPLES + 1)
+    run = FreeRunModel(plant, step_s=step_s).run([], usual_state(plant), t, np.tile(_inputs(plant), (SAMPLES, 1)))
+    return t, run.states
 
 
 # ---------------------------------------------------------------------------------------------- checks
@@ -184,17 +158,17 @@ def _differences(rate: ca.Function, here: Array, states: int, inputs: int) -> Ar
 
 
 def _run(plant: Plant) -> Check:
-    run, finer = free_run(plant), free_run(plant, 8)
-    seconds = run.t[-1]
-    if not np.isfinite(run.x).all():
-        row = int(np.argmin(np.isfinite(run.x).all(axis=1)))
-        return Check("free run", False, f"leaves every number at {run.t[row]:.3g} s, from {_at(plant, run.x[0])}")
-    span = np.maximum(np.ptp(finer.x, axis=0), ROUNDING * np.abs(finer.x).max(axis=0) + 1e-300)
-    off = float((np.abs(run.x - finer.x).max(axis=0) / span).max())
+    t, coarse = free_run(plant)
+    if not np.isfinite(coarse).all():
+        row = int(np.argmin(np.isfinite(coarse).all(axis=1)))
+        return Check("free run", False, f"leaves every number at {t[row]:.3g} s, from {_at(plant, coarse[0])}")
+    fine = free_run(plant, plant.time_scale_s / 8.0)[1]
+    span = np.maximum(np.ptp(fine, axis=0), ROUNDING * np.abs(fine).max(axis=0) + np.finfo(float).tiny)
+    off = float((np.abs(coarse - fine).max(axis=0) / span).max())
     if not off <= HALVED:
         reason = f"half the step changes it by {100 * off:.2g} %: sample_time_s is too long for this plant"
         return Check("free run", False, reason)
-    return Check("free run", True, f"{seconds:g} s; half the step changes it by {100 * off:.2g} %")
+    return Check("free run", True, f"{t[-1]:g} s; half the step changes it by {100 * off:.2g} %")
 
 
 # ---------------------------------------------------------------------------------------------- mechanics

@@ -93,10 +93,11 @@ class Equations:
         known |= dict.fromkeys(self.coordinates, 1)
         expression = self._guarded(key, lambda: _checked(parse_expression(text), known))
         unit = self._guarded(key, lambda: unit_of(expression, self._unit))
-        law = ca.Function("reading", list(self._symbols.values()), [ca.SX(self._value(expression))])
+        x, _, p, t = self._symbols.values()
+        law = ca.Function("reading", [x, p, t], [ca.SX(self._value(expression))])
         root = expression.root
         state = f"{'d' * root.primes}{root.name}" if isinstance(root, Name) else ""
-        return state if state in self.states else "", lambda s: law(*self._arguments(s)), unit
+        return state if state in self.states else "", lambda s: law(self._state(s), self._parameters(s), s.t), unit
 
     def energy(self, text: str) -> Callable[[Point], Any]:
         """The law of a stored energy, J."""
@@ -250,9 +251,13 @@ class Equations:
         return ca.Function("accelerations", [*s.values(), more], [ca.densify(found)])
 
     def _arguments(self, s: Point) -> tuple[Any, ...]:
-        names = (self.states, self.inputs)
-        x, u = (ca.vertcat(*(getattr(s, name) for name in group)) for group in names)
-        return x, u, ca.vertcat(*(s.p[name] for name in self.values)), s.t
+        return self._state(s), ca.vertcat(*(getattr(s, name) for name in self.inputs)), self._parameters(s), s.t
+
+    def _state(self, s: Point) -> Any:
+        return ca.vertcat(*(getattr(s, name) for name in self.states))
+
+    def _parameters(self, s: Point) -> Any:
+        return ca.vertcat(*(s.p[name] for name in self.values))
 
     @property
     def _near(self) -> list[tuple[Any, ...]]:

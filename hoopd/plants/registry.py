@@ -28,8 +28,9 @@ def _shipped(name: str) -> Callable[[], Plant]:
     return lambda: load_plant(FOLDER / f"{name}.yaml")
 
 
+FILES = ("pendulum", "axis", "tanks", "falling")
 REGISTERED: Mapping[str, Callable[[], Plant]] = MappingProxyType(
-    {"hoop": _hoop, **{name: _shipped(name) for name in ("pendulum", "axis", "tanks", "falling")}}
+    {"hoop": _hoop, **{name: _shipped(name) for name in FILES}}
 )
 
 
@@ -52,3 +53,8 @@ def resolve_plant(text: str) -> Plant:
     """The plant of a registered name or of a file; a file of the same name in the folder is meant by ./NAME."""
     path = Path(text)
     return load_plant(path) if path.suffix in SUFFIXES or "/" in text else plant_named(text)
+
+
+def is_text(text: str) -> bool:
+    """Whether what `resolve_plant` takes is a YAML file, or a plant that ships as one."""
+    return text in FILES or Path(text).suffix in (".yaml", ".yml")
