@@ -14,6 +14,8 @@ import numpy as np
 from hoopd.commands.options.convert import ConvertOptions
 from hoopd.files.reading import InputError
 from hoopd.plants.hoop.suspicions import suspicions
+from hoopd.plants.layout import layout_of
+from hoopd.plants.registry import resolve_plant
 from hoopd.recording import Recording, load, save
 from hoopd.recording.doubts import doubts
 from hoopd.recording.edit import between, resampled
@@ -26,7 +28,8 @@ def run(options: ConvertOptions) -> dict[str, Any]:
     source, target = options.source, options.target
     extension_of(target)  # before the source is read
     _refuse_same(source, target)
-    recording = load(source, options.columns, options.experiment)
+    layout = None if options.plant is None else layout_of(resolve_plant(options.plant))
+    recording = load(source, options.columns, options.experiment, layout=layout, hold=options.hold)
     recording = edited(recording, source, options.start, options.end, options.step)
     save(recording, target)
     return {"source": str(source), "target": str(target), **summary(recording)}

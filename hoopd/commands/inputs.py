@@ -6,6 +6,8 @@ Rules of this file: from text to checked objects; everything unusable is one `In
 from __future__ import annotations
 
 from hoopd.files.reading import InputError
+from hoopd.plants.declaration import Plant
+from hoopd.plants.layout import layout_of
 from hoopd.recording.edit import aged
 from hoopd.recording.recording import Recording
 from hoopd.recording.slices import finite
@@ -14,19 +16,26 @@ from hoopd.recording.slices import read_recording as read_slice
 AGES = ("psi", "y")  # of the ball's angle, of the board's readings
 
 
-def read_recording(text: str, columns: str | None = None, age: str = "") -> Recording:
-    """Recording of "FILE[:EXPERIMENT][@START:END]"; age: how much older samples are than their row (`read_ages`)."""
-    ages = read_ages(age)
-    recording = read_slice(text, columns)
+def read_recording(
+    text: str, columns: str | None = None, age: str = "", *, plant: Plant | None = None, hold: str = "zero"
+) -> Recording:
+    """Recording of "FILE[:EXPERIMENT][@START:END]", of a plant, the hoop without one.
+
+    columns: "CHANNEL=COLUMN[:UNIT],..." or names in the file's order. age: how much older samples are than their row
+    (`read_ages`). hold: "zero", or "linear" where the inputs went straight from row to row.
+    """
+    layout = None if plant is None else layout_of(plant)
+    ages = read_ages(age, AGES if layout is None or layout.is_tick else tuple(layout.channels))
+    recording = read_slice(text, columns, layout=layout, hold=hold)
     try:
         return aged(recording, **{f"{name}_s": age for name, age in ages.items()}) if ages else recording
     except ValueError as error:
         raise InputError("--age", "", str(error)) from None
 
 
-def read_ages(text: str) -> dict[str, float]:
+def read_ages(text: str, names: tuple[str, ...] = AGES) -> dict[str, float]:
     """Seconds by name of "psi=0.03,y=0.02"; InputError for an unknown name or what is no number."""
-    return read_values("--age", text, AGES) if text else {}
+    return read_values("--age", text, names) if text else {}
 
 
 def read_values(option: str, text: str, names: tuple[str, ...]) -> dict[str, float]:

@@ -1,5 +1,8 @@
 """Recordings in CSV: a header line with the names of the signals, a row a sample, an empty cell for a missing number.
 
+Of another plant than the daemon's own the unit stands behind the name, "x [m]", and `x_t` where a signal has times of
+its own; which signals are inputs and how they go on is not in such a file: the plant says it.
+
 Rules of this file: numbers are written with the shortest digits that give the same bits back; lines are read one by
 one, so a file may be larger than the memory that its text would take; every refusal names line and column.
 """
@@ -17,40 +20,86 @@ from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError, os_reason
 from hoopd.files.whole_files import opened
+from hoopd.recording.by_name import built
+from hoopd.recording.column_choice import TICK, Layout, by_name, choose, split_unit
 from hoopd.recording.recording import Recording
-from hoopd.recording.tables import MAX_ROWS, NAME_THEM, NAMES, SKIP, column_names, recording_of, refuse_double
+from hoopd.recording.tables import MAX_ROWS, NAME_THEM, NAMES, SKIP, Columns, column_names, recording_of, refuse_double
+from hoopd.recording.tick_columns import FILE_ORDER
 
-ORDER = ("u", "theta", "dtheta", "psi")  # always written; others where there is something to say
 MAX_FILE_BYTES = 2**32
 MAX_LINE_CHARS = 2**14  # nine numbers of 25 digits are 250
 BLOCK_ROWS = 2**14  # rows that wait as text
 _MISSING = frozenset(("", "nan", "NaN", "NAN"))
 
 
-def read(path: Path, columns: str | None = None) -> Recording:
+def read(path: Path, columns: Columns | None = None, layout: Layout | None = None, hold: str = "zero") -> Recording:
     """Recording of a .csv file; InputError names line and column of what is wrong.
 
-    columns: what the columns after `t` hold, in order, against the header's names.
+    columns: what the columns after `t` hold, in order, against the header's names; or CHANNEL=COLUMN[:UNIT], as
+    `column_choice.choose` takes it. layout: the plant's signals.
     """
     try:
         with TextIOWrapper(opened(path, MAX_FILE_BYTES), encoding="utf-8-sig", newline="") as file:
-            return _read(file, path, columns)
+            return _read(file, path, columns, layout, hold)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, "", os_reason(error)) from None
 
 
 def encode(recording: Recording, fields: dict[str, Any]) -> bytes:
     """The file's bytes; `fields`: further signals by name."""
-    columns = {"t": recording.t, **{name: getattr(recording, name) for name in ORDER}, **fields}
+    names = FILE_ORDER if recording.is_tick else tuple(recording.signals)
+    units = {} if recording.is_tick else {name: signal.unit for name, signal in recording.signals.items()}
+    columns = {"t": recording.t, **{name: recording.column(name) for name in names}, **fields}
     texts = [[repr(x) if x == x else "" for x in column.tolist()] for column in columns.values()]  # noqa: PLR0124
-    lines = [",".join(columns), *map(",".join, zip(*texts, strict=True))]
+    header = [_cell(f"{name} [{units[name]}]" if units.get(name) else name) for name in columns]
+    lines = [",".join(header), *map(",".join, zip(*texts, strict=True))]
     return ("\n".join(lines) + "\n").encode()
 
 
-def _read(file: TextIO, path: Path, columns: str | None) -> Recording:
+def _cell(text: str) -> str:
+    """The text as a cell, in quotes where it holds what separates cells."""
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\r\n') else text
+
+
+def _read(file: TextIO, path: Path, columns: Columns | None, layout: Layout | None, hold: str) -> Recording:
     rows = _rows(file, path)
-    number, header = next(rows, (1, []))
-    names = _names([cell.strip() for cell in header], columns, path, number)
+    number, cells = next(rows, (1, []))
+    header = [cell.strip() for cell in cells]
+    if layout is not None or by_name(columns):
+        return _by_name(rows, header, columns, layout or TICK, hold, path, number)
+    names = _names(header, None if columns is None else str(columns), path, number)
+    line, data = _table(rows, names, path)
+    table = {name: data[:, k] for k, name in enumerate(names) if name != SKIP}
+    return recording_of(table, path, lambda index: f"line {line[index]}")
+
+
+def _by_name(
+    rows: Iterator[tuple[int, list[str]]],
+    header: list[str],
+    columns: Columns | None,
+    layout: Layout,
+    hold: str,
+    path: Path,
+    number: int,
+) -> Recording:
+    """The columns that are asked for; what stands in the others need not be numbers."""
+    place = f"line {number}"
+    if len(header) == 1 and ";" in header[0]:
+        raise InputError(path, place, f"expected a header with names between commas{_hint(header)}")
+    named = [name for name in header if name]
+    refuse_double(named, path, place)
+    picks = choose({name: split_unit(name)[1] for name in named}, columns, layout, path)
+    wanted = {pick.column for pick in picks.values()}
+    names = [name if name in wanted else SKIP for name in header]
+    line, data = _table(rows, names, path)
+    arrays = {name: data[:, k] for k, name in enumerate(names) if name != SKIP}
+    return built(picks, arrays, layout, hold, path, lambda index: f"line {line[index]}")
+
+
+def _table(
+    rows: Iterator[tuple[int, list[str]]], names: list[str], path: Path
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Line numbers, and numbers (rows, columns) of the columns that are not skipped."""
     blocks, lines = [], []
     for found, block in _blocks(rows, names, path):
         lines.append(found)
@@ -59,20 +108,17 @@ def _read(file: TextIO, path: Path, columns: str | None) -> Recording:
             raise InputError(path, "", f"more than {MAX_ROWS} rows")
     if not blocks:
         raise InputError(path, "", "holds a header and no rows")
-    line = np.concatenate(lines)
-    data = np.concatenate(blocks)
-    table = {name: data[:, k] for k, name in enumerate(names) if name != SKIP}
-    return recording_of(table, path, lambda index: f"line {line[index]}")
+    return np.concatenate(lines), np.concatenate(blocks)
 
 
 def _names(header: list[str], columns: str | None, path: Path, line: int) -> list[str]:
     """What each column holds; InputError when the header does not say."""
     place = f"line {line}"
     if "t" not in header:
-        raise InputError(path, place, f"expected a header with t and signals (t,{','.join(ORDER)}){_hint(header)}")
+        raise InputError(path, place, f"expected a header with t and signals (t,{','.join(FILE_ORDER)}){_hint(header)}")
     refuse_double(header, path, place)
     if columns is not None:
-        return _asked(header, column_names(columns, ORDER, path), path)
+        return _asked(header, column_names(columns, FILE_ORDER, path), path)
     unknown = [name for name in header if name != "t" and name not in NAMES]
     if unknown:
         raise InputError(path, place, f"unknown column {unknown[0]!r}; known: t, {', '.join(NAMES)}; or {NAME_THEM}")

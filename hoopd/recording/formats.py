@@ -6,29 +6,59 @@ package and needs none of them). A file is written whole or not at all.
 
 from __future__ import annotations
 
+import dataclasses
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
-from hoopd.recording.recording import Recording
-from hoopd.recording.tables import checked
+from hoopd.recording.recording import HOLDS, Recording
+from hoopd.recording.tables import Columns, checked
+
+if TYPE_CHECKING:
+    from hoopd.recording.column_choice import Layout
 
 HDF5 = (".h5", ".hdf5")
 EXTENSIONS = (".mcap", ".mat", *HDF5, ".csv")
 _WITH_EXPERIMENT = re.compile(r"(?is)(.+\.(?:h5|hdf5)):([^/:]+)")
 
 
-def load(path: Path | str, columns: str | None = None, experiment: str | None = None) -> Recording:
+def load(
+    path: Path | str,
+    columns: Columns | None = None,
+    experiment: str | None = None,
+    *,
+    layout: Layout | None = None,
+    hold: str = "zero",
+) -> Recording:
     """Recording of a .mcap, .mat, .h5 or .csv file; InputError with file, row and column when it cannot be used.
 
     columns: names of the file's signal columns in order, where they are not what the format says
-    ("u,theta,dtheta,current"; "-" leaves one out). experiment: group of an .h5 file; also as "file.h5:Exp2".
+    ("u,theta,dtheta,current"; "-" leaves one out), or by name and with units: "theta=Angle:deg,u=Torque", also as a
+    mapping {"theta": ("Angle", "deg")}; a number is a value that does not change ("u=0"). experiment: group of an .h5
+    file; also as "file.h5:Exp2". layout: inputs and channels of another plant (`hoopd.plants.layout.layout_of`).
+    hold: "zero", or "linear" where the input went straight from row to row.
     """
+    if layout is not None and layout.is_tick and not isinstance(columns, Mapping) and "=" not in (columns or ""):
+        layout = None
+    recording = _loaded(path, columns, experiment, layout, hold)
+    return _held(recording, hold) if recording.is_tick and hold != HOLDS[0] else recording
+
+
+def _held(recording: Recording, hold: str) -> Recording:
+    if hold not in HOLDS:
+        raise InputError(recording.source, "hold", f"unknown {hold!r}; known: {', '.join(HOLDS)}")
+    inputs = {name: dataclasses.replace(signal, hold=hold) for name, signal in recording.inputs.items()}
+    return recording.replaced(inputs=inputs)
+
+
+def _loaded(
+    path: Path | str, columns: Columns | None, experiment: str | None, layout: Layout | None, hold: str
+) -> Recording:
     file, found = split_path(path)
     if found and experiment and found != experiment:
         raise InputError(file, "experiment", f"{found} in the path and {experiment} beside it")
@@ -36,20 +66,30 @@ def load(path: Path | str, columns: str | None = None, experiment: str | None = 
     if extension in HDF5:
         from hoopd.recording import hdf5
 
-        return hdf5.read(file, columns, found or experiment)
+        return hdf5.read(file, columns, found or experiment, layout, hold)
+    if extension == ".mat":
+        from hoopd.recording import mat_file
+
+        return mat_file.read(file, columns, layout, hold, experiment)
     if experiment:
-        raise InputError(file, "experiment", "only an .h5 file holds several experiments")
-    return _load(file, extension, columns)
+        raise InputError(file, "experiment", "only an .h5 file holds several experiments, a .mat file several structs")
+    if extension == ".csv":
+        from hoopd.recording import csv_file
+
+        return csv_file.read(file, columns, layout, hold)
+    return _load_mcap(file, columns, layout)
 
 
-def load_all(path: Path | str, columns: str | None = None) -> tuple[Recording, ...]:
+def load_all(
+    path: Path | str, columns: Columns | None = None, *, layout: Layout | None = None, hold: str = "zero"
+) -> tuple[Recording, ...]:
     """Every recording of a file: the experiments of an .h5 file in order, else the one there is."""
     file, found = split_path(path)
     if found or extension_of(file) not in HDF5:
-        return (load(path, columns),)
+        return (load(path, columns, layout=layout, hold=hold),)
     from hoopd.recording import hdf5
 
-    return tuple(hdf5.read(file, columns, name) for name in hdf5.experiments(file))
+    return tuple(load(file, columns, name, layout=layout, hold=hold) for name in hdf5.experiments(file))
 
 
 def save(recording: Recording, path: Path | str) -> None:
@@ -60,9 +100,9 @@ def save(recording: Recording, path: Path | str) -> None:
 
 
 def beside_states(recording: Recording) -> dict[str, Any]:
-    """Signals that not every recording has: a current that was measured, sample times that differ from `t`."""
-    signals = {"current": recording.current} if not np.isnan(recording.current).all() else {}
-    times = {name: getattr(recording, name) for name in ("y_t", "psi_t")}
+    """Columns that not every file has: a current that was measured, times that differ from `t`."""
+    signals = {"current": recording.current} if recording.is_tick and not np.isnan(recording.current).all() else {}
+    times = {name: column for name, column in recording.columns().items() if name not in {"t", *recording.signals}}
     return {**signals, **{name: column for name, column in times.items() if not np.array_equal(column, recording.t)}}
 
 
@@ -82,20 +122,17 @@ def extension_of(path: Path) -> str:
     return extension
 
 
-def _load(file: Path, extension: str, columns: str | None) -> Recording:
-    if extension == ".mat":
-        from hoopd.recording import mat_file as matfile
+def _load_mcap(file: Path, columns: Columns | None, layout: Layout | None) -> Recording:
+    from hoopd.recording import mcap, sample_rows
 
-        return matfile.read(file, columns)
-    if extension == ".csv":
-        from hoopd.recording import csv_file as csvfile
-
-        return csvfile.read(file, columns)
-    from hoopd.recording import mcap
-
-    if columns is not None:
+    if columns is not None and layout is None:
         raise InputError(file, "columns", "an MCAP file names its columns itself")
-    return checked(mcap.read(file), file)
+    recording = checked(sample_rows.read(file) if sample_rows.is_of_samples(file) else mcap.read(file), file)
+    if layout is None:
+        return recording
+    from hoopd.recording.by_name import renamed
+
+    return renamed(recording, columns, layout, file)
 
 
 def _encoder(extension: str) -> Callable[[Recording, dict[str, Any]], bytes]:

@@ -11,8 +11,9 @@ from io import BytesIO
 from typing import Any
 
 from hoopd.core.records import TickRecord
-from hoopd.recording import mcap
+from hoopd.recording import mcap, sample_rows
 from hoopd.recording.recording import UNITS, Recording
+from hoopd.recording.tables import in_tick_form
 
 _NAN = float("nan")
 _EMPTY = {"mode": "", "x_hat": (_NAN,) * 4, "reference": _NAN, "status": 0, "errors": 0}
@@ -20,9 +21,12 @@ _EMPTY_TIMES = {"lateness_s": _NAN, "execution_s": _NAN}
 
 
 def encode(recording: Recording, fields: dict[str, Any]) -> bytes:
-    """The bytes of an MCAP file with one tick a row."""
+    """The bytes of an MCAP file with one tick a row; of another plant, with one sample a row."""
     buffer = BytesIO()
     header = mcap.Header(config=recording.config, converted=recording.source or "a recording without a name")
+    if not in_tick_form(recording):
+        sample_rows.write(buffer, recording, header)
+        return buffer.getvalue()
     writer = mcap.Writer(buffer, header, sync=False)
     for record in _ticks(recording):
         writer.add_tick(record)

@@ -26,11 +26,13 @@ VERSIONS = {0x0100: 5, 0x0200: 73}  # 73: HDF5 behind a MATLAB header
 # Type of an element -> numpy's code of its values (the last three are text: utf-8, -16, -32).
 CODES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 TEXTS = (16, 17, 18)
+TEXT_CODES = dict(zip(TEXTS, ("utf-8", "utf-16", "utf-32"), strict=True))
+_ENDS = {"<": "-le", ">": "-be"}
 MATRIX, COMPRESSED = 14, 15
 INT8, INT32, UINT32 = 1, 5, 6
-STRUCT, NUMBERS = 2, range(6, 16)  # classes; double, single, int8 to uint64
+STRUCT, TEXT, OPAQUE, NUMBERS = 2, 4, 17, range(6, 16)  # classes; the last: double, single, int8 to uint64
 COMPLEX = 0x0800  # flag
-CLASSES = {1: "a cell array", 2: "a struct", 3: "an object", 4: "text", 5: "a sparse matrix"}
+CLASSES = {1: "a cell array", 2: "a struct", 3: "an object", 4: "text", 5: "a sparse matrix", 17: "an object"}
 # Of a packed variable, what tells its name: three elements, of which MATLAB lets a name be 63 characters.
 NAMED_BYTES = 1024
 
@@ -73,18 +75,18 @@ def version(data: bytes) -> int:
     return VERSIONS[number]
 
 
-def variables(data: bytes, wanted: str) -> Iterator[Array]:
+def variables(data: bytes, wanted: str | None) -> Iterator[Array]:
     """The arrays of a file, in its order; ValueError at the first damage.
 
-    Packed ones of another name come without content: what nobody asks for is not unpacked.
+    Packed ones of another name than the wanted one (None: all are) come without content: what nobody asks for is not
+    unpacked.
     """
     order, left = _order(data), unpacked_limit(len(data))
     for element in _elements(memoryview(data)[HEAD_BYTES:], order, top=True):
         if element.kind != COMPRESSED:
             yield _array(element)
             continue
-        name = _packed_name(element.data, order)
-        if name != wanted:
+        if wanted is not None and (name := _packed_name(element.data, order)) != wanted:
             yield Array(name, 0, (0, 0), ())
             continue
         plain = _unpacked(element.data, left)
@@ -96,6 +98,13 @@ def fields(array: Array) -> dict[str, Array]:
     """Arrays of a single struct by name; ValueError when it is something else."""
     if array.kind != STRUCT or math.prod(array.shape) != 1:
         raise ValueError(f"expected one struct, found {_described(array)}")
+    return elements(array)[0]
+
+
+def elements(array: Array) -> list[dict[str, Array]]:
+    """Arrays by name of every element of an array of structs; ValueError when it is something else."""
+    if array.kind != STRUCT:
+        raise ValueError(f"expected a struct, found {_described(array)}")
     if len(array.parts) < 2 or array.parts[0].kind != INT32 or len(array.parts[0].data) != 4:
         raise ValueError("a struct without names")
     (width,) = array.parts[0].numbers().tolist()
@@ -103,7 +112,24 @@ def fields(array: Array) -> dict[str, Array]:
     if width < 1 or array.parts[1].kind != INT8 or len(texts) % width:
         raise ValueError("a struct with impossible names")
     names = [_text(texts[k : k + width]) for k in range(0, len(texts), width)]
-    return dict(zip(names, map(_array, array.parts[2:]), strict=True))
+    parts, count = array.parts[2:], math.prod(array.shape)
+    if len(parts) != count * len(names):
+        raise ValueError("a struct with more or fewer arrays than names")
+    return [
+        dict(zip(names, map(_array, parts[k * len(names) : (k + 1) * len(names)]), strict=True)) for k in range(count)
+    ]
+
+
+def text(array: Array) -> str:
+    """A text of one line; ValueError when it is something else."""
+    if array.kind != TEXT or len(array.shape) != 2 or array.shape[0] > 1:
+        raise ValueError(f"expected text, found {_described(array)}")
+    if not array.parts or not math.prod(array.shape):
+        return ""
+    part = array.parts[0]
+    if part.kind in TEXT_CODES:
+        return bytes(part.data).decode(TEXT_CODES[part.kind] + ("" if part.kind == TEXTS[0] else _ENDS[part.order]))
+    return "".join(map(chr, part.numbers().tolist()))
 
 
 def values(array: Array) -> NDArray[Any]:
@@ -177,6 +203,13 @@ def _elements(data: memoryview, order: str, *, top: bool = False) -> Iterator[El
         position += step
 
 
+def _is_opaque(parts: tuple[Element, ...]) -> bool:
+    flags = parts[0] if len(parts) > 1 else None
+    if flags is None or flags.kind != UINT32 or len(flags.data) != 8 or parts[1].kind != INT8:
+        return False
+    return int(flags.numbers()[0]) & 0xFF == OPAQUE
+
+
 def _array(element: Element) -> Array:
     """Head and parts of an array; ValueError unless flags, dimensions and name are there."""
     if element.kind != MATRIX:
@@ -184,6 +217,8 @@ def _array(element: Element) -> Array:
     if not len(element.data):  # how MATLAB writes []
         return Array("", NUMBERS[0], (0, 0), ())
     parts = tuple(_elements(element.data, element.order))
+    if _is_opaque(parts):  # a table, a timeseries: MATLAB keeps it elsewhere in a form that it does not tell
+        return Array(_text(bytes(parts[1].data)), OPAQUE, (1, 1), ())
     if len(parts) < 3 or [part.kind for part in parts[:3]] != [UINT32, INT32, INT8] or len(parts[0].data) != 8:
         raise ValueError("an array without flags, dimensions and name")
     shape = tuple(parts[1].numbers().tolist())

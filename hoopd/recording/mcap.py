@@ -81,7 +81,7 @@ class Writer:
         self._file, self._sync, self._slot, self._sequence, self._zero_ns = file, sync, -1, 0, zero_ns
         self._container = ChunkedFile(file, PROFILE)
         self._channel = add_channels(self._container)
-        self._container.add_metadata(HEADER, _header_texts(header))
+        self._container.add_metadata(HEADER, header_texts(header))
         self.flushes = 0  # chunks that reached the disk so far
         self._waiting = 0
 
@@ -132,7 +132,7 @@ def _ns(t: float) -> int:
     return round(t * 1e9)
 
 
-def _header_texts(header: Header) -> dict[str, str]:
+def header_texts(header: Header) -> dict[str, str]:
     texts = {name: getattr(header, name) for name in ("device", "model", "controller", "law")}
     config = without_secrets(header.config)
     versions = msgspec.json.encode(header.versions, order="sorted").decode()
@@ -141,7 +141,7 @@ def _header_texts(header: Header) -> dict[str, str]:
     return {**texts, "config": config, "versions": versions, "seed": seed, "part": str(header.part), **converted}
 
 
-def _header(texts: dict[str, str]) -> Header:
+def header_of(texts: dict[str, str]) -> Header:
     plain = {name: texts.get(name, "") for name in ("device", "config", "model", "controller", "law", "converted")}
     seed, versions = texts.get("seed", ""), texts.get("versions") or "{}"
     return Header(
@@ -160,9 +160,9 @@ def read_run(path: Path, channels: Iterable[str] = tuple(CHANNELS)) -> Run:
     wanted, scan, header, zero_ns = set(channels), Scan(), Header(), None
     found: dict[str, list[Any]] = {name: [] for name in CHANNELS}
     try:
-        for record in stream(_bytes(path), scan):
+        for record in stream(file_bytes(path), scan):
             if isinstance(record, records.Metadata):
-                header = _header(record.metadata) if record.name == HEADER else header
+                header = header_of(record.metadata) if record.name == HEADER else header
             elif (name := _channel(scan, scan.topics.get(record.channel_id, ""))) in wanted:
                 row = _DECODE[name](record.data)
                 found[name].append(row)
@@ -245,7 +245,7 @@ def _foreign(scan: Scan) -> str:
     return f"not a recording of hoopd; its channels: {', '.join(sorted(set(scan.topics.values()))[:8])}"
 
 
-def _bytes(path: Path) -> bytes:
+def file_bytes(path: Path) -> bytes:
     try:
         with opened(Path(path), MAX_FILE_BYTES) as file:
             head = file.read(len(MCAP0_MAGIC))  # looked at before the rest is in memory

@@ -12,9 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from hoopd.files.reading import InputError
+from hoopd.recording.column_choice import Layout
 from hoopd.recording.edit import between
 from hoopd.recording.formats import load, split_path
 from hoopd.recording.recording import Recording
+from hoopd.recording.tables import Columns
 
 # The hoop turns 50 000 times in an hour. Squares and sums of what is smaller stay finite.
 MAX_VALUE = 1e12
@@ -29,13 +31,16 @@ class Span(NamedTuple):
     end_s: float | None
 
 
-def read_recording(text: str, columns: str | None = None) -> Recording:
+def read_recording(
+    text: str, columns: Columns | None = None, *, layout: Layout | None = None, hold: str = "zero"
+) -> Recording:
     """Recording of "FILE", "FILE.h5:EXPERIMENT" and either with "@START:END" in seconds, one of which may be missing.
 
-    A file of that very name goes first. `columns` as in `hoopd.recording.load`. InputError when it cannot be used.
+    A file of that very name goes first. `columns`, `layout` and `hold` as in `hoopd.recording.load`. InputError when it
+    cannot be used.
     """
     path, span = split_slice(text)
-    recording = load(path, columns)
+    recording = load(path, columns, layout=layout, hold=hold)
     if span is None:
         return _usable(recording, path)
     try:

@@ -14,18 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
-from hoopd.recording.recording import UNITS, Recording, from_columns
+from hoopd.recording.recording import HOLDS, UNITS, Recording, from_columns
+from hoopd.recording.tick_columns import FILE_ORDER, FOURTH_STATE
 
+# Names in the order of a file's columns, or signal -> column, or column and unit.
+Columns = str | Sequence[str] | Mapping[str, str | tuple[str, str]]
 Place = Callable[[int], str]  # row from 0 -> how a person finds it in the file
 
-INPUT_AND_STATES = ("u", "theta", "dtheta", "psi", "dpsi")  # the thesis's order; dpsi only where four states are stored
+INPUT_AND_STATES = (*FILE_ORDER, FOURTH_STATE)
 NAME_THEM = "name them with --columns (in Python: columns=)"
 SKIP = "-"  # in `columns`: a column that is left out
-NAMES = (*(name for name in UNITS if name != "t"), "dpsi")
+NAMES = (*(name for name in UNITS if name != "t"), FOURTH_STATE)
 # Seconds since 1970 are 2e9, milliseconds 2e12: what is larger is not in seconds.
 MAX_TIME_S = 1e10
 # Four days at 50 Hz: what claims more is damaged, and would fill the memory before it fails.
 MAX_ROWS = 2**24
+
+
+def in_tick_form(recording: Recording) -> bool:
+    """Whether the daemon's own form says everything that the recording does: its torque is held."""
+    return recording.is_tick and all(signal.hold == HOLDS[0] for signal in recording.inputs.values())
 
 
 def row(index: int) -> str:

@@ -54,7 +54,7 @@ def older_bytes() -> bytes:
     file = container.ChunkedFile(buffer, mcap.PROFILE)
     unions = b'{"type":"object","properties":{"psi":{"type":["number","null"]}}}'
     number = {name: file.add_channel(name, schema, unions) for name, (schema, _) in CHANNELS.items()}
-    file.add_metadata(mcap.HEADER, mcap._header_texts(mcap.Header("hoop")))
+    file.add_metadata(mcap.HEADER, mcap.header_texts(mcap.Header("hoop")))
     for k in range(50):
         time_ns = round(tick(k).t * 1e9)
         file.add_message(number["input"], time_ns, 2 * k + 1, rows.encode_input(inputs(k)))

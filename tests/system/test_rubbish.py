@@ -140,7 +140,7 @@ def write(path: Path, run: mcap.Run, name: str, row: bytes) -> None:
     with path.open("wb") as file:
         out = container.ChunkedFile(file, mcap.PROFILE)
         channels = mcap.add_channels(out)
-        out.add_metadata(mcap.HEADER, mcap._header_texts(run.header))
+        out.add_metadata(mcap.HEADER, mcap.header_texts(run.header))
         for key, values in texts.items():
             for value in values:
                 out.add_message(channels[key], 1, 1, value)

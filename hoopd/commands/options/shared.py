@@ -37,7 +37,23 @@ def model_option() -> Any:
 
 def columns_option() -> Any:
     """What the columns of a file are."""
-    return option("--columns", text="What a file's columns hold, e.g. u,theta,dtheta,current.", metavar="NAMES")
+    return option(
+        "--columns",
+        text="What a file's columns hold: in order, e.g. u,theta,dtheta,current, or by name, CHANNEL=COLUMN[:UNIT],...",
+        metavar="NAMES",
+    )
+
+
+def plant_option() -> Any:
+    """The plant that was recorded."""
+    return option("--plant", text="Plant of the recording: a registered name, or a plant file; the hoop else.")
+
+
+def hold_option() -> Any:
+    """How inputs go on between their rows."""
+    return option(
+        "--hold", text="Inputs between two rows: zero (held), or linear (straight).", metavar="HOLD", default="zero"
+    )
 
 
 def age_option() -> Any:

@@ -59,12 +59,12 @@ def _rows(sound: Path, rng: random.Random) -> bytes:
         row = rng.choice(texts[rng.choice(("input", "tick", "event"))] or texts["tick"])
         channel = next(name for name, values in texts.items() if row in values)
         texts[channel][texts[channel].index(row)] = row_of_json(row, rng)
-    return _written(mcap._header_texts(run.header), texts)
+    return _written(mcap.header_texts(run.header), texts)
 
 
 def _header(sound: Path, rng: random.Random) -> bytes:
     run = mcap.read_run(sound)
-    texts = mcap._header_texts(run.header)
+    texts = mcap.header_texts(run.header)
     name = rng.choice(sorted(texts))
     wrong = ("", "9" * 5000, "{", "[]", "\0", "\u2028", "x" * MEGABYTE, "[" * 9000, "- " * 9000, "{a: 1}", "law", "-1")
     lines = texts[name].split("\n")
@@ -125,7 +125,7 @@ def _messages(sound: Path, rng: random.Random) -> bytes:
             del values[rng.randrange(len(values) + 1) :]
         else:
             values.extend(values * rng.choice((0, 1, 19)))
-    return _written(mcap._header_texts(run.header), texts)
+    return _written(mcap.header_texts(run.header), texts)
 
 
 def mat_of(sound: Path, rng: random.Random) -> bytes:

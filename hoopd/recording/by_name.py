@@ -1,0 +1,133 @@
+"""Recordings from named columns of any file, and recordings that tell their own names under other ones.
+
+Rules of this file: pure; which column is what is `column_choice`'s; every refusal is one `InputError`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.files.reading import InputError
+from hoopd.recording.column_choice import Layout, Pick, choose, time_column
+from hoopd.recording.recording import HOLDS, Recording, Signal, from_columns, from_signals
+from hoopd.recording.tables import MAX_ROWS, Columns, Place, by_row, checked, numbers, row, vector
+
+Array = NDArray[np.float64]
+
+
+class Field(NamedTuple):
+    """Numbers of a file under a name: one a row, or a matrix with a row of the time on one side."""
+
+    values: Any
+    unit: str = ""
+
+
+def from_fields(
+    fields: Mapping[str, Field], columns: Columns | None, layout: Layout, hold: str, path: Path, key: str = ""
+) -> Recording:
+    """Recording of fields by name; of a matrix NAME each column is NAME_1, NAME_2 ...
+
+    What has another length than the time, or is no matrix of it, is left out. InputError as of `choose`.
+    """
+    units = {name: field.unit for name, field in fields.items()}
+    time = time_column(units, columns, layout, path)
+    t = vector(fields[str(time.column)].values, path, _place(key, str(time.column)))
+    if len(t) > MAX_ROWS:
+        raise InputError(path, key, f"more than {MAX_ROWS} rows")
+    single = _split(fields, len(t), path, key)
+    picks = choose({name: field.unit for name, field in single.items()}, columns, layout, path)
+    return built(picks, {name: field.values for name, field in single.items()}, layout, hold, path)
+
+
+def built(
+    picks: Mapping[str, Pick],
+    arrays: Mapping[str, Array],
+    layout: Layout,
+    hold: str,
+    path: Path,
+    place: Place = row,
+    **about: Any,
+) -> Recording:
+    """Recording of chosen columns in the plant's units; InputError names row and column of an impossible number."""
+    if hold not in HOLDS:
+        raise InputError(path, "hold", f"unknown {hold!r}; known: {', '.join(HOLDS)}")
+    t = _scaled(picks["t"], arrays, 0)
+    if not len(t):
+        raise InputError(path, "", "holds no rows")
+    columns = {name: _scaled(pick, arrays, len(t)) for name, pick in picks.items()}
+    try:
+        recording = _recording(columns, layout, hold, source=Path(path).name, **about)
+    except ValueError as error:
+        raise InputError(path, "", str(error)) from None
+    return checked(recording, path, place)
+
+
+def renamed(recording: Recording, columns: Columns | None, layout: Layout, path: Path) -> Recording:
+    """A recording that tells its own names and units, as one of this plant; InputError when it is none of it."""
+    there = recording.columns()
+    units = {name: signal.unit for name, signal in recording.signals.items()}
+    available = {name: units.get(name, "s") for name in there}
+    picks = choose(available, columns, layout, path)
+    for name in list(picks):  # sample times come along with what was sampled
+        pick = picks[name]
+        if pick.column in recording.channels and f"{name}_t" in layout.units and f"{name}_t" not in picks:
+            picks[f"{name}_t"] = Pick(_times_of(recording, str(pick.column)))
+    there |= {_times_of(recording, name): signal.t for name, signal in recording.channels.items()}
+    holds = {signal.hold for signal in recording.inputs.values()}
+    hold = holds.pop() if len(holds) == 1 else HOLDS[0]
+    return built(picks, there, layout, hold, path, config=recording.config, lost=recording.lost)
+
+
+def _times_of(recording: Recording, name: str) -> str:
+    """A name for a channel's times that no column has."""
+    return f"times of {name}"
+
+
+def _recording(columns: dict[str, Array], layout: Layout, hold: str, **about: Any) -> Recording:
+    if layout.is_tick:
+        recording = from_columns(columns, **about)
+        inputs = {name: dataclasses.replace(signal, hold=hold) for name, signal in recording.inputs.items()}
+        return recording.replaced(inputs=inputs)
+    t = columns["t"]
+
+    def signal(name: str, unit: str) -> Signal:
+        values = columns.get(name)
+        missing = np.full(len(t), np.nan)
+        return Signal(missing if values is None else values, columns.get(f"{name}_t", t), unit, hold)
+
+    inputs = {name: signal(name, unit) for name, unit in layout.inputs.items()}
+    channels = {name: dataclasses.replace(signal(name, unit), hold=HOLDS[0]) for name, unit in layout.channels.items()}
+    return from_signals(t, inputs, channels, **about)
+
+
+def _scaled(pick: Pick, arrays: Mapping[str, Array], rows: int) -> Array:
+    if pick.column is None:
+        return np.full(rows, pick.scale)
+    column = arrays[pick.column]
+    return column if pick.scale == 1.0 else column * pick.scale
+
+
+def _split(fields: Mapping[str, Field], rows: int, path: Path, key: str) -> dict[str, Field]:
+    """Fields with one number a row; a matrix gives one for each of its columns."""
+    single: dict[str, Field] = {}
+    for name, field in fields.items():
+        array = np.asarray(field.values)
+        if array.dtype.kind not in "fiu" or rows not in array.shape or array.ndim not in (1, 2):
+            continue
+        place = _place(key, name)
+        if array.size == rows:
+            single[name] = Field(numbers(array, path, place).ravel(), field.unit)
+            continue
+        table = by_row(array, rows, path, place, samples_first=True)
+        single |= {f"{name}_{k + 1}": Field(table[:, k], field.unit) for k in range(table.shape[1])}
+    return single
+
+
+def _place(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name

@@ -1,0 +1,108 @@
+"""Signals by name in MATLAB files: fields of a struct, Simulink's "structure with time", or plain variables.
+
+Simulink writes a struct with `time` and `signals`, an array of structs with `values` and `label`; others keep a struct
+with a field per signal. Which of them is the time is told by `column_choice`.
+
+Rules of this file: what is no number is passed over; damage is one `InputError`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from hoopd.files.reading import InputError
+from hoopd.recording import mat5
+from hoopd.recording.by_name import Field
+from hoopd.recording.column_choice import is_time
+
+VALUES = ("values", "Values", "Data", "data")
+UNITS = ("unit", "units", "Unit")
+AS_STRUCT = "save it as a struct: s = table2struct(T, 'ToScalar', true)"
+
+
+def fields_of(data: bytes, path: Path, experiment: str | None = None) -> tuple[str, dict[str, Field]]:
+    """Name of the struct (empty: plain variables) and its signals; InputError when there is none, or several."""
+    try:
+        if mat5.version(data) == 73:
+            from hoopd.recording.hdf5 import named_fields, opened
+
+            with opened(path) as file:
+                return named_fields(file, path, experiment)
+        arrays = list(mat5.variables(data, None))
+        structs = {a.name: dict(_of_struct(a)) for a in arrays if a.kind == mat5.STRUCT and a.shape == (1, 1)}
+        plain = {a.name: Field(mat5.values(a)) for a in arrays if a.name and _is_numbers(a)}
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(path, "", f"not a MATLAB file, or a damaged one ({error})") from None
+    objects = [a.name for a in arrays if a.kind == mat5.OPAQUE]
+    if experiment in objects or (objects and experiment is None and not structs and not _has_time(plain)):
+        name = experiment or objects[0]
+        raise InputError(path, name, f"a table or another object, whose form MATLAB does not tell; {AS_STRUCT}")
+    return chosen({name: fields for name, fields in structs.items() if fields}, plain, path, experiment)
+
+
+def chosen(
+    groups: Mapping[str, dict[str, Field]], plain: dict[str, Field], path: Path, experiment: str | None
+) -> tuple[str, dict[str, Field]]:
+    """The group that is asked for, else the only one, else the only one with a time, else what stands beside them."""
+    if experiment is not None:
+        if experiment not in groups:
+            raise InputError(path, experiment, f"no such struct with signals; there are {', '.join(groups) or 'none'}")
+        return experiment, groups[experiment]
+    timed = [name for name, fields in groups.items() if _has_time(fields)]
+    names = timed if timed or _has_time(plain) else list(groups)
+    if len(names) == 1:
+        return names[0], groups[names[0]]
+    if names:
+        raise InputError(path, "", f"holds {', '.join(names[:8])}: choose one with --experiment")
+    if not plain:
+        raise InputError(path, "", "holds no struct and no arrays with signals")
+    return "", plain
+
+
+def _has_time(fields: Mapping[str, Field]) -> bool:
+    return any(map(is_time, fields))
+
+
+def _is_numbers(array: mat5.Array) -> bool:
+    return array.kind in mat5.NUMBERS and not array.flags & mat5.COMPLEX
+
+
+def _of_struct(array: mat5.Array) -> Iterator[tuple[str, Field]]:
+    for name, field in mat5.fields(array).items():
+        if _is_numbers(field):
+            yield name, Field(mat5.values(field))
+        elif field.kind == mat5.STRUCT:
+            yield from _of_signals(name, mat5.elements(field))
+
+
+def _of_signals(group: str, elements: list[dict[str, mat5.Array]]) -> Iterator[tuple[str, Field]]:
+    """Signals of a struct (or an array of them) within a struct."""
+    for k, element in enumerate(elements):
+        values = next((name for name in VALUES if name in element and _is_numbers(element[name])), None)
+        if values is not None:
+            name = _words(element, ("label", "Name", "name")) or _words(element, ("blockName",)).rpartition("/")[2]
+            usual = group if len(elements) == 1 else f"{group}_{k + 1}"
+            yield name or usual, Field(mat5.values(element[values]), _words(element, UNITS))
+            continue
+        for name, field in element.items():
+            if _is_numbers(field):
+                yield name, Field(mat5.values(field))
+            elif field.kind == mat5.STRUCT and field.shape == (1, 1):
+                inner: Any = mat5.fields(field)
+                yield from ((name, one) for _, one in _of_signals(name, [inner]) if _has_values(inner))
+
+
+def _has_values(element: Mapping[str, Any]) -> bool:
+    return any(name in element for name in VALUES)
+
+
+def _words(element: Mapping[str, mat5.Array], names: tuple[str, ...]) -> str:
+    """The first text of these fields, empty without one."""
+    for name in names:
+        if name in element and element[name].kind == mat5.TEXT:
+            return mat5.text(element[name]).strip()
+    return ""
