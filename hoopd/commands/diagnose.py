@@ -26,7 +26,7 @@ from hoopd.files.whole_files import replace_file
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.effects_file import load_effects
-from hoopd.plants.model_file import effects_of, load_model, parse_model
+from hoopd.plants.model_file import effects_of, effects_plant, load_model, parse_model
 
 Progress = Callable[[str], None]
 
@@ -59,8 +59,9 @@ def outcome_of(
     check_distinct(texts, held_texts)
     without = [name for text in options.without for name in text.split(",")]
     progress("reading the recordings")
-    train = [read_source(text, base, options.columns, options.age) for text in texts]
-    held = [read_source(text, base, options.columns, options.age) for text in held_texts]
+    plant = effects_plant(base)
+    train = [read_source(text, plant, options.columns, options.age) for text in texts]
+    held = [read_source(text, plant, options.columns, options.age) for text in held_texts]
     check_motion(train, held, base.structure)
     whole = () if held else tuple(train)
     train, held, how = _parts(train, held)

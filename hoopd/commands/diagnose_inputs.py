@@ -16,7 +16,6 @@ import numpy as np
 
 from hoopd.commands.inputs import read_recording
 from hoopd.diagnose.inputs import Source, source_of
-from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
 from hoopd.recording.formats import EXTENSIONS, HDF5, split_path
@@ -100,9 +99,9 @@ def _given(text: str) -> Given:
 # ---------------------------------------------------------------------------------------------- sources
 
 
-def read_source(text: str, base: ModelFile, columns: str | None, age: str) -> Source:
+def read_source(text: str, plant: Plant, columns: str | None, age: str) -> Source:
     """One recording, read, judged and cut for a search."""
-    return source_of(text, read_recording(text, columns, age), base)
+    return source_of(text, read_recording(text, columns, age), plant)
 
 
 def check_lengths(train: Sequence[Source], held: Sequence[Source], *, given: bool) -> None:

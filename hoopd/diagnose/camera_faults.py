@@ -6,7 +6,7 @@ search. What a sample is was decided before (`quality`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
@@ -38,18 +38,21 @@ class Fault:
 
 def camera_faults(qualities: Sequence[Quality], threshold: float = THRESHOLD) -> list[Fault]:
     """Those that are effects, the largest gain first."""
-    seen = [one.channels["psi"] for one in qualities if one.channels["psi"].counts.any()]
+    seen = dict.fromkeys((camera.name, one.sensors[camera.name].slot) for one in qualities for camera in one.cameras)
+    every = [fault for channel, slot in seen for fault in _of_channel(channel, slot, qualities, threshold)]
+    return sorted(every, key=lambda one: -one.gain)
+
+
+def _of_channel(channel: str, slot: str, qualities: Sequence[Quality], threshold: float) -> Iterator[Fault]:
+    """Faults of what a camera sees in one channel."""
+    every = [one.channels[channel] for one in qualities if channel in one.channels]
+    seen = [one for one in every if one.counts.any()]
+    late, false = [one.late_share for one in seen], [one.outlier_share() for one in seen]
     both = (
-        _fault("camera.late_frames", [one.late_share for one in seen], LATE_COLUMNS, 1, threshold),
-        _fault(
-            "camera.outliers",
-            [one.outlier_share() for one in seen],
-            population.COLUMNS,
-            population.LOOKED_AT,
-            threshold,
-        ),
+        _fault(f"{slot}.late_frames", late, LATE_COLUMNS, 1, threshold),
+        _fault(f"{slot}.outliers", false, population.COLUMNS, population.LOOKED_AT, threshold),
     )
-    return sorted((one for one in both if one is not None), key=lambda one: -one.gain)
+    yield from (one for one in both if one is not None)
 
 
 def _fault(name: str, shares: Sequence[Share], columns: int, looked_at: int, threshold: float) -> Fault | None:

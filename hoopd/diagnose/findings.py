@@ -150,14 +150,15 @@ def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, 
 
 
 def _fault(fault: Fault) -> EffectFinding:
-    words = {"camera.late_frames": "repeats the picture before", "camera.outliers": "is a false detection"}
+    words = {"late_frames": "repeats the picture before", "outliers": "is a false detection"}
+    slot, _, kind = fault.name.partition(".")
     return EffectFinding(
         name=fault.name,
-        slot="camera",
+        slot=slot,
         parameters={"share": Quantity(value=fault.share, unit="-", ci95=fault.ci95, nominal=0.0)},
         evidence=Evidence(log_likelihood_gain=fault.gain, threshold=fault.needed, heldout_gain_percent=None),
         not_excluded=[],
-        statement=f"a share of the camera's samples {words[fault.name]}",
+        statement=f"a share of the {slot}'s samples {words[kind]}",
     )
 
 

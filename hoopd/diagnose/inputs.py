@@ -5,23 +5,23 @@ Rules of this file: what does not count is NaN from here on; names are those of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hoopd.diagnose.quality.recording_quality import Quality, assess, cleaned
-from hoopd.files.model import ModelFile
+from hoopd.diagnose.quality.sensors import ENCODER
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.fit_data import once_at_rest
-from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.stretches import SHORTEST_S, Stretch, stretch_of
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines
 
 # Fewer readings than this are no recording to judge a model by.
-FEWEST_READINGS = 50
+FEWEST_READINGS, LEAST_READINGS = 50, 15
+# Of a fast plant, fewer steps than these are no stretch.
+SHORTEST_STEPS = 25
 
 
 @dataclass(frozen=True)
@@ -49,55 +49,44 @@ class Source:
         return replace(self, stretches=tuple(one for one in cut if _enough(one)))
 
 
-def hoop_source(
-    name: str,
-    recording: Recording,
-    structure: str,
-    values: Mapping[str, float],
-    *,
-    encoder_counts: int = 4096,
-    torque_limit: float = 0.7,
-) -> Source:
-    """A recording of the hoop; InputError when there is nothing to judge a model by."""
-    quality = assess(recording, encoder_counts)
-    plant = hoop_plant(structure, values, quality.moving, torque_limit)
+def source_of(name: str, recording: Recording, plant: Plant) -> Source:
+    """A recording of a plant; InputError when there is nothing to judge a model by."""
+    if len(plant.inputs) > 1:
+        raise InputError(name, "--plant", f"{plant.name} has {len(plant.inputs)} inputs: one or none can be diagnosed")
+    if missing := [one for one in (*(i.name for i in plant.inputs), *plant.channels) if one not in recording.signals]:
+        raise InputError(name, missing[0], f"no signal of this name; {plant.name} has it (--columns)")
+    quality = assess(recording, plant)
     clean = cleaned(recording, quality)
     try:
         parts = timelines(clean)
     except ValueError as error:
-        raise InputError(name, "u", str(error)) from None
+        raise InputError(name, plant.inputs[0].name if plant.inputs else "t", str(error)) from None
     begin = float(recording.t[0])
-    stretches = tuple(one for part in parts if _enough(one := _stretch(name, plant, part, begin, quality)))
-    if sum(one.samples for one in stretches) < FEWEST_READINGS:
-        raise InputError(name, ", ".join(plant.channels), f"fewer than {FEWEST_READINGS} readings to judge a model by")
+    stretches = tuple(one for part in parts if _enough(one := _stretch(name, part, begin, quality)))
+    if sum(one.samples for one in stretches) < (fewest := fewest_readings(plant)):
+        raise InputError(name, ", ".join(quality.plant.channels), f"fewer than {fewest} readings to judge a model by")
     return Source(name, recording, quality, stretches)
 
 
-def source_of(name: str, recording: Recording, model: ModelFile) -> Source:
-    """A recording of the device that a model file describes; InputError as in `hoop_source`."""
-    device = model.device
-    return hoop_source(
-        name,
-        recording,
-        model.structure,
-        model.values(),
-        encoder_counts=device.encoder_counts,
-        torque_limit=device.torque_limit_nm,
-    )
+def fewest_readings(plant: Plant) -> int:
+    """Fewer readings than these are no recording to judge a model by: those of a second, where samples are rare."""
+    return min(FEWEST_READINGS, max(LEAST_READINGS, round(1.0 / plant.time_scale_s)))
 
 
-def _stretch(name: str, plant: Plant, part: Timeline, begin: float, quality: Quality) -> Stretch:
-    readings = {}
+def _stretch(name: str, part: Timeline, begin: float, quality: Quality) -> Stretch:
+    readings, plant = {}, quality.plant
     for channel in plant.channels:
-        if channel == "dtheta" and quality.speed.wrong:
-            continue  # whatever it is, it is not the rate of theta
+        if quality.wrong_rate(channel):
+            continue  # whatever it is, it is not the rate of the coordinate
         nodes, values = part.channels[channel]
-        if channel == "theta" and len(values):
+        sensor = quality.sensors[channel]
+        if sensor.is_place and sensor.device == ENCODER and len(values):
             # at rest an encoder's error is one and the same: it counts once
             once = once_at_rest(values)
             nodes, values = nodes[once], values[once]
         readings[channel] = (nodes, values)
-    found = stretch_of(name, plant, part.t - begin, part.u, readings)
+    held = part.u if plant.inputs else np.zeros(len(part.t) - 1)
+    found = stretch_of(name, plant, part.t - begin, held, readings)
     for channel, one in quality.channels.items():
         if channel in plant.channels and np.isfinite(one.quantum):
             found = found.unevenly_sampled(channel, one.jitter_s, one.quantum / np.sqrt(12.0))
@@ -105,4 +94,5 @@ def _stretch(name: str, plant: Plant, part: Timeline, begin: float, quality: Qua
 
 
 def _enough(stretch: Stretch) -> bool:
-    return len(stretch.t) > 2 and stretch.t[-1] - stretch.t[0] >= SHORTEST_S and stretch.samples >= FEWEST_READINGS // 2
+    long = stretch.t[-1] - stretch.t[0] >= min(SHORTEST_S, SHORTEST_STEPS * stretch.plant.time_scale_s)
+    return len(stretch.t) > 2 and long and stretch.samples >= fewest_readings(stretch.plant) // 2

@@ -26,8 +26,6 @@ Array = NDArray[np.float64]
 # What shows in less than so much of the time has segments of its own: the fewest seconds that hold most of its energy.
 MOST_ENERGY, SELDOM = 0.9, 0.25
 BIN_S = 0.5
-# The channel whose samples may be faulty by themselves.
-FAULTY = "psi"
 
 
 def location_of(
@@ -49,9 +47,15 @@ def location_of(
     if effect is None:
         # a fault of the camera, counted before any model: it is there all the time
         return Location(
-            slot=first.slot, channel=FAULTY, segments=None, depends_on=[], evidence=evidence
+            slot=first.slot, channel=_seen_by(first.slot, named), segments=None, depends_on=[], evidence=evidence
         )  # fmt: skip
     return _at(effect.slot, effect.depends_on, change_by(effect, named), base, evidence)
+
+
+def _seen_by(slot: str, named: Named) -> str:
+    """The channel of a sensor."""
+    slots = [one.stretch.plant.slots for one in named.base.tracks]
+    return next(one[slot].channels[0] for one in slots if slot in one)
 
 
 def _at(

@@ -23,7 +23,7 @@ from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import Fit, fit
 from hoopd.plants.likelihood.stretches import Stretch
-from hoopd.plants.model_file import load_model
+from hoopd.plants.model_file import effects_plant, load_model
 from hoopd.recording.recording import Recording
 
 DEFAULT_MODEL = Path("models/thesis.yaml")
@@ -34,12 +34,13 @@ FITTED = ("screen", "scan", "base")
 def oracle(recordings: Sequence[Recording], holdout: Recording, names: Sequence[str]) -> Mapping[str, Any]:
     """`fit` of a diagnosis (train and heldout, NRMSE percent) with the effects `names`; ValueError for one unknown."""
     model = load_model(or_shipped(DEFAULT_MODEL))
-    train = [source_of(one.source, one, model) for one in recordings]
+    plant = effects_plant(model)
+    train = [source_of(one.source, one, plant) for one in recordings]
     known = library(train[0].stretches[0].plant)
     if unknown := [name for name in names if name not in known]:
         raise ValueError(f"not in the library: {', '.join(unknown)}")
     told = {name: known[name] for name in names if known[name].found_by in FITTED}
-    case = Case(model.name, model.values(), train, [source_of(holdout.source, holdout, model)], told)
+    case = Case(model.name, model.values(), train, [source_of(holdout.source, holdout, plant)], told)
     stretches, held, nominal, base = prepared(case)
     frozen = {"nominal": nominal, "base": base, "final": told_fit(stretches, held, told, base)}
     on_held = {k: fit(held, f.effects, f.values, free=free_of_recordings(f.effects, held)) for k, f in frozen.items()}

@@ -35,6 +35,7 @@ class Channel(NamedTuple):
     unit: str = ""
     sensor: str = ""  # the slot
     reading: Callable[[Point], Any] | None = None
+    resolution: float | None = None  # step of a counting sensor; None: as its data show
 
 
 class Slot(NamedTuple):
@@ -48,6 +49,17 @@ class Slot(NamedTuple):
     speed: float = 10.0  # usual rate of the coordinate, rad/s or m/s: the sizes that a search tries follow it
     viscous: Callable[[Point], Any] | None = None  # the base's viscous coefficient of the body, where it has one
     data: Any = None  # what a plant's own effects have to know of its own kind of slot
+
+
+@dataclass(frozen=True)
+class Judges:
+    """What a plant knows of the quality of its recordings, beside what its sensors' devices say."""
+
+    moving: Callable[[Any], Plant] | None = None  # the plant with what moves in a recording; None: all of it does
+    doubts: Callable[[Any], list[str]] | None = None  # sentences; None: those that hold for every recording
+    repeated: Callable[[Any], Any] | None = None  # rows in which counting sensors repeat the row before
+    stops: bool = False  # the drive may switch itself off: where it does not answer, nothing counts
+    words: Mapping[str, str] = {}  # coordinates as a person calls them
 
 
 class Mode(NamedTuple):
@@ -95,7 +107,7 @@ class Plant:
     time_scale_s: float = 0.02  # usual time between two samples: integration steps and searched delays follow it
     energy: Callable[[Point], Any] | None = None  # J, where the plant has one
     own_effects: Callable[[Plant], Iterable[Effect]] | None = None  # of its own kinds of slot
-    judges: Mapping[str, Any] = field(default_factory=dict)  # of a recording's quality, by channel
+    judges: Judges = field(default_factory=Judges)
     experiments: Callable[[Plant], Any] | None = None  # menu of experiments that tell effects apart
     modes: tuple[Mode, ...] = ()
 

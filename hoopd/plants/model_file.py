@@ -79,7 +79,10 @@ def plant_of(model: ModelFile) -> NumericPlant:
 
 def effects_plant(model: ModelFile) -> Plant:
     """The same plant, declared for effects."""
-    return hoop_plant(model.structure, model.values(), limit=model.device.torque_limit_nm)
+    device = model.device
+    return hoop_plant(
+        model.structure, model.values(), limit=device.torque_limit_nm, encoder_counts=device.encoder_counts
+    )
 
 
 def effects_of(model: ModelFile) -> Found:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hoopd.diagnose.quality import recording_quality
+from hoopd.diagnose.quality.recording_quality import Quality
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
@@ -16,6 +18,7 @@ from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.stretches import Array, Held, Stretch
 from hoopd.plants.model_file import load_model
+from hoopd.recording.recording import Recording
 
 STEP_S = 0.02
 # Noise of encoder (a count), its rate and the camera; a disturbance on hoop and ball.
@@ -25,6 +28,11 @@ NOISE = Noise(np.array([2e-3, 1e-3]), np.array([0.15, 0.1]), np.array([tau / 409
 def shipped_plant() -> Plant:
     """The hoop and its ball with the shipped entries."""
     return hoop_plant("entries", load_model(or_shipped(Path("models/thesis.yaml"))).values())
+
+
+def assess(recording: Recording) -> Quality:
+    """A recording of the shipped hoop, judged by itself."""
+    return recording_quality.assess(recording, shipped_plant())
 
 
 def stretch_with(

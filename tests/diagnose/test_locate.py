@@ -12,13 +12,14 @@ from diagnose.madeup import shipped_plant, stretch_with
 from shared import shared_path
 
 from hoopd.diagnose.curves.missing_force import binned, missing_force
-from hoopd.diagnose.inputs import hoop_source
+from hoopd.diagnose.inputs import source_of
 from hoopd.diagnose.quality.excluded_stretches import FAR_BEYOND, leaving_enough, set_aside, without
 from hoopd.diagnose.quality.unusual_energy import level_of, mean_squares, unusual
 from hoopd.diagnose.quality.unusual_intervals import CHANCE_A_MINUTE, Interval, Signal, intervals, signals_by_name
 from hoopd.diagnose.search.excluded_intervals import Data
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.library import library
+from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.fitting import Fit, fit
 from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.recording import load
@@ -120,7 +121,7 @@ def test_a_stuck_camera_is_an_interval_of_its_channel_or_of_the_ball() -> None:
 
 def test_the_hand_in_a_real_recording_is_set_aside_unasked() -> None:
     path = shared_path("recordings/meas_ballOnly01.mat")
-    source = hoop_source(path.name, load(path), "entries", PLANT.values)
+    source = source_of(path.name, load(path), hoop_plant("entries", PLANT.values))
     before = refit(list(source.stretches))
     kept, out, found = set_aside(source.stretches, refit, before)
     assert any(one.t0 < 14.5 and one.t1 > 16.5 for one in out)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import spoiled
+from diagnose.madeup import assess
 from freeruns import PSI_SIGMA_RAD
 
 from hoopd.diagnose.camera_faults import camera_faults, pooled
 from hoopd.diagnose.quality.population import COLUMNS, LOOKED_AT, second_population
-from hoopd.diagnose.quality.recording_quality import assess
 from hoopd.diagnose.quality.sensor_samples import Share
 from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
 

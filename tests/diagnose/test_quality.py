@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import spoiled
+from diagnose.madeup import assess
 from freeruns import COUNT_RAD, PSI_SIGMA_RAD
 from shared import shared_path
 
 from hoopd.diagnose.camera_faults import camera_faults
 from hoopd.diagnose.quality import standstill as stops
-from hoopd.diagnose.quality.recording_quality import assess, cleaned
+from hoopd.diagnose.quality.recording_quality import cleaned
 from hoopd.recording import load
 from hoopd.recording.recording import from_columns
 
@@ -202,8 +203,8 @@ def test_a_camera_slower_than_the_rows_is_said():
 def test_the_speed_to_be_trusted_is_decided_by_the_data(change, channel, words):
     recording = spoiled.clean(1)
     quality = assess(replace(recording, dtheta=change(recording)))
-    assert quality.speed.channel == channel
-    assert words in quality.speed.reason
+    assert quality.speeds["dtheta"].channel == channel
+    assert words in quality.speeds["dtheta"].reason
 
 
 def test_cleaned_keeps_what_counts_and_nothing_else():
@@ -262,11 +263,11 @@ def test_real_recordings_show_their_late_frames_stuck_camera_and_driver_speed():
     ((first, last, _),) = [one for one in quality.segments if "camera" in one[2]]
     assert last - first > 1.5
     assert last == pytest.approx(50.0)
-    assert quality.speed.channel == "theta_rate"
-    assert "times the slope" in quality.speed.reason
+    assert quality.speeds["dtheta"].channel == "theta_rate"
+    assert "times the slope" in quality.speeds["dtheta"].reason
 
 
 def test_a_motor_current_is_no_ball():
     quality = assess(load(shared_path("recordings/meas_hoop02_chirp.mat")))
-    assert quality.moving == "hoop"
+    assert quality.plant.coordinates == ("theta",)
     assert not quality.channels["psi"].counts.any()

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from hoopd.commands.inputs import read_recording
-from hoopd.diagnose.inputs import Source, hoop_source
+from hoopd.diagnose.inputs import Source, source_of
 from hoopd.diagnose.proof.fit_tables import nrmse
 from hoopd.diagnose.proof.refinement import Refined, refine
 from hoopd.diagnose.quality.excluded_stretches import set_aside
@@ -23,6 +23,7 @@ from hoopd.diagnose.search.bounded_disturbance import deflated, far_beyond, stif
 from hoopd.diagnose.search.screen import Screen
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.library import library
+from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.fitting import Fit, fit
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Stretch
@@ -37,7 +38,7 @@ PRBS = "meas_hoop01_prbs.mat"
 def source(name: str) -> Source:
     base = load_model(or_shipped(Path("models/thesis.yaml")))
     path = str(shared_path(f"recordings/{name}"))
-    return hoop_source(name, read_recording(path, None, ""), base.structure, base.values())
+    return source_of(name, read_recording(path, None, ""), hoop_plant(base.structure, base.values()))
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Which speed of the hoop to believe: the driver's column or the slope of the counted angle.
+"""Which rate to believe: the one that was measured, or the slope of what was counted.
 
 Rules of this file: decided by the recording; both are measured (gain, delay, noise), and the reason is said in words.
 """
@@ -27,73 +27,92 @@ FEWEST = 30
 class Speed(NamedTuple):
     """The verdict and what it rests on; NaN where it cannot be measured."""
 
-    channel: str  # dtheta or theta_rate
+    channel: str  # of the rate, or `<channel>_rate`: the slope of the other one
     reason: str
-    gain: float  # of dtheta against the slope of theta
-    noise: float  # rad/s, what is left between the two at best gain and delay
-    rate_noise: float  # rad/s, of the slope of theta
+    gain: float  # of the rate against the slope
+    noise: float  # unit of the rate; what is left between the two at best gain and delay
+    rate_noise: float  # unit of the rate, of the slope
     slow_gain: float = float("nan")  # against the slope, both over a second: what a lag or an uneven turn cannot change
 
     @property
     def wrong(self) -> bool:
-        """dtheta is another quantity than the rate of theta: no sensor's lag or delay makes it that."""
+        """It is another quantity than the rate: no sensor's lag or delay makes it that."""
         return abs(self.slow_gain - 1.0) > WRONG_GAIN
 
 
-def speed(recording: Recording, theta_sigma: float) -> Speed:
-    """Compare both; theta_sigma: noise of a sample of theta, rad. The recording has its bad samples as NaN."""
-    t, theta, dtheta = recording.t, recording.theta, recording.dtheta
-    nothing = (float("nan"),) * 3
-    if np.isfinite(theta).sum() < FEWEST:
-        return Speed("dtheta", "theta is missing", *nothing)
-    if np.isfinite(dtheta).sum() < FEWEST:
-        return Speed("theta_rate", "dtheta is missing", *nothing)
+def speed(recording: Recording, counted: str, rate: str, sigma: float) -> Speed:
+    """Compare channel `rate` with the slope of channel `counted`, whose samples have the noise `sigma`.
+
+    The recording has its bad samples as NaN.
+    """
+    t, place, measured = recording.t, recording.column(counted), recording.column(rate)
+    words, nothing = _Words(counted, rate, recording.channels[rate].unit), (float("nan"),) * 3
+    if np.isfinite(place).sum() < FEWEST:
+        return Speed(rate, f"{counted} is missing", *nothing)
+    if np.isfinite(measured).sum() < FEWEST:
+        return Speed(words.slope, f"{rate} is missing", *nothing)
     span = t[2:] - t[:-2]
-    slope = np.concatenate([[np.nan], (theta[2:] - theta[:-2]) / span, [np.nan]])
-    rate_noise = float(theta_sigma * np.sqrt(2.0) / np.median(span))
+    slope = np.concatenate([[np.nan], (place[2:] - place[:-2]) / span, [np.nan]])
+    rate_noise = float(sigma * np.sqrt(2.0) / np.median(span))
     if np.nanstd(slope) < 3.0 * rate_noise:
-        return Speed("theta_rate", "the hoop hardly moves: theta is the finer of the two", *nothing[:2], rate_noise)
-    gain, lag, noise = _compared(slope, dtheta)
-    return Speed(*_verdict(gain, lag, noise, rate_noise), gain, noise, rate_noise, _slow_gain(t, slope, dtheta))
+        reason = f"hardly anything moves: {counted} is the finer of the two"
+        return Speed(words.slope, reason, *nothing[:2], rate_noise)
+    gain, lag, noise = _compared(slope, measured)
+    verdict = words.verdict(gain, lag, noise, rate_noise)
+    return Speed(*verdict, gain, noise, rate_noise, _slow_gain(t, slope, measured))
 
 
-def _slow_gain(t: Array, slope: Array, dtheta: Array) -> float:
-    """Of dtheta against the slope, means over SLOW_S of both, their own means taken off; NaN: too little to tell."""
-    both = np.isfinite(slope) & np.isfinite(dtheta)
+def _slow_gain(t: Array, slope: Array, rate: Array) -> float:
+    """Of the rate against the slope, means over SLOW_S of both, their own means taken off; NaN: too little to tell."""
+    both = np.isfinite(slope) & np.isfinite(rate)
     width = max(1, round(SLOW_S / float(np.median(np.diff(t)))))
     if both.sum() < 3 * width:
         return float("nan")
     kernel = np.ones(width) / width
-    x, y = (np.convolve(one[both], kernel, "valid") for one in (slope, dtheta))
+    x, y = (np.convolve(one[both], kernel, "valid") for one in (slope, rate))
     return _line(x - x.mean(), y - y.mean(), 0)[0]
 
 
-def _compared(slope: Array, dtheta: Array) -> tuple[float, float, float]:
-    """Gain, delay in rows and left-over spread of dtheta against the slope, at the delay where they agree best."""
-    rest = [_line(slope, dtheta, k)[1] for k in range(-REACH, REACH + 1)]
+def _compared(slope: Array, rate: Array) -> tuple[float, float, float]:
+    """Gain, delay in rows and left-over spread of the rate against the slope, at the delay where they agree best."""
+    rest = [_line(slope, rate, k)[1] for k in range(-REACH, REACH + 1)]
     best = min(range(len(rest)), key=rest.__getitem__)
     lag = float(best - REACH)
     if 0 < best < 2 * REACH:
         # vertex of the parabola through the squares
         a, b, c = rest[best - 1] ** 2, rest[best] ** 2, rest[best + 1] ** 2
         lag += 0.5 * (a - c) / max(a - 2 * b + c, 1e-300)
-    return _line(slope, dtheta, best - REACH)[0], lag, rest[best]
+    return _line(slope, rate, best - REACH)[0], lag, rest[best]
 
 
-def _line(slope: Array, dtheta: Array, k: int) -> tuple[float, float]:
+def _line(slope: Array, rate: Array, k: int) -> tuple[float, float]:
     n = len(slope)
-    x, y = slope[max(0, -k) : n - max(0, k)], dtheta[max(0, k) : n - max(0, -k)]
+    x, y = slope[max(0, -k) : n - max(0, k)], rate[max(0, k) : n - max(0, -k)]
     both = np.isfinite(x) & np.isfinite(y)
     x, y = x[both], y[both]
     gain = float(x @ y) / max(float(x @ x), 1e-300)
     return gain, clipped_sigma(y - gain * x)
 
 
-def _verdict(gain: float, lag: float, noise: float, rate_noise: float) -> tuple[str, str]:
-    if abs(gain - 1.0) > GAIN_TOLERANCE:
-        return "theta_rate", f"dtheta is {gain:.3f} times the slope of theta"
-    if abs(lag) > LAG_STEPS:
-        return "theta_rate", f"dtheta is {lag:.2f} samples late against theta"
-    if noise > rate_noise:
-        return "theta_rate", f"dtheta scatters by {noise:.3g} rad/s, the slope of theta by {rate_noise:.3g} rad/s"
-    return "dtheta", f"dtheta agrees with the slope of theta to {noise:.3g} rad/s"
+class _Words(NamedTuple):
+    """How both are called."""
+
+    counted: str
+    rate: str
+    unit: str
+
+    @property
+    def slope(self) -> str:
+        return f"{self.counted}_rate"
+
+    def verdict(self, gain: float, lag: float, noise: float, rate_noise: float) -> tuple[str, str]:
+        """Which one, and why."""
+        counted, rate, unit = self
+        if abs(gain - 1.0) > GAIN_TOLERANCE:
+            return self.slope, f"{rate} is {gain:.3f} times the slope of {counted}"
+        if abs(lag) > LAG_STEPS:
+            return self.slope, f"{rate} is {lag:.2f} samples late against {counted}"
+        if noise > rate_noise:
+            spread = f"the slope of {counted} by {rate_noise:.3g} {unit}"
+            return self.slope, f"{rate} scatters by {noise:.3g} {unit}, {spread}"
+        return rate, f"{rate} agrees with the slope of {counted} to {noise:.3g} {unit}"

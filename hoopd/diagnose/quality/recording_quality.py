@@ -1,8 +1,7 @@
 """A recording judged by itself before any model: what its samples are worth, and which of them count.
 
 Rules of this file: no model and no knowledge of one file; nothing is changed or filled in, masks say what counts;
-everything set aside is counted and has a reason. The parts are motion.py and mixture.py (each sample against the
-others), lateframes.py, outliers.py, stops.py and speed.py; here they are put together.
+everything set aside is counted and has a reason.
 """
 
 from __future__ import annotations
@@ -16,19 +15,27 @@ from numpy.typing import NDArray
 
 from hoopd.diagnose.quality.channel_course import lagged
 from hoopd.diagnose.quality.late_frames import slow_stretches
+from hoopd.diagnose.quality.noise_floor import quantum
 from hoopd.diagnose.quality.outliers import bursts, inside, stretches
 from hoopd.diagnose.quality.rate_choice import Speed, speed
-from hoopd.diagnose.quality.sensor_samples import Channel, absent_channel, ball_channel, hoop_channel
+from hoopd.diagnose.quality.sensor_samples import (
+    Channel,
+    absent_channel,
+    camera_channel,
+    counted_channel,
+    weight_of,
+)
+from hoopd.diagnose.quality.sensors import Sensor, rates_of, sensors_of, turning_cameras
 from hoopd.diagnose.quality.standstill import Clock, clock, saturated_share, unanswered
 from hoopd.diagnose.quality.turns import turned
-from hoopd.plants.fits.fit_data import HELD_COUNTS, moving_of
-from hoopd.plants.hoop.suspicions import ball_is_current, suspicions
+from hoopd.plants.declaration import Plant
+from hoopd.plants.fits.fit_data import HELD_COUNTS
+from hoopd.recording.doubts import doubts
 from hoopd.recording.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-CHANNELS = ("theta", "dtheta", "psi")
 # A shorter stretch of equal angles is counted, and not worth a line of its own.
 STUCK_S = 0.2
 # Unevenness of sampling that is worth a line: at 20 rad/s more than an encoder's count.
@@ -44,9 +51,19 @@ class Quality:
     recording: str
     channels: Mapping[str, Channel]
     segments: list[tuple[float, float, str]]  # s, s, reason
-    speed: Speed
-    moving: str  # both, hoop or ball
+    plant: Plant  # with what moves in the recording
+    sensors: Mapping[str, Sensor]  # of the channels
+    speeds: Mapping[str, Speed] = field(default_factory=dict)  # measured rates that stand beside what they are rates of
     notes: list[str] = field(default_factory=list)  # doubts in words
+
+    def wrong_rate(self, channel: str) -> bool:
+        """Whether a channel is no rate of what it is called the rate of."""
+        return channel in self.speeds and self.speeds[channel].wrong
+
+    @property
+    def cameras(self) -> list[Channel]:
+        """Channels that a camera sees."""
+        return [one for name, one in self.channels.items() if self.sensors[name].is_camera]
 
     def data_quality(self) -> dict[str, Any]:
         """The part of the diagnosis's JSON: numbers of samples, of sensors that are there at all."""
@@ -54,70 +71,105 @@ class Quality:
         total = {kind: sum(one.numbers[kind] for one in there) for kind in ("missing", "outliers")}
         return {
             "missing": total["missing"],
-            "late_frames": self.channels["psi"].numbers["late"],
+            "late_frames": sum(one.numbers["late"] for one in self.cameras),
             "outliers": total["outliers"],
             "segments_ignored": [list(one) for one in self.segments],
             "samples": sum(len(one.missing) for one in there),
-            "frames": sum(len(one.missing) for one in there if one.name == "psi"),
+            "frames": sum(len(one.missing) for one in there if one in self.cameras),
         }
 
 
-def assess(recording: Recording, encoder_counts: int = 4096) -> Quality:
-    """Judge a recording by itself; encoder_counts: a turn of theta's sensor."""
-    whole = turned(recording)
-    moving = _moving(whole, encoder_counts)
-    silent = [] if moving == "ball" else unanswered(whole, encoder_counts)
-    segments = [(*_span(whole, a, b), "the hoop does not answer the torque") for a, b in silent]
-    judged = _judged(whole, moving, inside(len(whole), silent), encoder_counts)
+def assess(recording: Recording, plant: Plant) -> Quality:
+    """Judge a recording of a plant by itself; `plant.judges` says what the plant knows of it beside its sensors."""
+    judges = plant.judges
+    whole = turned(recording, turning_cameras(sensors_of(plant, plant)))
+    moving = plant if judges.moving is None else judges.moving(whole)
+    sensors = sensors_of(plant, moving)
+    silent = _silent(whole, plant, moving, sensors) if judges.stops else []
+    body, force = _body(plant), _force(plant)
+    segments = [(*_span(whole, a, b), f"the {body} does not answer the {force}") for a, b in silent]
+    judged = _judged(whole, plant, sensors, inside(len(whole), silent))
     channels = {name: _without_bursts(whole, channel, segments) for name, channel in judged.items()}
-    channels["psi"] = _rested(whole, channels["psi"], moving, encoder_counts)
-    segments += _stuck(whole, channels["psi"])
+    for name in [name for name, one in sensors.items() if one.is_camera]:
+        channels[name] = _rested(whole, channels[name], sensors)
+        segments += _stuck(whole, channels[name])
+    clean = cleaned_channels(whole, channels)
     return Quality(
         recording.source,
         channels,
         sorted(segments),
-        speed(cleaned_channels(whole, channels), channels["theta"].sigma),
         moving,
+        sensors,
+        {rate: speed(clean, place, rate, channels[place].sigma) for rate, place in rates_of(sensors).items()},
         [
-            *suspicions(recording),
+            *(judges.doubts or doubts)(recording),
             *_told(clock(recording)),
-            *_limited(recording.u),
-            *_slow_camera(whole, channels["psi"]),
-            *_uneven(channels["theta"]),
+            *_limited(recording, plant),
+            *(note for name, one in sensors.items() if one.is_camera for note in _slow_camera(whole, channels[name])),
+            *(note for name, one in sensors.items() if _is_counted(one) for note in _uneven(channels[name])),
         ],
     )
 
 
-def _moving(recording: Recording, encoder_counts: int) -> str:
-    """both, hoop or ball; a psi that is another signal is no ball."""
-    moving = moving_of(recording, encoder_counts)
-    return "hoop" if moving == "both" and ball_is_current(recording) else moving
+def _is_counted(sensor: Sensor) -> bool:
+    """Whether a channel counts the way along a coordinate."""
+    return sensor.is_place and not sensor.is_camera
 
 
-def _judged(recording: Recording, moving: str, ignored: Mask, encoder_counts: int) -> dict[str, Channel]:
-    """Every sensor by itself; only what drives the hoop comes from another one."""
-    drives = lagged(recording.u)
-    if moving == "hoop":
-        psi = absent_channel(recording, "psi", ignored)
-    else:
-        psi, course = ball_channel(recording, drives, ignored)
-        if course is not None:  # the ball's weight turns the hoop too
-            drives = np.column_stack([drives, np.sin(course), np.cos(course)])
-    hoop = {name: hoop_channel(recording, name, drives, ignored, moving, encoder_counts) for name in CHANNELS[:2]}
-    return {**hoop, "psi": psi}
+def _body(plant: Plant) -> str:
+    """What the drive moves, in a word."""
+    named = (name for name, one in plant.slots.items() if one.kind == "body" and one.coordinate == plant.driven)
+    return next(named, plant.name)
+
+
+def _force(plant: Plant) -> str:
+    """What the first input is, in a word."""
+    return {"N m": "torque", "N": "force"}.get(plant.force_unit, plant.inputs[0].name if plant.inputs else "input")
+
+
+def _silent(recording: Recording, plant: Plant, moving: Plant, sensors: Mapping[str, Sensor]) -> list[tuple[int, int]]:
+    """Rows in which what is driven and moves does not answer its input."""
+    counted = [one for one in sensors.values() if _is_counted(one) and one.coordinate == moving.driven]
+    if not counted or not plant.inputs:
+        return []
+    sensor, force = counted[0], recording.column(plant.inputs[0].name)
+    place = recording.column(sensor.name)
+    step = sensor.resolution or quantum(place[np.isfinite(place)])
+    return unanswered(recording.t, place, force, step) if np.isfinite(step) else []
+
+
+def _judged(recording: Recording, plant: Plant, sensors: Mapping[str, Sensor], ignored: Mask) -> dict[str, Channel]:
+    """Every sensor by itself; only what drives comes from the inputs, and from what a camera sees turning."""
+    drives = np.hstack([np.zeros((len(recording), 0)), *(lagged(recording.column(one.name)) for one in plant.inputs)])
+    again = np.zeros(len(recording), dtype=bool)
+    if plant.judges.repeated is not None:
+        again[plant.judges.repeated(recording)] = True
+    seen, inputs = dict[str, Channel](), drives
+    for name, sensor in sensors.items():
+        if not sensor.is_camera:
+            continue
+        if not sensor.moves:
+            seen[name] = absent_channel(recording, name, ignored)
+            continue
+        seen[name], course = camera_channel(recording, sensor, inputs, ignored)
+        if course is not None and sensor.turns:  # the weight of what turns pulls at the rest, too
+            drives = np.column_stack([drives, weight_of(course)])
+    return {
+        name: seen[name] if name in seen else counted_channel(recording, sensor, drives, ignored, again)
+        for name, sensor in sensors.items()
+    }
 
 
 def cleaned(recording: Recording, quality: Quality) -> Recording:
     """The recording with every sample that does not count as NaN, angles unwrapped."""
-    return cleaned_channels(turned(recording), quality.channels)
+    return cleaned_channels(turned(recording, turning_cameras(quality.sensors)), quality.channels)
 
 
 def cleaned_channels(recording: Recording, channels: Mapping[str, Channel]) -> Recording:
     """The recording with NaN where a channel does not count."""
-    changes: dict[str, Any] = {
-        name: np.where(one.counts, getattr(recording, name), np.nan) for name, one in channels.items()
-    }
-    return replace(recording, **changes)
+    return recording.replaced(
+        **{name: np.where(one.counts, recording.column(name), np.nan) for name, one in channels.items()}
+    )
 
 
 # ---------------------------------------------------------------------------------------------- segments
@@ -138,25 +190,36 @@ def _without_bursts(recording: Recording, channel: Channel, segments: list[tuple
     return replace(channel, counts=channel.counts & ~inner, outliers=outside, ignored=channel.ignored | inner)
 
 
-def _stuck(recording: Recording, psi: Channel) -> list[tuple[float, float, str]]:
-    """Stretches in which the camera gives one and the same angle."""
-    if not psi.counts.any():
+def _stuck(recording: Recording, camera: Channel) -> list[tuple[float, float, str]]:
+    """Stretches in which the camera gives one and the same value."""
+    if not camera.counts.any():
         return []
-    spans = [_span(recording, max(a - 1, 0), b) for a, b in stretches(psi.stuck)]
-    return [(*span, "psi: the camera repeats itself") for span in spans if span[1] - span[0] >= STUCK_S]
+    spans = [_span(recording, max(a - 1, 0), b) for a, b in stretches(camera.stuck)]
+    reason = f"{camera.name}: the camera repeats itself"
+    return [(*span, reason) for span in spans if span[1] - span[0] >= STUCK_S]
 
 
-def _rested(recording: Recording, psi: Channel, moving: str, encoder_counts: int) -> Channel:
-    """The last of equal angles counts where the hoop is still too and the ball goes on from there: it was at rest."""
-    counts, stuck = psi.counts.copy(), psi.stuck.copy()
-    for first, last in stretches(psi.stuck) if moving == "both" and psi.counts.any() else []:
-        after = recording.psi[last + 1 : last + 2]
-        near = len(after) > 0 and abs(float(after[0]) - float(recording.psi[last])) < RESTED_SIGMAS * psi.sigma
-        moved = np.abs(recording.theta[first : last + 1] - recording.theta[first])
-        still = int(np.argmin(np.append(moved < HELD_COUNTS * 2.0 * np.pi / encoder_counts, False)))
+def _rested(recording: Recording, camera: Channel, sensors: Mapping[str, Sensor]) -> Channel:
+    """The last of equal values counts where all that is counted is still too, and it goes on from there: at rest."""
+    counted = [one for one in sensors.values() if _is_counted(one) and one.moves]
+    if not counted or not sensors[camera.name].moves or not camera.counts.any():
+        return camera
+    column, counts, stuck = recording.column(camera.name), camera.counts.copy(), camera.stuck.copy()
+    for first, last in stretches(camera.stuck):
+        after = column[last + 1 : last + 2]
+        near = len(after) > 0 and abs(float(after[0]) - float(column[last])) < RESTED_SIGMAS * camera.sigma
+        still = min(_still_rows(recording, one, first, last) for one in counted)
         if near and still > 1:
             counts[first + still - 1], stuck[first + still - 1] = True, False
-    return replace(psi, counts=counts, stuck=stuck)
+    return replace(camera, counts=counts, stuck=stuck)
+
+
+def _still_rows(recording: Recording, sensor: Sensor, first: int, last: int) -> int:
+    """How many rows from the first one on a reading stays where it is."""
+    place = recording.column(sensor.name)
+    step = sensor.resolution or quantum(place[np.isfinite(place)])
+    moved = np.abs(place[first : last + 1] - place[first])
+    return int(np.argmin(np.append(moved < HELD_COUNTS * step, False)))
 
 
 def _told(found: Clock) -> list[str]:
@@ -172,24 +235,25 @@ def _told(found: Clock) -> list[str]:
     return sentences
 
 
-def _limited(u: Array) -> list[str]:
-    """A torque that stays at its largest value says nothing of what was asked for."""
-    share = saturated_share(u)
-    return [f"the torque stays at its limit in {share:.0%} of the rows"] if share > 0.0 else []
+def _limited(recording: Recording, plant: Plant) -> list[str]:
+    """An input that stays at its largest value says nothing of what was asked for."""
+    shares = {one.name: saturated_share(recording.column(one.name)) for one in plant.inputs}
+    words = {one.name: f"the {_force(plant)}" if one is plant.inputs[0] else one.name for one in plant.inputs}
+    return [f"{words[name]} stays at its limit in {share:.0%} of the rows" for name, share in shares.items() if share]
 
 
-def _uneven(theta: Channel) -> list[str]:
+def _uneven(place: Channel) -> list[str]:
     """Samples whose scatter grows with the speed were not taken when their stamps say."""
-    if theta.jitter_s < JITTER_S:
+    if place.jitter_s < JITTER_S:
         return []
-    return [f"theta scatters with its speed, as if taken {1e3 * theta.jitter_s:.2g} ms too early or too late"]
+    return [f"{place.name} scatters with its speed, as if taken {1e3 * place.jitter_s:.2g} ms too early or too late"]
 
 
-def _slow_camera(recording: Recording, psi: Channel) -> list[str]:
+def _slow_camera(recording: Recording, camera: Channel) -> list[str]:
     """A camera that for a while takes fewer frames than there are rows."""
     rate, sentences = 1.0 / recording.sample_time_s if len(recording) > 1 else 0.0, []
-    for first, last, period in slow_stretches(psi.late):
+    for first, last, period in slow_stretches(camera.late):
         span = f"{recording.t[first]:.6g} to {recording.t[last]:.6g} s"
         frames = f"{rate * (period - 1) / period:.3g} frames a second"
-        sentences.append(f"psi: from {span} one of {period} values is the one before: a camera of {frames}")
+        sentences.append(f"{camera.name}: from {span} one of {period} values is the one before: a camera of {frames}")
     return sentences

@@ -18,12 +18,11 @@ from hoopd.diagnose.quality.late_frames import NATS, RepeatedFrames, repeated_fr
 from hoopd.diagnose.quality.noise_floor import noise_floor, quantum, resolution
 from hoopd.diagnose.quality.outliers import spread_share
 from hoopd.diagnose.quality.population import second_population
-from hoopd.diagnose.quality.sample_classes import Split, split
+from hoopd.diagnose.quality.sample_classes import SMALLEST, Split, split
+from hoopd.diagnose.quality.sensors import Sensor
 from hoopd.diagnose.quality.turns import near
 from hoopd.plants.fits.fit_data import HELD_COUNTS
-from hoopd.plants.hoop.suspicions import repeated_rows
 from hoopd.recording.recording import Recording
-from hoopd.recording.timeline import TIMES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,8 +30,8 @@ Mask = NDArray[np.bool_]
 # Fewer samples have no course of their own.
 FEWEST = 75
 SURE = 0.5
-# The least noise a speed or a camera's angle can have: what a file's rounding leaves.
-LEAST = {"theta": 1e-6, "dtheta": 1e-6, "psi": 1e-6}
+# The least noise of an angle or its rate, or the same share of another reading's span: what a file's rounding leaves.
+LEAST, ANGLES = 1e-6, ("rad", "rad/s")
 
 
 @dataclass(frozen=True)
@@ -95,13 +94,13 @@ class Channel:
 def absent_channel(recording: Recording, name: str, ignored: Mask) -> Channel:
     """A sensor that saw nothing that moves."""
     n = len(recording)
-    none, missing = np.zeros(n, dtype=bool), ~np.isfinite(getattr(recording, name))
+    none, missing = np.zeros(n, dtype=bool), ~np.isfinite(recording.column(name))
     return Channel(name, float("nan"), float("nan"), none, missing, ~missing, none, none, ignored)
 
 
 def _times(recording: Recording, name: str) -> Array:
     """When each row's sample was taken (n,), growing; missing stamps lie as late after t as the others."""
-    stamps, t = getattr(recording, TIMES[name]), recording.t
+    stamps, t = recording.channels[name].t, recording.t
     late = stamps - t
     usual = float(np.median(late[np.isfinite(late)])) if np.isfinite(late).any() else 0.0
     times = np.where(np.isfinite(stamps), stamps, t + usual)
@@ -116,30 +115,35 @@ def _growing(times: Array, least: float) -> Array:
 
 def _new(recording: Recording, name: str) -> Mask:
     """Samples (n,) that are there and are no second record of the same one."""
-    stamps = getattr(recording, TIMES[name])
-    seen = np.isfinite(getattr(recording, name))
+    stamps = recording.channels[name].t
+    seen = np.isfinite(recording.column(name))
     before = np.maximum.accumulate(np.where(np.isfinite(stamps), stamps, -np.inf))
     again = np.concatenate([[False], stamps[1:] <= before[:-1]])
     return np.asarray(seen & ~again)
 
 
-def hoop_channel(
-    recording: Recording, name: str, drives: Array, ignored: Mask, moving: str, encoder_counts: int
-) -> Channel:
-    """theta or dtheta: noise, repeated rows, single false values."""
-    values, usable = getattr(recording, name), _new(recording, name)
+def _least(recording: Recording, name: str) -> float:
+    """The least noise that a sample can have: what a file's rounding leaves of an angle, or of the span of others."""
+    if recording.channels[name].unit in ANGLES:
+        return LEAST
+    values = recording.column(name)
+    return LEAST * max(float(np.ptp(values[np.isfinite(values)], initial=0.0)), SMALLEST)
+
+
+def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored: Mask, again: Mask) -> Channel:
+    """A sensor that counts, or reads at once: noise, repeated rows (`again`), single false values."""
+    name = sensor.name
+    values, usable = recording.column(name), _new(recording, name)
     missing, none = ~np.isfinite(values), np.zeros(len(values), dtype=bool)
-    stuck = none.copy()
-    stuck[repeated_rows(recording)] = True
-    stuck |= ~usable & ~missing
+    stuck = again | (~usable & ~missing)
     usable &= ~stuck & ~ignored
     step = quantum(values[usable])
     whole = Channel(name, float("nan"), step, usable, missing, stuck, none, none, ignored)
     if usable.sum() < FEWEST or _constant(values[usable]):
         return whole
-    t, integrals = _times(recording, name), 2 if name == "theta" else 1
-    floor = step / sqrt(12.0) if np.isfinite(step) else LEAST[name]
-    if moving == "ball" or np.ptp(values[usable]) < HELD_COUNTS * step:
+    t, integrals = _times(recording, name), sensor.integrals
+    floor = step / sqrt(12.0) if np.isfinite(step) else _least(recording, name)
+    if not sensor.moves or np.ptp(values[usable]) < HELD_COUNTS * step:
         return replace(whole, sigma=floor)
     found = split(t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor)
     false = found.false > SURE
@@ -151,21 +155,23 @@ def _constant(values: Array) -> bool:
     return float(np.ptp(values)) <= 1e-12
 
 
-def ball_channel(recording: Recording, drives: Array, ignored: Mask) -> tuple[Channel, Array | None]:
-    """psi: noise, lost and late frames, single false values; and the course of the ball (n,)."""
-    usable = _new(recording, "psi") & ~ignored
-    missing = ~np.isfinite(recording.psi)
-    values = near(np.where(usable, recording.psi, np.nan))
+def camera_channel(recording: Recording, sensor: Sensor, drives: Array, ignored: Mask) -> tuple[Channel, Array | None]:
+    """What a camera sees: noise, lost and late frames, single false values; and the course of what it sees (n,)."""
+    name = sensor.name
+    usable = _new(recording, name) & ~ignored
+    missing = ~np.isfinite(recording.column(name))
+    values = np.where(usable, recording.column(name), np.nan)
+    values = near(values) if sensor.turns else values
     same = repeats(values)
     stuck = same.stuck | (~usable & ~missing & ~ignored)
     usable &= ~same.stuck
     none = np.zeros(len(values), dtype=bool)
-    whole = Channel("psi", float("nan"), quantum(values), usable, missing, stuck, none, none, ignored)
+    whole = Channel(name, float("nan"), quantum(values), usable, missing, stuck, none, none, ignored)
     fresh = usable & ~same.short
     if fresh.sum() < FEWEST:
         return whole, None
-    t = _times(recording, "psi")
-    found = split(t, np.where(fresh, values, np.nan), _ball_paths(t, drives), late=True, floor=LEAST["psi"])
+    t, floor = _times(recording, name), _least(recording, name)
+    found = split(t, np.where(fresh, values, np.nan), _paths(t, drives, sensor.turns), late=True, floor=floor)
     return _judged(whole, found, same.short, fresh, t, values), found.course
 
 
@@ -197,12 +203,17 @@ def _late_share(found: Split, again: RepeatedFrames, candidates: int, part: floa
 
 
 def _moved(course: Array, fresh: Mask) -> Array:
-    """(n,) how far the ball went since the row before; after the last new angle, as far as there."""
+    """(n,) how far it went since the row before; after the last new angle, as far as there."""
     moved, last = np.diff(course, prepend=course[0]), int(np.flatnonzero(fresh)[-1])
     moved[last + 1 :] = moved[last]
     return np.asarray(moved)
 
 
-def _ball_paths(t: Array, drives: Array) -> Callable[[Array], Array]:
-    """The torque, and gravity by the angle: what pushes a ball at once."""
-    return lambda course: pushes(t, np.column_stack([drives, np.sin(course), np.cos(course)]), 2)
+def weight_of(course: Array) -> Array:
+    """Gravity (n, 2) on what hangs or rolls at an angle (n,), its direction unknown."""
+    return np.column_stack([np.sin(course), np.cos(course)])
+
+
+def _paths(t: Array, drives: Array, turns: bool) -> Callable[[Array], Array]:
+    """The inputs, and gravity by the angle: what pushes at once."""
+    return lambda course: pushes(t, np.column_stack([drives, weight_of(course)]) if turns else drives, 2)

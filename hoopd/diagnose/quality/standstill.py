@@ -1,12 +1,11 @@
-"""Where the hoop does not answer, the camera has lost the ball, the clock is uneven, and the torque is at its limit.
+"""Where the drive does not answer, the clock is uneven, and an input is at its limit.
 
-Rules of this file: read off the recording alone; a hoop that rests under a small torque may be held by friction, one
-that rests under torques which turn it elsewhere is not driven.
+Rules of this file: read off the recording alone; what rests under a small force may be held by friction, what rests
+under forces which move it elsewhere is not driven.
 """
 
 from __future__ import annotations
 
-from math import tau
 from typing import NamedTuple
 
 import numpy as np
@@ -22,13 +21,13 @@ Mask = NDArray[np.bool_]
 
 # A drive answers within a tick or two; rest for longer is no delay.
 REST_S = 0.3
-# Of the torques at which the hoop moves: one in four is smaller, and friction may hold those.
+# Of the forces at which it moves: one in four is smaller, and friction may hold those.
 LEVEL = 0.25
 # Clocks that move against each other by more steps than that were set; a median over so many rows tells.
 SHIFT_STEPS, SHIFT_ROWS = 3.0, 15
 # A longer step between rows is a missing row.
 MISSING_STEPS = 1.5
-# So many largest torques in a row are a limit (a sine has two at its peak), unless there are only a few levels at all.
+# So many largest values in a row are a limit (a sine has two at its peak), unless there are only a few levels at all.
 STAYS, LEVELS = 3, 8
 
 
@@ -56,9 +55,9 @@ def clock(recording: Recording) -> Clock:
 
 
 def _shifts(recording: Recording, step_s: float) -> list[float]:
-    """Rows from which y_t or psi_t keep another distance to t: a clock that was set."""
+    """Rows from which samples keep another distance to t: a clock that was set."""
     found = set()
-    for stamps in (recording.y_t, recording.psi_t):
+    for stamps in {id(one.t): one.t for one in recording.channels.values()}.values():
         seen = np.flatnonzero(np.isfinite(stamps))
         if len(seen) < 3 * SHIFT_ROWS:
             continue
@@ -70,23 +69,23 @@ def _shifts(recording: Recording, step_s: float) -> list[float]:
     return sorted(found)
 
 
-def resting(theta: Array, t: Array, encoder_counts: int = 4096) -> Mask:
-    """Rows (n,) of stretches of REST_S or longer in which theta stays within HELD_COUNTS counts."""
-    seen = np.flatnonzero(np.isfinite(theta))
-    mask = np.zeros(len(theta), dtype=bool)
+def resting(place: Array, t: Array, resolution: float) -> Mask:
+    """Rows (n,) of stretches of REST_S or longer in which a reading stays within HELD_COUNTS of its steps."""
+    seen = np.flatnonzero(np.isfinite(place))
+    mask = np.zeros(len(place), dtype=bool)
     width = max(int(np.ceil(REST_S / np.median(np.diff(t)))), 3) + 1 if len(t) > 1 else 2
     if len(seen) < width:
         return mask
-    windows = np.lib.stride_tricks.sliding_window_view(theta[seen], width)
-    still = np.ptp(windows, axis=1) < HELD_COUNTS * tau / encoder_counts
+    windows = np.lib.stride_tricks.sliding_window_view(place[seen], width)
+    still = np.ptp(windows, axis=1) < HELD_COUNTS * resolution
     mask[seen[np.convolve(still.astype(int), np.ones(width, dtype=int)) > 0]] = True
     return mask
 
 
-def unanswered(recording: Recording, encoder_counts: int = 4096) -> list[tuple[int, int]]:
-    """First and last row of stretches in which torques that turn the hoop elsewhere do not turn it."""
-    u, rest = np.abs(np.nan_to_num(recording.u)), resting(recording.theta, recording.t, encoder_counts)
-    moving = np.isfinite(recording.theta) & ~rest & (u > 0.0)
+def unanswered(t: Array, place: Array, force: Array, resolution: float) -> list[tuple[int, int]]:
+    """First and last row of stretches in which forces that move it elsewhere do not move it."""
+    u, rest = np.abs(np.nan_to_num(force)), resting(place, t, resolution)
+    moving = np.isfinite(place) & ~rest & (u > 0.0)
     if not moving.any():
         return []
     level = float(np.quantile(u[moving], LEVEL))
@@ -98,7 +97,7 @@ def _driven(u: Array, level: float) -> bool:
 
 
 def saturated_share(u: Array) -> float:
-    """Share of rows that stay at the largest torque, of a torque with more than a few levels (else 0: two levels)."""
+    """Share of rows that stay at the largest value, of an input with more than a few levels (else 0: two levels)."""
     seen = np.abs(u[np.isfinite(u)])
     if len(seen) == 0 or len(np.unique(seen)) < LEVELS:
         return 0.0

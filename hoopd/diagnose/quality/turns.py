@@ -1,11 +1,12 @@
 """Turns of an angle of which some samples are false.
 
-Rules of this file: a false value is no turn of the ball; whatever goes on by whole turns is decided by the good samples
+Rules of this file: a false value is no turn; whatever goes on by whole turns is decided by the good samples
 around, never by one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import pi
 
 import numpy as np
@@ -22,20 +23,25 @@ STEPS = 11
 AGREES = 0.7
 
 
-def turned(recording: Recording) -> Recording:
-    """The recording with unwrapped angles; psi through false values and past the axis too."""
-    psi = recording.psi
-    rows = np.flatnonzero(np.isfinite(psi))
-    if len(rows) < STEPS + 1 or np.abs(psi[rows]).max() > pi * (1 + 1e-6):
-        return unwrapped(recording)
-    seen, result = psi[rows], psi.copy()
+def turned(recording: Recording, cameras: Iterable[str] = ()) -> Recording:
+    """The recording with unwrapped angles; those that cameras see through false values and past the axis too."""
+    found = {name: _turned(recording.column(name)) for name in cameras}
+    return unwrapped(recording).replaced(**{name: angle for name, angle in found.items() if angle is not None})
+
+
+def _turned(angle: Array) -> Array | None:
+    """(n,) through false values; None for one that is unwrapped already, or too short."""
+    rows = np.flatnonzero(np.isfinite(angle))
+    if len(rows) < STEPS + 1 or np.abs(angle[rows]).max() > pi * (1 + 1e-6):
+        return None
+    seen, result = angle[rows], angle.copy()
     # what turns with the local rate is taken out before the shorter way is looked for
     steps = np.pad(_wrapped(np.diff(seen)), STEPS // 2, mode="edge")
     rate = np.median(np.lib.stride_tricks.sliding_window_view(steps, STEPS), axis=1)
     base = np.concatenate([[0.0], np.cumsum(rate)])
     rest = _through_good(seen - base)
     result[rows] = _by_whole_turns(seen, base + rest)
-    return unwrapped(recording).replaced(psi=result + (seen[0] - result[rows[0]]))
+    return np.asarray(result + (seen[0] - result[rows[0]]))
 
 
 def _through_good(rest: Array) -> Array:
@@ -47,15 +53,15 @@ def _through_good(rest: Array) -> Array:
     return np.interp(np.arange(len(rest)), good, np.unwrap(rest[good]))
 
 
-def near(psi: Array) -> Array:
+def near(angle: Array) -> Array:
     """The angle (n,) within half a turn of the median of its neighbours."""
-    rows = np.flatnonzero(np.isfinite(psi))
-    result = psi.copy()
+    rows = np.flatnonzero(np.isfinite(angle))
+    result = angle.copy()
     if len(rows) < 5:
         return result
-    padded = np.pad(psi[rows], 2, mode="edge")
+    padded = np.pad(angle[rows], 2, mode="edge")
     middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
-    result[rows] = _by_whole_turns(psi[rows], middle + _wrapped(psi[rows] - middle))
+    result[rows] = _by_whole_turns(angle[rows], middle + _wrapped(angle[rows] - middle))
     return result
 
 

@@ -6,17 +6,20 @@ Rules of this file: equations come from `equations`; its own effects come from t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from math import inf
+from math import inf, tau
 from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import Channel, Input, Plant, Slot
+from hoopd.plants.declaration import Channel, Input, Judges, Plant, Slot
 from hoopd.plants.effects.base import Effect, Point
+from hoopd.plants.fits.fit_data import moving_of
 from hoopd.plants.hoop import ball_effects, frame_effects
 from hoopd.plants.hoop.contact import contact_of
 from hoopd.plants.hoop.equations import MOTIONS, symbols
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
+from hoopd.plants.hoop.suspicions import ball_is_current, repeated_rows, suspicions
+from hoopd.recording.recording import Recording
 
 
 def own_effects(plant: Plant) -> tuple[Effect, ...]:
@@ -24,11 +27,13 @@ def own_effects(plant: Plant) -> tuple[Effect, ...]:
     return (*ball_effects.effects(plant), *frame_effects.effects(plant))
 
 
-def hoop_plant(structure: str, values: Mapping[str, float], moving: str = "both", limit: float = 0.7) -> Plant:
+def hoop_plant(
+    structure: str, values: Mapping[str, float], moving: str = "both", limit: float = 0.7, encoder_counts: int = 4096
+) -> Plant:
     """The hoop with its ball, the hoop alone or the ball in a held hoop; `values` as in `Plant`."""
     coordinates = {"both": ("theta", "psi"), "hoop": ("theta",), "ball": ("psi",)}[moving]
     seen = {
-        "theta": Channel("theta", "rad", "encoder"),
+        "theta": Channel("theta", "rad", "encoder", resolution=tau / encoder_counts),
         "dtheta": Channel("dtheta", "rad/s", "encoder"),
         "psi": Channel("psi", "rad", "camera"),
     }
@@ -46,7 +51,22 @@ def hoop_plant(structure: str, values: Mapping[str, float], moving: str = "both"
         units=PARAMETER_UNITS[structure],
         bounds=_bounds(structure, moving, values),
         own_effects=own_effects,
+        judges=Judges(
+            moving=lambda recording: hoop_plant(
+                structure, values, what_moves(recording, encoder_counts), limit, encoder_counts
+            ),
+            doubts=suspicions,
+            repeated=repeated_rows,
+            stops=True,
+            words={"theta": "the hoop", "psi": "the ball"},
+        ),
     )
+
+
+def what_moves(recording: Recording, encoder_counts: int = 4096) -> str:
+    """both, hoop or ball; a psi that is another signal is no ball."""
+    moving = moving_of(recording, encoder_counts)
+    return "hoop" if moving == "both" and ball_is_current(recording) else moving
 
 
 # Which of the eight entries a recording says something about, by what moves in it.
