@@ -127,7 +127,8 @@ def _least(recording: Recording, name: str) -> float:
     if recording.channels[name].unit in ANGLES:
         return LEAST
     values = recording.column(name)
-    return LEAST * max(float(np.ptp(values[np.isfinite(values)], initial=0.0)), SMALLEST)
+    known = values[np.isfinite(values)]
+    return LEAST * max(float(np.ptp(known)) if len(known) else 0.0, SMALLEST)
 
 
 def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored: Mask, again: Mask) -> Channel:
