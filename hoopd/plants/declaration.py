@@ -59,7 +59,7 @@ class Judges:
     doubts: Callable[[Any], list[str]] | None = None  # sentences; None: those that hold for every recording
     repeated: Callable[[Any], Any] | None = None  # rows in which counting sensors repeat the row before
     stops: bool = False  # the drive may switch itself off: where it does not answer, nothing counts
-    words: Mapping[str, str] = {}  # coordinates as a person calls them
+    words: Mapping[str, str] = field(default_factory=dict)  # coordinates as a person calls them
 
 
 class Mode(NamedTuple):
