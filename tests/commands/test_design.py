@@ -313,8 +313,8 @@ def test_linear_plant_is_the_plant_for_small_angles() -> None:
 
 
 def test_the_page_tells_what_the_command_finds() -> None:
-    """Margins, largest |S| and noise of the table in docs/guides/design.md."""
-    text = (CONFIG.parent / "docs" / "guides" / "design.md").read_text()
+    """Margins, largest |S| and noise of the table in docs/explanations/control_laws.md."""
+    text = (CONFIG.parent / "docs" / "explanations" / "control_laws.md").read_text()
     rows, name = [], ""
     for line in text.split("## The same device")[1].split("## ")[0].splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")] if line.startswith("|") else []

@@ -1,4 +1,4 @@
-"""The fault campaign: its kinds are those of docs/reference/faults.md, and its judge lets nothing pass that is late."""
+"""The fault campaign: its kinds are those of docs/explanations/fault_campaign.md, and its judge lets nothing late pass."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hoopd.core.health import BY_NAME, Action
 from hoopd.sim import faults
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "reference" / "faults.md").read_text().split("## The campaign")[1]
+PAGE = (ROOT / "docs" / "explanations" / "fault_campaign.md").read_text()
 
 
 @pytest.fixture(scope="module")

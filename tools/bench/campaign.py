@@ -4,8 +4,9 @@
 
 In real time a run lasts some eight seconds, with a slow lie some twenty. A failed one is repeated, at most three times,
 when an independent witness saw the machine stand still for more than 50 ms (or starve a core), or when it did not
-control yet as the fault came. In lock-step nothing is repeated. What each kind does stands in docs/reference/faults.md.
-Ctrl-C ends it and shows what there is. Exit code 1 when a trial fails or is left out.
+control yet as the fault came. In lock-step nothing is repeated. What each kind does:
+docs/explanations/fault_campaign.md. Ctrl-C ends it and shows what there is. Exit code 1 when a trial fails or is
+left out.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The kinds of faults of the campaign: what docs/reference/faults.md lists in the same order.
+"""The kinds of faults of the campaign: what docs/explanations/fault_campaign.md lists in the same order.
 
 Rules of this file: a kind is a row of a table; scripted ones run in both ways, those that need a process, a signal or a
 neighbour in real time alone.
