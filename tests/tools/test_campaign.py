@@ -1,4 +1,4 @@
-"""The fault campaign: its kinds are those of docs/explanations/fault_campaign.md, and its judge lets nothing late pass."""
+"""The fault campaign: its kinds are those of docs/explanations/fault_campaign.md; its judge lets no late one pass."""
 
 from __future__ import annotations
 
