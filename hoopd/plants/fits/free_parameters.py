@@ -47,12 +47,14 @@ class Scale:
     names: tuple[str, ...]
     nominal: Array  # (m,)
     positive: NDArray[np.bool_]  # (m,)
+    bounds: tuple[Array, Array] | None = None  # least and largest (m,), where there are some
 
     def parameters(self, z: Array) -> Array:
-        """p = p0 exp(z) for positive ones, p = p0 + |p0| z else."""
+        """p = p0 exp(z) for positive ones, p = p0 + |p0| z else, within the bounds."""
         # the bound keeps a wild step of the search finite: e^30 is 1e13
         grown = self.nominal * np.exp(np.clip(z, -30.0, 30.0))
-        return np.where(self.positive, grown, self.nominal + self.size * z)
+        p = np.where(self.positive, grown, self.nominal + self.size * z)
+        return p if self.bounds is None else np.clip(p, *self.bounds)
 
     def derivative(self, z: Array) -> Array:
         """dp/dz (m,)."""
@@ -60,13 +62,28 @@ class Scale:
 
     def coordinates(self, p: Array) -> Array:
         """z of parameters."""
-        ratio = np.log(np.where(self.positive, p / self.nominal, 1.0))
+        ratio = np.log(np.divide(p, self.nominal, out=np.ones_like(self.nominal), where=self.positive))
         return np.where(self.positive, ratio, (p - self.nominal) / self.size)
 
     @property
     def size(self) -> Array:
         """Unit (m,) of the coordinates of parameters that may be negative."""
         return np.where(self.nominal == 0.0, 1.0, np.abs(self.nominal))
+
+
+def scale_within(names: Sequence[str], values: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> Scale:
+    """Scale of a declared plant's parameters around their values: what cannot be negative goes by its logarithm.
+
+    Examples
+    --------
+    >>> scale = scale_within(("M", "offset"), {"M": 100.0, "offset": 0.0}, {"M": (1.0, 1000.0)})
+    >>> scale.parameters(np.array([np.log(2.0), 3.0])).round(9).tolist()
+    [200.0, 3.0]
+    """
+    ends = [bounds.get(name, (-np.inf, np.inf)) for name in names]
+    nominal = np.array([values[name] for name in names], dtype=float)
+    low, high = (np.array([end[side] for end in ends], dtype=float) for side in (0, 1))
+    return Scale(tuple(names), nominal, (low >= 0.0) & (nominal > 0.0), (low, high))
 
 
 def determined_names(structure: str, movings: Sequence[str], *, driven: bool = True) -> tuple[str, ...]:
