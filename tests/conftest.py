@@ -12,21 +12,28 @@ import gc
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
+from disturbance import excuse, waited
 
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # before numpy is imported
     os.environ[threads] = "1"
 
 HERE = Path(__file__).parent
+# Whole daemons on the clock, or as tight as these.
 ON_THE_CLOCK = (
     "shell/test_clock.py",
     "shell/test_loop.py",
     "shell/test_service.py",
     "system/test_rig_priority.py",
 )
+
+
+# Bounds of tenths of a second and more, with much waiting: side by side, but excused like those above (disturbance.py).
+TIMED = ("shell", "sim/test_boardprocess.py", "sim/test_camera.py", "system/test_check_device.py", "tools/test_soak.py")
+BEGUN = pytest.StashKey()
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -36,10 +43,27 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    places = tuple(HERE / place for place in ON_THE_CLOCK)
     for item in items:
-        if any(place == item.path or place in item.path.parents for place in places):
+        if lies_in(item, ON_THE_CLOCK):
             item.add_marker(pytest.mark.realtime)
+
+
+def lies_in(item: pytest.Item, places: tuple[str, ...]) -> bool:
+    """Is it in one of these files or folders?"""
+    return any(HERE / place == item.path or HERE / place in item.path.parents for place in places)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    item.stash[BEGUN] = waited()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    if report.failed and (item.get_closest_marker("realtime") or lies_in(item, TIMED)):
+        excuse(report, waited().share_since(item.stash[BEGUN]))
+    return report
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -54,4 +78,3 @@ def garbage() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("hoopd.daemon.app.freeze_garbage", lambda: 0)
         yield
-    gc.unfreeze()
