@@ -104,6 +104,7 @@ class Plant:
     channels: Mapping[str, Channel] = field(default_factory=dict)
     slots: Mapping[str, Slot] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)  # usual sizes of states and inputs; empty: from the data
+    usual_force: float = 1.0  # size of the forces on the first coordinate, for a plant without inputs
     time_scale_s: float = 0.02  # usual time between two samples: integration steps and searched delays follow it
     energy: Callable[[Point], Any] | None = None  # J, where the plant has one
     own_effects: Callable[[Plant], Iterable[Effect]] | None = None  # of its own kinds of slot
@@ -131,15 +132,17 @@ class Plant:
 
     @property
     def usual_input(self) -> float:
-        """Usual size of the first input: its scale, else its limit, else one."""
+        """Usual size of the first input: its scale, else its limit, else one; without one, of the plant's forces."""
         if not self.inputs:
-            return 1.0
+            return self.usual_force
         return self.scales.get(self.inputs[0].name, self.limit if self.limit < inf else 1.0)
 
     @property
     def force_unit(self) -> str:
-        """Unit of the first input."""
-        return self.inputs[0].unit if self.inputs else "N m"
+        """Unit of the first input; without one, that of a force on the first coordinate."""
+        if self.inputs:
+            return self.inputs[0].unit
+        return "N" if self.units.get("".join(self.coordinates[:1])) == "m" else "N m"
 
     def state_of(self, channel: str) -> str:
         """The state that a channel reads; empty where it reads an expression, or is none of this plant."""

@@ -106,16 +106,21 @@ class Equations:
             raise InputError(self.path, "energy", f"must be in J, not in {unit}")
         return law
 
+    @property
+    def usual_force(self) -> float:
+        """What acts on the first coordinate where all states have their usual sizes, or one."""
+        if not self.coordinates:
+            return 1.0
+        force = ca.Function("force", list(self._symbols.values()), [ca.fabs(self._force[0])])
+        size = float(force(*self._near[1]))
+        return size if 0.0 < size < np.inf else 1.0
+
     def viscous(self, coordinate: str) -> str | None:
         """The parameter b of a friction -b q' in a coordinate's equation, where that is all that q' does to it."""
         index = self.coordinates.index(coordinate)
         slope = -ca.jacobian(self._force[index], self._symbols["x"][2 * index + 1])
         names = [name for i, name in enumerate(self.values) if ca.is_equal(slope, self._symbols["p"][i], 2)]
         return names[0] if names else None
-
-    def force_unit(self, coordinate: str) -> str:
-        """N on a length, N m on an angle."""
-        return "N" if parse_unit(self._units[coordinate]).same_kind(parse_unit("m")) else "N m"
 
     # ------------------------------------------------------------------------------------------ parsing
 
@@ -139,7 +144,8 @@ class Equations:
         if name not in self.coordinates or unit is None or own is None:
             return
         if not (unit * own).same_kind(ENERGY):
-            reason = f"its sides are in {unit}: write inertia times acceleration = forces, in {self.force_unit(name)}"
+            wanted = "N" if self._units[name] == "m" else "N m"
+            reason = f"its sides are in {unit}: write inertia times acceleration = forces, in {wanted}"
             raise InputError(self.path, key, reason)
 
     def _unit(self, name: Name) -> Unit | None:

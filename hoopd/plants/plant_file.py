@@ -98,6 +98,7 @@ class _Maker:
             channels=channels,
             slots=self._slots(channels),
             scales=e.scales,
+            usual_force=e.usual_force,
             time_scale_s=file.sample_time_s,
             energy=energy,
         )
@@ -209,10 +210,9 @@ class _Maker:
             yield name, self._slot(one.kind, one.coordinate, one.channels, one.device)
 
     def _usual_slots(self, channels: Mapping[str, Channel]) -> Iterator[tuple[str, Slot]]:
-        """A drive, a body and whoever pushes for each coordinate, and the sensors."""
-        driven = next(iter(self._equations.acting.items()), None)
-        if driven is not None and next(iter(self._inputs)) == driven[0]:
-            yield "actuator", self._slot("actuator", driven[1])
+        """The drive of the first input, a body and whoever pushes for each coordinate, and the sensors."""
+        for name in [*self._inputs][:1]:
+            yield "actuator", self._slot("actuator", self._equations.acting.get(name, ""))
         for q in self._coordinates:
             before = "" if len(self._coordinates) == 1 else f"{q.lower()}_"
             yield f"{before}body", self._slot("body", q)
@@ -221,10 +221,11 @@ class _Maker:
             read = tuple(name for name, one in channels.items() if one.sensor == sensor)
             q = next((q for name in read for q in self._coordinates if channels[name].state in (q, f"d{q}")), "")
             device = next((device for device in DEVICES if device in sensor), "")
-            if q:
-                yield sensor, self._slot("sensor", q, read, device)
+            yield sensor, self._slot("sensor", q, read, device)
 
     def _slot(self, kind: str, q: str, channels: tuple[str, ...] = (), device: str = "") -> Slot:
+        if not q:  # of first-order states
+            return Slot(kind, "", channels, device=device)
         one = self._coordinates[q]
         viscous = self._equations.viscous(q) if kind == "body" else None
         return Slot(

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.signal import oaconvolve
 
 from hoopd.recording.recording import Column
 
@@ -77,6 +76,8 @@ def _segment(times: Column, values: Column, grid: Column, step_s: float, usual: 
 
 def _low_passed(x: Column, parts: int) -> Column:
     """Zero-phase low-pass of an even column; both ends go on point-symmetrically: straight lines stay."""
+    from scipy.signal import oaconvolve  # half a second, for commands that resample nothing
+
     half = LOBES * parts
     cutoff = (1 + FLAT) / 2 / parts  # of the fine Nyquist frequency, between flat and stopped
     n = np.arange(-half, half + 1)

@@ -11,6 +11,7 @@ import pytest
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.library import library
+from hoopd.plants.free_run_model import FreeRunModel
 from hoopd.plants.plant_check import Check, checks, free_run, state_rate, usual_state
 from hoopd.plants.plant_file import load_plant, parse_plant
 from hoopd.plants.registry import FOLDER, REGISTERED, plant_named, resolve_plant
@@ -138,6 +139,30 @@ def test_a_registered_plant_is_sound(name: str) -> None:
 )
 def test_effects_come_in_the_units_of_the_coordinate(name: str, effect: str, unit: str) -> None:
     assert library(plant_named(name))[effect].parameters[0].unit == unit
+
+
+def test_effects_take_the_sizes_of_what_they_act_on() -> None:
+    """Units by the coordinate and the input; without an input, sizes by the plant's own forces."""
+    cart, tanks = library(plant(CART)), library(plant_named("tanks"))
+    assert cart["x_body.coulomb_friction"].parameters[0].unit == "N"
+    assert cart["a_body.coulomb_friction"].parameters[0].unit == "N m"
+    assert tanks["actuator.torque_bias"].parameters[0].unit == "m3/s"
+    assert tanks["h1_sensor.offset"].parameters[0].unit == "m" and "actuator.back_emf_limit" not in tanks
+    weight = 0.024 * 9.81 * 0.0806 * np.sin(0.5) + 1e-5 * 5.0
+    assert plant_named("pendulum").usual_input == pytest.approx(weight)
+    assert plant_named("axis").usual_input == 1000.0
+
+
+def test_what_the_pump_does_wrong_fills_the_tanks() -> None:
+    made = plant_named("tanks")
+    bias = library(made)["actuator.torque_bias"]
+    t, u = np.arange(3.0), np.full(2, 5e-5)
+    runs = [
+        FreeRunModel(made, (bias,), values={"actuator.torque_bias.b": b}).run([], [0.2, 0.2], t, u).readings[-1, 0]
+        for b in (0.0, 1e-6)
+    ]
+    # 1e-6 m3/s over 2 s into 0.015 m2, less what runs out of it meanwhile
+    assert runs[1] - runs[0] == pytest.approx(2e-6 / 0.015, rel=0.01)
 
 
 def test_a_camera_on_a_length_has_no_angle_offset() -> None:

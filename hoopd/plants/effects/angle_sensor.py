@@ -39,7 +39,9 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
     if rates:
         found.append(_speed_lag(name, rates))
     if angles and not slot.turns:
-        found.append(_offset(plant, name, angles))
+        found.append(_offset(name, angles, units(plant, q).coordinate))
+    elif not q and slot.channels:  # of a level, a temperature
+        found.append(_offset(name, slot.channels, plant.channels[slot.channels[0]].unit))
     return tuple(found)
 
 
@@ -111,12 +113,12 @@ def _speed_lag(name: str, rates: tuple[str, ...]) -> Effect:
     )
 
 
-def _offset(plant: Plant, name: str, angles: tuple[str, ...]) -> Effect:
+def _offset(name: str, readings: tuple[str, ...], unit: str) -> Effect:
     return Effect(
         f"{name}.offset",
-        (EffectParameter("d", units(plant).coordinate, 0.0, -1.0, 1.0, grid=(0.01,)),),
+        (EffectParameter("d", unit, 0.0, -1.0, 1.0, grid=(0.01,)),),
         # q + d
-        sensor=lambda s, e: dict.fromkeys(angles, e.d),
+        sensor=lambda s, e: dict.fromkeys(readings, e.d),
         statement="the sensor's zero is wrong by d",
         signature="rest is read at d where forces depend on the position",
         sign="either",

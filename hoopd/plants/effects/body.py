@@ -36,7 +36,7 @@ def _coulomb(plant: Plant, name: str, slot: Slot) -> Effect:
     q, size = slot.coordinate, force_scale(plant)
     return Effect(
         f"{name}.coulomb_friction",
-        (EffectParameter("Fc", units(plant).force, 0.0, 0.0, 0.1 * size, grid=(0.003 * size,)),),
+        (EffectParameter("Fc", units(plant, slot.coordinate).force, 0.0, 0.0, 0.1 * size, grid=(0.003 * size,)),),
         # -Fc sign(theta'), |f| <= Fc at rest
         friction=DryFriction(lambda s, e: e.Fc, lambda s: {q: 1.0}),
         depends_on=(f"d{q}",),
@@ -51,7 +51,7 @@ def _coulomb(plant: Plant, name: str, slot: Slot) -> Effect:
 
 def _stribeck(plant: Plant, name: str, slot: Slot) -> Effect:
     q, size, speed = slot.coordinate, force_scale(plant), speed_scale(slot)
-    unit = units(plant)
+    unit = units(plant, slot.coordinate)
 
     def level(s: Any, e: Any) -> Any:
         # Fc + Fs exp(-(theta'/vs)^2)
@@ -83,7 +83,7 @@ def _drag(plant: Plant, name: str, slot: Slot) -> Effect:
     q, size = slot.coordinate, force_scale(plant) / speed_scale(slot) ** 2
     return Effect(
         f"{name}.quadratic_drag",
-        (EffectParameter("c", units(plant).drag, 0.0, 0.0, 1e-3 * size, grid=(2e-5 * size,)),),
+        (EffectParameter("c", units(plant, slot.coordinate).drag, 0.0, 0.0, 1e-3 * size, grid=(2e-5 * size,)),),
         # -c theta' |theta'|
         force=lambda s, e: {q: -e.c * getattr(s, f"d{q}") * ca.fabs(getattr(s, f"d{q}"))},
         depends_on=(f"d{q}",),
@@ -101,7 +101,7 @@ def _imbalance(plant: Plant, name: str, slot: Slot) -> Effect:
     return Effect(
         f"{name}.imbalance",
         (
-            EffectParameter("A", units(plant).force, 0.0, 0.0, 0.1 * size, grid=(0.005 * size,)),
+            EffectParameter("A", units(plant, slot.coordinate).force, 0.0, 0.0, 0.1 * size, grid=(0.005 * size,)),
             phase(per_recording=True),
         ),
         # -A sin(theta + phi)

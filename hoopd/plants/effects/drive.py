@@ -78,7 +78,7 @@ def _bias(plant: Plant, slot: str) -> Effect:
     size = force_scale(plant)
     return Effect(
         f"{slot}.torque_bias",
-        (EffectParameter("b", units(plant).force, 0.0, -0.1 * size, 0.1 * size, grid=(0.005 * size,)),),
+        (EffectParameter("b", plant.force_unit, 0.0, -0.1 * size, 0.1 * size, grid=(0.005 * size,)),),
         # tau = u + b
         torque=lambda s, e: s.u + e.b,
         undo=lambda s, e: s.u - e.b,
@@ -96,7 +96,7 @@ def _deadzone(plant: Plant, slot: str) -> Effect:
     grid = scaled(geometric(0.005, 0.06, 8), size)
     return Effect(
         f"{slot}.deadzone",
-        (EffectParameter("d", units(plant).force, 0.0, 0.0, 0.1 * size, "shape", grid),),
+        (EffectParameter("d", plant.force_unit, 0.0, 0.0, 0.1 * size, "shape", grid),),
         # tau = u - d sign(u), 0 for |u| < d
         torque=lambda s, e: s.u - ca.fmin(ca.fmax(s.u, -e.d), e.d),
         # the jump of the inverse at zero as a slope: a law's noise must not become a rattle of +-d
@@ -120,7 +120,7 @@ def _saturation(plant: Plant, slot: str) -> Effect:
         (
             EffectParameter(
                 "s",
-                units(plant).force,
+                plant.force_unit,
                 NO_LIMIT,
                 0.01 * size,
                 plant.limit if plant.limit < inf else NO_KNOWN_LIMIT * plant.usual_input,
@@ -181,7 +181,7 @@ def _cogging(plant: Plant, slot: str, q: str) -> Effect:
     return Effect(
         f"{slot}.cogging",
         (
-            EffectParameter("A", units(plant).force, 0.0, 0.0, 0.1 * size, grid=(0.005 * size,)),
+            EffectParameter("A", plant.force_unit, 0.0, 0.0, 0.1 * size, grid=(0.005 * size,)),
             EffectParameter("n", "-", 2.0, 2.0, 36.0, "shape", COGGING_HARMONICS, discrete=True),
             phase(per_recording=True),
         ),
@@ -234,7 +234,9 @@ def _back_emf(plant: Plant, slot: str, q: str, speed: float) -> Effect:
         return ca.fabs(getattr(s, f"d{q}")) / ca.fmax(1 - ca.fabs(s.u) / plant.limit, LEAST_LEFT)
 
     grid = scaled(geometric(8.0, 80.0, 8), speed)
-    w0 = EffectParameter("w0", units(plant).rate, NO_LIMIT, 5.0 * speed, 200.0 * speed, "shape", grid, touched=touched)
+    w0 = EffectParameter(
+        "w0", units(plant, q).rate, NO_LIMIT, 5.0 * speed, 200.0 * speed, "shape", grid, touched=touched
+    )
     return Effect(
         f"{slot}.back_emf_limit",
         (w0,),

@@ -38,7 +38,9 @@ def _disturbance(plant: Plant, name: str, slot: Slot) -> Effect:
         (
             EffectParameter("t0", "s", 0.0, 0.0, 1e4, "shape", per_recording=True),
             EffectParameter("t1", "s", 0.0, 0.0, 1e4, "shape", per_recording=True),
-            EffectParameter("A", units(plant).force, 0.0, -1.0 * size, 1.0 * size, grid=(0.01 * size,)),
+            EffectParameter(
+                "A", units(plant, slot.coordinate).force, 0.0, -1.0 * size, 1.0 * size, grid=(0.01 * size,)
+            ),
         ),
         force=pulse,
         found_by="scan",

@@ -28,9 +28,9 @@ ANGLES = Units("N m", "rad", "rad/s", "N m s2")
 LENGTHS = Units("N", "m", "m/s", "N s2/m2")
 
 
-def units(plant: Plant) -> Units:
-    """Those of a plant by its coordinate; where nobody said its unit, by its force."""
-    known = plant.units.get(plant.coordinates[0]) if plant.coordinates else None
+def units(plant: Plant, coordinate: str = "") -> Units:
+    """Those of what happens on a coordinate (the first); where nobody said its unit, by the plant's force."""
+    known = plant.units.get(coordinate or "".join(plant.coordinates[:1]))
     return LENGTHS if known == "m" or (known is None and plant.force_unit != "N m") else ANGLES
 
 
