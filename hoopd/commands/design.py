@@ -34,7 +34,7 @@ from hoopd.files.shipped import or_shipped, way_to
 from hoopd.files.whole_files import replace_file
 from hoopd.plants.found_effects import Found
 from hoopd.plants.hoop.closed_loop import Run
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
 from hoopd.plants.hoop.writeback import cancelled, delays_of, filter_effects, limits_of, unused
 from hoopd.plants.model_file import effects_of, load_model, plant_of
@@ -82,7 +82,7 @@ def run(options: DesignOptions) -> dict[str, Any]:
 # ---------------------------------------------------------------------------------------------- design
 
 
-def _designed(law: str, plant: Plant, spec: Spec, recording: str | None, identified: Path | None) -> Law:
+def _designed(law: str, plant: HoopPlant, spec: Spec, recording: str | None, identified: Path | None) -> Law:
     if law not in KINDS:
         raise InputError("LAW", "", f"unknown law {law!r}; known: {', '.join(KINDS)}")
     if (law == "arx") != (recording is not None):
@@ -101,7 +101,7 @@ def _designed(law: str, plant: Plant, spec: Spec, recording: str | None, identif
         raise InputError(f"design {law}", "", str(error)) from None
 
 
-def _on_identified(plant: Plant, spec: Spec, file: IdentifiedFile) -> Law:
+def _on_identified(plant: HoopPlant, spec: Spec, file: IdentifiedFile) -> Law:
     if tuple(file.outputs) != OUTPUTS:
         raise ValueError(f"a law needs a model of {', '.join(OUTPUTS)}, this one is of {', '.join(file.outputs)}")
     return design_identified(plant, spec, file.matrices(), file.sample_time_s)

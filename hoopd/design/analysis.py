@@ -16,8 +16,7 @@ import control
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.plants.hoop.plant import Plant
-from hoopd.plants.hoop.plant_with_effects import EffectPlant
+from hoopd.plants.hoop.plant import HoopPlant
 
 Array = NDArray[Any]
 
@@ -27,7 +26,7 @@ WORDS = {"theta": "hoop angle", "dtheta": "hoop speed", "psi": "ball angle", "dp
 
 
 def linear_model(
-    plant: Plant | EffectPlant, x0: ArrayLike = (0.0, 0.0, 0.0, 0.0), u0: float = 0.0, outputs: Sequence[str] = ("psi",)
+    plant: HoopPlant, x0: ArrayLike = (0.0, 0.0, 0.0, 0.0), u0: float = 0.0, outputs: Sequence[str] = ("psi",)
 ) -> control.StateSpace:
     """dx/dt = A x + B u, y = C x for small deviations from (x0 (4,), u0), exact; ValueError: unknown output."""
     unknown = [name for name in outputs if name not in STATES]

@@ -16,7 +16,7 @@ from hoopd.design.arx import arx_lqg, fit_arx
 from hoopd.design.controller_text import plain
 from hoopd.design.laws import Law, Spec, on_both
 from hoopd.design.lqg import observer_law, seen_plant
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.recording.recording import Recording
 
 Array = NDArray[Any]
@@ -25,7 +25,7 @@ Array = NDArray[Any]
 SEEN = ("dtheta", "psi")
 
 
-def design_arx(plant: Plant, spec: Spec, recording: Recording, orders: tuple[int, int] = (4, 6)) -> Law:
+def design_arx(plant: HoopPlant, spec: Spec, recording: Recording, orders: tuple[int, int] = (4, 6)) -> Law:
     """LQG on an ARX model of what arrives in each tick; the plant judges it."""
     u, y = arriving(recording, spec)
     model = fit_arx(u, y, *orders)

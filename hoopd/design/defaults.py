@@ -19,7 +19,7 @@ from hoopd.design.arx import ArxModel, arx_lqg, fit_arx
 from hoopd.design.controller_text import controller_data, controller_text, plain
 from hoopd.design.innovation_levels import innovation_levels
 from hoopd.design.lqg import Weights, lqg_gains
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, plant_of
 
 TICK_S = 0.02
@@ -36,7 +36,7 @@ LEAD_A = [1.0, 0.28285965272742575]
 HEAD = "Made by hoopd.design.defaults from {model}: change the design there, or make a file of your own."
 
 
-def experiment(plant: Plant, ticks: int = 3000, amplitude_nm: float = 0.06, seed: int = 5) -> tuple[Any, Any]:
+def experiment(plant: HoopPlant, ticks: int = 3000, amplitude_nm: float = 0.06, seed: int = 5) -> tuple[Any, Any]:
     """A random two-level run as a daemon records it: u (n,), y (n, 2) = (dtheta, psi) as they arrive in the tick."""
     rng = np.random.default_rng(seed)
     x, u, y = np.zeros(4), np.zeros(ticks), np.zeros((ticks, 2))
@@ -52,7 +52,7 @@ def experiment(plant: Plant, ticks: int = 3000, amplitude_nm: float = 0.06, seed
     return u, y + rng.normal(size=y.shape) * (0.05, 0.002)
 
 
-def fitted(plant: Plant) -> ArxModel:
+def fitted(plant: HoopPlant) -> ArxModel:
     """ARX model of the simulated experiment."""
     return fit_arx(*experiment(plant))
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.found_effects import Found
-from hoopd.plants.hoop.plant import Plant
-from hoopd.plants.hoop.plant_with_effects import EffectPlant, acts_now
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.writeback import delays_of
 
 # Amplitude of a rate (rad/s) at which dry friction's describing function is told: a slow motion of hoop or ball.
@@ -27,19 +26,19 @@ NO_SLOPE = 1e-6
 class Near(NamedTuple):
     """Effects at an operating point."""
 
-    plant: Plant | EffectPlant  # with the smooth ones
+    plant: HoopPlant  # with the smooth ones
     included: tuple[str, ...]
     left_out: tuple[tuple[str, str], ...]  # name, why
     delay_s: float  # from a demanded torque to the readings of all outputs
     notes: tuple[str, ...]
 
 
-def effects_near(base: Plant, found: Found, outputs: Sequence[str], *, turning: bool) -> Near:
+def effects_near(base: HoopPlant, found: Found, outputs: Sequence[str], *, turning: bool) -> Near:
     """`turning`: the hoop does not rest, so that what comes back with its angle counts by its mean, nothing."""
     left = [(effect.name, why) for effect in found.effects() if (why := _why_not(found, effect, turning))]
     names = {name for name, _ in left}
-    smooth = found.only(lambda one: acts_now(one) and one.name not in names)
-    plant = EffectPlant(smooth) if smooth else base
+    smooth = found.only(lambda one: one.acts_now and one.name not in names)
+    plant = HoopPlant.with_effects(smooth) if smooth else base
     delay, notes = _delay(found, outputs)
     fixed = [one.name for one in smooth.effects() if "theta" in one.depends_on]
     notes += [f"{name} depends on the hoop's angle: it is taken at theta = 0" for name in fixed]

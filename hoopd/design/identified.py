@@ -18,14 +18,14 @@ from hoopd.design.arx import linear_lqg
 from hoopd.design.controller_text import plain
 from hoopd.design.laws import Law, Spec, on_both
 from hoopd.design.lqg import observer_law, seen_plant
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 
 Array = NDArray[Any]
 
 OUTPUTS = ("dtheta", "psi")
 
 
-def design_identified(plant: Plant, spec: Spec, model: Mapping[str, Array], sample_time_s: float) -> Law:
+def design_identified(plant: HoopPlant, spec: Spec, model: Mapping[str, Array], sample_time_s: float) -> Law:
     """LQG on matrices a, b, c, d, k, r of an innovation form; the plant judges it. ValueError: not such a model."""
     if abs(sample_time_s / spec.sample_time_s - 1.0) > 0.01:
         raise ValueError(f"the model has a step of {sample_time_s:g} s, the tick {spec.sample_time_s:g} s")

@@ -11,14 +11,14 @@ from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
 from hoopd.design.lqg import Weights, lqg_gains
 from hoopd.plants.hoop.closed_loop import Scenario, picture_timing, simulate
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 
 # Steps of the reference, so that the hoop turns and the ball swings: +-0.03 rad every three seconds.
 STEP_RAD, STEP_S = 0.03, 3.0
 DIGITS = 3
 
 
-def innovation_levels(plant: Plant, settings: EkfSettings, delay_s: float, h: float) -> dict[str, list[float]]:
+def innovation_levels(plant: HoopPlant, settings: EkfSettings, delay_s: float, h: float) -> dict[str, list[float]]:
     """[all, slow] by channel (`core.drift`), whatever the law: the filter is told the torque."""
     drift, duration = Drift(), SETTLE_S + (LEARNED_BLOCKS + 1) * BLOCK_S
     scenario = Scenario(duration_s=duration, period_s=h, reference=_steps, **picture_timing(delay_s, h))  # type: ignore[arg-type]

@@ -27,7 +27,7 @@ from hoopd.design.pid import Parallel, pid, to_standard
 from hoopd.design.placement import place, place_pi
 from hoopd.ident.discretization import c2d
 from hoopd.ident.transfer_functions import transfer_function
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 
 Array = NDArray[Any]
 
@@ -136,7 +136,7 @@ class Law(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def ball_angle(plant: Plant) -> control.StateSpace:
+def ball_angle(plant: HoopPlant) -> control.StateSpace:
     """Torque to psi at rest, without the hoop angle, which psi does not see."""
     return minimal(linear_model(plant)).system
 
@@ -144,7 +144,7 @@ def ball_angle(plant: Plant) -> control.StateSpace:
 # ---------------------------------------------------------------------------------------------- laws that see psi
 
 
-def design_pid(plant: Plant, spec: Spec) -> Law:
+def design_pid(plant: HoopPlant, spec: Spec) -> Law:
     """PID tangent to |T| = mt at omega, derivative filtered; shaped against the delay (none: the thesis's way)."""
     late = spec.round_trip_s > 0.0
     omega = spec.omega_rad_s or (LATE_OMEGA_RAD_S if late else 10.0)
@@ -170,7 +170,7 @@ def design_pid(plant: Plant, spec: Spec) -> Law:
     return _on_psi(plant, "pid", pid(gains, filter_s) * link, spec, numbers, notes)
 
 
-def design_pi(plant: Plant, spec: Spec) -> Law:
+def design_pi(plant: HoopPlant, spec: Spec) -> Law:
     """PI by the wanted phase margin at omega, or by placement when a damping is given."""
     omega = spec.omega_rad_s or PI_OMEGA_RAD_S
     if spec.zeta is not None:
@@ -184,7 +184,7 @@ def design_pi(plant: Plant, spec: Spec) -> Law:
     return _on_psi(plant, "transfer_function", pid(gains), spec, numbers, notes)
 
 
-def without_hoop(plant: Plant) -> control.TransferFunction:
+def without_hoop(plant: HoopPlant) -> control.TransferFunction:
     """b0/(s^2 + a1 s + a0) of the ball alone: the hoop's pole and the zero that nearly covers it are left out."""
     whole = transfer_function(ball_angle(plant))
     poles, zeros = whole.poles(), whole.zeros()
@@ -192,7 +192,7 @@ def without_hoop(plant: Plant) -> control.TransferFunction:
     return control.tf([whole.num[0][0][0]], np.real(np.poly(np.delete(poles, slow))))
 
 
-def design_lead(plant: Plant, spec: Spec) -> Law:
+def design_lead(plant: HoopPlant, spec: Spec) -> Law:
     """Lead link with its phase at omega (80 rad/s, N = 5: the thesis's)."""
     omega = spec.omega_rad_s or 80.0
     link = lead_link_at(omega, spec.ratio, spec.gain)
@@ -200,7 +200,7 @@ def design_lead(plant: Plant, spec: Spec) -> Law:
     return _on_psi(plant, "lead", link, spec, numbers)
 
 
-def design_lag(plant: Plant, spec: Spec) -> Law:
+def design_lag(plant: HoopPlant, spec: Spec) -> Law:
     """Lag link: gain times `ratio` below omega/ratio."""
     omega = spec.omega_rad_s or 1.0
     link = lag_link(omega, spec.ratio, spec.gain)
@@ -209,7 +209,7 @@ def design_lag(plant: Plant, spec: Spec) -> Law:
 
 
 def _on_psi(
-    plant: Plant,
+    plant: HoopPlant,
     kind: str,
     c: control.TransferFunction,
     spec: Spec,
@@ -243,13 +243,13 @@ def _pair(value: complex) -> dict[str, float]:
 # ---------------------------------------------------------------------------------------------- laws with a model
 
 
-def design_lqg(plant: Plant, spec: Spec) -> Law:
+def design_lqg(plant: HoopPlant, spec: Spec) -> Law:
     """Linear-quadratic state feedback on the filter's estimate."""
     k = feedback(plant, spec.weights, spec.sample_time_s)
     return _on_estimate(plant, k, spec, {"weights": asdict(spec.weights)})
 
 
-def design_placement(plant: Plant, spec: Spec) -> Law:
+def design_placement(plant: HoopPlant, spec: Spec) -> Law:
     """State feedback with the poles (rad/s) placed, on the filter's estimate: z = e^(p h)."""
     a, b = reduced_model(plant, spec.sample_time_s)
     wanted = np.asarray(spec.poles, complex)
@@ -257,7 +257,7 @@ def design_placement(plant: Plant, spec: Spec) -> Law:
     return _on_estimate(plant, k, spec, {"specification": {"poles_rad_s": [_pair(pole) for pole in wanted]}})
 
 
-def _on_estimate(plant: Plant, k: Array, spec: Spec, numbers: dict[str, Any]) -> Law:
+def _on_estimate(plant: HoopPlant, k: Array, spec: Spec, numbers: dict[str, Any]) -> Law:
     h, ticks, late = spec.sample_time_s, spec.delay_ticks, spec.torque_ticks
     law = lqg_law(plant, k, EkfSettings(), h=h, delay_ticks=ticks, torque_ticks=late)
     return on_both("lqg", plain(asdict(state_feedback(plant, k))), law, seen_plant(plant, h, ticks, late), numbers)
@@ -272,7 +272,7 @@ def on_both(
     return Law(kind, gains, from_psi, to_psi, law * seen, numbers)
 
 
-Design = Callable[[Plant, Spec], Law]
+Design = Callable[[HoopPlant, Spec], Law]
 # Laws by the names of the command line; "arx" needs a recording, see `arxlaw`.
 LAWS: Mapping[str, Design] = {
     "lqg": design_lqg,

@@ -19,7 +19,7 @@ from scipy.linalg import solve_discrete_are
 from hoopd.core.controllers import LqgGains
 from hoopd.core.estimator import EkfSettings
 from hoopd.plants.compiled import zero_order_hold
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 
 Array = NDArray[Any]
 
@@ -41,7 +41,7 @@ class Weights:
     torque_nm: float = 0.05
 
 
-def reduced_model(plant: Plant, h: float) -> tuple[Array, Array]:
+def reduced_model(plant: HoopPlant, h: float) -> tuple[Array, Array]:
     """Ad (3, 3), Bd (3, 1) of (dtheta, psi, dpsi) at rest, input held over `h`."""
     a, b = plant.linearize()
     return zero_order_hold(a[np.ix_(REGULATED, REGULATED)], b[REGULATED], h)
@@ -59,7 +59,7 @@ def kalman_gain(a: Array, c: Array, q: Array, r: Array) -> Array:
     return np.asarray(np.linalg.solve(c @ p @ c.T + r, c @ p).T)
 
 
-def feedback(plant: Plant, weights: Weights, h: float) -> Array:
+def feedback(plant: HoopPlant, weights: Weights, h: float) -> Array:
     """K (3,) on (dtheta, psi, dpsi)."""
     a, b = reduced_model(plant, h)
     q = np.diag([weights.dtheta_rad_s**-2, weights.psi_rad**-2, weights.dpsi_rad_s**-2])
@@ -67,7 +67,7 @@ def feedback(plant: Plant, weights: Weights, h: float) -> Array:
     return gains
 
 
-def hold(plant: Plant) -> dict[str, float]:
+def hold(plant: HoopPlant) -> dict[str, float]:
     """The four numbers by which a reference is held, see `Lqg`: psi'' = 0 at psi = r solved for the torque.
 
     psi''   = J21 w + K2 sin r + L2 u = 0      ->  u = -(K2 sin r + J21 w) / L2
@@ -84,12 +84,12 @@ def hold(plant: Plant) -> dict[str, float]:
     }
 
 
-def lqg_gains(plant: Plant, weights: Weights, h: float, hoop_speed_limit: float = 30.0) -> LqgGains:
+def lqg_gains(plant: HoopPlant, weights: Weights, h: float, hoop_speed_limit: float = 30.0) -> LqgGains:
     """Everything that `Lqg` needs."""
     return state_feedback(plant, feedback(plant, weights, h), hoop_speed_limit)
 
 
-def state_feedback(plant: Plant, k: Array, hoop_speed_limit: float = 30.0) -> LqgGains:
+def state_feedback(plant: HoopPlant, k: Array, hoop_speed_limit: float = 30.0) -> LqgGains:
     """Everything that `Lqg` needs, for any K (3,) on (dtheta, psi, dpsi)."""
     k_dtheta, k_psi, k_dpsi = (float(value) for value in k)
     return LqgGains(k_dtheta, k_psi, k_dpsi, **hold(plant), hoop_speed_limit=hoop_speed_limit)
@@ -98,7 +98,7 @@ def state_feedback(plant: Plant, k: Array, hoop_speed_limit: float = 30.0) -> Lq
 # ---------------------------------------------------------------------------------------------- the loop
 
 
-def seen_plant(plant: Plant, h: float, delay_ticks: int, torque_ticks: int = 0) -> control.StateSpace:
+def seen_plant(plant: HoopPlant, h: float, delay_ticks: int, torque_ticks: int = 0) -> control.StateSpace:
     """Torque to (dtheta, psi) as a tick sees them: dtheta one tick old, psi `delay_ticks` old.
 
     State: (dtheta, psi, dpsi)_k, dtheta_k-1 ..., psi_k-1 ... psi_k-d. A torque that arrives `torque_ticks` late is, for
@@ -126,7 +126,7 @@ def observer_law(model: control.StateSpace, m: Array, k: Array) -> control.State
 
 
 def lqg_law(
-    model: Plant, k: Array, settings: EkfSettings, *, h: float, delay_ticks: int, torque_ticks: int = 0
+    model: HoopPlant, k: Array, settings: EkfSettings, *, h: float, delay_ticks: int, torque_ticks: int = 0
 ) -> control.StateSpace:
     """`Lqg` and its filter at rest, from (dtheta, psi) as seen to -u.
 
@@ -141,7 +141,7 @@ def lqg_law(
 
 
 def lqg_loop(
-    true: Plant, model: Plant, k: Array, settings: EkfSettings, *, h: float, delay_ticks: int
+    true: HoopPlant, model: HoopPlant, k: Array, settings: EkfSettings, *, h: float, delay_ticks: int
 ) -> control.StateSpace:
     """L(z) of `Lqg` broken at the torque, negative feedback: gains k and filter on `model`, the device is `true`."""
     return lqg_law(model, k, settings, h=h, delay_ticks=delay_ticks) * seen_plant(true, h, delay_ticks)

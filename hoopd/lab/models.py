@@ -16,7 +16,7 @@ from hoopd.files.reading import InputError
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.whole_files import replace_file
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, parse_model, plant_of
 
 
@@ -47,7 +47,7 @@ class Model:
         return self.file.values()
 
     @cached_property
-    def plant(self) -> Plant:
+    def plant(self) -> HoopPlant:
         """The nonlinear plant: `plant.derivative(x, u)`, `plant.advance(x, u, h)`, x = (theta, dtheta, psi, dpsi)."""
         return plant_of(self.file)
 

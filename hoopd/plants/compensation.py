@@ -20,7 +20,6 @@ from hoopd.plants.compiled import Call
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, Point
 from hoopd.plants.found_effects import Found
-from hoopd.plants.hoop.plant_with_effects import acts_now
 
 Array = NDArray[np.float64]
 # (x (4,), wanted torque N m, 1 or 0 for every effect: it is cancelled or not) -> torque to demand, N m
@@ -40,7 +39,7 @@ MOTION_SIGMAS = 3.0
 def cancels(found: Found, effect: Effect) -> bool:
     """Whether a torque on the driven body can undo the effect."""
     driven = found.plant.driven
-    if driven is None or not acts_now(effect) or effect.shift is not None:
+    if driven is None or not effect.acts_now or effect.shift is not None:
         return False
     if effect.torque is not None:
         return effect.undo is not None

@@ -34,13 +34,20 @@ class Call:
             memoryview(array)  # type: ignore[arg-type, unused-ignore]
             for array in self._arguments[1:]
         ]  # numpy takes longer for one number
+        self._wide = any(array.size > 1 for array in self._arguments[1:])
+        if self._wide:
+            self._scalars = [*self._arguments[1:]]
         self._first: Vector = self._results[0][0]
 
-    def vector(self, x: ArrayLike, *scalars: float) -> Vector:
+    def vector(self, x: ArrayLike, *scalars: Any) -> Vector:
         """First result as a new vector."""
         self.x[:] = x
-        for array, value in zip(self._scalars, scalars, strict=True):
-            array[0] = value
+        if self._wide:
+            for array, values in zip(self._scalars, scalars, strict=True):
+                array[:] = values
+        else:
+            for array, value in zip(self._scalars, scalars, strict=True):
+                array[0] = value
         self._trigger()
         return self._first.copy()
 

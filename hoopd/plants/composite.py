@@ -37,10 +37,16 @@ class Composite:
     """A plant and its effects; parameters by name: the base's, then `slot.effect.parameter`."""
 
     def __init__(
-        self, plant: Plant, effects: Sequence[Effect] = (), substeps: int | None = None, *, limited: bool = True
+        self,
+        plant: Plant,
+        effects: Sequence[Effect] = (),
+        substeps: int | None = None,
+        *,
+        limited: bool = True,
+        numbers: Mapping[str, float] | None = None,
     ) -> None:
         """`substeps`: of a node's interval, in place of what the effects need; `limited`: no input is larger than its
-        limit."""
+        limit; `numbers`: values that the equations have as constants from the beginning."""
         self.effects, self.declared = tuple(effects), plant
         for effect in self.effects:
             if effect.plant is not None:
@@ -60,7 +66,9 @@ class Composite:
         self.channels = tuple(plant.channels)
         self.substeps = substeps or self._needed_substeps()
         inner = not self._torque_lags
-        self._motion = Motion(self.plant, self.effects, self.names, inner_torque=inner, limited=limited)
+        self._motion = Motion(
+            self.plant, self.effects, self.names, inner_torque=inner, limited=limited, numbers=numbers
+        )
         self._shortest_s = self._motion.shortest_s
 
     def _needed_substeps(self) -> int:

@@ -16,7 +16,7 @@ from hoopd.plants.effects.library import library
 from hoopd.plants.found_effects import EffectError, Found, FoundEffect, check_region, checked, weak_end
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError, check_parameters
-from hoopd.plants.hoop.plant import Plant as NumericPlant
+from hoopd.plants.hoop.plant import HoopPlant
 
 # No number of such a device is outside of these: a typing error, and products of such numbers leave the computer's.
 SMALLEST, LARGEST = 1e-15, 1e12
@@ -72,9 +72,9 @@ def _check_effects(path: object, model: ModelFile) -> None:
             _check_parameter(path, f"{key}.parameters.{name}", one, known[entry.name].parameter(name).unit)
 
 
-def plant_of(model: ModelFile) -> NumericPlant:
+def plant_of(model: ModelFile) -> HoopPlant:
     """The plant that a model file describes; its effects are not part of it (`effects_of`)."""
-    return NumericPlant(model.structure, model.values())
+    return HoopPlant(model.structure, model.values())
 
 
 def effects_plant(model: ModelFile) -> Plant:

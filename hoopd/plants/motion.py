@@ -37,12 +37,19 @@ class Motion:
     """A plant and its effects on forces; all parameters by `names`, expressions in and out."""
 
     def __init__(
-        self, plant: Plant, effects: Sequence[Effect], names: Sequence[str], *, inner_torque: bool, limited: bool = True
+        self,
+        plant: Plant,
+        effects: Sequence[Effect],
+        names: Sequence[str],
+        *,
+        inner_torque: bool,
+        limited: bool = True,
+        numbers: Mapping[str, float] | None = None,
     ) -> None:
         """`inner_torque`: maps of the torque follow the plant inside a substep (there is no lag behind them);
-        `limited`: no input is larger than its limit."""
+        `limited`: no input is larger than its limit; `numbers`: parameters that are constants of the functions."""
         self._plant, self._effects, self._names, self._inner = plant, effects, names, inner_torque
-        self._limited = limited
+        self._limited, self._numbers = limited, numbers or {}
         self._nq, self._nx = len(plant.coordinates), len(plant.states)
         self._disturbed = (*plant.coordinates, *plant.first_order)
         self.shortest_s = SHORTEST_S * (plant.time_scale_s / USUAL_S)
@@ -178,7 +185,8 @@ class Motion:
 
     @property
     def _named(self) -> dict[str, Any]:
-        return {name: self._symbols["p"][index] for index, name in enumerate(self._names)}
+        p, known = self._symbols["p"], self._numbers
+        return {name: ca.SX(known[name]) if name in known else p[i] for i, name in enumerate(self._names)}
 
     def _vector(self, p: Mapping[str, Any]) -> Any:
         return ca.vertcat(*(p[name] for name in self._names))

@@ -18,7 +18,6 @@ from hoopd.core.records import Vector
 from hoopd.plants.compiled import Call
 from hoopd.plants.composite import Composite
 from hoopd.plants.found_effects import Found
-from hoopd.plants.hoop.plant_with_effects import numbers
 
 Array = NDArray[np.float64]
 State = tuple[float, float, float, float]
@@ -112,7 +111,7 @@ class HiddenPlant:
 def _functions(c: Composite, found: Found) -> tuple[Call, Call]:
     """(z, u, h, t) -> z after, and (z, t) -> readings without latency."""
     z, u, h, t = ca.SX.sym("z", c.nz), ca.SX.sym("u"), ca.SX.sym("h"), ca.SX.sym("t")
-    p = numbers(c, found.values)
+    p = {name: ca.SX(value) for name, value in zip(c.names, c.vector(found.values), strict=True)}
     after = c.step_expression(z, [u], ca.SX.zeros(c.nw), h, t, p)
     seen = ca.vertcat(*(c.reading(channel, z, t, p) for channel in ("theta", "dtheta", "psi")))
     step = ca.Function("step", [z, u, h, t], [ca.densify(after)], {"cse": True})

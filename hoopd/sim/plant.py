@@ -14,7 +14,7 @@ import numpy as np
 
 from hoopd.core.records import Vector
 from hoopd.plants.found_effects import Found, FoundEffect
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 
 if TYPE_CHECKING:
     from hoopd.sim.hidden import HiddenPlant
@@ -79,11 +79,11 @@ def make_plant(
     hold_s: float = 0.0,
     effects: dict[str, dict[str, float]] | None = None,
 ) -> RigPlant | HiddenPlant:
-    """Plant from plain data: what the board's process is told on its command line; effects by name."""
+    """HoopPlant from plain data: what the board's process is told on its command line; effects by name."""
     if effects:
         from hoopd.sim.hidden import HiddenPlant
 
         entries = tuple(FoundEffect(name, values) for name, values in effects.items())
         return HiddenPlant(Found(structure, parameters, entries), np.array(x0, float), held=held, hold_s=hold_s)
-    model = Plant(structure, parameters)
+    model = HoopPlant(structure, parameters)
     return RigPlant(model.advance, np.array(x0, float), held=held, hold_s=hold_s)

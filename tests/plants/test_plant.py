@@ -11,7 +11,8 @@ import pytest
 
 from hoopd.plants.hoop.equations import Symbols, mobility, rate, runge_kutta, symbols
 from hoopd.plants.hoop.parameters import ParameterError
-from hoopd.plants.hoop.plant import ADVANCE_STEPS, FILTER_STEPS, Plant
+from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.numeric_plant import ADVANCE_STEPS, FILTER_STEPS
 
 GEOMETRY = {"mb": 0.0608, "Ro": 0.0957, "Rb": 0.0104, "g": 9.81}
 DEVICE = {**GEOMETRY, "Ib": 3.679e-6, "Ih": 1.518e-3, "bb": 2.6e-6, "bh": 7e-4}

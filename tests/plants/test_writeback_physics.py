@@ -11,14 +11,13 @@ from hoopd.plants.compensation import demand_of, in_order
 from hoopd.plants.found_effects import EffectError, Found, FoundEffect, check_region, checked, weak_end
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.hoop.free_run_with_effects import EffectModel
-from hoopd.plants.hoop.plant import Plant
-from hoopd.plants.hoop.plant_with_effects import EffectPlant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.sensor_correction import correction
 from hoopd.plants.hoop.simulate import Model
 from hoopd.plants.model_file import load_model
 
 FILE = load_model(Path(__file__).resolve().parents[2] / "config" / "models" / "hoop.yaml")
-BASE = Plant(FILE.structure, FILE.values())
+BASE = HoopPlant(FILE.structure, FILE.values())
 FREE = ("Ih", "bh", "Ib")
 
 
@@ -50,7 +49,7 @@ MOVING = np.array([0.7, 3.0, 0.2, 1.0])
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
 def test_feed_forward_leaves_the_base(name: str, direction: float) -> None:
     """Over a tick the hoop moves as the base under the wanted torque; without it is five times as far off."""
-    plant, wanted, x = EffectPlant(CANCELLED[name]), 0.05 * direction, MOVING * (1.0, direction, 1.0, 1.0)
+    plant, wanted, x = HoopPlant.with_effects(CANCELLED[name]), 0.05 * direction, MOVING * (1.0, direction, 1.0, 1.0)
     torque = demand_of(CANCELLED[name], 0.02, 0.0, 0.05)(x, wanted, (1.0,) * len(CANCELLED[name].entries))
     aim = BASE.advance(x, wanted, 0.02)
     off, without = (abs(plant.advance(x, u, 0.02)[1] - aim[1]) for u in (torque, wanted))
@@ -88,7 +87,7 @@ def test_what_no_torque_on_the_hoop_can_undo_is_left() -> None:
 
 
 def test_no_effects_are_the_base_bit_for_bit() -> None:
-    plant = EffectPlant(found())
+    plant = HoopPlant.with_effects(found())
     assert (
         plant.step_and_jacobian(MOVING, 0.1, 0.02)[0].tobytes()
         == BASE.step_and_jacobian(MOVING, 0.1, 0.02)[0].tobytes()
@@ -97,7 +96,7 @@ def test_no_effects_are_the_base_bit_for_bit() -> None:
 
 
 def test_dry_friction_holds_the_hoop() -> None:
-    plant, x = EffectPlant(CANCELLED["friction"]), np.zeros(4)
+    plant, x = HoopPlant.with_effects(CANCELLED["friction"]), np.zeros(4)
     for _ in range(50):
         x, _ = plant.step_and_jacobian(x, 0.007, 0.02)
     assert abs(x[0]) < 1e-9 and abs(x[1]) < 1e-9

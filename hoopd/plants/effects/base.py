@@ -143,6 +143,12 @@ class Effect:
         """Whether a declared plant has its slot, and what it needs."""
         return self.slot in plant.slots and all(q in plant.coordinates for q in self.needs)
 
+    @property
+    def acts_now(self) -> bool:
+        """A force, a friction, a map of the torque or a lean that depends on the state, and on nothing else."""
+        acts = self.force or self.friction or self.torque or self.shift
+        return acts is not None and self.plant is None and "t" not in self.depends_on
+
     def neutral(self) -> dict[str, float]:
         """Parameters at which it vanishes."""
         return {one.name: one.neutral for one in self.parameters}

@@ -22,7 +22,7 @@ from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.free_run_with_effects import EffectModel, model_of
 from hoopd.plants.hoop.output_error import fit_output_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.simulate import STEP_S, Model
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import SAME_S, TIMES, Timeline, timelines
@@ -167,7 +167,7 @@ def _best_guess(subject: Subject, run: Run) -> Array:
 def _swing_rad_s(subject: Subject) -> float:
     """Frequency of the ball's small swings: sqrt(-d psi''/d psi)."""
     own = {name: subject.values[name] for name in PARAMETER_UNITS[subject.structure]}
-    stiffness = -Plant(subject.structure, own).linearize()[0][3, 2]
+    stiffness = -HoopPlant(subject.structure, own).linearize()[0][3, 2]
     return float(np.sqrt(max(stiffness, 1.0)))
 
 

@@ -21,14 +21,14 @@ from hoopd.core.late import LateEstimator
 from hoopd.core.limits import Limiter
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Vector
 from hoopd.plants.compiled import zero_order_hold
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 
 WIRE_S = 8 * 10 / 115200  # a request's time on the wire
 MOST_STEPS = 1000  # step lengths that `LinearPlant` keeps: rounding makes new ones out of the same time-line
 
 
 class Moving(Protocol):
-    """What moves under a held torque: a `Plant`, or its linear model."""
+    """What moves under a held torque: a `HoopPlant`, or its linear model."""
 
     def advance(self, x: Vector, u: float, h: float) -> Vector:
         """State (4,) after `h` seconds with the torque `u` held."""
@@ -38,7 +38,7 @@ class Moving(Protocol):
 class LinearPlant:
     """The linear model of a plant at rest, as a plant: what the closed loop would do if it were linear."""
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: HoopPlant) -> None:
         self._model = plant.linearize()
         self._over: dict[float, tuple[Vector, Vector]] = {}
 

@@ -16,8 +16,8 @@ from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.fits.fit_data import moving_of
 from hoopd.plants.hoop import ball_effects, frame_effects
 from hoopd.plants.hoop.contact import contact_of
-from hoopd.plants.hoop.equations import MOTIONS, symbols
-from hoopd.plants.hoop.parameters import PARAMETER_UNITS
+from hoopd.plants.hoop.equations import MOTIONS, lagrangian, symbols
+from hoopd.plants.hoop.parameters import KINEMATICS, PARAMETER_UNITS
 from hoopd.plants.hoop.suspicions import ball_is_current, repeated_rows, suspicions
 from hoopd.recording.recording import Recording
 
@@ -28,7 +28,11 @@ def own_effects(plant: Plant) -> tuple[Effect, ...]:
 
 
 def hoop_plant(
-    structure: str, values: Mapping[str, float], moving: str = "both", limit: float = 0.7, encoder_counts: int = 4096
+    structure: str,
+    values: Mapping[str, float],
+    moving: str = "both",
+    limit: float | None = 0.7,
+    encoder_counts: int = 4096,
 ) -> Plant:
     """The hoop with its ball, the hoop alone or the ball in a held hoop; `values` as in `Plant`."""
     coordinates = {"both": ("theta", "psi"), "hoop": ("theta",), "ball": ("psi",)}[moving]
@@ -50,6 +54,7 @@ def hoop_plant(
         held={"theta": 0.0, "dtheta": 0.0} if moving == "ball" else {},
         units=PARAMETER_UNITS[structure],
         bounds=_bounds(structure, moving, values),
+        energy=_energy(structure) if structure in KINEMATICS else None,
         own_effects=own_effects,
         judges=Judges(
             moving=lambda recording: hoop_plant(
@@ -127,6 +132,15 @@ def _implied_friction(s: Point) -> Any:
     d = p["J12"] / (p["L1"] - p["L2"])
     implied = (p["L2"] * d - p["J11"]) / p["L1"] - d
     return ca.if_else(implied > 0.0, implied, _bare_hoop_friction(s))
+
+
+def _energy(kinematics: str) -> Callable[[Point], Any]:
+    def energy(s: Point) -> Any:
+        x = ca.vertcat(*(getattr(s, name) if name in s else 0.0 for name in ("theta", "dtheta", "psi", "dpsi")))
+        parts = lagrangian(kinematics, symbols(x, s.u, s.p))
+        return parts.kinetic + parts.potential
+
+    return energy
 
 
 def _hoop_accelerations(structure: str, moving: str) -> Callable[[Point, ca.SX], ca.SX]:

@@ -24,7 +24,7 @@ from hoopd.files.reading import InputError
 from hoopd.files.yaml_text import text_of
 from hoopd.ident import signals
 from hoopd.plants.hoop.equations import without_ball
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import parse_model
 
 # Torques to try when none is asked for: 0.1 N m is what the recordings of the real hoop were made with.
@@ -107,7 +107,7 @@ def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: flo
     """Choose a signal and write it down; InputError for a plan that cannot be played."""
     model = parse_model(model_text, "model")
     values = model.values() if plan.ball else without_ball(model.structure, model.values())
-    plant = Plant(model.structure, values)
+    plant = HoopPlant(model.structure, values)
 
     def make(variant: int, amplitude_nm: float) -> ControllerFile:
         return _file(plan, base, variant, amplitude_nm, period_s)
@@ -121,7 +121,7 @@ def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: flo
 
 
 def _choose(
-    plan: Plan, make: Callable[[int, float], ControllerFile], plant: Plant, period_s: float
+    plan: Plan, make: Callable[[int, float], ControllerFile], plant: HoopPlant, period_s: float
 ) -> tuple[float, ControllerFile, float, Forecast]:
     """The first signal that leaves room to every limit, else the one that leaves most."""
     best: tuple[float, ControllerFile, float, Forecast] | None = None
@@ -146,7 +146,7 @@ def _candidates(plan: Plan) -> Iterator[tuple[float, int]]:
             yield from ((amplitude_nm, plan.seed * variants + index) for index in range(variants))
 
 
-def foresee(law: Excitation, plant: Plant, period_s: float, *, ball: bool = True) -> Forecast:
+def foresee(law: Excitation, plant: HoopPlant, period_s: float, *, ball: bool = True) -> Forecast:
     """The law on the model, from rest, without noise: the state as it is, the picture's angle as late as it comes."""
     law.reset()
     x, torque, speed, angle = np.zeros(4), 0.0, 0.0, 0.0

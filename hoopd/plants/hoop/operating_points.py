@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from hoopd.plants.hoop.plant import Plant
-from hoopd.plants.hoop.plant_with_effects import EffectPlant
+from hoopd.plants.hoop.plant import HoopPlant
 
 Array = NDArray[Any]
 
@@ -40,7 +39,7 @@ class OperatingPoint(NamedTuple):
 
 
 def operating_point(
-    plant: Plant | EffectPlant,
+    plant: HoopPlant,
     *,
     psi_rad: float | None = None,
     dtheta_rad_s: float | None = None,
@@ -60,7 +59,7 @@ def operating_point(
     return OperatingPoint(x, u, tuple(_notes(x, u, torque_limit_nm)))
 
 
-def _at_angle(plant: Plant | EffectPlant, psi: float) -> tuple[Array, float]:
+def _at_angle(plant: HoopPlant, psi: float) -> tuple[Array, float]:
     """theta''(w, u) = psi''(w, u) = 0 solved for hoop speed and torque by Newton's method."""
     if math.sin(psi) == 0.0 or abs(psi) == math.pi:
         return _at_rest(plant, psi)
@@ -74,7 +73,7 @@ def _at_angle(plant: Plant | EffectPlant, psi: float) -> tuple[Array, float]:
     return np.array([0.0, w, psi, 0.0]), u
 
 
-def _at_rest(plant: Plant | EffectPlant, psi: float) -> tuple[Array, float]:
+def _at_rest(plant: HoopPlant, psi: float) -> tuple[Array, float]:
     """The bottom or the top; with an effect that pushes at rest, where it and the torque against it leave the ball."""
     x = np.array([0.0, 0.0, psi, 0.0])
     if _vanishes(plant, x, 0.0):
@@ -86,7 +85,7 @@ def _at_rest(plant: Plant | EffectPlant, psi: float) -> tuple[Array, float]:
     return np.array([0.0, 0.0, psi, 0.0]), u
 
 
-def _at_speed(plant: Plant | EffectPlant, w: float) -> tuple[Array, float]:
+def _at_speed(plant: HoopPlant, w: float) -> tuple[Array, float]:
     """The same with the speed given, solved for the ball's angle and the torque."""
     if w == 0.0:
         return np.zeros(4), 0.0
@@ -99,7 +98,7 @@ def _at_speed(plant: Plant | EffectPlant, w: float) -> tuple[Array, float]:
     return np.array([0.0, w, psi, 0.0]), u
 
 
-def _solved(plant: Plant | EffectPlant, place: Any, unknown: int, none: str) -> tuple[float, float]:
+def _solved(plant: HoopPlant, place: Any, unknown: int, none: str) -> tuple[float, float]:
     """The unknown state entry and the torque for which both accelerations vanish."""
 
     def accelerations(z: Array) -> Array:
@@ -116,14 +115,14 @@ def _solved(plant: Plant | EffectPlant, place: Any, unknown: int, none: str) -> 
     return float(found.x[0]), float(found.x[1])
 
 
-def _vanishes(plant: Plant | EffectPlant, x: Array, u: float) -> bool:
+def _vanishes(plant: HoopPlant, x: Array, u: float) -> bool:
     a, b = plant.linearize(x, u)
     size = np.abs(a) @ np.abs(x) + np.abs(b[:, 0] * u) + abs(plant.derivative(np.array([0, 0, x[2], 0.0]), 0.0))
     rate = plant.derivative(x, u)
     return bool((np.abs(rate[[1, 3]]) <= RESIDUAL * (size[[1, 3]] + 1.0)).all())
 
 
-def _check(plant: Plant | EffectPlant, x: Array, u: float) -> None:
+def _check(plant: HoopPlant, x: Array, u: float) -> None:
     if not _vanishes(plant, x, u):
         raise NoEquilibriumError(f"the plant does not stay at {x[2]:g} rad: its accelerations are not zero there")
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.simulate import Model
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ def by_time(t: Array, u: Array) -> Callable[[float], float]:
 
 
 def across_jumps(
-    plant: Plant,
+    plant: HoopPlant,
     x0: Array,
     t: Array,
     u: Array,
@@ -120,7 +120,7 @@ def across_jumps(
 
 
 def study(
-    plant: Plant,
+    plant: HoopPlant,
     x0: Array,
     t: Array,
     u: Array,
@@ -135,7 +135,7 @@ def study(
 
 
 def sample_to_sample(
-    plant: Plant, x0: Array, t: Array, u: Array, method: str, *, rtol: float = TRUTH_RTOL, atol: float = TRUTH_ATOL
+    plant: HoopPlant, x0: Array, t: Array, u: Array, method: str, *, rtol: float = TRUTH_RTOL, atol: float = TRUTH_ATOL
 ) -> Solved:
     """The solver started anew at every sample with the torque held: no step crosses a jump."""
     x, times, evaluations = [np.asarray(x0, float)], [t[:1]], 0
@@ -149,7 +149,7 @@ def sample_to_sample(
     return Solved(np.array(x), np.concatenate(times), evaluations)
 
 
-def stiffness(plant: Plant) -> Stiffness:
+def stiffness(plant: HoopPlant) -> Stiffness:
     """Eigenvalues of the plant at the bottom, and what they ask of a solver."""
     eigenvalues = np.linalg.eigvals(plant.linearize()[0]).astype(complex)
     decay = np.abs(eigenvalues.real)

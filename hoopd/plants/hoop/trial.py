@@ -25,8 +25,7 @@ from hoopd.plants.hoop.closed_loop import (
     picture_timing,
     simulate,
 )
-from hoopd.plants.hoop.plant import Plant
-from hoopd.plants.hoop.plant_with_effects import acts_now
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.writeback import delays_of, estimator_with, feedforward_of, filter_plant
 
 # When the loop is at rest: the ball within 3 degrees, the hoop slower than a turn in six seconds.
@@ -48,7 +47,7 @@ class Trial(NamedTuple):
 
 def trial(
     file: ControllerFile,
-    plant: Plant,
+    plant: HoopPlant,
     disturbance_rad: float,
     delay_s: float,
     duration_s: float = 6.0,
@@ -69,7 +68,7 @@ def trial(
     disturbed = replace(base, disturbance_rad=disturbance_rad, disturbance_at_s=0.0)
     released = replace(base, psi0_rad=disturbance_rad)
     wrong = replace(base, duration_s=3 * duration_s, angle_offset_rad=ZERO_ANGLE_ERROR_RAD)
-    linear, late = LinearPlant(plant), found.only(lambda effect: not acts_now(effect) and effect.sensor is None)
+    linear, late = LinearPlant(plant), found.only(lambda effect: not effect.acts_now and effect.sensor is None)
     acting = found.only(lambda effect: effect.shift is None and effect.sensor is None)
     true = filter_plant(found) if found else plant
     return Trial(
@@ -83,7 +82,7 @@ def trial(
 
 def run(
     file: ControllerFile,
-    model: Plant,
+    model: HoopPlant,
     true: Moving,
     scenario: Scenario,
     *,

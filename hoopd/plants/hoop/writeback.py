@@ -17,8 +17,7 @@ from hoopd.core.late import Delays, LateEstimator
 from hoopd.plants.compensation import cancels, demand_of, in_order
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.found_effects import REGION_NAMES, Found, Region
-from hoopd.plants.hoop.plant import Plant
-from hoopd.plants.hoop.plant_with_effects import EffectPlant, acts_now
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.sensor_correction import correction
 
 # A rate that comes through a filter of its own says what the angle says, later: it gets no weight.
@@ -76,7 +75,7 @@ def _reason(effect: Effect) -> str:
 
 def filter_effects(found: Found) -> Found:
     """Those that the filter's model has; a lean of the frame is a camera's zero to it (they are never told apart)."""
-    return found.believed().only(lambda one: acts_now(one) and one.shift is None)
+    return found.believed().only(lambda one: one.acts_now and one.shift is None)
 
 
 def cancelled(found: Found) -> tuple[str, ...]:
@@ -85,10 +84,10 @@ def cancelled(found: Found) -> tuple[str, ...]:
     return tuple(effect.name for effect in sure.effects() if cancels(sure, effect))
 
 
-def filter_plant(found: Found) -> Plant | EffectPlant:
+def filter_plant(found: Found) -> HoopPlant:
     """The filter's model."""
     inside = filter_effects(found)
-    return EffectPlant(inside) if inside else Plant(found.structure, found.base)
+    return HoopPlant.with_effects(inside) if inside else HoopPlant(found.structure, found.base)
 
 
 def estimator_with(found: Found, settings: EkfSettings) -> DelayedEkf | LateEstimator:
@@ -110,7 +109,7 @@ def ball_motion(found: Found) -> BallMotion:
     theta'' = J1 x + K1 sin psi + L1 u, psi'' = J2 x + K2 sin psi + L2 u, c = L2/L1:
     psi'' - c theta'' = (J2 - c J1) x + (K2 - c K1) sin psi
     """
-    a, b = Plant(found.structure, found.base).linearize()
+    a, b = HoopPlant(found.structure, found.base).linearize()
     carried = float(b[3, 0] / b[1, 0])
     hoop, ball = a[1], a[3]
     delays = delays_of(found.believed())
@@ -125,7 +124,7 @@ def ball_motion(found: Found) -> BallMotion:
 
 def hoop_motion(found: Found, settings: EkfSettings) -> HoopMotion:
     """The hoop's own equation at the bottom, its ball carried along."""
-    a, b = Plant(found.structure, found.base).linearize()
+    a, b = HoopPlant(found.structure, found.base).linearize()
     delays = delays_of(found.believed())
     return HoopMotion(
         gain=float(b[1, 0]),
