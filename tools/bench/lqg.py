@@ -22,7 +22,7 @@ from hoopd.design.lqg import Weights, feedback, lqg_gains, lqg_loop
 from hoopd.design.margins import margins
 from hoopd.files.controller import controller_of, estimator_of, limiter_of, load_controller
 from hoopd.plants.hoop.closed_loop import Scenario, simulate
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
@@ -70,7 +70,7 @@ def timing() -> None:
             print(f"{name} {what:<18} median {np.median(times):6.1f} p95 {np.percentile(times, 95):6.1f} us")
 
 
-def report(weights: Weights, model: Plant, delay_ticks: int) -> str:
+def report(weights: Weights, model: HoopPlant, delay_ticks: int) -> str:
     """Margins of gains made for `model`, and what they do."""
     cells = []
     for name, true in PLANTS.items():
@@ -84,10 +84,10 @@ def report(weights: Weights, model: Plant, delay_ticks: int) -> str:
     return " | ".join(cells)
 
 
-def behaviour(weights: Weights, model: Plant) -> str:
+def behaviour(weights: Weights, model: HoopPlant) -> str:
     """Settling on the default device, and the hoop speed of one degree of zero-angle error on the thesis's."""
 
-    def run(true: Plant, scenario: Scenario) -> object:
+    def run(true: HoopPlant, scenario: Scenario) -> object:
         law, ekf = Lqg(lqg_gains(model, weights, TICK_S)), DelayedEkf(model.step_and_jacobian)
         return simulate(true, law, ekf, Limiter(0.7, 1.4), scenario)
 

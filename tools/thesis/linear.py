@@ -16,7 +16,7 @@ from hoopd.ident.transfer_functions import zeros
 from hoopd.plants.fits.fit_percent import nrmse_percent
 from hoopd.plants.fits.recorded_runs import FreeRun
 from hoopd.plants.hoop.closed_loop import LinearPlant, Moving
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plots.linear import draw_nyquist, draw_poles, draw_step
 from hoopd.plots.linearity import Compared, draw_linearity
 from hoopd.plots.printed_margin import PrintedMargin, draw_bode_beside
@@ -127,7 +127,7 @@ def _fit(one: Compared, simulated: np.ndarray) -> float:
     return nrmse_percent(one.measured, simulated[one.nodes])
 
 
-def _released(plant: Plant, angle: float) -> Compared:
+def _released(plant: HoopPlant, angle: float) -> Compared:
     t = np.arange(0.0, SWING_S + FINE_S / 2, FINE_S)
     start, none = np.array([0.0, 0.0, angle, 0.0]), np.zeros(len(t) - 1)
     runs = [_run(moving, start, t, none)[:, 2] for moving in (plant, LinearPlant(plant))]
@@ -138,7 +138,7 @@ def _played(bench: Bench, key: str) -> Compared:
     """The fitted entries' free run and the linear model's from its start."""
     score = bench.scores(key)["re-estimated"][0]
     run: FreeRun = score.runs[0]
-    linear = _run(LinearPlant(Plant("entries", bench.fitted(key).values)), run.start, run.part.t, run.part.u)[:, 2]
+    linear = _run(LinearPlant(HoopPlant("entries", bench.fitted(key).values)), run.start, run.part.t, run.part.u)[:, 2]
     trace = score.traces["psi"]
     t, measured = trace.t[trace.fresh], trace.measured[trace.fresh]
     return Compared(

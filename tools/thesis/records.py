@@ -20,7 +20,7 @@ from hoopd.plants.fits.fit import Fit, Settings, fit
 from hoopd.plants.fits.fit_percent import Score, score
 from hoopd.plants.fits.recorded_runs import Subject
 from hoopd.plants.hoop.experiment_plan import Plan
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.thesis import ENTRIES_PRINTED
 from hoopd.plants.model_file import load_model
 from hoopd.recording import Recording, load
@@ -191,6 +191,6 @@ def thesis_values() -> dict[str, float]:
     return load_model(defaults_folder() / "models" / "thesis.yaml").values()
 
 
-def thesis_plant() -> Plant:
+def thesis_plant() -> HoopPlant:
     """The plant with the thesis's entries."""
-    return Plant("entries", thesis_values())
+    return HoopPlant("entries", thesis_values())
