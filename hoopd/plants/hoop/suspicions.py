@@ -11,7 +11,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from hoopd.recording.doubts import GAP_STEPS, constant, damaged, finite, gaps, plural, wrapped
 from hoopd.recording.recording import Column, Recording
@@ -149,6 +148,9 @@ def _jumps(t: Column, column: Column, floor: float) -> NDArray[np.int64]:
 
 def _fast(x: Column, step_s: float) -> Column | None:
     """What a column holds above ABOVE_BALL_HZ (a third of it: 1e-4 is left); None when its steps do not suit that."""
+    # only here: what the daemon imports must not bring scipy
+    from scipy.signal import butter, sosfiltfilt
+
     if not 1e-3 < ABOVE_BALL_HZ * step_s < 0.4:
         return None
     passed: Column = sosfiltfilt(butter(4, ABOVE_BALL_HZ, "highpass", fs=1 / step_s, output="sos"), x)
