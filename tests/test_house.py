@@ -6,8 +6,10 @@ import ast
 import importlib
 import warnings
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
+import grimp
 import pytest
 
 from hoopd import moved
@@ -47,6 +49,12 @@ def test_only_the_hoop_names_the_hoops_angles() -> None:
         path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.py") if {"theta", "psi"} & set(identifiers(path))
     }
     assert {name for name in found if not name.startswith(OF_THE_HOOP)} == NOT_YET
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    graph = grimp.build_graph("hoopd", exclude_type_checking_imports=True)
+    order = TopologicalSorter({name: graph.find_modules_directly_imported_by(name) for name in graph.modules})
+    order.prepare()  # CycleError names the circle
 
 
 def test_few_modules_lie_at_the_top() -> None:

@@ -19,18 +19,18 @@ from typing import Any, NoReturn
 
 import typer
 
-from hoopd.commands import operator
-from hoopd.commands.options.calibrate import CalibrateOptions, calibrate
-from hoopd.commands.options.convert import ConvertOptions, convert
+from hoopd.commands import device, offline, operator
+from hoopd.commands.options.calibrate import CalibrateOptions
+from hoopd.commands.options.convert import ConvertOptions
 from hoopd.commands.options.declaration import add_command, command_of
-from hoopd.commands.options.design import DesignOptions, design
-from hoopd.commands.options.diagnose import DiagnoseOptions, diagnose
-from hoopd.commands.options.experiment import ExperimentOptions, experiment
-from hoopd.commands.options.fit import FitOptions, fit
-from hoopd.commands.options.identify import IdentifyOptions, identify
-from hoopd.commands.options.linearize import LinearizeOptions, linearize
-from hoopd.commands.options.plant import PlantOptions, plant
-from hoopd.commands.options.replay import ReplayOptions, replay
+from hoopd.commands.options.design import DesignOptions
+from hoopd.commands.options.diagnose import DiagnoseOptions
+from hoopd.commands.options.experiment import ExperimentOptions
+from hoopd.commands.options.fit import FitOptions
+from hoopd.commands.options.identify import IdentifyOptions
+from hoopd.commands.options.linearize import LinearizeOptions
+from hoopd.commands.options.plant import PlantOptions
+from hoopd.commands.options.replay import ReplayOptions
 from hoopd.commands.options.running import (
     ArmOptions,
     CheckOptions,
@@ -44,7 +44,7 @@ from hoopd.commands.options.running import (
     checked_speed,
     without_pictures,
 )
-from hoopd.commands.options.simulate import SimulateOptions, simulate
+from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output import check_json, write_json
 from hoopd.files.reading import PORT_MISSING, InputError, PortMissingError
 
@@ -122,20 +122,20 @@ def check(options: CheckOptions) -> None:
 # Groups of commands on the page of help, in its order: the record of the options and what it is handed to.
 COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
     "Files: recordings, models, controllers": (
-        (ConvertOptions, convert),
-        (FitOptions, fit),
-        (SimulateOptions, simulate),
-        (LinearizeOptions, linearize),
-        (DesignOptions, design),
-        (DiagnoseOptions, diagnose),
-        (IdentifyOptions, identify),
-        (PlantOptions, plant),
+        (ConvertOptions, offline.convert),
+        (FitOptions, offline.fit),
+        (SimulateOptions, offline.simulate),
+        (LinearizeOptions, offline.linearize),
+        (DesignOptions, offline.design),
+        (DiagnoseOptions, offline.diagnose),
+        (IdentifyOptions, offline.identify),
+        (PlantOptions, offline.plant),
     ),
     "Device and rig": (
         (CheckOptions, check),
-        (CalibrateOptions, calibrate),
-        (ReplayOptions, replay),
-        (ExperimentOptions, experiment),
+        (CalibrateOptions, device.calibrate),
+        (ReplayOptions, device.replay),
+        (ExperimentOptions, device.experiment),
     ),
     "A running daemon": (
         (ArmOptions, operator.arm),

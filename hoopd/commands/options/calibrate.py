@@ -1,6 +1,6 @@
 """Options of `hoopd calibrate`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
@@ -23,11 +23,3 @@ class CalibrateOptions:
     json_path: Path | None = json_option()
     figure: Path | None = option("--figure", text="Where the drawn proposal goes.")
     save: Path | None = option("--save", text="Save the proposal as a configuration file.")
-
-
-def calibrate(options: CalibrateOptions) -> None:
-    """Run the command."""
-    from hoopd.commands.calibrate import run
-    from hoopd.commands.output import print_result
-
-    print_result(run(options.picture, options.positions, options.json_path, options.figure, options.save))

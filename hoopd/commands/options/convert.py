@@ -1,6 +1,6 @@
 """Options of `hoopd convert`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hoopd.commands.options.declaration import argument, option
-from hoopd.commands.options.shared import check_files, columns_option, finish, hold_option, json_option, plant_option
+from hoopd.commands.options.shared import columns_option, hold_option, json_option, plant_option
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,11 +26,3 @@ class ConvertOptions:
     end: float | None = option("--to", text="Last second to keep.")
     step: float | None = option("--step", text="Resample to this step in seconds.")
     json_path: Path | None = json_option()
-
-
-def convert(options: ConvertOptions) -> None:
-    """Run the command."""
-    from hoopd.commands.convert import run
-
-    check_files([options.source], target=options.target, json=options.json_path)
-    finish(run(options), options.json_path)

@@ -1,6 +1,6 @@
 """Options of `hoopd design`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hoopd.commands.options.declaration import argument, option
-from hoopd.commands.options.shared import check_files, figure_option, finish, json_option, model_option
+from hoopd.commands.options.shared import figure_option, json_option, model_option
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,14 +48,3 @@ class DesignOptions:
     )
     figure: Path | None = figure_option()
     json_path: Path | None = json_option()
-
-
-def design(options: DesignOptions) -> None:
-    """Run the command."""
-    from hoopd.commands.design import run
-    from hoopd.commands.linear_tables import of_design
-
-    inputs: list[Path | str | None] = [options.recording, options.identified, options.model]
-    check_files(inputs, out=options.out, figure=options.figure, json=options.json_path)
-    result = run(options)
-    finish(result, options.json_path, of_design(result, options.out))

@@ -1,6 +1,6 @@
 """Options of `hoopd diagnose`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from hoopd.commands.options.shared import (
     columns_option,
     holdout_option,
     json_option,
-    shown_progress,
 )
 
 
@@ -44,15 +43,3 @@ class DiagnoseOptions:
         "--free-run-choice", text="Look, too, for effects that make that run better (minutes).", default=False
     )
     json_path: Path | None = json_option()
-
-
-def diagnose(options: DiagnoseOptions) -> None:
-    """Run the command."""
-    from rich.console import Console
-
-    from hoopd.commands.diagnose import run
-    from hoopd.diagnose.report.terminal import report_text
-
-    with shown_progress() as progress:
-        found = run(options, progress=progress)
-    report_text(found, Console())

@@ -1,6 +1,6 @@
 """Options of `hoopd experiment`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
@@ -8,17 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import typer
-
 from hoopd.commands.options.declaration import argument, option
 from hoopd.commands.options.running import (
     arm_option,
     camera_option,
-    checked_speed,
     config_option,
     sets_option,
     speed_option,
-    without_pictures,
 )
 from hoopd.commands.options.shared import figure_option, json_option
 
@@ -63,29 +59,3 @@ class ExperimentOptions:
     camera: str | None = camera_option()
     arm: bool = arm_option()
     json_path: Path | None = json_option()
-
-
-def experiment(options: ExperimentOptions) -> None:
-    """Run the command."""
-    from hoopd.commands.output import check_json, print_result, write_json
-    from hoopd.daemon.app import Options
-    from hoopd.daemon.experiment import Where, run
-    from hoopd.plants.hoop.experiment_plan import DURATION_S, DURATIONS_S, Plan
-
-    asked = {name: getattr(options, name) for name in Plan._fields if name not in ("duration_s", "ball")}
-    seconds = DURATIONS_S.get(options.kind, DURATION_S) if options.duration_s is None else options.duration_s
-    plan = Plan(**asked, duration_s=seconds, ball=not options.no_ball)
-    rig = Options(
-        sim=options.sim,
-        config=options.config,
-        sets=options.sets,
-        seed=options.seed,
-        speed=checked_speed(options.speed),
-        direct=without_pictures(options.camera),
-        arm=options.arm,
-    )
-    check_json(options.json_path)
-    result = run(plan, rig, Where(options.record, options.out), options.figure)
-    write_json(options.json_path, result)
-    print_result(result)
-    raise typer.Exit(result["exit"])

@@ -1,6 +1,6 @@
 """Options of `hoopd fit`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
@@ -12,13 +12,10 @@ from hoopd.commands.options.declaration import argument, names_of, option
 from hoopd.commands.options.shared import (
     SLICE,
     age_option,
-    check_files,
     columns_option,
     figure_option,
-    finish,
     holdout_option,
     json_option,
-    shown_progress,
 )
 
 
@@ -71,15 +68,3 @@ class FitOptions:
     out: Path | None = option("--out", text="Write the model here.", metavar="MODEL")
     figure: Path | None = figure_option()
     json_path: Path | None = json_option()
-
-
-def fit(options: FitOptions) -> None:
-    """Run the command."""
-    from hoopd.commands.fit import run
-    from hoopd.commands.fit_tables import for_terminal
-
-    inputs = [*options.recordings, *options.holdout, options.model]
-    check_files(inputs, out=options.out, figure=options.figure, json=options.json_path)
-    with shown_progress() as progress:
-        result = run(options, progress=progress)
-    finish(result, options.json_path, for_terminal(result))

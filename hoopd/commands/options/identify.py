@@ -1,6 +1,6 @@
 """Options of `hoopd identify`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
@@ -13,10 +13,8 @@ from hoopd.commands.options.shared import (
     SLICE,
     columns_option,
     figure_option,
-    finish,
     holdout_option,
     json_option,
-    shown_progress,
 )
 from hoopd.files.reading import InputError
 
@@ -53,12 +51,3 @@ class IdentifyOptions:
     out: Path | None = option("--out", text="Write the model here (.yaml), for `hoopd design`.", metavar="FILE")
     figure: Path | None = figure_option()
     json_path: Path | None = json_option()
-
-
-def identify(options: IdentifyOptions) -> None:
-    """Run the command."""
-    from hoopd.commands.identify import run
-
-    with shown_progress() as progress:
-        result = run(options, progress=progress)
-    finish(result, options.json_path)

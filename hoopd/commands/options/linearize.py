@@ -1,6 +1,6 @@
 """Options of `hoopd linearize`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hoopd.commands.options.declaration import option
-from hoopd.commands.options.shared import check_files, figure_option, finish, json_option, model_option
+from hoopd.commands.options.shared import figure_option, json_option, model_option
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,13 +30,3 @@ class LinearizeOptions:
     figure: Path | None = figure_option()
     plot: str | None = option("--plot", text="What --figure shows: overview, bode, nyquist, poles or step.")
     json_path: Path | None = json_option()
-
-
-def linearize(options: LinearizeOptions) -> None:
-    """Run the command."""
-    from hoopd.commands.linear_tables import of_linearize
-    from hoopd.commands.linearize import run
-
-    check_files([options.model], figure=options.figure, json=options.json_path)
-    result = run(options)
-    finish(result, options.json_path, of_linearize(result))

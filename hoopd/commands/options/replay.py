@@ -1,14 +1,12 @@
 """Options of `hoopd replay`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-
-import typer
 
 from hoopd.commands.options.declaration import argument, option
 from hoopd.commands.options.shared import json_option
@@ -21,14 +19,3 @@ class ReplayOptions:
     recording: Path = argument("A recording (.mcap) made by the daemon.")
     json_path: Path | None = json_option()
     run_law: bool = option("--run-law", text="Run the user's own law in the recording: code.", default=False)
-
-
-def replay(options: ReplayOptions) -> None:
-    """Run the command."""
-    from hoopd.commands.output import print_result, write_json
-    from hoopd.daemon.replay import replay as repeat
-
-    result = repeat(options.recording, run_law=options.run_law)
-    write_json(options.json_path, result)
-    print_result(result)
-    raise typer.Exit(0 if result["equal"] else 1)

@@ -1,6 +1,6 @@
 """Options of `hoopd simulate`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
@@ -12,10 +12,8 @@ from hoopd.commands.options.declaration import REQUIRED, option
 from hoopd.commands.options.shared import (
     SLICE,
     age_option,
-    check_files,
     columns_option,
     figure_option,
-    finish,
     json_option,
     model_option,
 )
@@ -42,12 +40,3 @@ class SimulateOptions:
     without_effects: bool = option("--without-effects", text="Leave the model's effects out.", default=False)
     out: Path | None = option("--out", text="Write the simulated run (.csv, .mcap, .mat or .h5).", metavar="FILE")
     json_path: Path | None = json_option()
-
-
-def simulate(options: SimulateOptions) -> None:
-    """Run the command."""
-    from hoopd.commands.simulate import run
-
-    inputs: list[Path | str | None] = [options.recording, options.model]
-    check_files(inputs, out=options.out, figure=options.figure, json=options.json_path)
-    finish(run(options), options.json_path)

@@ -1,0 +1,58 @@
+"""From a record of options to the command that it is for: what works on the device, the rig or what they left.
+
+Rules of this file: called by the command line with a record; heavy imports are made inside.
+"""
+
+from __future__ import annotations
+
+import typer
+
+from hoopd.commands.options.calibrate import CalibrateOptions
+from hoopd.commands.options.experiment import ExperimentOptions
+from hoopd.commands.options.replay import ReplayOptions
+from hoopd.commands.options.running import checked_speed, without_pictures
+
+
+def experiment(options: ExperimentOptions) -> None:
+    """A test signal, played and recorded."""
+    from hoopd.commands.output import check_json, print_result, write_json
+    from hoopd.daemon.app import Options
+    from hoopd.daemon.experiment import Where, run
+    from hoopd.plants.hoop.experiment_plan import DURATION_S, DURATIONS_S, Plan
+
+    asked = {name: getattr(options, name) for name in Plan._fields if name not in ("duration_s", "ball")}
+    seconds = DURATIONS_S.get(options.kind, DURATION_S) if options.duration_s is None else options.duration_s
+    plan = Plan(**asked, duration_s=seconds, ball=not options.no_ball)
+    rig = Options(
+        sim=options.sim,
+        config=options.config,
+        sets=options.sets,
+        seed=options.seed,
+        speed=checked_speed(options.speed),
+        direct=without_pictures(options.camera),
+        arm=options.arm,
+    )
+    check_json(options.json_path)
+    result = run(plan, rig, Where(options.record, options.out), options.figure)
+    write_json(options.json_path, result)
+    print_result(result)
+    raise typer.Exit(result["exit"])
+
+
+def calibrate(options: CalibrateOptions) -> None:
+    """Where the hoop is in the picture."""
+    from hoopd.commands.calibrate import run
+    from hoopd.commands.output import print_result
+
+    print_result(run(options.picture, options.positions, options.json_path, options.figure, options.save))
+
+
+def replay(options: ReplayOptions) -> None:
+    """A recorded run through the same tick."""
+    from hoopd.commands.output import print_result, write_json
+    from hoopd.daemon.replay import replay as repeat
+
+    result = repeat(options.recording, run_law=options.run_law)
+    write_json(options.json_path, result)
+    print_result(result)
+    raise typer.Exit(0 if result["equal"] else 1)
