@@ -1,7 +1,6 @@
 """From a record of options to the command that it is for: what works on files.
 
-Rules of this file: called by the command line with a record; heavy imports are made inside, files are checked before the
-work.
+Rules of this file: called by the command line with a record; heavy imports are made inside, files are checked first.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Options of `hoopd plant`.
 
-Rules of this file: the record and its way to the command.
+Rules of this file: the record alone.
 """
 
 from __future__ import annotations
