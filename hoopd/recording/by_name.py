@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
-from hoopd.recording.column_choice import Layout, Pick, choose, time_column
+from hoopd.recording.column_choice import Layout, Pick, choose, is_time, time_column
 from hoopd.recording.recording import HOLDS, Recording, Signal, from_columns, from_signals
 from hoopd.recording.tables import MAX_ROWS, Columns, Place, by_row, checked, numbers, row, vector
 
@@ -131,3 +131,27 @@ def _split(fields: Mapping[str, Field], rows: int, path: Path, key: str) -> dict
 
 def _place(key: str, name: str) -> str:
     return f"{key}.{name}" if key else name
+
+
+def chosen(
+    groups: Mapping[str, dict[str, Field]], plain: dict[str, Field], path: Path, experiment: str | None
+) -> tuple[str, dict[str, Field]]:
+    """The group that is asked for, else the only one, else the only one with a time, else what stands beside them."""
+    if experiment is not None:
+        if experiment not in groups:
+            raise InputError(path, experiment, f"no such struct with signals; there are {', '.join(groups) or 'none'}")
+        return experiment, groups[experiment]
+    timed = [name for name, fields in groups.items() if has_time(fields)]
+    names = timed if timed or has_time(plain) else list(groups)
+    if len(names) == 1:
+        return names[0], groups[names[0]]
+    if names:
+        raise InputError(path, "", f"holds {', '.join(names[:8])}: choose one with --experiment")
+    if not plain:
+        raise InputError(path, "", "holds no struct and no arrays with signals")
+    return "", plain
+
+
+def has_time(fields: Mapping[str, Field]) -> bool:
+    """Whether one of the signals is the time."""
+    return any(map(is_time, fields))

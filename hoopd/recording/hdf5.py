@@ -22,9 +22,8 @@ import numpy as np
 
 from hoopd.files.reading import InputError, unpacked_limit
 from hoopd.files.whole_files import opened as opened_file
-from hoopd.recording.by_name import Field, from_fields, renamed
+from hoopd.recording.by_name import Field, chosen, from_fields, renamed
 from hoopd.recording.column_choice import TICK, Layout, by_name
-from hoopd.recording.matlab_structs import chosen
 from hoopd.recording.recording import Recording, Signal, from_signals
 from hoopd.recording.tables import (
     INPUT_AND_STATES,

@@ -14,8 +14,7 @@ from typing import Any
 
 from hoopd.files.reading import InputError
 from hoopd.recording import mat5
-from hoopd.recording.by_name import Field
-from hoopd.recording.column_choice import is_time
+from hoopd.recording.by_name import Field, chosen, has_time
 
 VALUES = ("values", "Values", "Data", "data")
 UNITS = ("unit", "units", "Unit")
@@ -38,33 +37,10 @@ def fields_of(data: bytes, path: Path, experiment: str | None = None) -> tuple[s
     except ValueError as error:
         raise InputError(path, "", f"not a MATLAB file, or a damaged one ({error})") from None
     objects = [a.name for a in arrays if a.kind == mat5.OPAQUE]
-    if experiment in objects or (objects and experiment is None and not structs and not _has_time(plain)):
+    if experiment in objects or (objects and experiment is None and not structs and not has_time(plain)):
         name = experiment or objects[0]
         raise InputError(path, name, f"a table or another object, whose form MATLAB does not tell; {AS_STRUCT}")
     return chosen({name: fields for name, fields in structs.items() if fields}, plain, path, experiment)
-
-
-def chosen(
-    groups: Mapping[str, dict[str, Field]], plain: dict[str, Field], path: Path, experiment: str | None
-) -> tuple[str, dict[str, Field]]:
-    """The group that is asked for, else the only one, else the only one with a time, else what stands beside them."""
-    if experiment is not None:
-        if experiment not in groups:
-            raise InputError(path, experiment, f"no such struct with signals; there are {', '.join(groups) or 'none'}")
-        return experiment, groups[experiment]
-    timed = [name for name, fields in groups.items() if _has_time(fields)]
-    names = timed if timed or _has_time(plain) else list(groups)
-    if len(names) == 1:
-        return names[0], groups[names[0]]
-    if names:
-        raise InputError(path, "", f"holds {', '.join(names[:8])}: choose one with --experiment")
-    if not plain:
-        raise InputError(path, "", "holds no struct and no arrays with signals")
-    return "", plain
-
-
-def _has_time(fields: Mapping[str, Field]) -> bool:
-    return any(map(is_time, fields))
 
 
 def _is_numbers(array: mat5.Array) -> bool:
