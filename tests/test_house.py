@@ -22,11 +22,6 @@ NOT_YET = {
     "commands/fit.py",
     "commands/linearize.py",
     "commands/simulate.py",
-    "diagnose/quality/rate_choice.py",
-    "diagnose/quality/recording_quality.py",
-    "diagnose/quality/sensor_samples.py",
-    "diagnose/quality/standstill.py",
-    "diagnose/quality/turns.py",
     "lab/linear.py",
     "lab/simulation.py",
     "plants/effects/image_sensor.py",
@@ -48,7 +43,7 @@ def test_only_the_hoop_names_the_hoops_angles() -> None:
     found = {
         path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.py") if {"theta", "psi"} & set(identifiers(path))
     }
-    assert {name for name in found if not name.startswith(OF_THE_HOOP)} == NOT_YET
+    assert {name for name in found if not name.startswith(OF_THE_HOOP)} <= NOT_YET
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
