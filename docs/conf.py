@@ -19,6 +19,7 @@ author = "the hoopd authors"
 project_copyright = "the hoopd authors, Apache-2.0"
 version = release = version_of("hoopd")
 language = "en"
+smartquotes = False  # two hyphens begin an option
 
 extensions = ["myst_parser"]
 source_suffix = {".md": "markdown"}

@@ -26,8 +26,14 @@ PLANTS = """# Python: `hoopd.plants`
 
 What a plant is, what an effect is, and what can be done with any of them. A plant of your own as a file needs none of
 this."""
+LONGEST = 88  # characters of a call on one line
 PLANT_MODULES = {
     "hoopd.plants.declaration": (),
+    "hoopd.plants.plant_file": ("load_plant", "parse_plant"),
+    "hoopd.plants.registry": ("plant_named", "resolve_plant"),
+    "hoopd.plants.plant_check": ("checks",),
+    "hoopd.plants.free_run_model": ("FreeRunModel",),
+    "hoopd.plants.fits.plant_fit": (),
     "hoopd.plants.effects.base": (),
     "hoopd.plants.effects.library": ("library",),
 }
@@ -65,31 +71,45 @@ def _page(introduction: str, found: Iterable[tuple[str, Any]]) -> str:
 
 
 def _entry(name: str, one: Any) -> str:
-    parts = [
-        f"## {name}",
-        f"```python\nfrom {one.__module__} import {name}\n\n{name}{_signature(one)}\n```",
-        _docstring(one),
-    ]
-    if inspect.isclass(one):
-        methods = [
-            (key, value)
-            for key, value in vars(one).items()
-            if key[0] != "_" and (inspect.isfunction(value) or isinstance(value, property)) and inspect.getdoc(value)
-        ]
-        parts += [
-            f"**{key}{'' if isinstance(value, property) else _signature(value)}**\n\n{_docstring(value)}"
-            for key, value in methods
-        ]
-    return sections(*parts)
+    call = f"```python\nfrom {one.__module__} import {name}\n\n{_call(name, one)}\n```"
+    if not inspect.isclass(one):
+        return sections(f"## {name}", call, _docstring(one))
+    public = [(key, value) for key, value in vars(one).items() if key[0] != "_" and inspect.getdoc(value)]
+    methods = [(key, value) for key, value in public if inspect.isfunction(value)]
+    values = [f"- `{key}`: {_first(value)}" for key, value in public if isinstance(value, property)]
+    calls = [f"```python\n.{_call(key, value)}\n```\n\n{_docstring(value)}" for key, value in methods]
+    return sections(f"## {name}", call, _docstring(one), "\n".join(values), *calls)
 
 
-def _signature(one: Any) -> str:
+def _first(one: Any) -> str:
+    """The first paragraph of a docstring, on one line."""
+    return " ".join((inspect.getdoc(one) or "").split("\n\n")[0].split())
+
+
+def _call(name: str, one: Any) -> str:
+    """How it is called; one argument a line where a line is too short for all."""
     try:
-        text = str(inspect.signature(one))
+        signature = inspect.signature(one)
     except (TypeError, ValueError):
-        return "(...)"
-    text = text.replace("(self, ", "(").replace("(self)", "()")
-    return re.sub(r"<(?:factory|object|function|class)[^>]*>", "...", text.replace("'", ""))
+        return f"{name}(...)"
+    parts = [_argument(argument) for argument in signature.parameters.values() if argument.name != "self"]
+    result = "" if inspect.isclass(one) or signature.return_annotation is inspect.Signature.empty else " -> "
+    result += _hint(signature.return_annotation) if result else ""
+    text = f"{name}({', '.join(parts)}){result}"
+    return text if len(text) <= LONGEST else f"{name}(\n{''.join(f'    {part},{chr(10)}' for part in parts)}){result}"
+
+
+def _argument(one: inspect.Parameter) -> str:
+    stars = {one.VAR_POSITIONAL: "*", one.VAR_KEYWORD: "**"}.get(one.kind, "")
+    hint = "" if one.annotation is one.empty else f": {_hint(one.annotation)}"
+    default = repr(one.default)
+    told = "" if one.default is one.empty else f" = {'...' if default.startswith('<') else default}"
+    return f"{stars}{one.name}{hint}{told}"
+
+
+def _hint(hint: Any) -> str:
+    """An annotation as it stands in the source."""
+    return str(getattr(hint, "__forward_arg__", hint if isinstance(hint, str) else getattr(hint, "__name__", hint)))
 
 
 def _docstring(one: Any) -> str:
