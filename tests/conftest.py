@@ -29,10 +29,14 @@ ON_THE_CLOCK = (
     "shell/test_service.py",
     "system/test_rig_priority.py",
 )
-
-
 # Bounds of tenths of a second and more, with much waiting: side by side, but excused like those above (disturbance.py).
-TIMED = ("shell", "sim/test_boardprocess.py", "sim/test_camera.py", "system/test_check_device.py", "tools/test_soak.py")
+TIMED = (
+    "shell",
+    "sim/test_boardprocess.py",
+    "sim/test_camera.py",
+    "system/test_check_device.py",
+    "tools/test_benches.py",
+)
 BEGUN = pytest.StashKey()
 
 

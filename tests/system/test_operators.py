@@ -21,8 +21,6 @@ from harness.witness import Witness, witnessed
 from hoopd.shell.operator import CommandError
 from hoopd.shell.socketfile import listening_socket
 
-pytestmark = pytest.mark.realtime
-
 REFERENCE = [{"at_s": 1.8, "name": "reference", "value": 0.1}]  # keeps the motor busy
 DICTIONARY = "transport/auth/usrpwd/dictionary_file"
 
@@ -75,6 +73,7 @@ def listening(daemon: Daemon) -> None:
     raise AssertionError("no command socket")
 
 
+@pytest.mark.realtime
 def test_an_operator_is_told_what_the_log_says(tmp_path: Path) -> None:
     with Daemon(tmp_path, fifo=fifo_granted()) as daemon:
         listening(daemon)
@@ -101,6 +100,7 @@ def test_an_operator_is_told_what_the_log_says(tmp_path: Path) -> None:
         assert not daemon.socket.exists()
 
 
+@pytest.mark.realtime
 def test_a_killed_daemons_socket_is_taken_over(tmp_path: Path) -> None:
     with Daemon(tmp_path) as daemon:
         listening(daemon)
@@ -118,6 +118,7 @@ def test_a_killed_daemons_socket_is_taken_over(tmp_path: Path) -> None:
             assert following.command("status")["ok"]
 
 
+@pytest.mark.realtime
 def test_a_second_daemon_of_a_device_is_refused_in_one_line(tmp_path: Path) -> None:
     master, slave = os.openpty()
     first = listening_socket("hoop", str(tmp_path / "hoop.sock"))
@@ -146,6 +147,7 @@ def test_a_configuration_of_before_is_told_what_to_change(tmp_path: Path) -> Non
         assert done.stderr.count("\n") == 1 and "take the key away" in done.stderr
 
 
+@pytest.mark.realtime
 def test_4000_idle_connections_keep_no_operator_out(tmp_path: Path) -> None:
     with Daemon(tmp_path, fifo=fifo_granted()) as daemon:
         listening(daemon)
@@ -170,6 +172,7 @@ def test_4000_idle_connections_keep_no_operator_out(tmp_path: Path) -> None:
         assert daemon.stop() == 0
 
 
+@pytest.mark.realtime
 def test_messages_of_40_mb_cost_neither_ticks_nor_memory(tmp_path: Path) -> None:
     """With commands off, and on: 64 KiB is what zenoh takes of a message."""
     users = tmp_path / "users.txt"
@@ -207,6 +210,7 @@ def test_messages_of_40_mb_cost_neither_ticks_nor_memory(tmp_path: Path) -> None
     witnessed(tmp_path, check)
 
 
+@pytest.mark.realtime
 def test_a_refused_arm_is_told_with_the_reason_of_the_log(tmp_path: Path) -> None:
     with Daemon(tmp_path, fifo=fifo_granted()) as daemon:
         listening(daemon)

@@ -38,7 +38,6 @@ def realtime(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return realtime
 
 
-@pytest.mark.realtime
 def test_realtime_prints_every_figure(tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     out = run_bench("realtime.py", "--seconds", "3", "--direct", "--busy", "1", "--json", str(path))
@@ -56,7 +55,6 @@ def test_realtime_prints_every_figure(tmp_path: Path) -> None:
     assert 19.0 < figures["mean_period_ms"] < 21.0
 
 
-@pytest.mark.realtime
 def test_memory_prints_its_slope() -> None:
     out = run_bench("memory.py", "--minutes", "0.05", "--warm-up", "0", "--every", "0.3", "--direct")
     assert "Theil-Sen slope" in out
