@@ -26,7 +26,8 @@ from hoopd.files.whole_files import replace_file
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.effects_file import load_effects
-from hoopd.plants.model_file import effects_of, effects_plant, load_model, parse_model
+from hoopd.plants.model_file import HOOP
+from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model, parse_plant_model
 
 Progress = Callable[[str], None]
 
@@ -38,17 +39,24 @@ def run(options: DiagnoseOptions, *, progress: Progress = lambda text: None) -> 
     texts, held_texts = expanded(options.recordings), expanded(options.holdout)
     inputs: list[Path | str] = [*texts, *held_texts]
     inputs += [one for one in (options.model, options.effects) if one is not None]
+    base = judged_model(options.plant, options.model)
     check_targets(inputs, {"--json": options.json_path, "--report": options.report, "--write": options.write})
-    base = load_model(or_shipped(options.model or DEFAULT_MODEL))
     outcome = outcome_of(texts, held_texts, base, options, progress=progress)
     progress("drawing and writing")
     return _written(outcome, base, options.json_path, options.report, options.write)
 
 
+def judged_model(plant: str | None, model: Path | None) -> PlantModel:
+    """The model of a file, of `plant` where it is told; without a file its nominal values (the thesis's)."""
+    if model is not None:
+        return load_plant_model(or_shipped(model), plant)
+    return load_plant_model(or_shipped(DEFAULT_MODEL)) if plant in (None, HOOP) else nominal_model(str(plant))
+
+
 def outcome_of(
     texts: Sequence[str],
     held_texts: Sequence[str],
-    base: ModelFile,
+    base: PlantModel,
     options: DiagnoseOptions | None = None,
     *,
     progress: Progress = lambda text: None,
@@ -59,18 +67,18 @@ def outcome_of(
     check_distinct(texts, held_texts)
     without = [name for text in options.without for name in text.split(",")]
     progress("reading the recordings")
-    plant = effects_plant(base)
-    train = [read_source(text, plant, options.columns, options.age) for text in texts]
-    held = [read_source(text, plant, options.columns, options.age) for text in held_texts]
-    check_motion(train, held, base.structure)
+    plant = base.plant
+    train = [read_source(text, plant, options.columns, options.age, options.hold) for text in texts]
+    held = [read_source(text, plant, options.columns, options.age, options.hold) for text in held_texts]
+    check_motion(train, held, base.file.structure if isinstance(base.file, ModelFile) else "")
     whole = () if held else tuple(train)
-    train, held, how = _parts(train, held)
+    train, held, how = _parts(train, held, plant.time_scale_s)
     known = _library([*train, *held], options.effects, without)
     own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
     return diagnose(
         Case(
             model=base.name,
-            values=effects_of(base).values,
+            values=base.values,
             train=train,
             heldout=held,
             library=known,
@@ -86,7 +94,9 @@ def outcome_of(
     )
 
 
-def _parts(train: Sequence[Source], held: Sequence[Source]) -> tuple[list[Source], list[Source], str]:
+def _parts(
+    train: Sequence[Source], held: Sequence[Source], time_scale_s: float
+) -> tuple[list[Source], list[Source], str]:
     """What is fitted, what is held out, and how: the last third where nothing else is."""
     how = ", ".join(one.name for one in held)
     own = not held
@@ -94,7 +104,7 @@ def _parts(train: Sequence[Source], held: Sequence[Source]) -> tuple[list[Source
         train, held = last_third(train)
         how = "the last third of every recording"
     train, held = [one for one in train if one.stretches], [one for one in held if one.stretches]
-    check_lengths(train, held, given=not own)
+    check_lengths(train, held, time_scale_s, given=not own)
     return train, held, how
 
 
@@ -119,7 +129,7 @@ def _in_fits(effect: Effect) -> bool:
 
 
 def _written(
-    outcome: Outcome, base: ModelFile, json_path: Path | None, report: Path | None, write: Path | None
+    outcome: Outcome, base: PlantModel, json_path: Path | None, report: Path | None, write: Path | None
 ) -> Diagnosis:
     """The diagnosis; every file is made before the first one is written."""
     diagnosis, files = outcome.diagnosis, list[tuple[Path, bytes]]()
@@ -128,8 +138,8 @@ def _written(
             f"{name} is not in the model: a model file holds effects of the library only" for name in left_out(outcome)
         ]
         diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *own])
-        text = model_text(found_model(outcome, base, write.stem))
-        parse_model(text, write)
+        text = model_text(found_model(outcome, base.file, write.stem))
+        parse_plant_model(text, write)
         files.append((write, text.encode()))
     if report is not None:
         from hoopd.diagnose.report.page import page

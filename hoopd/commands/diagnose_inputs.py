@@ -23,6 +23,8 @@ from hoopd.recording.slices import split_slice
 
 # Seconds of usable data: two windows of a fit and one of what is held out; less says nothing about a model.
 LEAST_TRAIN_S, LEAST_HELD_S = 4.0, 2.0
+# Of a plant that is faster than that: so many of its usual sample times.
+TRAIN_STEPS, HELD_STEPS = 200, 100
 
 # Characters of an impossible name that a message repeats.
 LONGEST_TOLD = 200
@@ -99,47 +101,53 @@ def _given(text: str) -> Given:
 # ---------------------------------------------------------------------------------------------- sources
 
 
-def read_source(text: str, plant: Plant, columns: str | None, age: str) -> Source:
+def read_source(text: str, plant: Plant, columns: str | None, age: str, hold: str = "zero") -> Source:
     """One recording, read, judged and cut for a search."""
-    return source_of(text, read_recording(text, columns, age), plant)
+    return source_of(text, read_recording(text, columns, age, plant=plant, hold=hold), plant)
 
 
-def check_lengths(train: Sequence[Source], held: Sequence[Source], *, given: bool) -> None:
+def check_lengths(train: Sequence[Source], held: Sequence[Source], time_scale_s: float, *, given: bool) -> None:
     """InputError when there is too little to fit or to prove with; `given`: what is held out was given."""
     fitted, proves = (sum(one.seconds for one in part) for part in (train, held))
+    least_train, least_held = (
+        min(LEAST_TRAIN_S, TRAIN_STEPS * time_scale_s),
+        min(LEAST_HELD_S, HELD_STEPS * time_scale_s),
+    )
     if given:
-        for sources, seconds, least in ((train, fitted, LEAST_TRAIN_S), (held, proves, LEAST_HELD_S)):
+        for sources, seconds, least in ((train, fitted, least_train), (held, proves, least_held)):
             if seconds < least:
                 name = sources[0].name if sources else "--holdout"
                 raise InputError(name, "", f"too short: {seconds:.1f} s of usable samples, {least:g} s are needed")
-    elif fitted < LEAST_TRAIN_S or proves < LEAST_HELD_S:
+    elif fitted < least_train or proves < least_held:
         name, total = (train or held)[0].name if train or held else "recordings", fitted + proves
-        least = LEAST_TRAIN_S + LEAST_HELD_S
+        least = least_train + least_held
         reason = f"too short to hold a third out: {total:.1f} s of usable samples, {least:g} s are needed"
         raise InputError(name, "", reason)
 
 
-def check_motion(train: Sequence[Source], held: Sequence[Source], structure: str) -> None:
+def check_motion(train: Sequence[Source], held: Sequence[Source], structure: str = "") -> None:
     """InputError when recordings say nothing about one another: something moves in one of them only.
 
-    Under `entries` all must be of one kind: the entries of a bare hoop are other numbers than those of hoop and ball.
+    Under the hoop's `entries` all must be of one kind: the entries of a bare hoop are other numbers.
     """
     fitted = {q for source in train for q in _moving(source)}
     for source in (*train, *held):
         own = _moving(source)
         if structure == "entries" and own != _moving(train[0]):
-            reason = f"{_words(own)} moves in it, {_words(_moving(train[0]))} in {train[0].name}"
+            reason = f"{_words(own, source)} moves in it, {_words(_moving(train[0]), source)} in {train[0].name}"
             raise InputError(source.name, "", f"{reason}: entries differ; a physical structure takes both (--model)")
         if new := own - fitted:
-            raise InputError(source.name, "--holdout", f"{_words(new)} moves in it, and in nothing that is fitted")
+            raise InputError(
+                source.name, "--holdout", f"{_words(new, source)} moves in it, and in nothing that is fitted"
+            )
 
 
 def _moving(source: Source) -> set[str]:
     return {q for stretch in source.stretches for q in stretch.plant.coordinates}
 
 
-def _words(coordinates: set[str]) -> str:
-    names = {"theta": "the hoop", "psi": "the ball"}
+def _words(coordinates: set[str], source: Source) -> str:
+    names = source.quality.plant.judges.words
     return " and ".join(names.get(q, q) for q in sorted(coordinates, reverse=True))
 
 

@@ -7,6 +7,7 @@ infinite neutral value) is left out.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -16,20 +17,20 @@ from hoopd.diagnose.findings import parameters_of
 from hoopd.diagnose.record import Quantity
 from hoopd.diagnose.record_file import to_digits
 from hoopd.diagnose.run import Outcome
-from hoopd.files.model import EffectEntry, ModelFile, Parameter
+from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile
 from hoopd.ident.normal import Z95
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
-from hoopd.plants.found_effects import REGION_NAMES
 from hoopd.plants.likelihood.fitting import Fit
 
+Model = TypeVar("Model", bound=ModelFile | PlantModelFile)
 # A region of validity is where the recordings were, without their rarest places.
 LEAST, MOST = 0.005, 0.995
 # Phases of two recordings that differ by less than this (rad) are one: the encoder's zero stayed where it was.
 SAME_PHASE = 0.3
 
 
-def found_model(outcome: Outcome, base: ModelFile, name: str) -> ModelFile:
+def found_model(outcome: Outcome, base: Model, name: str) -> Model:
     """The base with re-estimated parameters, and its effects and the named ones, where the library knows them."""
     quantities = outcome.diagnosis.base.parameters
     parameters = {key: _parameter(one) for key, one in quantities.items() if "." not in key}
@@ -82,18 +83,27 @@ def _phase(key: str, final: Fit) -> dict[str, object]:
 
 def region(effect: Effect, final: Fit) -> dict[str, tuple[float, float]]:
     """By what an effect depends on: where the recordings were; an angle that made a whole turn was everywhere."""
-    found = {}
+    found, turning = {}, _turning(final)
     for name in effect.depends_on:
         parts = [
             np.ravel(getattr(here, name))
             for here in (at_nodes(track, final) for track in final.tracks)
-            if name in REGION_NAMES and (name == "u" or name in here)
+            if name == "u" or (name in turning and name in here)
         ]
         if not parts:
             continue
         low, high = (float(q) for q in np.quantile(np.concatenate(parts), (LEAST, MOST)))
-        if low < high and not (name in ("theta", "psi") and high - low > 2.0 * np.pi):
+        if low < high and not (turning.get(name) and high - low > 2.0 * np.pi):
             found[name] = (low, high)
+    return found
+
+
+def _turning(final: Fit) -> dict[str, bool]:
+    """Every state, and what is held, of the plants: whether it comes back after a turn."""
+    found = dict[str, bool]()
+    for plant in (track.stretch.plant for track in final.tracks):
+        angles = {slot.coordinate for slot in plant.slots.values() if slot.turns}
+        found |= {name: name in angles or found.get(name, False) for name in (*plant.states, *plant.held)}
     return found
 
 

@@ -48,7 +48,7 @@ class EffectEntry(Strict, frozen=True):
 
 
 class ModelFile(Strict, frozen=True):
-    """`hoopd.model/1`."""
+    """`hoopd.model/1` of the hoop."""
 
     schema: Literal["hoopd.model/1"]
     name: str
@@ -57,13 +57,29 @@ class ModelFile(Strict, frozen=True):
     parameters: dict[str, Parameter]
     effects: list[EffectEntry] = msgspec.field(default_factory=list)
     sample_time_s: float = 0.02
+    plant: Literal["hoop"] = "hoop"
 
     def values(self) -> dict[str, float]:
         """Parameters by name; a parameter overrides the device constant of the same name."""
         return {**self.device.values(), **{name: entry.value for name, entry in self.parameters.items()}}
 
 
-def model_text(model: ModelFile) -> str:
+class PlantModelFile(Strict, frozen=True):
+    """`hoopd.model/1` of any other plant: a registered name or a plant file, and its numbers."""
+
+    schema: Literal["hoopd.model/1"]
+    name: str
+    plant: str
+    parameters: dict[str, Parameter] = msgspec.field(default_factory=dict)  # the plant's own where they are not told
+    effects: list[EffectEntry] = msgspec.field(default_factory=list)
+    sample_time_s: float = 0.02
+
+    def values(self) -> dict[str, float]:
+        """Parameters by name."""
+        return {name: entry.value for name, entry in self.parameters.items()}
+
+
+def model_text(model: ModelFile | PlantModelFile) -> str:
     """The text of a model file, every number to its last bit."""
     lines: list[str] = []
     for key, value in msgspec.to_builtins(model).items():

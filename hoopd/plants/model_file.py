@@ -18,6 +18,7 @@ from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError, check_parameters
 from hoopd.plants.hoop.plant import HoopPlant
 
+HOOP = "hoop"
 # No number of such a device is outside of these: a typing error, and products of such numbers leave the computer's.
 SMALLEST, LARGEST = 1e-15, 1e12
 # Of the hoop's radius, what the ball's centre at least moves on: the swing's frequency has it in the denominator.
@@ -31,10 +32,13 @@ def load_model(path: Path) -> ModelFile:
 
 def parse_model(text: str, path: object) -> ModelFile:
     """A checked model from its file's text; `path` is what a message calls it."""
-    model = to_struct(parse_yaml(text, path), ModelFile, path)
+    content = parse_yaml(text, path)
+    if isinstance(content, dict) and content.get("plant", HOOP) != HOOP:
+        raise InputError(path, "plant", f"a model of {content['plant']!r}, where one of the hoop is needed")
+    model = to_struct(content, ModelFile, path)
     units = PARAMETER_UNITS[model.structure]
     for name, entry in model.parameters.items():
-        _check_parameter(path, f"parameters.{name}", entry, units.get(name))
+        check_parameter(path, f"parameters.{name}", entry, units.get(name))
     values = model.values()
     try:
         check_parameters(model.structure, values)
@@ -69,7 +73,7 @@ def _check_effects(path: object, model: ModelFile) -> None:
         except EffectError as error:
             raise InputError(path, f"{key}.{error.key}", error.reason) from None
         for name, one in entry.parameters.items():
-            _check_parameter(path, f"{key}.parameters.{name}", one, known[entry.name].parameter(name).unit)
+            check_parameter(path, f"{key}.parameters.{name}", one, known[entry.name].parameter(name).unit)
 
 
 def plant_of(model: ModelFile) -> HoopPlant:
@@ -112,7 +116,8 @@ def _has_no_common_phase(effect: Effect, entry: EffectEntry) -> bool:
     return measured and lost
 
 
-def _check_parameter(path: object, key: str, entry: Parameter, unit: str | None) -> None:
+def check_parameter(path: object, key: str, entry: Parameter, unit: str | None) -> None:
+    """InputError for a wrong unit, a size that cannot be meant, or an interval beside its value."""
     if unit is not None and entry.unit != unit:
         raise InputError(path, f"{key}.unit", f"wrong unit {entry.unit!r}: this parameter is in {unit}")
     if entry.value and not SMALLEST <= abs(entry.value) <= LARGEST:

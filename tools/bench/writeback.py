@@ -33,6 +33,7 @@ from hoopd.daemon.app import Options, run_daemon
 from hoopd.diagnose.report_curves import MissingForce
 from hoopd.files.model import EffectEntry, Parameter, model_text
 from hoopd.plants.model_file import load_model
+from hoopd.plants.plant_model import load_plant_model
 from hoopd.plots import style
 from hoopd.recording.mcap import read_run
 from hoopd.sim import truth
@@ -291,7 +292,7 @@ def draw(name: str, path: Path) -> None:
 
 def missing_force(recording: Path, effect: str) -> MissingForce:
     """The smoothed force that the model without the effect lacks, with the named law."""
-    outcome = outcome_of([str(recording)], [], load_model(CONFIG / "models" / "hoop.yaml"))
+    outcome = outcome_of([str(recording)], [], load_plant_model(CONFIG / "models" / "hoop.yaml"))
     return next(
         one for one in outcome.shown.forces if any(r.law is not None and effect in r.law.label for r in one.regressors)
     )

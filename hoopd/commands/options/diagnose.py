@@ -13,8 +13,10 @@ from hoopd.commands.options.shared import (
     SLICE,
     age_option,
     columns_option,
+    hold_option,
     holdout_option,
     json_option,
+    plant_option,
 )
 
 
@@ -31,7 +33,9 @@ class DiagnoseOptions:
     without: tuple[str, ...] = option(
         "--without", text="Effect that is not to be looked for; repeatable.", metavar="NAME[,NAME]", default=()
     )
+    plant: str | None = plant_option()
     columns: str | None = columns_option()
+    hold: str = hold_option()
     age: str = age_option()
     report: Path | None = option("--report", text="Write the whole report as one page.", metavar="FILE.html")
     write: Path | None = option("--write", text="Write a model with what was found.", metavar="MODEL")

@@ -1,0 +1,108 @@
+"""Models of any plant (`hoopd.model/1` with `plant`): the plant with a file's numbers, and the effects on it.
+
+Rules of this file: everything wrong in a file is one `InputError`; no equation lives here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile
+from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
+from hoopd.files.records import between
+from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.library import library
+from hoopd.plants.found_effects import EffectError, checked
+from hoopd.plants.model_file import HOOP, check_parameter, effects_plant, parse_model
+from hoopd.plants.registry import SUFFIXES, resolve_plant
+
+
+@dataclass(frozen=True)
+class PlantModel:
+    """A plant with the numbers of a model file, or its nominal ones."""
+
+    plant: Plant
+    file: ModelFile | PlantModelFile
+
+    @property
+    def name(self) -> str:
+        """Of the model."""
+        return self.file.name
+
+    @property
+    def is_hoop(self) -> bool:
+        """Whether the daemon can run on it."""
+        return isinstance(self.file, ModelFile)
+
+    @property
+    def effects(self) -> list[EffectEntry]:
+        """Those that the model has."""
+        return self.file.effects
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters of the plant by name, and the effects' by `slot.effect.parameter`."""
+        known, found = library(self.plant) if self.effects else {}, dict(self.plant.values)
+        for one in self.effects:
+            own = {**known[one.name].neutral(), **{key: p.value for key, p in one.parameters.items()}}
+            found |= {f"{one.name}.{key}": value for key, value in own.items()}
+        return found
+
+
+def load_plant_model(path: Path, plant: str | None = None) -> PlantModel:
+    """The model of a file, of whatever plant; `plant`: the plant whose model it has to be. InputError otherwise."""
+    return parse_plant_model(read_text(path), path, plant)
+
+
+def parse_plant_model(text: str, path: Path, plant: str | None = None) -> PlantModel:
+    """The model of a file's text; `path` is what a message calls it, and where plant files are looked for."""
+    content = parse_yaml(text, path)
+    told = content.get("plant", HOOP) if isinstance(content, dict) else HOOP
+    if told == HOOP:
+        if plant not in (None, HOOP):
+            raise InputError(path, "plant", f"a model of the hoop, not of {plant}")
+        model = parse_model(text, path)
+        return PlantModel(effects_plant(model), model)
+    file = to_struct(content, PlantModelFile, path)
+    found = resolve_plant(plant or _beside(file.plant, path))
+    _check(path, file, found)
+    return PlantModel(replace(found, values={**found.values, **file.values()}), file)
+
+
+def nominal_model(plant: str) -> PlantModel:
+    """The plant of a name or a file with its nominal parameters."""
+    found = resolve_plant(plant)
+    parameters = {name: Parameter(value, found.units.get(name, "-")) for name, value in found.values.items()}
+    file = PlantModelFile("hoopd.model/1", found.name, plant, parameters, sample_time_s=found.time_scale_s)
+    return PlantModel(found, file)
+
+
+def _beside(plant: str, path: Path) -> str:
+    """A plant file is looked for beside the model first."""
+    own = path.parent / plant
+    return str(own) if Path(plant).suffix in SUFFIXES and own.exists() else plant
+
+
+def _check(path: Path, file: PlantModelFile, plant: Plant) -> None:
+    for name, entry in file.parameters.items():
+        if name not in plant.values:
+            known = ", ".join(plant.values)
+            raise InputError(path, f"parameters.{name}", f"{plant.name} has no such parameter; it has {known}")
+        check_parameter(path, f"parameters.{name}", entry, plant.units.get(name))
+        low, high = plant.bounds.get(name, (-float("inf"), float("inf")))
+        if not low <= entry.value <= high:
+            raise InputError(path, f"parameters.{name}.value", f"{entry.value:g} is outside of {low:g} to {high:g}")
+    between(path, "sample_time_s", file.sample_time_s, 0.0, 3600.0)
+    known_effects, seen = library(plant), set[str]()
+    for index, one in enumerate(file.effects):
+        key = f"effects[{index}]"
+        if one.name in seen:
+            raise InputError(path, f"{key}.name", f"{one.name} stands twice")
+        seen.add(one.name)
+        try:
+            checked(plant, one.name, {name: p.value for name, p in one.parameters.items()})
+        except EffectError as error:
+            raise InputError(path, f"{key}.{error.key}", error.reason) from None
+        for name, p in one.parameters.items():
+            check_parameter(path, f"{key}.parameters.{name}", p, known_effects[one.name].parameter(name).unit)
