@@ -23,6 +23,7 @@ from hoopd.files.model import ModelFile, model_text
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
 from hoopd.files.whole_files import replace_file
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.effects_file import load_effects
@@ -72,7 +73,7 @@ def outcome_of(
     held = [read_source(text, plant, options.columns, options.age, options.hold) for text in held_texts]
     check_motion(train, held, base.file.structure if isinstance(base.file, ModelFile) else "")
     whole = () if held else tuple(train)
-    train, held, how = _parts(train, held, plant.time_scale_s)
+    train, held, how = _parts(train, held, plant)
     known = _library([*train, *held], options.effects, without)
     own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
     return diagnose(
@@ -94,9 +95,7 @@ def outcome_of(
     )
 
 
-def _parts(
-    train: Sequence[Source], held: Sequence[Source], time_scale_s: float
-) -> tuple[list[Source], list[Source], str]:
+def _parts(train: Sequence[Source], held: Sequence[Source], plant: Plant) -> tuple[list[Source], list[Source], str]:
     """What is fitted, what is held out, and how: the last third where nothing else is."""
     how = ", ".join(one.name for one in held)
     own = not held
@@ -104,7 +103,7 @@ def _parts(
         train, held = last_third(train)
         how = "the last third of every recording"
     train, held = [one for one in train if one.stretches], [one for one in held if one.stretches]
-    check_lengths(train, held, time_scale_s, given=not own)
+    check_lengths(train, held, plant, given=not own)
     return train, held, how
 
 

@@ -21,9 +21,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.recording.formats import EXTENSIONS, HDF5, split_path
 from hoopd.recording.slices import split_slice
 
-# Seconds of usable data: two windows of a fit and one of what is held out; less says nothing about a model.
-LEAST_TRAIN_S, LEAST_HELD_S = 4.0, 2.0
-# Of a plant that is faster than that: so many of its usual sample times.
+# Of a fast plant, so many of its usual sample times are enough to fit, and to prove with.
 TRAIN_STEPS, HELD_STEPS = 200, 100
 
 # Characters of an impossible name that a message repeats.
@@ -106,12 +104,12 @@ def read_source(text: str, plant: Plant, columns: str | None, age: str, hold: st
     return source_of(text, read_recording(text, columns, age, plant=plant, hold=hold), plant)
 
 
-def check_lengths(train: Sequence[Source], held: Sequence[Source], time_scale_s: float, *, given: bool) -> None:
+def check_lengths(train: Sequence[Source], held: Sequence[Source], plant: Plant, *, given: bool) -> None:
     """InputError when there is too little to fit or to prove with; `given`: what is held out was given."""
     fitted, proves = (sum(one.seconds for one in part) for part in (train, held))
+    steps = TRAIN_STEPS, HELD_STEPS
     least_train, least_held = (
-        min(LEAST_TRAIN_S, TRAIN_STEPS * time_scale_s),
-        min(LEAST_HELD_S, HELD_STEPS * time_scale_s),
+        min(seconds, count * plant.time_scale_s) for seconds, count in zip(plant.judges.least_s, steps, strict=True)
     )
     if given:
         for sources, seconds, least in ((train, fitted, least_train), (held, proves, least_held)):

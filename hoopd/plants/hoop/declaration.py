@@ -62,10 +62,15 @@ def hoop_plant(
             ),
             doubts=suspicions,
             repeated=repeated_rows,
+            least_s=LEAST_S,
             stops=True,
             words={"theta": "the hoop", "psi": "the ball"},
         ),
     )
+
+
+# Seconds of usable data: two windows of a fit and one of what is held out; less says nothing about a model.
+LEAST_S = (4.0, 2.0)
 
 
 def what_moves(recording: Recording, encoder_counts: int = 4096) -> str:
