@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hoopd.plants.compiled import Call, Matrix, Vector, zero_order_hold
-from hoopd.plants.composite import Composite
+from hoopd.plants.composite import LONGEST_STEP_S, Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.motion import USUAL_S
 
 # Runge-Kutta steps a call of `advance`: up to the plant's usual sample time (20 ms), integrated at a 20th or finer.
 ADVANCE_STEPS = 20
@@ -44,6 +45,8 @@ class NumericPlant:
         What it has beside its equations; the empty set adds no operation.
     values
         Parameters by name; what is not named is nominal (of an effect: neutral).
+    advance_steps
+        Runge-Kutta steps in one call of `advance`; fewer make a call shorter, not its steps longer.
 
     Examples
     --------
@@ -58,16 +61,23 @@ class NumericPlant:
     [1.5]
     """
 
-    def __init__(self, plant: Plant, effects: Sequence[Effect] = (), values: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        effects: Sequence[Effect] = (),
+        values: Mapping[str, float] | None = None,
+        *,
+        advance_steps: int = ADVANCE_STEPS,
+    ) -> None:
         self._plant, self._effects, self._values = plant, tuple(effects), dict(values or {})
         # a drive without effects gives what it is asked for: the limit is the controller's
         self._limited = any(one.torque is not None or one.lag is not None for one in self._effects)
-        steps = HARMONIC_FILTER_STEPS if self._most_a_turn() > MANY else FILTER_STEPS
-        self._timed = self._depends_on_time()
-        self._step = Call(self._stepped("step", steps, jacobian=True))
-        self._advance = Call(self._stepped("advance", ADVANCE_STEPS, jacobian=False))
-        self._rate = Call(self._linear[0])
-        self._longest_s = self._smooth.longest_step_s
+        self._advance_steps = advance_steps
+        self._longest_s = LONGEST_STEP_S * (plant.time_scale_s / USUAL_S) * advance_steps / ADVANCE_STEPS
+
+    def prepare(self) -> None:
+        """Makes all functions now, for who has no time later."""
+        assert self._step and self._advance and self._rate
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -121,7 +131,21 @@ class NumericPlant:
         effects = tuple(one for one in self._effects if one.friction is None)
         return Composite(self._plant, effects, limited=self._limited, numbers=self._all_values)
 
-    def _depends_on_time(self) -> bool:
+    @cached_property
+    def _step(self) -> Call:
+        steps = HARMONIC_FILTER_STEPS if self._most_a_turn() > MANY else FILTER_STEPS
+        return Call(self._stepped("step", steps, jacobian=True))
+
+    @cached_property
+    def _advance(self) -> Call:
+        return Call(self._stepped("advance", self._advance_steps, jacobian=False))
+
+    @cached_property
+    def _rate(self) -> Call:
+        return Call(self._linear[0])
+
+    @cached_property
+    def _timed(self) -> bool:
         """Whether equations or effects change with the time; else no call is told it."""
         c = self._composite(1)
         x, u, t = ca.SX.sym("x", c.nz), ca.SX.sym("u", c.nu), ca.SX.sym("t")

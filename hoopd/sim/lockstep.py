@@ -41,7 +41,7 @@ class TruthSink(Protocol):
 
 
 class Moved(Protocol):
-    """What the rig looks at (`hoopd.sim.plant`, `hoopd.sim.hidden`); states in rad and rad/s."""
+    """What the rig looks at (`hoopd.sim.plant`); states in rad and rad/s."""
 
     @property
     def state(self) -> tuple[float, float, float, float]: ...

@@ -1,43 +1,58 @@
-"""The plant of the rig: a model moved through time, and the hand that holds it before a release.
+"""The plant of the rig: a model moved through time, with any physics that the daemon's model does not have.
 
-Rules of this file: time is an argument and never runs backwards; a segment between two events is integrated in
-steps of at most 1 ms.
+Rules of this file: time is an argument and never runs backwards; a segment between two events is integrated in steps
+of at most 1 ms. What acts late is kept with its time, so that delays and latencies of any length are exact at the
+plant's own steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import nan
-from typing import TYPE_CHECKING
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Mapping
+from math import inf, nan
 
+import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from hoopd.core.records import Vector
+from hoopd.plants.compiled import Call
+from hoopd.plants.composite import Composite
 from hoopd.plants.found_effects import Found, FoundEffect
-from hoopd.plants.hoop.plant import HoopPlant
+from hoopd.plants.numeric_plant import ADVANCE_STEPS, NumericPlant
 
-if TYPE_CHECKING:
-    from hoopd.sim.hidden import HiddenPlant
+Array = NDArray[np.float64]
+State = tuple[float, float, float, float]
 
-# One call of the model integrates at most this long (its sub-steps are then 1 ms).
-SEGMENT_S = 0.02
+# Longest segment of one call, whose steps are then 1 ms; with effects a call is one such step, which the past keeps.
+SEGMENT_S, STEP_S = 0.02, 0.001
+# The past that is kept, beyond the largest latency: a picture is looked at when it is taken.
+MEMORY_S = 0.05
+SAME_S = 1e-9
+READ = ("theta", "dtheta", "psi")
 
 
 class RigPlant:
-    """State over time; `advance(x, u, h)` is the model's integrator."""
+    """Plant, drive and sensors as they really are, over time."""
 
-    def __init__(
-        self,
-        advance: Callable[[Vector, float, float], Vector],
-        x0: Vector,
-        *,
-        held: bool = False,
-        hold_s: float = 0.0,
-        t: float = 0.0,
-    ) -> None:
+    def __init__(self, found: Found, x0: Vector, *, held: bool = False, hold_s: float = 0.0, t: float = 0.0) -> None:
         """`held`: hands hold ball and hoop at x0 until `hold_s` has passed and the drive gives its first torque."""
-        self._advance, self._x, self._t = advance, x0.copy(), t
+        effects, values = found.effects(), found.values
+        c = Composite(found.plant, effects, substeps=1)
+        self._segment_s = STEP_S if effects else SEGMENT_S
+        steps = 1 if effects else ADVANCE_STEPS
+        self._model = NumericPlant(found.plant, effects, values, advance_steps=steps)
+        self._delay_s = c.delay_s(values)
+        self._late = {channel: c.latency_s(channel, values) for channel in READ}
+        self._remembers = any(self._late.values())
+        self._errors = _readings(c, values) if any(one.sensor or one.sensor_lag for one in effects) else None
+        self._z, self._t = c.beginning(np.asarray(x0, float)), t
         self._held, self._release_t = held, t + hold_s
+        self._torques: deque[tuple[float, float]] = deque([(-inf, 0.0)])  # from when on
+        self._past: deque[tuple[float, Array]] = deque([(t, self._z)])
+        # made now, not in the first tick
+        self._model.advance(self._z, 0.0, 0.0, t)
 
     @property
     def t(self) -> float:
@@ -45,30 +60,67 @@ class RigPlant:
         return self._t
 
     @property
-    def state(self) -> tuple[float, float, float, float]:
+    def state(self) -> State:
         """theta, dtheta, psi, dpsi in rad and rad/s."""
-        x = self._x
-        return (float(x[0]), float(x[1]), float(x[2]), float(x[3]))
+        return _state(self._z)
 
     @property
-    def shown(self) -> tuple[float, float, float, float]:
-        """The state that a picture taken now shows."""
-        return self.state
+    def shown(self) -> State:
+        """The state that a picture taken now shows: late, and with the camera's own errors."""
+        theta, dtheta, psi, dpsi = _state(self._seen("psi"))
+        return theta, dtheta, psi if self._errors is None else self._read("psi"), dpsi
 
     def sample(self) -> tuple[float, float, float]:
-        """theta, dtheta and no current of its own: the board takes torque over torque constant."""
-        return (float(self._x[0]), float(self._x[1]), nan)
+        """theta, dtheta as the encoder gives them now, and no current of its own: the board takes torque over torque
+        constant."""
+        return self._read("theta"), self._read("dtheta"), nan
 
     def advance(self, t: float, torque_nm: float) -> None:
-        """Integrate up to `t` with the torque held."""
+        """Go on to `t` with the torque demanded."""
         if self._held and torque_nm != 0.0 and self._t >= self._release_t:
             self._held = False
         if self._held:
             self._t = max(t, self._t)
-        while t - self._t > 1e-9:
-            h = min(t - self._t, SEGMENT_S)
-            self._x = self._advance(self._x, torque_nm, h)
+            self._past = deque([(self._t, self._z)])
+        if torque_nm != self._torques[-1][1]:
+            self._torques.append((self._t, torque_nm))
+        while t - self._t > SAME_S:
+            h = min(min(t, self._next_torque()) - self._t, self._segment_s)
+            self._z = self._model.advance(self._z, self._torques[0][1], h, self._t)
             self._t += h
+            if self._remembers:
+                self._remember()
+
+    def _next_torque(self) -> float:
+        """When another torque arrives; what has arrived is dropped."""
+        while len(self._torques) > 1 and self._torques[1][0] + self._delay_s <= self._t + SAME_S:
+            self._torques.popleft()
+        return self._torques[1][0] + self._delay_s if len(self._torques) > 1 else inf
+
+    def _remember(self) -> None:
+        self._past.append((self._t, self._z))
+        oldest = self._t - max(self._late.values()) - MEMORY_S
+        while self._past[0][0] < oldest:
+            self._past.popleft()
+
+    def _read(self, channel: str) -> float:
+        """What a sensor gives now."""
+        z, row = self._seen(channel), READ.index(channel)
+        return float(z[row] if self._errors is None else self._errors.vector(z, self._t)[row])
+
+    def _seen(self, channel: str) -> Array:
+        """The state that a sensor sees."""
+        return self._at(self._t - self._late[channel]) if self._remembers else self._z
+
+    def _at(self, t: float) -> Array:
+        """State at a time of the past (the first one before it), in a straight line between two steps."""
+        if t >= self._past[-1][0]:
+            return self._past[-1][1]
+        index = bisect_right(self._past, t, key=lambda one: one[0])
+        if index == 0:
+            return self._past[0][1]
+        (t0, z0), (t1, z1) = self._past[index - 1], self._past[index]
+        return np.asarray(z0 + (z1 - z0) * ((t - t0) / (t1 - t0)))
 
 
 def make_plant(
@@ -78,12 +130,19 @@ def make_plant(
     held: bool = False,
     hold_s: float = 0.0,
     effects: dict[str, dict[str, float]] | None = None,
-) -> RigPlant | HiddenPlant:
-    """HoopPlant from plain data: what the board's process is told on its command line; effects by name."""
-    if effects:
-        from hoopd.sim.hidden import HiddenPlant
+) -> RigPlant:
+    """Plant from plain data: what the board's process is told on its command line; effects by name."""
+    entries = tuple(FoundEffect(name, values) for name, values in (effects or {}).items())
+    return RigPlant(Found(structure, parameters, entries), np.array(x0, float), held=held, hold_s=hold_s)
 
-        entries = tuple(FoundEffect(name, values) for name, values in effects.items())
-        return HiddenPlant(Found(structure, parameters, entries), np.array(x0, float), held=held, hold_s=hold_s)
-    model = HoopPlant(structure, parameters)
-    return RigPlant(model.advance, np.array(x0, float), held=held, hold_s=hold_s)
+
+def _readings(c: Composite, values: Mapping[str, float]) -> Call:
+    """(z, t) -> readings without latency."""
+    z, t = ca.SX.sym("z", c.nz), ca.SX.sym("t")
+    p = dict(zip(c.names, map(ca.SX, c.vector(values)), strict=True))
+    seen = ca.vertcat(*(c.reading(channel, z, t, p) for channel in READ))
+    return Call(ca.Function("readings", [z, t], [ca.densify(seen)]))
+
+
+def _state(z: Array) -> State:
+    return float(z[0]), float(z[1]), float(z[2]), float(z[3])

@@ -14,7 +14,6 @@ from hoopd.plants.hoop.plant import Plant
 from hoopd.plants.model_file import load_model
 from hoopd.shell import config as configuration
 from hoopd.sim import parts
-from hoopd.sim.hidden import HiddenPlant
 from hoopd.sim.plant import RigPlant, make_plant
 
 FILE = load_model(Path(__file__).resolve().parents[2] / "config" / "models" / "hoop.yaml")
@@ -22,17 +21,22 @@ BASE = Plant(FILE.structure, FILE.values())
 START = np.array([0.0, 0.0, 0.3, 0.0])
 
 
-def hidden(held: bool = False, hold_s: float = 0.0, **effects: dict[str, float]) -> HiddenPlant:
+def hidden(held: bool = False, hold_s: float = 0.0, **effects: dict[str, float]) -> RigPlant:
     entries = tuple(FoundEffect(name.replace("__", "."), values) for name, values in effects.items())
-    return HiddenPlant(Found(FILE.structure, FILE.values(), entries), START, held=held, hold_s=hold_s)
+    return RigPlant(Found(FILE.structure, FILE.values(), entries), START, held=held, hold_s=hold_s)
 
 
 def test_without_effects_the_rig_is_the_one_it_was() -> None:
-    assert type(make_plant(FILE.structure, FILE.values(), START.tolist(), effects={})) is RigPlant
+    plant, x = make_plant(FILE.structure, FILE.values(), START.tolist(), effects={}), START
+    for k in range(1, 60):
+        u = 0.05 * (-1) ** (k // 7)
+        x = BASE.advance(x, u, 0.013 * k - plant.t)
+        plant.advance(0.013 * k, u)
+        assert plant.state == plant.shown == tuple(x)
 
 
 def test_a_neutral_effect_moves_as_the_base() -> None:
-    plant, base = hidden(hoop__coulomb_friction={"Fc": 0.0}), RigPlant(BASE.advance, START)
+    plant, base = hidden(hoop__coulomb_friction={"Fc": 0.0}), RigPlant(Found(FILE.structure, FILE.values()), START)
     for k in range(1, 60):
         for one in (plant, base):
             one.advance(0.013 * k, 0.05 * (-1) ** (k // 7))
@@ -51,7 +55,7 @@ def test_a_late_torque_arrives_when_it_should_whatever_the_steps() -> None:
 
 
 def test_a_late_camera_shows_the_past_and_the_state_is_the_present() -> None:
-    late, plain = hidden(camera__latency={"d": 0.04}), RigPlant(BASE.advance, START)
+    late, plain = hidden(camera__latency={"d": 0.04}), RigPlant(Found(FILE.structure, FILE.values()), START)
     past = {}
     for k in range(1, 300):
         t = 0.002 * k

@@ -37,6 +37,7 @@ class HoopPlant(NumericPlant):
         plant = hoop_plant(structure, self._parameters, limit=effects.limit_nm if effects else None)
         values = {**(effects.values if effects else {}), **self._parameters}
         super().__init__(plant, (*found, *force_effects(extra_forces)), values)
+        self.prepare()
 
     @classmethod
     def with_effects(cls, found: Found) -> HoopPlant:
