@@ -81,6 +81,21 @@ def test_every_plant_that_has_a_name_is_told(pages: dict[str, str]) -> None:
     assert "| `J` | 0.0002 | kg m2 | 1e-06 to 0.01 | yes |" in told and "schema: hoopd.plant/1" in told
 
 
+def test_every_room_and_import_is_drawn(pages: dict[str, str]) -> None:
+    told = pages["imports.md"]
+    rooms = {path.parent.name for path in (ROOT / "hoopd").glob("*/__init__.py")}
+    assert rooms and [room for room in rooms if f">{room}</text>" not in told or f"| `{room}` |" not in told] == []
+    assert "<title>commands imports plants: " in told and "arrows that run back up or sideways: none;" in told
+
+
+def test_a_circle_of_imports_is_found(pages: dict[str, str]) -> None:
+    imports = sys.modules["docpages.imports"]
+    graph = {"a": ["b"], "b": ["c", "d"], "c": ["a"], "d": [], "e": ["a"]}
+    assert imports.circles(graph) == [["a", "b", "c"]]
+    back = imports.drawing([["a"], ["b"]], {("b", "a"): 1})
+    assert "#d00000" in back and "#d00000" not in imports.drawing([["a"], ["b"]], {("a", "b"): 1})
+
+
 def test_every_field_of_messages_and_frames_is_told(pages: dict[str, str]) -> None:
     told = pages["messages.md"]
     fields = [(name, one.meaning) for table in schemas.RECORDS.values() for name, one in table.items()]

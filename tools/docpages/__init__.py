@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from docpages import api, command_line, effects, file_keys, messages, plants
+from docpages import api, command_line, effects, file_keys, imports, messages, plants
 
 PAGES = {
     "command_line.md": command_line.page,
     "configuration.md": file_keys.configuration,
     "files.md": file_keys.files,
     "effects_library.md": effects.page,
+    "imports.md": imports.page,
     "plants.md": plants.page,
     "messages.md": messages.page,
     "python_lab.md": api.lab,
