@@ -191,7 +191,24 @@ MOVED: dict[str, str] = {
     "writeback": "plants.hoop.writeback",
     "yamltext": "files.yaml_text",
 }
+# Names that have moved or were renamed within modules that still answer: MODULE.NAME -> MODULE.NAME, within `hoopd`.
+RENAMED: dict[str, str] = {
+    "design.analysis.numerator_and_denominator": "ident.transfer_functions.numerator_and_denominator",
+    "design.analysis.transfer_function": "ident.transfer_functions.transfer_function",
+    "design.analysis.zeros": "ident.transfer_functions.zeros",
+    "physics.plant.Plant": "plants.hoop.plant.HoopPlant",
+}
 PREFIX = "hoopd."
+
+
+def renamed(module: str, name: str) -> object:
+    """What a module's old name stands for now, with a warning: for a module's `__getattr__`; AttributeError."""
+    place = RENAMED.get(f"{module.removeprefix(PREFIX)}.{name}")
+    if place is None:
+        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+    target, _, new = place.rpartition(".")
+    warnings.warn(f"{module}.{name} is now {PREFIX}{place}", DeprecationWarning, stacklevel=3)
+    return getattr(importlib.import_module(PREFIX + target), new)
 
 
 class MovedModules:
@@ -223,6 +240,8 @@ class Moved(ModuleType):
         self.targets = targets
 
     def __getattr__(self, name: str) -> object:
+        if f"{self.__name__.removeprefix(PREFIX)}.{name}" in RENAMED:
+            return renamed(self.__name__, name)
         if not name.startswith("__"):
             for target in self.targets:
                 module = importlib.import_module(target)

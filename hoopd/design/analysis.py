@@ -16,6 +16,7 @@ import control
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hoopd.moved import renamed
 from hoopd.plants.hoop.plant import HoopPlant
 
 Array = NDArray[Any]
@@ -89,3 +90,8 @@ def _reached(a: Array, start: Array) -> NDArray[np.bool_]:
     for _ in range(len(a)):
         found = found | (a[:, found] != 0.0).any(axis=1)
     return found
+
+
+def __getattr__(name: str) -> object:
+    """What stood here once."""
+    return renamed(__name__, name)

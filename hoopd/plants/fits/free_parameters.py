@@ -98,7 +98,7 @@ def determined_names(structure: str, movings: Sequence[str], *, driven: bool = T
 def scale_of(structure: str, names: Sequence[str], values: Mapping[str, float]) -> Scale:
     """Scale around nominal values."""
     positive = [structure != "entries" or name in ("mb", "Ro", "Rb", "g", "L1") for name in names]
-    return Scale(tuple(names), np.array([values[name] for name in names]), np.array(positive))
+    return Scale(tuple(names), np.array([values[name] for name in names], dtype=float), np.array(positive, dtype=bool))
 
 
 def default_priors(structure: str, names: Sequence[str], values: Mapping[str, float]) -> dict[str, Prior]:
