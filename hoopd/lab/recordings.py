@@ -17,9 +17,13 @@ from typing import Any
 
 from hoopd.lab.controllers import Controller, as_controller
 from hoopd.lab.models import Model, as_model
+from hoopd.plants.declaration import Plant
+from hoopd.plants.layout import layout_of
+from hoopd.plants.registry import resolve_plant
 from hoopd.recording import Recording
 from hoopd.recording.edit import aged
 from hoopd.recording.slices import read_recording
+from hoopd.recording.tables import Columns
 
 # Lock-step runs some ten times faster than real time; what takes so long never ends.
 PATIENCE_S = 600.0
@@ -27,20 +31,33 @@ ASKED_S = 3.0
 RIG = ("--sim", "--speed", "max", "--camera", "direct", "--set", "log.level=error")
 
 
-def load(path: Path | str, columns: str | None = None, age: Mapping[str, float] | None = None) -> Recording:
+def load(
+    path: Path | str,
+    columns: Columns | None = None,
+    age: Mapping[str, float] | None = None,
+    *,
+    plant: Plant | str | None = None,
+    hold: str = "zero",
+) -> Recording:
     """A .mcap, .mat, .h5 ("file.h5:Exp2") or .csv recording, cut by "@2:14" in seconds behind the name.
 
-    columns: what a file's columns hold, where they are not what its format says ("u,theta,dtheta,current").
+    columns: what a file's columns hold, where they are not what its format says: in order ("u,theta,dtheta,current"),
+    or by name and with units ("x=Position:mm,F=Force", or a mapping {"x": ("Position", "mm")}).
     age: seconds by which samples are older than their row, {"psi": 0.03, "y": 0.02}: the ball's angle, the board's
-    readings. InputError tells file, row and column of what cannot be used.
+    readings; of another plant by channel. plant: a declaration, a registered name or a plant file; the hoop else.
+    hold: "zero", or "linear" where the inputs went straight from row to row.
+    InputError tells file, row and column of what cannot be used.
 
     >>> recording = load("run.mcap@2:14")  # doctest: +SKIP
     >>> recording.t[0], recording.u.max()  # doctest: +SKIP
+    >>> swing = load("decay.csv", "alpha=Angle:deg", plant="pendulum")  # doctest: +SKIP
     """
-    ages = dict(age or {})
-    if unknown := [str(name) for name in ages if name not in ("psi", "y")]:
-        raise ValueError(f"age: unknown {', '.join(unknown)}; known: psi, y")
-    recording = read_recording(str(path), columns)
+    declared = resolve_plant(plant) if isinstance(plant, str) else plant
+    layout = None if declared is None else layout_of(declared)
+    ages, known = dict(age or {}), ("psi", "y") if layout is None or layout.is_tick else tuple(layout.channels)
+    if unknown := [str(name) for name in ages if name not in known]:
+        raise ValueError(f"age: unknown {', '.join(unknown)}; known: {', '.join(known)}")
+    recording = read_recording(str(path), columns, layout=layout, hold=hold)
     return aged(recording, **{f"{name}_s": age for name, age in ages.items()}) if ages else recording
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 
 import h5py
@@ -11,6 +12,7 @@ import pytest
 import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 
 from hoopd.files.reading import InputError
 from hoopd.plants.layout import layout_of
@@ -310,3 +312,21 @@ def test_real_recordings_of_other_plants(tmp_path: Path, plant: str, file: str, 
     for extension in FORMATS:
         save(run, tmp_path / f"a{extension}")
         assert bits(load(tmp_path / f"a{extension}", layout=layout)) == bits(run)
+
+
+def test_samples_in_mcap_have_a_schema_with_units_and_without_unions(tmp_path: Path) -> None:
+    save(axis(), tmp_path / "a.mcap")
+    with (tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        found = [(schema, channel, message) for schema, channel, message in reader.iter_messages()]
+    schema, channel, message = found[1]
+    described = json.loads(schema.data)
+    assert (channel.topic, schema.encoding, len(found)) == ("/hoopd/sample", "jsonschema", 300)
+    assert [(name, field["type"], field["unit"]) for name, field in described["properties"].items()] == [
+        ("t", "number", "s"),
+        ("F", "number", "N"),
+        ("x", "number", "m"),
+        ("x_t", "number", "s"),
+    ]
+    assert described["required"] == ["t"] and message.log_time == 1_000_000
+    assert json.loads(found[0][2].data).keys() == {"t", "F", "x_t"}  # x is missing there

@@ -88,3 +88,24 @@ def test_real_chirp_with_its_current(tmp_path: Path) -> None:
     result = run(path, tmp_path / "a.mcap", columns="u,theta,dtheta,current")
     assert result["signals"] == ["u", "theta", "dtheta", "current"]
     assert not any("motor current" in note for note in result["notes"])
+
+
+def test_another_plant_s_columns_by_name(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("Time,Force,Position\n0,1,10\n1,2,20\n2,3,25\n")
+    arguments = ["convert", str(tmp_path / "a.csv"), str(tmp_path / "b.mcap"), "--plant", "axis", "--hold", "linear"]
+    done = CliRunner().invoke(app, [*arguments, "--columns", "t=Time:ms,F=Force:kN,x=Position:mm"])
+    assert done.exit_code == 0, done.output
+    made = load(tmp_path / "b.mcap")
+    assert (made.t.tolist(), made.F.tolist()) == ([0, 0.001, 0.002], [1e3, 2e3, 3e3])
+    assert made.x.tolist() == [0.01, 0.02, 0.025] and made.inputs["F"].hold == "linear"
+    assert run(tmp_path / "b.mcap", tmp_path / "c.h5", step=0.0005)["signals"] == ["F", "x"]
+    for columns, says in (("F=Force:V,x=Position", "wrong unit 'V'"), ("theta=Force", "unknown name 'theta'")):
+        assert says in _refusal(CliRunner().invoke(app, [*arguments, "--columns", columns]).exception)
+    refused = CliRunner().invoke(app, [*arguments[:-3], "axle", *arguments[-2:]])
+    assert "--plant: axle: neither a registered plant nor a file" in _refusal(refused.exception)
+
+
+def _refusal(error: BaseException | None) -> str:
+    """The line that the program ends with, and exit code 2."""
+    assert isinstance(error, InputError) and "\n" not in str(error)
+    return str(error)

@@ -32,6 +32,10 @@ SHARES = {
     "mat": 8,
     "hdf5": 8,
     "csv": 8,
+    "plant csv": 6,
+    "plant mcap": 4,
+    "plant hdf5": 4,
+    "plant mat": 4,
     "positions csv": 3,
     "positions npy": 3,
     "picture": 4,
@@ -91,6 +95,7 @@ def readings(kind: str, path: str, sounds: Path) -> tuple[list[str], ...]:
     model, record = str(sound.path_of(sounds, "model")), str(sound.path_of(sounds, "csv"))
     run, to_run = [*RUN, *ALONE], lambda key: [*RUN, "--set", f"{key}={path}", *ALONE]
     recordings = (["convert", path, "out.csv"], ["simulate", "--model", model, "--input", path])
+    of_axis = ["convert", path, "out.mcap", "--plant", "axis"]
     ways: dict[str, tuple[list[str], ...]] = {
         "configuration": ([*run, "--config", path], ["status", "--config", path]),
         "model": (
@@ -106,6 +111,10 @@ def readings(kind: str, path: str, sounds: Path) -> tuple[list[str], ...]:
         "identified model": (["design", "identified", "--model", model, "--identified", path],),
         "effects": (["diagnose", record, "--effects", path],),
         "mcap": (["replay", path], ["convert", path, "out.mat"], ["calibrate", "--positions", path], *recordings),
+        "plant csv": ([*of_axis, "--columns", "F=Force:kN,x=Position:mm"], [*of_axis, "--columns", "F,x,-"]),
+        "plant mcap": (of_axis, ["convert", path, "out.h5"]),
+        "plant hdf5": (of_axis, ["convert", path, "out.csv"]),
+        "plant mat": (of_axis, [*of_axis, "--columns", "F=F:kN,x=x:mm", "--hold", "linear"]),
         "positions csv": (["calibrate", "--positions", path],),
         "positions npy": (["calibrate", "--positions", path],),
         "picture": (["calibrate", path],),

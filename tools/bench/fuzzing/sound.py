@@ -20,6 +20,7 @@ from hoopd.daemon.app import Options, run_daemon
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.yaml_text import text_of
 from hoopd.recording import load, save
+from hoopd.recording.column_choice import Layout
 from hoopd.recording.edit import between
 from hoopd.shell import config as configuration
 
@@ -40,6 +41,10 @@ EXTENSIONS = {
     "mat": ".mat",
     "hdf5": ".h5",
     "csv": ".csv",
+    "plant csv": ".csv",
+    "plant mcap": ".mcap",
+    "plant hdf5": ".h5",
+    "plant mat": ".mat",
     "positions csv": ".csv",
     "positions npy": ".npy",
     "picture": ".png",
@@ -127,6 +132,20 @@ def _converted(path: Path) -> None:
     save(between(load(source), 0.2, 1.4), path)
 
 
+def _other_plant_csv(path: Path) -> None:
+    """The axis, with names and units of its own."""
+    t = 0.001 * np.arange(600)
+    rows = zip(1e3 * t, 0.1 * np.sin(9 * t), 40 * t**2, strict=True)
+    lines = "\n".join(f"{ms:.3f},{force:.6g},{place:.6g},ok" for ms, force, place in rows)
+    path.write_text(f"Time [ms],Force,Position,state\n{lines}\n")
+
+
+def _other_plant(path: Path) -> None:
+    """The same as a file of ours, read by its own names."""
+    layout = Layout({"F": "N"}, {"x": "m"})
+    save(load(path_of(path.parent, "plant csv"), "F=Force:kN,x=Position:mm", layout=layout), path)
+
+
 def _points() -> Any:
     angle = np.linspace(-0.9, 0.9, 300)
     return np.column_stack([240.0 - 182.0 * np.sin(angle), 240.0 + 182.0 * np.cos(angle)])
@@ -161,6 +180,10 @@ _MAKERS: dict[str, Any] = {
     "mat": _converted,
     "hdf5": _converted,
     "csv": _converted,
+    "plant csv": _other_plant_csv,
+    "plant mcap": _other_plant,
+    "plant hdf5": _other_plant,
+    "plant mat": _other_plant,
     "positions csv": _positions_csv,
     "positions npy": _positions_npy,
     "picture": _picture,
