@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 
 from hoopd.commands.fit_options import settings_of
+from hoopd.commands.fit_plant import fit_other_plant
 from hoopd.commands.fit_record import record
 from hoopd.commands.inputs import read_ages, read_recording
 from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.output_files import check_results
+from hoopd.commands.plant_inputs import other_plant, refuse_shared
 from hoopd.files.model import ModelFile, model_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
@@ -34,35 +36,21 @@ DIVERGED = "no finite result from this start; look at --model, --fix, --prior, o
 
 def run(options: FitOptions, *, progress: Progress = lambda text: None) -> dict[str, Any]:
     """Fit, judge, write; the result as a record. InputError when anything cannot be used or written."""
+    if (plant := other_plant(options.plant)) is not None:
+        return fit_other_plant(plant, options, progress)
     recordings, holdout, out, figure = options.recordings, options.holdout, options.out, options.figure
     check_results(out, figure)
     base, settings = settings_of(options)
     nominal = nominal_values(base, options.structure)
-    train = [read_recording(text, options.columns, options.age) for text in recordings]
-    held = [read_recording(text, options.columns, options.age) for text in holdout]
-    _refuse_shared([*zip(recordings, train, strict=True)], [*zip(holdout, held, strict=True)])
+    train = [read_recording(text, options.columns, options.age, hold=options.hold) for text in recordings]
+    held = [read_recording(text, options.columns, options.age, hold=options.hold) for text in holdout]
+    refuse_shared([*zip(recordings, train, strict=True)], [*zip(holdout, held, strict=True)])
     found = _fitted(train, nominal, settings, progress)
     named = dict(zip(recordings, train, strict=True)), dict(zip(holdout, held, strict=True))
     result = record(found, base, options, *named, progress)
     result |= {"age_s": read_ages(options.age)} if options.age else {}
     _write(found, base, train, out, figure)
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
-
-
-def _refuse_shared(train: Sequence[tuple[str, Recording]], held: Sequence[tuple[str, Recording]]) -> None:
-    """A recording counts once, and judges nothing that it was fitted to: half of its rows in another are too many."""
-    for index, (name, one) in enumerate([*train, *held]):
-        for other, earlier in train[:index]:
-            shared = len(_rows(one) & _rows(earlier))
-            if 2 * shared > min(len(one), len(earlier)):
-                raise InputError(
-                    name, "", f"has {shared} rows in common with {other}: it would be fitted twice or judge itself"
-                )
-
-
-def _rows(recording: Recording) -> set[bytes]:
-    columns = (recording.t, recording.u, recording.theta, recording.psi)
-    return {row.tobytes() for row in np.column_stack(columns)}
 
 
 def _fitted(train: Sequence[Recording], nominal: Mapping[str, float], settings: Settings, progress: Progress) -> Fit:

@@ -5,7 +5,7 @@ Rules of this file: everything unusable is one `InputError` that names the optio
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from hoopd.commands.inputs import read_values
 from hoopd.commands.options.fit import FitOptions
@@ -35,8 +35,8 @@ def settings_of(options: FitOptions) -> tuple[ModelFile, Settings]:
     return base, Settings(
         structure=options.structure,
         free=_known("--free", options.free, names),
-        fixed=_fixed(options.fix, names, nominal, options.structure),
-        priors=_priors(options.prior, names, options.structure),
+        fixed=_possible("--fix", options.structure, nominal, fixed_values(options.fix, nominal, names)),
+        priors=priors_of(options.prior, names, lambda name: _is_positive(options.structure, name)),
         channels=_known("--channels", options.channels, CHANNELS),
         window_s=options.window_s,
         loss=options.loss,
@@ -57,9 +57,7 @@ def _known(option: str, names: tuple[str, ...], known: Sequence[str]) -> tuple[s
     return names
 
 
-def _fixed(
-    texts: Sequence[str], names: tuple[str, ...], nominal: Mapping[str, float], structure: str
-) -> dict[str, float]:
+def fixed_values(texts: Sequence[str], nominal: Mapping[str, float], names: tuple[str, ...]) -> dict[str, float]:
     """ "mb=0.06", or "mb" alone: at its nominal value."""
     fixed: dict[str, float] = {}
     for part in (part for text in texts for part in text.split(",") if part.strip()):
@@ -69,18 +67,23 @@ def _fixed(
         else:
             _one_of("--fix", name, names)
             fixed[name] = nominal[name]
-    _possible("--fix", structure, {**nominal, **fixed})
     return fixed
 
 
-def _possible(option: str, structure: str, values: Mapping[str, float]) -> None:
+def _possible(option: str, structure: str, nominal: Mapping[str, float], fixed: dict[str, float]) -> dict[str, float]:
+    """The values, when such a plant can be."""
     try:
-        check_parameters(structure, values)
+        check_parameters(structure, {**nominal, **fixed})
     except ParameterError as error:
         raise InputError(option, error.name, error.reason) from None
+    return fixed
 
 
-def _priors(texts: Sequence[str], names: tuple[str, ...], structure: str) -> dict[str, Prior]:
+def _is_positive(structure: str, name: str) -> bool:
+    return bool(scale_of(structure, (name,), {name: 1.0}).positive[0])
+
+
+def priors_of(texts: Sequence[str], names: tuple[str, ...], is_positive: Callable[[str], bool]) -> dict[str, Prior]:
     """ "mb=0.06:0.1": the value, and the relative standard deviation of a positive parameter (else the absolute)."""
     priors = {}
     for text in texts:
@@ -91,7 +94,7 @@ def _priors(texts: Sequence[str], names: tuple[str, ...], structure: str) -> dic
         width = read_values("--prior", f"sigma={sigma}", ("sigma",))["sigma"]
         if width <= 0.0:
             raise InputError("--prior", name, "sigma must be positive")
-        if value <= 0.0 and scale_of(structure, (name,), {name: 1.0}).positive[0]:
+        if value <= 0.0 and is_positive(name):
             raise InputError("--prior", name, f"must be positive, not {value:g}")
         priors[name] = Prior(value, width)
     return priors

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from hoopd.commands.options.fit import FitOptions
-from hoopd.commands.simulate import number, off_words
+from hoopd.commands.plant_inputs import number
+from hoopd.commands.simulate import off_words
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import START_MODELS, defaults_folder

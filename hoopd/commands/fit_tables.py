@@ -24,7 +24,7 @@ def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
         for name, rows in files.items():
             table = {channel: _percent(row) for channel, row in rows.items()}
             shown[f"fit of {Path(name).name} ({part})"] = table
-    words = [*result["undetermined"]["words"]]
+    words = [*result.get("undetermined", {}).get("words", [])]
     if result.get("physical"):
         shown |= _made_of(result["physical"])
         words += result["physical"]["words"]
@@ -37,7 +37,11 @@ def for_terminal(result: dict[str, Any]) -> dict[str, Any]:
 
 def _next(result: dict[str, Any]) -> dict[str, str]:
     """What a model file is for; fewer than eight entries are a bare hoop or a lone ball."""
-    if "out" not in result or (result["structure"] == "entries" and "L2" not in result["parameters"]):
+    if (
+        "plant" in result
+        or "out" not in result
+        or (result["structure"] == "entries" and "L2" not in result["parameters"])
+    ):
         return {}
     return {"next": f"hoopd design lqg --model {shlex.quote(result['out'])} --out lqg.yaml"}
 

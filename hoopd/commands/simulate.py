@@ -6,7 +6,6 @@ knows no NaN: a fit that does not exist (a constant measurement) is null. Nothin
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,8 @@ import numpy as np
 from hoopd.commands.inputs import read_ages, read_recording, read_values
 from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
+from hoopd.commands.plant_inputs import number, other_plant
+from hoopd.commands.simulate_plant import simulate_other_plant
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
@@ -36,14 +37,19 @@ STEP_RANGE_S = (1e-4, 0.1)
 
 def run(options: SimulateOptions) -> dict[str, Any]:
     """Simulate, compare, write; the result as a record. InputError when anything cannot be used or written."""
-    out, figure, model, step_s = options.out, options.figure, options.model, options.step_s
+    if (plant := other_plant(options.plant)) is not None:
+        return simulate_other_plant(plant, options)
+    out, figure, step_s = options.out, options.figure, options.step_s
+    if options.model is None:
+        raise InputError("--model", "", "is missing; a plant of another kind is told by --plant")
+    model = options.model
     if out is not None:
         extension_of(out)  # said before the work, not after it
     check_results(out, figure)
     file = load_model(or_shipped(model))
     effects = None if options.without_effects or not file.effects else effects_of(file)
     _check_step(step_s)
-    found = read_recording(options.recording, options.columns, options.age)
+    found = read_recording(options.recording, options.columns, options.age, hold=options.hold)
     start = None if options.x0 is None else read_values("--x0", options.x0, STATES)
     subject = Subject(file.structure, file.values(), step_s=step_s, effects=effects)
     what = _moving(found, options.moving, file.device.encoder_counts)
@@ -150,11 +156,6 @@ def fits(found: Score) -> dict[str, Any]:
         }
         for name, one in found.channels.items()
     }
-
-
-def number(value: float) -> float | None:
-    """JSON has no NaN."""
-    return value if math.isfinite(value) else None
 
 
 def _notes(file: ModelFile, recording: Recording, whole: Score, *, without_effects: bool) -> list[str]:

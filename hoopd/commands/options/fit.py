@@ -14,8 +14,10 @@ from hoopd.commands.options.shared import (
     age_option,
     columns_option,
     figure_option,
+    hold_option,
     holdout_option,
     json_option,
+    plant_option,
 )
 
 
@@ -60,7 +62,9 @@ class FitOptions:
     )
     window_s: float | None = option("--window", text="Runs of so many seconds, each with its own start.")
     loss: str = option("--loss", text="linear, huber, soft_l1 or cauchy.", default="linear")
+    plant: str | None = plant_option()
     columns: str | None = columns_option()
+    hold: str = hold_option()
     age: str = age_option()
     kinematics: bool = option(
         "--kinematics", text="Which kinematics the recordings support (several fits).", default=False

@@ -14,24 +14,33 @@ from hoopd.commands.options.shared import (
     age_option,
     columns_option,
     figure_option,
+    hold_option,
     json_option,
-    model_option,
+    plant_option,
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions:
-    """Run a model freely with the torque of a recording, and compare with what was measured."""
+    """Run a model or a plant freely with the inputs of a recording, and compare with what was measured."""
 
-    model: Path = model_option()
+    model: Path | None = option(
+        "--model",
+        text="Model file of `hoopd fit`, or a shipped one: models/hoop.yaml, models/thesis.yaml.",
+        metavar="MODEL",
+    )
+    plant: str | None = plant_option()
     recording: str = option(
-        "--input", text=f"Recording whose torque is applied: {SLICE}.", metavar="REC", default=REQUIRED
+        "--input", text=f"Recording whose inputs are applied: {SLICE}.", metavar="REC", default=REQUIRED
     )
     figure: Path | None = figure_option()
     columns: str | None = columns_option()
+    hold: str = hold_option()
     age: str = age_option()
     x0: str | None = option(
-        "--x0", text="Start (rad, rad/s) instead of an estimated one, the rest 0.", metavar="psi=0.4,dtheta=0"
+        "--x0",
+        text="Start (states by name, SI units) instead of an estimated one, the rest 0.",
+        metavar="psi=0.4,dtheta=0",
     )
     step_s: float = option("--step", text="Longest integration step in seconds.", default=0.01)
     moving: str = option(

@@ -18,7 +18,8 @@ from hoopd.plants.effects.base import Effect
 from hoopd.plants.fits.fit_percent import nrmse_percent
 from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.output_error import Progress, Solution, fit_output_error
-from hoopd.plants.fits.plant_runs import ALL, PlantSystem, prepare_runs, stretches_of
+from hoopd.plants.fits.plant_runs import PlantSystem, prepare_runs, stretches_of
+from hoopd.plants.fits.robust_least_squares import LOSSES
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.fits.uncertainty import Uncertainty, intervals, uncertainty
 from hoopd.plants.likelihood.fitting import fit as fit_likelihood
@@ -44,6 +45,12 @@ class ChannelFit:
     rmse: float  # in the channel's unit
     unit: str
     samples: int
+
+    @classmethod
+    def between(cls, measured: Array, simulated: Array, unit: str) -> ChannelFit:
+        """Of values (k,) at the same instants."""
+        rmse = float(np.sqrt(np.mean((measured - simulated) ** 2))) if len(measured) else float("nan")
+        return cls(nrmse_percent(measured, simulated), rmse, unit, len(measured))
 
 
 @dataclass(frozen=True)
@@ -143,8 +150,9 @@ def fit_plant(
     together = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
     system = PlantSystem(plant, tuple(effects), dict(values or {}))
     names = _free_names(system, free)
-    if method not in METHODS:
-        raise InputError("--method", method, f"unknown; known: {', '.join(METHODS)}")
+    for option, word, known in (("--method", method, METHODS), ("--loss", loss, LOSSES)):
+        if word not in known:
+            raise InputError(option, "", f"unknown {word!r}; known: {', '.join(known)}")
     runs = prepare_runs(plant, together, window_s)
     try:
         if method == "prediction" and names:
@@ -169,8 +177,8 @@ def channel_fits(plant: Plant, runs: Sequence[Run], solution: Solution) -> dict[
             parts = [(run.series[channel].values, e[channel]) for run, e in same if channel in run.series]
             if parts:
                 measured, errors = (np.concatenate(column) for column in zip(*parts, strict=True))
-                percent, rmse = nrmse_percent(measured, measured + errors), float(np.sqrt(np.mean(errors**2)))
-                out.setdefault(source, {})[channel] = ChannelFit(percent, rmse, declared.unit, len(measured))
+                fit = ChannelFit.between(measured, measured + errors, declared.unit)
+                out.setdefault(source, {})[channel] = fit
     return out
 
 
@@ -243,6 +251,3 @@ def _inputs(u: Array) -> Array:
 def _interval(value: float, deviation: float, bounds: tuple[float, float] | None) -> tuple[float, float]:
     low, high = bounds or (-np.inf, np.inf)
     return max(value - Z95 * deviation, low), min(value + Z95 * deviation, high)
-
-
-__all__ = ["ALL", "METHODS", "ChannelFit", "PlantFit", "channel_fits", "fit_plant", "fit_starts"]

@@ -20,7 +20,7 @@ from hoopd.plants.fits.free_parameters import Scale, scale_within
 from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, Run, Series
 from hoopd.plants.free_run_model import FreeRunModel
 from hoopd.plants.trajectory import Trajectory
-from hoopd.recording.recording import Recording, from_signals
+from hoopd.recording.recording import Recording, Signal, from_signals
 from hoopd.recording.timeline import Timeline, timelines
 
 Array = NDArray[np.float64]
@@ -118,19 +118,22 @@ def stretches_of(plant: Plant, recording: Recording) -> list[Timeline]:
 
 def _of_plant(plant: Plant, recording: Recording) -> Recording:
     """Its inputs and channels of the plant alone; the daemon's own ticks as they are, whose times belong together."""
-    inputs = {one.name: recording.inputs[one.name] for one in plant.inputs if one.name in recording.inputs}
-    if missing := [one.name for one in plant.inputs if one.name not in inputs]:
-        there = ", ".join([*recording.inputs, *recording.channels]) or "nothing"
-        raise InputError(recording.source, missing[0], f"{plant.name} has this input, the recording {there}")
+    inputs = inputs_of(plant, recording)
     channels = {name: recording.channels[name] for name in plant.channels if name in recording.channels}
     if not channels:
-        there = ", ".join(recording.channels) or "none"
-        raise InputError(
-            recording.source, ", ".join(plant.channels), f"no channel of {plant.name} is there, but {there}"
-        )
+        there, wanted = ", ".join(recording.channels) or "none", ", ".join(plant.channels)
+        raise InputError(recording.source, wanted, f"no channel of {plant.name} is there, but {there}")
     if recording.is_tick:
         return recording
     return from_signals(recording.t, inputs, channels, source=recording.source)
+
+
+def inputs_of(plant: Plant, recording: Recording) -> dict[str, Signal]:
+    """The recording's inputs in the plant's order; InputError for one that is not there."""
+    if missing := [one.name for one in plant.inputs if one.name not in recording.inputs]:
+        there = ", ".join([*recording.inputs, *recording.channels]) or "nothing"
+        raise InputError(recording.source, missing[0], f"{plant.name} has this input, the recording {there}")
+    return {one.name: recording.inputs[one.name] for one in plant.inputs}
 
 
 def run_of(plant: Plant, source: str, part: Timeline) -> Run | None:

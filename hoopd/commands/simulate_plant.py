@@ -1,0 +1,65 @@
+"""`hoopd simulate --plant`: any declared plant run freely under the inputs of a recording.
+
+Rules of this file: files in, a result record, a recording and a figure out; nothing is written before all is computed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hoopd.commands.fit_plant import draw
+from hoopd.commands.inputs import read_recording, read_values
+from hoopd.commands.options.simulate import SimulateOptions
+from hoopd.commands.output_files import check_results
+from hoopd.commands.plant_inputs import number
+from hoopd.files.reading import InputError
+from hoopd.plants.declaration import Plant
+from hoopd.plants.fits.plant_runs import PlantSystem
+from hoopd.plants.fits.plant_simulation import simulate_plant
+from hoopd.recording import save
+from hoopd.recording.formats import extension_of
+
+# The longest step when nobody asks for one: the plant's own.
+USUAL_STEP_S = SimulateOptions.__dataclass_fields__["step_s"].default
+
+
+def simulate_other_plant(plant: Plant, options: SimulateOptions) -> dict[str, Any]:
+    """Simulate, compare, write; the result as a record. InputError when anything cannot be used or written."""
+    if options.model is not None:
+        raise InputError("--model", str(options.model), "is of the hoop; give --plant or --model")
+    if options.moving != "auto":
+        raise InputError("--moving", "", "belongs to the hoop")
+    if options.out is not None:
+        extension_of(options.out)  # said before the work, not after it
+    check_results(options.out, options.figure)
+    if not 0.0 < options.step_s <= 1e6:
+        raise InputError("--step", "", f"must be above 0, not {options.step_s:g}")
+    recording = read_recording(options.recording, options.columns, options.age, plant=plant, hold=options.hold)
+    start = None if options.x0 is None else read_values("--x0", options.x0, plant.states)
+    system = PlantSystem(plant, step_s=None if options.step_s == USUAL_STEP_S else options.step_s)
+    run = simulate_plant(system, recording, start)
+    if options.out is not None:
+        save(run.simulated, options.out)
+    if options.figure is not None:
+        draw(system, recording, options.figure, start)
+    result = {
+        "plant": plant.name,
+        "recording": recording.source,
+        "rows": len(recording),
+        "seconds": float(recording.t[-1] - recording.t[0]),
+        "stretches": len(run.starts),
+        "start_from": "estimated" if run.estimated else "rest" if start is None else "given",
+        "start": {name: float(value) for name, value in zip(plant.states, run.starts[0], strict=True)},
+        "free_run": {
+            name: {
+                "nrmse_percent": number(one.nrmse_percent),
+                "rmse": number(one.rmse),
+                "unit": one.unit,
+                "samples": one.samples,
+            }
+            for name, one in run.percent.items()
+        },
+        "notes": [] if run.percent else ["the recording has inputs and no measurement: nothing to compare with"],
+    }
+    paths = {"out": options.out, "figure": options.figure}
+    return {**result, **{key: str(path) for key, path in paths.items() if path is not None}}

@@ -1,0 +1,94 @@
+"""`hoopd fit --plant` and `hoopd simulate --plant`: any declared plant, from a CSV to a plant file and back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.plant_file import load_plant
+from hoopd.plants.registry import plant_named
+from tests.commands.test_plant import hoopd
+
+TRUE = {"M": 80.0, "Fv": 300.0, "offset": 5.0}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A CSV of an axis: force in N, way in mm with noise."""
+    monkeypatch.chdir(tmp_path)
+    for name, seed in (("a.csv", 1), ("b.csv", 2)):
+        rng, t = np.random.default_rng(seed), np.arange(0.0, 2.0, 0.001)
+        force = np.repeat(rng.choice((-60.0, 60.0), 20), 100)
+        way = FreeRunModel(plant_named("axis"), values=TRUE).run([], [0.0, 0.0], t, force[:-1]).readings[:, 0]
+        table = np.column_stack([t, force, 1e3 * way + 2e-3 * rng.normal(size=len(t))])
+        np.savetxt(tmp_path / name, table, delimiter=",", header="t,Force,Position", comments="")
+    return tmp_path
+
+
+READ = ("--columns", "F=Force,x=Position:mm")
+
+
+def test_a_fit_writes_a_plant_that_simulates(folder: Path) -> None:
+    words = ("--holdout", "b.csv", *READ, "--out", "mine.yaml", "--figure", "fit.png", "--json", "fit.json")
+    code, shown, error = hoopd("fit", "--plant", "axis", "a.csv", *words)
+    assert code == 0, error
+    result = json.loads((folder / "fit.json").read_text())
+    for name, true in TRUE.items():
+        low, high = result["parameters"][name]["ci95"]
+        assert low - (high - low) < true < high + (high - low)
+    assert result["fit"]["holdout"]["b.csv"]["x"]["fitted"] > 99.0 > result["fit"]["holdout"]["b.csv"]["x"]["nominal"]
+    assert "Fv" in shown and (folder / "fit.png").stat().st_size > 10_000
+    assert load_plant(folder / "mine.yaml").values["M"] == pytest.approx(result["parameters"]["M"]["value"])
+
+    words = ("--input", "b.csv", *READ, "--out", "sim.csv", "--figure", "sim.png", "--json", "sim.json")
+    code, _, error = hoopd("simulate", "--plant", "mine.yaml", *words)
+    assert code == 0, error
+    run = json.loads((folder / "sim.json").read_text())
+    assert run["start_from"] == "estimated" and run["free_run"]["x"]["nrmse_percent"] > 99.0
+    measured, simulated = (np.genfromtxt(name, delimiter=",", skip_header=1) for name in ("b.csv", "sim.csv"))
+    assert np.abs(1e3 * simulated[:, 2] - measured[:, 2]).max() < 0.05
+
+
+def test_values_are_fixed_believed_and_chosen(folder: Path) -> None:
+    words = ("--fix", "offset=5", "--free", "M,Fv", "--prior", "Fv=300:0.01", "--window", "0.5", "--json", "fit.json")
+    code, _, error = hoopd("fit", "--plant", "axis", "a.csv", *READ, *words)
+    assert code == 0, error
+    result = json.loads((folder / "fit.json").read_text())
+    assert result["starts"] == 4
+    assert result["parameters"]["offset"] == {"value": 5.0, "unit": "N", "ci95": None, "nominal": 0.0}
+    assert result["parameters"]["M"]["value"] == pytest.approx(80.0, rel=0.05)
+
+
+def test_a_given_start_is_simulated(folder: Path) -> None:
+    code, _, error = hoopd(
+        "simulate", "--plant", "axis", "--input", "a.csv", *READ, "--x0", "x=0.1", "--json", "sim.json"
+    )
+    assert code == 0, error
+    run = json.loads((folder / "sim.json").read_text())
+    assert run["start"] == {"x": 0.1, "dx": 0.0} and run["start_from"] == "given"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("fit", "--plant", "axis", "a.csv", *READ, "--structure", "rolling"), "--structure: belongs to the hoop"),
+        (("fit", "--plant", "axis", "a.csv", *READ, "--kinematics"), "--kinematics: belongs to the hoop"),
+        (("fit", "--plant", "axis", "a.csv", *READ, "--free", "mass"), "not a parameter of axis; known: M, Fv, offset"),
+        (("fit", "--plant", "axis", "a.csv", *READ, "--fix", "mass=3"), "known: M, Fv, offset"),
+        (("fit", "--plant", "axis", "a.csv", *READ, "--method", "guess"), "known: output, prediction"),
+        (("fit", "--plant", "axis", "a.csv", *READ, "--loss", "guess"), "known: linear, huber, soft_l1, cauchy"),
+        (("fit", "--plant", "axis", "a.csv", "a.csv", *READ), "rows in common with a.csv"),
+        (("fit", "--plant", "axles", "a.csv"), "did you mean axis"),
+        (("simulate", "--plant", "axis", "--model", "m.yaml", "--input", "a.csv", *READ), "give --plant or --model"),
+        (("simulate", "--plant", "axis", "--input", "a.csv", *READ, "--x0", "y=1"), "known: x, dx"),
+        (("simulate", "--input", "a.csv"), "--plant"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(words: tuple[str, ...], said: str) -> None:
+    code, _, error = hoopd(*words)
+    assert code == 2
+    assert said in " ".join(error.split())
