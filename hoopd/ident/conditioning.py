@@ -52,9 +52,33 @@ class Trend:
 
 
 def trend(data: Data, order: int = 0) -> Trend:
-    """The polynomial of this order that lies nearest to each channel: 0 the mean, 1 the line; gaps count not.
+    """Find the polynomial in time that lies nearest to each channel.
 
-    ValueError when a channel has fewer samples than coefficients.
+    Parameters
+    ----------
+    data : Data
+        One experiment; gaps count not.
+    order : int
+        0 is the mean, 1 the line.
+
+    Returns
+    -------
+    Trend
+        It takes itself off data by `removed(data)` and puts itself on again by `restored(data)`.
+
+    Raises
+    ------
+    ValueError
+        A channel with fewer samples than coefficients, or a negative order.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, trend
+    >>> data = iddata([1.0, 3.0, 5.0, 7.0], dt=1.0)
+    >>> line = trend(data, order=1)
+    >>> np.allclose(line.removed(data).y, 0.0), line.at(np.array([10.0]), line.y).round(6)
+    (True, array([[21.]]))
     """
     if order < 0:
         raise ValueError(f"the order of a trend is 0 (mean), 1 (line) or more, not {order}")
@@ -65,7 +89,31 @@ def trend(data: Data, order: int = 0) -> Trend:
 
 
 def detrend(data: Data, order: int = 0) -> Data:
-    """Data without the mean (0), the line (1) or a polynomial in time; `trend` tells what was taken off."""
+    """Take the mean, the line or a polynomial in time off every channel; `trend` tells what was taken off.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment; gaps count not.
+    order : int
+        0 is the mean, 1 the line.
+
+    Returns
+    -------
+    Data
+        The data without it.
+
+    Raises
+    ------
+    ValueError
+        A channel with fewer samples than coefficients, or a negative order.
+
+    Examples
+    --------
+    >>> from hoopd.ident import detrend, iddata
+    >>> detrend(iddata([1.0, 2.0, 6.0])).y[:, 0]
+    array([-2., -1.,  3.])
+    """
     return trend(data, order).removed(data)
 
 
@@ -87,9 +135,29 @@ def _fitted(basis: Array, values: Array, name: str) -> Array:
 
 
 def applied(data: Data, outputs: Map | None = None, inputs: Map | None = None, dt: float | None = None) -> Data:
-    """Functions of whole arrays (n, channels) put on outputs and inputs; `dt` when they change the step.
+    """Put functions on outputs and inputs.
 
-    One function for both is given twice. States are left out unless the samples stay the same.
+    Parameters
+    ----------
+    data : Data
+        One experiment.
+    outputs, inputs : callable, optional
+        Functions of whole arrays (n, channels); without one the channels stay. One function for both is given twice.
+    dt : float, optional
+        Step in s of the result, when the functions change it.
+
+    Returns
+    -------
+    Data
+        The result; states are left out unless the samples stay the same.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import applied, iddata
+    >>> data = iddata([1.0, 2.0, 3.0], [1.0, 0.0, 1.0])
+    >>> applied(data, outputs=np.square).y[:, 0]
+    array([1., 4., 9.])
     """
     y = data.y if outputs is None else np.asarray(outputs(data.y), dtype=float)
     u = data.u if inputs is None else np.asarray(inputs(data.u), dtype=float)
@@ -103,7 +171,33 @@ def applied(data: Data, outputs: Map | None = None, inputs: Map | None = None, d
 
 
 def scaled(data: Data, outputs: ArrayLike = 1.0, inputs: ArrayLike = 1.0) -> Data:
-    """Outputs and inputs times a number, a number each, or a square matrix (channels, channels) from the left."""
+    """Multiply outputs and inputs.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment.
+    outputs, inputs : float or array_like, shape (channels,) or (channels, channels)
+        A number for all, a number each, or a square matrix from the left.
+
+    Returns
+    -------
+    Data
+        The result.
+
+    Raises
+    ------
+    ValueError
+        Numbers that do not fit the channels.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, scaled
+    >>> data = iddata(np.ones((3, 2)), np.ones(3))
+    >>> scaled(data, outputs=[1.0, 100.0]).y[0]
+    array([  1., 100.])
+    """
     return _made(data, _times(data.y, outputs, "outputs"), _times(data.u, inputs, "inputs"), data.x)
 
 
@@ -116,18 +210,81 @@ class Unit(NamedTuple):
 
 
 def normalised(data: Data) -> Unit:
-    """Every channel divided by its standard deviation; ValueError for a constant channel, which has none."""
+    """Divide every channel by its standard deviation.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment.
+
+    Returns
+    -------
+    Unit
+        The `data` of unit variance, and what each channel was divided by, `y` (ny,) and `u` (nu,).
+
+    Raises
+    ------
+    ValueError
+        A constant channel, which has no deviation.
+
+    Examples
+    --------
+    >>> from hoopd.ident import iddata, normalised
+    >>> unit = normalised(iddata([0.0, 4.0, 0.0, 4.0], [1.0, -1.0, 1.0, -1.0]))
+    >>> unit.y, unit.data.y[:, 0]
+    (array([2.]), array([0., 2., 0., 2.]))
+    """
     y, u = _deviations(data.y, data.outputs), _deviations(data.u, data.inputs)
     return Unit(scaled(data, 1.0 / y, 1.0 / u), y, u)
 
 
 def ramp_in(data: Data, samples: int) -> Data:
-    """All inputs and outputs faded in, from 0 to 1 in a line over the first samples; one or none does nothing."""
+    """Fade all inputs and outputs in, from 0 to 1 in a line over the first samples.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment.
+    samples : int
+        Length of the ramp; one or none does nothing.
+
+    Returns
+    -------
+    Data
+        The result.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, ramp_in
+    >>> ramp_in(iddata(np.ones(6)), 3).y[:, 0]
+    array([0. , 0.5, 1. , 1. , 1. , 1. ])
+    """
     return _faded(data, np.concatenate([np.linspace(0.0, 1.0, samples), np.ones(data.n - samples)]), samples)
 
 
 def ramp_out(data: Data, samples: int) -> Data:
-    """All inputs and outputs faded out over the last samples."""
+    """Fade all inputs and outputs out, from 1 to 0 in a line over the last samples.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment.
+    samples : int
+        Length of the ramp; one or none does nothing.
+
+    Returns
+    -------
+    Data
+        The result.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, ramp_out
+    >>> ramp_out(iddata(np.ones(6)), 3).y[:, 0]
+    array([1. , 1. , 1. , 1. , 0.5, 0. ])
+    """
     return _faded(data, np.concatenate([np.ones(data.n - samples), np.linspace(1.0, 0.0, samples)]), samples)
 
 
@@ -158,9 +315,30 @@ def _deviations(values: Array, names: Sequence[str]) -> Array:
 
 
 def joined(*pieces: Data) -> Data:
-    """Pieces one after the other in time, as one experiment; the first one's times go on.
+    """Join pieces one after the other in time to one experiment; the first one's times go on.
 
     Joining claims that the state goes on as well: separate experiments belong in a list (`merged`).
+
+    Parameters
+    ----------
+    *pieces : Data
+        The pieces.
+
+    Returns
+    -------
+    Data
+        One experiment.
+
+    Raises
+    ------
+    ValueError
+        Channels or steps that differ.
+
+    Examples
+    --------
+    >>> from hoopd.ident import iddata, joined
+    >>> joined(iddata([1.0, 2.0]), iddata([3.0])).y[:, 0]
+    array([1., 2., 3.])
     """
     each = experiments(pieces)
     states = [one.x for one in each if one.x is not None]
@@ -169,12 +347,57 @@ def joined(*pieces: Data) -> Data:
 
 
 def merged(*given: Data | Sequence[Data]) -> list[Data]:
-    """Separate experiments of one system in one flat list; ValueError when channels or steps differ."""
+    """Put separate experiments of one system into one flat list.
+
+    Parameters
+    ----------
+    *given : Data or sequence of Data
+        The experiments.
+
+    Returns
+    -------
+    list of Data
+        All of them.
+
+    Raises
+    ------
+    ValueError
+        Channels or steps that differ.
+
+    Examples
+    --------
+    >>> from hoopd.ident import iddata, merged
+    >>> one, other = iddata([1.0, 2.0]), iddata([3.0, 4.0])
+    >>> len(merged(one, [other, one]))
+    3
+    """
     return experiments([one for part in given for one in ([part] if isinstance(part, Data) else part)])
 
 
 def predictor_data(data: Data) -> Data:
-    """Data whose input is [u; y], for predictors and error filters; ValueError where an output is missing."""
+    """Give the data whose input is [u; y], for predictors and error filters.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment.
+
+    Returns
+    -------
+    Data
+        The same outputs, and the inputs u and y.
+
+    Raises
+    ------
+    ValueError
+        An output is missing.
+
+    Examples
+    --------
+    >>> from hoopd.ident import iddata, predictor_data
+    >>> predictor_data(iddata([1.0, 2.0], [0.0, 5.0])).inputs
+    ('u', 'y measured')
+    """
     names = [*data.inputs, *(f"{name} measured" for name in data.outputs)]
     return iddata(
         data.y, np.hstack([data.u, whole(data, "as an input").y]), data.dt,
@@ -193,7 +416,35 @@ class Filled(NamedTuple):
 
 
 def fill_gaps(data: Data, method: Literal["linear", "pchip"] = "linear", longest_s: float = np.inf) -> Filled:
-    """Missing outputs interpolated in time; gaps longer than `longest_s` and those at the ends stay missing."""
+    """Interpolate missing outputs in time.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment.
+    method : {"linear", "pchip"}
+        Lines, or cubics that do not overshoot.
+    longest_s : float
+        Gaps longer than so many seconds stay missing, as those at the ends do.
+
+    Returns
+    -------
+    Filled
+        The `data`, and which samples (n, ny) were made up, `filled`.
+
+    Raises
+    ------
+    ValueError
+        A method that is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import fill_gaps, iddata
+    >>> done = fill_gaps(iddata([1.0, np.nan, 3.0, np.nan]))
+    >>> done.data.y[:, 0], done.filled[:, 0]
+    (array([ 1.,  2.,  3., nan]), array([False,  True, False, False]))
+    """
     y = data.y.copy()
     for i in range(data.ny):
         y[:, i] = _interpolated(data.t, data.y[:, i], method, longest_s)

@@ -74,7 +74,38 @@ class _Coefficients:
 
 
 def response_spread(model: Estimated, w: ArrayLike) -> ResponseSpread | None:
-    """The response from u to y at w (nw,) rad/s and its standard errors; None without a covariance."""
+    """Give the response of an estimated model with its standard errors.
+
+    By linearisation: the derivatives with respect to the estimated coefficients, times the coefficients' covariance.
+
+    Parameters
+    ----------
+    model : Polynomials, VectorArx or Innovations
+        An estimated model.
+    w : array_like, shape (nw,)
+        Frequencies in rad/s.
+
+    Returns
+    -------
+    ResponseSpread or None
+        The response `h` (nw, ny, nu), the relative standard error of its `gain` and that of its `phase` in rad; None
+        without a covariance.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, 9.57.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, response_spread
+    >>> gain = Polynomials(
+    ...     0.1, b=(np.array([2.0]),), names=("b0",), values=np.array([2.0]), covariance=np.array([[0.01]])
+    ... )
+    >>> spread = response_spread(gain, [1.0])  # 2 +- 0.1
+    >>> spread.h.real.item(), round(spread.gain.item(), 4), spread.phase.item()
+    (2.0, 0.05, 0.0)
+    """
     known = _coefficients(model)
     if known is None:
         return None
@@ -87,7 +118,34 @@ def response_spread(model: Estimated, w: ArrayLike) -> ResponseSpread | None:
 
 
 def pole_spread(model: Estimated) -> RootSpread | None:
-    """Poles of the dynamics from u to y with their covariances; None without a covariance."""
+    """Give the poles of the dynamics from u to y with their covariances.
+
+    Parameters
+    ----------
+    model : Polynomials, VectorArx or Innovations
+        An estimated model.
+
+    Returns
+    -------
+    RootSpread or None
+        The `roots` (k,) and the `covariances` (k, 2, 2) of real and imaginary part; None without a covariance.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, 9.57.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import arx, iddata, pole_spread
+    >>> rng = np.random.default_rng(0)
+    >>> u, y = rng.standard_normal(400), np.zeros(400)
+    >>> for t in range(1, 400):
+    ...     y[t] = 0.8 * y[t - 1] + u[t - 1] + 0.1 * rng.standard_normal()
+    >>> spread = pole_spread(arx(iddata(y, u, 0.1), na=1, nb=1))
+    >>> spread.roots.real.round(2), bool(np.sqrt(spread.covariances[0, 0, 0]) < 0.01)
+    (array([0.8]), True)
+    """
     known = _coefficients(model)
     if known is None:
         return None
@@ -97,7 +155,38 @@ def pole_spread(model: Estimated) -> RootSpread | None:
 
 
 def zero_spread(model: Estimated, output: int, channel: int = 0) -> RootSpread | None:
-    """Zeros of one output from one input with their covariances; None without a covariance."""
+    """Give the zeros of one output from one input with their covariances.
+
+    Parameters
+    ----------
+    model : Polynomials, VectorArx or Innovations
+        An estimated model.
+    output : int
+        Number of the output.
+    channel : int
+        Number of the input.
+
+    Returns
+    -------
+    RootSpread or None
+        The `roots` (k,) and the `covariances` (k, 2, 2) of real and imaginary part; None without a covariance.
+
+    Notes
+    -----
+    A zero z of a channel G has dz = -dG/(dG/dz).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import arx, iddata, zero_spread
+    >>> rng = np.random.default_rng(0)
+    >>> u, y = rng.standard_normal(400), np.zeros(400)
+    >>> for t in range(2, 400):
+    ...     y[t] = 0.8 * y[t - 1] + u[t - 1] - 0.5 * u[t - 2] + 0.1 * rng.standard_normal()
+    >>> spread = zero_spread(arx(iddata(y, u, 0.1), na=1, nb=2), output=0)
+    >>> bool(abs(spread.roots[0] - 0.5) < 3 * np.sqrt(spread.covariances[0, 0, 0]))
+    True
+    """
     known = _coefficients(model)
     if known is None:
         return None

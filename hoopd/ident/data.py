@@ -18,9 +18,34 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Data:
-    """One experiment: y (n, ny), u (n, nu) with nu = 0 where there is no input, x (n, nx) where states are known.
+    """One experiment, sampled uniformly: what `iddata` makes and every method of this package takes.
 
-    `dt` in seconds, `t0` the time of the first sample; names by channel.
+    Attributes
+    ----------
+    y : ndarray, shape (n, ny)
+        Outputs; NaN is a sample that was not measured.
+    u : ndarray, shape (n, nu)
+        Inputs, all finite; nu = 0 where there is no input.
+    dt : float
+        Step in s.
+    t0 : float
+        Time of the first sample in s.
+    outputs, inputs : tuple of str
+        Names by channel.
+    x : ndarray, shape (n, nx), or None
+        States, where they are known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata
+    >>> data = iddata(np.arange(6.0), np.ones(6), dt=0.5, t0=1.0)
+    >>> data.n, data.ny, data.nu, data.fs
+    (6, 1, 1, 2.0)
+    >>> data.seconds(2.0, 3.0).t
+    array([2. , 2.5])
+    >>> data[::2].dt
+    1.0
     """
 
     y: Array
@@ -96,10 +121,44 @@ def iddata(
     outputs: Sequence[str] | None = None,
     inputs: Sequence[str] | None = None,
 ) -> Data:
-    """Data of arrays (n,) or (n, channels).
+    """Make the data of one experiment of arrays.
 
-    ValueError that names the cause: lengths that differ, samples along columns, an input that is not finite, a step
-    that is none. An output may hold NaN, and none may be infinite.
+    Parameters
+    ----------
+    y : array_like, shape (n,) or (n, ny)
+        Outputs, samples along rows. NaN is a sample that was not measured; none may be infinite.
+    u : array_like, shape (n,) or (n, nu), optional
+        Inputs, all finite; without it there are none.
+    dt : float
+        Step in s.
+    t0 : float
+        Time of the first sample in s.
+    x : array_like, shape (n, nx), optional
+        States, where they are known.
+    outputs, inputs : sequence of str, optional
+        Names by channel; without them y1, y2 ... and u1, u2 ...
+
+    Returns
+    -------
+    Data
+        The experiment, as copies that nobody writes to.
+
+    Raises
+    ------
+    ValueError
+        Lengths that differ, samples along columns, an input that is not finite, a step that is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata
+    >>> data = iddata([0.0, 1.0, np.nan], np.ones((3, 2)), dt=0.01)
+    >>> data.y.shape, data.u.shape, data.inputs, data.complete
+    ((3, 1), (3, 2), ('u1', 'u2'), False)
+    >>> iddata(np.zeros(3), np.zeros(4))
+    Traceback (most recent call last):
+        ...
+    ValueError: u has 4 samples and y has 3
     """
     if not (np.isfinite(dt) and dt > 0.0):
         raise ValueError(f"dt must be a positive number of seconds, not {dt}")
@@ -119,7 +178,34 @@ def iddata(
 
 
 def experiments(data: Data | Sequence[Data]) -> list[Data]:
-    """One or several experiments as a list; ValueError when they do not have the same channels and step."""
+    """Give one or several experiments as a list, and see to it that they belong together.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        The experiments.
+
+    Returns
+    -------
+    list of Data
+        As they were given.
+
+    Raises
+    ------
+    ValueError
+        No experiment, or several that do not have the same channels and step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import experiments, iddata
+    >>> len(experiments(iddata(np.zeros(5))))
+    1
+    >>> experiments([iddata(np.zeros(5), dt=0.1), iddata(np.zeros(5), dt=0.2)])
+    Traceback (most recent call last):
+        ...
+    ValueError: experiment 1 has a step of 0.2 s, the first one of 0.1 s
+    """
     each = [data] if isinstance(data, Data) else list(data)
     if not each:
         raise ValueError("no experiment given")
@@ -135,7 +221,26 @@ def experiments(data: Data | Sequence[Data]) -> list[Data]:
 
 
 def runs(data: Data) -> Iterator[Data]:
-    """Pieces of consecutive samples in which every output was measured, in the order of time."""
+    """Give the pieces of consecutive samples in which every output was measured, in the order of time.
+
+    Parameters
+    ----------
+    data : Data
+        An experiment, with gaps or without.
+
+    Returns
+    -------
+    iterator of Data
+        The pieces, each with its own `t0`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, runs
+    >>> data = iddata([1.0, 2.0, np.nan, 4.0, 5.0, 6.0], dt=1.0)
+    >>> [(piece.t0, piece.n) for piece in runs(data)]
+    [(0.0, 2), (3.0, 3)]
+    """
     known = np.asarray(np.isfinite(data.y).all(axis=1))
     edges = np.flatnonzero(np.diff(known, prepend=False, append=False))
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):

@@ -27,12 +27,45 @@ LARGEST = 1000
 
 
 def prefilter(data: Data, *bands_hz: Band, order: int = 2, stop: bool = False) -> Data:
-    """What lies within the bands (low, high), by Butterworth filters run forwards and backwards (no phase).
+    """Keep what lies within bands, by Butterworth filters run forwards and backwards (no phase).
 
-    low <= 0 is a low-pass, high = inf a high-pass; several bands pass together, those that overlap as one;
-    `stop`: what lies outside instead. The gain at a corner is 1/2 (1/sqrt 2 each way), the slope 2 x `order`.
-    ValueError for bands that are none below half of the sampling frequency, for gaps and for too few samples.
+    The gain at a corner is 1/2 (1/sqrt 2 each way), the slope 2 x `order`.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment without gaps.
+    *bands_hz : tuple of float
+        Bands (low, high) in Hz: low <= 0 is a low-pass, high = inf a high-pass; several pass together, those that
+        overlap as one.
+    order : int
+        Order of each filter.
+    stop : bool
+        Keep what lies outside instead.
+
+    Returns
+    -------
+    Data
+        Outputs and inputs through the same filter.
+
+    Raises
+    ------
+    ValueError
+        Bands that are none below half of the sampling frequency, gaps, too few samples.
+
+    Notes
+    -----
     Source: F. Gustafsson, Determining the initial states in forward-backward filtering, IEEE Trans. SP 44 (1996).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, prefilter
+    >>> t = 0.01 * np.arange(1000)
+    >>> slow, fast = np.sin(2 * np.pi * t), np.sin(2 * np.pi * 20.0 * t)
+    >>> kept = prefilter(iddata(slow + fast, dt=0.01), (0.0, 5.0))
+    >>> float(np.abs(kept.y[:, 0] - slow)[100:-100].max().round(2))
+    0.0
     """
     each = _united(bands_hz, data.fs)
     done = whole(data, "prefilter")
@@ -45,7 +78,33 @@ def prefilter(data: Data, *bands_hz: Band, order: int = 2, stop: bool = False) -
 
 
 def filtered(data: Data, numerator: ArrayLike | ct.TransferFunction, denominator: ArrayLike = 1.0) -> Data:
-    """Data through a filter given by its coefficients in q^-1, or as a discrete SISO system; one way, from rest."""
+    """Filter outputs and inputs, one way and from rest.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment without gaps.
+    numerator : array_like or control.TransferFunction
+        Coefficients in q^-1, or a discrete system of one input and output with the step of the data.
+    denominator : array_like
+        Coefficients in q^-1.
+
+    Returns
+    -------
+    Data
+        The result.
+
+    Raises
+    ------
+    ValueError
+        A gap, a denominator that begins with 0, a system that is no filter.
+
+    Examples
+    --------
+    >>> from hoopd.ident import filtered, iddata
+    >>> filtered(iddata([1.0, 2.0, 4.0]), [1.0, -1.0]).y[:, 0]  # differences
+    array([1., 1., 2.])
+    """
     if isinstance(numerator, ct.TransferFunction):
         num, den = _coefficients(numerator, data)
     else:
@@ -56,10 +115,35 @@ def filtered(data: Data, numerator: ArrayLike | ct.TransferFunction, denominator
 
 
 def resample(data: Data, ratio: float) -> Data:
-    """Data at `ratio` times the rate, behind a linear-phase FIR that lets no image or alias through.
+    """Bring data to another rate, behind a linear-phase FIR that lets no image or alias through.
 
-    The ends are continued in the line between first and last sample. ValueError for a ratio that is no fraction of
-    whole numbers up to 1000, and for gaps. Where a held input is to stay held, take every k-th sample: data[::k].
+    The ends are continued in the line between first and last sample. Where a held input is to stay held, take every
+    k-th sample: data[::k].
+
+    Parameters
+    ----------
+    data : Data
+        One experiment without gaps.
+    ratio : float
+        New rate over old rate, a fraction of whole numbers up to 1000.
+
+    Returns
+    -------
+    Data
+        The data at the new step.
+
+    Raises
+    ------
+    ValueError
+        A ratio that is no such fraction, or a gap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, resample
+    >>> done = resample(iddata(np.sin(0.1 * np.arange(200)), dt=0.01), 0.5)
+    >>> done.n, done.dt
+    (100, 0.02)
     """
     fraction = Fraction(ratio).limit_denominator(LARGEST)
     if ratio <= 0.0 or fraction.numerator > LARGEST or abs(float(fraction) - ratio) > 1e-9 * ratio:
@@ -78,17 +162,62 @@ def resample(data: Data, ratio: float) -> Data:
 
 
 def resampled_system(system: ct.StateSpace | ct.TransferFunction, dt: float) -> ct.StateSpace | ct.TransferFunction:
-    """The discrete system at the step `dt`, its input held: to continuous time by the matrix logarithm, and back.
+    """Give a discrete system at another step, its input held: to continuous time by the matrix logarithm, and back.
 
-    ValueError for a pole at or left of 0 (a delay, an alias): no real continuous system has it.
+    Parameters
+    ----------
+    system : control.StateSpace or control.TransferFunction
+        A discrete system.
+    dt : float
+        New step in s.
+
+    Returns
+    -------
+    control.StateSpace or control.TransferFunction
+        The system at the new step.
+
+    Raises
+    ------
+    ValueError
+        A pole at or left of 0 (a delay, an alias): no real continuous system has it.
+
+    Examples
+    --------
+    >>> import control
+    >>> from hoopd.ident import resampled_system
+    >>> slower = resampled_system(control.ss([[0.9]], [[1.0]], [[1.0]], [[0.0]], 0.1), 0.2)
+    >>> slower.A.round(6), slower.B.round(6)  # 0.9 ** 2 and 1 + 0.9
+    (array([[0.81]]), array([[1.9]]))
     """
     return c2d(d2c(system, "zoh"), dt, "zoh")
 
 
 def resampled_covariance(a: ArrayLike, q: ArrayLike, dt: float, new_dt: float) -> Array:
-    """Covariance (nx, nx) over `new_dt` of the white noise whose covariance over `dt` is q, x+ = a x + w.
+    """Give the covariance of white process noise over another step.
 
     By way of the density of the continuous noise, F = log(a)/dt.
+
+    Parameters
+    ----------
+    a : array_like, shape (nx, nx)
+        Dynamics over `dt`, x+ = a x + w.
+    q : array_like, shape (nx, nx)
+        Covariance of w.
+    dt : float
+        Step in s of a and q.
+    new_dt : float
+        Step in s of the result.
+
+    Returns
+    -------
+    ndarray, shape (nx, nx)
+        Covariance of the noise over `new_dt`.
+
+    Examples
+    --------
+    >>> from hoopd.ident import resampled_covariance
+    >>> resampled_covariance([[0.9]], [[1.0]], dt=0.1, new_dt=0.2).round(6)  # 1 + 0.9 ** 2
+    array([[1.81]])
     """
     rate = np.real(linalg.logm(np.asarray(a, float))) / dt
     return sampled_noise(rate, unsampled_noise(rate, np.asarray(q, float), dt), new_dt)

@@ -30,10 +30,33 @@ TAU = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class FrequencyData:
-    """One experiment over frequency: y (nw, ny) and u (nw, nu) complex at w (nw,) rad/s; dt in s, 0 for continuous.
+    """One experiment over frequency.
 
-    `samples`: of the record that it was transformed from, 0 for none. Such a record obeys y = G u up to the difference
-    of its first and last state; a periodic one obeys it exactly.
+    A transformed record obeys y = G u up to the difference of its first and last state; a periodic one obeys it
+    exactly.
+
+    Attributes
+    ----------
+    y : ndarray of complex, shape (nw, ny)
+        Outputs.
+    u : ndarray of complex, shape (nw, nu)
+        Inputs.
+    w : ndarray, shape (nw,)
+        Frequencies in rad/s.
+    dt : float
+        Step in s, 0 for continuous.
+    samples : int
+        Samples of the record that it was transformed from, 0 for none.
+    outputs, inputs : tuple of str
+        Names by channel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import FrequencyData
+    >>> data = FrequencyData(np.ones((3, 1)), np.ones((3, 1)), 2 * np.pi * np.array([1.0, 2.0, 3.0]))
+    >>> data.n, data.hz, data.between_hz(1.5, 3.0).n
+    (3, array([1., 2., 3.]), 2)
     """
 
     y: Complex
@@ -94,15 +117,61 @@ def frequencydata(
 
 
 def frequency_axis(dt: float, n: int) -> Array:
-    """n frequencies from 0 to half of the sampling frequency, (n,) rad/s."""
+    """Give frequencies from 0 to half of the sampling frequency.
+
+    Parameters
+    ----------
+    dt : float
+        Step in s.
+    n : int
+        How many.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Frequencies in rad/s.
+
+    Examples
+    --------
+    >>> from hoopd.ident import frequency_axis
+    >>> frequency_axis(0.1, 3).round(3)
+    array([ 0.   , 15.708, 31.416])
+    """
     return np.linspace(0.0, np.pi / dt, n)
 
 
 def transformed(data: Data) -> FrequencyData:
-    """The discrete Fourier transform: Y(w_k) = sum_t y(t) exp(-j w_k t)/sqrt(N), w_k = 2 pi k/(N dt) up to pi/dt.
+    """Give the discrete Fourier transform of data.
 
-    So scaled, |Y|^2 of white noise is its variance whatever N. ValueError for gaps.
+    Y(w_k) = sum_t y(t) exp(-j w_k t)/sqrt(N), w_k = 2 pi k/(N dt) up to pi/dt. So scaled, |Y|^2 of white noise is its
+    variance whatever N.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment without gaps.
+
+    Returns
+    -------
+    FrequencyData
+        Outputs and inputs over frequency.
+
+    Raises
+    ------
+    ValueError
+        A gap.
+
+    Notes
+    -----
     Source: Ljung, System Identification, 1999, 2.37.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, transformed
+    >>> found = transformed(iddata(np.cos(2 * np.pi * 5.0 * 0.01 * np.arange(100)), dt=0.01))
+    >>> found.hz[np.abs(found.y[:, 0]).argmax()].round(6).item()
+    5.0
     """
     done = whole(data, "transform")
     root = np.sqrt(max(done.n, 1))
@@ -117,7 +186,33 @@ def transformed(data: Data) -> FrequencyData:
 
 
 def response(system: Lti, w: ArrayLike) -> ct.FRD:
-    """The frequency response at w rad/s, with the system's names and sample time; an FRD is asked at its own points."""
+    """Give the frequency response of a system, with the system's names and sample time.
+
+    Parameters
+    ----------
+    system : control.StateSpace, control.TransferFunction or control.FRD
+        The system; an FRD is asked at its own frequencies.
+    w : array_like, shape (nw,)
+        Frequencies in rad/s.
+
+    Returns
+    -------
+    control.FRD
+        The response.
+
+    Raises
+    ------
+    ValueError
+        An FRD, at a frequency that it does not have.
+
+    Examples
+    --------
+    >>> import control
+    >>> from hoopd.ident import response
+    >>> lag = response(control.tf([1.0], [1.0, 1.0]), [1.0])
+    >>> abs(lag.frdata[0, 0]).round(3)  # 1/sqrt 2 at the corner
+    array([0.707])
+    """
     axis = np.asarray(w, dtype=float).reshape(-1)
     if not isinstance(system, ct.FRD):
         return ct.FRD(system, axis, inputs=system.input_labels, outputs=system.output_labels)
@@ -128,13 +223,53 @@ def response(system: Lti, w: ArrayLike) -> ct.FRD:
 
 
 def between(frd: ct.FRD, low: float, high: float) -> ct.FRD:
-    """The response within low <= w <= high rad/s."""
+    """Cut a frequency response to a band in rad/s.
+
+    Parameters
+    ----------
+    frd : control.FRD
+        The response.
+    low, high : float
+        Band in rad/s, both ends included.
+
+    Returns
+    -------
+    control.FRD
+        The response within it.
+
+    Examples
+    --------
+    >>> import control
+    >>> from hoopd.ident import between, response
+    >>> between(response(control.tf([1.0], [1.0, 1.0]), [1.0, 2.0, 3.0]), 1.5, 3.0).omega
+    array([2., 3.])
+    """
     rows = _range(frd.omega, low, high)
     return _like(frd, frd.frdata[:, :, rows], frd.omega[rows])
 
 
 def between_hz(frd: ct.FRD, low: float, high: float) -> ct.FRD:
-    """The response within low to high Hz, both included."""
+    """Cut a frequency response to a band in Hz.
+
+    Parameters
+    ----------
+    frd : control.FRD
+        The response.
+    low, high : float
+        Band in Hz, both ends included.
+
+    Returns
+    -------
+    control.FRD
+        The response within it.
+
+    Examples
+    --------
+    >>> import control
+    >>> from hoopd.ident import between_hz, response
+    >>> between_hz(response(control.tf([1.0], [1.0, 1.0]), [1.0, 6.2, 12.6]), 0.5, 1.5).omega
+    array([6.2])
+    """
     return between(frd, TAU * low, TAU * high)
 
 

@@ -25,22 +25,99 @@ def _two(y: ArrayLike) -> Array:
 
 
 def sse(e: ArrayLike) -> Array:
-    """(ny,) sums of squares of errors (n, ny)."""
+    """Sum the squares of errors.
+
+    Parameters
+    ----------
+    e : array_like, shape (n,) or (n, ny)
+        Errors; NaN counts not.
+
+    Returns
+    -------
+    ndarray, shape (ny,)
+        The sum of squares of each output.
+
+    Examples
+    --------
+    >>> from hoopd.ident import sse
+    >>> sse([3.0, float("nan"), 4.0])
+    array([25.])
+    """
     return np.asarray(np.nansum(_two(e) ** 2, axis=0))
 
 
 def mse(e: ArrayLike) -> Array:
-    """(ny,) mean squares."""
+    """Give the mean square of errors.
+
+    Parameters
+    ----------
+    e : array_like, shape (n,) or (n, ny)
+        Errors; NaN counts not.
+
+    Returns
+    -------
+    ndarray, shape (ny,)
+        The mean square of each output.
+
+    Examples
+    --------
+    >>> from hoopd.ident import mse
+    >>> mse([3.0, float("nan"), 4.0])
+    array([12.5])
+    """
     return np.asarray(np.nanmean(_two(e) ** 2, axis=0))
 
 
 def rms(e: ArrayLike) -> Array:
-    """(ny,) roots of the mean squares."""
+    """Give the root of the mean square of errors.
+
+    Parameters
+    ----------
+    e : array_like, shape (n,) or (n, ny)
+        Errors; NaN counts not.
+
+    Returns
+    -------
+    ndarray, shape (ny,)
+        The root mean square of each output, in its unit.
+
+    Examples
+    --------
+    >>> from hoopd.ident import rms
+    >>> rms([3.0, -3.0, float("nan")])
+    array([3.])
+    """
     return np.sqrt(mse(e))
 
 
 def fit_percent(y: ArrayLike, yhat: ArrayLike) -> Array:
-    """(ny,) 100 (1 - |y - yhat|/|y - mean y|) of each output (n, ny); NaN for an output that never changes."""
+    """Give the fit in percent, 100 (1 - |y - yhat|/|y - mean y|).
+
+    Parameters
+    ----------
+    y : array_like, shape (n,) or (n, ny)
+        Measured outputs; NaN counts not.
+    yhat : array_like, same shape
+        Predicted or simulated outputs.
+
+    Returns
+    -------
+    ndarray, shape (ny,)
+        100 for a model that leaves nothing, 0 for one as good as the mean, negative for a worse one; NaN for an output
+        that never changes.
+
+    Raises
+    ------
+    ValueError
+        Shapes that differ.
+
+    Examples
+    --------
+    >>> from hoopd.ident import fit_percent
+    >>> y = [1.0, -1.0, 1.0, -1.0]
+    >>> fit_percent(y, [0.9, -0.9, 0.9, -0.9]).round(6), fit_percent(y, [0.0] * 4)
+    (array([90.]), array([0.]))
+    """
     measured, said = _two(y), _two(yhat)
     if measured.shape != said.shape:
         raise ValueError(f"measured is {measured.shape}, predicted {said.shape}")
@@ -52,7 +129,26 @@ def fit_percent(y: ArrayLike, yhat: ArrayLike) -> Array:
 
 
 def nrmse(y: ArrayLike, yhat: ArrayLike) -> Array:
-    """(ny,) |y - yhat|/|y - mean y|."""
+    """Give the error relative to the measured change, |y - yhat|/|y - mean y|.
+
+    Parameters
+    ----------
+    y : array_like, shape (n,) or (n, ny)
+        Measured outputs; NaN counts not.
+    yhat : array_like, same shape
+        Predicted or simulated outputs.
+
+    Returns
+    -------
+    ndarray, shape (ny,)
+        0 for a model that leaves nothing, 1 for one as good as the mean.
+
+    Examples
+    --------
+    >>> from hoopd.ident import nrmse
+    >>> nrmse([1.0, -1.0, 1.0, -1.0], [0.9, -0.9, 0.9, -0.9]).round(6)
+    array([0.1])
+    """
     return np.asarray(1.0 - fit_percent(y, yhat) / 100.0)
 
 
@@ -60,19 +156,71 @@ def nrmse(y: ArrayLike, yhat: ArrayLike) -> Array:
 
 
 def aic(variance: ArrayLike, samples: int, parameters: int) -> float:
-    """Akaike (1974): n ln det V + 2 d; V the mean squared error, or the mean outer product (ny, ny) of the errors.
+    """Give Akaike's information criterion, n ln det V + 2 d; smaller is better.
 
     The numbers of V are estimated too, but the same in every model: they would only add a constant, and are left out.
+
+    Parameters
+    ----------
+    variance : float or array_like, shape (ny, ny)
+        V, the mean squared error, or the mean outer product of the errors.
+    samples : int
+        n, on which the model was fitted.
+    parameters : int
+        d, that were fitted.
+
+    Returns
+    -------
+    float
+        The criterion.
+
+    Notes
+    -----
+    Source: Akaike (1974).
+
+    Examples
+    --------
+    >>> from hoopd.ident import aic
+    >>> aic(1.0, samples=100, parameters=3)
+    6.0
+    >>> aic(0.99, 100, 4) < aic(1.0, 100, 3)  # one per cent less error is not worth a parameter
+    False
     """
     return samples * _log_det(variance) + 2.0 * parameters
 
 
 def aicc(variance: ArrayLike, samples: int, parameters: int) -> float:
-    """AIC corrected for few samples: + 2 k (k + 1)/(n - k - 1), k = d + 1 with the variance among the parameters.
+    """Give Akaike's criterion corrected for few samples: AIC + 2 k (k + 1)/(n - k - 1).
 
-    That is the exact correction of a regression with normal errors (Hurvich and Tsai, Biometrika 76, 1989; Burnham and
-    Anderson, Model Selection, 2002, 2.4, count the variance too). Of several outputs the same k is taken, which asks
-    for more samples than needed. Infinite where n does not exceed k + 1.
+    k = d + 1 counts the variance among the parameters: that is the exact correction of a regression with normal errors.
+    Of several outputs the same k is taken, which asks for more samples than needed.
+
+    Parameters
+    ----------
+    variance : float or array_like, shape (ny, ny)
+        V, the mean squared error, or the mean outer product of the errors.
+    samples : int
+        n, on which the model was fitted.
+    parameters : int
+        d, that were fitted.
+
+    Returns
+    -------
+    float
+        The criterion; infinite where n does not exceed k + 1.
+
+    Notes
+    -----
+    Sources: Hurvich and Tsai, Biometrika 76, 1989; Burnham and Anderson, Model Selection, 2002, 2.4, count the variance
+    too.
+
+    Examples
+    --------
+    >>> from hoopd.ident import aic, aicc
+    >>> round(aicc(1.0, samples=20, parameters=3) - aic(1.0, 20, 3), 3)  # 2 * 4 * 5 / 15
+    2.667
+    >>> aicc(1.0, samples=5, parameters=3)
+    inf
     """
     k = parameters + 1
     if samples <= k + 1:
@@ -81,14 +229,63 @@ def aicc(variance: ArrayLike, samples: int, parameters: int) -> float:
 
 
 def bic(variance: ArrayLike, samples: int, parameters: int) -> float:
-    """Schwarz (1978): n ln det V + d ln n."""
+    """Give Schwarz's criterion, n ln det V + d ln n; smaller is better.
+
+    Parameters
+    ----------
+    variance : float or array_like, shape (ny, ny)
+        V, the mean squared error, or the mean outer product of the errors.
+    samples : int
+        n, on which the model was fitted.
+    parameters : int
+        d, that were fitted.
+
+    Returns
+    -------
+    float
+        The criterion.
+
+    Notes
+    -----
+    Source: Schwarz (1978).
+
+    Examples
+    --------
+    >>> from hoopd.ident import bic
+    >>> round(bic(1.0, samples=100, parameters=3), 2)  # 3 ln 100
+    13.82
+    """
     return samples * _log_det(variance) + parameters * float(np.log(samples))
 
 
 def fpe(variance: ArrayLike, samples: int, parameters: int) -> float:
-    """Akaike's final prediction error (1969; Ljung, 1999, 7.78): det V (1 + d/n)/(1 - d/n); infinite where d reaches n.
+    """Give Akaike's final prediction error, det V (1 + d/n)/(1 - d/n).
 
     The determinant of the mean, not of the sum, of the errors' outer products.
+
+    Parameters
+    ----------
+    variance : float or array_like, shape (ny, ny)
+        V, the mean squared error, or the mean outer product of the errors.
+    samples : int
+        n, on which the model was fitted.
+    parameters : int
+        d, that were fitted.
+
+    Returns
+    -------
+    float
+        What the squared error is expected to be on other data; infinite where d reaches n.
+
+    Notes
+    -----
+    Source: Akaike (1969); Ljung, System Identification, 1999, 7.78.
+
+    Examples
+    --------
+    >>> from hoopd.ident import fpe
+    >>> fpe(2.0, samples=100, parameters=20)
+    3.0
     """
     if parameters >= samples:
         return np.inf
@@ -114,9 +311,32 @@ class Criteria:
 
 
 def criteria(e: ArrayLike, parameters: int) -> Criteria:
-    """Of errors (n, ny) on the data of the fit and the number of parameters; ValueError with too few samples for them.
+    """Give the information criteria of a model by its errors on the data of the fit.
 
-    A row in which one of the errors is missing counts nowhere.
+    Parameters
+    ----------
+    e : array_like, shape (n,) or (n, ny)
+        Errors; a row in which one of them is missing counts nowhere.
+    parameters : int
+        How many were fitted.
+
+    Returns
+    -------
+    Criteria
+        `n` samples, `d` parameters, and `aic`, `aicc`, `bic`, `fpe`; smaller is better.
+
+    Raises
+    ------
+    ValueError
+        Too few samples for the parameters.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import criteria
+    >>> found = criteria(np.random.default_rng(0).standard_normal(200), parameters=4)
+    >>> found.n, found.d, round(found.aic, 1), round(found.bic, 1), round(found.fpe, 2)
+    (200, 4, -7.8, 5.4, 0.96)
     """
     errors = _two(e)
     errors = errors[np.isfinite(errors).all(axis=1)]
@@ -128,12 +348,35 @@ def criteria(e: ArrayLike, parameters: int) -> Criteria:
 
 
 def parameters_of(model: Model) -> int:
-    """Coefficients that the data had to tell.
+    """Count the coefficients of a model that the data had to tell.
 
     Of a state space of order n with m inputs and p outputs, by whatever method: n (m + p) for the dynamics from u, n p
     for the gain K (none where K = 0) and p for every input with a direct term. That is the dimension of the manifold of
-    such systems: the n^2 entries that the matrices have beyond it are the choice of basis (Hannan and Deistler, The
-    Statistical Theory of Linear Systems, 1988, ch. 2; Ljung, 1999, appendix 4A). A grey box has its own parameters.
+    such systems: the n^2 entries that the matrices have beyond it are the choice of basis. A grey box has its own
+    parameters.
+
+    Parameters
+    ----------
+    model : Polynomials or Innovations
+        The model.
+
+    Returns
+    -------
+    int
+        The number of coefficients.
+
+    Notes
+    -----
+    Sources: Hannan and Deistler, The Statistical Theory of Linear Systems, 1988, ch. 2; Ljung, System Identification,
+    1999, appendix 4A.
+
+    Examples
+    --------
+    >>> import control
+    >>> from hoopd.ident import innovations, parameters_of
+    >>> second = control.ss([[0.8, 0.1], [0.0, 0.5]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]], 0.1)
+    >>> parameters_of(innovations(second))  # two poles and two coefficients of the numerator
+    4
     """
     if isinstance(model, Polynomials):
         return len(model.values) or _coefficients(model)
@@ -173,7 +416,38 @@ def compare(
     *,
     estimation: Data | Sequence[Data] | None = None,
 ) -> list[Compared]:
-    """Models by their fit on `validation`, which none of them was fitted to, and their criteria on `estimation`."""
+    """Compare models by their fit on data that none of them was fitted to, and by criteria on the data of the fit.
+
+    Parameters
+    ----------
+    models : mapping of str to Polynomials or Innovations
+        The models by name.
+    validation : Data or sequence of Data
+        Data that nothing was fitted to.
+    horizons : sequence of int or inf
+        Samples ahead; infinity is simulation.
+    x0 : {"estimate", "zero"} or array_like, shape (nx,)
+        The initial state.
+    estimation : Data or sequence of Data, optional
+        The data of the fit; without it there are no criteria, as a penalty for fitted parameters has no meaning
+        elsewhere.
+
+    Returns
+    -------
+    list of Compared
+        By model its `name`, its fit `percent` (ny,) by horizon and its `criteria`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, compare, iddata, simulate
+    >>> good, bad = (Polynomials(0.1, np.array([1.0, -a]), (np.array([0.0, 1.0]),), variance=0.1) for a in (0.8, 0.6))
+    >>> u = np.random.default_rng(0).standard_normal(500)
+    >>> data = iddata(simulate(good, iddata(u, u, 0.1), "zero", seed=1), u, 0.1)
+    >>> first, second = compare({"good": good, "bad": bad}, data, horizons=[1, np.inf])
+    >>> bool(first.percent[1] > second.percent[1]), bool(first.percent[np.inf] > second.percent[np.inf])
+    (True, True)
+    """
     held = experiments(validation)
     fitted = [] if estimation is None else experiments(estimation)
     y = np.concatenate([one.y for one in held])
@@ -186,7 +460,29 @@ def compare(
 
 
 def table(compared: Sequence[Compared]) -> str:
-    """As text: a row a model; the columns say what they were taken on."""
+    """Write compared models as text, a row a model; the columns say what they were taken on.
+
+    Parameters
+    ----------
+    compared : sequence of Compared
+        What `compare` gives.
+
+    Returns
+    -------
+    str
+        Lines of columns.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, compare, iddata, simulate, table
+    >>> model = Polynomials(0.1, np.array([1.0, -0.8]), (np.array([0.0, 1.0]),))
+    >>> u = np.random.default_rng(0).standard_normal(200)
+    >>> data = iddata(simulate(model, iddata(u, u, 0.1), "zero"), u, 0.1)
+    >>> print(table(compare({"true": model}, data, horizons=[np.inf])))
+    model  fit %, simulated (validation)  AICc (estimation)  BIC (estimation)  FPE (estimation)
+    true   100.0                          -                  -                 -
+    """
     horizons = list(dict.fromkeys(h for one in compared for h in one.percent))
     head = ["model", *(_column(h) for h in horizons), *(f"{name} (estimation)" for name in ("AICc", "BIC", "FPE"))]
     rows = [[one.name, *(_percents(one.percent.get(h)) for h in horizons), *_numbers(one.criteria)] for one in compared]

@@ -23,9 +23,44 @@ ONE = np.ones(1)
 
 @dataclass(frozen=True)
 class Polynomials:
-    """A(q) y = sum_i B_i(q)/F_i(q) u_i + C(q)/D(q) e, one output (Ljung, System Identification, 1999, 4.33).
+    """A polynomial model of one output, A(q) y = sum_i B_i(q)/F_i(q) u_i + C(q)/D(q) e.
 
-    `names` and `covariance` (m, m) belong to the estimated coefficients, in the order of `values`.
+    Attributes
+    ----------
+    dt : float
+        Step in s.
+    a, c, d : ndarray
+        Coefficients in q^-1, that of q^0 first, which is 1.
+    b : tuple of ndarray
+        Coefficients by input; leading zeros are the delay.
+    f : tuple of ndarray
+        Denominators by input; empty where all of them are 1.
+    variance : float
+        Variance of the white e.
+    names : tuple of str
+        Names of the estimated coefficients, such as a1, b1, b2(3) for the third input's.
+    values : ndarray, shape (m,)
+        The estimated coefficients, in the order of `names`.
+    covariance : ndarray, shape (m, m), or None
+        Their covariance.
+    inputs : tuple of str
+        Names of the inputs.
+    output : str
+        Name of the output.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, 4.33.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials
+    >>> model = Polynomials(0.1, a=np.array([1.0, -0.8]), b=(np.array([0.0, 2.0]),))
+    >>> model.system.poles().real
+    array([0.8])
+    >>> round(float(model.system.dcgain()), 6)
+    10.0
     """
 
     dt: float
@@ -79,9 +114,47 @@ class Polynomials:
 
 @dataclass(frozen=True)
 class Innovations:
-    """x+ = a x + b u + k e, y = c x + d u + e, e white with covariance r (ny, ny).
+    """A state-space model in innovation form, x+ = a x + b u + k e, y = c x + d u + e with white e.
 
-    q (nx, nx) and s (nx, ny) are the covariances of the process noise and with the output's, where a method knows them.
+    Attributes
+    ----------
+    a : ndarray, shape (nx, nx)
+        Dynamics.
+    b : ndarray, shape (nx, nu)
+        From the inputs.
+    c : ndarray, shape (ny, nx)
+        To the outputs.
+    d : ndarray, shape (ny, nu)
+        Direct term.
+    k : ndarray, shape (nx, ny)
+        Gain of the predictor; 0 is an output-error model.
+    dt : float
+        Step in s, 0 for continuous time.
+    r : ndarray, shape (ny, ny), or None
+        Covariance of e.
+    q : ndarray, shape (nx, nx), or None
+        Covariance of the process noise, where a method knows it.
+    s : ndarray, shape (nx, ny), or None
+        Covariance of the process noise with that of the outputs.
+    x0 : ndarray, shape (nx,), or None
+        Initial state of the first experiment.
+    singular_values : ndarray or None
+        Those by which the order was chosen.
+    names, values, covariance : tuple of str, ndarray (m,), ndarray (m, m) or None
+        The estimated parameters with their covariance.
+    inputs, outputs : tuple of str
+        Names of the channels.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Innovations
+    >>> a, b, c, k = np.array([[0.8]]), np.array([[2.0]]), np.array([[1.0]]), np.array([[0.3]])
+    >>> model = Innovations(a, b, c, np.zeros((1, 1)), k, dt=0.1)
+    >>> round(float(model.system.dcgain()), 6)
+    10.0
+    >>> model.predictor.poles().real
+    array([0.5])
     """
 
     a: Array
@@ -159,7 +232,35 @@ Model = Polynomials | Innovations
 
 
 def innovations(system: ct.StateSpace, k: Array | None = None, r: Array | None = None) -> Innovations:
-    """A discrete python-control system as an innovation form; k = 0 is an output-error model."""
+    """Take a discrete python-control system as an innovation form.
+
+    Parameters
+    ----------
+    system : control.StateSpace
+        From u to y, discrete.
+    k : ndarray, shape (nx, ny), optional
+        Gain of the predictor; without it 0, an output-error model.
+    r : ndarray, shape (ny, ny), optional
+        Covariance of the innovations.
+
+    Returns
+    -------
+    Innovations
+        The model.
+
+    Raises
+    ------
+    ValueError
+        The system is continuous.
+
+    Examples
+    --------
+    >>> import control
+    >>> from hoopd.ident import innovations
+    >>> model = innovations(control.ss([[0.8]], [[2.0]], [[1.0]], [[0.0]], 0.1))
+    >>> model.nx, model.dt, model.k
+    (1, 0.1, array([[0.]]))
+    """
     if not system.dt:
         raise ValueError("a continuous system predicts no samples: sample it first (control.sample_system)")
     gain = np.zeros((system.nstates, system.noutputs)) if k is None else np.asarray(k, dtype=float)
@@ -167,9 +268,28 @@ def innovations(system: ct.StateSpace, k: Array | None = None, r: Array | None =
 
 
 def state_space(model: Polynomials) -> Innovations:
-    """The innovation form of a polynomial model, in observer form over the common denominator A D F_1 ... F_nu.
+    """Give the innovation form of a polynomial model, in observer form over the common denominator A D F_1 ... F_nu.
 
     Its predictor has the poles of C F_1 ... F_nu: an unstable A does no harm, an unstable F does.
+
+    Parameters
+    ----------
+    model : Polynomials
+        The model.
+
+    Returns
+    -------
+    Innovations
+        The same model, nx the order of the common denominator.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, state_space
+    >>> model = Polynomials(0.1, a=np.array([1.0, -0.8]), b=(np.array([0.0, 2.0]),), c=np.array([1.0, -0.5]))
+    >>> form = state_space(model)
+    >>> form.a, form.b, np.round(form.k, 9)
+    (array([[0.8]]), array([[2.]]), array([[0.3]]))
     """
     fractions = [model.dynamics(i) for i in range(model.nu)]
     factors = [model.d, *model.f]

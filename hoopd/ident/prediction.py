@@ -28,10 +28,37 @@ RAN_AWAY = 1e100
 
 
 def simulate(model: Model, data: Data, x0: Start = "estimate", *, seed: int | None = None) -> Array:
-    """Outputs (n, ny) from the inputs alone; with a `seed`, noise drawn as the model believes it is added.
+    """Simulate a model: the outputs from the inputs alone.
 
-    The noise is that of the innovation form: white e of covariance r, through k into the states. ValueError for a
-    `seed` where the model does not know r.
+    Parameters
+    ----------
+    model : Polynomials or Innovations
+        The model, at the step of the data.
+    data : Data
+        Inputs (n, nu); the outputs count for the initial state only.
+    x0 : {"estimate", "zero"} or array_like, shape (nx,)
+        The initial state: the one that fits the first outputs best, rest, or a given one.
+    seed : int, optional
+        Adds noise drawn as the model believes it: white e of covariance r, through k into the states.
+
+    Returns
+    -------
+    ndarray, shape (n, ny)
+        The outputs.
+
+    Raises
+    ------
+    ValueError
+        Channels or steps that differ; a `seed` where the model does not know r.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, iddata, simulate
+    >>> model = Polynomials(1.0, a=np.array([1.0, -0.5]), b=(np.array([0.0, 1.0]),))
+    >>> step = iddata(np.zeros(5), np.ones(5))
+    >>> simulate(model, step, x0="zero")[:, 0]
+    array([0.   , 1.   , 1.5  , 1.75 , 1.875])
     """
     own = matched(model, data)
     start = _start(own, data, x0, simulation=True)
@@ -52,9 +79,46 @@ def _disturbance(model: Innovations, n: int, seed: int) -> Array:
 
 
 def predict(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate") -> Array:
-    """Outputs (n, ny) from the inputs and the outputs up to `horizon` samples before; infinity simulates.
+    """Predict the outputs from the inputs, and from the outputs up to `horizon` samples before.
 
     The first samples, where so much is not known, are predicted from the initial state.
+    A missing output corrects nothing.
+
+    Parameters
+    ----------
+    model : Polynomials or Innovations
+        The model, at the step of the data.
+    data : Data
+        Inputs (n, nu) and outputs (n, ny).
+    horizon : int or inf
+        Samples ahead; infinity simulates.
+    x0 : {"estimate", "zero"} or array_like, shape (nx,)
+        The initial state.
+
+    Returns
+    -------
+    ndarray, shape (n, ny)
+        The predictions.
+
+    Raises
+    ------
+    ValueError
+        A horizon that is none; channels or steps that differ.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, 4.86.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, iddata, predict
+    >>> model = Polynomials(1.0, a=np.array([1.0, -0.5]))  # y(t) = 0.5 y(t-1) + e(t)
+    >>> data = iddata([4.0, 3.0, 1.0, 2.0])
+    >>> predict(model, data, 1)[1:, 0]
+    array([2. , 1.5, 0.5])
+    >>> predict(model, data, 2)[2:, 0]
+    array([1.  , 0.75])
     """
     if horizon == np.inf:
         return simulate(model, data, x0)
@@ -64,15 +128,63 @@ def predict(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate"
 
 
 def prediction_error(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate") -> Array:
-    """y - yhat (n, ny), NaN where an output is missing."""
+    """Give the errors of prediction, y - yhat.
+
+    Parameters
+    ----------
+    model : Polynomials or Innovations
+        The model, at the step of the data.
+    data : Data
+        Inputs (n, nu) and outputs (n, ny).
+    horizon : int or inf
+        Samples ahead; infinity simulates.
+    x0 : {"estimate", "zero"} or array_like, shape (nx,)
+        The initial state.
+
+    Returns
+    -------
+    ndarray, shape (n, ny)
+        The errors, NaN where an output is missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, iddata, prediction_error, simulate
+    >>> true = Polynomials(0.1, a=np.array([1.0, -0.8]), b=(np.array([0.0, 2.0]),), variance=0.04)
+    >>> u = np.random.default_rng(0).standard_normal(1000)
+    >>> data = iddata(simulate(true, iddata(u, u, 0.1), "zero", seed=1), u, 0.1)
+    >>> round(float(prediction_error(true, data).std()), 2)  # the innovations: sqrt 0.04
+    0.2
+    """
     return np.asarray(data.y - predict(model, data, horizon, x0))
 
 
 def predictor_system(model: Model, horizon: float = 1) -> ct.StateSpace:
-    """From [u; y] to the prediction `horizon` samples ahead, as a system: yhat(t) of u up to t and y up to t - horizon.
+    """Give the predictor as a system from [u; y] to the prediction `horizon` samples ahead.
 
     x(t|t-h) = x(t|t-1) - sum_{j=1}^{h-1} a^(j-1) k e(t-j), so beside the state of the one-step predictor the last h - 1
-    innovations are its states. Infinity is the simulation, in which y plays no part.
+    innovations are its states: yhat(t) follows from u up to t and y up to t - horizon.
+
+    Parameters
+    ----------
+    model : Polynomials or Innovations
+        The model.
+    horizon : int or inf
+        Samples ahead; infinity is the simulation, in which y plays no part.
+
+    Returns
+    -------
+    control.StateSpace
+        Inputs u, then y; outputs yhat.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, predictor_system
+    >>> model = Polynomials(1.0, a=np.array([1.0, -0.5]), b=(np.array([0.0, 2.0]),))
+    >>> predictor = predictor_system(model)  # yhat(t) = 0.5 y(t-1) + 2 u(t-1)
+    >>> predictor.C @ predictor.B
+    array([[2. , 0.5]])
     """
     own = state_space(model) if isinstance(model, Polynomials) else model
     if horizon == np.inf:
@@ -90,7 +202,29 @@ def predictor_system(model: Model, horizon: float = 1) -> ct.StateSpace:
 
 
 def error_system(model: Model, horizon: float = 1) -> ct.StateSpace:
-    """From [u; y] to y - yhat, `horizon` samples ahead."""
+    """Give the error filter as a system from [u; y] to y - yhat, `horizon` samples ahead.
+
+    Parameters
+    ----------
+    model : Polynomials or Innovations
+        The model.
+    horizon : int or inf
+        Samples ahead; infinity is the simulation.
+
+    Returns
+    -------
+    control.StateSpace
+        Inputs u, then y; outputs y - yhat.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, error_system
+    >>> model = Polynomials(1.0, a=np.array([1.0, -0.5]), b=(np.array([0.0, 2.0]),))
+    >>> error = error_system(model)  # y(t) - 0.5 y(t-1) - 2 u(t-1)
+    >>> error.D, error.C @ error.B
+    (array([[0., 1.]]), array([[-2. , -0.5]]))
+    """
     said = predictor_system(model, horizon)
     nu = said.ninputs - said.noutputs
     own = np.hstack([np.zeros((said.noutputs, nu)), np.eye(said.noutputs)])
@@ -100,11 +234,42 @@ def error_system(model: Model, horizon: float = 1) -> ct.StateSpace:
 def estimate_x0(
     model: Model, data: Data, *, samples: int | None = None, simulation: bool = False, fixed: ArrayLike | None = None
 ) -> Array:
-    """The initial state (nx,) that makes the first prediction errors least.
+    """Estimate the initial state that makes the first prediction errors least.
 
-    `samples`: how many are used; without it three times the slowest time constant of the free response, at least nx.
-    `fixed` (nx,): states that are known, NaN where they are to be found. Source: linear least squares; the response is
-    linear in the initial state.
+    The response is linear in the initial state, so this is linear least squares.
+
+    Parameters
+    ----------
+    model : Polynomials or Innovations
+        The model, at the step of the data.
+    data : Data
+        Inputs (n, nu) and outputs (n, ny).
+    samples : int, optional
+        How many samples are used; without it three times the slowest time constant of the free response, at least nx.
+    simulation : bool
+        Whether the errors of the simulation are meant and not those one step ahead.
+    fixed : array_like, shape (nx,), optional
+        States that are known, NaN where they are to be found.
+
+    Returns
+    -------
+    ndarray, shape (nx,)
+        The state at the first sample.
+
+    Raises
+    ------
+    ValueError
+        `fixed` does not have a number for each state.
+
+    Examples
+    --------
+    >>> import control
+    >>> import numpy as np
+    >>> from hoopd.ident import estimate_x0, iddata, innovations
+    >>> model = innovations(control.ss([[0.9]], [[1.0]], [[1.0]], [[0.0]], 0.1))
+    >>> free = iddata(3.0 * 0.9 ** np.arange(20), np.zeros(20), 0.1)
+    >>> estimate_x0(model, free).round(6)
+    array([3.])
     """
     own = matched(model, data)
     start = np.full(own.nx, np.nan) if fixed is None else np.array(fixed, dtype=float).reshape(-1)

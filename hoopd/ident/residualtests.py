@@ -54,12 +54,43 @@ class Test:
 
 
 def whiteness(e: ArrayLike, lags: int = MOST_LAGS, fitted: int = 0, name: str = "e") -> Test:
-    """Whether errors (n,) are white: (1 + 2/n) sum m_k r_k^2 over the lags is chi-square.
+    """Test whether errors are white: (1 + 2/n) sum m_k r_k^2 over the lags is chi-square.
 
     r_k is the mean of the m_k products at lag k whose two errors are known. Complete, m_k = n - k, that is the
-    statistic of Ljung and Box (1978); with gaps, of Parzen's estimate (Sankhya A 25, 1963), whose r_k have the
-    variances 1/m_k. `fitted`: parameters that were estimated on these very data; they take as many degrees of freedom.
-    ValueError with fewer than 10 errors.
+    statistic of Ljung and Box; with gaps, of Parzen's estimate, whose r_k have the variances 1/m_k.
+
+    Parameters
+    ----------
+    e : array_like, shape (n,)
+        Errors; NaN is a missing one.
+    lags : int
+        How many are tested, a quarter of the errors at most.
+    fitted : int
+        Parameters that were estimated on these very data; they take as many degrees of freedom.
+    name : str
+        What the test is called.
+
+    Returns
+    -------
+    Test
+        `values` at `lags`, the 95 % `band` of each, and the `chance` of all together.
+
+    Raises
+    ------
+    ValueError
+        Fewer than 10 errors.
+
+    Notes
+    -----
+    Sources: Ljung and Box (1978); Parzen, Sankhya A 25, 1963.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import whiteness
+    >>> e = np.random.default_rng(0).standard_normal(500)
+    >>> whiteness(e).passed, whiteness(e[1:] + 0.5 * e[:-1]).passed
+    (True, False)
     """
     x = _series(e, name)
     n = int(np.isfinite(x).sum())
@@ -73,14 +104,50 @@ def whiteness(e: ArrayLike, lags: int = MOST_LAGS, fitted: int = 0, name: str = 
 
 
 def independence(e: ArrayLike, u: ArrayLike, lags: int = MOST_LAGS, *, after: bool = True, name: str = "e, u") -> Test:
-    """Whether errors (n,) follow the past input (`after`), or the input follows past errors (a loop is closed).
+    """Test whether errors follow the past input, or the input follows past errors, which tells of a closed loop.
 
-    `after`: an F-test of the input at lags 0 ... lags in a regression of the errors by generalised least squares. As
-    it asks for the span of the lagged input, its power does not depend on the input's colour. The errors' own colour is
-    an autoregression of what that regression leaves (Cochrane and Orcutt, JASA 44, 1949; Ljung, 1999, 16.6).
-    Otherwise: whether errors 1 ... lags samples ago foretell the input beyond what its own past does (Granger,
-    Econometrica 37, 1969), so errors that hold earlier inputs are no loop.
-    Missing errors, and in `u` the samples between experiments, are NaN. ValueError with fewer than 10 errors.
+    After the input: an F-test of the input at lags 0 ... lags in a regression of the errors by generalised least
+    squares. As it asks for the span of the lagged input, its power does not depend on the input's colour. The errors'
+    own colour is an autoregression of what that regression leaves.
+    Before it: whether errors 1 ... lags samples ago foretell the input beyond what its own past does, so errors that
+    hold earlier inputs are no loop.
+
+    Parameters
+    ----------
+    e : array_like, shape (n,)
+        Errors; NaN is a missing one.
+    u : array_like, shape (n,)
+        The input; the samples between experiments are NaN.
+    lags : int
+        How many are tested, a quarter of the errors at most.
+    after : bool
+        Whether errors after the input are asked for, or errors before it.
+    name : str
+        What the test is called.
+
+    Returns
+    -------
+    Test
+        `values` at `lags`, the 95 % `band` of each, and the `chance` of all together.
+
+    Raises
+    ------
+    ValueError
+        Fewer than 10 errors.
+
+    Notes
+    -----
+    Sources: Cochrane and Orcutt, JASA 44, 1949, and Ljung, System Identification, 1999, 16.6; Granger, Econometrica 37,
+    1969.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import independence
+    >>> rng = np.random.default_rng(0)
+    >>> u, e = rng.standard_normal((2, 500))
+    >>> independence(e, u).passed, independence(e + 0.3 * np.roll(u, 2), u).passed
+    (True, False)
     """
     x, w = _series(e, name), np.asarray(u, dtype=float).reshape(-1)
     w = w - np.nanmean(w)
@@ -199,9 +266,39 @@ class ResidualReport:
 def residuals(
     model: Model, data: Data | Sequence[Data], lags: int = MOST_LAGS, x0: Start = "estimate"
 ) -> ResidualReport:
-    """The one-step errors of a model on data, or on several experiments together, tested.
+    """Test the one-step errors of a model: white, independent of past inputs, no way from them back to the input.
 
-    ValueError for an output that is missing, and for a prediction that diverges.
+    Parameters
+    ----------
+    model : Polynomials or Innovations
+        The model, at the step of the data.
+    data : Data or sequence of Data
+        One or several experiments, tested together.
+    lags : int
+        How many are tested.
+    x0 : {"estimate", "zero"} or array_like, shape (nx,)
+        The initial state.
+
+    Returns
+    -------
+    ResidualReport
+        The `errors` (n, ny) and the tests `white`, `independent` and `feedback`; its `warnings` say in words what
+        failed.
+
+    Raises
+    ------
+    ValueError
+        An output that is missing altogether, and a prediction that diverges.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, iddata, residuals, simulate
+    >>> good, bad = (Polynomials(0.1, np.array([1.0, -a]), (np.array([0.0, 1.0]),), variance=0.1) for a in (0.8, 0.7))
+    >>> u = np.random.default_rng(0).standard_normal(400)
+    >>> data = iddata(simulate(good, iddata(u, u, 0.1), "zero", seed=2), u, 0.1)
+    >>> residuals(good, data).white[0].passed, residuals(bad, data).independent[0].passed
+    (True, False)
     """
     each = experiments(data)
     with np.errstate(over="ignore", invalid="ignore"):
