@@ -213,14 +213,29 @@ def test_without_and_shifted() -> None:
     assert moved.t[0] == 0.0 and moved.t - moved.psi_t == pytest.approx(0.05)
 
 
-@settings(max_examples=150, deadline=None)
-@given(
+ANY = (
     st.lists(st.floats(1e-7, 1e3), min_size=1, max_size=40),
     st.floats(1e-3, 1e3),
     st.integers(0, 2**32 - 1),
     st.booleans(),
 )
+
+
+@settings(max_examples=40, deadline=None)
+@given(*ANY)
 def test_any_recording_is_edited_or_refused(steps: list[float], step_s: float, seed: int, uneven: bool) -> None:
+    edited_or_refused(steps, step_s, seed, uneven)
+
+
+@pytest.mark.proof
+@settings(max_examples=300, deadline=None)
+@given(*ANY)
+def test_any_of_300_recordings_is_edited_or_refused(steps: list[float], step_s: float, seed: int, uneven: bool) -> None:
+    edited_or_refused(steps, step_s, seed, uneven)
+
+
+def edited_or_refused(steps: list[float], step_s: float, seed: int, uneven: bool) -> None:
+    """Times rise, and no angle is infinite, whatever was recorded."""
     rng = np.random.default_rng(seed)
     size = len(steps)
     t = np.cumsum(steps) if uneven else 0.02 * np.arange(size)
