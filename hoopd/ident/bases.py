@@ -92,20 +92,113 @@ class Basis:
 
 
 def laguerre(pole: float, n: int, dt: float = 0.0) -> Basis:
-    """n Laguerre functions: all poles at one real place, inside the left half plane (the unit circle with dt)."""
+    """Give n Laguerre functions: all poles at one real place.
+
+    Parameters
+    ----------
+    pole : float
+        Inside the left half plane (rad/s), or inside the unit circle with `dt`.
+    n : int
+        How many.
+    dt : float
+        Step in s, 0 for continuous.
+
+    Returns
+    -------
+    Basis
+        The functions as the outputs of one `system`.
+
+    Raises
+    ------
+    ValueError
+        A pole that is not stable.
+
+    Notes
+    -----
+    Source: Wahlberg, System identification using Laguerre models, IEEE Trans. AC 36 (1991).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import laguerre
+    >>> basis = laguerre(0.8, 2, dt=0.1)
+    >>> pulse = basis.filtered(np.eye(200)[0])
+    >>> np.allclose(pulse.T @ pulse, np.eye(2))  # orthonormal
+    True
+    """
     return orthonormal((pole,) * n, dt)
 
 
 def kautz(poles: Sequence[complex], dt: float = 0.0) -> Basis:
-    """Kautz functions of complex pairs, each pole given once or with its partner, in the order given."""
+    """Give Kautz functions of complex pairs of poles, in the order given.
+
+    Parameters
+    ----------
+    poles : sequence of complex
+        Each once or with its partner; inside the left half plane (rad/s), or inside the unit circle with `dt`.
+    dt : float
+        Step in s, 0 for continuous.
+
+    Returns
+    -------
+    Basis
+        The functions as the outputs of one `system`, two for each pair.
+
+    Raises
+    ------
+    ValueError
+        A pole that is not stable, or none.
+
+    Notes
+    -----
+    Source: Wahlberg, System identification using Kautz models, IEEE Trans. AC 39 (1994).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import kautz, pole
+    >>> basis = kautz([pole(w=3.0, zeta=0.2)])
+    >>> len(basis), np.abs(basis.system.poles()).round(6)
+    (2, array([3., 3.]))
+    """
     return orthonormal(poles, dt)
 
 
 def orthonormal(poles: Sequence[complex], dt: float = 0.0) -> Basis:
-    """The orthonormal functions of any stable real poles and pairs, each building on those before it.
+    """Give the orthonormal functions of any stable real poles and pairs, each building on those before it.
 
     White noise of variance 1 (of density 1, if continuous) drives uncorrelated outputs of variance 1.
-    ValueError for a pole that is not stable and for none.
+
+    Parameters
+    ----------
+    poles : sequence of complex
+        Inside the left half plane (rad/s), or inside the unit circle with `dt`; of a pair one or both.
+    dt : float
+        Step in s, 0 for continuous.
+
+    Returns
+    -------
+    Basis
+        The functions as the outputs of one `system`.
+
+    Raises
+    ------
+    ValueError
+        A pole that is not stable, or none.
+
+    Notes
+    -----
+    Sources: Heuberger, Van den Hof, Wahlberg, Modelling and Identification with Rational Orthogonal Basis Functions,
+    2005; Ninness, Gustafsson, IEEE Trans. AC 42 (1997).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import orthonormal
+    >>> basis = orthonormal([0.5, 0.7 + 0.2j], dt=1.0)
+    >>> pulse = basis.filtered(np.eye(100)[0])
+    >>> np.allclose(pulse.T @ pulse, np.eye(3))
+    True
     """
     each = _pairs(poles)
     if not each:
@@ -123,7 +216,30 @@ def orthonormal(poles: Sequence[complex], dt: float = 0.0) -> Basis:
 
 
 def leadlag(w: ArrayLike) -> Basis:
-    """A constant and lags w_k/(s + w_k) at rad/s of one's choice; any lead or lag of these poles is a sum of them."""
+    """Give a constant and lags w_k/(s + w_k); any lead or lag of these poles is a sum of them.
+
+    Parameters
+    ----------
+    w : array_like, shape (n,)
+        Corners in rad/s, positive.
+
+    Returns
+    -------
+    Basis
+        n + 1 functions, the constant first.
+
+    Raises
+    ------
+    ValueError
+        A corner that is not positive.
+
+    Examples
+    --------
+    >>> from hoopd.ident import leadlag
+    >>> lead = leadlag([10.0]).combined([3.0, -2.0])  # 3 - 20/(s + 10) = (3 s + 10)/(s + 10)
+    >>> lead.dcgain().item(), lead.zeros().real.round(3)
+    (1.0, array([-3.333]))
+    """
     corners = np.asarray(w, dtype=float).reshape(-1)
     if not (corners > 0.0).all():
         raise ValueError("the corners of leads and lags are positive, in rad/s")
@@ -134,14 +250,52 @@ def leadlag(w: ArrayLike) -> Basis:
 
 
 def add_poles(basis: Basis, poles: Sequence[complex]) -> Basis:
-    """The basis with further poles at the end of its chain; a basis that is no chain gets them as one of its own."""
+    """Put further poles at the end of a basis; one that is no chain gets them as a chain of its own.
+
+    Parameters
+    ----------
+    basis : Basis
+        The basis.
+    poles : sequence of complex
+        Stable poles, as in `orthonormal`.
+
+    Returns
+    -------
+    Basis
+        A longer basis.
+
+    Examples
+    --------
+    >>> from hoopd.ident import add_poles, laguerre
+    >>> len(add_poles(laguerre(-1.0, 2), [-5.0]))
+    3
+    """
     if basis.poles:
         return orthonormal([*_pairs(basis.poles), *_pairs(poles)], basis.dt)
     return basis + orthonormal(poles, basis.dt)
 
 
 def pole(w: float, zeta: float) -> complex:
-    """The upper pole of s^2 + 2 zeta w s + w^2 (rad/s); the right one on the real axis when zeta > 1."""
+    """Give the upper pole of s^2 + 2 zeta w s + w^2; the right one on the real axis when zeta > 1.
+
+    Parameters
+    ----------
+    w : float
+        Natural frequency in rad/s.
+    zeta : float
+        Damping ratio.
+
+    Returns
+    -------
+    complex
+        The pole in rad/s.
+
+    Examples
+    --------
+    >>> from hoopd.ident import pole
+    >>> pole(w=10.0, zeta=0.6)
+    (-6+8j)
+    """
     root = np.emath.sqrt(1.0 - zeta**2)
     return complex(-zeta * w + 1j * w * root)
 
@@ -159,10 +313,37 @@ class BasisFit(NamedTuple):
 
 
 def fit_basis(data: Data | Sequence[Data], basis: Basis, *, ridge: float = 0.0) -> BasisFit:
-    """Least squares of every output on all inputs through the basis, from rest; rows without the output are left out.
+    """Fit every output by all inputs through a basis, by least squares from rest.
 
-    `ridge`: weight on the sum of squared coefficients. Warnings: `hoopd.ident.checks`;
-    ValueError when the inputs do not tell the functions apart.
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments; rows without the output are left out.
+    basis : Basis
+        The functions, continuous or at the step of the data.
+    ridge : float
+        Weight on the sum of squared coefficients.
+
+    Returns
+    -------
+    BasisFit
+        `coefficients` (ny, nu, n), the `system` that they make, residual `variance` (ny,) and the standard errors
+        `deviation` (ny, nu, n).
+
+    Raises
+    ------
+    ValueError
+        No input, inputs that do not tell the functions apart, steps that differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import fit_basis, iddata, laguerre
+    >>> rng = np.random.default_rng(0)
+    >>> basis, u = laguerre(0.8, 3, dt=0.1), rng.standard_normal(500)
+    >>> y = basis.filtered(u) @ [2.0, -1.0, 0.5] + 0.05 * rng.standard_normal(500)
+    >>> fit_basis(iddata(y, u, 0.1), basis).coefficients[0, 0].round(2)
+    array([ 2. , -1. ,  0.5])
     """
     each = experiments(data)
     if basis.dt and not np.isclose(basis.dt, each[0].dt):

@@ -21,9 +21,38 @@ Complex = NDArray[np.complex128]
 
 
 def empirical(data: FrequencyData | Data | Sequence[Data]) -> ct.FRD:
-    """The empirical transfer function estimate, (ny, nu, nw); as many experiments of one length as inputs, at least.
+    """Give the empirical transfer function estimate, outputs over inputs at each frequency.
 
-    H = Y U^-1 over the experiments at each frequency (least squares if there are more). Source: Ljung 1999, 6.3.
+    H = Y U^-1 over the experiments at each frequency (least squares if there are more than inputs). No frequency is
+    smoothed with its neighbours: `tfest` does that.
+
+    Parameters
+    ----------
+    data : FrequencyData, Data or sequence of Data
+        As many experiments of one length as inputs, at least.
+
+    Returns
+    -------
+    control.FRD
+        The response (ny, nu, nw).
+
+    Raises
+    ------
+    ValueError
+        Fewer experiments than inputs, or of different lengths.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, 6.3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import empirical, iddata
+    >>> u = np.random.default_rng(0).standard_normal(200)
+    >>> found = empirical(iddata(2.0 * u, u, 0.1))  # a gain of 2
+    >>> np.allclose(found.frdata, 2.0)
+    True
     """
     if not isinstance(data, FrequencyData):
         check(data, orders=Orders(0, BROAD))

@@ -33,10 +33,34 @@ LONGEST = 2 ** max(TAPS) - 1
 
 
 def two_levels(samples: int, clock_ticks: int = 1, low: float = -1.0, high: float = 1.0, seed: int = 0) -> Signal:
-    """The beginning of a PRBS that lasts so long, between two levels, each value held for `clock_ticks`.
+    """Give the beginning of a PRBS that lasts so long, between two levels.
 
     Over a whole period it is balanced and white up to the clock, a part of one is so roughly: choose 2^k - 1 clocks.
     What is longer than the longest period (65,535 clocks) begins again.
+
+    Parameters
+    ----------
+    samples : int
+        Length.
+    clock_ticks : int
+        Samples for which each value is held.
+    low, high : float
+        The two levels.
+    seed : int
+        Picks where in the period it begins.
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        The signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import two_levels
+    >>> u = two_levels(62, clock_ticks=2, low=0.0, high=5.0)
+    >>> np.unique(u), len(u)
+    (array([0., 5.]), 62)
     """
     if samples < 1:
         return np.zeros(0)
@@ -45,9 +69,36 @@ def two_levels(samples: int, clock_ticks: int = 1, low: float = -1.0, high: floa
 
 
 def linear_chirp(samples: int, step_s: float, low_hz: float, high_hz: float) -> Signal:
-    """Sine whose frequency rises evenly from low to high, (samples,): as much power on each Hz.
+    """Give a sine whose frequency rises evenly from low to high: as much power on each Hz.
 
-    sin(2 pi (f0 t + (f1 - f0) t^2 / (2 D))). ValueError for frequencies that are not 0 < low < high <= half of 1/step.
+    sin(2 pi (f0 t + (f1 - f0) t^2 / (2 D))), D the whole length.
+
+    Parameters
+    ----------
+    samples : int
+        Length.
+    step_s : float
+        Step in s.
+    low_hz, high_hz : float
+        First and last frequency in Hz.
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        The signal, peak one.
+
+    Raises
+    ------
+    ValueError
+        Frequencies that are not 0 < low < high <= half of 1/step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import linear_chirp
+    >>> u = linear_chirp(1000, 0.01, 1.0, 5.0)  # 3 Hz on average, for 10 s
+    >>> round(np.count_nonzero(np.diff(np.signbit(u[1:]))) / 2)
+    30
     """
     if not 0.0 < low_hz < high_hz <= 0.5 / step_s:
         raise ValueError(f"needs 0 < low < high <= {0.5 / step_s:g} Hz, got {low_hz:g} and {high_hz:g}")
@@ -57,7 +108,35 @@ def linear_chirp(samples: int, step_s: float, low_hz: float, high_hz: float) -> 
 
 
 def step(samples: int, step_s: float, at_s: float, amplitude: float = 1.0, offset: float = 0.0) -> Signal:
-    """`offset`, and `amplitude` more from the first sample at or after `at_s`; ValueError when that is not within."""
+    """Give a step: `offset`, and `amplitude` more from the first sample at or after `at_s`.
+
+    Parameters
+    ----------
+    samples : int
+        Length.
+    step_s : float
+        Step in s.
+    at_s : float
+        Time of the step in s.
+    amplitude, offset : float
+        Its size, and the level before it.
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        The signal.
+
+    Raises
+    ------
+    ValueError
+        A time that is not within.
+
+    Examples
+    --------
+    >>> from hoopd.ident import step
+    >>> step(6, step_s=0.1, at_s=0.3, amplitude=2.0)
+    array([0., 0., 0., 2., 2., 2.])
+    """
     first = int(np.ceil(at_s / step_s - 1e-9))
     if samples and not 0 <= first < samples:
         raise ValueError(f"the step at {at_s:g} s is not within {samples} samples of {step_s:g} s")
@@ -67,13 +146,44 @@ def step(samples: int, step_s: float, at_s: float, amplitude: float = 1.0, offse
 
 
 def low_crest(samples: int, step_s: float, frequencies_hz: Sequence[float], amplitudes: ArrayLike = 1.0) -> Signal:
-    """Sum of sines with the given amplitudes and phases that keep its peak low, scaled to a peak of one, (samples,).
+    """Give a sum of sines with the given amplitudes and with phases that keep its peak low.
 
     The p-norms of u for p = 4, 8 .. 256 are lowered one after the other, from Schroeder's phases and a few others; the
-    lowest peak is taken. ValueError for frequencies that are no lines of 1/(samples step_s) below half of 1/step_s:
-    only those are periodic.
-    Sources: Schroeder, IEEE Trans. IT 16 (1970); Guillaume, Schoukens, Pintelon, Kollar, Crest-factor minimization
-    using nonlinear Chebyshev approximation methods, IEEE Trans. IM 40 (1991).
+    lowest peak is taken.
+
+    Parameters
+    ----------
+    samples : int
+        Length of the period.
+    step_s : float
+        Step in s.
+    frequencies_hz : sequence of float
+        Lines of 1/(samples step_s) below half of 1/step_s in Hz: only those are periodic.
+    amplitudes : float or array_like
+        One for all, or one each, before the scaling.
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        The signal, peak one.
+
+    Raises
+    ------
+    ValueError
+        A frequency that is no such line, an amplitude that is not positive.
+
+    Notes
+    -----
+    Sources: Schroeder, IEEE Trans. IT 16 (1970); Guillaume, Schoukens, Pintelon, Kollar, IEEE Trans. IM 40 (1991).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import crest_factor, low_crest
+    >>> t, lines = 0.01 * np.arange(50), [2.0, 4.0, 6.0]
+    >>> in_phase = sum(np.cos(2 * np.pi * f * t) for f in lines)
+    >>> bool(crest_factor(low_crest(50, 0.01, lines)) < 0.75 * crest_factor(in_phase))
+    True
     """
     lines = _lines(samples, step_s, frequencies_hz)
     size = np.broadcast_to(np.asarray(amplitudes, dtype=float), lines.shape)

@@ -46,12 +46,57 @@ def rational(
     stable: bool = False,
     iterations: int = 50,
 ) -> RationalFit:
-    """B(s)/A(s) with so many poles and zeros (one fewer, unless given), or of the orders of a guess and begun from it.
+    """Fit B(s)/A(s) to a measured frequency response of one input and output.
 
-    weight: "log" (each octave alike, whatever the points), "equal" (each point), or (nw,) weights of the squares, such
-    as 1/variance of log l. phase: whether the second stage minds it; without it only gains count, and the phase settles
-    the half planes of poles and zeros in the first stage. stable: poles stay in the left half plane.
-    ValueError for more unknowns than data, and for a response that is zero or not finite.
+    First Sanathanan and Koerner's iteration, min sum |w (B - A l)/(A' l)|^2 with A' the denominator before; then
+    min sum w^2 |log(B/A) - log l|^2, or of log |.| alone. Logarithms weigh each decade of gain alike, where differences
+    would see the peaks only.
+
+    Parameters
+    ----------
+    response : control.FRD
+        The response l at w rad/s.
+    poles : int or control.TransferFunction
+        Their number, or a guess, whose orders are taken and from which the search begins.
+    zeros : int, optional
+        Their number; one fewer than poles, unless given.
+    weight : {"log", "equal"} or array_like, shape (nw,)
+        Each octave alike, whatever the points; each point alike; or weights of the squares, such as 1/variance of log
+        l.
+    phase : bool
+        Whether the second stage minds the phase; without it only gains count, and the phase settles the half planes of
+        poles and zeros in the first stage.
+    refine : bool
+        Whether there is a second stage.
+    stable : bool
+        Poles stay in the left half plane.
+    iterations : int
+        Of the first stage.
+
+    Returns
+    -------
+    RationalFit
+        The `system`, its logarithmic `error` (nw,) in nepers + j rad at `w` rad/s, and the weighted `rms` of it.
+
+    Raises
+    ------
+    ValueError
+        More unknowns than data, and a response that is zero or not finite.
+
+    Notes
+    -----
+    Sources: Sanathanan, Koerner, IEEE Trans. AC 8 (1963); Gustavsen, IEEE Trans. Power Delivery 21 (2006); Pintelon,
+    Schoukens, System Identification: A Frequency Domain Approach, 2012, ch. 9.
+
+    Examples
+    --------
+    >>> import control
+    >>> import numpy as np
+    >>> from hoopd.ident import rational, response
+    >>> truth = control.tf([4.0], [1.0, 0.4, 4.0])  # 2 rad/s, damping 0.1
+    >>> found = rational(response(truth, np.geomspace(0.1, 50.0, 60)), poles=2, zeros=0)
+    >>> found.system.den[0][0].round(3), bool(found.rms < 1e-6)
+    (array([1. , 0.4, 4. ]), True)
     """
     problem = Problem.of(response, weight)
     guess = poles if isinstance(poles, ct.TransferFunction) else None
@@ -74,9 +119,37 @@ def rational(
 def fit_basis_response(
     response: ct.FRD, basis: Basis, *, direct: bool = False, weight: Weight = "log", phase: bool = False
 ) -> RationalFit:
-    """The sum of the functions of a basis (and a constant, `direct`) that lies nearest to a response by the logarithm.
+    """Fit the sum of the functions of a basis to a frequency response, nearest by the logarithm.
 
-    Begins from linear least squares of (sum - l)/l and goes on with log |.|, or the whole logarithm with `phase`.
+    Begins from linear least squares of (sum - l)/l and goes on with log |.|, or the whole logarithm.
+
+    Parameters
+    ----------
+    response : control.FRD
+        The response l at w rad/s, of one input and output.
+    basis : Basis
+        The functions.
+    direct : bool
+        Whether a constant is added.
+    weight : {"log", "equal"} or array_like, shape (nw,)
+        As in `rational`.
+    phase : bool
+        Whether the phase counts and not the gains alone.
+
+    Returns
+    -------
+    RationalFit
+        The `system`, its logarithmic `error` (nw,) in nepers + j rad at `w` rad/s, and the weighted `rms` of it.
+
+    Examples
+    --------
+    >>> import control
+    >>> import numpy as np
+    >>> from hoopd.ident import fit_basis_response, laguerre, response
+    >>> truth = control.tf([1.0, 5.0], [1.0, 2.0, 1.0])
+    >>> found = fit_basis_response(response(truth, np.geomspace(0.1, 10.0, 40)), laguerre(-1.0, 2), phase=True)
+    >>> found.system.dcgain().round(3).item()
+    5.0
     """
     problem = Problem.of(response, weight)
     columns = basis.responses(problem.w)
@@ -99,9 +172,27 @@ def fit_basis_response(
 
 
 def minimum_phase(system: ct.TransferFunction | ct.StateSpace) -> ct.TransferFunction:
-    """Poles and zeros of the wrong half plane mirrored (at the unit circle, if sampled): same gain at every frequency.
+    """Mirror poles and zeros of the wrong half plane (at the unit circle, if sampled): the gain stays at every
+    frequency.
 
     The sign is that of the gain at rest, or of the leading coefficients where that is 0 or infinite.
+
+    Parameters
+    ----------
+    system : control.TransferFunction or control.StateSpace
+        One input and output.
+
+    Returns
+    -------
+    control.TransferFunction
+        The minimum-phase system.
+
+    Examples
+    --------
+    >>> import control
+    >>> from hoopd.ident import minimum_phase
+    >>> minimum_phase(control.tf([-1.0, 2.0], [1.0, 3.0])).zeros().real
+    array([-2.])
     """
     tf = ct.tf(system)
     num, den = np.trim_zeros(tf.num[0][0], "f"), np.trim_zeros(tf.den[0][0], "f")

@@ -40,12 +40,41 @@ TAPS: Mapping[int, tuple[int, ...]] = MappingProxyType(
 
 
 def prbs(order: int, clock_ticks: int = 1, seed: int = 0) -> Signal:
-    """One period of a pseudo-random binary sequence of +-1, (clock_ticks * (2^order - 1),).
+    """Give one period of a pseudo-random binary sequence of +-1.
 
-    s_k = s_k-a xor s_k-b ... over the taps of `TAPS`; the seed picks where in the period it begins. Each value is held
-    for `clock_ticks`. Over a period the sum is one value and the autocorrelation is that of white noise: power
-    (sin(pi f T) / (pi f T))^2 with T the clock, empty at 1/T. ValueError for an order or clock that is none.
+    s_k = s_k-a xor s_k-b ... over the taps of `TAPS`. Over a period the sum is one value and the autocorrelation is
+    that of white noise: power (sin(pi f T) / (pi f T))^2 with T the clock, empty at 1/T.
+
+    Parameters
+    ----------
+    order : int
+        Length of the shift register.
+    clock_ticks : int
+        Samples for which each value is held.
+    seed : int
+        Picks where in the period it begins.
+
+    Returns
+    -------
+    ndarray, shape (clock_ticks * (2^order - 1),)
+        The signal.
+
+    Raises
+    ------
+    ValueError
+        An order or clock that is none.
+
+    Notes
+    -----
     Source: Golomb, Shift Register Sequences (1967); Ljung, System Identification (1999), 13.3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import prbs
+    >>> u = prbs(order=7)
+    >>> len(u), abs(int(u.sum())), int(u @ np.roll(u, 5))  # white: -1 at every lag but 0
+    (127, 1, -1)
     """
     if order not in TAPS or clock_ticks < 1:
         raise ValueError(f"order must be {min(TAPS)} to {max(TAPS)} and clock_ticks at least 1")
@@ -67,10 +96,38 @@ def prbs_order(samples: int, clock_ticks: int) -> int:
 
 
 def chirp(samples: int, step_s: float, low_hz: float, high_hz: float, seed: int = 0) -> Signal:
-    """Sine whose frequency rises by the same factor every second, (samples,): as long on each octave.
+    """Give a sine whose frequency rises by the same factor every second: as long on each octave.
 
-    sin(2 pi f0 D / ln(f1/f0) ((f1/f0)^(t/D) - 1)), D the whole length; an odd seed turns it round in sign.
-    ValueError for frequencies that are not 0 < low < high <= half of the sampling frequency.
+    sin(2 pi f0 D / ln(f1/f0) ((f1/f0)^(t/D) - 1)), D the whole length.
+
+    Parameters
+    ----------
+    samples : int
+        Length.
+    step_s : float
+        Step in s.
+    low_hz, high_hz : float
+        First and last frequency in Hz.
+    seed : int
+        An odd one turns it round in sign.
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        The signal, peak one.
+
+    Raises
+    ------
+    ValueError
+        Frequencies that are not 0 < low < high <= half of the sampling frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import chirp
+    >>> u = chirp(3000, 0.01, 0.5, 4.0)  # three octaves, 10 s each
+    >>> [np.count_nonzero(np.diff(np.signbit(octave))) for octave in u.reshape(3, 1000)]  # twice as many in each
+    [np.int64(14), np.int64(29), np.int64(57)]
     """
     _check_band(step_s, low_hz, high_hz)
     duration = samples * step_s
@@ -81,12 +138,44 @@ def chirp(samples: int, step_s: float, low_hz: float, high_hz: float, seed: int 
 
 
 def multisine(samples: int, step_s: float, low_hz: float, high_hz: float, seed: int = 0) -> Signal:
-    """Sum of equal sines on every line of 1/(samples step_s) from low to high, peak one, (samples,); periodic, no mean.
+    """Give a sum of equal sines on every line of 1/(samples step_s) from low to high; periodic, without a mean.
 
-    u = sum_k cos(2 pi k t / D + phi_k),   phi_k = -pi k (k - 1) / K
-    Schroeder's phases keep the crest factor below 2 (random ones: 3 and more); the seed turns the period in time,
-    which changes neither spectrum nor crest. ValueError for a band without a line.
+    u = sum_k cos(2 pi k t / D + phi_k), phi_k = -pi k (k - 1) / K: Schroeder's phases keep the crest factor below 2
+    (random ones: 3 and more).
+
+    Parameters
+    ----------
+    samples : int
+        Length of the period.
+    step_s : float
+        Step in s.
+    low_hz, high_hz : float
+        The band in Hz.
+    seed : int
+        Turns the period in time, which changes neither spectrum nor crest.
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        The signal, peak one.
+
+    Raises
+    ------
+    ValueError
+        A band without a line.
+
+    Notes
+    -----
     Source: M. R. Schroeder, Synthesis of low-peak-factor signals, IEEE Trans. Inf. Theory 16 (1970).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import crest_factor, multisine
+    >>> u = multisine(1000, 0.01, 0.5, 2.0)
+    >>> lines = np.flatnonzero(np.abs(np.fft.rfft(u)) > 1e-6)  # of 0.1 Hz
+    >>> lines.min().item(), lines.max().item(), crest_factor(u) < 2.0
+    (5, 20, True)
     """
     _check_band(step_s, low_hz, high_hz)
     duration = samples * step_s
@@ -101,10 +190,37 @@ def multisine(samples: int, step_s: float, low_hz: float, high_hz: float, seed: 
 
 
 def steps(samples: int, hold_ticks: int, seed: int = 0) -> Signal:
-    """Pairs of steps, up and down again by the same amount with rests between, (samples,); what is left over is rest.
+    """Give pairs of steps, up and down again by the same amount with rests between; what is left over is rest.
 
-    One block is (+a, 0, -a, 0), `hold_ticks` each, so that an integrator (the hoop) ends each block where it began; `a`
-    runs through 1, 0.5 and 0.75 with a seeded sign. ValueError when not one block fits.
+    One block is (+a, 0, -a, 0), so that an integrator ends each block where it began; `a` runs through 1, 0.5 and 0.75
+    with a seeded sign.
+
+    Parameters
+    ----------
+    samples : int
+        Length.
+    hold_ticks : int
+        Samples of each quarter of a block.
+    seed : int
+        Of the signs.
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        The signal, peak one.
+
+    Raises
+    ------
+    ValueError
+        Not one block fits.
+
+    Examples
+    --------
+    >>> from hoopd.ident import steps
+    >>> u = steps(24, hold_ticks=2)
+    >>> abs(u[::2]), u.sum().item()
+    (array([1.  , 0.  , 1.  , 0.  , 0.5 , 0.  , 0.5 , 0.  , 0.75, 0.  , 0.75,
+           0.  ]), 0.0)
     """
     blocks = _blocks(samples, 4 * hold_ticks)
     signs = np.random.default_rng(seed).choice((-1.0, 1.0), blocks)
@@ -129,7 +245,25 @@ def kicks(samples: int, kick_ticks: int, rest_ticks: int, seed: int = 0) -> Sign
 
 
 def crest_factor(u: ArrayLike) -> float:
-    """Largest |u| over the root of the mean square: 1 for two levels, sqrt 2 for a sine; NaN for nothing at all."""
+    """Give the largest |u| over the root of the mean square.
+
+    Parameters
+    ----------
+    u : array_like, shape (n,)
+        A signal.
+
+    Returns
+    -------
+    float
+        1 for two levels, sqrt 2 for a sine; NaN for nothing at all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import crest_factor
+    >>> crest_factor([1.0, -1.0, -1.0]), round(crest_factor(np.sin(np.arange(1000))), 2)
+    (1.0, 1.41)
+    """
     values = np.asarray(u, float)
     rms = sqrt(float(np.mean(values**2))) if values.size else 0.0
     return float(np.abs(values).max()) / rms if rms > 0.0 else float("nan")

@@ -75,12 +75,51 @@ class Correlation(NamedTuple):
 
 
 def tfest(data: Given, method: Method = "welch", **options: float) -> Estimate:
-    """The frequency response from every input to every output, and the noise beside it.
+    """Estimate the frequency response from every input to every output, and the noise beside it.
 
-    Options of "welch": `segment` (samples; a tenth of the longest experiment), `overlap` (samples; half a segment).
-    Of "correlation": `width` of the lag window in samples (standard deviation; a twentieth of the experiment).
-    var G_ij = Phi_vv,ii [Phi_uu^-1]_jj / (means - nu); feedback biases G towards -1/controller: a warning tells of it.
-    ValueError for inputs that are missing or alike, and for fewer means than inputs.
+        y = G u + v:   Phi_yu = G Phi_uu,   Phi_vv = Phi_yy - Phi_yu Phi_uu^-1 Phi_uy
+        var G_ij = Phi_vv,ii [Phi_uu^-1]_jj / (means - nu)
+    Feedback biases G towards -1/controller: a warning tells of it. Means are not taken off: `detrend` first unless the
+    gain at 0 is wanted.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    method : {"welch", "correlation"}
+        Means over windowed segments, or correlations under a Gaussian window (Blackman and Tukey).
+    **options : int
+        Of "welch": `segment` (samples; a tenth of the longest experiment) and `overlap` (samples; half a segment).
+        Of "correlation": `width` of the lag window in samples (standard deviation; a twentieth of the experiment).
+
+    Returns
+    -------
+    Estimate
+        `system` and `noise` (unit^2/Hz) as control.FRD, the standard error `deviation` (ny, nu, nw) of |G|, the
+        `coherence` (nw, ny) and the number of `means`.
+
+    Raises
+    ------
+    ValueError
+        Inputs that are missing or alike, and fewer means than inputs.
+
+    Notes
+    -----
+    Sources: Ljung, System Identification, 1999, 6.4; Bendat and Piersol, Random Data, 2010, ch. 9; P. D. Welch, IEEE
+    Trans. Audio Electroacoust. 15 (1967) for the number of independent means.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, tfest
+    >>> rng = np.random.default_rng(0)
+    >>> u = rng.standard_normal(4000)
+    >>> y = 2.0 * u + 0.5 * rng.standard_normal(4000)
+    >>> found = tfest(iddata(y, u, 0.1), segment=100)
+    >>> np.abs(found.system.frdata[0, 0]).mean().round(2).item()  # the gain
+    2.0
+    >>> found.noise.frdata.real.mean().round(3).item()  # variance times dt: 0.025
+    0.025
     """
     _check(data)
     cross = spectra(data, method, **options)
@@ -109,10 +148,38 @@ class Coherence(NamedTuple):
 def coherence(
     data: Given, method: Method = "welch", *, pairs: bool = False, level: float = 0.95, **options: float
 ) -> Coherence:
-    """The share of each output's power that the inputs explain linearly, 0 to 1.
+    """Give the share of each output's power that the inputs explain linearly, 0 to 1.
 
-    All inputs at once (multiple coherence, which one input's own would understate), or `pairs` by pairs.
     Unrelated channels exceed 1 - (1 - level)^(1/(means - nu)) as seldom as 1 - level.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    method : {"welch", "correlation"}
+        As in `tfest`.
+    pairs : bool
+        One input at a time, instead of all at once (multiple coherence, which one input's own would understate).
+    level : float
+        Probability with which unrelated channels stay below `chance`.
+    **options : int
+        As in `tfest`.
+
+    Returns
+    -------
+    Coherence
+        Squared coherence `values` (nw, ny), or (nw, ny, nu) by pairs, at `w` rad/s, and `chance`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import coherence, iddata
+    >>> rng = np.random.default_rng(0)
+    >>> u = rng.standard_normal(4000)
+    >>> y = u + rng.standard_normal(4000)  # half of the power is noise
+    >>> found = coherence(iddata(y, u, 0.1), segment=100)
+    >>> found.values.mean().round(2).item(), bool(found.values.min() > found.chance)
+    (0.5, True)
     """
     _check(data)
     cross = spectra(data, method, **options)
@@ -127,7 +194,38 @@ def coherence(
 
 
 def power_spectrum(data: Given, *, inputs: bool = False, level: float = 0.95, **options: float) -> Spectrum:
-    """Welch's spectrum of each output (or input), with the interval of a chi square of 2 x means degrees of freedom."""
+    """Give Welch's spectrum of each output (or input), with its interval.
+
+    A spectrum is two-sided: its integral from -fs/2 to fs/2 is the variance. The interval is that of a chi square of
+    2 x means degrees of freedom.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    inputs : bool
+        The inputs instead of the outputs.
+    level : float
+        Probability of the interval.
+    **options : int
+        As in `tfest`.
+
+    Returns
+    -------
+    Spectrum
+        `density` (nw, channels) in unit^2/Hz at `w` rad/s, its bounds `low` and `high`, and the number of `means`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, power_spectrum
+    >>> noise = iddata(np.random.default_rng(0).standard_normal(4000), dt=0.1)
+    >>> found = power_spectrum(noise, segment=100)
+    >>> found.density[1:-1].mean().round(2).item()  # variance 1 times dt
+    0.1
+    >>> np.mean((found.low < 0.1) & (found.high > 0.1)).round(1).item()
+    1.0
+    """
     cross = spectra(data, "welch", **options)
     rows = slice(cross.ny, None) if inputs else slice(0, cross.ny)
     density = np.asarray(np.einsum("kii->ki", cross.phi).real[:, rows])
@@ -139,11 +237,41 @@ def power_spectrum(data: Given, *, inputs: bool = False, level: float = 0.95, **
 def correlation(
     first: NDArray[np.float64], second: NDArray[np.float64] | None = None, lags: int = 50, level: float = 0.95
 ) -> Correlation:
-    """Correlation coefficients of first(t + lag) with second(t), means taken off, lags from -lags to lags.
+    """Give the correlation coefficients of first(t + lag) with second(t), means taken off.
 
-    first (n, p), second (n, q) or `first` itself; NaN is missing. Of m samples whose partner was measured the mean is
-    taken, times the (n - |lag|)/n that makes a matrix of correlations definite. Two unrelated white signals stay within
-    normal quantile / sqrt(n), n the samples that have a partner at lag 0. ValueError for constant channels.
+    Of m samples whose partner was measured the mean is taken, times the (n - |lag|)/n that makes a matrix of
+    correlations definite. Two unrelated white signals stay within normal quantile / sqrt(n), n the samples that have a
+    partner at lag 0.
+
+    Parameters
+    ----------
+    first : ndarray, shape (n,) or (n, p)
+        Signals; NaN is missing.
+    second : ndarray, shape (n,) or (n, q), optional
+        Signals; without it `first` itself.
+    lags : int
+        Lags run from -lags to lags samples.
+    level : float
+        Probability of the bound.
+
+    Returns
+    -------
+    Correlation
+        `values` (lags, p, q) at `lag`, the `bound`, and how many `pairs` each is the mean of.
+
+    Raises
+    ------
+    ValueError
+        A constant channel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import correlation
+    >>> u = np.random.default_rng(0).standard_normal(1000)
+    >>> found = correlation(np.roll(u, 3), u, lags=10)  # 3 samples later
+    >>> found.lag[found.values[:, 0, 0].argmax()].item(), round(float(found.bound), 3)
+    (3, 0.062)
     """
     one, other = (_centred(values) for values in (first, first if second is None else second))
     n, reach = len(one), min(lags, len(one) - 1)

@@ -30,7 +30,33 @@ class Spectrogram(NamedTuple):
 
 
 def noise_spectrum(model: Model, w: ArrayLike) -> Array:
-    """Spectrum (nw, ny, ny) of the disturbance at the outputs: H R H* dt, with H from e to y and R = cov e."""
+    """Give the spectrum of the disturbance at the outputs of a model: H R H* dt, with H from e to y and R = cov e.
+
+    Parameters
+    ----------
+    model : Polynomials or Innovations
+        The model.
+    w : array_like, shape (nw,)
+        Frequencies in rad/s.
+
+    Returns
+    -------
+    ndarray of complex, shape (nw, ny, ny)
+        Two-sided density in unit^2/Hz.
+
+    Raises
+    ------
+    ValueError
+        A model that does not know the covariance of its innovations.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, noise_spectrum
+    >>> white = Polynomials(0.1, variance=4.0)
+    >>> noise_spectrum(white, [1.0, 10.0])[:, 0, 0].real.round(6)
+    array([0.4, 0.4])
+    """
     own = state_space(model) if isinstance(model, Polynomials) else model
     if own.r is None:
         raise ValueError("the model does not know the covariance of its innovations")
@@ -46,10 +72,45 @@ def model_spectrum(
     overlap: int | None = None,
     w: ArrayLike | None = None,
 ) -> Spectrogram:
-    """The spectrum of the first output in each piece of `segment` samples, by a model of the piece.
+    """Give the spectrum of the first output in each short piece, by a parametric model of the piece.
 
-    `estimator`: for instance `lambda piece: ar(piece, 6)`; what it raises names the piece. `overlap`: half a piece
-    unless given; w: 256 frequencies to half of the sampling frequency unless given.
+    A model of low order shows a few sharp lines in far shorter pieces than the classical spectrogram
+    (`scipy.signal.spectrogram`).
+
+    Parameters
+    ----------
+    data : Data
+        One experiment.
+    estimator : callable
+        Makes a model with a noise part of a piece, for instance `lambda piece: ar(piece, 6)`; what it raises names the
+        piece.
+    segment : int
+        Samples of a piece.
+    overlap : int, optional
+        Samples that neighbours share; half a piece unless given.
+    w : array_like, shape (nw,), optional
+        Frequencies in rad/s; 256 to half of the sampling frequency unless given.
+
+    Returns
+    -------
+    Spectrogram
+        Two-sided `density` (nt, nw) in unit^2/Hz at the middles `t` (nt,) s and at `w` rad/s, and the `models`.
+
+    Raises
+    ------
+    ValueError
+        Pieces that do not fit into the data.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import ar, iddata, model_spectrum
+    >>> t = 0.01 * np.arange(2000)
+    >>> tone = np.sin(2 * np.pi * np.where(t < 10.0, 5.0, 20.0) * t)  # 5 Hz, then 20 Hz
+    >>> data = iddata(tone + 0.1 * np.random.default_rng(0).standard_normal(2000), dt=0.01)
+    >>> found = model_spectrum(data, lambda piece: ar(piece, 4), segment=500, overlap=0)
+    >>> found.t, (found.w[found.density.argmax(axis=1)] / (2 * np.pi)).round()
+    (array([ 2.5,  7.5, 12.5, 17.5]), array([ 5.,  5., 20., 20.]))
     """
     shared = segment // 2 if overlap is None else overlap
     if not 0 <= shared < segment <= data.n:

@@ -25,7 +25,8 @@ ENTRY = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : (\S.*)\n((?:[ ]{4}.*\n?|\n
 # Modules whose public names are held to it.
 DONE = [
     "data", "models", "prediction", "smoothing", "confidence", "measures", "residualtests", "conditioning", "filtering",
-    "frequencydata",
+    "frequencydata", "checks", "etfe", "spectral", "spectrogram", "impulse", "bases", "rationalfit", "excitation",
+    "signals",
 ]  # fmt: skip
 DOCUMENTED = {f"ident.{name}": getattr(ident, name) for module in DONE for name in ident._GIVEN[module].split()}
 
