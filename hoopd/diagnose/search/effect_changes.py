@@ -106,14 +106,14 @@ class Changes:
             for k, early in enumerate(0.5 - GAUSS):
                 held = by[j][:, :, c.nz : c.nz + nq].copy()
                 # early in its part a force moves a position more than late: dq = dq' (d - s)
-                held[:, : c.nx : 2] += early * d[:, None, None] * held[:, 1 : c.nx : 2]
+                held[:, : 2 * c.nq : 2] += early * d[:, None, None] * held[:, 1 : 2 * c.nq : 2]
                 push[:, :, :, j, k] = onward @ held / points
             onward = onward @ by[j][:, :, : c.nz]
         x = np.stack([_between(a[:, : c.nx], b[:, : c.nx], d) for a, b in pairwise(states)], axis=1)
         times = starts.T[:, :, None] + GAUSS * d[:, None, None]
         return Inside(
             x.reshape(n, -1, c.nx), np.repeat(torques.T, points, axis=1), times.reshape(n, -1),
-            push.reshape(n, c.nz, nq, -1),
+            push.reshape(n, c.nz, nq, parts * points),
         )  # fmt: skip
 
     def _pushes(self, effect: Effect, columns: Sequence[Values]) -> Array:

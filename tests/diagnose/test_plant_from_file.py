@@ -1,0 +1,79 @@
+"""What a registered plant leaves out is named: a plant file is all that the search is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoopd.diagnose.search.naming import Named, name_effects
+from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.library import library
+from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.likelihood.fitting import fit
+from hoopd.plants.likelihood.stretches import Stretch, stretch_of
+from hoopd.plants.plant_file import parse_plant
+from hoopd.plants.registry import plant_named
+
+NOISE = 1e-3  # of each reading's range
+MOTOR = """
+schema: hoopd.plant/1
+name: motor
+coordinates: {phi: {unit: rad, usual: 10, usual_rate: 50}}
+states: {i: {unit: A, usual: 1}}
+inputs: {V: {unit: V, limit: 24, usual: 10}}
+parameters:
+  J: 1e-3 kg m2
+  b: 1e-3 N m s
+  k: {value: 0.1, unit: N m/A, held: true}
+  L: {value: 5e-3, unit: H, held: true}
+  R: 1 ohm
+equations:
+  phi: J*phi'' = k*i - b*phi'
+  i: L*i' = V - R*i - k*phi'
+channels: {phi: phi, speed: "phi'", i: {reads: i, sensor: shunt}}
+sample_time_s: 2e-3
+"""
+
+
+def recorded(plant: Plant, effect: str, values: dict[str, float], seed: int, size: float, count: int) -> Stretch:
+    """Levels of the input held for 20 samples, and what the sensors show of a plant that has the effect."""
+    random, t = np.random.default_rng(seed), np.arange(count) * plant.time_scale_s
+    u = size * np.repeat(random.choice([-1.0, -0.5, 0.0, 0.5, 1.0], count // 20 + 1), 20)[: count - 1]
+    keys = {f"{effect}.{name}": value for name, value in values.items()}
+    if plant.first_order == plant.states:  # levels: what fills them never flows back
+        u = np.abs(u)
+    start = [0.5 * plant.scales.get(name, 0.0) if name in plant.first_order else 0.0 for name in plant.states]
+    y = FreeRunModel(plant, (library(plant)[effect],), values=keys).run([], start, t, u).readings
+    y = y + NOISE * np.ptp(y, axis=0) * random.normal(size=y.shape)
+    return stretch_of("made", plant, t, u, {c: (np.arange(count), y[:, i]) for i, c in enumerate(plant.channels)})
+
+
+def searched(plant: Plant, effect: str, values: dict[str, float], size: float, count: int) -> Named:
+    train, held = ([recorded(plant, effect, values, seed, size, count)] for seed in (1, 2))
+    nominal = fit(train, (), dict(plant.values), move=False)
+    base = fit(train, (), dict(plant.values), like=nominal, noise=nominal.noise)
+    return name_effects(train, held, library(plant), nominal, base)
+
+
+@pytest.mark.parametrize(("effect", "values"), [("body.coulomb_friction", {"Fc": 10.0}), ("actuator.lag", {"T": 0.01})])
+def test_what_the_axis_leaves_out_is_named(effect: str, values: dict[str, float]) -> None:
+    found = searched(plant_named("axis"), effect, values, 60.0, 2000)
+    assert [one.effect.name for one in found.accepted] == [effect]
+    for name, value in values.items():
+        assert found.final.values[f"{effect}.{name}"] == pytest.approx(value, rel=0.05)
+    assert found.final.values["M"] == pytest.approx(100.0, rel=0.02)
+
+
+def test_a_motor_with_its_current_is_searched() -> None:
+    """A coordinate beside a first-order state: an odd number of states."""
+    effect = "body.coulomb_friction"
+    found = searched(parse_plant(MOTOR, "motor.yaml"), effect, {"Fc": 0.02}, 10.0, 600)
+    assert effect in [one.effect.name for one in found.accepted]
+    assert found.final.values[f"{effect}.Fc"] == pytest.approx(0.02, rel=0.1)
+
+
+def test_a_level_sensor_of_the_tanks_is_searched() -> None:
+    effect = "h1_sensor.offset"
+    found = searched(plant_named("tanks"), effect, {"d": 0.02}, 1e-4, 150)
+    assert [one.effect.name for one in found.accepted] == [effect]
+    assert found.final.values[f"{effect}.d"] == pytest.approx(0.02, rel=0.05)
