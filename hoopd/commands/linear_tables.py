@@ -36,16 +36,24 @@ def of_linearize(result: Mapping[str, Any]) -> dict[str, Any]:
     side by side."""
     outputs = {result["output"]: result, **result.get("further_outputs", {})}
     sampled = ("sample_time_s", "delay_samples") if result["sample_time_s"] is not None else ()
-    return {
-        **{key: result[key] for key in ("model", "structure", *sampled)},
-        "output": ", ".join(outputs),
+    told = {
+        **{key: result[key] for key in ("model", "structure", "plant", *sampled) if key in result},
+        "output": ", ".join(result["observability"]["measured"]),
         "operating_point": ", ".join(f"{name} {shown(value)}" for name, value in result["operating_point"].items()),
+    }
+    seen = {key: result[key] for key in ("controllability", "observability", "detectability")}
+    if "margins" not in result:  # nothing drives the plant
+        kept = ("observability", "detectability")
+        rest = {key: result[key] for key in ("state_space", "notes")}
+        return {**told, "poles": result["poles"], **{key: seen[key] for key in kept}, **rest}
+    return {
+        **told,
         "margins": _beside(outputs, "margins"),
         "poles": result["poles"],
         **_each(outputs, "zeros"),
         "bandwidth": _beside(outputs, "bandwidth"),
         "sampling": _beside(outputs, "sampling"),
-        **{key: result[key] for key in ("controllability", "observability", "detectability")},
+        **seen,
         **_each(outputs, "transfer_function"),
         **_each(outputs, "minimal"),
         "state_space": result["state_space"],

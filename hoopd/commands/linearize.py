@@ -7,12 +7,14 @@ in `linearrecord`; whatever cannot be used is refused before the work.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import control
 import numpy as np
 
+from hoopd.commands import plant_linear
 from hoopd.commands.linearize_record import report
 from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.design.analysis import STATES, channel, linear_model
@@ -24,6 +26,7 @@ from hoopd.files.shipped import or_shipped
 from hoopd.plants.hoop.operating_points import NoEquilibriumError, OperatingPoint, operating_point
 from hoopd.plants.model_file import effects_of, load_model, plant_of
 
+USUAL_OUTPUTS = ("psi",)
 # Beyond this a chain of delays is no delay of a controller but a mistake in the command.
 MOST_DELAY_SAMPLES = 100
 # Sixteen turns: a larger angle is given in degrees, or damaged.
@@ -34,9 +37,16 @@ MOST_GROWTH = 1e12
 
 def run(options: LinearizeOptions) -> dict[str, Any]:
     """What `hoopd linearize` finds, as plain data; InputError on a file or a value that cannot be used."""
-    _check(options)
+    _check_sampling(options)
     _check_figure(options.figure, options.plot)
-    model = options.model
+    if plant_linear.is_other(options.plant, options.model):
+        return plant_linear.run(options)
+    if options.model is None:
+        raise InputError("--model", "", "is needed: a model file, or --plant for another plant than the hoop")
+    if options.at:
+        raise InputError("--at", "", "is of other plants: --top, --psi and --hoop-speed say where the hoop is")
+    model, options = options.model, replace(options, outputs=options.outputs or USUAL_OUTPUTS)
+    _check(options)
     file = load_model(or_shipped(model))
     try:
         point, system, near = linearized(file, options)
@@ -87,11 +97,16 @@ def _check(options: LinearizeOptions) -> None:
     chosen = [name for name, value in given.items() if value is not None]
     if len(chosen) > 1:
         raise InputError(chosen[1], "", f"cannot be given together with {chosen[0]}: either fixes the other")
-    for name, value in {**given, "--sample-time": options.sample_time_s}.items():
+    for name, value in given.items():
         if value is not None and not math.isfinite(value):
             raise InputError(name, "", f"must be a finite number, not {value}")
     if options.held_rad is not None and not abs(options.held_rad) <= MOST_TURNS_RAD:
         raise InputError("--psi", "", f"must be at most {MOST_TURNS_RAD:g} rad, not {options.held_rad:g}")
+
+
+def _check_sampling(options: LinearizeOptions) -> None:
+    if options.sample_time_s is not None and not math.isfinite(options.sample_time_s):
+        raise InputError("--sample-time", "", f"must be a finite number, not {options.sample_time_s}")
     if options.sample_time_s is not None and not 1e-5 <= options.sample_time_s <= 10.0:
         raise InputError("--sample-time", "", f"must be between 1e-05 and 10 s, not {options.sample_time_s:g}")
     if not 0 <= options.delay_samples <= MOST_DELAY_SAMPLES:

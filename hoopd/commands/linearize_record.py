@@ -34,28 +34,44 @@ def report(
     near: Near,
 ) -> dict[str, Any]:
     """The result record."""
-    first, *others = [channel(system, name) for name in system.output_labels]
-    notes = [*_effects_in_words(near, sampled=sampling[0] is not None), *point.notes, *visibility.in_words(system)]
-    result = {
+    head: dict[str, Any] = {
         "model": file.name,
         "structure": file.structure,
         "operating_point": {**dict(zip(STATES, map(float, point.x), strict=True)), "torque": float(point.u)},
-        "sample_time_s": sampling[0],
-        "delay_samples": sampling[1],
-        "state_space": _matrices(system),
-        "poles": _complex(system.poles()),
-        **_channel(first, notes),
-        "controllability": _rank(visibility.controllability(system)),
-        "observability": {"measured": list(system.output_labels), **_rank(visibility.observability(system))},
-        "detectability": _detectability(visibility.detectability(system)),
     }
     if file.effects:
-        result["effects"] = {
+        head["effects"] = {
             "included": list(near.included),
             "left_out": [{"name": name, "reason": reason} for name, reason in near.left_out],
             "delay_s": near.delay_s,
         }
-    if others:
+    return record_of(head, system, sampling, [*_effects_in_words(near, sampled=sampling[0] is not None), *point.notes])
+
+
+def record_of(
+    head: dict[str, Any],
+    system: control.StateSpace,
+    sampling: tuple[float | None, int],
+    notes: list[str],
+    matrices: control.StateSpace | None = None,
+) -> dict[str, Any]:
+    """The result record of one input; `matrices`: those that are printed, where the plant has several inputs."""
+    first, *others = [channel(system, name) for name in system.output_labels]
+    notes, driven = [*notes, *visibility.in_words(system)], bool(system.B.any())
+    effects = {"effects": head.pop("effects")} if "effects" in head else {}
+    result = {
+        **head,
+        "sample_time_s": sampling[0],
+        "delay_samples": sampling[1],
+        "state_space": _matrices(system if matrices is None else matrices),
+        "poles": _complex(system.poles()),
+        **(_channel(first, notes) if driven else {"output": first.output_labels[0]}),
+        "controllability": _rank(visibility.controllability(system)),
+        "observability": {"measured": list(system.output_labels), **_rank(visibility.observability(system))},
+        "detectability": _detectability(visibility.detectability(system)),
+    }
+    result |= effects
+    if others and driven:
         result["further_outputs"] = {one.output_labels[0]: _channel(one, notes) for one in others}
     return {**result, "notes": list(dict.fromkeys(notes))}
 

@@ -9,16 +9,26 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hoopd.commands.options.declaration import option
-from hoopd.commands.options.shared import figure_option, json_option, model_option
+from hoopd.commands.options.shared import figure_option, json_option, model_option, plant_option
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinearizeOptions:
     """Linear model around an operating point (the bottom at rest), and what it says (docs/explanations/linear.md)."""
 
-    model: Path = model_option()
+    model: Path | None = model_option(default=None)
+    plant: str | None = plant_option()
     outputs: tuple[str, ...] = option(
-        "--output", text="Measured: psi, theta, dtheta or dpsi; repeatable.", metavar="NAME", default=("psi",)
+        "--output",
+        text="Measured: psi (unless told), theta, dtheta or dpsi, or channels of another plant; repeatable.",
+        metavar="NAME",
+        default=(),
+    )
+    at: str = option(
+        "--at",
+        text="Another plant: inputs that are held, and states near which to look for the equilibrium.",
+        metavar="NAME=VALUE,...",
+        default="",
     )
     held_rad: float | None = option("--psi", text="Ball held at this angle (rad), hoop turning.")
     turning_rad_s: float | None = option(

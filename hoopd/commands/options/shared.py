@@ -25,13 +25,13 @@ def figure_option(text: str = "Draw into this file (.png, .svg or .pdf).") -> An
     return option("--figure", text=text, metavar="FILE")
 
 
-def model_option() -> Any:
-    """The model that a command cannot do without."""
+def model_option(default: Any = REQUIRED) -> Any:
+    """The model that a command cannot do without, unless a plant may stand for it (`default`)."""
     return option(
         "--model",
         text="Model file of `hoopd fit`, or a shipped one: models/hoop.yaml, models/thesis.yaml.",
         metavar="MODEL",
-        default=REQUIRED,
+        default=default,
     )
 
 

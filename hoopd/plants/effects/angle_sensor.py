@@ -50,7 +50,8 @@ def _eccentricity(name: str, q: str, angles: tuple[str, ...], rates: tuple[str, 
         angle = getattr(s, q) + e.phi
         # theta + a sin(theta + phi);  of the rate its derivative, theta' (1 + a cos(theta + phi)), or nothing
         by_angle, by_rate = e.a * ca.sin(angle), e.a * ca.cos(angle) * getattr(s, f"d{q}")
-        return {**dict.fromkeys(angles, by_angle), **dict.fromkeys(rates, e.follows * by_rate)}
+        seen_rate = e.follows * by_rate if rates else 0.0
+        return {**dict.fromkeys(angles, by_angle), **dict.fromkeys(rates, seen_rate)}
 
     follows = EffectParameter("follows", "-", 0.0, 0.0, 1.0, "shape", (0.0, 1.0), discrete=True)
     return Effect(
@@ -75,7 +76,8 @@ def _harmonic(plant: Plant, name: str, q: str, angles: tuple[str, ...], rates: t
         angle = e.n * getattr(s, q) + e.phi
         # theta + a sin(n theta + phi);  of the rate its derivative, theta' (1 + n a cos(n theta + phi)), or nothing
         by_angle, by_rate = e.a * ca.sin(angle), e.n * e.a * ca.cos(angle) * getattr(s, f"d{q}")
-        return {**dict.fromkeys(angles, by_angle), **dict.fromkeys(rates, e.follows * by_rate)}
+        seen_rate = e.follows * by_rate if rates else 0.0
+        return {**dict.fromkeys(angles, by_angle), **dict.fromkeys(rates, seen_rate)}
 
     follows = EffectParameter("follows", "-", 0.0, 0.0, 1.0, "shape", (0.0, 1.0), discrete=True)
     return Effect(

@@ -1,0 +1,115 @@
+"""`hoopd linearize --plant` and the linear model that `hoopd design --plant` starts from: any plant at an equilibrium.
+
+Rules of this file: files in, a result record out; the mathematics is in `hoopd.design`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import control
+import numpy as np
+
+from hoopd.commands.inputs import read_values
+from hoopd.commands.linearize_record import record_of
+from hoopd.commands.options.linearize import LinearizeOptions
+from hoopd.design.analysis import channel
+from hoopd.design.delay import held
+from hoopd.design.linear_plant import Equilibrium, NoEquilibriumError, equilibrium, linear_plant
+from hoopd.files.reading import InputError
+from hoopd.files.shipped import or_shipped
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.library import library
+from hoopd.plants.model_file import HOOP
+from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model
+
+
+class LinearPlant(NamedTuple):
+    """A plant at its operating point."""
+
+    model: PlantModel
+    point: Equilibrium
+    system: control.StateSpace
+    left_out: tuple[str, ...]  # effects that have no linear model
+
+
+def is_other(plant: str | None, model: Any) -> bool:
+    """Whether a command is asked about another plant than the hoop: by name, or by its model."""
+    if plant is not None:
+        return plant != HOOP
+    return model is not None and not load_plant_model(or_shipped(model)).is_hoop
+
+
+def run(options: LinearizeOptions) -> dict[str, Any]:
+    """What `hoopd linearize` finds of another plant than the hoop, as plain data."""
+    for name, value in (("--psi", options.held_rad), ("--hoop-speed", options.turning_rad_s)):
+        if value is not None:
+            raise InputError(name, "", "is of the hoop: another plant's operating point is told by --at")
+    if options.top:
+        raise InputError("--top", "", "is of the hoop: another plant's operating point is told by --at")
+    linear = linearized(options.plant, options.model, options.at, options.outputs)
+    system, sampling = linear.system, (options.sample_time_s, options.delay_samples)
+    inputs = linear.model.plant.inputs
+    if options.sample_time_s is not None:
+        system = held(system, options.sample_time_s, options.delay_samples * options.sample_time_s)
+    first = control.ss(
+        system.A, system.B[:, :1], system.C, system.D[:, :1], system.dt, states=system.state_labels,
+        inputs=system.input_labels[:1], outputs=system.output_labels, name=system.name,
+    )  # fmt: skip
+    notes = [f"{name} is not part of the linear model" for name in linear.left_out]
+    if len(inputs) > 1:
+        notes.append(f"margins, bandwidth and fractions are those of the input {inputs[0].name}")
+    if not inputs:
+        notes.append(f"{linear.model.name} has no input: nothing to steer, and no fractions, margins or bandwidth")
+    result = record_of(_head(linear), first, sampling, notes, matrices=system)
+    if options.figure is not None and inputs:
+        from hoopd.plots import linear as drawings
+        from hoopd.plots import style
+
+        draw = drawings.DRAWINGS[options.plot or "overview"]
+        one = channel(first, system.output_labels[0])
+        title = f"{linear.model.name}: {system.output_labels[0]} / {inputs[0].name}"
+        style.save(draw(one, title=title), options.figure)
+    elif options.figure is not None:
+        raise InputError("--figure", "", f"{linear.model.name} has no input: there is no response to draw")
+    return result
+
+
+def linearized(plant: str | None, model: Any, at: str, outputs: tuple[str, ...] = ()) -> LinearPlant:
+    """The linear model of a plant; InputError where a name is unknown or nothing stays."""
+    found = nominal_model(str(plant)) if model is None else load_plant_model(or_shipped(model), plant)
+    own = found.plant
+    names = (*(one.name for one in own.inputs), *own.states)
+    told = read_values("--at", at, names) if at else {}
+    inputs = {one.name: told.pop(one.name) for one in own.inputs if one.name in told}
+    effects, left_out = _effects(found)
+    try:
+        point = equilibrium(own, inputs, told, effects, found.values)
+    except NoEquilibriumError as error:
+        raise InputError("--at", "", f"{error}: --at {names[0]}=...,... says where to look") from None
+    try:
+        system = linear_plant(own, point, outputs, effects, found.values)
+    except ValueError as error:
+        raise InputError("--output", "", str(error)) from None
+    if not all(np.isfinite(one).all() for one in (system.A, system.B, system.C, system.D)):
+        raise InputError("--at", "", f"{own.name} has no finite derivatives there: another operating point is needed")
+    return LinearPlant(found, point, system, left_out)
+
+
+def _effects(model: PlantModel) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
+    """Effects on forces that are smooth, and the names of all others."""
+    known = library(model.plant) if model.effects else {}
+    own = [known[one.name] for one in model.effects]
+    smooth = tuple(e for e in own if e.force is not None and e.friction is None and e.lag is None and not e.delay)
+    return smooth, tuple(one.name for one in own if one not in smooth)
+
+
+def _head(linear: LinearPlant) -> dict[str, Any]:
+    plant, (x, u) = linear.model.plant, linear.point
+    values = dict(zip((*plant.states, *(one.name for one in plant.inputs)), map(float, (*x, *u)), strict=True))
+    return {
+        "model": linear.model.name,
+        "plant": plant.name,
+        "operating_point": {name: value for name, value in values.items() if math.isfinite(value)},
+    }

@@ -1,0 +1,141 @@
+"""The bench is for other laboratories' plants by the same commands: made data of a pendulum, tanks and an axis."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hoopd.commands import diagnose, linearize
+from hoopd.commands.options.diagnose import DiagnoseOptions
+from hoopd.commands.options.linearize import LinearizeOptions
+from hoopd.files.reading import InputError
+from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.plant_model import load_plant_model
+from hoopd.plants.registry import plant_named
+
+Columns = dict[str, np.ndarray[Any, Any]]
+# What the pendulum is in truth, and the step of its encoder (rad).
+INERTIA, DAMPING, COUNT_RAD = 2.3e-4, 4.0e-5, 2.0 * np.pi / 2048
+
+
+def written(path: Path, columns: Columns) -> Path:
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.10g")
+    return path
+
+
+def decay(path: Path, start_rad: float, seconds: float = 8.0) -> Path:
+    """A pendulum that is let go, in degrees."""
+    t = np.arange(0.0, seconds, 0.02)
+    model = FreeRunModel(plant_named("pendulum"), values={"J": INERTIA, "c": DAMPING})
+    alpha = model.run([], [start_rad, 0.0], t, np.zeros((len(t) - 1, 0))).readings[:, 0]
+    return written(path, {"time": t, "angle": np.degrees(np.round(alpha / COUNT_RAD) * COUNT_RAD)})
+
+
+# ---------------------------------------------------------------------------------------------- diagnose
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("pendulum")
+    train, held = decay(folder / "train.csv", 0.6), decay(folder / "held.csv", -0.4, 5.0)
+    diagnose.run(
+        DiagnoseOptions(
+            recordings=(str(train),),
+            holdout=(str(held),),
+            plant="pendulum",
+            columns="alpha=angle:deg",
+            json_path=folder / "out.json",
+            report=folder / "out.html",
+            write=folder / "found.yaml",
+        )
+    )
+    return folder, json.loads((folder / "out.json").read_text())
+
+
+def test_a_pendulum_of_other_numbers_is_told_by_its_parameters(judged: tuple[Path, dict[str, Any]]) -> None:
+    folder, found = judged
+    assert found["verdict"] == "parameters"
+    inertia = found["base"]["parameters"]["J"]
+    assert inertia["value"] == pytest.approx(INERTIA, rel=0.01)
+    assert inertia["ci95"][0] < INERTIA < inertia["ci95"][1]
+    assert found["data_quality"]["outliers"] == 0
+    assert "<html" in (folder / "out.html").read_text()
+
+
+def test_the_model_that_is_written_names_its_plant_and_is_judged_again(judged: tuple[Path, dict[str, Any]]) -> None:
+    folder, _ = judged
+    model = load_plant_model(folder / "found.yaml")
+    assert (model.plant.name, model.file.plant, model.is_hoop) == ("pendulum", "pendulum", False)
+    assert model.values["J"] == pytest.approx(INERTIA, rel=0.01)
+    again = diagnose.run(
+        DiagnoseOptions(
+            recordings=(str(folder / "train.csv"),),
+            model=folder / "found.yaml",
+            columns="alpha=angle:deg",
+            free_run=False,
+        )
+    )
+    assert again.verdict == "consistent"
+
+
+def test_a_model_of_another_plant_is_refused_in_one_line(judged: tuple[Path, dict[str, Any]]) -> None:
+    folder, _ = judged
+    with pytest.raises(InputError, match=r"plant: a model of 'pendulum', where one of the hoop is needed"):
+        from hoopd.plants.model_file import load_model
+
+        load_model(folder / "found.yaml")
+    text = (folder / "found.yaml").read_text()
+    (folder / "wrong.yaml").write_text(text.replace("  J:", "  Jx:"))
+    with pytest.raises(InputError, match=r"wrong.yaml: parameters.Jx: pendulum has no such parameter"):
+        load_plant_model(folder / "wrong.yaml")
+
+
+def test_two_seconds_of_a_fast_axis_are_enough(tmp_path: Path) -> None:
+    random, t = np.random.default_rng(1), np.arange(0.0, 2.0, 0.001)
+    force = np.repeat(random.choice([-80.0, 80.0], len(t) // 20 + 1), 20)[: len(t)]
+    run = FreeRunModel(plant_named("axis"), values={"M": 90.0, "Fv": 150.0, "offset": 4.0})
+    x = run.run([], [0.0, 0.0], t, force[:-1]).readings[:, 0]
+    path = written(tmp_path / "axis.csv", {"t": t, "F": force, "x": np.round(x / 5e-8) * 5e-8 * 1e3})
+    found = diagnose.run(DiagnoseOptions(recordings=(str(path),), plant="axis", columns="F=F:N,x=x:mm", free_run=False))
+    mass = found.base.parameters["M"]
+    assert mass.value == pytest.approx(90.0, rel=0.01)
+    assert found.verdict == "parameters"
+
+
+def test_a_signal_that_is_not_there_is_named(tmp_path: Path) -> None:
+    path = decay(tmp_path / "one.csv", 0.3, 3.0)
+    with pytest.raises(InputError, match=r"column angel.*did you mean 'angle'"):
+        diagnose.run(DiagnoseOptions(recordings=(str(path),), plant="pendulum", columns="alpha=angel:deg"))
+
+
+# ---------------------------------------------------------------------------------------------- linearize
+
+
+def test_tanks_are_linear_about_the_levels_that_a_pump_holds() -> None:
+    found = linearize.run(LinearizeOptions(plant="tanks", at="q=5e-5,h1=0.1,h2=0.1", outputs=("h2",)))
+    # a sqrt(2 g h) = q, and a tank's pole is -a sqrt(g / 2h) / A
+    level = (5e-5 / 2.5e-5) ** 2 / (2 * 9.81)
+    assert found["operating_point"] == pytest.approx({"h1": level, "h2": level, "q": 5e-5})
+    pole = -2.5e-5 * np.sqrt(9.81 / (2 * level)) / 0.015
+    assert [one["re"] for one in found["poles"]] == pytest.approx([pole, pole], rel=1e-6)
+    assert found["state_space"]["outputs"] == ["h2"]
+
+
+def test_a_pendulum_without_a_drive_has_poles_and_no_margins() -> None:
+    found = linearize.run(LinearizeOptions(plant="pendulum", at="alpha=3"))
+    assert found["operating_point"]["alpha"] == pytest.approx(np.pi)
+    assert max(one["re"] for one in found["poles"]) > 9.0
+    assert "margins" not in found
+    assert any("no input" in note for note in found["notes"])
+
+
+def test_what_never_rests_has_no_operating_point() -> None:
+    with pytest.raises(InputError, match="--at: falling stays nowhere"):
+        linearize.run(LinearizeOptions(plant="falling"))
+    with pytest.raises(InputError, match="--top"):
+        linearize.run(LinearizeOptions(plant="pendulum", top=True))
