@@ -42,7 +42,7 @@ def run(options: LinearizeOptions) -> dict[str, Any]:
     if plant_linear.is_other(options.plant, options.model):
         return plant_linear.run(options)
     if options.model is None:
-        raise InputError("--model", "", "is needed: a model file, or --plant for another plant than the hoop")
+        raise InputError("Missing option '--model'", "", "a model file, or --plant for another plant than the hoop")
     if options.at:
         raise InputError("--at", "", "is of other plants: --top, --psi and --hoop-speed say where the hoop is")
     model, options = options.model, replace(options, outputs=options.outputs or USUAL_OUTPUTS)
