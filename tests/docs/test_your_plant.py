@@ -18,7 +18,7 @@ from tests.docs.marks import ROOT, blocks
 from tests.shellblocks import commands
 
 PAGE = ROOT / "docs" / "guides" / "your_plant.md"
-TOLD = PAGE.read_text(encoding="utf-8").partition("## What your device does")[2].partition("\n## ")[0]
+TOLD = PAGE.read_text(encoding="utf-8").partition("## Fit it to a recording")[2].partition("\n## Plants")[0]
 MAKER = Path(__file__).with_name("made_slide.py")
 TRUE = {"m": 2.2, "b": 3.4}
 DRY_N = 1.5
@@ -37,24 +37,36 @@ def test_the_page_s_file_is_a_sound_plant() -> None:
 
 @pytest.fixture(scope="module")
 def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Any]:
-    """What the page's command prints and writes, on the recording that the page speaks of."""
+    """What the page's commands print, and the model that the last one writes, on the page's recording."""
     folder = tmp_path_factory.mktemp("slide")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr("sys.argv", [str(MAKER), "day1.csv"])
         runpy.run_path(str(MAKER), run_name="__main__")
         Path("slide.yaml").write_text(the_file("slide.yaml"))
-        (block,) = (block for block in blocks(PAGE) if "test_your_plant" in block.mark)
-        (row,) = commands(PAGE.name, block.text)
-        done = CliRunner().invoke(app, list(row.words[1:]))
-        assert done.exit_code == 0 and Path("found.html").is_file(), done.output
-        return " ".join(done.output.split()), yaml.safe_load(Path("found.yaml").read_text())
+        said = []
+        for block in (block for block in blocks(PAGE) if "test_your_plant" in block.mark):
+            for row in commands(PAGE.name, block.text):
+                done = CliRunner().invoke(app, list(row.words[1:]))
+                assert done.exit_code == 0, done.output
+                said.append(done.output)
+        assert Path("found.html").is_file() and Path("fitted.png").is_file()
+        parse_plant(Path("fitted.yaml").read_text(), "fitted.yaml")
+        return " ".join(" ".join(said).split()), yaml.safe_load(Path("found.yaml").read_text())
 
 
 def test_the_recording_is_the_one_that_is_shown(diagnosed: object) -> None:
     made = runpy.run_path(str(MAKER))["made"]()
     shown = TOLD.partition("```text\n")[2].partition("```")[0].splitlines()[1:]
     assert shown == [f"{t:.3f},{x:.4f},{f:.4f}" for t, x, f in made[: len(shown)]]
+
+
+def test_the_fit_is_the_one_that_the_page_tells(diagnosed: tuple[str, Any]) -> None:
+    said, told = diagnosed[0], " ".join(TOLD.split())
+    (nominal, fitted) = re.findall(r"fits x to ([\d.]+) %, that of the fitted ones to ([\d.]+) %", told)[0]
+    assert f"x │ {nominal} % │ {fitted} %" in said
+    assert re.search(r"m │ 2\.7[23]\d* │ kg", said) and "2.73 kg" in told
+    assert "residuals are coloured (the model misses something)" in said
 
 
 def test_the_effect_and_the_gain_are_those_that_the_page_tells(diagnosed: tuple[str, Any]) -> None:
