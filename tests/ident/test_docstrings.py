@@ -26,7 +26,8 @@ ENTRY = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : (\S.*)\n((?:[ ]{4}.*\n?|\n
 DONE = [
     "data", "models", "prediction", "smoothing", "confidence", "measures", "residualtests", "conditioning", "filtering",
     "frequencydata", "checks", "etfe", "spectral", "spectrogram", "impulse", "bases", "rationalfit", "excitation",
-    "signals",
+    "signals", "polynomial.arx", "polynomial.regression", "polynomial.estimators", "polynomial.ar", "polynomial.plr",
+    "polynomial.pem", "polynomial.ararx", "polynomial.recursive", "polynomial.orders", "polynomial.delay",
 ]  # fmt: skip
 DOCUMENTED = {f"ident.{name}": getattr(ident, name) for module in DONE for name in ident._GIVEN[module].split()}
 

@@ -39,7 +39,34 @@ LONG_SHARE = 4
 def ar(
     data: Data | Sequence[Data], na: int, *, ridge: float = 0.0, estimator: Estimator | None = None
 ) -> Polynomials:  # fmt: skip
-    """A y = e by least squares; `ridge` and `estimator` as in `arx`. Missing outputs: their equations are dropped."""
+    """Fit an AR model A y = e by least squares; inputs of the data are left aside.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments; equations with a missing output are dropped.
+    na : int
+        Coefficients of A after the leading 1.
+    ridge : float
+        As in `arx`.
+    estimator : callable, optional
+        As in `arx`.
+
+    Returns
+    -------
+    Polynomials
+        The model; e has the variance `variance`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import ar, iddata
+    >>> e = np.random.default_rng(0).standard_normal(3000)
+    >>> model = ar(iddata(lfilter([1.0], [1.0, -1.6, 0.8], e), dt=0.1), na=2)
+    >>> model.a.round(1), round(model.variance, 1)
+    (array([ 1. , -1.6,  0.8]), 1.0)
+    """
     return arx(_alone(data), na, (), (), ridge=ridge, estimator=estimator)
 
 
@@ -47,7 +74,36 @@ def arma(
     data: Data | Sequence[Data], na: int, nc: int, *, method: Literal["pem", "two-stage"] = "pem",
     initial_order: int = 20, estimator: Estimator = least_squares,
 ) -> Polynomials:  # fmt: skip
-    """A y = C e: "pem" is the maximum-likelihood estimate with covariance, "two-stage" regresses on AR innovations."""
+    """Fit an ARMA model A y = C e; inputs of the data are left aside.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    na, nc : int
+        Coefficients of A and C after the leading 1.
+    method : {"pem", "two-stage"}
+        The maximum-likelihood estimate with covariance, or a regression on the innovations of a long AR model.
+    initial_order : int
+        Of that AR model.
+    estimator : callable
+        Solves the regression of "two-stage", (A, y) -> x.
+
+    Returns
+    -------
+    Polynomials
+        The model; e has the variance `variance`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import arma, iddata
+    >>> e = np.random.default_rng(0).standard_normal(3000)
+    >>> model = arma(iddata(lfilter([1.0, 0.5], [1.0, -0.8], e), dt=0.1), na=1, nc=1)
+    >>> model.a.round(1), model.c.round(1)
+    (array([ 1. , -0.8]), array([1. , 0.5]))
+    """
     each = _alone(data)
     single(each)
     own = structure(0, na, (), nc, delay=())
@@ -67,11 +123,49 @@ def arma_ssa(
     data: Data, na: int, nc: int, *, window: int | None = None, signal: float = SIGNAL,
     estimator: Estimator = least_squares,
 ) -> Polynomials:  # fmt: skip
-    """A y = C e of a signal under white measurement noise: its weakest singular directions are taken away first.
+    """Fit an ARMA model A y = C e of a signal under white measurement noise, by singular spectra.
 
-    `window` lags (the smaller of half the samples and 2000), of whose directions the share `signal` stays. The
-    innovations come from a long AR model of a fifth of the window. Complete data; no covariance. Source: Golyandina,
-    Nekrutkin & Zhigljavsky, Analysis of Time Series Structure: SSA (2001).
+    The weakest singular directions of the signal are taken away first. The innovations come from a long AR model of a
+    fifth of the window. There is no covariance.
+
+    Parameters
+    ----------
+    data : Data
+        One experiment without gaps.
+    na, nc : int
+        Coefficients of A and C after the leading 1.
+    window : int, optional
+        Lags; the smaller of half the samples and 2000 unless given.
+    signal : float
+        Share of the window's directions that stays.
+    estimator : callable
+        Solves the regression, (A, y) -> x.
+
+    Returns
+    -------
+    Polynomials
+        The model.
+
+    Raises
+    ------
+    ValueError
+        A gap, or a window or share that is none.
+
+    Notes
+    -----
+    Source: Golyandina, Nekrutkin & Zhigljavsky, Analysis of Time Series Structure: SSA (2001).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import arma_ssa, iddata
+    >>> e, v = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([1.0], [1.0, -1.8, 0.9], e) + 0.5 * v
+    >>> model = arma_ssa(iddata(y, dt=0.1), na=2, nc=1, window=60)
+    >>> pole = np.roots(model.a)[0]  # true: 0.95 and 0.32 rad
+    >>> bool(abs(abs(pole) - 0.95) < 0.03), bool(abs(abs(np.angle(pole)) - 0.32) < 0.03)
+    (True, True)
     """
     one = _alone(data)[0]
     single([one])
@@ -124,7 +218,32 @@ def reconstructed(y: Array, window: int, signal: float) -> Array:
 
 
 def driving_noise(model: Polynomials, data: Data) -> Array:
-    """e (n,) of an AR or ARMA model from y = C/A e, started from rest; C is made stable. Complete data."""
+    """Give the noise that drives an AR or ARMA model, from y = C/A e, started from rest; C is made stable.
+
+    Parameters
+    ----------
+    model : Polynomials
+        The model.
+    data : Data
+        One experiment without gaps.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        e.
+
+    Raises
+    ------
+    ValueError
+        A gap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, driving_noise, iddata
+    >>> driving_noise(Polynomials(1.0, a=np.array([1.0, -0.5])), iddata([1.0, 0.5, 2.25]))
+    array([1., 0., 2.])
+    """
     if not data.complete:
         raise ValueError("the driving noise needs every output: cut the data at the missing samples")
     return np.asarray(lfilter(model.a, reflected(model.c), data.y[:, 0]))

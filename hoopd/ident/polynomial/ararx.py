@@ -38,11 +38,55 @@ def ararx(
     method: Literal["pem", "gls"] = "pem", prior: ArrayLike | None = None, iterations: int = 30,
     tolerance: float = 1e-6, initial: Initial = "estimate",
 ) -> Polynomials:  # fmt: skip
-    """A y = B u + e/D, one output.
+    """Fit an ARARX model A y = B u + e/D of one output.
 
-    "pem": the least prediction errors, with covariance. "gls": regression of data filtered by D and D from the
-    residuals by turns, until the residual variance changes by less than `tolerance`. `prior`: D = [1, d1, ...] known
-    roughly; then only the minimum that it leads to is looked at. Missing outputs: "pem" only.
+    The sum of squares can have a second minimum, where A and D have changed places (Soderstrom, Automatica 10, 1974);
+    so every way to share the poles of A D between the two is a start, and the least sum wins.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments; with missing outputs "pem" only.
+    na : int
+        Coefficients of A after the leading 1.
+    nb : int or tuple of int
+        Coefficients of B, for all inputs or by input, from q^-delay on.
+    nd : int
+        Coefficients of D after the leading 1.
+    delay : int or tuple of int
+        Samples; 0 is a direct term.
+    method : {"pem", "gls"}
+        The least prediction errors, with covariance; or regression of data filtered by D and D from the residuals by
+        turns.
+    prior : array_like, shape (nd + 1,), optional
+        D = [1, d1, ...] known roughly; then only the minimum that it leads to is looked at.
+    iterations : int
+        Turns of "gls" at most.
+    tolerance : float
+        "gls" ends when the residual variance changes by less.
+    initial : {"estimate", "zero"}
+        The state before each experiment is estimated beside the coefficients, or zero.
+
+    Returns
+    -------
+    Polynomials
+        The model.
+
+    Raises
+    ------
+    ValueError
+        Orders below 1, missing outputs with "gls", data that cannot tell such a model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import ararx, iddata
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0, 2.0], [1.0, -0.8], u) + lfilter([1.0], np.convolve([1.0, -0.8], [1.0, 0.6]), 0.5 * e)
+    >>> model = ararx(iddata(y, u, 0.1), na=1, nb=1, nd=1)
+    >>> model.a.round(1), model.d.round(1)
+    (array([ 1. , -0.8]), array([1. , 0.6]))
     """
     each = experiments(data)
     single(each)

@@ -33,12 +33,49 @@ def arx(
     estimator: Estimator | None = None,
     focus_hz: tuple[float, float] | None = None,
 ) -> Polynomials:
-    """ARX model of one output and any number of inputs, by least squares.
+    """Fit an ARX model A(q) y = sum_i B_i(q) u_i + e of one output and any number of inputs, by least squares.
 
-    `nb` coefficients of each input from q^-delay on (delay 0: a direct term). `ridge` minimises |y - Phi x|^2 +
-    ridge |x|^2; `estimator` (A, y) -> x replaces least squares (no covariance then); `focus_hz` filters outputs and
-    inputs to a band first, so the model fits there (Ljung 1999, 14.4). Covariance sigma^2 M^-1 Phi'Phi M^-1, M =
-    Phi'Phi + ridge I. Missing outputs: their equations are dropped. ValueError and warnings: `hoopd.ident.checks`.
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments; equations with a missing output are dropped.
+    na : int
+        Coefficients of A after the leading 1.
+    nb : int or tuple of int
+        Coefficients of B, for all inputs or by input, from q^-delay on.
+    delay : int or tuple of int
+        Samples; 0 is a direct term.
+    ridge : float
+        Minimises |y - Phi x|^2 + ridge |x|^2.
+    estimator : callable, optional
+        (A, y) -> x in place of least squares, such as `robust()`; there is no covariance then.
+    focus_hz : tuple of float, optional
+        Band (low, high) in Hz to which outputs and inputs are filtered first, so the model fits there.
+
+    Returns
+    -------
+    Polynomials
+        The model with its covariance sigma^2 M^-1 Phi'Phi M^-1, M = Phi'Phi + ridge I.
+
+    Raises
+    ------
+    ValueError
+        Data that cannot tell such a model; what makes it doubtful is an `IdentificationWarning`.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, 14.4 on the filter.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import arx, iddata
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0, 2.0], [1.0, -0.8], u) + lfilter([1.0], [1.0, -0.8], 0.1 * e)
+    >>> model = arx(iddata(y, u, dt=0.1), na=1, nb=1)
+    >>> dict(zip(model.names, model.values.round(2).tolist())), round(model.variance, 3)
+    ({'a1': -0.8, 'b1': 2.0}, 0.01)
     """
     each = experiments(data)
     single(each)
@@ -104,9 +141,45 @@ class VectorArx:
 def varx(
     data: Data | Sequence[Data], na: int, nb: Counts, delay: Counts = 1, *, coupled: bool = True, ridge: float = 0.0
 ) -> VectorArx:
-    """ARX model of several outputs: one regression an output, joined.
+    """Fit an ARX model of several outputs: one regression an output, joined.
 
-    `coupled`: the past of every output stands in every row (a full matrix polynomial A); otherwise A is diagonal.
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    na : int
+        Coefficients of each entry of A after lag 0.
+    nb : int or tuple of int
+        Coefficients of B, for all inputs or by input, from q^-delay on.
+    delay : int or tuple of int
+        Samples; 0 is a direct term.
+    coupled : bool
+        Whether the past of every output stands in every row (a full matrix polynomial A); otherwise A is diagonal.
+    ridge : float
+        As in `arx`.
+
+    Returns
+    -------
+    VectorArx
+        `a` (na + 1, ny, ny), `b` (lags, ny, nu), the covariance `r` (ny, ny) of e, one model an output in `rows`, and
+        the innovation form `state_space`.
+
+    Raises
+    ------
+    ValueError
+        Data that cannot tell such a model; what makes it doubtful is an `IdentificationWarning`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, varx
+    >>> rng = np.random.default_rng(0)
+    >>> truth, u, y = np.array([[0.7, 0.2], [-0.1, 0.5]]), rng.standard_normal(1000), np.zeros((1000, 2))
+    >>> for t in range(1, 1000):
+    ...     y[t] = truth @ y[t - 1] + [u[t - 1], 0.0] + 0.05 * rng.standard_normal(2)
+    >>> -varx(iddata(y, u, 0.1), na=1, nb=1).a[1].round(1)
+    array([[ 0.7,  0.2],
+           [-0.1,  0.5]])
     """
     each = experiments(data)
     ny, nu = each[0].ny, each[0].nu

@@ -65,10 +65,50 @@ def delay(
     data: Data | Sequence[Data], *, channel: int | str = 0, longest: int | None = None, order: int | None = None,
     level: float = 0.95,
 ) -> Delay:  # fmt: skip
-    """The delay of one input (`channel`), between 0 and `longest` samples (default 50, an eighth of few data).
+    """Estimate the delay of one input, with an interval.
 
-    `order` n of the models (default: 1 to 4 by BIC); several inputs: what a long model says of the others is taken
-    off first. Missing outputs cut the data. ValueError where no stretch is long enough.
+    A long ARX model whitens the noise; then, for every delay d, the output-error model with n coefficients from q^-d on
+    and n poles is fitted, all on the same samples. N ln(S_d / S_min) is a likelihood ratio of one integer parameter:
+    the interval holds the delays that it does not refuse.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments of one output; missing outputs cut them.
+    channel : int or str
+        The input; what a long model says of the others is taken off first.
+    longest : int, optional
+        Samples that are looked at; 50, an eighth of few data.
+    order : int, optional
+        n of the models; 1 to 4 by BIC unless given.
+    level : float
+        Probability of the interval.
+
+    Returns
+    -------
+    Delay
+        The delay in `samples` (the power of q^-1 of the first coefficient of B) and `seconds`, its `interval` (first,
+        last) and the profile.
+
+    Raises
+    ------
+    ValueError
+        No stretch is long enough, several outputs, options that are none.
+
+    Notes
+    -----
+    Sources: Ljung, System Identification, 1999, 7.4; Bjorklund & Ljung, 42nd CDC, 2003.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import delay, iddata
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0] * 7 + [1.0], [1.0, -0.8], u) + 0.2 * e
+    >>> found = delay(iddata(y, u, 0.01), longest=15)
+    >>> found.samples, found.interval, round(found.seconds, 2)
+    (7, (7, 7), 0.07)
     """
     each = experiments(data)
     if each[0].ny != 1:

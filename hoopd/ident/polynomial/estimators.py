@@ -24,25 +24,97 @@ SETTLED = 1e-8
 
 
 def least_squares(a: Array, y: Array) -> Array:
-    """argmin |A x - y|."""
+    """Solve A x = y by least squares, argmin |A x - y|.
+
+    Parameters
+    ----------
+    a : ndarray, shape (n, p)
+        Regressors.
+    y : ndarray, shape (n,)
+        What they are to give.
+
+    Returns
+    -------
+    ndarray, shape (p,)
+        The solution.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import least_squares
+    >>> least_squares(np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]]), np.array([1.0, 3.0, 5.0])).round(6)
+    array([1., 2.])
+    """
     return np.asarray(np.linalg.lstsq(a, y, rcond=None)[0])
 
 
 def total_least_squares(a: Array, y: Array) -> Array:
-    """argmin over errors of equal size in every column of A and in y.
+    """Solve A x = y with errors of equal size in every column of A and in y.
 
-    Source: Golub & Van Loan, SIAM J. Numer. Anal. 17 (1980): the right singular vector of the least singular value.
+    Parameters
+    ----------
+    a : ndarray, shape (n, p)
+        Regressors.
+    y : ndarray, shape (n,)
+        What they are to give.
+
+    Returns
+    -------
+    ndarray, shape (p,)
+        The solution, of the right singular vector of the least singular value.
+
+    Notes
+    -----
+    Source: Golub & Van Loan, SIAM J. Numer. Anal. 17 (1980).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import least_squares, total_least_squares
+    >>> x, e, f = np.random.default_rng(0).standard_normal((3, 4000))
+    >>> a, y = (x + 0.5 * e)[:, None], 2.0 * x + 0.5 * f  # the slope is 2
+    >>> least_squares(a, y).round(1), total_least_squares(a, y).round(1)
+    (array([1.6]), array([2.]))
     """
     return _from_null(_triangle(np.column_stack([a, y])))
 
 
 def weighted_total_least_squares(noise: ArrayLike, weights: ArrayLike | None = None) -> Estimator:
-    """Total least squares with noise of standard deviation `noise` (p + 1,) in the columns of A and in y.
+    """Make an estimator by total least squares with noise of known size in each column.
 
-    Columns with zero noise are exact; `weights` (n,) are the inverse standard deviations of the rows. Minimises
-    sum_t w_t^2 (z_t v)^2 / (v' diag(noise^2) v), z_t = [a_t, y_t], v = [x, -1].
-    Source: Van Huffel & Vandewalle, The Total Least Squares Problem (1991), 3.6; for white noise on an output it is
-    consistent (Koopmans-Levin: Levin, IEEE Trans. Automat. Control 9, 1964). ValueError when no column has noise.
+    Minimises sum_t w_t^2 (z_t v)^2 / (v' diag(noise^2) v), z_t = [a_t, y_t], v = [x, -1]. For white noise on an output
+    it is consistent.
+
+    Parameters
+    ----------
+    noise : array_like, shape (p + 1,)
+        Standard deviation in the columns of A and in y; columns with zero noise are exact.
+    weights : array_like, shape (n,), optional
+        Inverse standard deviations of the rows.
+
+    Returns
+    -------
+    callable
+        (A, y) -> x.
+
+    Raises
+    ------
+    ValueError
+        No column has noise.
+
+    Notes
+    -----
+    Sources: Van Huffel & Vandewalle, The Total Least Squares Problem (1991), 3.6; Koopmans-Levin: Levin, IEEE Trans.
+    Automat. Control 9, 1964.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import weighted_total_least_squares
+    >>> x, e, f = np.random.default_rng(0).standard_normal((3, 4000))
+    >>> a, y = np.column_stack([x + 0.5 * e, np.ones(4000)]), 2.0 * x + 3.0 + 0.5 * f
+    >>> weighted_total_least_squares([0.5, 0.0, 0.5])(a, y).round(1)  # the constant is exact
+    array([2., 3.])
     """
     deviation = np.asarray(noise, dtype=float)
     rows = None if weights is None else np.asarray(weights, dtype=float)
@@ -64,10 +136,33 @@ def output_noise(na: int, nb: int, sigma_y: float = 1.0, sigma_u: float = 0.0) -
 
 
 def frequency_weighted(low_hz: float, high_hz: float, dt: float = 1.0, order: int = 2) -> Estimator:
-    """Least squares in a band: rows are weighted by the symmetric Toeplitz matrix of a zero-phase band filter.
+    """Make an estimator by least squares in a band.
 
-    Butterworth of `order` forwards and backwards; 0 as the lower or infinity as the upper limit leaves that side open.
-    The filter runs along the columns, no matrix of n x n is made. Rows must be consecutive samples.
+    Rows are weighted by the symmetric Toeplitz matrix of a zero-phase Butterworth filter. The filter runs along the
+    columns, no matrix of n x n is made. Rows must be consecutive samples.
+
+    Parameters
+    ----------
+    low_hz, high_hz : float
+        The band in Hz; 0 as the lower or infinity as the upper limit leaves that side open.
+    dt : float
+        Step in s.
+    order : int
+        Order of the filter, which runs forwards and backwards.
+
+    Returns
+    -------
+    callable
+        (A, y) -> x.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import frequency_weighted
+    >>> t, x = 0.01 * np.arange(2000), np.random.default_rng(0).standard_normal(2000)
+    >>> y = 2.0 * x + 5.0 * np.sin(2 * np.pi * 10.0 * t)  # a hum at 10 Hz
+    >>> frequency_weighted(0.0, 5.0, dt=0.01)(x[:, None], y).round(1)
+    array([2.])
     """
     from scipy.signal import sosfiltfilt
 
@@ -94,9 +189,33 @@ def band(low_hz: float, high_hz: float, dt: float, order: int = 2) -> Array:
 
 
 def robust(loss: Literal["huber", "tukey"] = "huber", tuning: float | None = None) -> Estimator:
-    """Iteratively reweighted least squares against outliers; scale by the median absolute deviation.
+    """Make an estimator by iteratively reweighted least squares against outliers.
 
-    Huber's weights min(1, k s/|r|); Tukey's (1 - (r/(k s))^2)^2, zero beyond, started from Huber's answer.
+    Huber's weights min(1, k s/|r|); Tukey's (1 - (r/(k s))^2)^2, zero beyond, started from Huber's answer; the scale s
+    by the median absolute deviation.
+
+    Parameters
+    ----------
+    loss : {"huber", "tukey"}
+        The weights.
+    tuning : float, optional
+        k; without it the usual one of the loss.
+
+    Returns
+    -------
+    callable
+        (A, y) -> x.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import least_squares, robust
+    >>> rng = np.random.default_rng(0)
+    >>> x = rng.standard_normal(200)
+    >>> y = 2.0 * x + 0.1 * rng.standard_normal(200)
+    >>> y[:20] = 50.0 * np.sign(x[:20])  # outliers
+    >>> least_squares(x[:, None], y).round(1), robust("tukey")(x[:, None], y).round(1)
+    (array([5.5]), array([2.]))
     """
     k = TUNING[loss] if tuning is None else float(tuning)
 

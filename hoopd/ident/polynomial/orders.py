@@ -78,11 +78,44 @@ def scan(
     data: Data | Sequence[Data], na: int | Iterable[int], nb: Counts | Iterable[Counts] = (),
     delay: Counts | Iterable[Counts] = 1, *, validation: Data | Sequence[Data] | None = None, folds: int = 0,
 ) -> Scan:  # fmt: skip
-    """ARX (AR without inputs) models of every combination of orders.
+    """Fit ARX models (AR without inputs) of every combination of orders, side by side on the same equations.
 
-    `na`, `nb`, `delay`: candidates; one of nb or delay is a number for all inputs or a tuple with one for each.
-    `validation`: other data, or `folds` >= 2 consecutive parts, each predicted by a model of the others. Missing
-    outputs: equations that hold one at the longest lags are dropped for all. ValueError and warnings: the checks.
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments; equations with a missing output at the longest lags are dropped for all.
+    na : int or iterable of int
+        Candidates of the coefficients of A after the leading 1.
+    nb : int, tuple of int, or iterable of them
+        Candidates of the coefficients of B; one is a number for all inputs or a tuple with one for each.
+    delay : int, tuple of int, or iterable of them
+        Candidates of the delay in samples.
+    validation : Data or sequence of Data, optional
+        Other data, on which the errors are measured too.
+    folds : int
+        2 or more: consecutive parts of the data, each predicted by a model of the others.
+
+    Returns
+    -------
+    Scan
+        All `candidates`; `best("bic")` is the one with the least criterion, of "aic", "aicc", "bic", "fpe",
+        "validation".
+
+    Raises
+    ------
+    ValueError
+        No candidate, or too few samples for the largest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import iddata, scan
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0, 0.0, 2.0], [1.0, -1.5, 0.7], u) + lfilter([1.0], [1.0, -1.5, 0.7], e)
+    >>> best = scan(iddata(y, u, 0.1), na=range(1, 5), nb=range(1, 4), delay=range(1, 4)).best("bic")
+    >>> best.na, best.nb, best.delay
+    (2, (1,), (2,))
     """
     each = experiments(data)
     single(each)

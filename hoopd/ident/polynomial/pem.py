@@ -35,7 +35,52 @@ def armax(
     data: Data | Sequence[Data], na: int, nb: Counts, nc: int, delay: Counts = 1, *, initial: Initial = "estimate",
     covariance: Kind = "white", start: ArrayLike | Polynomials | None = None,
 ) -> Polynomials:  # fmt: skip
-    """A y = B u + C e by the prediction-error method; arguments as in `pem`."""
+    """Fit an ARMAX model A y = B u + C e by the prediction-error method.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments; missing outputs cut them into stretches.
+    na : int
+        Coefficients of A after the leading 1.
+    nb : int or tuple of int
+        Coefficients of B, for all inputs or by input, from q^-delay on.
+    nc : int
+        Coefficients of C after the leading 1.
+    delay : int or tuple of int
+        Samples; 0 is a direct term.
+    initial : {"estimate", "zero"}
+        The state before each experiment is estimated beside the coefficients, or zero.
+    covariance : {"white", "robust"}
+        For residuals that are white, or for any.
+    start : array_like or Polynomials, optional
+        Coefficients in the order of the names, or a model of at most these orders, instead of the built-in starts.
+
+    Returns
+    -------
+    Polynomials
+        The model of the least squared one-step prediction errors, with its covariance.
+
+    Raises
+    ------
+    ValueError
+        Data that cannot tell such a model; what makes it doubtful is an `IdentificationWarning`.
+
+    Notes
+    -----
+    Maximum likelihood for normal e; source: Ljung, System Identification, 1999, 7.4 and, on the covariance, 9.4.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import armax, iddata
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0, 2.0], [1.0, -0.8], u) + lfilter([1.0, 0.5], [1.0, -0.8], 0.2 * e)
+    >>> model = armax(iddata(y, u, 0.1), na=1, nb=1, nc=1)
+    >>> model.a.round(2), model.b[0].round(1), model.c.round(1)
+    (array([ 1. , -0.8]), array([0., 2.]), array([1. , 0.5]))
+    """
     each = experiments(data)
     own = structure(each[0].nu, na, nb, nc, delay=delay)
     return pem(each, own, initial=initial, covariance=covariance, start=start)
@@ -45,9 +90,50 @@ def oe(
     data: Data | Sequence[Data], nb: Counts, nf: Counts, delay: Counts = 1, *, initial: Initial = "estimate",
     covariance: Kind = "robust", start: ArrayLike | Polynomials | None = None,
 ) -> Polynomials:  # fmt: skip
-    """y = sum B_i/F_i u_i + e by the prediction-error method (the simulation error); arguments as in `pem`.
+    """Fit an output-error model y = sum B_i/F_i u_i + e by the prediction-error method (the simulation error).
 
     The dynamics are right for coloured noise too, as long as no feedback is in the data; so is the robust covariance.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments; missing outputs do not count.
+    nb : int or tuple of int
+        Coefficients of B, for all inputs or by input, from q^-delay on.
+    nf : int or tuple of int
+        Coefficients of F after the leading 1, for all inputs or by input.
+    delay : int or tuple of int
+        Samples; 0 is a direct term.
+    initial : {"estimate", "zero"}
+        The state before each experiment is estimated beside the coefficients, or zero.
+    covariance : {"white", "robust"}
+        For residuals that are white, or for any.
+    start : array_like or Polynomials, optional
+        Coefficients in the order of the names, or a model of at most these orders, instead of the built-in starts.
+
+    Returns
+    -------
+    Polynomials
+        The model, with its covariance.
+
+    Raises
+    ------
+    ValueError
+        Data that cannot tell such a model; what makes it doubtful is an `IdentificationWarning`.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, 7.4 and, on the covariance, 9.4.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import arx, iddata, oe
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> data = iddata(lfilter([0.0, 2.0], [1.0, -0.8], u) + e, u, 0.1)  # white noise on the sensor
+    >>> oe(data, nb=1, nf=1).f[0].round(2), arx(data, na=1, nb=1).a.round(2)  # least squares is biased
+    (array([ 1. , -0.8]), array([ 1.  , -0.72]))
     """
     each = experiments(data)
     own = structure(each[0].nu, 0, nb, 0, 0, nf, delay)
@@ -58,7 +144,52 @@ def bj(
     data: Data | Sequence[Data], nb: Counts, nc: int, nd: int, nf: Counts, delay: Counts = 1, *,
     initial: Initial = "estimate", covariance: Kind = "white", start: ArrayLike | Polynomials | None = None,
 ) -> Polynomials:  # fmt: skip
-    """y = sum B_i/F_i u_i + C/D e by the prediction-error method; arguments as in `pem`."""
+    """Fit a Box-Jenkins model y = sum B_i/F_i u_i + C/D e by the prediction-error method.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments; missing outputs cut them into stretches.
+    nb : int or tuple of int
+        Coefficients of B, for all inputs or by input, from q^-delay on.
+    nc, nd : int
+        Coefficients of C and D after the leading 1.
+    nf : int or tuple of int
+        Coefficients of F after the leading 1, for all inputs or by input.
+    delay : int or tuple of int
+        Samples; 0 is a direct term.
+    initial : {"estimate", "zero"}
+        The state before each experiment is estimated beside the coefficients, or zero.
+    covariance : {"white", "robust"}
+        For residuals that are white, or for any.
+    start : array_like or Polynomials, optional
+        Coefficients in the order of the names, or a model of at most these orders, instead of the built-in starts.
+
+    Returns
+    -------
+    Polynomials
+        The model, with its covariance.
+
+    Raises
+    ------
+    ValueError
+        Data that cannot tell such a model; what makes it doubtful is an `IdentificationWarning`.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, 7.4 and, on the covariance, 9.4.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import bj, iddata
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0, 2.0], [1.0, -0.8], u) + lfilter([1.0], [1.0, -0.5], 0.5 * e)
+    >>> model = bj(iddata(y, u, 0.1), nb=1, nc=0, nd=1, nf=1)
+    >>> model.f[0].round(1), model.d.round(1)
+    (array([ 1. , -0.8]), array([ 1. , -0.5]))
+    """
     each = experiments(data)
     own = structure(each[0].nu, 0, nb, nc, nd, nf, delay)
     return pem(each, own, initial=initial, covariance=covariance, start=start)

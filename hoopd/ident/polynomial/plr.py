@@ -33,10 +33,50 @@ def plr(
     data: Data | Sequence[Data], na: int, nb: Counts, nc: int, delay: Counts = 1, *, initial_order: int = 20,
     passes: int = 1, estimator: Estimator = least_squares,
 ) -> Polynomials:  # fmt: skip
-    """A y = B u + C e by regression of y on its past, the inputs and the innovations of ARX(initial_order).
+    """Fit an ARMAX model A y = B u + C e by pseudo-linear regression.
 
-    `passes` above 1 repeats with the residuals of the model just found (extended least squares). `estimator` solves
-    the last regression, (A, y) -> x in the order of the names.
+    y is regressed on its past, the inputs and the innovations of a long ARX model. Linear steps only, so an estimator
+    of choice fits in; `armax` is the efficient estimate of the same model. There is no covariance, because the
+    regressors are estimates themselves.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments; equations with a missing output or innovation are dropped.
+    na : int
+        Coefficients of A after the leading 1.
+    nb : int or tuple of int
+        Coefficients of B, for all inputs or by input, from q^-delay on.
+    nc : int
+        Coefficients of C after the leading 1.
+    delay : int or tuple of int
+        Samples; 0 is a direct term.
+    initial_order : int
+        Of the ARX model.
+    passes : int
+        Above 1 it repeats with the residuals of the model just found (extended least squares).
+    estimator : callable
+        Solves the last regression, (A, y) -> x in the order of the names.
+
+    Returns
+    -------
+    Polynomials
+        The model.
+
+    Notes
+    -----
+    Sources: Hannan & Rissanen, Biometrika 69 (1982); Ljung, System Identification (1999), 10.4.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import iddata, plr
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 3000))
+    >>> y = lfilter([0.0, 2.0], [1.0, -0.8], u) + lfilter([1.0, 0.5], [1.0, -0.8], 0.5 * e)
+    >>> model = plr(iddata(y, u, 0.1), na=1, nb=1, nc=1)
+    >>> model.a.round(1), model.b[0].round(1), model.c.round(1)
+    (array([ 1. , -0.8]), array([0., 2.]), array([1. , 0.5]))
     """
     each = experiments(data)
     single(each)

@@ -28,9 +28,54 @@ SURE_OF_NOTHING = 1e4
 
 
 class RecursiveArx:
-    """A y = B u + e with coefficients that follow the samples.
+    """An ARX model A y = B u + e with coefficients that follow the samples: recursive least squares.
 
-    `coefficients` (na + sum nb,) holds a1 ..., then b of each input; `p` their covariance over the variance of e.
+        k = P phi / (lambda + phi'P phi),  coefficients += k e,  P = (P - k phi'P) / lambda
+
+    Parameters
+    ----------
+    na : int
+        Coefficients of A after the leading 1.
+    nb : int or sequence of int
+        Coefficients of B, of one input or by input, from q^-delay on.
+    delay : int or sequence of int
+        Samples; 0 is a direct term.
+    forgetting : float
+        lambda: 1 keeps all, memory is about 1/(1 - lambda) samples.
+    start : array_like, shape (na + sum nb,), optional
+        Coefficients to begin with; without it zeros.
+    p0 : float
+        Variance of those over the variance of e.
+    trace_bound : float, optional
+        Bound on the trace of P; that of p0 I unless given.
+    dead_zone : float
+        A sample whose share of news phi'P phi / (lambda + phi'P phi) is below changes nothing.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (na + sum nb,)
+        a1 ..., then b of each input.
+    p : ndarray, shape (na + sum nb, na + sum nb)
+        Their covariance over the variance of e.
+    samples, skipped : int
+        How many were taken, and how many of them were not finite.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, 11.2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import RecursiveArx
+    >>> rng = np.random.default_rng(0)
+    >>> model, y, before = RecursiveArx(na=1, nb=1), 0.0, 0.0
+    >>> for u in rng.standard_normal(500):
+    ...     y = 0.8 * y + 2.0 * before + 0.05 * rng.standard_normal()
+    ...     error = model.update(y, u)
+    ...     before = u
+    >>> model.coefficients.round(2)
+    array([-0.8,  2. ])
     """
 
     def __init__(
@@ -38,9 +83,7 @@ class RecursiveArx:
         start: ArrayLike | None = None, p0: float = SURE_OF_NOTHING, trace_bound: float | None = None,
         dead_zone: float = 0.0,
     ) -> None:  # fmt: skip
-        """`forgetting` lambda: 1 keeps all, memory is about 1/(1 - lambda) samples. `trace_bound`: of P (default that
-        of p0 I). `dead_zone`: a sample whose share of news phi'P phi / (lambda + phi'P phi) is below changes nothing.
-        """
+        """Begin with the coefficients given; the class tells of the arguments."""
         self.na, self.nb = na, (nb,) if isinstance(nb, int) else tuple(nb)
         self.delay = (delay,) * len(self.nb) if isinstance(delay, int) else tuple(delay)
         size = na + sum(self.nb)

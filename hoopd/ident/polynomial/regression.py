@@ -31,9 +31,34 @@ CHUNK = 32768
 
 
 def regressors(data: Data | Sequence[Data], na: int, nb: Counts = (), delay: Counts = 1) -> tuple[Array, Array]:
-    """A (rows, na + sum nb) and y (rows,) of y = A x: columns -y(t-1) ..., then the inputs' lags, by input.
+    """Give the linear regression y = A x behind an ARX model.
 
-    Rows of all experiments under each other, without those in which an output is missing.
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    na : int
+        Lags of the output.
+    nb : int or tuple of int
+        Lags of the inputs, for all or by input.
+    delay : int or tuple of int
+        First lag of the inputs.
+
+    Returns
+    -------
+    a : ndarray, shape (rows, na + sum nb)
+        Columns -y(t-1) ..., then the inputs' lags, by input; rows of all experiments under each other, without those in
+        which an output is missing.
+    y : ndarray, shape (rows,)
+        The outputs.
+
+    Examples
+    --------
+    >>> from hoopd.ident import iddata, regressors
+    >>> a, y = regressors(iddata([1.0, 2.0, 3.0], [7.0, 8.0, 9.0]), na=1, nb=1)
+    >>> a, y
+    (array([[-1.,  7.],
+           [-2.,  8.]]), array([2., 3.]))
     """
     each = experiments(data)
     own = structure(each[0].nu, na, nb, delay=delay)
