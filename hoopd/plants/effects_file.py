@@ -21,7 +21,9 @@ from hoopd.plants.user_program import executed, line_of, reason_of, wrong_progra
 
 NAME = re.compile(r"[a-z][a-z0-9_]*\.[a-z][a-z0-9_]*")
 # Where an effect is tried: some motion of everything, for as long as a delay may be.
-TRIED_STEPS, TRIED_SPEED = 10, 0.3
+TRIED_STEPS, TRIED_SPEED, TRIED_INPUT = 10, 0.3, 0.1
+# Of its largest reading, what halving the step may change a plant that is to be tried on.
+RESOLVED = 0.1
 
 
 def load_effects(path: Path, plant: Plant) -> tuple[Effect, ...]:
@@ -54,7 +56,12 @@ def _check(path: Path, plant: Plant, effect: Any) -> None:
         neutral, sized = _tried(plant, effect)
     except Exception as error:
         raise InputError(path, effect.name, f"{line_of(error, path)} {reason_of(error)}".strip()) from None
-    if not np.array_equal(neutral, _tried(plant, None, Composite(plant, (effect,)).substeps)[0]):
+    substeps = Composite(plant, (effect,)).substeps
+    plain, finer = (_tried(plant, None, count)[0] for count in (substeps, 2 * substeps))
+    if not (np.isfinite(plain).all() and np.abs(plain - finer).max() <= RESOLVED * np.abs(finer).max()):
+        faster = f"{plant.name} itself moves faster than its usual sample time of {plant.time_scale_s:g} s"
+        raise InputError(path, effect.name, f"{faster}: declare a shorter time_scale_s")
+    if not np.array_equal(neutral, plain):
         raise InputError(path, effect.name, "its neutral values change the model")
     if not np.isfinite(sized).all():
         raise InputError(path, effect.name, "with its parameters at their usual sizes the model is not finite")
@@ -77,7 +84,8 @@ def _tried(plant: Plant, effect: Effect | None, substeps: int | None = None) -> 
 
 def _run(composite: Composite, values: Mapping[str, float]) -> Any:
     plant = composite.plant
-    t, u = np.arange(TRIED_STEPS + 1) * 0.02, np.full(TRIED_STEPS, 0.1 * plant.usual_input)
+    t, inputs = np.arange(TRIED_STEPS + 1) * plant.time_scale_s, max(1, len(plant.inputs))
+    u = np.full((TRIED_STEPS, inputs), TRIED_INPUT * plant.usual_input).squeeze(axis=1 if inputs == 1 else ())
     start = [TRIED_SPEED * (i % 2 + 0.5) for i in range(len(plant.states))]
     z = run(composite, values, start, t, u)
     return np.stack(list(readings(composite, values, t, u, z).values()))

@@ -11,7 +11,7 @@ from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.batch_calls import CHUNK, Mapped, Recursion, flat
-from hoopd.plants.likelihood.composites import fitting_effects, plant_key
+from hoopd.plants.likelihood.composites import fitting_effects, key_of
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Array
 
@@ -149,5 +149,5 @@ def test_a_call_refuses_arguments_of_another_length() -> None:
 def test_a_plant_to_which_an_effect_adds_a_state_is_another_one() -> None:
     slip = LIBRARY["ball.slip"]
     assert slip.plant is not None
-    assert plant_key(slip.plant(PLANT)) != plant_key(PLANT)
-    assert plant_key(shipped_plant()) == plant_key(PLANT)
+    assert key_of(slip.plant(PLANT)) != key_of(PLANT)
+    assert key_of(shipped_plant()) == key_of(PLANT)

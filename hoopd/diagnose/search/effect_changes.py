@@ -22,7 +22,7 @@ from hoopd.plants.composite import SMOOTH_SUBSTEPS
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.batch_calls import mapped
-from hoopd.plants.likelihood.composites import composite_of, derivatives_of, fitting_effects, plant_key
+from hoopd.plants.likelihood.composites import composite_of, derivatives_of, fitting_effects, key_of
 from hoopd.plants.likelihood.fitting import Fit
 from hoopd.plants.likelihood.reference_track import Track
 
@@ -205,7 +205,7 @@ def _force_function(plant: Plant, effect: Effect, n: int = 1) -> ca.Function | N
 
     None for an effect whose functions do not take a whole column of points.
     """
-    key = (plant_key(plant), plant.states, effect.name, n)
+    key = (key_of(plant), key_of(effect), n)
     if key not in _forces:
         try:
             _forces[key] = _made_force_function(plant, effect, n)
@@ -231,4 +231,4 @@ def _made_force_function(plant: Plant, effect: Effect, n: int) -> ca.Function:
 
 
 # As many as effects of a library, for each plant and length.
-_forces: dict[tuple[str, tuple[str, ...], str, int], ca.Function | None] = {}
+_forces: dict[tuple[int, int, int], ca.Function | None] = {}

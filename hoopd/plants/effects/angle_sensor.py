@@ -12,7 +12,7 @@ import casadi as ca
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values, geometric, phase
 from hoopd.plants.effects.image_sensor import latency
-from hoopd.plants.effects.slots import named, of_kind, units
+from hoopd.plants.effects.slots import named, of_kind, scaled, time_scale, units
 
 # A disc that is no circle, poles and gaps of a magnetic scale, the gain and phase of its two tracks.
 UNEVEN_HARMONICS = tuple(float(n) for n in range(2, 13))
@@ -35,9 +35,9 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
     found = []
     if slot.turns and angles:
         found += [_eccentricity(name, q, angles, rates), _harmonic(plant, name, q, angles, rates)]
-    found.append(latency(name, slot))
+    found.append(latency(plant, name, slot))
     if rates:
-        found.append(_speed_lag(name, rates))
+        found.append(_speed_lag(plant, name, rates))
     if angles and not slot.turns:
         found.append(_offset(name, angles, units(plant, q).coordinate))
     elif not q and slot.channels:  # of a level, a temperature
@@ -99,10 +99,11 @@ def _harmonic(plant: Plant, name: str, q: str, angles: tuple[str, ...], rates: t
     )
 
 
-def _speed_lag(name: str, rates: tuple[str, ...]) -> Effect:
+def _speed_lag(plant: Plant, name: str, rates: tuple[str, ...]) -> Effect:
+    by = time_scale(plant)
     return Effect(
         f"{name}.speed_lag",
-        (EffectParameter("T", "s", 0.0, 0.0, 0.5, "shape", geometric(0.005, 0.15, 8)),),
+        (EffectParameter("T", "s", 0.0, 0.0, 0.5 * by, "shape", scaled(geometric(0.005, 0.15, 8), by)),),
         # T m' = theta' - m
         sensor_lag=dict.fromkeys(rates, "T"),
         depends_on=("t",),

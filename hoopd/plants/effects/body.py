@@ -12,7 +12,7 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, geometric, phase
-from hoopd.plants.effects.slots import force_scale, named, of_kind, scaled, speed_scale, units
+from hoopd.plants.effects.slots import force_scale, named, of_kind, scaled, speed_scale, time_scale, units
 
 # The curve is steep near rest: at 2 ms a run of 4 s misses the converged angle by 8e-4 rad, at 4 ms by 2e-3.
 STRIBECK_SUBSTEPS = 10
@@ -28,7 +28,7 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
     if slot.turns:
         found.append(_imbalance(plant, name, slot))
     if slot.viscous is not None:
-        found.append(_friction_drift(name, slot))
+        found.append(_friction_drift(plant, name, slot))
     return tuple(found)
 
 
@@ -116,8 +116,8 @@ def _imbalance(plant: Plant, name: str, slot: Slot) -> Effect:
     )
 
 
-def _friction_drift(name: str, slot: Slot) -> Effect:
-    q, viscous = slot.coordinate, slot.viscous
+def _friction_drift(plant: Plant, name: str, slot: Slot) -> Effect:
+    q, viscous, by = slot.coordinate, slot.viscous, time_scale(plant)
 
     def drag(s: Any, e: Any) -> dict[str, Any]:
         assert viscous is not None
@@ -128,7 +128,7 @@ def _friction_drift(name: str, slot: Slot) -> Effect:
         f"{name}.friction_drift",
         (
             EffectParameter("a", "-", 0.0, -0.95, 5.0, grid=(0.3,)),
-            EffectParameter("T", "s", 10.0, 0.5, 200.0, "shape", geometric(2.0, 60.0, 7)),
+            EffectParameter("T", "s", 10.0 * by, 0.5 * by, 200.0 * by, "shape", scaled(geometric(2.0, 60.0, 7), by)),
         ),
         force=drag,
         depends_on=(f"d{q}", "t"),

@@ -15,7 +15,7 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import NO_LIMIT, Effect, EffectParameter, geometric, phase
-from hoopd.plants.effects.slots import force_scale, named, of_kind, scaled, speed_scale, turns, units
+from hoopd.plants.effects.slots import force_scale, named, of_kind, scaled, speed_scale, time_scale, turns, units
 
 # Harmonics of a turn that a motor's poles and slots may make; the first is the imbalance of what it turns.
 COGGING_HARMONICS = tuple(float(n) for n in range(2, 37))
@@ -44,7 +44,7 @@ def _of_slot(plant: Plant, name: str, slot: Any) -> tuple[Effect, ...]:
         _bias(plant, name),
         _deadzone(plant, name),
         _saturation(plant, name),
-        _lag(name),
+        _lag(plant, name),
         _delay(plant, name),
     )
     angle = (_cogging(plant, name, slot.coordinate), _ripple(name, slot.coordinate))
@@ -142,10 +142,11 @@ def _saturation(plant: Plant, slot: str) -> Effect:
     )
 
 
-def _lag(slot: str) -> Effect:
+def _lag(plant: Plant, slot: str) -> Effect:
+    by = time_scale(plant)
     return Effect(
         f"{slot}.lag",
-        (EffectParameter("T", "s", 0.0, 0.0, 0.3, "shape", geometric(0.005, 0.1, 8)),),
+        (EffectParameter("T", "s", 0.0, 0.0, 0.3 * by, "shape", scaled(geometric(0.005, 0.1, 8), by)),),
         # T tau' = u - tau
         lag="T",
         substeps=SWITCH_SUBSTEPS,
@@ -160,9 +161,10 @@ def _lag(slot: str) -> Effect:
 
 
 def _delay(plant: Plant, slot: str) -> Effect:
+    by = time_scale(plant)
     return Effect(
         f"{slot}.delay",
-        (EffectParameter("d", "s", 0.0, 0.0, 0.2, "shape", geometric(0.002, 0.08, 9)),),
+        (EffectParameter("d", "s", 0.0, 0.0, 0.2 * by, "shape", scaled(geometric(0.002, 0.08, 9), by)),),
         # tau(t) = u(t - d)
         delay="d",
         substeps=SWITCH_SUBSTEPS,

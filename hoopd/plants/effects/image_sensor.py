@@ -11,7 +11,7 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values, geometric
-from hoopd.plants.effects.slots import named, of_kind
+from hoopd.plants.effects.slots import named, of_kind, scaled, time_scale
 
 
 def effects(plant: Plant) -> tuple[Effect, ...]:
@@ -21,7 +21,7 @@ def effects(plant: Plant) -> tuple[Effect, ...]:
         for name, slot in of_kind(plant, "sensor")
         if slot.device == "camera"
         for effect in (
-            latency(name, slot),
+            latency(plant, name, slot),
             *((_angle_offset(plant, name, slot), _center_offset(plant, name, slot)) if slot.turns else ()),
             _late_frames(name, slot),
             _outliers(name, slot),
@@ -29,11 +29,12 @@ def effects(plant: Plant) -> tuple[Effect, ...]:
     )
 
 
-def latency(name: str, slot: Slot) -> Effect:
+def latency(plant: Plant, name: str, slot: Slot) -> Effect:
     """Any sensor's: all its channels are late."""
+    by = time_scale(plant)
     return Effect(
         f"{name}.latency",
-        (EffectParameter("d", "s", 0.0, 0.0, 0.3, "shape", geometric(0.005, 0.1, 8)),),
+        (EffectParameter("d", "s", 0.0, 0.0, 0.3 * by, "shape", scaled(geometric(0.005, 0.1, 8), by)),),
         # measured at t - d
         latency=dict.fromkeys(slot.channels, "d"),
         depends_on=("t",),

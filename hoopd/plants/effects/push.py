@@ -11,9 +11,10 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values
-from hoopd.plants.effects.slots import force_scale, of_kind, units
+from hoopd.plants.effects.slots import force_scale, of_kind, time_scale, units
 
-# The edges of a pulse are ramps of this length (s) around t0 and t1: an integration step sees them, a fit moves them.
+# The edges of a pulse are ramps of this length (s, at the usual 20 ms) around t0 and t1: an integration step sees them,
+# a fit moves them.
 EDGE_S = 0.010
 
 
@@ -22,16 +23,16 @@ def effects(plant: Plant) -> tuple[Effect, ...]:
     return tuple(_disturbance(plant, name, slot) for name, slot in of_kind(plant, "push"))
 
 
-def _edge(t: Any) -> Any:
-    return ca.fmin(ca.fmax(t / EDGE_S + 0.5, 0.0), 1.0)
+def _edge(t: Any, length_s: float) -> Any:
+    return ca.fmin(ca.fmax(t / length_s + 0.5, 0.0), 1.0)
 
 
 def _disturbance(plant: Plant, name: str, slot: Slot) -> Effect:
-    size = force_scale(plant)
+    size, edge = force_scale(plant), EDGE_S * time_scale(plant)
 
     def pulse(s: Point, e: Values) -> dict[str, Any]:
         # A between t0 and t1
-        return {slot.coordinate: e.A * (_edge(s.t - e.t0) - _edge(s.t - e.t1))}
+        return {slot.coordinate: e.A * (_edge(s.t - e.t0, edge) - _edge(s.t - e.t1, edge))}
 
     return Effect(
         f"{name}.disturbance",

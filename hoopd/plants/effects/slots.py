@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 from hoopd.plants.declaration import Plant, Slot
 
-# The sizes in the files of the slots are those of the hoop: a drive of 0.7 N m at rates of 10 rad/s. On another plant
-# they follow its limit and its slot's usual rate.
-USUAL_LIMIT, USUAL_SPEED = 0.7, 10.0
+# The sizes in the files of the slots are those of the hoop: a drive of 0.7 N m at rates of 10 rad/s, sampled each
+# 20 ms. On another plant they follow its limit, its slot's usual rate and its time scale.
+USUAL_LIMIT, USUAL_SPEED, USUAL_S = 0.7, 10.0, 0.02
 
 
 class Units(NamedTuple):
@@ -61,6 +61,11 @@ def force_scale(plant: Plant) -> float:
 def speed_scale(slot: Slot) -> float:
     """Rates of this slot over the hoop's."""
     return slot.speed / USUAL_SPEED
+
+
+def time_scale(plant: Plant) -> float:
+    """Times of this plant over the hoop's."""
+    return plant.time_scale_s / USUAL_S
 
 
 def scaled(grid: tuple[float, ...], by: float) -> tuple[float, ...]:

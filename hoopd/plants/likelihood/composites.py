@@ -5,8 +5,10 @@ Rules of this file: nothing of a recording enters; equal arguments give one and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from dataclasses import fields
 from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 
@@ -14,31 +16,54 @@ from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
+from hoopd.plants.fingerprint import fingerprint
 from hoopd.plants.likelihood.batch_calls import KEPT, Recursion
 
 # Composites live as long as the process: there are as many as sets of effects are tried, some hundred.
-_libraries: dict[str, dict[str, Effect]] = {}
-_composites: dict[tuple[str, tuple[str, ...], int], Composite] = {}
-_derivatives: dict[tuple[int, tuple[str, ...]], tuple[ca.Function, ca.Function]] = {}
+_libraries: dict[Hashable, dict[str, Effect]] = {}
+_composites: dict[Hashable, Composite] = {}
+_derivatives: WeakKeyDictionary[Composite, dict[tuple[str, ...], tuple[ca.Function, ca.Function]]] = WeakKeyDictionary()
+# Numbers of fingerprints, and of things that were asked for before; a thing is kept, so that its place in memory stays
+# its own.
+_numbers: dict[Hashable, int] = {}
+_known: dict[int, tuple[object, int]] = {}
 
 
 def fitting_effects(plant: Plant, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The effects as this plant has them: an effect of a slot that it lacks is none of its."""
-    key = plant_key(plant)
+    """The effects as this plant has them: an effect of a slot that it lacks is none of its.
+
+    An effect of the library that was made for another plant becomes this one's; a redefined one stays what it is.
+    """
+    key = key_of(plant)
     if key not in _libraries:
         _libraries[key] = library(plant)
     own = _libraries[key]
-    return tuple(own.get(one.name, one) for one in effects if one.fits(plant))
+    return tuple(_as_known(one, own.get(one.name)) for one in effects if one.fits(plant))
 
 
-def plant_key(plant: Plant) -> str:
-    """Equal for plants with equal equations and values; an effect may have given one a state more."""
-    return f"{plant.name} {plant.states} {sorted(plant.values.items())}"
+def _as_known(given: Effect, known: Effect | None) -> Effect:
+    return given if known is None or _laws(given) != _laws(known) else known
+
+
+def _laws(effect: Effect) -> tuple[object, ...]:
+    """The code of an effect's functions and the names of its parameters: alike on every plant of a library."""
+    friction = effect.friction
+    functions = [getattr(effect, one.name) for one in fields(effect)]
+    functions += [] if friction is None else [friction.level, friction.along, friction.needed]
+    code = [getattr(one, "__code__", None) for one in functions if callable(one)]
+    return (*code, *(one.name for one in effect.parameters))
+
+
+def key_of(thing: Plant | Effect) -> int:
+    """Equal for plants, and for effects, with equal equations, limits and values."""
+    if id(thing) not in _known:
+        _known[id(thing)] = thing, _numbers.setdefault(fingerprint(thing), len(_numbers))
+    return _known[id(thing)][1]
 
 
 def composite_of(plant: Plant, effects: tuple[Effect, ...], substeps: int = 0) -> Composite:
     """One object for equal plants and effects: its functions are built once; `substeps`: other than its own."""
-    key = (plant_key(plant), tuple(effect.name for effect in effects), substeps)
+    key = (key_of(plant), tuple(map(key_of, effects)), substeps)
     if key not in _composites:
         _composites[key] = Composite(plant, effects, substeps or None)
     return _composites[key]
@@ -46,10 +71,10 @@ def composite_of(plant: Plant, effects: tuple[Effect, ...], substeps: int = 0) -
 
 def derivatives_of(composite: Composite, free: tuple[str, ...]) -> tuple[ca.Function, ca.Function]:
     """Of a substep and of the readings, built once."""
-    key = (id(composite), free)
-    if key not in _derivatives:
-        _derivatives[key] = composite.substep_derivatives(free), composite.output_derivatives(free)
-    return _derivatives[key]
+    kept = _derivatives.setdefault(composite, {})
+    if free not in kept:
+        kept[free] = composite.substep_derivatives(free), composite.output_derivatives(free)
+    return kept[free]
 
 
 @lru_cache(maxsize=KEPT)
