@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from hoopd.core.inorder import dot
 from hoopd.core.records import Vector
 
 Log = dict[str, float]
@@ -221,8 +222,8 @@ class TransferFunctionController:
         if measurement.psi_fresh and isfinite(measurement.psi_measured):
             self._error = measurement.reference - measurement.psi_measured
         self._errors = [self._error, *self._errors[:-1]]
-        torque = self.gain * sum(b * e for b, e in zip(self._b, self._errors, strict=True))
-        torque -= sum(a * u for a, u in zip(self._a[1:], self._torques, strict=True))
+        torque = self.gain * dot(self._b, self._errors)
+        torque -= dot(self._a[1:], self._torques)
         return torque, {"error_rad": self._error}
 
     def reset(self) -> None:

@@ -14,6 +14,7 @@ from math import inf, isfinite, nan, sqrt, tau
 from statistics import median
 
 from hoopd.core.ballresponse import BallMotion, BallResponse
+from hoopd.core.inorder import dot
 from hoopd.core.records import CameraSample, DriverSample, Inputs
 
 NAMES = ("pictures_identical", "angle_stuck", "angle_noiseless", "ball_unresponsive")
@@ -119,7 +120,7 @@ class AngleNoise:
             before = self._angles[-1] if self._angles else camera.psi
             self._angles.append(camera.psi + tau * round((before - camera.psi) / tau))
         if len(self._angles) == len(ORDER):
-            difference = sum(weight * psi for weight, psi in zip(ORDER, self._angles, strict=True))
+            difference = dot(ORDER, self._angles)
             self._sizes.append(abs(difference))
         if len(self._sizes) == BLOCK:
             self._close(acting=acting)

@@ -218,9 +218,8 @@ def test_every_entry_keeps_the_limits_and_is_a_command(menu: list[Expected]) -> 
         words = command(plan).split()
         asked = experiment.make_context("experiment", words[2:]).params
         assert words[:2] == ["hoopd", "experiment"] and asked["kind"] == plan.kind
-        assert asked["amplitude"] == plan.amplitude_nm
-        for option, name in (("clock", "clock_ticks"), ("low", "low_hz"), ("hold", "hold_s"), ("kick", "kick_s")):
-            assert asked[option] == getattr(plan, name)
+        for name in ("amplitude_nm", "clock_ticks", "low_hz", "hold_s", "kick_s"):
+            assert asked[name] == getattr(plan, name)
 
 
 def test_a_plant_without_a_drive_has_no_menu() -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import inspect
 import io
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import pytest
 from system.experiments import LOCKSTEP, ROOT, ends_at_rest, perform
 from system.test_bad_input import call
 
-from hoopd.commands import cli
+from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
 from hoopd.daemon.experiment import Where
@@ -96,14 +96,9 @@ def test_defaults_move_the_ball_and_stay_inside(kind: str, tmp_path: Path) -> No
 
 
 def test_the_command_line_has_the_same_defaults() -> None:
-    given = {name: option.default for name, option in inspect.signature(cli.experiment).parameters.items()}
-    names = {"amplitude": "amplitude_nm", "seed": "seed", "clock": "clock_ticks", "low": "low_hz", "high": "high_hz"}
-    names |= {"hold": "hold_s", "kick": "kick_s", "rest": "rest_s", "around": "around"}
-    names |= {"max_torque": "torque_limit_nm", "max_speed": "speed_limit_rad_s", "max_angle": "angle_limit_rad"}
-    names |= {"soft_start": "soft_start_s", "soft_end": "soft_end_s", "centring": "centring_nm_per_rad_s"}
-    assert {names[name]: given[name] for name in names} == {
-        name: value for name, value in Plan._field_defaults.items() if name not in ("duration_s", "ball")
-    }
+    given = {one.name: one.default for one in fields(ExperimentOptions)}
+    planned = {name: value for name, value in Plan._field_defaults.items() if name not in ("duration_s", "ball")}
+    assert {name: given[name] for name in planned} == planned
     assert Plan._field_defaults["duration_s"] == DURATION_S
 
 

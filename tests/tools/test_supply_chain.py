@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -174,13 +175,15 @@ def test_a_package_without_a_wheel_for_one_target_is_an_error(tmp_path: Path) ->
     for machine in ("x86_64", "aarch64"):
         for python in ("cp311", "cp312", "cp313"):
             wheel(tmp_path / "wheels", f"{python}-{python}-manylinux_2_28_{machine}")
-    arguments = ("--find-links", str(tmp_path / "wheels"))
-    assert len(lock.digests({"tiny-package": "1.0"}, index.Index(*arguments))["tiny-package"]) == 6
-    (tmp_path / "wheels/tiny_package-1.0-cp313-cp313-manylinux_2_28_aarch64.whl").unlink()
-    wheel(tmp_path / "wheels", "cp313-cp313-manylinux_2_39_aarch64")  # for a newer C library than bookworm's
-    (tmp_path / "wheels/tiny_package-1.0.tar.gz").write_bytes(b"a source distribution does not count")
+    every = index.Index("--find-links", str(tmp_path / "wheels"))
+    assert len(lock.digests({"tiny-package": "1.0"}, every)["tiny-package"]) == 6
+    fewer = tmp_path / "fewer"  # another folder: pip looks into one but once
+    shutil.copytree(tmp_path / "wheels", fewer)
+    (fewer / "tiny_package-1.0-cp313-cp313-manylinux_2_28_aarch64.whl").unlink()
+    wheel(fewer, "cp313-cp313-manylinux_2_39_aarch64")  # for a newer C library than bookworm's
+    (fewer / "tiny_package-1.0.tar.gz").write_bytes(b"a source distribution does not count")
     with pytest.raises(lockfile.LockError, match=r"tiny-package==1\.0 for cp313 aarch64$"):
-        lock.digests({"tiny-package": "1.0"}, index.Index(*arguments))
+        lock.digests({"tiny-package": "1.0"}, index.Index("--find-links", str(fewer)))
 
 
 def test_two_files_of_one_name_are_an_error(tmp_path: Path) -> None:
