@@ -14,6 +14,7 @@ from hoopd.commands.cli import UsageError, app
 from tests.shellblocks import PAGES, ROOT, Shown, below, shown
 
 PROGRAM: Any = typer.main.get_command(app)
+RE_BLOCK = re.MULTILINE | re.DOTALL
 GLOBAL = {"--help", "COMMAND"}
 ENDING = {"--install-completion", "--show-completion"}  # act while they are parsed: one writes into the shell's files
 
@@ -118,6 +119,29 @@ def test_links_between_pages_lead_somewhere() -> None:
         for link in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             if "://" not in link and "/generated/" not in link and not (page.parent / link).exists():
                 broken.append(f"{page.name}: {link}")
+    assert broken == []
+
+
+def anchors(page: Path) -> set[str]:
+    """Of a page's headings, as code hosts make them; a second heading of the same words has a number."""
+    found: list[str] = []
+    for heading in re.findall(
+        r"^#+ (.*)", re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=RE_BLOCK), re.MULTILINE
+    ):
+        slug = re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+        found.append(f"{slug}-{found.count(slug)}" if slug in found else slug)
+    return set(found)
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md"])
+def test_anchors_of_the_front_pages_lead_somewhere(name: str) -> None:
+    """Those of the pages in docs/ are checked when the site is built."""
+    links = re.findall(r"\]\(([^)#\s]*)#([^)\s]+)\)", (ROOT / name).read_text(encoding="utf-8"))
+    broken = [
+        f"{link}#{anchor}"
+        for link, anchor in links
+        if "://" not in link and anchor not in anchors(ROOT / (link or name))
+    ]
     assert broken == []
 
 
