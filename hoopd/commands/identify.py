@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from hoopd.commands.identify_data import OUTPUTS, check_held, read, split
 from hoopd.commands.identify_figures import draw, poles_of
 from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.output_files import check_targets
+from hoopd.commands.plant_inputs import other_plant
 from hoopd.files.identified import IdentifiedFile, identified_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
@@ -31,10 +33,12 @@ from hoopd.ident.prediction import predict
 from hoopd.ident.residualtests import residuals
 from hoopd.ident.statespace.pem import pem
 from hoopd.ident.statespace.subspace import subspaceid
+from hoopd.plants.declaration import Plant
 from hoopd.plots import style
 
 Progress = Callable[[str], None]
 
+HOOP_OUTPUTS = ("theta", "dtheta", "psi")
 METHODS = ("arx", "armax", "oe", "bj", "subspace", "pem")
 STATE_SPACE = ("subspace", "pem")
 HORIZONS = {"1": 1.0, "10": 10.0, "simulation": np.inf}
@@ -43,13 +47,15 @@ HORIZONS = {"1": 1.0, "10": 10.0, "simulation": np.inf}
 def run(options: IdentifyOptions, *, progress: Progress = lambda text: None) -> dict[str, Any]:
     """Identify, compare, write and draw; the result as plain data. InputError: nothing that can be used."""
     recordings, holdout, out, figure = options.recordings, options.holdout, options.out, options.figure
-    _check(options)
+    plant = other_plant(options.plant)
+    options = replace(options, outputs=options.outputs or (OUTPUTS if plant is None else tuple(plant.channels)))
+    _check(options, plant)
     check_targets([*recordings, *holdout], {"--out": out, "--figure": figure})
     if figure is not None:
         style.check_path(figure)
     progress("reading the recordings")
-    train, said = read(recordings, options)
-    held, more = read(holdout, options)
+    train, said = read(recordings, options, plant)
+    held, more = read(holdout, options, plant)
     how = ", ".join(holdout) or "the last third of every recording"
     if not held:
         train, held = split(train)
@@ -63,7 +69,7 @@ def run(options: IdentifyOptions, *, progress: Progress = lambda text: None) -> 
     except ValueError as error:
         raise InputError("--method", options.method, str(error)) from None
     notes = [*said, *more, *doubts, *lost, *report.warnings]
-    file = _file(model, options, recordings, percent, notes, out)
+    file = _file(model, options, recordings, percent, notes, train[0].inputs)
     if figure is not None:
         draw(model, parts, options.method, max(held, key=lambda one: one.n), how, report, figure)
     if out is not None:
@@ -84,10 +90,14 @@ def run(options: IdentifyOptions, *, progress: Progress = lambda text: None) -> 
 # ---------------------------------------------------------------------------------------------- models
 
 
-def _check(options: IdentifyOptions) -> None:
+def _check(options: IdentifyOptions, plant: Plant | None) -> None:
     if options.method not in METHODS:
         raise InputError("--method", "", f"unknown method {options.method!r}; known: {', '.join(METHODS)}")
-    known = ("theta", "dtheta", "psi")
+    known = HOOP_OUTPUTS if plant is None else tuple(plant.channels)
+    if plant is not None and not plant.inputs:
+        raise InputError("--plant", plant.name, "has no input: there is nothing to identify a response to")
+    if plant is not None and options.delay_s is not None:
+        raise InputError("--delay", "", "is of the hoop's pictures")
     if not options.outputs or set(options.outputs) - set(known) or len(set(options.outputs)) != len(options.outputs):
         raise InputError("--outputs", "", f"different ones of {', '.join(known)}, not {','.join(options.outputs)}")
     if options.delay_s is not None and set(options.outputs) - set(OUTPUTS):
@@ -157,15 +167,15 @@ def _percents(model: Innovations, held: Sequence[Data]) -> tuple[dict[str, dict[
 
 def _file(
     model: Innovations, options: IdentifyOptions, recordings: Sequence[str], percent: Mapping[str, dict[str, float]],
-    notes: Sequence[str], out: Path | None,
+    notes: Sequence[str], inputs: Sequence[str],
 ) -> IdentifiedFile:  # fmt: skip
     r = np.zeros((model.ny, model.ny)) if model.r is None else model.r
     return IdentifiedFile(
         schema="hoopd.identified/1",
-        name=options.method if out is None else out.stem,
+        name=options.method if options.out is None else options.out.stem,
         method=options.method,
         sample_time_s=model.dt,
-        inputs=["torque"],
+        inputs=[*inputs],
         outputs=list(options.outputs),
         **{name: getattr(model, name).tolist() for name in ("a", "b", "c", "d", "k")},
         r=r.tolist(),

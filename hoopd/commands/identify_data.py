@@ -18,12 +18,15 @@ from hoopd.design.laws import Spec
 from hoopd.files.reading import InputError
 from hoopd.ident.checks import CONSTANT
 from hoopd.ident.data import Data, iddata
+from hoopd.plants.declaration import Plant
 from hoopd.recording.recording import Recording
 from hoopd.recording.spans import spans
 
 Array = NDArray[np.float64]
 
 OUTPUTS = ("dtheta", "psi")
+# What the hoop's input is called in an identified model.
+INPUT = "torque"
 # Of a recording without another one to compare with, the last part is held out.
 LAST_SHARE = 1.0 / 3.0
 # The part that is compared must be longer than the slowest mode of the device once or twice.
@@ -34,23 +37,25 @@ FEWEST_READINGS = 20
 SAME_STEP = 1e-6
 
 
-def read(names: Sequence[str], options: IdentifyOptions) -> tuple[list[Data], list[str]]:
-    """The stretches of recordings, and what has to be said of them."""
+def read(names: Sequence[str], options: IdentifyOptions, plant: Plant | None) -> tuple[list[Data], list[str]]:
+    """The stretches of recordings of a plant (the hoop without one), and what has to be said of them."""
     found, said = [], []
     for name in names:
-        parts, notes = stretches(read_recording(name, options.columns), name, options)
+        recording = read_recording(name, options.columns, plant=plant, hold=options.hold)
+        parts, notes = stretches(recording, name, options)
         found += parts
         said += notes
     return found, said
 
 
 def stretches(recording: Recording, name: str, options: IdentifyOptions) -> tuple[list[Data], list[str]]:
-    """Torque and outputs of a recording, row by row, cut where the torque is not known; what was cut, in words.
+    """Inputs and outputs of a recording, row by row, cut where an input is not known; what was cut, in words.
 
     An output that was not read is missing. A stretch begins where every output was read, and has 50 rows at least.
     """
-    y, u = _outputs(recording, options), np.asarray(recording.u, dtype=float)
-    known = np.isfinite(u)
+    y, u = _outputs(recording, options), np.stack([one.values for one in recording.inputs.values()], axis=1)
+    inputs = [INPUT] if recording.is_tick else [*recording.inputs]
+    known = np.asarray(np.isfinite(u).all(axis=1))
     whole = np.asarray(np.isfinite(y).all(axis=1))
     if not whole.any():
         raise InputError(name, "", "no row holds all of the outputs that are asked for")
@@ -58,24 +63,29 @@ def stretches(recording: Recording, name: str, options: IdentifyOptions) -> tupl
     for start, end in parts:
         first = start + int(np.argmax(whole[start:end]))
         if whole[first] and end - first >= (SHORTEST if len(parts) > 1 else 1):
-            found.append(_data(y[first:end], u[first:end], step, name, options))
+            found.append(_data(y[first:end], u[first:end], step, (name, inputs), options))
     if not found:
-        raise InputError(name, "u", f"no {SHORTEST} rows follow each other of which the torque is known")
-    return found, _cut(known, found, name)
+        reason = f"no {SHORTEST} rows follow each other of which {_words(inputs)} known"
+        raise InputError(name, next(iter(recording.inputs)), reason)
+    return found, _cut(known, found, name, _words(inputs, missing=True))
 
 
-def _cut(known: NDArray[np.bool_], found: Sequence[Data], name: str) -> list[str]:
+def _words(inputs: Sequence[str], *, missing: bool = False) -> str:
+    """The inputs in a sentence."""
+    names = "the torque" if inputs == [INPUT] else " and ".join(inputs)
+    return names if missing else f"{names} {'is' if len(inputs) == 1 else 'are'}"
+
+
+def _cut(known: NDArray[np.bool_], found: Sequence[Data], name: str, inputs: str) -> list[str]:
     missing = int((~known).sum())
     if not missing:
         return []
     rows = sum(one.n for one in found)
-    return [
-        f"{name}: the torque of {missing} rows is not known: {rows} of {len(known)} rows used, in {len(found)} parts"
-    ]
+    return [f"{name}: {inputs} of {missing} rows is not known: {rows} of {len(known)} rows used, in {len(found)} parts"]
 
 
 def _outputs(recording: Recording, options: IdentifyOptions) -> Array:
-    columns = {one: np.asarray(getattr(recording, one), dtype=float) for one in options.outputs}
+    columns = {one: recording.column(one) for one in options.outputs}
     if options.delay_s is not None:
         try:
             spec = Spec(delay_s=options.delay_s, sample_time_s=recording.sample_time_s)
@@ -85,9 +95,10 @@ def _outputs(recording: Recording, options: IdentifyOptions) -> Array:
     return np.stack([columns[one] for one in options.outputs], axis=1)
 
 
-def _data(y: Array, u: Array, step: float, name: str, options: IdentifyOptions) -> Data:
+def _data(y: Array, u: Array, step: float, of: tuple[str, list[str]], options: IdentifyOptions) -> Data:
+    name, inputs = of
     try:
-        made = iddata(y, u, step, outputs=options.outputs, inputs=["torque"])
+        made = iddata(y, u, step, outputs=options.outputs, inputs=inputs)
     except ValueError as error:
         raise InputError(name, "", str(error)) from None
     return _without_mean(made) if options.detrend else made

@@ -13,8 +13,10 @@ from hoopd.commands.options.shared import (
     SLICE,
     columns_option,
     figure_option,
+    hold_option,
     holdout_option,
     json_option,
+    plant_option,
 )
 from hoopd.files.reading import InputError
 
@@ -41,13 +43,19 @@ class IdentifyOptions:
     )
     order: int | None = option("--order", min=1, text="State space: states; without it the data choose.")
     outputs: tuple[str, ...] = option(
-        "--outputs", text="Of theta, dtheta, psi.", metavar="NAMES", default="dtheta,psi", read=names_of
+        "--outputs",
+        text="Of theta, dtheta, psi (dtheta,psi unless told), or channels of another plant (all of them).",
+        metavar="NAMES",
+        default="",
+        read=names_of,
     )
     delay_s: float | None = option(
         "--delay", text="Age of a picture in s when a tick uses it, for rows that were taken at once."
     )
     detrend: bool = option("--detrend", text="Take the mean off every signal.", default=False)
+    plant: str | None = plant_option()
     columns: str | None = columns_option()
+    hold: str = hold_option()
     out: Path | None = option("--out", text="Write the model here (.yaml), for `hoopd design`.", metavar="FILE")
     figure: Path | None = figure_option()
     json_path: Path | None = json_option()
