@@ -11,11 +11,23 @@ from hoopd.commands.options.calibrate import CalibrateOptions
 from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.replay import ReplayOptions
 from hoopd.commands.options.running import checked_speed, without_pictures
+from hoopd.files.reading import InputError
 
 
 def experiment(options: ExperimentOptions) -> None:
     """A test signal, played and recorded."""
     from hoopd.commands.output import check_json, print_result, write_json
+
+    check_json(options.json_path)
+    if options.plant not in (None, "hoop"):
+        from hoopd.commands.plant_experiment import run as simulate
+
+        result = simulate(options)
+        write_json(options.json_path, result)
+        print_result(result)
+        return
+    if options.at:
+        raise InputError("--at", "", "goes with --plant, and only with it")
     from hoopd.daemon.app import Options
     from hoopd.daemon.experiment import Where, run
     from hoopd.plants.hoop.experiment_plan import DURATION_S, DURATIONS_S, Plan
@@ -32,7 +44,6 @@ def experiment(options: ExperimentOptions) -> None:
         direct=without_pictures(options.camera),
         arm=options.arm,
     )
-    check_json(options.json_path)
     result = run(plan, rig, Where(options.record, options.out), options.figure)
     write_json(options.json_path, result)
     print_result(result)

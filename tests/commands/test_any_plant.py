@@ -9,13 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hoopd.commands import diagnose, linearize
+from hoopd.commands import diagnose, identify, linearize, plant_experiment
 from hoopd.commands.options.diagnose import DiagnoseOptions
+from hoopd.commands.options.experiment import ExperimentOptions
+from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.options.linearize import LinearizeOptions
+from hoopd.files.identified import load_identified
 from hoopd.files.reading import InputError
 from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.layout import layout_of
 from hoopd.plants.plant_model import load_plant_model
 from hoopd.plants.registry import plant_named
+from hoopd.recording import load
 
 Columns = dict[str, np.ndarray[Any, Any]]
 # What the pendulum is in truth, and the step of its encoder (rad).
@@ -139,3 +144,50 @@ def test_what_never_rests_has_no_operating_point() -> None:
         linearize.run(LinearizeOptions(plant="falling"))
     with pytest.raises(InputError, match="--top"):
         linearize.run(LinearizeOptions(plant="pendulum", top=True))
+
+
+# ---------------------------------------------------------------------------------------------- experiment, identify
+
+
+def test_a_signal_is_simulated_on_tanks_and_identified_by_its_names(tmp_path: Path) -> None:
+    out = tmp_path / "tanks.csv"
+    told = plant_experiment.run(
+        ExperimentOptions(
+            kind="prbs",
+            plant="tanks",
+            at="q=5e-5,h1=0.204,h2=0.204",
+            amplitude_nm=5e-6,
+            clock_ticks=20,
+            duration_s=1500.0,
+            out=out,
+        )
+    )
+    assert (told["rows"], told["seconds"]) == (1500, 1499.0)
+    recording = load(out, layout=layout_of(plant_named("tanks")))
+    assert np.ptp(recording.column("q")) == pytest.approx(1e-5)
+    assert recording.column("h1")[0] == pytest.approx(0.204)
+    found = identify.run(
+        IdentifyOptions(
+            recordings=(str(out),), plant="tanks", orders=(2, 2), detrend=True, out=tmp_path / "identified.yaml"
+        )
+    )
+    assert found["outputs"] == ["h1", "h2"]
+    assert found["fit_percent"]["10"]["h2"] > 95.0
+    file = load_identified(tmp_path / "identified.yaml")
+    assert (file.inputs, file.outputs, file.sample_time_s) == (["q"], ["h1", "h2"], 1.0)
+
+
+def test_without_an_input_only_a_decay_can_be_simulated_and_nothing_identified(tmp_path: Path) -> None:
+    asked = {"plant": "pendulum", "at": "alpha=0.5", "duration_s": 4.0, "out": tmp_path / "run.csv"}
+    told = plant_experiment.run(ExperimentOptions(kind="decay", **asked))
+    assert told["peaks"]["alpha"] == pytest.approx(0.5, abs=0.01)
+    with pytest.raises(InputError, match="KIND: pendulum has no input"):
+        plant_experiment.run(ExperimentOptions(kind="prbs", **asked))
+    with pytest.raises(InputError, match="--arm: is of the device"):
+        plant_experiment.run(ExperimentOptions(kind="decay", arm=True, **asked))
+    with pytest.raises(InputError, match="--amplitude: 2000 is beyond the limit of F, 1000 N"):
+        plant_experiment.run(
+            ExperimentOptions(kind="prbs", plant="axis", amplitude_nm=2000.0, out=tmp_path / "axis.csv")
+        )
+    with pytest.raises(InputError, match="pendulum: has no input"):
+        identify.run(IdentifyOptions(recordings=(str(tmp_path / "run.csv"),), plant="pendulum"))

@@ -25,6 +25,15 @@ class ExperimentOptions:
 
     kind: str = argument("prbs, chirp, multisine, steps or decay.", metavar="KIND")
     sim: bool = option("--sim", text="On the simulated rig.", default=False)
+    plant: str | None = option(
+        "--plant", text="Simulate it on another plant: a registered name, or a plant file; sizes in its units."
+    )
+    at: str = option(
+        "--at",
+        text="With --plant: inputs about which to move, and states at the start.",
+        metavar="NAME=VALUE,...",
+        default="",
+    )
     config: Path | None = config_option()
     sets: tuple[str, ...] = sets_option()
     duration_s: float | None = option("--duration", text="Seconds of signal; 20, for decay 34.", min=0.5, max=1200.0)
