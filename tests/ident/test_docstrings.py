@@ -1,6 +1,6 @@
 """What a public name does is said where it stands: each parameter with its type, what comes back, an example that runs.
 
-The modules that this holds for only grow.
+A public name is held to it by being public.
 """
 
 from __future__ import annotations
@@ -22,14 +22,7 @@ HEADING = re.compile(r"^([A-Z]\w+)\n-{3,}$", re.MULTILINE)
 # "name : type", or several names of one type; the text stands indented below.
 ENTRY = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : (\S.*)\n((?:[ ]{4}.*\n?|\n)*)", re.MULTILINE)
 
-# Modules whose public names are held to it.
-DONE = [
-    "data", "models", "prediction", "smoothing", "confidence", "measures", "residualtests", "conditioning", "filtering",
-    "frequencydata", "checks", "etfe", "spectral", "spectrogram", "impulse", "bases", "rationalfit", "excitation",
-    "signals", "polynomial.arx", "polynomial.regression", "polynomial.estimators", "polynomial.ar", "polynomial.plr",
-    "polynomial.pem", "polynomial.ararx", "polynomial.recursive", "polynomial.orders", "polynomial.delay",
-]  # fmt: skip
-DOCUMENTED = {f"ident.{name}": getattr(ident, name) for module in DONE for name in ident._GIVEN[module].split()}
+DOCUMENTED = {f"ident.{name}": getattr(ident, name) for name in ident.__all__}
 
 
 def sections(text: str) -> dict[str, str]:

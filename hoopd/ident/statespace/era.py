@@ -25,10 +25,44 @@ Array = NDArray[np.float64]
 def era(
     markov: Array, order: int | None = None, *, dt: float = 1.0, rows: int | None = None, columns: int | None = None
 ) -> Innovations:
-    """The balanced realisation (k = 0) of Markov parameters (count + 1, ny, nu): D, C B, C A B, ...
+    """Realise Markov parameters in balanced state space.
 
-    `order`: without it the singular values above sqrt(largest * least). `rows`, `columns`: blocks of the Hankel matrix,
-    half of what there is each. ValueError when there are too few parameters.
+    H0 = [Y_1 Y_2 ..; Y_2 Y_3 ..; ..] = U S V', A = S^-1/2 U' H1 V S^-1/2, B and C the first blocks of S^1/2 V' and U
+    S^1/2.
+
+    Parameters
+    ----------
+    markov : ndarray, shape (count + 1, ny, nu)
+        D, C B, C A B, ...: the response to a unit pulse.
+    order : int, optional
+        States; without it the singular values above sqrt(largest * least).
+    dt : float
+        Step in s that the model bears.
+    rows, columns : int, optional
+        Blocks of the Hankel matrix; half of what there is each, unless given.
+
+    Returns
+    -------
+    Innovations
+        The model, k = 0, with its `singular_values`.
+
+    Raises
+    ------
+    ValueError
+        Too few parameters, or an order that they do not give.
+
+    Notes
+    -----
+    Sources: Juang & Pappa, J. Guidance 8, 1985; Ho & Kalman, 1966.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import era
+    >>> pulse = lfilter([0.0, 1.0], [1.0, -1.5, 0.7], np.eye(30)[0])
+    >>> np.poly(era(pulse[:, None, None], order=2, dt=0.1).a).round(6)
+    array([ 1. , -1.5,  0.7])
     """
     values = np.asarray(markov, dtype=float)
     if values.ndim != 3 or not np.isfinite(values).all():
@@ -61,9 +95,39 @@ def era_of_data(
     data: Data | Sequence[Data], order: int, *, lags: int | None = None, drop: int | None = None,
     rows: int | None = None, columns: int | None = None, ridge: float = 0.0, curvature: float = 0.0,
 ) -> Innovations:  # fmt: skip
-    """`era` of the Markov parameters by `okid`, averaged over the experiments; `lags` 5 order when not given.
+    """Realise the Markov parameters of data: `era` of what `okid` gives, averaged over the experiments.
 
-    Source: the impulse responses are averaged, so each experiment weighs alike.
+    The impulse responses are averaged, so each experiment weighs alike.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    order : int
+        States.
+    lags : int, optional
+        Of the observer; 5 order unless given.
+    drop : int, optional
+        As in `okid`.
+    rows, columns : int, optional
+        As in `era`.
+    ridge, curvature : float
+        As in `okid`.
+
+    Returns
+    -------
+    Innovations
+        The model, k = 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import era_of_data, iddata
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0, 1.0], [1.0, -1.5, 0.7], u) + 0.01 * e
+    >>> np.poly(era_of_data(iddata(y, u, 0.1), order=2).a).round(2)
+    array([ 1. , -1.5,  0.7])
     """
     each = experiments(data)
     if order < 1:

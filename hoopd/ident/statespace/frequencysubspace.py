@@ -55,12 +55,59 @@ def frequency_subspace(
     stable: bool = False,
     known: Known | None = None,
 ) -> Innovations:
-    """The model (k = 0) of a frequency response y (n, ny, nu), or of spectra y (n, ny) and u (n, nu), at w rad/s (n,).
+    """Identify a state-space model from frequency data by subspaces.
 
-    `order`: without it the largest ratio of neighbouring singular values. `horizon`: block rows, without it
-    2 order + 2. `transient`: the vector x0 - x(N), over sqrt(N) for a unitary transform, is estimated (it is where `u`
-    is given) and handed out as `x0`. `weights` (n,) multiply the errors. `known`: A and C, or A and B; the rest is
-    least squares. ValueError: shapes that do not fit, frequencies beyond pi / dt, too few points.
+    Parameters
+    ----------
+    w : array_like, shape (n,)
+        Frequencies in rad/s, up to pi/dt.
+    y : array_like of complex, shape (n, ny, nu) or (n, ny)
+        A frequency response, or the spectra of outputs.
+    u : array_like of complex, shape (n, nu), optional
+        The spectra of inputs.
+    dt : float
+        Step in s, 0 for continuous time (by the bilinear map).
+    order : int, optional
+        States; without it the largest ratio of neighbouring singular values.
+    most_order : int
+        Largest order that is looked at.
+    horizon : int, optional
+        Block rows; 2 order + 2 unless given.
+    direct : bool
+        Whether D is estimated.
+    transient : bool, optional
+        Whether the vector x0 - x(N), over sqrt(N) for a unitary transform, is estimated and handed out as `x0`; it is
+        where `u` is given.
+    weights : array_like, shape (n,), optional
+        They multiply the errors.
+    stable : bool
+        Whether poles outside the unit circle are moved in.
+    known : Known, optional
+        A and C, or A and B; the rest is least squares.
+
+    Returns
+    -------
+    Innovations
+        The model, k = 0.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, frequencies beyond pi/dt, too few points.
+
+    Notes
+    -----
+    Source: McKelvey, Akcay & Ljung, IEEE Trans. Automatic Control 41, 1996.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import frequency_subspace
+    >>> w = np.linspace(0.1, 20.0, 100)
+    >>> z = np.exp(1j * w * 0.1)
+    >>> g = 1.0 / (z**2 - 1.5 * z + 0.7)
+    >>> np.poly(frequency_subspace(w, g[:, None, None], dt=0.1, order=2).a).round(6)
+    array([ 1. , -1.5,  0.7])
     """
     own = np.asarray(w, dtype=float)
     step, points = _sampled(own, dt)
@@ -119,7 +166,32 @@ def _check_slow(model: Innovations, w: Array) -> None:
 
 
 def from_response(response: ct.FrequencyResponseData, *, dt: float | None = None, **options: object) -> Innovations:
-    """`frequency_subspace` of python-control's frequency response data (frequencies in rad/s)."""
+    """Identify a state-space model from python-control's frequency response data.
+
+    Parameters
+    ----------
+    response : control.FrequencyResponseData
+        The response, frequencies in rad/s.
+    dt : float, optional
+        Step in s, 0 for continuous time; that of the response unless given.
+    **options : object
+        As in `frequency_subspace`.
+
+    Returns
+    -------
+    Innovations
+        The model, k = 0.
+
+    Examples
+    --------
+    >>> import control
+    >>> import numpy as np
+    >>> from hoopd.ident import from_response, response
+    >>> truth = control.tf([1.0], [1.0, 0.4, 4.0])
+    >>> model = from_response(response(truth, np.linspace(0.1, 10.0, 80)), order=2)
+    >>> np.poly(model.a).round(6)
+    array([1. , 0.4, 4. ])
+    """
     step = float(response.dt or 0.0) if dt is None else dt
     values = np.moveaxis(np.asarray(response.frdata), 2, 0)
     return frequency_subspace(np.asarray(response.omega), values, dt=step, **options)  # type: ignore[arg-type]

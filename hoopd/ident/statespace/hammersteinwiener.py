@@ -83,11 +83,68 @@ def hammerstein_wiener(
     seed: int = 0,
     iterations: int = 60,
 ) -> HammersteinWiener:
-    """The model of least squared errors from many starts: `start` or a subspace estimate, then random stable ones.
+    """Estimate a linear model between static nonlinearities of known shape and unknown parameters.
 
-    `input_map(u, p)` gives (linear_inputs, n), `output_map(z, p)` (ny, n), elementwise in time; `p0` is their guess.
-    The search ends early when two starts agree on the least cost. `focus` "prediction" fits K too, from the best
-    simulation. Missing outputs are left out. Source: Ljung (1999, 5.2); local coordinates as in `pem`.
+    v = g(u, p), x+ = A x + B v + K e, z = C x + D v, y = h(z, p) + e. The model of least squared errors is looked for
+    from many starts: `start` or a subspace estimate, then random stable ones. The search ends early when two starts
+    agree on the least cost. Missing outputs are left out.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    order : int
+        States of the linear part.
+    p0 : array_like, shape (np,)
+        Start of the parameters of the maps.
+    input_map : callable, optional
+        (u, p) -> (linear_inputs, n), elementwise in time, of u (nu, n).
+    output_map : callable, optional
+        (z, p) -> (ny, n), elementwise in time.
+    linear_inputs : int, optional
+        Inputs of the linear part; as many as of the data unless given.
+    names : sequence of str, optional
+        Names of the parameters.
+    start : Innovations, optional
+        The linear part to begin with.
+    direct : bool
+        Whether D is estimated.
+    focus : {"simulation", "prediction"}
+        The latter fits K too, from the best simulation.
+    starts : int
+        At most so many.
+    seed : int
+        Of the random starts.
+    iterations : int
+        Steps from each start at most.
+
+    Returns
+    -------
+    HammersteinWiener
+        The `linear` part, the `parameters` by name with their `covariance`, initial states, errors; it can
+        `simulate(data)`.
+
+    Raises
+    ------
+    ValueError
+        Maps whose shapes do not fit, no start with a finite simulation, options that are none.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, 5.2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import hammerstein_wiener, iddata
+    >>> def dead_zone(u, p):
+    ...     return np.sign(u) * np.maximum(np.abs(u) - p[0], 0.0)
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 300))
+    >>> y = lfilter([0.0, 1.0], [1.0, -0.7], dead_zone(u, [0.5])) + 0.01 * e
+    >>> found = hammerstein_wiener(iddata(y, u), 1, [0.2], input_map=dead_zone, names=["half width"], starts=3)
+    >>> round(float(found.parameters["half width"]), 2), found.linear.a.round(2)
+    (0.5, array([[0.7]]))
     """
     each = experiments(data)
     check_channels(each)

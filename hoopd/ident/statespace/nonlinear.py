@@ -86,13 +86,68 @@ def nonlinear_pem(
     iterations: int = 100,
     tolerance: float = 1e-8,
 ) -> Nonlinear:
-    """Parameters of x+ = f(x, u, p, t) + w, y = h(x, u, p, t) + v over one or several experiments.
+    """Estimate parameters of x+ = f(x, u, p, t) + w, y = h(x, u, p, t) + v by the least prediction errors of a filter.
 
-    `process` (nx, nx) and `measurement` (ny, ny): covariances of w and v. `spread`: of the initial state, without it
-    `process`. `bounds` of p. `prior`: standard deviations of p about p0 (pull to the guess). `vectorised`: f and h
-    take x (nx, m) and p (np, m) and index the first axis; False calls them column by column. To restart with
-    other covariances, pass the former result's `p` and `starts[0]`. A missing output corrects and counts nothing.
-    ValueError: a start that is not finite, outside its bounds, or whose filter diverges.
+    A missing output corrects and counts nothing. To restart with other covariances, pass the former result's `p` and
+    `starts[0]`.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    f, h : callable
+        Next state (nx,) and output (ny,) of (x, u, p, t).
+    p0 : array_like, shape (np,)
+        Start of the parameters.
+    x0 : array_like, shape (nx,)
+        Start of the initial state.
+    process : array_like, shape (nx, nx), or float
+        Covariance of w.
+    measurement : array_like, shape (ny, ny), or float
+        Covariance of v.
+    spread : array_like, shape (nx, nx), or float, optional
+        Covariance of the initial state; `process` unless given.
+    names : sequence of str, optional
+        Names of the parameters.
+    bounds : tuple of array_like
+        Least and largest values of p.
+    estimate_x0 : bool
+        Whether the initial state of every experiment is estimated too.
+    prior : array_like, shape (np,), or float, optional
+        Standard deviations of p about p0 (pull to the guess).
+    vectorised : bool
+        Whether f and h take x (nx, m) and p (np, m) and index the first axis; otherwise they are called column by
+        column.
+    iterations : int
+        At most so many steps.
+    tolerance : float
+        Relative change at which the search ends.
+
+    Returns
+    -------
+    Nonlinear
+        The `parameters` by name, initial states `starts` by experiment, the `covariance` of both, `errors` (n, ny) of
+        the first experiment one step ahead, and their covariance `r`; `deviations()` are the standard errors.
+
+    Raises
+    ------
+    ValueError
+        A start that is not finite, outside its bounds, or whose filter diverges.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, nonlinear_pem
+    >>> def f(x, u, p, t):  # drag
+    ...     return x + 0.3 * (u - p[0] * x * abs(x))
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 150))
+    >>> x = [np.array([1.0])]
+    >>> for k in range(149):
+    ...     x.append(f(x[-1], u[k] + 1.0, [0.8], 0.0))
+    >>> data = iddata(np.array(x) + 0.01 * e[:, None], u + 1.0)
+    >>> found = nonlinear_pem(data, f, lambda x, u, p, t: x, p0=[0.5], x0=[1.5], process=1e-6, measurement=1e-4)
+    >>> found.p.round(1)
+    array([0.8])
     """
     each = experiments(data)
     check_channels(each)

@@ -25,11 +25,51 @@ def okid(
     data: Data | Sequence[Data], lags: int, *, count: int | None = None, drop: int | None = None, ridge: float = 0.0,
     curvature: float = 0.0,
 ) -> Array:  # fmt: skip
-    """Markov parameters (count + 1, ny, nu): D, C B, C A B, ...; `count` is `lags` when not given.
+    """Estimate the Markov parameters of several inputs and outputs by an observer.
 
-    `drop`: first rows left out (all `lags` when not given; less counts samples before the start as zero: only where
-    the experiment began at rest). `ridge` adds ridge |Ybar|^2 to the squared errors, `curvature` curvature times the
-    squared second differences of Ybar over the lags. ValueError and warnings: `hoopd.ident.checks`, `loopchecks`.
+    y(t) = sum_i Ybar_i v(t - i) with v = [u; y] and l lags is a linear regression; the parameters of the system follow
+    by Y_k = Ybar_k(u) + sum_i Ybar_i(y) Y_(k - i). The observer's poles are at zero where l (ny) >= nx, without noise
+    exactly.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments, which share one regression; missing outputs drop the rows that need them.
+    lags : int
+        l, of the observer.
+    count : int, optional
+        Markov parameters beside D; as many as lags unless given.
+    drop : int, optional
+        First rows left out, all `lags` unless given; less counts samples before the start as zero: only where the
+        experiment began at rest.
+    ridge : float
+        Adds ridge |Ybar|^2 to the squared errors.
+    curvature : float
+        Adds curvature times the squared second differences of Ybar over the lags.
+
+    Returns
+    -------
+    ndarray, shape (count + 1, ny, nu)
+        D, C B, C A B, ...
+
+    Raises
+    ------
+    ValueError
+        Too few complete rows; what makes the answer doubtful is an `IdentificationWarning`.
+
+    Notes
+    -----
+    Source: Juang et al., J. Guidance 16, 1993.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import iddata, okid
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0, 1.0], [1.0, -0.5], u) + 0.01 * e
+    >>> okid(iddata(y, u), lags=5)[:, 0, 0].round(2)
+    array([0.  , 1.  , 0.5 , 0.25, 0.13, 0.06])
     """
     each = experiments(data)
     if lags < 1:

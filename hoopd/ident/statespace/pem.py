@@ -63,15 +63,68 @@ def pem(
     iterations: int = 60,
     tolerance: float = 1e-8,
 ) -> Innovations:
-    """The model of least prediction errors over one or several experiments, with its covariance.
+    """Estimate a state-space model in innovation form with all matrices free, by the least prediction errors.
 
-    `start`: a model to begin with; without it `subspaceid` of `order`. `focus`: errors `horizon` steps ahead, or those
-    of the simulation (k = 0). `loss`: "squared", "huber", "soft_l1", "cauchy" or a function of squared standardised
-    errors giving (rho, rho'). `weight` (ny, ny) multiplies the errors; without it the inverse root of their covariance.
-    `regulariser`: a function of the model whose squared entries, in standard deviations, are added. `stable`: True or
-    the largest modulus of a pole. A missing output corrects nothing and counts nothing.
-    `names`, `values`, `covariance`: of all matrices, in the coordinates orthogonal to changes of basis (singular
-    therefore; use `uncertainty.response_covariance` and `pole_covariance`). x0 is that of the first experiment.
+    Minimises sum_t |W e(t)|^2 (or another loss) over the minimal local coordinates of the model, by damped
+    Gauss-Newton. W is the inverse root of the errors' covariance, renewed until it is settled: that is the least
+    determinant of the covariance, maximum likelihood for normal innovations. A missing output corrects nothing and
+    counts nothing.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    order : int, optional
+        States, of the subspace estimate that it starts from.
+    start : Innovations, optional
+        A model to begin with instead.
+    direct : bool
+        Whether D is estimated.
+    focus : {"prediction", "simulation"}
+        Errors `horizon` steps ahead, or those of the simulation (k = 0).
+    horizon : int
+        Samples ahead.
+    x0 : {"estimate", "zero"}
+        The initial state of every experiment.
+    loss : str or callable, optional
+        "squared", "huber", "soft_l1", "cauchy", or a function of squared standardised errors giving (rho, rho').
+    weight : array_like, shape (ny, ny), optional
+        Multiplies the errors instead of W.
+    regulariser : callable, optional
+        A function of the model whose squared entries, in standard deviations, are added.
+    stable : bool or float
+        True, or the largest modulus of a pole.
+    iterations : int
+        At most so many steps.
+    tolerance : float
+        Relative change at which the search ends.
+
+    Returns
+    -------
+    Innovations
+        The model. `names`, `values` and `covariance` are those of all matrices, in the coordinates orthogonal to
+        changes of basis (singular therefore: use `response_covariance` and `pole_covariance`); x0 is that of the first
+        experiment.
+
+    Raises
+    ------
+    ValueError
+        What is asked for and cannot be had; what makes the model doubtful is an `IdentificationWarning`.
+
+    Notes
+    -----
+    Source: Ljung, System Identification, 1999, chapters 7 and 10.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import iddata, pem
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 500))
+    >>> y = lfilter([0.0, 2.0], [1.0, -0.8], u) + lfilter([1.0, -0.5], [1.0, -0.8], 0.1 * e)
+    >>> model = pem(iddata(y, u, 0.1), order=1)
+    >>> model.a.round(2), (model.c @ model.b).round(1), model.r.round(2)  # 0.8, 2.0, 0.01
+    (array([[0.8]]), array([[2.]]), array([[0.01]]))
     """
     each = experiments(data)
     check_channels(each)

@@ -20,7 +20,38 @@ Array = NDArray[np.float64]
 
 
 def sampled(model: Innovations, dt: float) -> Innovations:
-    """A continuous model at a step of dt seconds."""
+    """Sample a continuous model with noise, inputs and innovations held over the step.
+
+    Parameters
+    ----------
+    model : Innovations
+        A continuous model (dt = 0); its q, r, s are densities.
+    dt : float
+        Step in s.
+
+    Returns
+    -------
+    Innovations
+        The sampled model, the noise integrated over the step.
+
+    Raises
+    ------
+    ValueError
+        A model that is sampled already, or a step that is none.
+
+    Notes
+    -----
+    Source: Van Loan, IEEE Trans. Automatic Control 23, 1978.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Innovations, sampled
+    >>> one = np.ones((1, 1))
+    >>> lag = sampled(Innovations(-2.0 * one, one, one, 0.0 * one, 0.0 * one, dt=0.0), 0.1)
+    >>> lag.a.round(4), lag.b.round(4)  # exp(-0.2) and (1 - exp(-0.2))/2
+    (array([[0.8187]]), array([[0.0906]]))
+    """
     if model.dt != 0.0 or dt <= 0.0:
         raise ValueError("sampled takes a continuous model (dt = 0) and a positive step")
     hold = _hold(model.a, dt)
@@ -33,9 +64,30 @@ def sampled(model: Innovations, dt: float) -> Innovations:
 
 
 def unsampled(model: Innovations) -> Innovations:
-    """The continuous model that a sampled one comes from; ValueError where there is none.
+    """Give the continuous model that a sampled one comes from.
 
-    A pole on the negative real axis or at zero has no logarithm that is real.
+    Parameters
+    ----------
+    model : Innovations
+        A sampled model.
+
+    Returns
+    -------
+    Innovations
+        The continuous model (dt = 0); its q, r, s are densities.
+
+    Raises
+    ------
+    ValueError
+        A pole on the negative real axis or at zero, whose logarithm is not real; a model that is continuous already.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Innovations, unsampled
+    >>> one = np.ones((1, 1))
+    >>> unsampled(Innovations(np.exp(-0.2) * one, one, one, 0.0 * one, 0.0 * one, dt=0.1)).a.round(6)
+    array([[-2.]])
     """
     if model.dt <= 0.0:
         raise ValueError("the model is continuous already")
@@ -50,7 +102,34 @@ def unsampled(model: Innovations) -> Innovations:
 
 
 def resampled(model: Innovations, dt: float) -> Innovations:
-    """A sampled model at another step, by way of continuous time."""
+    """Bring a sampled model to another step, by way of continuous time.
+
+    Parameters
+    ----------
+    model : Innovations
+        A sampled model.
+    dt : float
+        New step in s.
+
+    Returns
+    -------
+    Innovations
+        The model at that step.
+
+    Raises
+    ------
+    ValueError
+        A pole on the negative real axis or at zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Innovations, resampled
+    >>> one = np.ones((1, 1))
+    >>> slower = resampled(Innovations(0.9 * one, one, one, 0.0 * one, 0.0 * one, dt=0.1), 0.2)
+    >>> slower.a.round(6), slower.b.round(6)
+    (array([[0.81]]), array([[1.9]]))
+    """
     return sampled(unsampled(model), dt)
 
 
@@ -72,9 +151,43 @@ def unsampled_noise(a: Array, q: Array, dt: float) -> Array:
 def sampled_cost(
     a: Array, b: Array, q: Array, r: Array, dt: float, s: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """(Q, R, S) of sum x'Qx + u'Ru + 2 x'Su with held inputs, equal to the integral of x'qx + u'ru + 2 x'su.
+    """Sample the cost of a linear regulator, so that held inputs cost the same.
 
-    q (nx, nx), r (nu, nu), s (nx, nu). Source: Van Loan (1978), integral of exp(F t)' W exp(F t) with F = [a b; 0 0].
+    The sum of x'Qx + u'Ru + 2 x'Su is the integral of x'qx + u'ru + 2 x'su: integral of exp(F t)' W exp(F t) with
+    F = [a b; 0 0].
+
+    Parameters
+    ----------
+    a : ndarray, shape (nx, nx)
+        Continuous dynamics.
+    b : ndarray, shape (nx, nu)
+        From the inputs.
+    q : ndarray, shape (nx, nx)
+        Cost of the states per second.
+    r : ndarray, shape (nu, nu)
+        Cost of the inputs per second.
+    dt : float
+        Step in s.
+    s : ndarray, shape (nx, nu), optional
+        Cost of both together per second.
+
+    Returns
+    -------
+    q, r, s : ndarray
+        Costs of the samples, (nx, nx), (nu, nu) and (nx, nu).
+
+    Notes
+    -----
+    Source: Van Loan (1978).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import sampled_cost
+    >>> zero, one = np.zeros((1, 1)), np.ones((1, 1))
+    >>> q, r, s = sampled_cost(zero, one, one, zero, dt=0.1)  # x' = u, cost x^2: x^2 T, u^2 T^3/3, x u T^2/2
+    >>> q.round(6), r.round(6), s.round(6)
+    (array([[0.1]]), array([[0.000333]]), array([[0.005]]))
     """
     n, m = b.shape
     f = np.zeros((n + m, n + m))

@@ -21,9 +21,34 @@ Array = NDArray[np.float64]
 def similarity_transform(
     one: Innovations, other: Innovations, by: Literal["observability", "controllability"] = "observability"
 ) -> Array:
-    """T (nx, nx) with one.transformed(T) nearest to `other`; exact where they are the same system.
+    """Give the transform between two realisations of one model.
 
-    Source: O_other = O_one T of the observability, or C_one = T C_other of the controllability matrices.
+    Parameters
+    ----------
+    one, other : Innovations
+        Models with as many states.
+    by : {"observability", "controllability"}
+        O_other = O_one T of the observability, or C_one = T C_other of the controllability matrices.
+
+    Returns
+    -------
+    ndarray, shape (nx, nx)
+        T with one.transformed(T) nearest to `other`; exact where they are the same system.
+
+    Raises
+    ------
+    ValueError
+        Different numbers of states.
+
+    Examples
+    --------
+    >>> import control
+    >>> import numpy as np
+    >>> from hoopd.ident import innovations, similarity_transform
+    >>> one = innovations(control.ss([[0.8, 0.1], [0.0, 0.5]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]], 0.1))
+    >>> t = np.array([[2.0, 1.0], [0.0, 4.0]])
+    >>> np.allclose(similarity_transform(one, one.transformed(t)), t)
+    True
     """
     if one.nx != other.nx:
         raise ValueError(f"{one.nx} and {other.nx} states: no transform leads from one to the other")
@@ -42,10 +67,38 @@ def observability(a: Array, c: Array, rows: int | None = None) -> Array:
 
 
 def balanced(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Array]:
-    """The balanced realisation of a stable model and its Hankel singular values (nx,), largest first.
+    """Give the balanced realisation of a stable model and its Hankel singular values.
 
-    `noise`: the innovations count as inputs too, so that what only the noise moves is not called small.
+    Parameters
+    ----------
+    model : Innovations
+        A stable, minimal model.
+    noise : bool
+        Whether the innovations count as inputs too, so that what only the noise moves is not called small.
+
+    Returns
+    -------
+    model : Innovations
+        The balanced realisation.
+    singular_values : ndarray, shape (nx,)
+        Largest first.
+
+    Raises
+    ------
+    ValueError
+        A model that is not stable or not minimal.
+
+    Notes
+    -----
     Source: square root algorithm (Laub et al., IEEE Trans. Automatic Control 32, 1987).
+
+    Examples
+    --------
+    >>> import control
+    >>> from hoopd.ident import balanced, innovations
+    >>> model = innovations(control.ss([[0.9, 0.0], [0.0, 0.1]], [[1.0], [1.0]], [[1.0, 0.1]], [[0.0]], 0.1))
+    >>> balanced(model)[1].round(2)  # the second state does little
+    array([5.29, 0.08])
     """
     if radius(model.a) >= 1.0:
         raise ValueError(f"a pole of modulus {radius(model.a):.6g}: gramians are for stable models")
@@ -61,7 +114,35 @@ def balanced(model: Innovations, *, noise: bool = False) -> tuple[Innovations, A
 
 
 def reduced(model: Innovations, order: int, *, noise: bool = False) -> Innovations:
-    """The `order` states of the balanced realisation with the largest Hankel singular values (balanced truncation)."""
+    """Keep the states of the balanced realisation with the largest Hankel singular values (balanced truncation).
+
+    Parameters
+    ----------
+    model : Innovations
+        A stable model.
+    order : int
+        States that are kept.
+    noise : bool
+        Whether the innovations count as inputs too.
+
+    Returns
+    -------
+    Innovations
+        The smaller model.
+
+    Raises
+    ------
+    ValueError
+        An order that is none, or a model that is not stable.
+
+    Examples
+    --------
+    >>> import control
+    >>> from hoopd.ident import innovations, reduced
+    >>> model = innovations(control.ss([[0.9, 0.0], [0.0, 0.1]], [[1.0], [1.0]], [[1.0, 0.1]], [[0.0]], 0.1))
+    >>> reduced(model, 1).a.round(2)
+    array([[0.9]])
+    """
     if not 0 < order <= model.nx:
         raise ValueError(f"order {order} of a model with {model.nx} states")
     if radius(model.a) >= 1.0:
@@ -75,7 +156,29 @@ def reduced(model: Innovations, order: int, *, noise: bool = False) -> Innovatio
 
 
 def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innovations:
-    """The model between some inputs and outputs; its gain is kept where all outputs are (another needs a new one)."""
+    """Give the model between some inputs and outputs.
+
+    Parameters
+    ----------
+    model : Innovations
+        The model.
+    outputs, inputs : list of int
+        Numbers of the channels.
+
+    Returns
+    -------
+    Innovations
+        The smaller model; its gain is kept where all outputs are (another needs a new one).
+
+    Examples
+    --------
+    >>> import control
+    >>> from hoopd.ident import channels, innovations
+    >>> model = innovations(control.ss([[0.9]], [[1.0, 2.0]], [[1.0], [3.0]], [[0.0, 0.0], [0.0, 0.0]], 0.1))
+    >>> part = channels(model, outputs=[1], inputs=[1])
+    >>> part.b, part.c
+    (array([[2.]]), array([[3.]]))
+    """
     whole = outputs == list(range(model.ny))
     pick = np.ix_(outputs, outputs)
     return replace(

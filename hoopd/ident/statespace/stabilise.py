@@ -15,10 +15,31 @@ Array = NDArray[np.float64]
 
 
 def stabilise(a: Array, margin: float = 0.01) -> Array:
-    """`a` (n, n) with every eigenvalue inside the circle of radius 1 - margin.
+    """Give the matrix nearest to a given one by Schur form whose eigenvalues lie inside the circle of radius 1 -
+    margin.
 
     By the complex Schur form a = z t z*: a pole of modulus 1 < r <= 2 goes to 2 - r, one beyond 2 to 0, and what is
     then still outside that circle to its edge; the angle stays. A real matrix stays real.
+
+    Parameters
+    ----------
+    a : ndarray, shape (n, n)
+        Dynamics.
+    margin : float
+        Distance of the poles to the unit circle.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        Stable dynamics.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import stabilise
+    >>> stabilise(np.array([[1.2, 1.0], [0.0, 0.5]])).round(6)
+    array([[0.8, 1. ],
+           [0. , 0.5]])
     """
     return _scaled(a, lambda r: min(_reflected(r), 1.0 - margin) if r > 1.0 - margin else r)
 

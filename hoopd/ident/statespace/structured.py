@@ -83,13 +83,66 @@ def structured_pem(
     regulariser: Callable[[Array, Innovations], Array] | None = None,
     iterations: int = 300,
 ) -> Structured:
-    """Parameters of `constructor(p)`, a python-control system (continuous or sampled) or `Innovations`.
+    """Estimate the parameters of a linear grey box: the user builds the system from them, the data choose them.
 
-    `constructor` may be a CasADi function giving A, B, C, D (and K) of a continuous system. `gain`: K (nx, ny) is
-    that of the model, zero, given, or "free" (started at the model's). `x0`: estimated for every experiment, zero, the
-    model's, or given. `regulariser(p, model)`: its squared entries are added to the mean squared error of outputs in
-    standard deviations. Missing outputs are left out. ValueError: p0 outside its bounds, a start without a
-    stable predictor, matrices that do not fit the data.
+    The errors of the predictor (or of the simulation) are minimised over the parameters, the gain and the initial
+    states by a trust region method within bounds. Missing outputs are left out.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments.
+    constructor : callable
+        Of the parameters (np,), giving a python-control system (continuous or sampled) or `Innovations`; or a CasADi
+        function giving A, B, C, D (and K) of a continuous system. A continuous one is sampled with held inputs.
+    p0 : array_like, shape (np,)
+        Start of the parameters.
+    names : sequence of str, optional
+        Their names; p1, p2 ... unless given.
+    bounds : tuple of array_like
+        Least and largest values.
+    gain : {"model", "zero", "free"} or array_like, shape (nx, ny)
+        K is that of the model, zero, free (started at the model's), or given.
+    x0 : {"estimate", "zero", "model"} or array_like, shape (nx,)
+        The initial state, estimated for every experiment, zero, the model's, or given.
+    focus : {"prediction", "simulation"}
+        Errors `horizon` steps ahead, or those of the simulation.
+    horizon : int
+        Samples ahead.
+    regulariser : callable, optional
+        Of (p, model); its squared entries are added to the mean squared error of outputs in standard deviations.
+    iterations : int
+        At most so many evaluations.
+
+    Returns
+    -------
+    Structured
+        The `parameters` by name with their `covariance`, the sampled `model`, the initial states `starts` by
+        experiment, the `cost` (ny,), the names `at_bound`; `deviations()` are the standard errors.
+
+    Raises
+    ------
+    ValueError
+        p0 outside its bounds, a start without a stable predictor, matrices that do not fit the data.
+
+    Notes
+    -----
+    Source: Branch, Coleman & Li, 1999, on the trust region within bounds.
+
+    Examples
+    --------
+    >>> import control
+    >>> import numpy as np
+    >>> from hoopd.ident import iddata, innovations, simulate, structured_pem
+    >>> def tank(p):  # area p[0], outlet p[1]: a h' = -k h + u
+    ...     return control.ss([[-p[1] / p[0]]], [[1.0 / p[0]]], [[1.0]], [[0.0]])
+    >>> rng = np.random.default_rng(0)
+    >>> u, e = np.repeat(rng.standard_normal(60), 5), rng.standard_normal(300)
+    >>> truth = innovations(control.c2d(tank([2.0, 0.5]), 0.2))
+    >>> data = iddata(simulate(truth, iddata(u, u, 0.2), "zero")[:, 0] + 0.001 * e, u, 0.2)
+    >>> found = structured_pem(data, tank, [1.0, 1.0], names=["area", "outlet"])
+    >>> {name: round(value, 1) for name, value in found.parameters.items()}
+    {'area': 2.0, 'outlet': 0.5}
     """
     each = experiments(data)
     start = np.atleast_1d(np.asarray(p0, dtype=float))

@@ -74,14 +74,59 @@ def subspaceid(
     scale: bool = True,
     refine: int = 0,
 ) -> Innovations:
-    """The innovation form of one or several experiments, with Q, R, S, x0 of the first and the singular values.
+    """Identify a state-space model from time data by subspaces: CVA, MOESP, N4SID or IVM, with a Kalman gain.
 
-    `order`: states; without it the least SVC (Bauer, 2001) up to `most_order`. `horizon`: samples of past and future;
-    without it twice the lags of the autoregression of least AIC, and enough for the order. `direct`: D is estimated.
-    `focus`: B, D, x0 (and with "prediction" K, by `refine` Gauss-Newton steps on all matrices) fit the errors one step
-    ahead or those of the simulation. `stable`: True or the largest modulus that a pole may have. `scale`: inputs are
-    divided by their standard deviations meanwhile, outputs by their noise.
-    Missing outputs: only windows without gaps are used. Source: Van Overschee & De Moor (1996), Ljung (1999, 10.6).
+    Moments of all windows, LQ factor, weighted singular values, A and C by shift invariance, noise covariances and the
+    gain by the Riccati equation, B, D and x0 by least squares.
+
+    Parameters
+    ----------
+    data : Data or sequence of Data
+        One or several experiments; of missing outputs only windows without gaps are used.
+    order : int, optional
+        States; without it the least SVC (Bauer, 2001) up to `most_order`.
+    weighting : {"CVA", "MOESP", "N4SID", "IVM"}
+        Of the singular value decomposition.
+    horizon : int, optional
+        Samples of past and future; without it twice the lags of the autoregression of least AIC, and enough for the
+        order.
+    most_order : int
+        Largest order that is looked at.
+    direct : bool
+        Whether D is estimated.
+    focus : {"prediction", "simulation"}
+        B, D, x0 (and with "prediction" K, by `refine` steps) fit the errors one step ahead or those of the simulation.
+    stable : bool or float
+        True, or the largest modulus that a pole may have.
+    scale : bool
+        Whether inputs are divided by their standard deviations meanwhile, outputs by their noise.
+    refine : int
+        Gauss-Newton steps on all matrices afterwards.
+
+    Returns
+    -------
+    Innovations
+        The model with its noise covariances `q`, `r`, `s`, the `x0` of the first experiment and the `singular_values`.
+
+    Raises
+    ------
+    ValueError
+        Data or options that give no model; what makes it doubtful is an `IdentificationWarning`.
+
+    Notes
+    -----
+    Sources: Van Overschee & De Moor (1996); Ljung, System Identification, 1999, 10.6.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import iddata, subspaceid
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0, 1.0], [1.0, -1.5, 0.7], u) + 0.05 * e
+    >>> model = subspaceid(iddata(y, u, 0.1), order=2)
+    >>> np.poly(model.a).round(1), model.system.dcgain().round(1).item()  # 1/(1 - 1.5 + 0.7) = 5
+    (array([ 1. , -1.5,  0.7]), 5.0)
     """
     if weighting not in WEIGHTINGS:
         raise ValueError(f"weighting is one of {', '.join(WEIGHTINGS)}, not {weighting!r}")

@@ -40,7 +40,37 @@ def coordinates_covariance(problem: Problem, point: Point, *, white: bool) -> Ar
 
 
 def response_covariance(model: Innovations, w: ArrayLike) -> Array:
-    """(nw, ny, nu, 2, 2) of real and imaginary part of the response from u to y at w rad/s, by linearisation."""
+    """Give the covariance of the frequency response of an estimated state-space model, by linearisation.
+
+    Parameters
+    ----------
+    model : Innovations
+        A model with the covariance of its matrices, as `pem` gives it.
+    w : array_like, shape (nw,)
+        Frequencies in rad/s.
+
+    Returns
+    -------
+    ndarray, shape (nw, ny, nu, 2, 2)
+        Of real and imaginary part of the response from u to y.
+
+    Raises
+    ------
+    ValueError
+        A model without covariance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import iddata, pem, response_covariance
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 500))
+    >>> data = iddata(lfilter([0.0, 2.0], [1.0, -0.8], u) + 0.1 * e, u, 0.1)
+    >>> model = pem(data, order=1)
+    >>> error = model.system.dcgain() - 10.0  # the true gain at rest
+    >>> bool(abs(error) < 3.0 * np.sqrt(response_covariance(model, [0.0])[0, 0, 0, 0, 0]))
+    True
+    """
     if model.covariance is None or len(model.covariance) != len(coordinates.values(model)):
         raise ValueError("the model has no covariance of its matrices (pem gives one)")
     z = np.exp(1j * np.asarray(w, dtype=float) * model.dt) if model.dt else 1j * np.asarray(w, dtype=float)
@@ -50,7 +80,36 @@ def response_covariance(model: Innovations, w: ArrayLike) -> Array:
 
 
 def pole_covariance(model: Innovations) -> tuple[Complex, Array]:
-    """Poles (nx,) and the covariance (nx, 2, 2) of their real and imaginary parts; simple poles only."""
+    """Give the poles of an estimated state-space model and their covariances; simple poles only.
+
+    Parameters
+    ----------
+    model : Innovations
+        A model with the covariance of its matrices, as `pem` gives it.
+
+    Returns
+    -------
+    poles : ndarray of complex, shape (nx,)
+        The poles.
+    covariance : ndarray, shape (nx, 2, 2)
+        Of their real and imaginary parts.
+
+    Raises
+    ------
+    ValueError
+        A model without covariance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import iddata, pem, pole_covariance
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 500))
+    >>> data = iddata(lfilter([0.0, 2.0], [1.0, -0.8], u) + 0.1 * e, u, 0.1)
+    >>> poles, covariance = pole_covariance(pem(data, order=1))
+    >>> bool(abs(poles[0] - 0.8) < 3.0 * np.sqrt(covariance[0, 0, 0]))
+    True
+    """
     if model.covariance is None or len(model.covariance) != len(coordinates.values(model)):
         raise ValueError("the model has no covariance of its matrices (pem gives one)")
     poles, left, right = linalg.eig(model.a, left=True)
