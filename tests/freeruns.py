@@ -7,8 +7,8 @@ from math import tau
 
 import numpy as np
 
-from hoopd.plants.fits.fit_data import prepare
 from hoopd.plants.fits.runs import Run
+from hoopd.plants.hoop.fit_data import prepare
 from hoopd.plants.hoop.simulate import Model
 from hoopd.recording.recording import Recording, from_columns
 

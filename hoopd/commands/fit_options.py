@@ -12,10 +12,11 @@ from hoopd.commands.options.fit import FitOptions
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import START_MODELS, defaults_folder, or_shipped
-from hoopd.plants.fits.fit import METHODS, Settings, nominal_values
-from hoopd.plants.fits.fit_data import CHANNELS
-from hoopd.plants.fits.free_parameters import Prior, scale_of
+from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.robust_least_squares import LOSSES
+from hoopd.plants.hoop.fit import METHODS, Settings, nominal_values
+from hoopd.plants.hoop.fit_data import CHANNELS
+from hoopd.plants.hoop.free_parameters import scale_of
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
 from hoopd.plants.model_file import effects_of, load_model
 

@@ -20,9 +20,9 @@ from hoopd.commands.simulate_plant import simulate_other_plant
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
-from hoopd.plants.fits.fit_data import moving_of
-from hoopd.plants.fits.fit_percent import WINDOW_S, Score, score
-from hoopd.plants.fits.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
+from hoopd.plants.hoop.fit_data import moving_of
+from hoopd.plants.hoop.fit_percent import WINDOW_S, Score, score
+from hoopd.plants.hoop.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.plants.hoop.suspicions import suspicions
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording import Recording, save

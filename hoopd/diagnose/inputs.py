@@ -13,7 +13,7 @@ from hoopd.diagnose.quality.recording_quality import Quality, assess, cleaned
 from hoopd.diagnose.quality.sensors import ENCODER
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
-from hoopd.plants.fits.fit_data import once_at_rest
+from hoopd.plants.fits.repeated_samples import once_at_rest
 from hoopd.plants.likelihood.stretches import SHORTEST_S, Stretch, stretch_of
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines

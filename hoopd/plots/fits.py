@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from hoopd.plants.fits.fit_percent import Score
+from hoopd.plants.hoop.fit_percent import Score
 from hoopd.plots import style
 from hoopd.recording.recording import Recording
 

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hoopd.plants.fits.fit_percent import Score, Trace
-from hoopd.plants.fits.recorded_runs import FreeRun
+from hoopd.plants.hoop.fit_percent import Score, Trace
+from hoopd.plants.hoop.recorded_runs import FreeRun
 from hoopd.plots.style import BLACK, BLUE, GREY, VERMILION, figure, legend
 from hoopd.recording.recording import Recording
 

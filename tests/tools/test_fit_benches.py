@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from hoopd.plants.fits.fit import fit
-from hoopd.plants.fits.fit_data import prepare
+from hoopd.plants.hoop.fit import fit
+from hoopd.plants.hoop.fit_data import prepare
 from hoopd.plants.hoop.output_error import fit_output_error
 from hoopd.plants.model_file import load_model
 

@@ -36,12 +36,12 @@ from scipy.optimize import minimize
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from hoopd.plants.fits.fit import Fit, fit  # noqa: E402
-from hoopd.plants.fits.fit_data import STATES, prepare  # noqa: E402
-from hoopd.plants.fits.free_parameters import scale_of  # noqa: E402
 from hoopd.plants.fits.output_error import Solution  # noqa: E402
 from hoopd.plants.fits.robust_least_squares import Array  # noqa: E402
 from hoopd.plants.fits.runs import Run  # noqa: E402
+from hoopd.plants.hoop.fit import Fit, fit  # noqa: E402
+from hoopd.plants.hoop.fit_data import STATES, prepare  # noqa: E402
+from hoopd.plants.hoop.free_parameters import scale_of  # noqa: E402
 from hoopd.plants.hoop.output_error import fit_output_error, hoop_problem  # noqa: E402
 from hoopd.plants.hoop.simulate import Model  # noqa: E402
 from hoopd.plants.hoop.solver_comparison import ATOL, RTOL, two_level_torque  # noqa: E402

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoopd.plants.fits.fit_percent import Score
+from hoopd.plants.hoop.fit_percent import Score
 from hoopd.plants.hoop.solver_comparison import Case, study
 from hoopd.plants.hoop.thesis import ENTRIES_PRINTED
 from hoopd.plots.fits import draw_fits

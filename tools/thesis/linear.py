@@ -13,10 +13,10 @@ from hoopd.design.analysis import linear_model, minimal
 from hoopd.design.margins import margins
 from hoopd.design.speed import bandwidth, step_info
 from hoopd.ident.transfer_functions import zeros
-from hoopd.plants.fits.fit_percent import nrmse_percent
-from hoopd.plants.fits.recorded_runs import FreeRun
+from hoopd.plants.fits.nrmse import nrmse_percent
 from hoopd.plants.hoop.closed_loop import LinearPlant, Moving
 from hoopd.plants.hoop.plant import HoopPlant
+from hoopd.plants.hoop.recorded_runs import FreeRun
 from hoopd.plots.linear import draw_nyquist, draw_poles, draw_step
 from hoopd.plots.linearity import Compared, draw_linearity
 from hoopd.plots.printed_margin import PrintedMargin, draw_bode_beside

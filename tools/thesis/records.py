@@ -16,11 +16,11 @@ from typing import NamedTuple
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
 from hoopd.files.shipped import defaults_folder
-from hoopd.plants.fits.fit import Fit, Settings, fit
-from hoopd.plants.fits.fit_percent import Score, score
-from hoopd.plants.fits.recorded_runs import Subject
 from hoopd.plants.hoop.experiment_plan import Plan
+from hoopd.plants.hoop.fit import Fit, Settings, fit
+from hoopd.plants.hoop.fit_percent import Score, score
 from hoopd.plants.hoop.plant import HoopPlant
+from hoopd.plants.hoop.recorded_runs import Subject
 from hoopd.plants.hoop.thesis import ENTRIES_PRINTED
 from hoopd.plants.model_file import load_model
 from hoopd.recording import Recording, load

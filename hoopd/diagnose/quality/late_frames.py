@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.fits.fit_data import STUCK, equal_stretches
+from hoopd.plants.fits.repeated_samples import STUCK, equal_stretches
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

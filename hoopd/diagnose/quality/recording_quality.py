@@ -29,7 +29,7 @@ from hoopd.diagnose.quality.sensors import Sensor, rates_of, sensors_of, turning
 from hoopd.diagnose.quality.standstill import Clock, clock, saturated_share, unanswered
 from hoopd.diagnose.quality.turns import turned
 from hoopd.plants.declaration import Plant
-from hoopd.plants.fits.fit_data import HELD_COUNTS
+from hoopd.plants.fits.repeated_samples import HELD_COUNTS
 from hoopd.recording.doubts import doubts
 from hoopd.recording.recording import Recording
 

@@ -21,7 +21,7 @@ from hoopd.diagnose.quality.population import second_population
 from hoopd.diagnose.quality.sample_classes import SMALLEST, Split, split
 from hoopd.diagnose.quality.sensors import Sensor
 from hoopd.diagnose.quality.turns import near
-from hoopd.plants.fits.fit_data import HELD_COUNTS
+from hoopd.plants.fits.repeated_samples import HELD_COUNTS
 from hoopd.recording.recording import Recording
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.quality.outliers import stretches
-from hoopd.plants.fits.fit_data import HELD_COUNTS
+from hoopd.plants.fits.repeated_samples import HELD_COUNTS
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import usual_steps
 

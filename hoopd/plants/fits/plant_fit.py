@@ -15,8 +15,8 @@ from hoopd.files.reading import InputError
 from hoopd.ident.normal import Z95
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.fits.fit_percent import nrmse_percent
 from hoopd.plants.fits.free_parameters import Prior
+from hoopd.plants.fits.nrmse import nrmse_percent
 from hoopd.plants.fits.output_error import Progress, Solution, fit_output_error
 from hoopd.plants.fits.plant_runs import PlantSystem, prepare_runs, stretches_of
 from hoopd.plants.fits.robust_least_squares import LOSSES

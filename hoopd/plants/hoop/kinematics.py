@@ -24,11 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_law
 
-from hoopd.plants.fits.free_parameters import PHYSICAL, PRIOR, Prior
+from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.output_error import Solution
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.fits.uncertainty import Uncertainty, prior_information, uncertainty
 from hoopd.plants.hoop.entries import ENTRIES, entries_of
+from hoopd.plants.hoop.free_parameters import PHYSICAL, PRIOR
 from hoopd.plants.hoop.output_error import fit_output_error
 from hoopd.plants.hoop.parameters import KINEMATICS
 from hoopd.plants.hoop.physical_parameters import Known, physical_from_entries, quantity, quantity_sd

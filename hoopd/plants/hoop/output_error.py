@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from hoopd.plants.fits import output_error
-from hoopd.plants.fits.fit_data import STATES
-from hoopd.plants.fits.free_parameters import Scale, scale_of
+from hoopd.plants.fits.free_parameters import Scale
 from hoopd.plants.fits.output_error import Problem, Solution
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.found_effects import Found
 from hoopd.plants.hoop.equations import ExtraForce
+from hoopd.plants.hoop.fit_data import STATES
+from hoopd.plants.hoop.free_parameters import scale_of
 from hoopd.plants.hoop.free_run_with_effects import EffectModel, model_of
 from hoopd.plants.hoop.simulate import Model
 

@@ -11,8 +11,8 @@ import pytest
 
 from hoopd.files.model import EffectEntry, Parameter, model_text
 from hoopd.files.reading import InputError
-from hoopd.plants.fits.fit import Settings, fit, model_file
 from hoopd.plants.found_effects import Found, FoundEffect
+from hoopd.plants.hoop.fit import Settings, fit, model_file
 from hoopd.plants.hoop.free_run_with_effects import EffectModel
 from hoopd.plants.model_file import effects_of, load_model, parse_model
 from hoopd.recording.recording import Recording, from_columns

@@ -12,11 +12,13 @@ from shared import shared_path
 from hoopd.files.model import model_text
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import defaults_folder
-from hoopd.plants.fits.fit import Settings, fit, model_file
-from hoopd.plants.fits.fit_data import fresh_angles, moving_of, not_stuck, once_at_rest, prepare
-from hoopd.plants.fits.free_parameters import Prior, scale_of
+from hoopd.plants.fits.free_parameters import Prior
+from hoopd.plants.fits.repeated_samples import not_stuck, once_at_rest
 from hoopd.plants.fits.robust_least_squares import Block, loss_value, minimise
 from hoopd.plants.fits.uncertainty import autocorrelation, correlate
+from hoopd.plants.hoop.fit import Settings, fit, model_file
+from hoopd.plants.hoop.fit_data import fresh_angles, moving_of, prepare
+from hoopd.plants.hoop.free_parameters import scale_of
 from hoopd.plants.hoop.output_error import fit_output_error, hoop_problem
 from hoopd.plants.hoop.plant import Plant
 from hoopd.plants.hoop.simulate import Model

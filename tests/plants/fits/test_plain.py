@@ -8,9 +8,9 @@ from math import inf
 import numpy as np
 from freeruns import DEVICE
 
-from hoopd.plants.fits.identifiability import Direction
 from hoopd.plants.fits.plain_numbers import plain
 from hoopd.plants.hoop.entries import entries_of
+from hoopd.plants.hoop.identifiability import Direction
 from hoopd.plants.hoop.physical_parameters import Known, physical_from_entries
 
 

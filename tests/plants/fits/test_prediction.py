@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.records import CameraSample, DriverSample
-from hoopd.plants.fits.filter_noise import NoiseModel, ekf_settings
-from hoopd.plants.fits.fit_data import prepare
-from hoopd.plants.fits.free_parameters import ENTRIES, scale_of
-from hoopd.plants.fits.innovation_likelihood import LOSSES, Likelihood
-from hoopd.plants.fits.innovation_tests import prediction_uncertainty
-from hoopd.plants.fits.innovations import InnovationsFilter, samples_of
-from hoopd.plants.fits.prediction_error import PredictionSolution, fit_prediction_error
 from hoopd.plants.fits.runs import Run, Series
 from hoopd.plants.fits.uncertainty import intervals, uncertainty
+from hoopd.plants.hoop.filter_noise import NoiseModel, ekf_settings
+from hoopd.plants.hoop.fit_data import prepare
+from hoopd.plants.hoop.free_parameters import ENTRIES, scale_of
+from hoopd.plants.hoop.innovation_likelihood import LOSSES, Likelihood
+from hoopd.plants.hoop.innovation_tests import prediction_uncertainty
+from hoopd.plants.hoop.innovations import InnovationsFilter, samples_of
 from hoopd.plants.hoop.output_error import fit_output_error
+from hoopd.plants.hoop.prediction_error import PredictionSolution, fit_prediction_error
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording.formats import load
 from tests.shared import shared_path

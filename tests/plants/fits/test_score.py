@@ -10,8 +10,9 @@ import pytest
 from shared import shared_path
 
 from hoopd.files.reading import InputError
-from hoopd.plants.fits.fit_percent import nrmse_percent, score
-from hoopd.plants.fits.recorded_runs import Subject, free_runs, simulated
+from hoopd.plants.fits.nrmse import nrmse_percent
+from hoopd.plants.hoop.fit_percent import score
+from hoopd.plants.hoop.recorded_runs import Subject, free_runs, simulated
 from hoopd.plants.hoop.simulate import Model
 from hoopd.plants.hoop.solver_comparison import two_level_torque
 from hoopd.plants.model_file import load_model

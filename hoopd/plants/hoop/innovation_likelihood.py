@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.fits.filter_noise import NoiseModel, NoiseScale, noise_scale
 from hoopd.plants.fits.free_parameters import Prior, Scale
-from hoopd.plants.fits.innovations import CHANNELS, Derivatives, Innovations, InnovationsFilter, samples_of
 from hoopd.plants.fits.output_error import prior_of
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.hoop.equations import ExtraForce
+from hoopd.plants.hoop.filter_noise import NoiseModel, NoiseScale, noise_scale
+from hoopd.plants.hoop.innovations import CHANNELS, Derivatives, Innovations, InnovationsFilter, samples_of
 from hoopd.plants.hoop.output_error import free_starts
 
 Array = NDArray[np.float64]

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
-from hoopd.plants.fits.fit_data import STATES as COLUMNS
-from hoopd.plants.fits.fit_data import channels_of, pieces, run_of
 from hoopd.plants.fits.output_error import Solution
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.found_effects import Found
 from hoopd.plants.hoop.equations import ExtraForce
+from hoopd.plants.hoop.fit_data import STATES as COLUMNS
+from hoopd.plants.hoop.fit_data import channels_of, pieces, run_of
 from hoopd.plants.hoop.free_run_with_effects import EffectModel, model_of
 from hoopd.plants.hoop.output_error import fit_output_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS

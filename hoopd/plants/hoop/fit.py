@@ -13,17 +13,18 @@ import numpy as np
 
 from hoopd.files.model import ModelFile, Parameter
 from hoopd.files.reading import InputError
-from hoopd.plants.fits.filter_noise import NoiseModel
-from hoopd.plants.fits.fit_data import prepare
-from hoopd.plants.fits.free_parameters import Prior, default_priors, determined_names
-from hoopd.plants.fits.innovation_tests import PredictionUncertainty, prediction_uncertainty
+from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.output_error import Progress, Solution
-from hoopd.plants.fits.prediction_error import fit_prediction_error
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.fits.uncertainty import Uncertainty, intervals, uncertainty
 from hoopd.plants.found_effects import Found
+from hoopd.plants.hoop.filter_noise import NoiseModel
+from hoopd.plants.hoop.fit_data import prepare
+from hoopd.plants.hoop.free_parameters import default_priors, determined_names
+from hoopd.plants.hoop.innovation_tests import PredictionUncertainty, prediction_uncertainty
 from hoopd.plants.hoop.output_error import fit_output_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
+from hoopd.plants.hoop.prediction_error import fit_prediction_error
 from hoopd.recording.recording import Recording
 
 # Where the simulated hoop stays this near to the encoder's reading, the reading itself is fitted: its error is white

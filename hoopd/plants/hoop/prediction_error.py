@@ -15,14 +15,15 @@ from math import log, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.fits.filter_noise import NoiseModel
-from hoopd.plants.fits.free_parameters import Prior, scale_of
-from hoopd.plants.fits.innovation_likelihood import LOSSES, Likelihood
-from hoopd.plants.fits.innovations import CHANNELS
-from hoopd.plants.fits.likelihood_search import Search
+from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.output_error import Progress, Solution
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.hoop.equations import ExtraForce
+from hoopd.plants.hoop.filter_noise import NoiseModel
+from hoopd.plants.hoop.free_parameters import scale_of
+from hoopd.plants.hoop.innovation_likelihood import LOSSES, Likelihood
+from hoopd.plants.hoop.innovations import CHANNELS
+from hoopd.plants.hoop.likelihood_search import Search
 
 Array = NDArray[np.float64]
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
+from hoopd.plants.fits.repeated_samples import HELD_COUNTS, equal_stretches, not_stuck, once_at_rest
 from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, Run, Series
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Channel, Timeline, timelines
@@ -24,12 +25,8 @@ Index = NDArray[np.int64]
 CHANNELS = ("theta", "theta_rate", "dtheta", "psi")
 STATES = {"theta": 0, "theta_rate": 0, "dtheta": 1, "psi": 2}
 UNITS = {"theta": "rad", "theta_rate": "rad/s", "dtheta": "rad/s", "psi": "rad"}
-# A camera that has lost the ball repeats its last angle to the bit; four equal ones in a row are no measurement.
-STUCK = 5
 # A ball that stayed within this was never seen to move: 5 camera quanta.
 STILL_PSI_RAD = 0.005
-# A hoop that stayed within so many encoder counts was held.
-HELD_COUNTS = 2.5
 
 
 def moving_of(recording: Recording, encoder_counts: int = 4096) -> str:
@@ -123,34 +120,6 @@ def fresh_angles(part: Timeline) -> NDArray[np.bool_]:
 
 def _still(theta: Array, encoder_counts: int = 4096) -> bool:
     return len(theta) == 0 or float(np.ptp(theta)) < HELD_COUNTS * tau / encoder_counts
-
-
-def once_at_rest(theta: Array) -> NDArray[np.bool_]:
-    """Of equal encoder readings in a row (STUCK or more) only the one in the middle.
-
-    The error of a moving encoder, evenly spread over a count, is new in every sample; at rest it is one and the same,
-    and fifty of it would pull fifty times. In the middle, because that of a hoop that creeps is the count's mean there.
-    """
-    edges, lengths = equal_stretches(theta)
-    good = np.repeat(lengths < STUCK, lengths)
-    good[edges[:-1] + lengths // 2] |= lengths >= STUCK
-    return good
-
-
-def not_stuck(psi: Array) -> NDArray[np.bool_]:
-    """False where a value repeats and repeats (STUCK or more equal ones): the first of them counts."""
-    edges, lengths = equal_stretches(psi)
-    good = np.repeat(lengths < STUCK, lengths)
-    good[edges[:-1]] = True
-    return good
-
-
-def equal_stretches(values: Array) -> tuple[Index, Index]:
-    """Edges (k+1,) and lengths (k,) of stretches of equal values."""
-    if len(values) == 0:
-        return np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
-    return edges, np.diff(edges)
 
 
 def _start(part: Timeline, moving: str) -> Array:

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.fits.fit_data import UNITS, channels_of, fresh_angles, moving_of
-from hoopd.plants.fits.recorded_runs import FreeRun, Subject, free_runs
+from hoopd.plants.fits.nrmse import nrmse_percent
+from hoopd.plants.hoop.fit_data import UNITS, channels_of, fresh_angles, moving_of
+from hoopd.plants.hoop.recorded_runs import FreeRun, Subject, free_runs
 from hoopd.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -94,14 +95,6 @@ def scored(source: str, runs: Sequence[FreeRun], moving: str, window_s: float | 
             traces[name] = _joined(found)
     channels = {name: _channel_score(name, trace) for name, trace in traces.items()}
     return Score(source, moving, window_s, channels, traces, tuple(runs))
-
-
-def nrmse_percent(measured: Array, simulated: Array) -> float:
-    """100 (1 - |y - yhat| / |y - mean y|); NaN for fewer than two values or a constant."""
-    if len(measured) < 2:
-        return float("nan")
-    spread = float(np.linalg.norm(measured - measured.mean()))
-    return 100.0 * (1.0 - float(np.linalg.norm(measured - simulated)) / spread) if spread > 0.0 else float("nan")
 
 
 def _channel_score(name: str, trace: Trace) -> ChannelScore:

@@ -20,9 +20,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.fits.fit_data import STATES
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.hoop.equations import ExtraForce, rate, runge_kutta
+from hoopd.plants.hoop.fit_data import STATES
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from hoopd.plants.fits.innovation_likelihood import Evaluation, Likelihood
 from hoopd.plants.fits.output_error import Progress
+from hoopd.plants.hoop.innovation_likelihood import Evaluation, Likelihood
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from hoopd.ident.normal import Z95
-from hoopd.plants.fits.innovation_likelihood import Evaluation, Likelihood
-from hoopd.plants.fits.likelihood_search import units
-from hoopd.plants.fits.prediction_error import PredictionSolution
 from hoopd.plants.fits.uncertainty import Uncertainty
+from hoopd.plants.hoop.innovation_likelihood import Evaluation, Likelihood
+from hoopd.plants.hoop.likelihood_search import units
+from hoopd.plants.hoop.prediction_error import PredictionSolution
 
 Array = NDArray[np.float64]
 

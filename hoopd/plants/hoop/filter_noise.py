@@ -14,8 +14,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.fits.innovations import CHANNELS, STATE_NAMES
 from hoopd.plants.fits.runs import Run
+from hoopd.plants.hoop.innovations import CHANNELS, STATE_NAMES
 
 Array = NDArray[np.float64]
 
