@@ -32,15 +32,8 @@ def script(block: Block) -> str:
     return block.first + re.sub(r"\bpython tools/", f"python {ROOT}/tools/", DURATION.sub(cut, block.text))
 
 
-def session(page: Path) -> list[object]:
-    marks = [block.mark for block in RUN[page]]
-    return [pytest.mark.realtime] if any("real time" in mark for mark in marks) else []
-
-
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize(
-    "page", [pytest.param(page, id=page.name, marks=session(page)) for page, some in RUN.items() if some]
-)
+@pytest.mark.parametrize("page", [pytest.param(page, id=page.name) for page, some in RUN.items() if some])
 def test_the_commands_of_a_page_work(page: Path, tmp_path: Path) -> None:
     programs, folder = tmp_path / "programs", tmp_path / "folder"
     programs.mkdir()
