@@ -46,6 +46,7 @@ CONFIG = "config"  # attribute of the group: configuration text
 MAX_TEXT_BYTES = 60_000  # an attribute holds 64 kB
 FORM, SIGNALS = "form", b"hoopd.signals/1"  # attribute of a group of ours that tells its own signals
 MAX_FIELDS = 1000  # of a group
+OBJECT = "MATLAB_object_decode"  # attribute of a MATLAB variable that is an object: its numbers are no signal
 
 
 def read(
@@ -168,7 +169,9 @@ def _fields(group: h5py.Group, path: Path, key: str) -> dict[str, Field]:
 
 
 def _is_numbers(item: Any) -> bool:
-    return isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and item.shape is not None and item.ndim < 3
+    if not isinstance(item, h5py.Dataset) or OBJECT in item.attrs:
+        return False
+    return item.dtype.kind in "fiu" and item.shape is not None and item.ndim < 3
 
 
 def _unit(item: Any) -> str:

@@ -30,7 +30,7 @@ TEXT_CODES = dict(zip(TEXTS, ("utf-8", "utf-16", "utf-32"), strict=True))
 _ENDS = {"<": "-le", ">": "-be"}
 MATRIX, COMPRESSED = 14, 15
 INT8, INT32, UINT32 = 1, 5, 6
-STRUCT, TEXT, OPAQUE, NUMBERS = 2, 4, 17, range(6, 16)  # classes; the last: double, single, int8 to uint64
+CELLS, STRUCT, TEXT, OPAQUE, NUMBERS = 1, 2, 4, 17, range(6, 16)  # classes; the last: double, single, int8 to uint64
 COMPLEX = 0x0800  # flag
 CLASSES = {1: "a cell array", 2: "a struct", 3: "an object", 4: "text", 5: "a sparse matrix", 17: "an object"}
 # Of a packed variable, what tells its name: three elements, of which MATLAB lets a name be 63 characters.
@@ -118,6 +118,25 @@ def elements(array: Array) -> list[dict[str, Array]]:
     return [
         dict(zip(names, map(_array, parts[k * len(names) : (k + 1) * len(names)]), strict=True)) for k in range(count)
     ]
+
+
+def cells(array: Array) -> list[Array]:
+    """Arrays of an array of cells; ValueError when it is something else."""
+    if array.kind != CELLS or len(array.parts) != math.prod(array.shape):
+        raise ValueError(f"expected cells, found {_described(array)}")
+    return list(map(_array, array.parts))
+
+
+def inner(element: Element) -> Array:
+    """The array within an element; ValueError when it is something else."""
+    return _array(element)
+
+
+def nested(data: bytes) -> list[Array]:
+    """Arrays of a file within a file, whose head is eight bytes; ValueError at the first damage."""
+    if data[2:4] not in (b"IM", b"MI"):
+        raise ValueError("no head of a file within a file")
+    return [_array(element) for element in _elements(memoryview(data)[8:], "<" if data[2:4] == b"IM" else ">")]
 
 
 def text(array: Array) -> str:
@@ -217,8 +236,8 @@ def _array(element: Element) -> Array:
     if not len(element.data):  # how MATLAB writes []
         return Array("", NUMBERS[0], (0, 0), ())
     parts = tuple(_elements(element.data, element.order))
-    if _is_opaque(parts):  # a table, a timeseries: MATLAB keeps it elsewhere in a form that it does not tell
-        return Array(_text(bytes(parts[1].data)), OPAQUE, (1, 1), ())
+    if _is_opaque(parts):  # a table, a timeseries: what belongs to it stands elsewhere (`matlab_objects`)
+        return Array(_text(bytes(parts[1].data)), OPAQUE, (1, 1), parts[2:])
     if len(parts) < 3 or [part.kind for part in parts[:3]] != [UINT32, INT32, INT8] or len(parts[0].data) != 8:
         raise ValueError("an array without flags, dimensions and name")
     shape = tuple(parts[1].numbers().tolist())

@@ -15,10 +15,11 @@ from typing import Any
 from hoopd.files.reading import InputError
 from hoopd.recording import mat5
 from hoopd.recording.by_name import Field, chosen, has_time
+from hoopd.recording.matlab_objects import Column, tables
 
 VALUES = ("values", "Values", "Data", "data")
 UNITS = ("unit", "units", "Unit")
-AS_STRUCT = "save it as a struct: s = table2struct(T, 'ToScalar', true)"
+AS_STRUCT = "save it as a table, or as a struct: s = table2struct(T, 'ToScalar', true)"
 
 
 def fields_of(data: bytes, path: Path, experiment: str | None = None) -> tuple[str, dict[str, Field]]:
@@ -31,20 +32,25 @@ def fields_of(data: bytes, path: Path, experiment: str | None = None) -> tuple[s
                 return named_fields(file, path, experiment)
         arrays = list(mat5.variables(data, None))
         structs = {a.name: dict(_of_struct(a)) for a in arrays if a.kind == mat5.STRUCT and a.shape == (1, 1)}
+        structs |= {name: _of_table(columns) for name, columns in tables(arrays).items()}
         plain = {a.name: Field(mat5.values(a)) for a in arrays if a.name and _is_numbers(a)}
     except InputError:
         raise
     except ValueError as error:
         raise InputError(path, "", f"not a MATLAB file, or a damaged one ({error})") from None
-    objects = [a.name for a in arrays if a.kind == mat5.OPAQUE]
+    objects = [a.name for a in arrays if a.kind == mat5.OPAQUE and a.name not in structs]
     if experiment in objects or (objects and experiment is None and not structs and not has_time(plain)):
         name = experiment or objects[0]
-        raise InputError(path, name, f"a table or another object, whose form MATLAB does not tell; {AS_STRUCT}")
+        raise InputError(path, name, f"an object, of which no signals are read; {AS_STRUCT}")
     return chosen({name: fields for name, fields in structs.items() if fields}, plain, path, experiment)
 
 
 def _is_numbers(array: mat5.Array) -> bool:
     return array.kind in mat5.NUMBERS and not array.flags & mat5.COMPLEX
+
+
+def _of_table(columns: Mapping[str, Column]) -> dict[str, Field]:
+    return {name: Field(mat5.values(c.values), c.unit) for name, c in columns.items() if _is_numbers(c.values)}
 
 
 def _of_struct(array: mat5.Array) -> Iterator[tuple[str, Field]]:

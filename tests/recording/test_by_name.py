@@ -20,6 +20,7 @@ from hoopd.plants.registry import plant_named
 from hoopd.recording import Recording, Signal, from_columns, from_signals, load, load_all, save
 from hoopd.recording.column_choice import Layout, split_unit
 from hoopd.recording.slices import read_recording
+from tests.recording.matlab_table import table
 from tests.shared import shared_path
 
 AXIS = Layout({"F": "N"}, {"x": "m", "v": "m/s"})
@@ -250,29 +251,41 @@ def test_structs_by_the_names_of_their_fields(tmp_path: Path) -> None:
         load(both, None, "c", layout=AXIS)
     hoop = saved(tmp_path, measData={"time": T, "signals": {"u": T, "theta": T, "psi": T}})
     assert load(hoop).is_tick and load(hoop).psi.tolist() == T.tolist()
-    table = saved(tmp_path, meas_pos={"Time": T, "Data": np.arange(24.0).reshape(6, 4)})
-    assert load(table, "x=Data_2:mm,F=Data_1", layout=AXIS).x.tolist() == [0.001 * k for k in (1, 5, 9, 13, 17, 21)]
+    matrix = saved(tmp_path, meas_pos={"Time": T, "Data": np.arange(24.0).reshape(6, 4)})
+    assert load(matrix, "x=Data_2:mm,F=Data_1", layout=AXIS).x.tolist() == [0.001 * k for k in (1, 5, 9, 13, 17, 21)]
 
 
-def opaque(name: str, kind: str) -> bytes:
-    """A variable as MATLAB writes a table: an object of which only name and class are told."""
-
-    def element(code: int, data: bytes) -> bytes:
-        return np.array([code, len(data)], "<u4").tobytes() + data + bytes(-len(data) % 8)
-
-    flags = np.array([17, 0], "<u4").tobytes()
-    body = element(6, flags) + b"".join(element(1, text.encode()) for text in (name, "MCOS", kind))
-    return element(14, body + element(14, b""))
+def test_a_table_by_the_names_of_its_variables(tmp_path: Path) -> None:
+    columns = {"Time": T, "F": np.arange(6.0), "Position": 1000 * T}
+    (tmp_path / "a.mat").write_bytes(table(columns, {"Position": "mm"}))
+    run = load(tmp_path / "a.mat", "F=F,x=Position", layout=AXIS)
+    assert run.t.tolist() == T.tolist() and run.F.tolist() == [0, 1, 2, 3, 4, 5] and run.x == pytest.approx(T)
+    assert load(tmp_path / "a.mat", "F=F,x=Position", "T", layout=AXIS).F[1] == 1.0
 
 
-def test_a_table_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    scipy.io.savemat(buffer := io.BytesIO(), {"x": 1.0})
-    (tmp_path / "a.mat").write_bytes(buffer.getvalue() + opaque("T", "table"))
-    with pytest.raises(InputError, match=r"T: a table or another object.*table2struct\(T, 'ToScalar', true\)"):
+def test_another_object_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "a.mat").write_bytes(table({"Time": T}, {}, kind="timetable"))
+    with pytest.raises(
+        InputError, match=r"T: an object, of which no signals are read; save it as a table, or as a str"
+    ):
         load(tmp_path / "a.mat", layout=AXIS)
     scipy.io.savemat(buffer := io.BytesIO(), {"run": {"t": T, "F": T, "x": T}})
-    (tmp_path / "a.mat").write_bytes(buffer.getvalue() + opaque("T", "table"))
+    data = table({"Time": T}, {}, kind="timetable")
+    (tmp_path / "a.mat").write_bytes(buffer.getvalue() + data[128:])
     assert len(load(tmp_path / "a.mat", layout=AXIS)) == 6
+
+
+def test_a_damaged_table_is_one_line(tmp_path: Path) -> None:
+    good = table({"Time": T, "F": T, "x": T}, {"x": "m"})
+    random = np.random.default_rng(1)
+    for place in [*range(128, 900, 3), *random.integers(128, len(good), 400)]:
+        bad = bytearray(good)
+        bad[place] = random.integers(256)
+        (tmp_path / "b.mat").write_bytes(bad)
+        try:
+            load(tmp_path / "b.mat", layout=AXIS)
+        except InputError as error:
+            assert "\n" not in str(error)
 
 
 def test_hdf5_by_the_names_of_datasets(tmp_path: Path) -> None:

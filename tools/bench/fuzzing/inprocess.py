@@ -7,6 +7,7 @@ through; what it leaves behind is thrown away with the folder, and with the proc
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import resource
 import shutil
@@ -25,6 +26,20 @@ from fuzzing.outcome import Outcome
 LIMIT_BYTES = 2**31  # above what the process has: what a case asks for beyond this is a MemoryError
 LOOK_S = 1.0  # of the processor: what computes by then is taken for accepted; what still reads has until the bound
 WAITS_S = 0.002  # of the processor, between two looks of the clock
+LOADED = (
+    *(
+        f"hoopd.commands.{name}"
+        for name in ("convert", "design", "diagnose", "fit", "identify", "linearize", "simulate")
+    ),
+    "hoopd.commands.calibrate",
+    "hoopd.daemon.experiment",
+    "hoopd.daemon.replay",
+    "hoopd.plants.hoop.suspicions",
+    "hoopd.plots.style",
+    "hoopd.recording.hdf5",
+    "hoopd.recording.mat_file",
+    "scipy.signal",
+)
 # Packages that read: who is at work in one of them has not accepted its input yet.
 READING = (
     "hoopd/recording/",
@@ -45,6 +60,7 @@ class Cut(BaseException):
 def serve(pipe: Connection, seed: str, sounds: Path) -> None:
     """Take numbers, send outcomes, until None comes."""
     _silence()
+    warm()  # free where the fork server has loaded it
     _limit()
     pipe.send("ready")
     while (number := pipe.recv()) is not None:
@@ -52,7 +68,9 @@ def serve(pipe: Connection, seed: str, sounds: Path) -> None:
 
 
 def warm() -> None:
-    """Load what the commands load, so that a case is charged for itself alone."""
+    """Load what the commands load, so that a case is charged for itself alone, and no alarm falls into an import."""
+    for name in LOADED:
+        importlib.import_module(name)
 
 
 def _limit() -> None:
