@@ -103,15 +103,17 @@ def _timeline(recording: Recording, rows: slice) -> Timeline:
     switches = {name: switch_times(recording, name)[rows] for name in recording.inputs} or {"": recording.t[rows]}
     measured = {name: _measured(recording, name, rows) for name in recording.channels}
     times = np.concatenate([*switches.values(), *(t for t, _ in measured.values())])
-    # what was seen before the first known input acted says nothing about this run
-    t = _distinct(np.sort(times[times >= max(switch[0] for switch in switches.values()) - SAME_S]))
+    # what was seen before the first known input acted says nothing about this run, nor what comes long after its rows
+    first = max(switch[0] for switch in switches.values()) - SAME_S
+    last = recording.t[rows][-1] + GAP_STEPS * float(usual_steps(recording.t[rows])[-1])
+    t = _distinct(np.sort(times[(times >= first) & (times <= last)]))
     inputs = [
         _between_nodes(t, switches[name], signal.values[rows], signal.hold) for name, signal in recording.inputs.items()
     ]
     held = inputs[0] if len(inputs) == 1 else np.reshape(inputs, (len(inputs), len(t) - 1)).T
     channels = {}
     for name, (when, values) in measured.items():
-        inside = when >= t[0] - SAME_S
+        inside = (when >= t[0] - SAME_S) & (when <= last)
         # a node is the first of the instants that count as one with it, so it is the last that is not later
         nodes = np.searchsorted(t, when[inside], side="right") - 1
         channels[name] = Channel(np.maximum(nodes, 0).astype(np.int64), values[inside])

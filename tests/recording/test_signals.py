@@ -138,3 +138,10 @@ def test_silent_signals_are_worth_a_doubt() -> None:
     t = np.arange(30.0)
     run = from_signals(t, {"F": np.zeros(30)}, {"x": Signal(np.ones(30), t, "m"), "v": np.full(30, np.nan)})
     assert doubts(run) == ["x never changes (1 m)", "v is missing in every row"]
+
+
+def test_a_sample_of_an_impossible_time_is_left_out() -> None:
+    t = 0.02 * np.arange(50)
+    late = np.where(np.arange(50) == 49, 1e261, t)
+    (part,) = timelines(from_columns({"t": t, "u": t, "theta": t, "psi": t, "psi_t": late}))
+    assert part.t[-1] == t[-1] and len(part.channels["psi"].nodes) == 49
