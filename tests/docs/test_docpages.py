@@ -75,6 +75,17 @@ def test_every_effect_of_the_library_is_told(pages: dict[str, str]) -> None:
     assert "| `Fc` | N m | 0 |" in told
 
 
+def test_a_docstring_is_shown_by_its_sections(pages: dict[str, str]) -> None:
+    told = pages["python_ident.md"].partition("\n## arx\n")[2].partition("\n## ")[0]
+    assert "- `na` (int): Coefficients of A after the leading 1." in told
+    assert "- `ValueError`: " in told and "```pycon\n>>> import numpy as np" in told
+
+
+def test_a_text_means_what_it_says(pages: dict[str, str]) -> None:
+    plain = sys.modules["docpages.markdown"].plain
+    assert plain("a * b * c in [0, 1](open) for `x * y`, $5") == "a \\* b \\* c in \\[0, 1\\](open) for `x * y`, \\$5"
+
+
 def test_every_plant_that_has_a_name_is_told(pages: dict[str, str]) -> None:
     told = pages["plants.md"]
     assert [name for name in REGISTERED if f"## {name}\n" not in told] == []

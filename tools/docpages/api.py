@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from importlib import import_module
 from typing import Any
 
-from docpages.markdown import sections
+from docpages.markdown import plain, sections
 
 SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)
 LAB = """# Python: `hoopd.lab`
@@ -26,6 +26,7 @@ PLANTS = """# Python: `hoopd.plants`
 
 What a plant is, what an effect is, and what can be done with any of them. A plant of your own as a file needs none of
 this."""
+OF_ENTRIES = ("Parameters", "Returns", "Raises", "Attributes", "Yields", "Warns", "Other Parameters")
 LONGEST = 88  # characters of a call on one line
 PLANT_MODULES = {
     "hoopd.plants.declaration": (),
@@ -83,7 +84,7 @@ def _entry(name: str, one: Any) -> str:
 
 def _first(one: Any) -> str:
     """The first paragraph of a docstring, on one line."""
-    return " ".join((inspect.getdoc(one) or "").split("\n\n")[0].split())
+    return plain(" ".join((inspect.getdoc(one) or "").split("\n\n")[0].split()))
 
 
 def _call(name: str, one: Any) -> str:
@@ -117,15 +118,28 @@ def _docstring(one: Any) -> str:
     first, *rest = SECTION.split(inspect.getdoc(one) or "")
     parts = [_text(first)]
     for name, body in zip(rest[::2], rest[1::2], strict=True):
-        parts += [f"*{name}*", _text(body)]
+        parts += [f"*{name}*", _entries(body) if name in OF_ENTRIES else _text(body)]
     return sections(*parts)
 
 
+def _entries(body: str) -> str:
+    """Entries `name : type` with their meaning below, as a list."""
+    listed: list[str] = []
+    for line in filter(str.strip, body.strip("\n").splitlines()):
+        if line.startswith(" ") and listed:
+            listed[-1] += f" {plain(line.strip())}"
+        else:
+            name, _, kind = line.partition(" : ")
+            listed.append(f"- `{name.strip()}`" + (f" ({plain(kind.strip())})" if kind else "") + ":")
+    return "\n".join(one.removesuffix(":") if one.endswith(":") else one for one in listed)
+
+
 def _text(body: str) -> str:
-    """Paragraphs; one with its own indentation, an example or an entry of a section keeps its lines."""
+    """Paragraphs; one with its own indentation or an example keeps its lines."""
     parts = []
     for paragraph in re.split(r"\n\s*\n", body.strip("\n")):
         lines = paragraph.splitlines()
         kept = any(line.startswith((" ", ">>>")) for line in lines)
-        parts.append(f"```text\n{paragraph}\n```" if kept else paragraph)
+        language = "pycon" if paragraph.startswith(">>>") else "text"
+        parts.append(f"```{language}\n{paragraph}\n```" if kept else plain(paragraph))
     return "\n\n".join(part for part in parts if part.strip())

@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import typer
 
-from docpages.markdown import code, sections, table
+from docpages.markdown import code, plain, sections, table
 from hoopd.commands.cli import app
 
 INTRODUCTION = """# The command line
@@ -52,7 +52,7 @@ def _metavar(one: Any) -> str:
 
 def _options(command: Any) -> str:
     rows = [
-        [", ".join(map(code, [*one.opts, *one.secondary_opts])), _takes(one), _default(one), one.help or ""]
+        [", ".join(map(code, [*one.opts, *one.secondary_opts])), _takes(one), _default(one), plain(one.help or "")]
         for one in command.params
         if one.param_type_name == "option" and not getattr(one, "hidden", False)
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 
 
@@ -9,6 +10,12 @@ def code(text: object) -> str:
     """Text as code in a line; nothing for an empty one."""
     plain = str(text)
     return f"`{plain}`" if plain else ""
+
+
+def plain(text: str) -> str:
+    """Text of which nothing but `code` means anything: a product is no emphasis, an interval no link."""
+    parts = re.split(r"(`[^`\n]*`)", text)
+    return "".join(part if part[:1] == "`" else re.sub(r"([*\[\]<>$#~])", r"\\\1", part) for part in parts)
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
