@@ -2,7 +2,7 @@
 
 The line above a block of commands in README and guides is a comment that a reader does not see:
     <!-- run -->                       run here, in a folder of the page's own, after its blocks before
-    <!-- run in real time -->          the same; the page is then tested alone on the machine
+    <!-- run in real time -->          the same, with daemons on the clock
     <!-- run; first: COMMANDS -->      the same after commands that make what the reader has
     <!-- run by tests/FILE.py -->      that test runs them
     <!-- not run: REASON -->           nobody does
