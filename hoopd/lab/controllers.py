@@ -118,13 +118,35 @@ class Design(Controller):
 
 
 def design(law: str, model: Model | str, *, recording: Recording | None = None, **specification: Any) -> Design:
-    """A law for a model: lqg, lqr, placement, pid, pi, lead, lag, or arx with a recording.
+    """Design a law for a model.
 
-    specification: omega (rad/s), mt (largest |T|), phase (degrees), zeta, filter_ratio, lead (rad/s, N), ratio, gain,
-    poles (rad/s), weights ({"psi": 0.2}: deviations that cost one), delay (age of a picture at its tick, 0.05 s),
-    sample_time (0.02 s). ValueError for a law, a name or a number that there is not.
+    Parameters
+    ----------
+    law : {"lqg", "lqr", "placement", "pid", "pi", "lead", "lag", "arx"}
+        What kind; "arx" wants a recording.
+    model : Model or str
+        The plant, or a model by name or path.
+    recording : Recording, optional
+        Goes with the law arx, and only with it.
+    **specification : float, sequence or mapping
+        omega (rad/s), mt (largest |T|), phase (degrees), zeta, filter_ratio, lead (rad/s, N), ratio, gain, poles
+        (rad/s), weights ({"psi": 0.2}: deviations that cost one), delay (age of a picture at its tick, 0.05 s),
+        sample_time (0.02 s).
 
-    >>> pid = design("pid", "thesis", delay=0.0)
+    Returns
+    -------
+    Design
+        The law as the daemon loads it, with its linear loop, `numbers`, `margins` and `poles`.
+
+    Raises
+    ------
+    ValueError
+        A law, a name or a number that there is not.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> pid = lab.design("pid", "thesis", delay=0.0)
     >>> round(pid.numbers["kp"], 4), round(pid.numbers["peak_complementary"]["value"], 2), pid.stable
     (0.1967, 1.25, True)
     """
@@ -147,9 +169,27 @@ def design(law: str, model: Model | str, *, recording: Recording | None = None, 
 
 
 def controller(name: Path | str) -> Controller:
-    """A controller by its shipped name ("lqg", "pid", "lead", "arx") or its file's path, with its model.
+    """Load a controller, with its model.
 
-    >>> controller("pid").controller_file.kind
+    Parameters
+    ----------
+    name : str or Path
+        Its shipped name ("lqg", "pid", "lead", "arx"), or its file's path.
+
+    Returns
+    -------
+    Controller
+        The law as the daemon loads it.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be used.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> lab.controller("pid").controller_file.kind
     'pid'
     """
     path = shipped("controllers", name)

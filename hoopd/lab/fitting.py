@@ -76,13 +76,47 @@ def fit(
     loss: str = "linear",
     method: str = "output",
 ) -> Fitted:
-    """Parameters of a structure (entries, rolling or published) from one recording or several.
+    """Fit the parameters of a structure to one recording or several.
 
-    model: what it starts from (shipped by default). fix: not fitted, by name at the start's value or by {"mb": 0.06}.
-    prior: {name: (value, relative standard deviation)}. window: runs of so many s. InputError: nothing to fit.
+    Parameters
+    ----------
+    recordings : Recording or sequence of Recording
+        What was measured.
+    structure : {"entries", "rolling", "published"}
+        Of the model.
+    model : Model or str, optional
+        What it starts from; the shipped one of the structure unless given.
+    fix : sequence of str, or mapping of str to float
+        What is not fitted: by name at the start's value, or by {"mb": 0.06}.
+    free : sequence of str
+        What is fitted; all on which the recordings bear unless given.
+    prior : mapping of str to (float, float), optional
+        {name: (value, relative standard deviation)}.
+    channels : sequence of str
+        What is fitted to; psi and theta, or its rate where the model cannot follow theta, unless given.
+    window : float, optional
+        Length of the free runs in s; one over each recording unless given.
+    loss : {"linear", "huber", "soft_l1", "cauchy"}
+        Of the errors; linear is least squares.
+    method : {"output", "prediction"}
+        Free runs, or predictions from measurement to measurement.
 
-    >>> from hoopd.lab.recordings import experiment
-    >>> fitted = fit(experiment("prbs", duration=6, seed=1))
+    Returns
+    -------
+    Fitted
+        The `model` with its 95 % `intervals`, and in `words` what the recordings do not determine.
+
+    Raises
+    ------
+    ValueError
+        A name that there is not.
+    InputError
+        Nothing to fit.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> fitted = lab.fit(lab.experiment("prbs", duration=6, seed=1))
     >>> low, high = fitted.intervals["K2"]
     >>> low < fitted.model.parameters["K2"] < high
     True

@@ -93,12 +93,43 @@ def linearize(
     sample_time: float | None = None,
     delay: int = 0,
 ) -> Linear:
-    """The linear model at rest at the bottom, at the `top`, or with the ball held at `psi` rad or the hoop turning at
-    `hoop_speed` rad/s; sampled with the torque held over `sample_time` s and `delay` samples late.
+    """Linearise a model about an operating point.
 
-    outputs: of theta, dtheta, psi, dpsi. NoEquilibriumError (a ValueError) where the plant cannot stay.
+    At rest at the bottom, at the `top`, or with the ball held at `psi` or the hoop turning at `hoop_speed`.
 
-    >>> [round(float(abs(pole)), 2) for pole in linearize("thesis").poles if pole.imag > 0]
+    Parameters
+    ----------
+    model : Model or str
+        The plant, or a model by name or path.
+    outputs : sequence of str
+        Of theta, dtheta, psi, dpsi.
+    psi : float, optional
+        Angle in rad at which the ball is held.
+    hoop_speed : float, optional
+        Speed in rad/s at which the hoop turns.
+    top : bool
+        The ball at the top.
+    sample_time : float, optional
+        Step in s over which the torque is held; continuous unless given.
+    delay : int
+        Samples by which the torque is late.
+
+    Returns
+    -------
+    Linear
+        The `system`, python-control's, about its `point`, with `poles`, `zeros` and what else is asked of it.
+
+    Raises
+    ------
+    NoEquilibriumError
+        The plant cannot stay there (a ValueError).
+    ValueError
+        Arguments that contradict each other.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> [round(float(abs(pole)), 2) for pole in lab.linearize("thesis").poles if pole.imag > 0]
     [8.58]
     """
     if top and (psi is not None or hoop_speed is not None):

@@ -81,13 +81,49 @@ def feedback(
     linear: bool = False,
     seed: int = 1,
 ) -> ClosedLoop:
-    """A law against the nonlinear plant of `model` (or its linear model), in the daemon's time-line and limits.
+    """Run a law against the nonlinear plant of a model (or its linear model), in the daemon's time-line and limits.
 
-    psi0: where the ball is let go (rad). disturbance: rad on the first picture's angle, believed. delay: age of a
-    picture at its tick (s). zero_angle: what the camera adds to every angle (rad). reference: rad, or a function of t.
-    noise: of the sensors. The law's filter knows the model that the law was designed on, not `model`.
+    The law's filter knows the model that the law was designed on, not `model`.
 
-    >>> caught = feedback("thesis", "lqg", psi0=0.4, noise=False)
+    Parameters
+    ----------
+    model : Model or str
+        The plant, or a model by name or path.
+    law : Controller or str
+        A design, or a controller by name or path.
+    psi0 : float
+        Angle in rad at which the ball is let go.
+    disturbance : float
+        Error in rad on the first picture's angle, which is believed.
+    delay : float
+        Age in s of a picture at its tick, from 0 to 0.2.
+    zero_angle : float
+        Angle in rad that the camera adds to every picture.
+    reference : float or callable
+        Angle in rad that is asked for, or a function of t in s.
+    duration : float
+        Length in s.
+    noise : bool
+        Whether the sensors have noise.
+    linear : bool
+        Whether the plant is linear.
+    seed : int
+        Of the noise.
+
+    Returns
+    -------
+    ClosedLoop
+        True `states` (n, 4) and torque `u` (n,) at `t` (n,), one row a tick, and the `figures`.
+
+    Raises
+    ------
+    ValueError
+        A number that is out of its range.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> caught = lab.feedback("thesis", "lqg", psi0=0.4, noise=False)
     >>> bool(abs(caught.psi[-1]) < 0.01)
     True
     """

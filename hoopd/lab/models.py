@@ -86,9 +86,27 @@ class Model:
 
 
 def model(name: Path | str) -> Model:
-    """A model by its shipped name ("hoop", "thesis") or its file's path; InputError when it cannot be used.
+    """Load a model.
 
-    >>> thesis = model("thesis")
+    Parameters
+    ----------
+    name : str or Path
+        Its shipped name ("hoop", "thesis"), or its file's path.
+
+    Returns
+    -------
+    Model
+        Its `parameters` in SI units and its `plant`.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be used.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> thesis = lab.model("thesis")
     >>> thesis.structure, round(thesis.parameters["L2"], 2)
     ('entries', 210.12)
     """

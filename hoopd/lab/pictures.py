@@ -37,10 +37,31 @@ class Picture:
 
 
 def plot(what: Any, title: str = "", x: str = "time (s)", y: str = "") -> Picture:
-    """A recording, or anything of the lab; or recordings, closed-loop runs or curves by name, curves as (x, y) with
-    their axes' labels.
+    """Draw a recording or anything of the lab, or several side by side.
 
-    >>> plot({"line": ([0.0, 1.0], [2.0, 3.0])}, y="ball angle (rad)").figure.axes[0].get_ylabel()
+    Parameters
+    ----------
+    what : object or mapping of str to object
+        A recording or what has a `plot()`; or recordings, closed-loop runs or curves (x, y) by name.
+    title : str
+        Stands above.
+    x, y : str
+        Labels of the axes of curves, with their units.
+
+    Returns
+    -------
+    Picture
+        What a notebook shows by itself; `save` writes it.
+
+    Raises
+    ------
+    ValueError
+        What cannot be drawn.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> lab.plot({"line": ([0.0, 1.0], [2.0, 3.0])}, y="ball angle (rad)").figure.axes[0].get_ylabel()
     'ball angle (rad)'
     """
     if hasattr(what, "plot"):

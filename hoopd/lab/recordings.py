@@ -39,18 +39,41 @@ def load(
     plant: Plant | str | None = None,
     hold: str = "zero",
 ) -> Recording:
-    """A .mcap, .mat, .h5 ("file.h5:Exp2") or .csv recording, cut by "@2:14" in seconds behind the name.
+    """Load a .mcap, .mat, .h5 or .csv recording.
 
-    columns: what a file's columns hold, where they are not what its format says: in order ("u,theta,dtheta,current"),
-    or by name and with units ("x=Position:mm,F=Force", or a mapping {"x": ("Position", "mm")}).
-    age: seconds by which samples are older than their row, {"psi": 0.03, "y": 0.02}: the ball's angle, the board's
-    readings; of another plant by channel. plant: a declaration, a registered name or a plant file; the hoop else.
-    hold: "zero", or "linear" where the inputs went straight from row to row.
-    InputError tells file, row and column of what cannot be used.
+    Parameters
+    ----------
+    path : str or Path
+        The file ("file.h5:Exp2" of several); "@2:14" behind the name cuts it, in s.
+    columns : str, sequence or mapping, optional
+        What a file's columns hold, where they are not what its format says: in order ("u,theta,dtheta,current"), or by
+        name and with units ("x=Position:mm,F=Force", or a mapping {"x": ("Position", "mm")}).
+    age : mapping of str to float, optional
+        Seconds by which samples are older than their row, {"psi": 0.03, "y": 0.02}: the ball's angle, the board's
+        readings; of another plant by channel.
+    plant : Plant or str, optional
+        A declaration, a registered name or a plant file; the hoop unless given.
+    hold : {"zero", "linear"}
+        The latter where the inputs went straight from row to row.
 
-    >>> recording = load("run.mcap@2:14")  # doctest: +SKIP
+    Returns
+    -------
+    Recording
+        Times, inputs and channels.
+
+    Raises
+    ------
+    InputError
+        Tells file, row and column of what cannot be used.
+    ValueError
+        An `age` of what there is not.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> recording = lab.load("run.mcap@2:14")  # doctest: +SKIP
     >>> recording.t[0], recording.u.max()  # doctest: +SKIP
-    >>> swing = load("decay.csv", "alpha=Angle:deg", plant="pendulum")  # doctest: +SKIP
+    >>> swing = lab.load("decay.csv", "alpha=Angle:deg", plant="pendulum")  # doctest: +SKIP
     """
     declared = resolve_plant(plant) if isinstance(plant, str) else plant
     layout = None if declared is None else layout_of(declared)
@@ -64,13 +87,35 @@ def load(
 def experiment(
     kind: str, *, rig: Model | str = "hoop", file: Path | str | None = None, seed: int = 0, **options: Any
 ) -> Recording:
-    """Play a test signal on the simulated rig and record it: kind prbs, chirp, multisine, steps or decay.
+    """Play a test signal on the simulated rig and record it.
 
-    rig: the model that the rig's plant follows, which nobody else is told. file: keep the recording there (.mcap).
-    options: those of `hoopd experiment` with _ for -: duration (s), amplitude (N m), low and high (Hz), no_ball ...
-    ValueError in the words of the command when it refuses, or when the signal could not be played to its end.
+    Parameters
+    ----------
+    kind : {"prbs", "chirp", "multisine", "steps", "decay"}
+        The signal.
+    rig : Model or str
+        The model that the rig's plant follows, which nobody else is told.
+    file : str or Path, optional
+        Where the recording is kept (.mcap).
+    seed : int
+        Of signal and noise.
+    **options : object
+        Those of `hoopd experiment` with _ for -: duration (s), amplitude (N m), low and high (Hz), no_ball ...
 
-    >>> recording = experiment("prbs", duration=4, seed=1)
+    Returns
+    -------
+    Recording
+        What the daemon recorded.
+
+    Raises
+    ------
+    ValueError
+        In the words of the command when it refuses, or when the signal could not be played to its end.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> recording = lab.experiment("prbs", duration=4, seed=1)
     >>> round(recording.sample_time_s, 3), len(recording) > 200
     (0.02, True)
     """
@@ -92,13 +137,39 @@ def daemon(
     reference: float = 0.0,
     **sets: Any,
 ) -> Recording:
-    """The daemon with a law on the simulated rig, pictures late and all: what `hoopd --sim` records.
+    """Run the daemon with a law on the simulated rig, pictures late and all: what `hoopd --sim` records.
 
-    law: a design, or a controller by name or path. duration: s. psi0: where the ball is let go (rad), about 1 s after
-    the start. zero_angle: what the camera adds (rad). reference: rad, asked for at 3 s. sets: entries of the
-    configuration with __ for the dot, sim__delay_frames=3.
+    Parameters
+    ----------
+    law : Controller or str
+        A design, or a controller by name or path.
+    rig : Model or str
+        The model that the rig's plant follows, which nobody else is told.
+    duration : float
+        Length in s.
+    psi0 : float
+        Angle in rad at which the ball is let go, about 1 s after the start.
+    zero_angle : float
+        Angle in rad that the camera adds.
+    reference : float
+        Angle in rad, asked for at 3 s.
+    **sets : object
+        Entries of the configuration with __ for the dot, sim__delay_frames=3.
 
-    >>> recording = daemon("lqg", duration=3.0, psi0=0.2)
+    Returns
+    -------
+    Recording
+        What the daemon recorded.
+
+    Raises
+    ------
+    ValueError
+        In the words of the daemon when it refuses.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> recording = lab.daemon("lqg", duration=3.0, psi0=0.2)
     >>> bool(abs(recording.psi[-1]) < 0.02)
     True
     """

@@ -69,13 +69,36 @@ def simulate(
     window: float | None = None,
     moving: str | None = None,
 ) -> Simulation:
-    """Free run of the nonlinear model with the torque of a recording, or of (t, u): times (n,) in s and torques in N m
-    held from each to the next (n, or n - 1, or one number, or a function of t).
+    """Run the nonlinear model freely under a torque.
 
-    x0: start as {"psi": 0.4} or (theta, dtheta, psi, dpsi); without it estimated from the recording, or rest. window:
-    start anew every so many seconds. moving: both, hoop or ball, where the recording shall not say it.
+    Parameters
+    ----------
+    model : Model or str
+        The plant, or a model by name or path.
+    torque : Recording or tuple
+        A recording, or (t, u): times (n,) in s and torques in N m held from each to the next (n, or n - 1, or one
+        number, or a function of t).
+    x0 : mapping or array_like, shape (4,), optional
+        Start as {"psi": 0.4} or (theta, dtheta, psi, dpsi); without it estimated from the recording, or rest.
+    window : float, optional
+        Start anew every so many seconds.
+    moving : {"both", "hoop", "ball"}, optional
+        What moves, where the recording shall not say it.
 
-    >>> decay = simulate("hoop", ([0, 0.1, 0.2], 0.0), x0={"psi": 1.0})
+    Returns
+    -------
+    Simulation
+        `states` (n, 4) at `t` (n,), and the `fit` in percent by channel where something was measured.
+
+    Raises
+    ------
+    ValueError
+        Times, torques or a start that do not fit, and a run that leaves every bound.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> decay = lab.simulate("hoop", ([0, 0.1, 0.2], 0.0), x0={"psi": 1.0})
     >>> decay.states.shape, round(float(decay.states[-1, 2]), 3)
     ((3, 4), -0.075)
     """

@@ -93,7 +93,25 @@ def load_all(
 
 
 def save(recording: Recording, path: Path | str) -> None:
-    """Write a recording in the format of the extension, whole or not at all; InputError when it cannot be written."""
+    """Write a recording in the format of the extension, whole or not at all.
+
+    Parameters
+    ----------
+    recording : Recording
+        What is written.
+    path : str or Path
+        The file: .mcap, .mat, .h5 or .csv.
+
+    Raises
+    ------
+    InputError
+        It cannot be written.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> lab.save(lab.load("run.mcap@2:14"), "part.csv")  # doctest: +SKIP
+    """
     target = Path(path)
     encode = _encoder(extension_of(target))
     replace_file(target, encode(checked(recording, target), beside_states(recording)))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hoopd import ident
+from hoopd import ident, lab
 
 # A heading, and dashes under it.
 HEADING = re.compile(r"^([A-Z]\w+)\n-{3,}$", re.MULTILINE)
@@ -23,6 +23,8 @@ HEADING = re.compile(r"^([A-Z]\w+)\n-{3,}$", re.MULTILINE)
 ENTRY = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : (\S.*)\n((?:[ ]{4}.*\n?|\n)*)", re.MULTILINE)
 
 DOCUMENTED = {f"ident.{name}": getattr(ident, name) for name in ident.__all__}
+# The examples of the lab, some of which run the daemon, are run by tests/test_lab.py.
+LAB = {f"lab.{name}": getattr(lab, name) for name in lab.__all__ if inspect.isfunction(getattr(lab, name))}
 
 
 def sections(text: str) -> dict[str, str]:
@@ -49,9 +51,9 @@ def is_warning(thing: Any) -> bool:
     return inspect.isclass(thing) and issubclass(thing, Warning)
 
 
-@pytest.mark.parametrize("name", sorted(DOCUMENTED))
+@pytest.mark.parametrize("name", sorted(DOCUMENTED | LAB))
 def test_the_docstring_is_whole(name: str) -> None:
-    thing = DOCUMENTED[name]
+    thing = (DOCUMENTED | LAB)[name]
     text = inspect.getdoc(thing) or ""
     first = text.split("\n\n")[0]
     assert first and first[0].isupper() and first.endswith("."), f"{name}: the summary is a sentence, not {first!r}"
@@ -63,7 +65,7 @@ def test_the_docstring_is_whole(name: str) -> None:
     assert [one for one in wanted if one not in told] == [], f"{name}: parameters without a type and a line"
     assert set(told) <= set(wanted) or inspect.isclass(thing), f"{name}: told of and not there"
     assert all(told.values()), f"{name}: a parameter has a name and a type, and no text"
-    if not inspect.isclass(thing):
+    if not inspect.isclass(thing) and inspect.signature(thing).return_annotation not in (None, "None"):
         assert entries(found.get("Returns", "")) or re.match(r"\S.*\n {4}\S", found.get("Returns", "")), (
             f"{name}: what comes back has a type and a line"
         )
