@@ -199,6 +199,8 @@ def _by_free_runs(
 ) -> PlantFit:  # fmt: skip
     near = _near(system, names, recordings, runs, priors, progress)
     solution = fit_output_error(near, names, runs, priors=priors, loss=loss, progress=progress)
+    if not all(np.isfinite(e @ e) for run in solution.residuals for e in run.values()):
+        raise ArithmeticError("the free run leaves every bound")
     known = uncertainty(solution, loss) if names else None
     ends = intervals(solution, known) if known is not None else {}
     return PlantFit(

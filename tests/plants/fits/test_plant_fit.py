@@ -178,6 +178,13 @@ def test_an_unknown_parameter_is_named(free: tuple[str, ...] | None, values: dic
         fit_plant(plant, run, free, values=values)
 
 
+def test_a_plant_whose_runs_leave_every_bound_is_refused() -> None:
+    plant, t = plant_named("axis"), np.arange(0.0, 1.0, 0.001)
+    run = made(plant, {}, [0.0, 0.0], t, {"F": steps(t, 60.0, 100)}, 1e-5)
+    with pytest.raises(InputError, match="leaves every bound"):
+        fit_plant(plant, run, values={"Fv": 2e52})
+
+
 def test_what_a_recording_lacks_is_named() -> None:
     plant, t = plant_named("axis"), np.arange(0.0, 1.0, 0.001)
     with pytest.raises(InputError, match=r"F.*axis has this input"):

@@ -22,6 +22,7 @@ SHARES = {
     "command": 10,
     "configuration": 12,
     "model": 10,
+    "plant": 6,
     "controller": 8,
     "experiment table": 5,
     "frame layout": 6,
@@ -95,6 +96,7 @@ def readings(kind: str, path: str, sounds: Path) -> tuple[list[str], ...]:
     model, record = str(sound.path_of(sounds, "model")), str(sound.path_of(sounds, "csv"))
     run, to_run = [*RUN, *ALONE], lambda key: [*RUN, "--set", f"{key}={path}", *ALONE]
     recordings = (["convert", path, "out.csv"], ["simulate", "--model", model, "--input", path])
+    of_plant, columns = str(sound.path_of(sounds, "plant csv")), ("--columns", "F=Force:kN,x=Position:mm")
     of_axis = ["convert", path, "out.mcap", "--plant", "axis"]
     ways: dict[str, tuple[list[str], ...]] = {
         "configuration": ([*run, "--config", path], ["status", "--config", path]),
@@ -104,6 +106,11 @@ def readings(kind: str, path: str, sounds: Path) -> tuple[list[str], ...]:
             ["linearize", "--model", path],
             ["simulate", "--model", path, "--input", record],
         ),
+        "plant": (
+            ["plant", "show", path],
+            ["convert", of_plant, "out.mcap", "--plant", path, *columns],
+            ["fit", of_plant, "--plant", path, *columns],
+        ),
         "controller": (to_run("control.file"),),
         "experiment table": (to_run("control.file"),),
         "frame layout": (to_run("serial.layout"),),
@@ -111,7 +118,7 @@ def readings(kind: str, path: str, sounds: Path) -> tuple[list[str], ...]:
         "identified model": (["design", "identified", "--model", model, "--identified", path],),
         "effects": (["diagnose", record, "--effects", path],),
         "mcap": (["replay", path], ["convert", path, "out.mat"], ["calibrate", "--positions", path], *recordings),
-        "plant csv": ([*of_axis, "--columns", "F=Force:kN,x=Position:mm"], [*of_axis, "--columns", "F,x,-"]),
+        "plant csv": ([*of_axis, *columns], [*of_axis, "--columns", "F,x,-"]),
         "plant mcap": (of_axis, ["convert", path, "out.h5"]),
         "plant hdf5": (of_axis, ["convert", path, "out.csv"]),
         "plant mat": (of_axis, [*of_axis, "--columns", "F=F:kN,x=x:mm", "--hold", "linear"]),

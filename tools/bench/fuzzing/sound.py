@@ -19,6 +19,7 @@ from fuzzing import schema
 from hoopd.daemon.app import Options, run_daemon
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.yaml_text import text_of
+from hoopd.plants.registry import FOLDER
 from hoopd.recording import load, save
 from hoopd.recording.column_choice import Layout
 from hoopd.recording.edit import between
@@ -31,6 +32,7 @@ _EXAMPLE = re.compile(r"```python\n(.*?)```", re.DOTALL)
 EXTENSIONS = {
     "configuration": ".yaml",
     "model": ".yaml",
+    "plant": ".yaml",
     "controller": ".yaml",
     "experiment table": ".yaml",
     "frame layout": ".yaml",
@@ -170,6 +172,7 @@ def _picture(path: Path) -> None:
 _MAKERS: dict[str, Any] = {
     "configuration": _configuration,
     "model": _shipped("models/hoop.yaml"),
+    "plant": lambda path: path.write_text((FOLDER / "axis.yaml").read_text()),
     "controller": _shipped("controllers/lqg.yaml"),
     "experiment table": _table,
     "frame layout": _layout,
