@@ -66,14 +66,26 @@ def outcome_of(
     for counts."""
     options = options or DiagnoseOptions(recordings=tuple(texts))
     check_distinct(texts, held_texts)
-    without = [name for text in options.without for name in text.split(",")]
     progress("reading the recordings")
     plant = base.plant
     train = [read_source(text, plant, options.columns, options.age, options.hold) for text in texts]
     held = [read_source(text, plant, options.columns, options.age, options.hold) for text in held_texts]
+    return searched(train, held, base, options, progress=progress)
+
+
+def searched(
+    train: Sequence[Source],
+    held: Sequence[Source],
+    base: PlantModel,
+    options: DiagnoseOptions,
+    *,
+    progress: Progress = lambda text: None,
+) -> Outcome:
+    """The same from recordings that were read, whatever the options call them."""
     check_motion(train, held, base.file.structure if isinstance(base.file, ModelFile) else "")
+    without = [name for text in options.without for name in text.split(",")]
     whole = () if held else tuple(train)
-    train, held, how = _parts(train, held, plant)
+    train, held, how = _parts(train, held, base.plant)
     known = _library([*train, *held], options.effects, without)
     own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
     return diagnose(
@@ -137,9 +149,7 @@ def _written(
             f"{name} is not in the model: a model file holds effects of the library only" for name in left_out(outcome)
         ]
         diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *own])
-        text = model_text(found_model(outcome, base.file, write.stem))
-        parse_plant_model(text, write)
-        files.append((write, text.encode()))
+        files.append((write, _model_text(outcome, base, write).encode()))
     if report is not None:
         from hoopd.diagnose.report.page import page
 
@@ -149,3 +159,15 @@ def _written(
     for path, data in files:
         replace_file(path, data)
     return diagnosis
+
+
+def write_model(outcome: Outcome, base: PlantModel, path: Path) -> Path:
+    """Write the judged model with what was found."""
+    replace_file(path, _model_text(outcome, base, path).encode())
+    return path
+
+
+def _model_text(outcome: Outcome, base: PlantModel, path: Path) -> str:
+    text = model_text(found_model(outcome, base.file, path.stem))
+    parse_plant_model(text, path)
+    return text

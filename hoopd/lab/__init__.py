@@ -13,11 +13,13 @@ the same way; the ball's angle psi is 0 at the bottom. A lesson with it: `docs/l
 """
 
 from hoopd.lab.controllers import Controller, Design, controller, design
+from hoopd.lab.diagnosis import Diagnosed, diagnose
 from hoopd.lab.fitting import Fitted, fit
 from hoopd.lab.linear import Linear, linearize
 from hoopd.lab.loops import ClosedLoop, feedback
 from hoopd.lab.models import Model, model
 from hoopd.lab.pictures import Picture, plot
+from hoopd.lab.plants import plant
 from hoopd.lab.recordings import daemon, experiment, load
 from hoopd.lab.simulation import Simulation, simulate
 from hoopd.recording import Recording, save
@@ -26,6 +28,7 @@ __all__ = [
     "ClosedLoop",
     "Controller",
     "Design",
+    "Diagnosed",
     "Fitted",
     "Linear",
     "Model",
@@ -35,12 +38,14 @@ __all__ = [
     "controller",
     "daemon",
     "design",
+    "diagnose",
     "experiment",
     "feedback",
     "fit",
     "linearize",
     "load",
     "model",
+    "plant",
     "plot",
     "save",
     "simulate",

@@ -63,7 +63,7 @@ def parse_plant_model(text: str, path: Path, plant: str | None = None) -> PlantM
         if plant not in (None, HOOP):
             raise InputError(path, "plant", f"a model of the hoop, not of {plant}")
         model = parse_model(text, path)
-        return PlantModel(effects_plant(model), model)
+        return hoop_model(model)
     file = to_struct(content, PlantModelFile, path)
     found = resolve_plant(plant or _beside(file.plant, path))
     _check(path, file, found)
@@ -72,10 +72,21 @@ def parse_plant_model(text: str, path: Path, plant: str | None = None) -> PlantM
 
 def nominal_model(plant: str) -> PlantModel:
     """The plant of a name or a file with its nominal parameters."""
-    found = resolve_plant(plant)
-    parameters = {name: Parameter(value, found.units.get(name, "-")) for name, value in found.values.items()}
-    file = PlantModelFile("hoopd.model/1", found.name, plant, parameters, sample_time_s=found.time_scale_s)
-    return PlantModel(found, file)
+    return declared_model(resolve_plant(plant), plant)
+
+
+def declared_model(plant: Plant, called: str = "") -> PlantModel:
+    """A plant with its nominal parameters; `called`: the name or file that a model file says."""
+    parameters = {name: Parameter(value, plant.units.get(name, "-")) for name, value in plant.values.items()}
+    file = PlantModelFile(
+        "hoopd.model/1", plant.name, called or plant.name, parameters, sample_time_s=plant.time_scale_s
+    )
+    return PlantModel(plant, file)
+
+
+def hoop_model(model: ModelFile) -> PlantModel:
+    """A model of the hoop."""
+    return PlantModel(effects_plant(model), model)
 
 
 def _beside(plant: str, path: Path) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hoopd import lab
 from hoopd.commands import diagnose, identify, linearize, plant_experiment
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.options.experiment import ExperimentOptions
@@ -191,3 +192,18 @@ def test_without_an_input_only_a_decay_can_be_simulated_and_nothing_identified(t
         )
     with pytest.raises(InputError, match="pendulum: has no input"):
         identify.run(IdentifyOptions(recordings=(str(tmp_path / "run.csv"),), plant="pendulum"))
+
+
+# ---------------------------------------------------------------------------------------------- lab
+
+
+def test_the_lab_diagnoses_a_recording_in_memory(tmp_path: Path) -> None:
+    swing = lab.load(decay(tmp_path / "swing.csv", 0.6), "alpha=angle:deg", plant="pendulum")
+    found = lab.diagnose(swing, plant=lab.plant("pendulum"), free_run=False)
+    assert found.verdict == "parameters"
+    assert found.parameters["J"] == pytest.approx(INERTIA, rel=0.02)
+    assert found.effects == {}
+    assert "parameters" in repr(found).lower()
+    assert load_plant_model(found.save(tmp_path / "found.yaml")).plant.values["J"] == pytest.approx(INERTIA, rel=0.02)
+    with pytest.raises(ValueError, match="unknown colour"):
+        lab.diagnose(swing, plant="pendulum", colour=1)

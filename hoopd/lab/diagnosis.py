@@ -1,0 +1,130 @@
+"""Where recordings and a model differ: the physics that was left out, named and proven.
+
+Rules of this file: `hoopd diagnose` on recordings in memory; nothing is computed here.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from hoopd.commands.diagnose import judged_model, searched, write_model
+from hoopd.commands.options.diagnose import DiagnoseOptions
+from hoopd.diagnose.inputs import Source, source_of
+from hoopd.diagnose.record import Diagnosis
+from hoopd.diagnose.report.terminal import report_text
+from hoopd.diagnose.run import Outcome
+from hoopd.files.whole_files import replace_file
+from hoopd.lab.models import Model
+from hoopd.plants.declaration import Plant
+from hoopd.plants.plant_model import PlantModel, declared_model, hoop_model
+from hoopd.recording import Recording
+
+WIDTH = 100
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosed:
+    """What a diagnosis found."""
+
+    outcome: Outcome
+    base: PlantModel
+
+    def __repr__(self) -> str:
+        out = io.StringIO()
+        report_text(self.diagnosis, Console(file=out, width=WIDTH))
+        return out.getvalue()
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The record of `hoopd diagnose --json`."""
+        return self.outcome.diagnosis
+
+    @property
+    def verdict(self) -> str:
+        """consistent, parameters, missing_physics, unknown_physics ..."""
+        return str(self.diagnosis.verdict)
+
+    @property
+    def effects(self) -> dict[str, dict[str, float | None]]:
+        """Named effects with the values of their parameters."""
+        return {
+            one.name: {name: value.value for name, value in one.parameters.items()} for one in self.diagnosis.effects
+        }
+
+    @property
+    def parameters(self) -> dict[str, float | None]:
+        """Re-estimated parameters of the model by name."""
+        return {name: one.value for name, one in self.diagnosis.base.parameters.items()}
+
+    def report(self, path: Path | str) -> Path:
+        """Write the whole report as one page."""
+        from hoopd.diagnose.report.page import page
+
+        replace_file(Path(path), page(self.diagnosis, self.outcome.shown))
+        return Path(path)
+
+    def save(self, path: Path | str) -> Path:
+        """Write a model (`hoopd.model/1`) with what was found."""
+        return write_model(self.outcome, self.base, Path(path))
+
+
+def diagnose(
+    recordings: Recording | Sequence[Recording],
+    *,
+    plant: Plant | str | None = None,
+    model: Model | Path | str | None = None,
+    holdout: Recording | Sequence[Recording] = (),
+    **options: Any,
+) -> Diagnosed:
+    """Say where recordings and a model differ, name the physics that was left out, prove it on data never fitted.
+
+    plant: a declaration, a registered name or a plant file; the hoop else. model: the model that is judged, or its
+    file; without one the plant's nominal values (of the hoop the thesis's). holdout: recordings that prove the gain;
+    without one the last third of each. options: those of `hoopd diagnose` with _ for -, without=("body.cogging",),
+    free_run=False, seed=1 ... InputError: nothing to judge a model by.
+
+    >>> from hoopd.lab.recordings import load
+    >>> found = diagnose(load("decay.csv", "alpha=Angle:deg", plant="pendulum"), plant="pendulum")  # doctest: +SKIP
+    >>> found.verdict, found.effects  # doctest: +SKIP
+    """
+    train, held = _several(recordings), _several(holdout)
+    if not train:
+        raise ValueError("diagnose takes a recording or several: diagnose([lab.load('a.mcap'), lab.load('b.mcap')])")
+    known = set(DiagnoseOptions.__dataclass_fields__) - {"recordings", "holdout", "plant", "model"}
+    if unknown := [name for name in options if name not in known]:
+        raise ValueError(f"unknown {', '.join(unknown)}; known: {', '.join(sorted(known))}")
+    base = _base(plant, model)
+    asked = replace(DiagnoseOptions(recordings=()), **options)
+    outcome = searched(_sources(train, base.plant), _sources(held, base.plant, len(train)), base, asked)
+    return Diagnosed(outcome, base)
+
+
+def _several(given: Recording | Sequence[Recording]) -> tuple[Recording, ...]:
+    found = (given,) if isinstance(given, Recording) else tuple(given)
+    if not all(isinstance(one, Recording) for one in found):
+        raise ValueError("recordings are needed, as lab.load reads them")
+    return found
+
+
+def _sources(recordings: Sequence[Recording], plant: Plant, before: int = 0) -> list[Source]:
+    """By the names of their files, or their number."""
+    names = [one.source or f"recording {before + number}" for number, one in enumerate(recordings, 1)]
+    twice = {name for name in names if names.count(name) > 1}
+    named = [f"{name} ({number})" if name in twice else name for number, name in enumerate(names, 1)]
+    return [source_of(name, one, plant) for name, one in zip(named, recordings, strict=True)]
+
+
+def _base(plant: Plant | str | None, model: Model | Path | str | None) -> PlantModel:
+    if isinstance(model, Model):
+        return hoop_model(model.file)
+    if isinstance(plant, Plant):
+        if model is not None:
+            raise ValueError("model belongs to a plant by name or file: give one or the other")
+        return declared_model(plant)
+    return judged_model(plant, None if model is None else Path(model))
