@@ -181,6 +181,7 @@ MOVED: dict[str, str] = {
     "recording.bytesof": "files.whole_files",
     "recording.csvfile": "recording.csv_file",
     "recording.matfile": "recording.mat_file",
+    "recording.suspicions": "plants.hoop.suspicions",
     "replay": "daemon.replay",
     "report": "daemon.report",
     "shipped": "files.shipped",

@@ -105,7 +105,7 @@ def _timeline(recording: Recording, rows: slice) -> Timeline:
     times = np.concatenate([*switches.values(), *(t for t, _ in measured.values())])
     # what was seen before the first known input acted says nothing about this run, nor what comes long after its rows
     first = max(switch[0] for switch in switches.values()) - SAME_S
-    last = recording.t[rows][-1] + GAP_STEPS * float(usual_steps(recording.t[rows])[-1])
+    last = recording.t[rows][-1] + GAP_STEPS * float(np.median(np.diff(recording.t[rows])))
     t = _distinct(np.sort(times[(times >= first) & (times <= last)]))
     inputs = [
         _between_nodes(t, switches[name], signal.values[rows], signal.hold) for name, signal in recording.inputs.items()
