@@ -19,6 +19,7 @@ from hoopd.lab.linear import Linear, linearize
 from hoopd.lab.loops import ClosedLoop, feedback
 from hoopd.lab.models import Model, model
 from hoopd.lab.pictures import Picture, plot
+from hoopd.lab.plant_fits import FittedPlant, PlantRun, fit_plant, simulate_plant
 from hoopd.lab.plants import plant
 from hoopd.lab.recordings import daemon, experiment, load
 from hoopd.lab.simulation import Simulation, simulate
@@ -30,9 +31,11 @@ __all__ = [
     "Design",
     "Diagnosed",
     "Fitted",
+    "FittedPlant",
     "Linear",
     "Model",
     "Picture",
+    "PlantRun",
     "Recording",
     "Simulation",
     "controller",
@@ -42,6 +45,7 @@ __all__ = [
     "experiment",
     "feedback",
     "fit",
+    "fit_plant",
     "linearize",
     "load",
     "model",
@@ -49,4 +53,5 @@ __all__ = [
     "plot",
     "save",
     "simulate",
+    "simulate_plant",
 ]
