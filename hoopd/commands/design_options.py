@@ -23,8 +23,11 @@ def spec_from(options: DesignOptions) -> Spec:
     """A specification; InputError names the option whose number makes no sense."""
     read: dict[str, Any] = {"poles": poles_from(options.poles), "weights": weights_from(options.weights)}
     values: dict[str, Any] = {one.name: read.get(one.name, getattr(options, one.name, None)) for one in fields(Spec)}
+    told = {name: value for name, value in values.items() if hasattr(options, name)}
+    if options.sample_time_s is None:
+        told.pop("sample_time_s")
     try:
-        return Spec(**{name: value for name, value in values.items() if hasattr(options, name)})
+        return Spec(**told)
     except SpecError as error:
         raise InputError(option_name(DesignOptions, error.name), "", error.reason) from None
 

@@ -67,7 +67,7 @@ def design(options: DesignOptions) -> None:
     inputs: list[Path | str | None] = [options.recording, options.identified, options.model]
     check_files(inputs, out=options.out, figure=options.figure, json=options.json_path)
     result = run(options)
-    finish(result, options.json_path, of_design(result, options.out))
+    finish(result, options.json_path, result if "plant" in result else of_design(result, options.out))
 
 
 def diagnose(options: DiagnoseOptions) -> None:

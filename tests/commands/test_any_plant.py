@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from hoopd import lab
-from hoopd.commands import diagnose, identify, linearize, plant_experiment
+from hoopd.commands import design, diagnose, identify, linearize, plant_experiment
+from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.identify import IdentifyOptions
@@ -207,3 +208,27 @@ def test_the_lab_diagnoses_a_recording_in_memory(tmp_path: Path) -> None:
     assert load_plant_model(found.save(tmp_path / "found.yaml")).plant.values["J"] == pytest.approx(INERTIA, rel=0.02)
     with pytest.raises(ValueError, match="unknown colour"):
         lab.diagnose(swing, plant="pendulum", colour=1)
+
+
+# ---------------------------------------------------------------------------------------------- design
+
+
+def test_a_law_for_an_axis_has_the_poles_that_were_asked_for_and_no_controller_file(tmp_path: Path) -> None:
+    found = design.run(DesignOptions(law="placement", plant="axis", poles="-20+10j,-20-10j"))
+    wanted = np.exp((-20 + 10j) * 0.001)
+    assert any(abs(complex(one["re"], abs(one["im"])) - wanted) < 1e-6 for one in found["closed_loop_poles"])
+    assert (found["states"], found["inputs"], found["channels"]) == (["x", "dx"], ["F"], ["x"])
+    with pytest.raises(InputError, match="--out: is of the hoop"):
+        design.run(DesignOptions(law="lqg", plant="axis", out=tmp_path / "law.yaml"))
+    with pytest.raises(InputError, match="LAW: pid is a law of the hoop"):
+        design.run(DesignOptions(law="pid", plant="axis"))
+    with pytest.raises(InputError, match="pendulum: has no input"):
+        design.run(DesignOptions(law="lqg", plant="pendulum"))
+
+
+def test_a_quadratic_law_keeps_tanks_at_their_levels() -> None:
+    asked = {"law": "lqg", "plant": "tanks", "at": "q=5e-5,h1=0.2,h2=0.2"}
+    found = design.run(DesignOptions(**asked))
+    assert max(abs(complex(one["re"], one["im"])) for one in found["closed_loop_poles"]) < 1.0
+    cheap = design.run(DesignOptions(**asked, weights=("q=1e-3",)))
+    assert abs(cheap["feedback"][0][0]) > abs(found["feedback"][0][0])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hoopd.commands.options.declaration import argument, option
-from hoopd.commands.options.shared import figure_option, json_option, model_option
+from hoopd.commands.options.shared import figure_option, json_option, model_option, plant_option
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,7 +17,14 @@ class DesignOptions:
     """Design a control law for a model and write the file that the daemon loads."""
 
     law: str = argument("lqg, lqr, placement, pid, pi, lead, lag, arx or identified.", metavar="LAW")
-    model: Path = model_option()
+    model: Path | None = model_option(default=None)
+    plant: str | None = plant_option()
+    at: str = option(
+        "--at",
+        text="Another plant: inputs that are held, and states near which to look for the equilibrium.",
+        metavar="NAME=VALUE,...",
+        default="",
+    )
     out: Path | None = option("--out", text="Write the controller file here.", metavar="CONTROLLER")
     recording: str | None = option("--recording", text="arx: the run that the model is fitted to.", metavar="REC")
     identified: Path | None = option("--identified", text="identified: model file of `hoopd identify`.", metavar="FILE")
@@ -42,7 +49,9 @@ class DesignOptions:
         text="Age of a picture in s when a tick uses it: the camera's delay and half a tick.",
         default=0.05,
     )
-    sample_time_s: float = option("--sample-time", text="Tick in s.", default=0.02)
+    sample_time_s: float | None = option(
+        "--sample-time", text="Tick in s: 0.02 unless told, of another plant its usual sample time."
+    )
     disturbance_rad: float = option(
         "--disturbance", text="Angle in rad of the trial's release and of its one wrong picture.", default=0.4
     )
