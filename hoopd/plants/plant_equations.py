@@ -18,14 +18,13 @@ import casadi as ca
 import numpy as np
 
 from hoopd.files.dimensions import ENERGY, Unit, parse_unit, unit_of
+from hoopd.files.expression_parser import parse_equation, parse_expression
 from hoopd.files.expressions import (
     Expression,
     ExpressionError,
     Name,
     check_names,
     names_in,
-    parse_equation,
-    parse_expression,
     value,
 )
 from hoopd.files.reading import InputError

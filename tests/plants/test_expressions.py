@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoopd.files.dimensions import Unit, parse_unit, unit_of
-from hoopd.files.expressions import ExpressionError, Name, parse_equation, parse_expression, value
+from hoopd.files.expression_parser import parse_equation, parse_expression
+from hoopd.files.expressions import ExpressionError, Name, value
 
 LAWS = {
     "sin": math.sin, "cos": math.cos, "sqrt": math.sqrt, "abs": abs, "tanh": math.tanh, "exp": math.exp, "min": min,
