@@ -105,12 +105,39 @@ def fit_plant(
     loss: str = "linear",
     method: str = "output",
 ) -> FittedPlant:
-    """Parameters of any plant (a declaration, a registered name or a plant file) from one recording or several.
+    """Fit parameters of any plant to one recording or several.
 
-    fix: not fitted, by {"M": 95}. free: fitted, in place of the plant's own choice; none of them: the starts alone.
-    prior: {name: (value, relative standard deviation)}. window: runs of so many s. method: output or prediction.
-    InputError: nothing to fit.
+    Parameters
+    ----------
+    plant : Plant or str
+        A declaration, a registered name or a plant file.
+    recordings : Recording or sequence of Recording
+        With the plant's inputs and at least one of its channels.
+    fix : mapping of str to float, optional
+        Not fitted, {"M": 95}.
+    free : sequence of str, optional
+        Fitted in place of the plant's own choice; an empty one fits the starts alone.
+    prior : mapping of str to tuple, optional
+        Known beforehand: value, and relative standard deviation of a positive parameter, else the absolute one.
+    window : float, optional
+        Runs of so many s with a start each.
+    loss : {"linear", "huber", "soft_l1", "cauchy"}
+        All but the first bear outliers.
+    method : {"output", "prediction"}
+        Free runs, or the likelihood of a filter's innovations.
 
+    Returns
+    -------
+    FittedPlant
+        Values, 95 % intervals, percent of fit.
+
+    Raises
+    ------
+    InputError
+        When there is nothing to fit, or a name is none.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> from hoopd.recording import from_signals
     >>> t = np.arange(0.0, 2.0, 0.02)
@@ -132,8 +159,31 @@ def fit_plant(
 def simulate_plant(
     plant: Plant | str, recording: Recording, x0: Mapping[str, float] | None = None, *, step: float | None = None
 ) -> PlantRun:
-    """Any plant run freely under a recording's inputs, from x0 (states by name) or the start that fits it best.
+    """Run any plant freely under a recording's inputs.
 
+    Parameters
+    ----------
+    plant : Plant or str
+        A declaration, a registered name or a plant file.
+    recording : Recording
+        With the plant's inputs.
+    x0 : mapping of str to float, optional
+        States at the start, the rest 0; those that fit the recording best unless given.
+    step : float, optional
+        Longest integration step in s; half the plant's usual sample time unless given.
+
+    Returns
+    -------
+    PlantRun
+        What the sensors would have shown, and percent of fit by channel.
+
+    Raises
+    ------
+    InputError
+        An input that is missing, a name that is no state, or a run that leaves every bound.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> from hoopd.recording import from_signals
     >>> pump = from_signals(np.arange(0.0, 60.0), {"q": np.full(60, 5e-5)})
