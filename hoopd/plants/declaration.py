@@ -20,7 +20,25 @@ from hoopd.plants.effects.base import Effect, Point
 
 
 class Input(NamedTuple):
-    """What drives the plant, held between two samples."""
+    """What drives the plant, held between two samples.
+
+    Attributes
+    ----------
+    name : str
+        Its name; equations of effects read it so.
+    unit : str
+        Its unit.
+    limit : float, optional
+        The drive gives no more, of either sign; None where none is known.
+    coordinate : str, optional
+        It is a generalised force on this coordinate; None where equations read it by its name.
+
+    Examples
+    --------
+    >>> from hoopd.plants.declaration import Input
+    >>> Input("F", "N", limit=10.0, coordinate="x").limit
+    10.0
+    """
 
     name: str
     unit: str = "N m"
@@ -29,7 +47,29 @@ class Input(NamedTuple):
 
 
 class Channel(NamedTuple):
-    """What is measured: a state, or an expression of the point."""
+    """What is measured: a state, or an expression of the point.
+
+    Attributes
+    ----------
+    state : str
+        The state that it reads.
+    unit : str
+        Its unit.
+    sensor : str
+        The slot in which effects of the sensor sit.
+    reading : callable, optional
+        The expression of a point, in place of a state.
+    resolution : float, optional
+        Step of a counting sensor; None as its data show.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> from hoopd.plants.declaration import Channel
+    >>> height = Channel(unit="m", reading=lambda s: s.p["l"] * (1.0 - ca.cos(s.alpha)))
+    >>> height.unit, height.state
+    ('m', '')
+    """
 
     state: str = ""
     unit: str = ""
@@ -39,7 +79,33 @@ class Channel(NamedTuple):
 
 
 class Slot(NamedTuple):
-    """Where an effect may sit: `actuator`, `body`, `sensor`, `push`, or a kind that a plant's own effects know."""
+    """Where an effect may sit.
+
+    Attributes
+    ----------
+    kind : str
+        `actuator`, `body`, `sensor`, `push`, or a kind that a plant's own effects know.
+    coordinate : str
+        Of the body.
+    channels : tuple of str
+        Of the sensor.
+    turns : bool
+        The body (or the sensor's wheel) turns: an angle comes back after a turn.
+    device : str
+        Of a sensor: encoder, camera, or anything else.
+    speed : float
+        Usual rate of the coordinate in rad/s or m/s: the sizes that a search tries follow it.
+    viscous : callable, optional
+        The base's viscous coefficient of the body, where it has one.
+    data : object
+        What a plant's own effects have to know of its own kind of slot.
+
+    Examples
+    --------
+    >>> from hoopd.plants.declaration import Slot
+    >>> Slot("body", coordinate="x", speed=0.3).turns
+    False
+    """
 
     kind: str
     coordinate: str = ""
@@ -87,6 +153,61 @@ class Plant:
 
     Forces of inputs with a coordinate are among the generalised forces that `accelerations` gets; it must not add them
     again. Names of states, inputs and held quantities are attributes of the point, parameters are in `s.p`.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    coordinates : tuple of str
+        Second order; the rate of `x` is called `dx`.
+    accelerations : callable
+        q'' (n,) of a point and the generalised forces (n,).
+    first_order : tuple of str
+        First-order states.
+    rates : callable
+        x' (m,) of the first-order states, of a point.
+    inputs : tuple of Input
+        None, one or several.
+    values : mapping of str to float
+        Parameters in SI units.
+    free : tuple of str
+        Those that are fitted.
+    bounds : mapping of str to (float, float)
+        Outside there is no such plant.
+    units : mapping of str to str
+        Of parameters and first-order states.
+    held : mapping of str to float
+        Names that effects may use and that do not move.
+    channels : mapping of str to Channel
+        What is measured.
+    slots : mapping of str to Slot
+        Where effects may sit.
+    scales : mapping of str to float
+        Usual sizes of states and inputs; empty: from the data.
+    usual_force : float
+        Size of the forces on the first coordinate, for a plant without inputs.
+    time_scale_s : float
+        Usual time in s between two samples: integration steps and searched delays follow it.
+    energy : callable, optional
+        In J, of a point, where the plant has one.
+    own_effects : callable, optional
+        Effects of its own kinds of slot.
+    judges : Judges
+        What it knows of the quality of its recordings.
+    experiments : callable, optional
+        Menu of experiments that tell effects apart.
+    modes : tuple of Mode
+        One for now.
+
+    Examples
+    --------
+    >>> from hoopd.plants.declaration import Channel, Input, Plant
+    >>> cart = Plant(
+    ...     "cart", ("x",), lambda s, force: force / s.p["m"], inputs=(Input("F", "N", 10.0, "x"),),
+    ...     values={"m": 2.0}, free=("m",), channels={"x": Channel("x", "m")},
+    ... )
+    >>> cart.states, cart.driven, cart.limit
+    (('x', 'dx'), 'x', 10.0)
     """
 
     name: str

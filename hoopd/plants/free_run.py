@@ -28,7 +28,41 @@ Index = NDArray[np.intp]
 def run(
     composite: Composite, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None
 ) -> Array:
-    """States z (n, nz) at the nodes t (n,) s with the torques u (n-1,) held between them; see `FreeRun.run`."""
+    """Run a plant with its effects freely, from node to node.
+
+    Parameters
+    ----------
+    composite : Composite
+        The plant and its effects.
+    values : mapping of str to float
+        Parameters by name, those of effects as `slot.effect.parameter`.
+    x0 : array_like, shape (nx,)
+        State of the plant at the first node.
+    t : array_like, shape (n,)
+        Nodes in s.
+    u : array_like, shape (n - 1,) or (n - 1, inputs), optional
+        Inputs held between the nodes; a plant without an input needs none.
+
+    Returns
+    -------
+    ndarray, shape (n, nz)
+        States at the nodes: the plant's, then those of its effects.
+
+    Raises
+    ------
+    ValueError
+        Nodes and inputs that do not fit.
+
+    Examples
+    --------
+    >>> from hoopd.plants.composite import Composite
+    >>> from hoopd.plants.free_run import run
+    >>> from hoopd.plants.registry import plant_named
+    >>> axis = Composite(plant_named("axis"))
+    >>> values = {**axis.values, "M": 100.0, "Fv": 0.0, "offset": 0.0}
+    >>> run(axis, values, [0.0, 0.0], [0.0, 0.005, 0.01], [200.0, 200.0])[-1].round(6).tolist()  # 2 m/s2 for 10 ms
+    [0.0001, 0.02]
+    """
     return _free_run(composite).run(values, x0, t, u)
 
 
@@ -40,7 +74,38 @@ def readings(
     z: Array,
     channel_nodes: Mapping[str, ArrayLike] | None = None,
 ) -> dict[str, Array]:
-    """What each channel reads at its nodes; see `FreeRun.readings`."""
+    """Give what each channel reads at its nodes.
+
+    Parameters
+    ----------
+    composite : Composite
+        The plant and its effects.
+    values : mapping of str to float
+        Parameters by name.
+    t : array_like, shape (n,)
+        Nodes in s, as of the run.
+    u : array_like, shape (n - 1,) or (n - 1, inputs), optional
+        Inputs, as of the run.
+    z : ndarray, shape (n, nz)
+        States, as the run gave them.
+    channel_nodes : mapping of str to array_like, optional
+        Indices into t by channel; all of them where none are given.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The readings by channel.
+
+    Examples
+    --------
+    >>> from hoopd.plants.composite import Composite
+    >>> from hoopd.plants.free_run import readings, run
+    >>> from hoopd.plants.registry import plant_named
+    >>> axis, t, u = Composite(plant_named("axis")), [0.0, 0.005, 0.01], [0.0, 0.0]
+    >>> z = run(axis, axis.values, [0.1, 0.0], t, u)
+    >>> readings(axis, axis.values, t, u, z, {"x": [0, 2]})["x"].round(3).tolist()
+    [0.1, 0.1]
+    """
     return _free_run(composite).readings(values, t, u, z, channel_nodes)
 
 

@@ -10,11 +10,12 @@ from hoopd.recording.column_choice import TICK, Layout
 
 
 def layout_of(plant: Plant) -> Layout:
-    """Signals of a plant's recordings; of one that reads the daemon's columns alone, the daemon's.
+    """Give the signals of a plant's recordings; of one that reads the daemon's columns alone, the daemon's.
 
     Parameters
     ----------
     plant : Plant
+        A declaration.
 
     Returns
     -------
@@ -23,6 +24,7 @@ def layout_of(plant: Plant) -> Layout:
 
     Examples
     --------
+    >>> from hoopd.plants.layout import layout_of
     >>> from hoopd.plants.registry import plant_named
     >>> layout_of(plant_named("axis"))
     Layout(inputs={'F': 'N'}, channels={'x': 'm'})

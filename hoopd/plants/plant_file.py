@@ -43,12 +43,70 @@ DEVICES = ("encoder", "camera")
 
 
 def load_plant(path: Path) -> Plant:
-    """The plant of a file; InputError says which key, column or line is wrong."""
+    """Load the plant that a file declares.
+
+    Parameters
+    ----------
+    path : Path
+        `hoopd.plant/1` in YAML, in which nothing is executed; or .py, which is code and is run.
+
+    Returns
+    -------
+    Plant
+        The declaration.
+
+    Raises
+    ------
+    InputError
+        Says which key, column or line is wrong.
+
+    Examples
+    --------
+    >>> from hoopd.plants.plant_file import load_plant
+    >>> from hoopd.plants.registry import FOLDER
+    >>> pendulum = load_plant(FOLDER / "pendulum.yaml")
+    >>> pendulum.states, pendulum.free
+    (('alpha', 'dalpha'), ('J', 'c'))
+    """
     return _from_python(path) if path.suffix == ".py" else parse_plant(read_text(path), path)
 
 
 def parse_plant(text: str, path: object) -> Plant:
-    """The plant of a YAML file's text; `path` is what a message calls it."""
+    """Give the plant of a YAML file's text.
+
+    Parameters
+    ----------
+    text : str
+        `hoopd.plant/1`.
+    path : object
+        What a message calls it.
+
+    Returns
+    -------
+    Plant
+        The declaration.
+
+    Raises
+    ------
+    InputError
+        Says which key, column or line is wrong.
+
+    Examples
+    --------
+    >>> from hoopd.plants.plant_file import parse_plant
+    >>> text = '''
+    ... schema: hoopd.plant/1
+    ... name: cart
+    ... coordinates: {x: {unit: m}}
+    ... inputs: {F: {unit: N, limit: 10}}
+    ... parameters: {m: {value: 2, unit: kg, bounds: [0.1, 10]}}
+    ... equations: {x: "m*x'' = F"}
+    ... channels: {x: {reads: x, sensor: encoder}}
+    ... '''
+    >>> cart = parse_plant(text, "cart.yaml")
+    >>> cart.states, cart.free, cart.limit
+    (('x', 'dx'), ('m',), 10.0)
+    """
     return _Maker(to_struct(parse_yaml(text, path), PlantFile, path), path).plant()
 
 

@@ -35,10 +35,26 @@ REGISTERED: Mapping[str, Callable[[], Plant]] = MappingProxyType(
 
 
 def plant_named(name: str) -> Plant:
-    """A registered plant; InputError for a name that is none.
+    """Give a registered plant.
+
+    Parameters
+    ----------
+    name : str
+        hoop, pendulum, axis, tanks or falling.
+
+    Returns
+    -------
+    Plant
+        The declaration.
+
+    Raises
+    ------
+    InputError
+        A name that is none.
 
     Examples
     --------
+    >>> from hoopd.plants.registry import plant_named
     >>> plant_named("axis").free
     ('M', 'Fv', 'offset')
     """
@@ -50,7 +66,31 @@ def plant_named(name: str) -> Plant:
 
 
 def resolve_plant(text: str) -> Plant:
-    """The plant of a registered name or of a file; a file of the same name in the folder is meant by ./NAME."""
+    """Give the plant of a registered name, or of a file.
+
+    Parameters
+    ----------
+    text : str
+        hoop, pendulum, axis, tanks or falling; or a path that ends in .yaml, .yml or .py or holds a /: a file of a
+        registered name in the folder is meant by ./NAME.
+
+    Returns
+    -------
+    Plant
+        The declaration.
+
+    Raises
+    ------
+    InputError
+        Neither a name nor a file, or a file that is wrong.
+
+    Examples
+    --------
+    >>> from hoopd.plants.registry import resolve_plant
+    >>> axis = resolve_plant("axis")
+    >>> axis.states, [one.name for one in axis.inputs], axis.limit
+    (('x', 'dx'), ['F'], 1000.0)
+    """
     path = Path(text)
     return load_plant(path) if path.suffix in SUFFIXES or "/" in text else plant_named(text)
 

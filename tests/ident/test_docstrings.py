@@ -10,6 +10,7 @@ import doctest
 import inspect
 import io
 import re
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,20 @@ HEADING = re.compile(r"^([A-Z]\w+)\n-{3,}$", re.MULTILINE)
 # "name : type", or several names of one type; the text stands indented below.
 ENTRY = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : (\S.*)\n((?:[ ]{4}.*\n?|\n)*)", re.MULTILINE)
 
-DOCUMENTED = {f"ident.{name}": getattr(ident, name) for name in ident.__all__}
+# What a plant is declared, found, loaded and run by, by module; this list only grows.
+PLANTS = {
+    "declaration": "Input Channel Slot Plant",
+    "plant_file": "load_plant parse_plant",
+    "registry": "plant_named resolve_plant",
+    "layout": "layout_of",
+    "free_run": "run readings",
+    "effects.library": "library",
+}
+DOCUMENTED = {f"ident.{name}": getattr(ident, name) for name in ident.__all__} | {
+    f"plants.{module}.{name}": getattr(import_module(f"hoopd.plants.{module}"), name)
+    for module, names in PLANTS.items()
+    for name in names.split()
+}
 # The examples of the lab, some of which run the daemon, are run by tests/test_lab.py.
 LAB = {f"lab.{name}": getattr(lab, name) for name in lab.__all__ if inspect.isfunction(getattr(lab, name))}
 

@@ -18,7 +18,32 @@ FORCES, READINGS = (drive, body), (push, image_sensor, angle_sensor)
 
 
 def library(plant: Plant, extra: Iterable[Extra] = ()) -> dict[str, Effect]:
-    """Effects by name along the signal path, then `extra`; ValueError when a name stands twice."""
+    """Give the effects that a plant may have, by name along the signal path.
+
+    Parameters
+    ----------
+    plant : Plant
+        A declaration; its slots say which effects there are.
+    extra : iterable of Effect or callable
+        Further ones, or functions of the plant that make them.
+
+    Returns
+    -------
+    dict of str to Effect
+        Forces, the plant's own, readings, then `extra`.
+
+    Raises
+    ------
+    ValueError
+        A name that stands twice.
+
+    Examples
+    --------
+    >>> from hoopd.plants.effects.library import library
+    >>> from hoopd.plants.registry import plant_named
+    >>> [name for name in library(plant_named("pendulum")) if "friction" in name]
+    ['body.coulomb_friction', 'body.stribeck_friction', 'body.friction_drift']
+    """
     own = [effect for module in FORCES for effect in module.effects(plant)]
     own += plant.own_effects(plant) if plant.own_effects is not None else ()
     own += [effect for module in READINGS for effect in module.effects(plant)]
