@@ -84,13 +84,36 @@ def diagnose(
 ) -> Diagnosed:
     """Say where recordings and a model differ, name the physics that was left out, prove it on data never fitted.
 
-    plant: a declaration, a registered name or a plant file; the hoop else. model: the model that is judged, or its
-    file; without one the plant's nominal values (of the hoop the thesis's). holdout: recordings that prove the gain;
-    without one the last third of each. options: those of `hoopd diagnose` with _ for -, without=("body.cogging",),
-    free_run=False, seed=1 ... InputError: nothing to judge a model by.
+    Parameters
+    ----------
+    recordings : Recording or sequence of Recording
+        What was measured.
+    plant : Plant or str, optional
+        A declaration, a registered name or a plant file; the hoop unless given.
+    model : Model, str or Path, optional
+        The model that is judged, or its file; the plant's nominal values (of the hoop the thesis's) unless given.
+    holdout : Recording or sequence of Recording
+        Recordings that prove the gain; the last third of each unless given.
+    **options : object
+        Those of `hoopd diagnose` with _ for -, without=("body.cogging",), free_run=False, seed=1 ...
 
-    >>> from hoopd.lab.recordings import load
-    >>> found = diagnose(load("decay.csv", "alpha=Angle:deg", plant="pendulum"), plant="pendulum")  # doctest: +SKIP
+    Returns
+    -------
+    Diagnosed
+        The `verdict`, the named `effects` and the re-estimated `parameters`; `report` writes a page, `save` a model.
+
+    Raises
+    ------
+    ValueError
+        No recording, or an option that there is not.
+    InputError
+        Nothing to judge a model by.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> swing = lab.load("decay.csv", "alpha=Angle:deg", plant="pendulum")  # doctest: +SKIP
+    >>> found = lab.diagnose(swing, plant="pendulum")  # doctest: +SKIP
     >>> found.verdict, found.effects  # doctest: +SKIP
     """
     train, held = _several(recordings), _several(holdout)

@@ -12,12 +12,27 @@ from hoopd.plants.registry import resolve_plant
 
 
 def plant(name: Path | str) -> Plant:
-    """A plant by its registered name ("hoop", "pendulum", "axis", "tanks", "falling") or its file's path (.yaml, .py).
+    """Give a plant.
 
-    InputError tells file, key and reason of what cannot be used.
+    Parameters
+    ----------
+    name : str or Path
+        A registered name, or the path of a plant file.
 
-    >>> axis = plant("axis")
-    >>> axis.states, [one.name for one in axis.inputs], axis.values["M"]
-    (('x', 'dx'), ['F'], 100.0)
+    Returns
+    -------
+    Plant
+        The declaration, as `load` and `diagnose` take it.
+
+    Raises
+    ------
+    InputError
+        What is neither a name nor a plant file that can be used.
+
+    Examples
+    --------
+    >>> import hoopd.lab as lab
+    >>> lab.plant("pendulum").free
+    ('J', 'c')
     """
     return resolve_plant(str(name))
