@@ -17,7 +17,7 @@ def plant(name: Path | str) -> Plant:
     Parameters
     ----------
     name : str or Path
-        A registered name, or the path of a plant file.
+        A registered name ("hoop", "pendulum", "axis", "tanks", "falling"), or the path of a plant file (.yaml, .py).
 
     Returns
     -------
@@ -27,12 +27,13 @@ def plant(name: Path | str) -> Plant:
     Raises
     ------
     InputError
-        What is neither a name nor a plant file that can be used.
+        Tells file, key and reason of what cannot be used.
 
     Examples
     --------
     >>> import hoopd.lab as lab
-    >>> lab.plant("pendulum").free
-    ('J', 'c')
+    >>> axis = lab.plant("axis")
+    >>> axis.states, [one.name for one in axis.inputs], axis.values["M"]
+    (('x', 'dx'), ['F'], 100.0)
     """
     return resolve_plant(str(name))
