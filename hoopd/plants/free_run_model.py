@@ -9,7 +9,8 @@ object belongs to one thread.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -20,10 +21,14 @@ from numpy.typing import ArrayLike, NDArray
 from hoopd.plants.composite import BACK_STEPS, Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.fingerprint import fingerprint
 from hoopd.plants.free_run import CHUNK, Chunks
 from hoopd.plants.held_input import SAME_S, mean_inputs
 
 Array = NDArray[np.float64]
+
+# Functions that are kept for the next model of the same kind.
+KEPT = 32
 
 
 class SimulatedRun(NamedTuple):
@@ -50,6 +55,8 @@ class FreeRunModel:
         Parameters by name; what is not named is nominal (of an effect: neutral).
     step_s
         Longest Runge-Kutta step; half of the plant's usual sample time without it.
+    substeps
+        Runge-Kutta steps between two changes of the input, in place of what the effects need.
 
     Examples
     --------
@@ -74,8 +81,15 @@ class FreeRunModel:
         *,
         values: Mapping[str, float] | None = None,
         step_s: float | None = None,
+        substeps: int | None = None,
     ) -> None:
-        self.composite = c = Composite(plant, effects)
+        # without effects a step is one of Runge-Kutta's, and what is held is a number in the equations
+        count = substeps or (None if effects else 1)
+        known = {**plant.values, **(values or {})}
+        fixed = None if effects else {name: value for name, value in known.items() if name not in free}
+        limited = any(one.torque is not None or one.lag is not None for one in effects)
+        self.composite = c = Composite(plant, effects, count, limited=limited, numbers=fixed)
+        self._key = (fingerprint(plant), tuple(map(fingerprint, effects)), count, limited, fingerprint(fixed))
         half = plant.time_scale_s / 2.0 if step_s is None else step_s
         # a step of the composite is so many Runge-Kutta steps
         self.free, self.step_s = tuple(free), min(half * c.substeps, c.longest_step_s)
@@ -94,12 +108,27 @@ class FreeRunModel:
         """The same with exact derivatives, taken through the integration steps themselves."""
         return self._simulated(p, x0, t, u, derivatives=True)
 
+    def states(
+        self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike, *, derivatives: bool = False
+    ) -> tuple[Array, Array]:
+        """States (n, nx) alone, and their derivatives (n, nx, m + nx; no columns without them)."""
+        c = self.composite
+        t, u = _axis(t, u, self._inputs)
+        values = self._told(p)
+        nodes = _union(t, u, c.delay_s(values), []) if c.delays else t
+        z, s = self._run(values, np.asarray(x0, float), nodes, t, u, derivatives)
+        at = _index(nodes, t) if len(nodes) > len(t) else slice(None)
+        return z[at, : c.nx], s[at, : c.nx]
+
     # ------------------------------------------------------------------------------------------ run
+
+    def _told(self, p: ArrayLike) -> dict[str, float]:
+        return {**self.values, **dict(zip(self.free, np.asarray(p, float), strict=True))}
 
     def _simulated(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike, *, derivatives: bool) -> SimulatedRun:
         c = self.composite
         t, u = _axis(t, u, self._inputs)
-        values = {**self.values, **dict(zip(self.free, np.asarray(p, float), strict=True))}
+        values = self._told(p)
         late = {channel: c.latency_s(channel, values) for channel in c.channels}
         nodes = _union(t, u, c.delay_s(values), [d for d in late.values() if d > 0.0])
         z, s = self._run(values, np.asarray(x0, float), nodes, t, u, derivatives)
@@ -118,13 +147,19 @@ class FreeRunModel:
         steps = np.maximum(1, np.ceil(h / self.step_s - 1e-6)).astype(int)
         last = np.cumsum(steps)
         length = np.repeat(h / steps, steps)
-        begin = np.repeat(nodes[:-1], steps) + (np.arange(last[-1]) - np.repeat(last - steps, steps)) * length
-        edges, delay = np.column_stack([begin, begin + length]), c.delay_s(values)
-        held = mean_inputs(edges, t, u, delay)
+        times: list[Array] = []
+        delay, simple = c.delay_s(values), nodes is t and not self._timed
+        if not simple:
+            begin = np.repeat(nodes[:-1], steps) + (np.arange(last[-1]) - np.repeat(last - steps, steps)) * length
+            times = [begin] if self._timed else []
+        if simple and delay == 0.0:
+            held = np.repeat(u, steps, axis=0)
+        else:
+            held = mean_inputs(np.column_stack([begin, begin + length]), t, u, delay)
         start = c.beginning(x0, float(u[0, 0]))
         first = start if not derivatives else np.concatenate([start, self._first_sensitivity().T.ravel()])
         runner = self._with_derivatives if derivatives else self._plain
-        rows = runner(first, (held, length, begin), c.vector(values))
+        rows = runner(first, (held, length, *times), self._vector(values))
         rows = np.concatenate([first[None], rows[last - 1]])
         columns = len(self.free) + c.nx if derivatives else 0
         s = rows[:, c.nz :].reshape(len(rows), columns, c.nz).transpose(0, 2, 1)
@@ -183,6 +218,25 @@ class FreeRunModel:
 
     # ------------------------------------------------------------------------------------------ functions
 
+    @cached_property
+    def _timed(self) -> bool:
+        """Whether the steps depend on the time; else they are not told it."""
+        z, u, h, t, p = self._symbols
+        return bool(ca.depends_on(self._after(z, u, h, t, p), t))
+
+    def _told_to(self, z: Any, u: Any, h: Any, t: Any, p: Any) -> list[Any]:
+        return [z, u, h, t, p] if self._timed else [z, u, h, p]
+
+    @cached_property
+    def _nominal(self) -> Array:
+        return self.composite.vector(self.values)
+
+    def _vector(self, values: Mapping[str, float]) -> Array:
+        """Parameters in the composite's order; only the free ones are other than nominal."""
+        vector = self._nominal.copy()
+        vector[self._places] = [values[name] for name in self.free]
+        return vector
+
     @property
     def _inputs(self) -> int:
         """Held numbers of a step: one also where there is no input."""
@@ -196,12 +250,17 @@ class FreeRunModel:
 
     @cached_property
     def _plain(self) -> Chunks:
+        return Chunks(_kept(("run", *self._key), self._plain_step), accumulates=True)
+
+    def _plain_step(self) -> ca.Function:
         z, u, h, t, p = self._symbols
-        step = ca.Function("step", [z, u, h, t, p], [self._after(z, u, h, t, p)])
-        return Chunks(step.mapaccum("run", CHUNK), accumulates=True)
+        return ca.Function("step", self._told_to(z, u, h, t, p), [self._after(z, u, h, t, p)])
 
     @cached_property
     def _with_derivatives(self) -> Chunks:
+        return Chunks(_kept(("both", *self._key, self.free), self._step_with_derivatives), accumulates=True)
+
+    def _step_with_derivatives(self) -> ca.Function:
         z, u, h, t, p = self._symbols
         c, m = self.composite, len(self.free)
         s, after = ca.SX.sym("s", c.nz, m + c.nx), self._after(z, u, h, t, p)
@@ -209,8 +268,7 @@ class FreeRunModel:
         by_p = ca.horzcat(ca.densify(ca.jacobian(after, p)[:, self._places]), ca.SX.zeros(c.nz, c.nx))
         s_after = ca.densify(ca.mtimes(ca.jacobian(after, z), s) + by_p)
         both, both_after = ca.vertcat(z, ca.vec(s)), ca.vertcat(after, ca.vec(s_after))
-        step = ca.Function("both", [both, u, h, t, p], [both_after], {"cse": True})
-        return Chunks(step.mapaccum("both", CHUNK), accumulates=True)
+        return ca.Function("both", self._told_to(both, u, h, t, p), [both_after], {"cse": True})
 
     @cached_property
     def _seen(self) -> Chunks:
@@ -225,13 +283,27 @@ class FreeRunModel:
     def _outputs(self) -> ca.Function:
         return self.composite.output_derivatives(self.free)
 
-    @property
+    @cached_property
     def _places(self) -> list[int]:
         return [self.composite.names.index(name) for name in self.free]
 
     def _after(self, z: Any, u: Any, h: Any, t: Any, p: Any) -> Any:
         c = self.composite
         return c.step_function(z, ca.repmat(u.T, c.substeps, 1), ca.SX.zeros(c.nw), h, t, p)
+
+
+# Functions of the models made last: a fit makes several of one kind in a row.
+_FUNCTIONS: OrderedDict[Hashable, ca.Function] = OrderedDict()
+
+
+def _kept(key: Hashable, make: Callable[[], ca.Function]) -> ca.Function:
+    """CHUNK steps of a function, made once for models of the same kind."""
+    if key not in _FUNCTIONS:
+        _FUNCTIONS[key] = make().mapaccum("steps", CHUNK)
+        while len(_FUNCTIONS) > KEPT:
+            _FUNCTIONS.popitem(last=False)
+    _FUNCTIONS.move_to_end(key)
+    return _FUNCTIONS[key]
 
 
 def _axis(t: ArrayLike, u: ArrayLike, inputs: int) -> tuple[Array, Array]:

@@ -192,18 +192,18 @@ class Counted:
     """Counts the free runs of all models while it is entered, and the samples in them."""
 
     def __enter__(self) -> Counted:
-        self.runs, self.samples, self._over = 0, 0, Model._over
+        self.runs, self.samples, self._four = 0, 0, Model._four
 
-        def over(model: Model, kind: str, start: Array, u: Array, *arguments: Any) -> Array:
+        def four(model: Model, p: Any, x0: Array, t: Any, u: Any, *, derivatives: bool) -> Any:
             self.runs += 1
             self.samples += len(u)
-            return self._over(model, kind, start, u, *arguments)
+            return self._four(model, p, x0, t, u, derivatives=derivatives)
 
-        Model._over = over  # type: ignore[method-assign]
+        Model._four = four  # type: ignore[method-assign]
         return self
 
     def __exit__(self, *_: object) -> None:
-        Model._over = self._over  # type: ignore[method-assign]
+        Model._four = self._four  # type: ignore[method-assign]
 
 
 def clocks() -> Array:

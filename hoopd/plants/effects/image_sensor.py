@@ -64,8 +64,8 @@ def _angle_offset(plant: Plant, name: str, slot: Slot) -> Effect:
 
 def _center_offset(plant: Plant, name: str, slot: Slot) -> Effect:
     def moved(s: Point, e: Values) -> dict[str, Any]:
-        psi = getattr(s, slot.coordinate)
-        sine, cosine = ca.sin(psi), ca.cos(psi)
+        angle = getattr(s, slot.coordinate)
+        sine, cosine = ca.sin(angle), ca.cos(angle)
         # atan2(sin psi + dx, cos psi + dy) - psi, unwrapped: the angle between the two directions
         change = ca.atan2(e.dx * cosine - e.dy * sine, 1 + e.dx * sine + e.dy * cosine)
         return dict.fromkeys(slot.channels, change)

@@ -97,7 +97,7 @@ def accelerations(structure: str, s: Symbols, force: ca.SX) -> ca.SX:
     return ca.mtimes(_inverse(mass), rhs)
 
 
-def symbols(x: ca.SX, u: ca.SX, p: Mapping[str, ca.SX]) -> Symbols:
+def symbols(x: Any, u: ca.SX, p: Mapping[str, ca.SX]) -> Symbols:
     """Named view of a state (4,), an input and the parameters."""
     return Symbols(x[0], x[1], x[2], x[3], u, p)
 

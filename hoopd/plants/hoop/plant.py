@@ -9,10 +9,12 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
+import casadi as ca
+
 from hoopd.plants.effects.base import Effect, Point, Values
 from hoopd.plants.found_effects import Found
 from hoopd.plants.hoop.declaration import hoop_plant
-from hoopd.plants.hoop.equations import ExtraForce, Symbols
+from hoopd.plants.hoop.equations import ExtraForce, symbols
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, check_parameters
 from hoopd.plants.numeric_plant import NumericPlant
 
@@ -77,7 +79,9 @@ def force_effects(forces: tuple[ExtraForce, ...]) -> tuple[Effect, ...]:
 
 def _by_coordinate(extra: ExtraForce) -> Callable[[Point, Values], dict[str, Any]]:
     def force(s: Point, e: Values) -> dict[str, Any]:
-        on_theta, on_psi = extra(Symbols(s.theta, s.dtheta, s.psi, s.dpsi, s.u, s.p))
-        return {"theta": on_theta, "psi": on_psi}
+        # where the hoop or the ball alone moves, the other one is at rest
+        x = (getattr(s, name) if name in s else ca.SX(0) for name in ("theta", "dtheta", "psi", "dpsi"))
+        forces = dict(zip(("theta", "psi"), extra(symbols(list(x), s.u, s.p)), strict=True))
+        return {q: one for q, one in forces.items() if f"d{q}" in s and q in s}
 
     return force
