@@ -89,7 +89,15 @@ class FreeRunModel:
         fixed = None if effects else {name: value for name, value in known.items() if name not in free}
         limited = any(one.torque is not None or one.lag is not None for one in effects)
         self.composite = c = Composite(plant, effects, count, limited=limited, numbers=fixed)
-        self._key = (fingerprint(plant), tuple(map(fingerprint, effects)), count, limited, fingerprint(fixed))
+        # what the equations are made of: neither nominal values nor what judges recordings
+        made_of = (plant.states, plant.accelerations, plant.rates, plant.inputs, plant.channels, plant.held)
+        self._key = (
+            fingerprint((*made_of, plant.time_scale_s, tuple(plant.values))),
+            tuple(map(fingerprint, effects)),
+            count,
+            limited,
+            fingerprint(fixed),
+        )
         half = plant.time_scale_s / 2.0 if step_s is None else step_s
         # a step of the composite is so many Runge-Kutta steps
         self.free, self.step_s = tuple(free), min(half * c.substeps, c.longest_step_s)
