@@ -114,6 +114,18 @@ def test_two_seconds_of_a_fast_axis_are_enough(tmp_path: Path) -> None:
     assert found.verdict == "parameters"
 
 
+def test_tanks_of_first_order_states_are_diagnosed(tmp_path: Path) -> None:
+    random, t = np.random.default_rng(3), np.arange(0.0, 900.0, 1.0)
+    pump = 5e-5 + np.repeat(random.choice([-2e-5, 2e-5], len(t) // 30 + 1), 30)[: len(t)]
+    run = FreeRunModel(plant_named("tanks"), values={"a1": 2.6e-5, "a2": 2.4e-5})
+    levels = run.run([], [0.2, 0.2], t, pump[:-1]).readings + 2e-4 * random.normal(size=(len(t), 2))
+    path = written(tmp_path / "tanks.csv", {"t": t, "q": pump, "h1": levels[:, 0], "h2": levels[:, 1]})
+    found = diagnose.run(DiagnoseOptions(recordings=(str(path),), plant="tanks", free_run=False))
+    assert found.base.parameters["a1"].value == pytest.approx(2.6e-5, rel=0.02)
+    assert found.base.parameters["a2"].value == pytest.approx(2.4e-5, rel=0.02)
+    assert found.verdict == "parameters"
+
+
 def test_a_signal_that_is_not_there_is_named(tmp_path: Path) -> None:
     path = decay(tmp_path / "one.csv", 0.3, 3.0)
     with pytest.raises(InputError, match=r"column angel.*did you mean 'angle'"):

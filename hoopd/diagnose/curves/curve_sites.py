@@ -50,13 +50,17 @@ def wanted(plant: Plant) -> Iterator[Wanted]:
         "body": _of_body, "rolling_ball": _of_ball, "actuator": _of_actuator, "push": _of_push, "sensor": _of_sensor
     }  # fmt: skip
     for name, slot in plant.slots.items():
-        if slot.kind in kinds:
+        if not slot.coordinate:
+            yield from _of_plain_sensor(plant, name, slot) if slot.kind == "sensor" else ()
+        elif slot.kind in kinds:
             yield from kinds[slot.kind](plant, name, slot)
 
 
 def state(plant: Plant, name: str) -> Variable:
     """A state of the plant as a variable: the angle of a turning body comes back after a turn."""
     names = units(plant)
+    if name in plant.first_order:
+        return Variable(name, plant.units.get(name, "-"), lambda s: getattr(s, name))
     if name not in plant.coordinates:
         return Variable(name, names.rate, lambda s: getattr(s, name))
     turning = turns(plant, name)
@@ -154,3 +158,13 @@ def _of_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
         if plant.state_of(channel) == q:
             # late by a time that changes with the rate or the position
             yield site, state(plant, q), _as_factor(state(plant, f"d{q}"))
+
+
+def _of_plain_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
+    """A sensor of a first-order state: its scale and its zero over time."""
+    for channel in slot.channels:
+        if not (read := plant.state_of(channel)):
+            continue
+        site = Site(name, "reading", {channel: 1.0}, state(plant, read).unit)
+        for one in (state(plant, read), TIME):
+            yield site, one, None
