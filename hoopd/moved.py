@@ -185,6 +185,7 @@ MOVED: dict[str, str] = {
     "replay": "daemon.replay",
     "report": "daemon.report",
     "shipped": "files.shipped",
+    "sim.hidden": "sim.plant",
     "sinks": "daemon.sinks",
     "spans": "recording.spans",
     "trackingerror": "daemon.tracking_error",
