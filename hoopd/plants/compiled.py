@@ -57,7 +57,32 @@ class Call:
 
 
 def zero_order_hold(a: Matrix, b: Matrix, h: float) -> tuple[Matrix, Matrix]:
-    """Ad, Bd of dx/dt = A x + B u held over `h`: exp([[A, B], [0, 0]] h), scaled Taylor series."""
+    """Give Ad, Bd of dx/dt = A x + B u held over `h`: exp([[A, B], [0, 0]] h) by a scaled Taylor series.
+
+    Parameters
+    ----------
+    a : ndarray, shape (n, n)
+        A.
+    b : ndarray, shape (n, m)
+        B.
+    h : float
+        Step in s.
+
+    Returns
+    -------
+    ad : ndarray, shape (n, n)
+        Ad.
+    bd : ndarray, shape (n, m)
+        Bd.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.plants.compiled import zero_order_hold
+    >>> ad, bd = zero_order_hold(np.array([[-2.0]]), np.array([[1.0]]), 0.1)
+    >>> ad.round(4), bd.round(4)  # exp(-0.2) and (1 - exp(-0.2))/2
+    (array([[0.8187]]), array([[0.0906]]))
+    """
     n, m = b.shape
     block = np.zeros((n + m, n + m))
     block[:n, :n], block[:n, n:] = a * h, b * h

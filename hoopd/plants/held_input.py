@@ -15,9 +15,37 @@ SAME_S = 1e-9
 
 
 def node_axis(t: ArrayLike, u: ArrayLike | None = None, inputs: int = 1) -> tuple[Array, Array, Array]:
-    """Nodes (n,), inputs (n-1,) or (n-1, inputs) and distances (n-1,); ValueError when they do not fit.
+    """Check nodes and the inputs held between them.
 
-    A plant without an input needs no `u`.
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Nodes in s.
+    u : array_like, shape (n - 1,) or (n - 1, inputs), optional
+        Inputs; a plant without an input needs none.
+    inputs : int
+        How many the plant has.
+
+    Returns
+    -------
+    t : ndarray, shape (n,)
+        Nodes in s.
+    u : ndarray, shape (n - 1,) or (n - 1, inputs)
+        Inputs.
+    h : ndarray, shape (n - 1,)
+        Distances in s.
+
+    Raises
+    ------
+    ValueError
+        They do not fit, or the nodes do not increase.
+
+    Examples
+    --------
+    >>> from hoopd.plants.held_input import node_axis
+    >>> t, u, h = node_axis([0.0, 0.5, 2.0], [1.0, 3.0])
+    >>> h.tolist()
+    [0.5, 1.5]
     """
     t = np.asarray(t, float)
     u = np.zeros(max(len(t) - 1, 0)) if u is None and inputs == 0 else np.asarray(u, float)
@@ -32,14 +60,62 @@ def node_axis(t: ArrayLike, u: ArrayLike | None = None, inputs: int = 1) -> tupl
 
 
 def mean_inputs(edges: Array, t: Array, u: Array, delay: float = 0.0) -> Array:
-    """`mean_torque` of every input side by side, (..., m inputs); only the first one is late."""
+    """Give the means between edges of every input side by side; only the first one is late.
+
+    Parameters
+    ----------
+    edges : ndarray, shape (..., m + 1)
+        Edges in s.
+    t : ndarray, shape (n,)
+        Nodes in s.
+    u : ndarray, shape (n - 1,) or (n - 1, inputs)
+        Inputs held from the nodes.
+    delay : float
+        Seconds by which the first input is late.
+
+    Returns
+    -------
+    ndarray, shape (..., m) or (..., m inputs)
+        The means.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.plants.held_input import mean_inputs
+    >>> t, u = np.array([0.0, 1.0, 2.0]), np.array([[1.0, 10.0], [3.0, 30.0]])
+    >>> mean_inputs(np.array([0.5, 1.5]), t, u).tolist()
+    [2.0, 20.0]
+    """
     if u.ndim == 1:
         return mean_torque(edges, t, u, delay)
     return np.concatenate([mean_torque(edges, t, u[:, i], delay if i == 0 else 0.0) for i in range(u.shape[1])], -1)
 
 
 def mean_torque(edges: ArrayLike, t: ArrayLike, u: ArrayLike, delay: float = 0.0) -> Array:
-    """Means (..., m) of u(time - delay) between the edges (..., m + 1) s; torques u (n-1,) held from nodes t (n,) s."""
+    """Give the means of u(time - delay) between edges.
+
+    Parameters
+    ----------
+    edges : array_like, shape (..., m + 1)
+        Edges in s.
+    t : array_like, shape (n,)
+        Nodes in s.
+    u : array_like, shape (n - 1,)
+        Torques held from the nodes; before the first node it is the first, after the last the last.
+    delay : float
+        Seconds by which the torque is late.
+
+    Returns
+    -------
+    ndarray, shape (..., m)
+        The means.
+
+    Examples
+    --------
+    >>> from hoopd.plants.held_input import mean_torque
+    >>> mean_torque([0.0, 1.0, 2.0], [0.0, 1.0, 2.0], [1.0, 3.0], delay=0.5).tolist()
+    [1.0, 2.0]
+    """
     when, t, u = np.asarray(edges, float) - delay, np.asarray(t, float), np.asarray(u, float)
     first, last = _hold(when[..., :-1] + SAME_S, t), _hold(when[..., 1:] - SAME_S, t)
     mean = np.diff(_integral(when, t, u)) / np.maximum(np.diff(when), SAME_S)

@@ -51,7 +51,33 @@ class PlantModel:
 
 
 def load_plant_model(path: Path, plant: str | None = None) -> PlantModel:
-    """The model of a file, of whatever plant; `plant`: the plant whose model it has to be. InputError otherwise."""
+    """Load a model file of whatever plant.
+
+    Parameters
+    ----------
+    path : Path
+        `hoopd.model/1`.
+    plant : str, optional
+        The plant whose model it has to be, a name or a file.
+
+    Returns
+    -------
+    PlantModel
+        The plant with the numbers of the file.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be used, or another plant's.
+
+    Examples
+    --------
+    >>> from hoopd.files.shipped import defaults_folder
+    >>> from hoopd.plants.plant_model import load_plant_model
+    >>> hoop = load_plant_model(defaults_folder() / "models/hoop.yaml")
+    >>> hoop.name, hoop.is_hoop
+    ('hoop', True)
+    """
     return parse_plant_model(read_text(path), path, plant)
 
 
@@ -71,7 +97,29 @@ def parse_plant_model(text: str, path: Path, plant: str | None = None) -> PlantM
 
 
 def nominal_model(plant: str) -> PlantModel:
-    """The plant of a name or a file with its nominal parameters."""
+    """Give a plant with its nominal parameters.
+
+    Parameters
+    ----------
+    plant : str
+        A registered name, or a plant file.
+
+    Returns
+    -------
+    PlantModel
+        The plant and its numbers.
+
+    Raises
+    ------
+    InputError
+        Neither a name nor a file that can be used.
+
+    Examples
+    --------
+    >>> from hoopd.plants.plant_model import nominal_model
+    >>> nominal_model("axis").values["M"]
+    100.0
+    """
     return declared_model(resolve_plant(plant), plant)
 
 

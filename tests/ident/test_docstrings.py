@@ -30,6 +30,9 @@ PLANTS = {
     "registry": "plant_named resolve_plant",
     "layout": "layout_of",
     "free_run": "run readings",
+    "held_input": "node_axis mean_inputs mean_torque",
+    "compiled": "zero_order_hold",
+    "plant_model": "load_plant_model nominal_model",
     "effects.library": "library",
 }
 DOCUMENTED = {f"ident.{name}": getattr(ident, name) for name in ident.__all__} | {
@@ -37,10 +40,11 @@ DOCUMENTED = {f"ident.{name}": getattr(ident, name) for name in ident.__all__} |
     for module, names in PLANTS.items()
     for name in names.split()
 }
-# The examples of the lab, some of which run the daemon, are run by tests/test_lab.py.
-FUNCTIONS = (
-    "controller daemon design diagnose experiment feedback fit linearize load model plant plot save simulate"  # grows
-)
+# This list grows, too. The examples of the lab, some of which run the daemon, are run by tests/test_lab.py.
+FUNCTIONS = """
+    controller daemon design diagnose experiment feedback fit fit_plant linearize load model plant plot save simulate
+    simulate_plant
+"""
 LAB = {f"lab.{name}": getattr(lab, name) for name in FUNCTIONS.split()}
 
 
