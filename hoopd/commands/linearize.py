@@ -64,13 +64,13 @@ def run(options: LinearizeOptions) -> dict[str, Any]:
 
 def linearized(file: ModelFile, options: LinearizeOptions) -> tuple[OperatingPoint, control.StateSpace, Near]:
     """Operating point, linear system and what became of the model's effects; InputError where there is no point."""
-    psi = math.pi if options.top else options.held_rad
-    turning = bool(options.turning_rad_s) or (psi is not None and psi != 0.0 and not options.top)
+    angle = math.pi if options.top else options.held_rad
+    turning = bool(options.turning_rad_s) or (angle is not None and angle != 0.0 and not options.top)
     near = effects_near(plant_of(file), effects_of(file), options.outputs, turning=turning)
     plant = near.plant
     try:
         point = operating_point(
-            plant, psi_rad=psi, dtheta_rad_s=options.turning_rad_s, torque_limit_nm=file.device.torque_limit_nm
+            plant, psi_rad=angle, dtheta_rad_s=options.turning_rad_s, torque_limit_nm=file.device.torque_limit_nm
         )
     except NoEquilibriumError as error:
         raise InputError("--hoop-speed" if options.turning_rad_s is not None else "--psi", "", str(error)) from None

@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hoopd.commands.inputs import read_ages, read_recording, read_values
 from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
@@ -20,7 +18,7 @@ from hoopd.commands.simulate_plant import simulate_other_plant
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
-from hoopd.plants.hoop.fit_data import moving_of
+from hoopd.plants.hoop.fit_data import moving_of, was_measured
 from hoopd.plants.hoop.fit_percent import WINDOW_S, Score, score
 from hoopd.plants.hoop.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.plants.hoop.suspicions import suspicions
@@ -80,16 +78,12 @@ def _moving(recording: Recording, moving: str, encoder_counts: int) -> str:
         raise InputError("--moving", "", f"unknown {moving!r}; known: {', '.join(MOVING)}")
     if moving != "auto":
         return moving
-    return moving_of(recording, encoder_counts) if _measured(recording) else "both"
-
-
-def _measured(recording: Recording) -> bool:
-    return bool(np.isfinite(recording.theta).any() or np.isfinite(recording.psi).any())
+    return moving_of(recording, encoder_counts) if was_measured(recording) else "both"
 
 
 def _rest(recording: Recording) -> Mapping[str, float] | None:
     """A recording of nothing but torque starts at rest."""
-    return None if _measured(recording) else {}
+    return None if was_measured(recording) else {}
 
 
 def _check_start(moving: str, start: Mapping[str, float] | None) -> None:

@@ -83,19 +83,22 @@ class Linear:
         return analysis.channel(self.system, self.system.output_labels[0])
 
 
+# What an operating point of the hoop is told by: where the ball is held, or how fast the hoop turns.
+POINT = ("psi", "hoop_speed")
+
+
 def linearize(
     model: Model | str,
     outputs: Sequence[str] | str = ("psi",),
     *,
-    psi: float | None = None,
-    hoop_speed: float | None = None,
     top: bool = False,
     sample_time: float | None = None,
     delay: int = 0,
+    **at: float | None,
 ) -> Linear:
     """Linearise a model about an operating point.
 
-    At rest at the bottom, at the `top`, or with the ball held at `psi` or the hoop turning at `hoop_speed`.
+    At rest at the bottom, at the `top`, or where `at` says.
 
     Parameters
     ----------
@@ -103,16 +106,14 @@ def linearize(
         The plant, or a model by name or path.
     outputs : sequence of str
         Of theta, dtheta, psi, dpsi.
-    psi : float, optional
-        Angle in rad at which the ball is held.
-    hoop_speed : float, optional
-        Speed in rad/s at which the hoop turns.
     top : bool
         The ball at the top.
     sample_time : float, optional
         Step in s over which the torque is held; continuous unless given.
     delay : int
         Samples by which the torque is late.
+    **at : float
+        Of the hoop: `psi`, the angle in rad at which the ball is held, or `hoop_speed`, in rad/s, at which it turns.
 
     Returns
     -------
@@ -132,7 +133,10 @@ def linearize(
     >>> [round(float(abs(pole)), 2) for pole in lab.linearize("thesis").poles if pole.imag > 0]
     [8.58]
     """
-    if top and (psi is not None or hoop_speed is not None):
+    if unknown := at.keys() - POINT:
+        raise TypeError(f"linearize has no argument {', '.join(sorted(unknown))}; known: {', '.join(POINT)}")
+    angle, speed = (at.get(name) for name in POINT)
+    if top and (angle is not None or speed is not None):
         raise ValueError("top fixes the ball's angle: give nothing beside it")
     if delay and sample_time is None:
         raise ValueError("delay counts samples: give sample_time too")
@@ -140,8 +144,8 @@ def linearize(
         raise ValueError(f"sample_time must be a positive time in s, not {sample_time}")
     own = as_model(model)
     limit = own.file.device.torque_limit_nm
-    angle = math.pi if top else psi
-    point = operating_point(own.plant, psi_rad=angle, dtheta_rad_s=hoop_speed, torque_limit_nm=limit)
+    held_at = math.pi if top else angle
+    point = operating_point(own.plant, psi_rad=held_at, dtheta_rad_s=speed, torque_limit_nm=limit)
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
     system = analysis.linear_model(own.plant, point.x, point.u, names)
     if sample_time is not None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
-from hoopd.plants.hoop.fit_data import moving_of
+from hoopd.plants.hoop.fit_data import moving_of, was_measured
 from hoopd.plants.hoop.fit_percent import Score, score
 from hoopd.plants.hoop.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.plots.simulation import draw_simulation
@@ -104,7 +104,7 @@ def simulate(
     """
     own = as_model(model)
     recording = torque if isinstance(torque, Recording) else _only_torque(*_pair(torque))
-    measured = bool(np.isfinite(recording.theta).any() or np.isfinite(recording.psi).any())
+    measured = was_measured(recording)
     start = ({} if not measured else None) if x0 is None else _named(x0)
     what = moving or (moving_of(recording, own.file.device.encoder_counts) if measured else "both")
     found = score(_subject(own), recording, window_s=window, start=start, moving=what)

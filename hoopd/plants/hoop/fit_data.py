@@ -29,6 +29,11 @@ UNITS = {"theta": "rad", "theta_rate": "rad/s", "dtheta": "rad/s", "psi": "rad"}
 STILL_PSI_RAD = 0.005
 
 
+def was_measured(recording: Recording) -> bool:
+    """Whether one of the two angles was read at all."""
+    return bool(np.isfinite(recording.theta).any() or np.isfinite(recording.psi).any())
+
+
 def moving_of(recording: Recording, encoder_counts: int = 4096) -> str:
     """Whether ball and hoop move: both, hoop or ball."""
     psi, theta = _seen(recording.psi), _seen(recording.theta)
