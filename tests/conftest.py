@@ -31,7 +31,7 @@ ON_THE_CLOCK = (
 )
 # Bounds of tenths of a second and more, with much waiting: side by side, but excused like those above (disturbance.py).
 TIMED = (
-    "docs/test_commands.py",
+    "docs",
     "shell",
     "sim/test_boardprocess.py",
     "sim/test_camera.py",
