@@ -9,7 +9,7 @@ import numpy as np
 
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.hoop.fit_data import prepare
-from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.recording.recording import Recording, from_columns
 
 DEVICE = {
@@ -44,7 +44,7 @@ def recording_of(
     t = np.arange(n) * 0.02
     levels = np.repeat(random.choice([-1.0, 1.0], n), random.integers(5, 16, n))[:n] * torque_nm
     unknown = unknown_nm * _coloured(random, n, 0.3 / 0.02)
-    x = Model(structure, parameters).run([], [0.0, 0.0, 0.1, 0.0], t, (levels + unknown)[:-1])
+    x = HoopModel(structure, parameters).run([], [0.0, 0.0, 0.1, 0.0], t, (levels + unknown)[:-1])
     theta = np.round(x[:, 0] / COUNT_RAD) * COUNT_RAD
     psi = x[:, 2] + random.normal(0.0, PSI_SIGMA_RAD, n)
     return from_columns({"t": t, "u": levels, "theta": theta, "dtheta": x[:, 1], "psi": psi}, source=f"seed {seed}")

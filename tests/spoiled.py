@@ -9,12 +9,12 @@ import numpy as np
 from freeruns import COUNT_RAD, DEVICE, PSI_SIGMA_RAD
 from numpy.typing import NDArray
 
-from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.recording.recording import Recording, from_columns
 
 Array = NDArray[np.float64]
 STEP_S = 0.02
-MODEL = Model("rolling", DEVICE)
+MODEL = HoopModel("rolling", DEVICE)
 DTHETA_SIGMA = 0.1
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import warnings
+from collections import Counter
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -38,6 +39,20 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     graph = grimp.build_graph("hoopd", exclude_type_checking_imports=True)
     order = TopologicalSorter({name: graph.find_modules_directly_imported_by(name) for name in graph.modules})
     order.prepare()  # CycleError names the circle
+
+
+# What a law is to the tick, and what the lab hands a user under that name.
+TWO_MEANINGS = {"Controller"}
+
+
+def test_a_public_class_has_a_name_of_its_own() -> None:
+    places = Counter(
+        node.name
+        for path in ROOT.rglob("*.py")
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    )
+    assert {name for name, count in places.items() if count > 1} <= TWO_MEANINGS
 
 
 def test_few_modules_lie_at_the_top() -> None:

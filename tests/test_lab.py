@@ -19,7 +19,7 @@ from hoopd.design.margins import margins
 from hoopd.files.controller import load_controller
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.hoop.closed_loop import Scenario, picture_timing
-from hoopd.plants.hoop.fit import Settings
+from hoopd.plants.hoop.fit import FitSettings
 from hoopd.plants.hoop.fit import fit as fit_parameters
 from hoopd.plants.hoop.fit_percent import score
 from hoopd.plants.hoop.recorded_runs import Subject
@@ -174,7 +174,7 @@ def test_fit_is_the_fit_of_the_room(recording):
     fitted = lab.fit([recording], "rolling", fix=["mb", "Ro", "Rb"])
     nominal = lab.model("hoop").parameters
     fixed = {name: nominal[name] for name in ("mb", "Ro", "Rb")}
-    plain = fit_parameters([recording], nominal, Settings(structure="rolling", fixed=fixed))
+    plain = fit_parameters([recording], nominal, FitSettings(structure="rolling", fixed=fixed))
     assert fitted.fit.values == plain.values
     assert fitted.intervals == plain.intervals
     assert any("mb" in text for text in fitted.words)

@@ -33,8 +33,8 @@ from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped, way_to
 from hoopd.files.whole_files import replace_file
-from hoopd.plants.found_effects import Found
-from hoopd.plants.hoop.closed_loop import Run
+from hoopd.plants.found_effects import FoundEffects
+from hoopd.plants.hoop.closed_loop import ClosedLoopRun
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
 from hoopd.plants.hoop.writeback import cancelled, delays_of, filter_effects, limits_of, unused
@@ -159,7 +159,7 @@ def _restless(runs: Trial) -> list[str]:
     return [f"ball not at rest at the end of the nonlinear run {n!r}" for n in names if not at_rest(getattr(runs, n))]
 
 
-def _left_out(law: str, found: Found) -> list[str]:
+def _left_out(law: str, found: FoundEffects) -> list[str]:
     """What the model's effects leave to be wished for."""
     notes = [f"nothing is done about {one.name}: {one.reason}" for one in unused(found)]
     if law == "arx" and cancelled(found):
@@ -167,7 +167,7 @@ def _left_out(law: str, found: Found) -> list[str]:
     return notes
 
 
-def _with_delays(spec: Spec, found: Found) -> Spec:
+def _with_delays(spec: Spec, found: FoundEffects) -> Spec:
     """The specification for what is later than usual; InputError when that is more than the filter remembers."""
     late = delays_of(found)
     try:
@@ -176,7 +176,7 @@ def _with_delays(spec: Spec, found: Found) -> Spec:
         raise InputError("--delay", "", f"with the model's effects: {error.reason}") from None
 
 
-def _effects(found: Found) -> dict[str, Any]:
+def _effects(found: FoundEffects) -> dict[str, Any]:
     """What becomes of the model's effects: the law is designed on what feed-forward leaves."""
     return {
         "fed_forward": list(cancelled(found)),
@@ -250,7 +250,7 @@ def _result(
     }
 
 
-def _figures(made: Run, limit_nm: float, linear: Run | None = None) -> dict[str, Any]:
+def _figures(made: ClosedLoopRun, limit_nm: float, linear: ClosedLoopRun | None = None) -> dict[str, Any]:
     values: dict[str, Any] = _finite(figures_of(made, limit_nm))
     return values if linear is None else values | {"nonlinear_difference_rad": nonlinear_difference(made, linear)}
 

@@ -21,7 +21,7 @@ from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile
 from hoopd.ident.normal import Z95
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Model = TypeVar("Model", bound=ModelFile | PlantModelFile)
 # A region of validity is where the recordings were, without their rarest places.
@@ -49,15 +49,15 @@ def left_out(outcome: Outcome) -> list[str]:
     return [one.name for one in outcome.named.final.effects if not _is_known(one.name, outcome.named.final)]
 
 
-def _known(final: Fit) -> Iterable[Effect]:
+def _known(final: HypothesisFit) -> Iterable[Effect]:
     return (effect for effect in final.effects if _is_known(effect.name, final))
 
 
-def _is_known(name: str, final: Fit) -> bool:
+def _is_known(name: str, final: HypothesisFit) -> bool:
     return any(name in library(plant) for plant in {id(p): p for p in (t.stretch.plant for t in final.tracks)}.values())
 
 
-def entry_of(effect: Effect, final: Fit, old: EffectEntry | None = None) -> EffectEntry:
+def entry_of(effect: Effect, final: HypothesisFit, old: EffectEntry | None = None) -> EffectEntry:
     """One effect as fitted; `old`: the entry that it had, whose region is kept."""
     found = parameters_of(effect, final)
     for one in effect.parameters:
@@ -67,7 +67,7 @@ def entry_of(effect: Effect, final: Fit, old: EffectEntry | None = None) -> Effe
     return EffectEntry(name=effect.name, parameters=_parameters(found), valid=valid)
 
 
-def _phase(key: str, final: Fit) -> dict[str, object]:
+def _phase(key: str, final: HypothesisFit) -> dict[str, object]:
     """Value and interval of a phase: of all recordings where they agree, else of the last one."""
     own = {name: value for name, value in final.values.items() if name.startswith(f"{key}@")}
     if not own:
@@ -81,7 +81,7 @@ def _phase(key: str, final: Fit) -> dict[str, object]:
     return {"value": value, "ci95": (value - half, value + half) if half else None}
 
 
-def region(effect: Effect, final: Fit) -> dict[str, tuple[float, float]]:
+def region(effect: Effect, final: HypothesisFit) -> dict[str, tuple[float, float]]:
     """By what an effect depends on: where the recordings were; an angle that made a whole turn was everywhere."""
     found, turning = {}, _turning(final)
     for name in effect.depends_on:
@@ -98,7 +98,7 @@ def region(effect: Effect, final: Fit) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _turning(final: Fit) -> dict[str, bool]:
+def _turning(final: HypothesisFit) -> dict[str, bool]:
     """Every state, and what is held, of the plants: whether it comes back after a turn."""
     found = dict[str, bool]()
     for plant in (track.stretch.plant for track in final.tracks):

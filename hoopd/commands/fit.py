@@ -22,7 +22,7 @@ from hoopd.commands.plant_inputs import other_plant, refuse_shared
 from hoopd.files.model import ModelFile, model_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
-from hoopd.plants.hoop.fit import Fit, Settings, fit, model_file, nominal_values
+from hoopd.plants.hoop.fit import FitSettings, FittedParameters, fit, model_file, nominal_values
 from hoopd.plants.hoop.fit_percent import score
 from hoopd.plants.hoop.parameters import ParameterError
 from hoopd.plants.hoop.recorded_runs import Subject
@@ -53,7 +53,9 @@ def run(options: FitOptions, *, progress: Progress = lambda text: None) -> dict[
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
 
 
-def _fitted(train: Sequence[Recording], nominal: Mapping[str, float], settings: Settings, progress: Progress) -> Fit:
+def _fitted(
+    train: Sequence[Recording], nominal: Mapping[str, float], settings: FitSettings, progress: Progress
+) -> FittedParameters:
     """The fit; InputError when the numbers leave the computer's range on the way."""
     try:
         found = fit(train, nominal, settings, progress)
@@ -66,7 +68,9 @@ def _fitted(train: Sequence[Recording], nominal: Mapping[str, float], settings: 
     return found
 
 
-def _write(found: Fit, base: ModelFile, train: Sequence[Recording], out: Path | None, figure: Path | None) -> None:
+def _write(
+    found: FittedParameters, base: ModelFile, train: Sequence[Recording], out: Path | None, figure: Path | None
+) -> None:
     if out is not None:
         text = model_text(model_file(found, base, out.stem))
         parse_model(text, out)  # never a model that no command could load

@@ -14,14 +14,14 @@ from hoopd.files.reading import InputError
 from hoopd.files.shipped import START_MODELS, defaults_folder, or_shipped
 from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.robust_least_squares import LOSSES
-from hoopd.plants.hoop.fit import METHODS, Settings, nominal_values
+from hoopd.plants.hoop.fit import METHODS, FitSettings, nominal_values
 from hoopd.plants.hoop.fit_data import CHANNELS
 from hoopd.plants.hoop.free_parameters import scale_of
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
 from hoopd.plants.model_file import effects_of, load_model
 
 
-def settings_of(options: FitOptions) -> tuple[ModelFile, Settings]:
+def settings_of(options: FitOptions) -> tuple[ModelFile, FitSettings]:
     """The model that a fit starts from, and its settings."""
     _one_of("--structure", options.structure, STRUCTURES)
     _one_of("--loss", options.loss, LOSSES)
@@ -33,7 +33,7 @@ def settings_of(options: FitOptions) -> tuple[ModelFile, Settings]:
     names = tuple(PARAMETER_UNITS[options.structure])
     if options.window_s is not None and not 0.2 <= options.window_s <= 1e4:
         raise InputError("--window", "", f"must be 0.2 to 10000 s, not {options.window_s:g}")
-    return base, Settings(
+    return base, FitSettings(
         structure=options.structure,
         free=_known("--free", options.free, names),
         fixed=_possible("--fix", options.structure, nominal, fixed_values(options.fix, nominal, names)),

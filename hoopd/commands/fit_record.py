@@ -21,7 +21,7 @@ from hoopd.plants.fits.plain_numbers import plain
 from hoopd.plants.hoop.entries import ENTRIES
 from hoopd.plants.hoop.entry_constraints import constraint_words
 from hoopd.plants.hoop.filter_noise import NOISE_UNITS
-from hoopd.plants.hoop.fit import Fit, nominal_values
+from hoopd.plants.hoop.fit import FittedParameters, nominal_values
 from hoopd.plants.hoop.fit_data import UNITS, prepare
 from hoopd.plants.hoop.fit_percent import WINDOW_S, score
 from hoopd.plants.hoop.free_parameters import PRIOR
@@ -57,7 +57,7 @@ Progress = Callable[[str], None]
 
 
 def record(
-    found: Fit,
+    found: FittedParameters,
     base: ModelFile,
     options: FitOptions,
     train: Mapping[str, Recording],
@@ -93,7 +93,7 @@ def _worse(judged: dict[str, Any]) -> list[str]:
     ]
 
 
-def _parameters(found: Fit) -> dict[str, Any]:
+def _parameters(found: FittedParameters) -> dict[str, Any]:
     intervals, units = found.intervals, PARAMETER_UNITS[found.structure]
     return {
         name: {
@@ -107,7 +107,7 @@ def _parameters(found: Fit) -> dict[str, Any]:
     }
 
 
-def _judged(found: Fit, train: Mapping[str, Recording], held: Mapping[str, Recording]) -> dict[str, Any]:
+def _judged(found: FittedParameters, train: Mapping[str, Recording], held: Mapping[str, Recording]) -> dict[str, Any]:
     """Percent of fit by recording and channel: what it started from, and what was found; of one free run over the
     whole recording and of windows."""
     subjects = {"nominal": found.nominal, "fitted": found.values}
@@ -118,7 +118,9 @@ def _judged(found: Fit, train: Mapping[str, Recording], held: Mapping[str, Recor
     return judged
 
 
-def _scores(fitted: Fit, subjects: Mapping[str, Mapping[str, float]], recording: Recording) -> dict[str, Any]:
+def _scores(
+    fitted: FittedParameters, subjects: Mapping[str, Mapping[str, float]], recording: Recording
+) -> dict[str, Any]:
     columns: dict[str, dict[str, Any]] = {}
     settings = fitted.settings
     for label, values in subjects.items():
@@ -132,7 +134,7 @@ def _scores(fitted: Fit, subjects: Mapping[str, Mapping[str, float]], recording:
     return columns
 
 
-def _residuals(found: Fit) -> dict[str, Any]:
+def _residuals(found: FittedParameters) -> dict[str, Any]:
     return {
         name: {
             "sigma": found.solution.sigma[name],
@@ -144,11 +146,11 @@ def _residuals(found: Fit) -> dict[str, Any]:
     }
 
 
-def _correlation(found: Fit) -> dict[str, Any]:
+def _correlation(found: FittedParameters) -> dict[str, Any]:
     return {"names": list(found.solution.names), "matrix": np.round(found.uncertainty.correlation, 6).tolist()}
 
 
-def _notes(found: Fit, recordings: Sequence[Recording]) -> list[str]:
+def _notes(found: FittedParameters, recordings: Sequence[Recording]) -> list[str]:
     notes = [f"{one.source}: {text}" for one in recordings for text in suspicions(one)]
     notes += [text for one in recordings for text in off_words(one)]
     aside: dict[tuple[str, str], int] = {}
@@ -170,7 +172,7 @@ def _notes(found: Fit, recordings: Sequence[Recording]) -> list[str]:
     return notes
 
 
-def _noise(found: Fit) -> dict[str, Any]:
+def _noise(found: FittedParameters) -> dict[str, Any]:
     """Noise levels of a prediction-error fit, as the daemon's filter takes them."""
     if found.prediction is None or not isinstance(found.solution, PredictionSolution):
         return {}
@@ -191,7 +193,7 @@ def _noise(found: Fit) -> dict[str, Any]:
 
 
 def _physics(
-    found: Fit, base: ModelFile, train: Sequence[Recording], options: FitOptions, progress: Progress
+    found: FittedParameters, base: ModelFile, train: Sequence[Recording], options: FitOptions, progress: Progress
 ) -> dict[str, Any]:
     """What the parameters mean beyond themselves: what is not determined, what they are made of, which kinematics."""
     judged = determined(found.solution, found.uncertainty, found.structure)
@@ -236,7 +238,7 @@ def _device(base: ModelFile, fixed: Mapping[str, float]) -> dict[str, float]:
     return {name: own.get(name, value) for name, value in shipped.items()}
 
 
-def _second_step(found: Fit, device: Mapping[str, float], printed: list[str]) -> dict[str, Any]:
+def _second_step(found: FittedParameters, device: Mapping[str, float], printed: list[str]) -> dict[str, Any]:
     """Entries to positive physical parameters under both kinematics, with the misfit that remains."""
     entries = {name: found.values[name] for name in found.solution.names}
     if len(entries) != len(ENTRIES):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hoopd.commands.design_options import poles_from
 from hoopd.commands.inputs import read_values
 from hoopd.commands.options.design import DesignOptions
-from hoopd.commands.plant_linear import LinearPlant, linearized
+from hoopd.commands.plant_linear import LinearizedPlant, linearized
 from hoopd.design.linear_law import LinearLaw, placed, quadratic, sampled, with_filter
 from hoopd.design.margins import margins
 from hoopd.design.poles import closed_loop_poles, unstable
@@ -47,7 +47,7 @@ def run(options: DesignOptions) -> dict[str, Any]:
     return _result(linear, options.law, law, step_s)
 
 
-def _law(linear: LinearPlant, options: DesignOptions, step_s: float) -> LinearLaw:
+def _law(linear: LinearizedPlant, options: DesignOptions, step_s: float) -> LinearLaw:
     model = sampled(linear.system, step_s)
     if not model.nstates:
         raise ValueError("no input moves what a channel reads")
@@ -58,7 +58,7 @@ def _law(linear: LinearPlant, options: DesignOptions, step_s: float) -> LinearLa
     return with_filter(model, gains, states, outputs)
 
 
-def _sizes(linear: LinearPlant, options: DesignOptions) -> dict[str, float]:
+def _sizes(linear: LinearizedPlant, options: DesignOptions) -> dict[str, float]:
     """What deviations cost the same: usual sizes of the plant, unless told."""
     plant = linear.model.plant
     names = (*plant.states, *(one.name for one in plant.inputs))
@@ -71,7 +71,7 @@ def _sizes(linear: LinearPlant, options: DesignOptions) -> dict[str, float]:
     return usual | told
 
 
-def _result(linear: LinearPlant, name: str, law: LinearLaw, step_s: float) -> dict[str, Any]:
+def _result(linear: LinearizedPlant, name: str, law: LinearLaw, step_s: float) -> dict[str, Any]:
     plant, (x, u) = linear.model.plant, linear.point
     notes = [f"{effect} is not part of the linear model" for effect in linear.left_out]
     notes.append("no controller file: the daemon runs the hoop alone; u = u0 - K (x - x0), x += M (y - C x)")

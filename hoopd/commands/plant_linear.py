@@ -16,7 +16,7 @@ from hoopd.commands.linearize_record import record_of
 from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.design.analysis import channel
 from hoopd.design.delay import held
-from hoopd.design.linear_plant import Equilibrium, NoEquilibriumError, equilibrium, linear_plant
+from hoopd.design.linear_plant import Equilibrium, EquilibriumNotFoundError, equilibrium, linear_plant
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.base import Effect
@@ -25,7 +25,7 @@ from hoopd.plants.model_file import HOOP
 from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model
 
 
-class LinearPlant(NamedTuple):
+class LinearizedPlant(NamedTuple):
     """A plant at its operating point."""
 
     model: PlantModel
@@ -76,7 +76,7 @@ def run(options: LinearizeOptions) -> dict[str, Any]:
     return result
 
 
-def linearized(plant: str | None, model: Any, at: str, outputs: tuple[str, ...] = ()) -> LinearPlant:
+def linearized(plant: str | None, model: Any, at: str, outputs: tuple[str, ...] = ()) -> LinearizedPlant:
     """The linear model of a plant; InputError where a name is unknown or nothing stays."""
     found = nominal_model(str(plant)) if model is None else load_plant_model(or_shipped(model), plant)
     own = found.plant
@@ -86,7 +86,7 @@ def linearized(plant: str | None, model: Any, at: str, outputs: tuple[str, ...] 
     effects, left_out = _effects(found)
     try:
         point = equilibrium(own, inputs, told, effects, found.values)
-    except NoEquilibriumError as error:
+    except EquilibriumNotFoundError as error:
         raise InputError("--at", "", f"{error}: --at {names[0]}=...,... says where to look") from None
     try:
         system = linear_plant(own, point, outputs, effects, found.values)
@@ -94,7 +94,7 @@ def linearized(plant: str | None, model: Any, at: str, outputs: tuple[str, ...] 
         raise InputError("--output", "", str(error)) from None
     if not all(np.isfinite(one).all() for one in (system.A, system.B, system.C, system.D)):
         raise InputError("--at", "", f"{own.name} has no finite derivatives there: another operating point is needed")
-    return LinearPlant(found, point, system, left_out)
+    return LinearizedPlant(found, point, system, left_out)
 
 
 def _effects(model: PlantModel) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
@@ -105,7 +105,7 @@ def _effects(model: PlantModel) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
     return smooth, tuple(one.name for one in own if one not in smooth)
 
 
-def _head(linear: LinearPlant) -> dict[str, Any]:
+def _head(linear: LinearizedPlant) -> dict[str, Any]:
     plant, (x, u) = linear.model.plant, linear.point
     values = dict(zip((*plant.states, *(one.name for one in plant.inputs)), map(float, (*x, *u)), strict=True))
     return {

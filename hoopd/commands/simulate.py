@@ -19,7 +19,7 @@ from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.hoop.fit_data import moving_of, was_measured
-from hoopd.plants.hoop.fit_percent import WINDOW_S, Score, score
+from hoopd.plants.hoop.fit_percent import WINDOW_S, FitScore, score
 from hoopd.plants.hoop.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.plants.hoop.suspicions import suspicions
 from hoopd.plants.model_file import effects_of, load_model
@@ -97,7 +97,7 @@ def _check_start(moving: str, start: Mapping[str, float] | None) -> None:
             raise InputError("--x0", name, f"only the {moving} moves in this recording; --moving both simulates both")
 
 
-def _refuse_runaway(model: Path, whole: Score) -> None:
+def _refuse_runaway(model: Path, whole: FitScore) -> None:
     if ran_away(whole.runs):
         raise InputError(model, "", f"the free run leaves every bound (above {RUNAWAY_RAD_S:g} rad/s)")
 
@@ -106,7 +106,7 @@ def _refuse_runaway(model: Path, whole: Score) -> None:
 
 
 def _write(
-    subject: Subject, recording: Recording, whole: Score, file: ModelFile, out: Path | None, figure: Path | None
+    subject: Subject, recording: Recording, whole: FitScore, file: ModelFile, out: Path | None, figure: Path | None
 ) -> None:
     if out is not None:
         save(simulated(subject, recording, whole.runs, whole.moving), out)
@@ -118,7 +118,7 @@ def _write(
 
 
 def _result(
-    file: ModelFile, recording: Recording, whole: Score, windows: Score | None, given: bool, step_s: float
+    file: ModelFile, recording: Recording, whole: FitScore, windows: FitScore | None, given: bool, step_s: float
 ) -> dict[str, Any]:
     first = whole.runs[0]
     return {
@@ -137,7 +137,7 @@ def _result(
     }
 
 
-def fits(found: Score) -> dict[str, Any]:
+def fits(found: FitScore) -> dict[str, Any]:
     """Fit per channel as plain data."""
     return {
         name: {
@@ -152,7 +152,7 @@ def fits(found: Score) -> dict[str, Any]:
     }
 
 
-def _notes(file: ModelFile, recording: Recording, whole: Score, *, without_effects: bool) -> list[str]:
+def _notes(file: ModelFile, recording: Recording, whole: FitScore, *, without_effects: bool) -> list[str]:
     notes = [*suspicions(recording), *off_words(recording)]
     for name, one in whole.channels.items():
         if one.set_aside:

@@ -83,7 +83,7 @@ class Judgement(NamedTuple):
     gain_sd: float  # how well the window fixes g
 
 
-class Fit(NamedTuple):
+class WindowFit(NamedTuple):
     """Least squares of one window."""
 
     least: float  # the least sum
@@ -197,7 +197,7 @@ def _integral(t: Vector, y: Vector) -> Vector:
     return out
 
 
-def _fit(x: Vector, y: Vector, deviation: Vector) -> Fit:
+def _fit(x: Vector, y: Vector, deviation: Vector) -> WindowFit:
     """Least squares with known means and deviations.
 
     N p = b with N = x'x + 1/s^2, b = x'y + m/s^2; the least sum is y'y + m^2/s^2 - b p
@@ -207,7 +207,7 @@ def _fit(x: Vector, y: Vector, deviation: Vector) -> Fit:
     b = x.T @ y + weight * _MEAN
     p: Vector = inverse @ b
     residual = y - x @ p
-    return Fit(
+    return WindowFit(
         float(y @ y + (weight * _MEAN * _MEAN).sum() - b @ p),
         float(np.sqrt(residual @ residual / len(y))) * SIGMA_RAD,
         float(np.sqrt(inverse[_GAIN, _GAIN])),

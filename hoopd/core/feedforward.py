@@ -27,7 +27,7 @@ class Bound(NamedTuple):
     high: float
 
 
-class Part(NamedTuple):
+class FeedForwardPart(NamedTuple):
     """One effect: it acts where every bound holds."""
 
     name: str  # slot.effect
@@ -39,7 +39,7 @@ class FeedForward:
 
     def __init__(
         self,
-        parts: Sequence[Part] = (),
+        parts: Sequence[FeedForwardPart] = (),
         demand: Demand = lambda x, wanted_nm, acting: wanted_nm,
         limit_nm: float = 0.0,
     ) -> None:

@@ -312,9 +312,9 @@ def _telemetry(
 ) -> TelemetrySink | None:
     if not config.telemetry.enabled:
         return None
-    from hoopd.shell.telemetry import Settings, Telemetry
+    from hoopd.shell.telemetry import Telemetry, TelemetrySettings
 
-    settings = Settings(
+    settings = TelemetrySettings(
         device=config.device.name,
         endpoint=config.telemetry.endpoint,
         commands=config.telemetry.commands,

@@ -22,7 +22,7 @@ from hoopd.core.limits import Limiter
 from hoopd.core.tick import Tick
 from hoopd.files.controller import ControllerFile, controller_of, levels_of, parse_controller, settings_of
 from hoopd.files.reading import InputError, read_text
-from hoopd.plants.found_effects import Found
+from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.writeback import Unused, ball_motion, estimator_with, feedforward_of, hoop_motion, unused
 from hoopd.plants.model_file import effects_of, parse_model
 from hoopd.shell.config import Config, dump, find
@@ -110,7 +110,7 @@ def build_tick(config: Config, texts: Texts) -> Tick:
 
 
 def _feed_forward(
-    config: Config, found: Found, settings: EkfSettings, law: Controller, limiter: Limiter
+    config: Config, found: FoundEffects, settings: EkfSettings, law: Controller, limiter: Limiter
 ) -> FeedForward:
     """Nothing is added to a test signal: it is played as it was asked for."""
     if not config.control.feedforward or isinstance(law, Excitation):

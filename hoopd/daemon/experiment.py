@@ -27,7 +27,7 @@ from hoopd.daemon.conductor import START_PATIENCE_S, Conductor
 from hoopd.files.controller import ControllerFile, parse_controller
 from hoopd.files.reading import InputError
 from hoopd.ident import signals
-from hoopd.plants.hoop.experiment_plan import Plan, Score, write_score
+from hoopd.plants.hoop.experiment_plan import FinishedPlan, Plan, write_score
 from hoopd.recording.mcap import read
 from hoopd.recording.recording import Recording
 from hoopd.shell import config as configuration
@@ -69,7 +69,7 @@ def run(plan: Plan, options: Options, where: Where, figure: Path | None = None) 
     return result
 
 
-def prepared(plan: Plan, config: Config, config_path: Path | None) -> tuple[Config, Texts, Score]:
+def prepared(plan: Plan, config: Config, config_path: Path | None) -> tuple[Config, Texts, FinishedPlan]:
     """Configuration and texts of a run with the experiment in the controller's place."""
     change = msgspec.structs.replace
     base_file = config.control.file if plan.around is None else str(plan.around)
@@ -90,7 +90,7 @@ def _sets(plan: Plan, options: Options) -> tuple[str, ...]:
     return (*rest, *options.sets, *(() if plan.ball else ("faults.ball_expected=false",)))
 
 
-def _longest(options: Options, score: Score) -> float | None:
+def _longest(options: Options, score: FinishedPlan) -> float | None:
     """No run that arms by itself lasts longer, whatever happens."""
     by_itself = options.sim or options.arm
     return START_PATIENCE_S + score.seconds + END_PATIENCE_S if by_itself else None
@@ -164,7 +164,7 @@ def _moved(written: list[Path], file: Path) -> list[Path]:
 
 
 def told(
-    plan: Plan, score: Score, conductor: Conductor, summary: dict[str, Any], path: Path, period_s: float
+    plan: Plan, score: FinishedPlan, conductor: Conductor, summary: dict[str, Any], path: Path, period_s: float
 ) -> dict[str, Any]:
     """What was recorded, judged from the recording."""
     recording = read(path)
@@ -234,11 +234,11 @@ def _losses(counts: dict[str, Any]) -> Iterator[str]:
 
 def _draw(recording: Path, plan: Plan, path: Path) -> list[str]:
     """The figure, or why there is none: the experiment was played and recorded all the same."""
-    from hoopd.plots.experiment import Limits, draw_experiment
+    from hoopd.plots.experiment import ExperimentLimits, draw_experiment
     from hoopd.plots.style import save
 
     angle = plan.angle_limit_rad if plan.ball else None
-    limits = Limits(plan.torque_limit_nm, plan.speed_limit_rad_s, angle)
+    limits = ExperimentLimits(plan.torque_limit_nm, plan.speed_limit_rad_s, angle)
     try:
         save(draw_experiment(read(recording), plan.kind, limits), path)
     except InputError as error:

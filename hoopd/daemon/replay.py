@@ -19,7 +19,7 @@ from hoopd.core.records import TickRecord
 from hoopd.core.tick import Tick
 from hoopd.daemon.build import Texts, build_tick
 from hoopd.files.reading import InputError, parse_yaml, to_struct
-from hoopd.recording.mcap import Run, read_run
+from hoopd.recording.mcap import RecordedRun, read_run
 from hoopd.shell.config import Config
 
 # Measured after the decision, so that no decision depends on it.
@@ -91,7 +91,7 @@ def _bits(value: Any) -> Any:
     return value
 
 
-def _check(path: Path, run: Run) -> None:
+def _check(path: Path, run: RecordedRun) -> None:
     if not run.inputs:
         raise InputError(path, "input", "holds no inputs, nothing to replay")
     if not (run.header.model and run.header.controller):

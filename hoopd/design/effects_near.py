@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.found_effects import Found
+from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.writeback import delays_of
 
@@ -33,7 +33,7 @@ class Near(NamedTuple):
     notes: tuple[str, ...]
 
 
-def effects_near(base: HoopPlant, found: Found, outputs: Sequence[str], *, turning: bool) -> Near:
+def effects_near(base: HoopPlant, found: FoundEffects, outputs: Sequence[str], *, turning: bool) -> Near:
     """`turning`: the hoop does not rest, so that what comes back with its angle counts by its mean, nothing."""
     left = [(effect.name, why) for effect in found.effects() if (why := _why_not(found, effect, turning))]
     names = {name for name, _ in left}
@@ -46,7 +46,7 @@ def effects_near(base: HoopPlant, found: Found, outputs: Sequence[str], *, turni
     return Near(plant, smooth.names, tuple(left), delay, tuple(notes))
 
 
-def _why_not(found: Found, effect: Effect, turning: bool) -> str:
+def _why_not(found: FoundEffects, effect: Effect, turning: bool) -> str:
     """The first reason against it; empty: it enters."""
     if effect.friction is not None:
         return _describing(found, effect)
@@ -62,7 +62,7 @@ def _why_not(found: Found, effect: Effect, turning: bool) -> str:
     return next((reason for reason, holds in reasons.items() if holds), "")
 
 
-def _describing(found: Found, effect: Effect) -> str:
+def _describing(found: FoundEffects, effect: Effect) -> str:
     """Dry friction f under a rate A sin(w t) takes as much energy as a viscous friction 4 f / (pi A)."""
     friction = effect.friction
     assert friction is not None
@@ -82,7 +82,7 @@ def _viscous(level: float) -> str:
     )
 
 
-def _slope(found: Found, effect: Effect) -> float:
+def _slope(found: FoundEffects, effect: Effect) -> float:
     """d torque/d demand at rest."""
     assert effect.torque is not None
     u = ca.SX.sym("u")
@@ -91,7 +91,7 @@ def _slope(found: Found, effect: Effect) -> float:
     return abs(float(gain(0.0)))
 
 
-def _delay(found: Found, outputs: Sequence[str]) -> tuple[float, list[str]]:
+def _delay(found: FoundEffects, outputs: Sequence[str]) -> tuple[float, list[str]]:
     """What all outputs share, and what is to be said of the rest."""
     late = delays_of(found)
     own: dict[str, float] = {"theta": late.encoder_s, "dtheta": late.encoder_s, "psi": late.camera_s}

@@ -25,7 +25,7 @@ REST = 1e-9
 TOLERANCE = 1e-14
 
 
-class NoEquilibriumError(ValueError):
+class EquilibriumNotFoundError(ValueError):
     """Nothing stays where it is under these inputs, or the search did not get there."""
 
 
@@ -88,13 +88,15 @@ def equilibrium(
 
     with np.errstate(all="ignore"):
         if not np.isfinite(rates(start / size)).all():
-            raise NoEquilibriumError(f"{plant.name}: no finite rates at the start of the search")
+            raise EquilibriumNotFoundError(f"{plant.name}: no finite rates at the start of the search")
         found = least_squares(
             rates, start / size, slopes, method="lm", ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE, max_nfev=500
         )
     if not np.abs(found.fun).max(initial=0.0) < max(REST, REST * float(np.abs(rates(start / size)).max(initial=0.0))):
         held_words = ", ".join(f"{one.name}={value:g}" for one, value in zip(plant.inputs, u, strict=True))
-        raise NoEquilibriumError(f"{plant.name} stays nowhere near the start{' under ' * bool(held_words)}{held_words}")
+        raise EquilibriumNotFoundError(
+            f"{plant.name} stays nowhere near the start{' under ' * bool(held_words)}{held_words}"
+        )
     # to the last bits zero is meant, -0.0 is not
     return Equilibrium(np.asarray(found.x * size) + 0.0, u)
 

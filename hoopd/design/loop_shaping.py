@@ -21,7 +21,7 @@ from hoopd.design.pid import Parallel
 Lti: TypeAlias = control.TransferFunction | control.StateSpace
 
 
-class Point(NamedTuple):
+class FrequencyPoint(NamedTuple):
     """A frequency response at one frequency."""
 
     value: complex  # P(jw)
@@ -35,14 +35,14 @@ class Peak(NamedTuple):
     w: float  # rad/s
 
 
-def response_and_slope(plant: Lti, w: float, delay_s: float = 0.0) -> Point:
+def response_and_slope(plant: Lti, w: float, delay_s: float = 0.0) -> FrequencyPoint:
     """P(jw) e^(-jw delay) and its derivative by s, exact; ValueError for a discrete or a multivariable plant."""
     if plant.isdtime(strict=True) or not plant.issiso():
         raise ValueError("loop shaping takes a continuous plant of one input and one output")
     value, slope = _state_space_point(plant, w) if isinstance(plant, control.StateSpace) else _rational_point(plant, w)
     late = exp(-1j * w * delay_s)
     # (P e^-sT)' = (P' - T P) e^-sT
-    return Point(value * late, (slope - delay_s * value) * late)
+    return FrequencyPoint(value * late, (slope - delay_s * value) * late)
 
 
 def loopshaping_pi(

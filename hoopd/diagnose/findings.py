@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hoopd.diagnose.camera_faults import Fault
+from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
 from hoopd.diagnose.proof.not_excluded import Separation
@@ -32,7 +32,7 @@ from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.ident.normal import Z95
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 
 # Hypotheses that a table of fits has a column for.
 SHOWN = ("nominal", "base", "final", "ceiling")
@@ -65,18 +65,18 @@ def base_of(model: str, named: Named) -> Base:
     )  # fmt: skip
 
 
-def _units(found: Fit) -> dict[str, str]:
+def _units(found: HypothesisFit) -> dict[str, str]:
     return {name: unit for track in found.tracks for name, unit in track.stretch.plant.units.items()}
 
 
-def _interval(found: Fit, name: str) -> tuple[float, float] | None:
+def _interval(found: HypothesisFit, name: str) -> tuple[float, float] | None:
     if name not in found.free:
         return None
     value, half = found.values[name], Z95 * found.deviation(name)
     return value - half, value + half
 
 
-def parameters_of(effect: Effect, found: Fit) -> dict[str, Quantity]:
+def parameters_of(effect: Effect, found: HypothesisFit) -> dict[str, Quantity]:
     """Of one effect; what belongs to a recording is given for the first one, then by recording."""
     out = {}
     recordings = list(dict.fromkeys(track.stretch.recording for track in found.tracks))
@@ -99,7 +99,7 @@ def effects_of(
     named: Named,
     heldout: Mapping[str, Played],
     threshold: float,
-    faults: Sequence[Fault],
+    faults: Sequence[CameraFault],
     apart: Mapping[str, Separation],
     placebos: Mapping[str, Placebo],
 ) -> list[EffectFinding]:
@@ -149,7 +149,7 @@ def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, 
     return gain, Ablation(log_likelihood_loss=loss, heldout_with={**with_it}, heldout_without={**without})
 
 
-def _fault(fault: Fault) -> EffectFinding:
+def _fault(fault: CameraFault) -> EffectFinding:
     words = {"late_frames": "repeats the picture before", "outliers": "is a false detection"}
     slot, _, kind = fault.name.partition(".")
     return EffectFinding(

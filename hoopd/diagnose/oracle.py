@@ -21,7 +21,7 @@ from hoopd.diagnose.search.candidates import Judge, Settings, free_of_recordings
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.plants.model_file import effects_plant, load_model
 from hoopd.recording.recording import Recording
@@ -48,14 +48,16 @@ def oracle(recordings: Sequence[Recording], holdout: Recording, names: Sequence[
     return {name: to_plain(msgspec.to_builtins(one, enc_hook=unwrapped)) for name, one in tables.items()}
 
 
-def prepared(case: Case) -> tuple[Sequence[Stretch], Sequence[Stretch], Fit, Fit]:
+def prepared(case: Case) -> tuple[Sequence[Stretch], Sequence[Stretch], HypothesisFit, HypothesisFit]:
     """Training and held-out stretches without what was set aside; parameters as given and re-estimated."""
     train = stretches_of(case.train)
     data, nominal, base = training(case, train, fit(train, case.effects, case.values, move=False))
     return data.kept, proving(stretches_of(case.heldout), base).kept, nominal, base
 
 
-def told_fit(train: Sequence[Stretch], held: Sequence[Stretch], told: Mapping[str, Effect], base: Fit) -> Fit:
+def told_fit(
+    train: Sequence[Stretch], held: Sequence[Stretch], told: Mapping[str, Effect], base: HypothesisFit
+) -> HypothesisFit:
     """All effects that gain something, each from where screens and scans see it beside the ones before: the most
     surprising first."""
     judge, final, left = Judge(train, held, told, Settings()), base, set(told)

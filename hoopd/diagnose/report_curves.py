@@ -53,7 +53,7 @@ class Binned:
 
 
 @dataclass(frozen=True)
-class Law:
+class LawCurve:
     """The named law as a curve over the regressor, (n,) each; NaN lifts the pen at a jump."""
 
     label: str  # "hoop.coulomb_friction"
@@ -72,7 +72,7 @@ class Regressor:
     unit: str
     value: Array
     binned: Binned | None = None
-    law: Law | None = None
+    law: LawCurve | None = None
 
 
 @dataclass(frozen=True)

@@ -41,10 +41,10 @@ from hoopd.diagnose.report.curve_pictures import shown_of
 from hoopd.diagnose.report_curves import Shown
 from hoopd.diagnose.search.bounded_disturbance import likeliest
 from hoopd.diagnose.search.candidates import Settings, free_of_recordings
-from hoopd.diagnose.search.excluded_intervals import Data, looked_at_again, start_ups, without_events
+from hoopd.diagnose.search.excluded_intervals import CountedData, looked_at_again, start_ups, without_events
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.step_halving import step_nats, step_sentence
 from hoopd.plants.likelihood.stretches import Stretch
 
@@ -155,10 +155,12 @@ def diagnose(case: Case) -> Outcome:
     return Outcome(rounded(diagnosis), named, fits, unknown)
 
 
-def training(case: Case, train: list[Stretch], nominal: Fit) -> tuple[Data, Fit, Fit]:
+def training(
+    case: Case, train: list[Stretch], nominal: HypothesisFit
+) -> tuple[CountedData, HypothesisFit, HypothesisFit]:
     """What counts of the training data, and the nominal and base fits of it."""
 
-    def refit(stretches: Sequence[Stretch]) -> Fit:
+    def refit(stretches: Sequence[Stretch]) -> HypothesisFit:
         return likeliest(fit(stretches, case.effects, case.values))
 
     base = likeliest(fit(train, case.effects, case.values, like=nominal, noise=nominal.noise))
@@ -168,7 +170,7 @@ def training(case: Case, train: list[Stretch], nominal: Fit) -> tuple[Data, Fit,
     return data, nominal, base
 
 
-def _started(case: Case, named: Named, data: Data, held: Data) -> tuple[Named, Data, Data]:
+def _started(case: Case, named: Named, data: CountedData, held: CountedData) -> tuple[Named, CountedData, CountedData]:
     """Named again without the start-ups of the drive that were named as pushes; the held-out data judged anew."""
     early = start_ups(named, {source.name: float(source.stretches[0].t[0]) for source in case.train})
     if not early:
@@ -181,16 +183,16 @@ def _started(case: Case, named: Named, data: Data, held: Data) -> tuple[Named, D
     return name_effects(data.kept, held.kept, case.library, nominal, base, case.settings), data, held
 
 
-def proving(held: list[Stretch], base: Fit) -> Data:
+def proving(held: list[Stretch], base: HypothesisFit) -> CountedData:
     """What counts of the held-out data."""
 
-    def refit(stretches: Sequence[Stretch]) -> Fit:
+    def refit(stretches: Sequence[Stretch]) -> HypothesisFit:
         return fit(stretches, base.effects, base.values, free=free_of_recordings(base.effects, stretches))
 
-    return without_events(held, refit)[0] if held else Data([], [])
+    return without_events(held, refit)[0] if held else CountedData([], [])
 
 
-def _choice(case: Case, named: Named, data: Data, held: Data) -> FreeRunChoice | None:
+def _choice(case: Case, named: Named, data: CountedData, held: CountedData) -> FreeRunChoice | None:
     """What the free run is better with, where it is asked for; in-sample only where nothing was set aside."""
     if not case.choose_free_run:
         return None
@@ -199,7 +201,7 @@ def _choice(case: Case, named: Named, data: Data, held: Data) -> FreeRunChoice |
     return free_choice(named.final, held.kept, case.library, case.seed, whole)
 
 
-def _heldout_again(named: Named, data: Data, held: HeldOut) -> tuple[Data, HeldOut]:
+def _heldout_again(named: Named, data: CountedData, held: HeldOut) -> tuple[CountedData, HeldOut]:
     """Held-out intervals that the names explain come back, too."""
     final = held.of(named.final) if named.accepted and data.aside else None
     more = data if final is None else data.brought_back(final)

@@ -28,7 +28,7 @@ from hoopd.files.expressions import (
     Node,
     Number,
     Operation,
-    Span,
+    TextSpan,
 )
 
 # Far more than a law of mechanics needs; a tree of this depth is walked without a deep recursion.
@@ -64,7 +64,7 @@ def parse_equation(text: str) -> tuple[Expression, Expression]:
 
 class _Token(NamedTuple):
     kind: str  # number, name, end, or the sign itself
-    at: Span
+    at: TextSpan
     text: str = ""
     primes: int = 0
 
@@ -159,7 +159,7 @@ class _Parser:
         return self._operation(token.text, tuple(arguments), token.at.begin, end)
 
     def _operation(self, name: str, parts: tuple[Node, ...], begin: int | None = None, end: int | None = None) -> Node:
-        at = Span(parts[0].at.begin if begin is None else begin, parts[-1].at.end if end is None else end)
+        at = TextSpan(parts[0].at.begin if begin is None else begin, parts[-1].at.end if end is None else end)
         depth = 1 + max(part.depth for part in parts)
         self._bounded(depth, at)
         node = Operation(at, name, parts, depth)
@@ -167,7 +167,7 @@ class _Parser:
             return Number(at, self._finite(at, size))
         return node
 
-    def _finite(self, at: Span, size: float) -> float:
+    def _finite(self, at: TextSpan, size: float) -> float:
         if size and not SMALLEST <= abs(size) <= LARGEST:
             raise ExpressionError(self._text, *at, f"a number of size {SMALLEST:g} to {LARGEST:g} is expected")
         return size
@@ -176,7 +176,7 @@ class _Parser:
         self._bounded(level + 1, token.at)
         return level + 1
 
-    def _bounded(self, depth: int, at: Span) -> None:
+    def _bounded(self, depth: int, at: TextSpan) -> None:
         if depth > MAX_DEPTH:
             raise ExpressionError(self._text, at.begin, at.begin + 1, f"nested too deeply: {MAX_DEPTH} levels at most")
 
@@ -193,12 +193,12 @@ def _tokens(text: str) -> Iterator[_Token]:
             raise ExpressionError(text, at, at + 1, "no sign of an expression")
         begin, at = match.span()
         if number := match["number"]:
-            yield _Token("number", Span(begin, at), number)
+            yield _Token("number", TextSpan(begin, at), number)
         elif name := match["name"]:
-            yield _Token("name", Span(begin, at), name, len(match["primes"]))
+            yield _Token("name", TextSpan(begin, at), name, len(match["primes"]))
         elif sign := match["sign"]:
-            yield _Token("^" if sign == "**" else sign, Span(begin, at))
-    yield _Token("end", Span(at, at))
+            yield _Token("^" if sign == "**" else sign, TextSpan(begin, at))
+    yield _Token("end", TextSpan(at, at))
 
 
 def _constant(node: Node) -> float | None:

@@ -42,7 +42,7 @@ class ExpressionError(ValueError):
         super().__init__(f"{self.place}: {reason}, in {shown}")
 
 
-class Span(NamedTuple):
+class TextSpan(NamedTuple):
     """Where a part stands in its text."""
 
     begin: int
@@ -53,7 +53,7 @@ class Span(NamedTuple):
 class Number:
     """A number as it is written."""
 
-    at: Span
+    at: TextSpan
     value: float
     depth: int = 1
 
@@ -62,7 +62,7 @@ class Number:
 class Name:
     """A name; `primes` counts its derivatives by time."""
 
-    at: Span
+    at: TextSpan
     name: str
     primes: int = 0
     depth: int = 1
@@ -72,7 +72,7 @@ class Name:
 class Operation:
     """`+ - * / ^` of two parts, `-` of one, or a function of some."""
 
-    at: Span
+    at: TextSpan
     name: str
     parts: tuple[Node, ...]
     depth: int
@@ -88,7 +88,7 @@ class Expression:
     text: str
     root: Node
 
-    def error(self, at: Span, reason: str) -> ExpressionError:
+    def error(self, at: TextSpan, reason: str) -> ExpressionError:
         """What is wrong with a part of it."""
         return ExpressionError(self.text, at.begin, at.end, reason)
 

@@ -201,7 +201,7 @@ def scaled(data: Data, outputs: ArrayLike = 1.0, inputs: ArrayLike = 1.0) -> Dat
     return _made(data, _times(data.y, outputs, "outputs"), _times(data.u, inputs, "inputs"), data.x)
 
 
-class Unit(NamedTuple):
+class UnitVariance(NamedTuple):
     """Data of unit variance, and what each channel was divided by."""
 
     data: Data
@@ -209,7 +209,7 @@ class Unit(NamedTuple):
     u: Array
 
 
-def normalised(data: Data) -> Unit:
+def normalised(data: Data) -> UnitVariance:
     """Divide every channel by its standard deviation.
 
     Parameters
@@ -235,7 +235,7 @@ def normalised(data: Data) -> Unit:
     (array([2.]), array([0., 2., 0., 2.]))
     """
     y, u = _deviations(data.y, data.outputs), _deviations(data.u, data.inputs)
-    return Unit(scaled(data, 1.0 / y, 1.0 / u), y, u)
+    return UnitVariance(scaled(data, 1.0 / y, 1.0 / u), y, u)
 
 
 def ramp_in(data: Data, samples: int) -> Data:

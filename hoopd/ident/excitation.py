@@ -199,7 +199,7 @@ def low_crest(samples: int, step_s: float, frequencies_hz: Sequence[float], ampl
     return np.asarray(best / np.abs(best).max())
 
 
-class Excitation(NamedTuple):
+class ExcitationOrder(NamedTuple):
     """Order up to which a signal excites, condition number of its correlation matrix of `most` lags, crest factor."""
 
     order: int
@@ -207,7 +207,7 @@ class Excitation(NamedTuple):
     crest: float
 
 
-def excitation(u: ArrayLike, most: int = 50) -> Excitation:
+def excitation(u: ArrayLike, most: int = 50) -> ExcitationOrder:
     """How many parameters a signal can tell apart: the rank of the correlation matrix of its lags, `most` at most.
 
     A constant has order 1, k sines 2 k, a PRBS of order n 2^n - 1, white noise any. Source: Ljung 1999, 13.2.
@@ -215,12 +215,12 @@ def excitation(u: ArrayLike, most: int = 50) -> Excitation:
     values = np.asarray(u, dtype=float).reshape(-1)
     size = min(most, (len(values) + 1) // 2)
     if not size or not np.any(values):
-        return Excitation(0, float("inf"), float("nan"))
+        return ExcitationOrder(0, float("inf"), float("nan"))
     lags = sliding_window_view(values, size)
     eigenvalues = np.linalg.eigvalsh(lags.T @ lags / len(lags))
     order = int(np.sum(eigenvalues > EXCITED * eigenvalues[-1]))
     rounding = np.finfo(float).eps * size * eigenvalues[-1]
-    return Excitation(order, float(eigenvalues[-1] / max(eigenvalues[0], rounding)), crest_factor(values))
+    return ExcitationOrder(order, float(eigenvalues[-1] / max(eigenvalues[0], rounding)), crest_factor(values))
 
 
 def _lines(samples: int, step_s: float, frequencies_hz: Sequence[float]) -> NDArray[np.intp]:

@@ -35,7 +35,7 @@ STARTS = (0.6, 0.9, 0.98)
 COMPLEX_STEP = 1e-30
 
 
-class Given(Protocol):
+class TriangularRows(Protocol):
     """The triangular factor of the rows (impulse.Triangle)."""
 
     @property
@@ -78,7 +78,7 @@ def ss(k: Any, h: Any) -> Any:
     return h[0] ** (np.add.outer(k, k) + larger) / 2.0 - h[0] ** (3 * larger) / 6.0
 
 
-class Shape(NamedTuple):
+class KernelShape(NamedTuple):
     """A kernel of size one, and names, bounds and starts of its hyperparameters."""
 
     kernel: Kernel
@@ -87,17 +87,17 @@ class Shape(NamedTuple):
     starts: tuple[tuple[float, ...], ...]
 
 
-KERNELS: Mapping[str, Shape] = MappingProxyType(
+KERNELS: Mapping[str, KernelShape] = MappingProxyType(
     {
-        "ridge": Shape(ridge, (), (), ((),)),
-        "tc": Shape(tc, ("decay",), (DECAY,), tuple((one,) for one in STARTS)),
-        "dc": Shape(dc, ("decay", "correlation"), (DECAY, SMOOTH), tuple((one, 0.9) for one in STARTS)),
-        "ss": Shape(ss, ("decay",), (DECAY,), tuple((one,) for one in STARTS)),
+        "ridge": KernelShape(ridge, (), (), ((),)),
+        "tc": KernelShape(tc, ("decay",), (DECAY,), tuple((one,) for one in STARTS)),
+        "dc": KernelShape(dc, ("decay", "correlation"), (DECAY, SMOOTH), tuple((one, 0.9) for one in STARTS)),
+        "ss": KernelShape(ss, ("decay",), (DECAY,), tuple((one,) for one in STARTS)),
     }
 )
 
 
-def tuned(given: Given, nu: int, lags: NDArray[np.signedinteger], name: str) -> Tuned:
+def tuned(given: TriangularRows, nu: int, lags: NDArray[np.signedinteger], name: str) -> Tuned:
     """The hyperparameters of each input and the noise that make the data likeliest, from the best of a few starts."""
     problem = _Problem(given, nu, lags, KERNELS[name])
     best = min(
@@ -113,7 +113,7 @@ def tuned(given: Given, nu: int, lags: NDArray[np.signedinteger], name: str) -> 
 class _Problem:
     """-2 log p(y | h) = s'S^-1 s + log det S + rest/v + (N - m) log v + N log 2 pi, S = R P R' + v I."""
 
-    def __init__(self, given: Given, nu: int, lags: NDArray[np.signedinteger], shape: Shape) -> None:
+    def __init__(self, given: TriangularRows, nu: int, lags: NDArray[np.signedinteger], shape: KernelShape) -> None:
         self.given, self.nu, self.shape = given, nu, shape
         self.k = np.asarray(lags, dtype=float) - lags[0] + 1.0
         self.power = max((given.rest + float(given.s @ given.s)) / max(given.rows, 1), np.finfo(float).tiny)

@@ -22,7 +22,7 @@ from scipy import optimize
 
 from hoopd.ident.bases import Basis
 from hoopd.ident.denominators import Denominator, Free, Stable, powers_of
-from hoopd.ident.rationalproblem import Problem, RationalFit, Weight, solved
+from hoopd.ident.rationalproblem import RationalFit, RationalProblem, Weight, solved
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -98,7 +98,7 @@ def rational(
     >>> found.system.den[0][0].round(3), bool(found.rms < 1e-6)
     (array([1. , 0.4, 4. ]), True)
     """
-    problem = Problem.of(response, weight)
+    problem = RationalProblem.of(response, weight)
     guess = poles if isinstance(poles, ct.TransferFunction) else None
     n = len(guess.den[0][0]) - 1 if guess else int(poles)
     m = (len(guess.num[0][0]) - 1 if guess else n - 1) if zeros is None else zeros
@@ -151,7 +151,7 @@ def fit_basis_response(
     >>> found.system.dcgain().round(3).item()
     5.0
     """
-    problem = Problem.of(response, weight)
+    problem = RationalProblem.of(response, weight)
     columns = basis.responses(problem.w)
     if direct:
         columns = np.hstack([columns, np.ones((len(columns), 1))])
@@ -208,7 +208,7 @@ def minimum_phase(system: ct.TransferFunction | ct.StateSpace) -> ct.TransferFun
 
 
 def _linear(
-    problem: Problem, n: int, m: int, before: Array | None, iterations: int, share: float
+    problem: RationalProblem, n: int, m: int, before: Array | None, iterations: int, share: float
 ) -> tuple[Array, Array]:
     """The first stage: coefficients from the highest power, of the nearest iterate by |said/l - 1| |l|^share."""
     s, powers = problem.s, powers_of(problem.s, max(n, m))
@@ -234,7 +234,9 @@ def _linear(
     return kept
 
 
-def _finished(problem: Problem, b: Array, a: Array, steps: int, *, stable: bool, phase: bool) -> tuple[Array, Array]:
+def _finished(
+    problem: RationalProblem, b: Array, a: Array, steps: int, *, stable: bool, phase: bool
+) -> tuple[Array, Array]:
     """So many steps of the second stage; if `stable`, from a denominator whose roots are mirrored and B fitted anew."""
     denominator: Denominator = Stable.of(a) if stable else Free.of(a)
     if stable and (np.roots(a).real > 0.0).any():
@@ -244,14 +246,14 @@ def _finished(problem: Problem, b: Array, a: Array, steps: int, *, stable: bool,
     )
 
 
-def _numerator(problem: Problem, m: int, a: Complex) -> Array:
+def _numerator(problem: RationalProblem, m: int, a: Complex) -> Array:
     """B of a given A, by relative least squares; from the highest power."""
     weight = problem.root / np.abs(problem.data)
     columns = powers_of(problem.s, m) / a[:, None] * weight[:, None]
     return solved(columns, problem.data * weight)[::-1]
 
 
-def _refined(problem: Problem, b: Array, a: Denominator, steps: int, phase: bool) -> tuple[Array, Array]:
+def _refined(problem: RationalProblem, b: Array, a: Denominator, steps: int, phase: bool) -> tuple[Array, Array]:
     """The second stage."""
     powers, size = powers_of(problem.s, len(b) - 1), len(b)
 

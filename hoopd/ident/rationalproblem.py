@@ -25,7 +25,7 @@ class RationalFit(NamedTuple):
     rms: float
 
 
-class Problem(NamedTuple):
+class RationalProblem(NamedTuple):
     """`data` l at w, s = jw/unit, and the square roots of the weights."""
 
     w: Array
@@ -35,7 +35,7 @@ class Problem(NamedTuple):
     root: Array
 
     @classmethod
-    def of(cls, response: ct.FRD, weight: Weight) -> Problem:
+    def of(cls, response: ct.FRD, weight: Weight) -> RationalProblem:
         """Of the positive frequencies of a response; ValueError where it is zero or not finite."""
         if response.ninputs != 1 or response.noutputs != 1:
             raise ValueError("a rational function is fitted to one input and output: take one entry of the response")

@@ -30,7 +30,7 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
-class Estimate:
+class FrequencyEstimate:
     """A frequency response and what it is worth.
 
     `system` and `noise` (spectrum of v, unit^2/Hz, ny x ny) are FRDs; `deviation` (ny, nu, nw) is the standard error of
@@ -74,7 +74,7 @@ class Correlation(NamedTuple):
 # ---------------------------------------------------------------------------------------------- estimates
 
 
-def tfest(data: Given, method: Method = "welch", **options: float) -> Estimate:
+def tfest(data: Given, method: Method = "welch", **options: float) -> FrequencyEstimate:
     """Estimate the frequency response from every input to every output, and the noise beside it.
 
         y = G u + v:   Phi_yu = G Phi_uu,   Phi_vv = Phi_yy - Phi_yu Phi_uu^-1 Phi_uy
@@ -131,7 +131,7 @@ def tfest(data: Given, method: Method = "welch", **options: float) -> Estimate:
     noise = (cross.yy - g @ _adjoint(cross.yu)) * cross.means / spare
     spread = np.einsum("kii,kjj->ijk", noise.real, inverse.real) / spare
     system = ct.FRD(np.moveaxis(g, 0, 2), cross.w, cross.dt, **_names(data))
-    return Estimate(
+    return FrequencyEstimate(
         system, ct.FRD(np.moveaxis(noise, 0, 2), cross.w, cross.dt), np.sqrt(np.maximum(spread, 0.0)),
         _explained(cross, inverse), cross.means,
     )  # fmt: skip

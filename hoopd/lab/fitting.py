@@ -15,7 +15,7 @@ from hoopd.lab.pictures import Picture
 from hoopd.lab.simulation import simulate
 from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.robust_least_squares import LOSSES
-from hoopd.plants.hoop.fit import METHODS, Fit, Settings, model_file, nominal_values
+from hoopd.plants.hoop.fit import METHODS, FitSettings, FittedParameters, model_file, nominal_values
 from hoopd.plants.hoop.fit import fit as fit_parameters
 from hoopd.plants.hoop.identifiability import determined
 from hoopd.plants.hoop.parameters import STRUCTURES
@@ -27,7 +27,7 @@ from hoopd.recording.recording import Recording
 class Fitted:
     """A fit; `.model` is what every other function takes."""
 
-    fit: Fit  # values, intervals, correlations, residuals
+    fit: FittedParameters  # values, intervals, correlations, residuals
     base: Model
     recordings: tuple[Recording, ...]
 
@@ -129,7 +129,7 @@ def fit(
             raise ValueError(f"unknown {value!r}; known: {', '.join(known)}")
     base = as_model(model or defaults_folder() / START_MODELS[structure])
     nominal = nominal_values(base.file, structure)
-    settings = Settings(
+    settings = FitSettings(
         structure=structure,
         free=_names(free),
         fixed=_fixed(fix, nominal),

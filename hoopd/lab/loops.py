@@ -17,7 +17,7 @@ from hoopd.core.records import PICTURE_AGE_S
 from hoopd.lab.controllers import Controller, as_controller
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
-from hoopd.plants.hoop.closed_loop import LinearPlant, Run, Scenario, picture_timing
+from hoopd.plants.hoop.closed_loop import ClosedLoopRun, LinearPlant, Scenario, picture_timing
 from hoopd.plants.hoop.trial import figures_of
 from hoopd.plants.hoop.trial import run as closed
 from hoopd.plots.loops import draw_runs
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 class ClosedLoop:
     """A closed-loop run, one row a tick."""
 
-    run: Run
+    run: ClosedLoopRun
     name: str
     torque_limit: float  # N m
 

@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 
 from hoopd.plots import style
 from hoopd.plots.curves import draw_curves, draw_recordings
-from hoopd.plots.experiment import Limits, draw_experiment
+from hoopd.plots.experiment import ExperimentLimits, draw_experiment
 from hoopd.plots.loops import draw_runs
 from hoopd.recording.recording import Recording
 
-NO_LIMITS = Limits(float("inf"), float("inf"), float("inf"))
+NO_LIMITS = ExperimentLimits(float("inf"), float("inf"), float("inf"))
 
 
 class Picture:

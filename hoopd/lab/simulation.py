@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.plants.hoop.fit_data import moving_of, was_measured
-from hoopd.plants.hoop.fit_percent import Score, score
+from hoopd.plants.hoop.fit_percent import FitScore, score
 from hoopd.plants.hoop.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.plots.simulation import draw_simulation
 from hoopd.recording.recording import Recording, from_columns
@@ -30,7 +30,7 @@ class Simulation:
 
     model: Model
     input: Recording
-    score: Score
+    score: FitScore
 
     def __repr__(self) -> str:
         fits = ", ".join(f"{name} {percent:.1f} %" for name, percent in self.fit.items())

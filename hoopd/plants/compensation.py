@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hoopd.plants.compiled import Call
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, Point
-from hoopd.plants.found_effects import Found
+from hoopd.plants.found_effects import FoundEffects
 
 Array = NDArray[np.float64]
 # (x (4,), wanted torque N m, 1 or 0 for every effect: it is cancelled or not) -> torque to demand, N m
@@ -36,7 +36,7 @@ REST_SHARE = 0.5
 MOTION_SIGMAS = 3.0
 
 
-def cancels(found: Found, effect: Effect) -> bool:
+def cancels(found: FoundEffects, effect: Effect) -> bool:
     """Whether a torque on the driven body can undo the effect."""
     driven = found.plant.driven
     if driven is None or not effect.acts_now or effect.shift is not None:
@@ -48,14 +48,14 @@ def cancels(found: Found, effect: Effect) -> bool:
     return effect.force is not None and set(effect.force(_anywhere(found), effect.values(found.values))) == {driven}
 
 
-def in_order(found: Found) -> tuple[Effect, ...]:
+def in_order(found: FoundEffects) -> tuple[Effect, ...]:
     """Those that can be cancelled, against the signal path: forces on the body first, then the drive's maps from its
     end."""
     chosen = [effect for effect in found.effects() if cancels(found, effect)]
     return tuple(sorted(chosen, key=lambda one: -one.order if one.torque is not None else -LAST_ORDER))
 
 
-def demand_of(found: Found, tick_s: float, wire_s: float, speed_noise_rad_s: float) -> Demand:
+def demand_of(found: FoundEffects, tick_s: float, wire_s: float, speed_noise_rad_s: float) -> Demand:
     """All effects of `in_order` in one call; `speed_noise_rad_s`: of the estimate that it is given."""
     effects, x, wanted = in_order(found), ca.SX.sym("x", 4), ca.SX.sym("wanted")
     ages = [wire_s + tick_s * (index + 0.5) / POINTS for index in range(POINTS)]
@@ -69,7 +69,7 @@ def demand_of(found: Found, tick_s: float, wire_s: float, speed_noise_rad_s: flo
     return lambda state, wanted_nm, on: float(call.vector(state, wanted_nm, *on)[0])
 
 
-def _one(found: Found, effect: Effect, s: Point, noise_rad_s: float) -> Any:
+def _one(found: FoundEffects, effect: Effect, s: Point, noise_rad_s: float) -> Any:
     """Torque to demand at one point."""
     e, driven = effect.values(found.values), str(found.plant.driven)
     if effect.undo is not None:
@@ -92,9 +92,9 @@ def _moved(x: Any, age_s: float) -> Any:
     return ca.vertcat(x[0] + age_s * x[1], x[1], x[2] + age_s * x[3], x[3])
 
 
-def _constants(found: Found) -> dict[str, Any]:
+def _constants(found: FoundEffects) -> dict[str, Any]:
     return {name: ca.SX(value) for name, value in found.base.items()}
 
 
-def _anywhere(found: Found) -> Point:
+def _anywhere(found: FoundEffects) -> Point:
     return found.plant.point(np.zeros(4), found.base)

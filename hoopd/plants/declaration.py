@@ -129,7 +129,7 @@ class Judges:
     words: Mapping[str, str] = field(default_factory=dict)  # coordinates as a person calls them
 
 
-class Mode(NamedTuple):
+class MotionMode(NamedTuple):
     """A mode of motion; more than one, with guards and resets, is reserved."""
 
     name: str
@@ -232,7 +232,7 @@ class Plant:
     own_effects: Callable[[Plant], Iterable[Effect]] | None = None  # of its own kinds of slot
     judges: Judges = field(default_factory=Judges)
     experiments: Callable[[Plant], Any] | None = None  # menu of experiments that tell effects apart
-    modes: tuple[Mode, ...] = ()
+    modes: tuple[MotionMode, ...] = ()
 
     def __post_init__(self) -> None:
         _check(self)

@@ -45,7 +45,7 @@ class FoundEffect:
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundEffects:
     """Effects of one model file on one plant."""
 
     structure: str
@@ -81,25 +81,27 @@ class Found:
         own = {f"{one.name}.{key}": value for one in self.entries for key, value in one.parameters.items()}
         return {**self.base, **own}
 
-    def only(self, wanted: Callable[[Effect], bool]) -> Found:
+    def only(self, wanted: Callable[[Effect], bool]) -> FoundEffects:
         """Those whose declarations are wanted."""
         names = {effect.name for effect in self.effects() if wanted(effect)}
         return self._with(tuple(one for one in self.entries if one.name in names))
 
-    def believed(self) -> Found:
+    def believed(self) -> FoundEffects:
         """Those that the next run will have as they were measured."""
         return self._with(tuple(one for one in self.entries if not one.phase_lost))
 
-    def weakened(self) -> Found:
+    def weakened(self) -> FoundEffects:
         """Every amplitude at the end of its interval that is nearest to no effect."""
         return self._with(tuple(one.weakened() for one in self.entries))
 
-    def on(self, structure: str, base: Mapping[str, float]) -> Found:
+    def on(self, structure: str, base: Mapping[str, float]) -> FoundEffects:
         """The same effects on another base."""
-        return Found(structure, {name: base[name] for name in PARAMETER_UNITS[structure]}, self.entries, self.limit_nm)
+        return FoundEffects(
+            structure, {name: base[name] for name in PARAMETER_UNITS[structure]}, self.entries, self.limit_nm
+        )
 
-    def _with(self, entries: tuple[FoundEffect, ...]) -> Found:
-        return Found(self.structure, self.base, entries, self.limit_nm)
+    def _with(self, entries: tuple[FoundEffect, ...]) -> FoundEffects:
+        return FoundEffects(self.structure, self.base, entries, self.limit_nm)
 
     def __getstate__(self) -> dict[str, object]:
         """Declarations hold functions: they are made again where this is sent."""

@@ -6,10 +6,10 @@ Rules of this file: from a declaration to names; no equations.
 from __future__ import annotations
 
 from hoopd.plants.declaration import Plant
-from hoopd.recording.column_choice import TICK, Layout
+from hoopd.recording.column_choice import TICK, SignalLayout
 
 
-def layout_of(plant: Plant) -> Layout:
+def layout_of(plant: Plant) -> SignalLayout:
     """Give the signals of a plant's recordings; of one that reads the daemon's columns alone, the daemon's.
 
     Parameters
@@ -34,4 +34,4 @@ def layout_of(plant: Plant) -> Layout:
     inputs = {one.name: one.unit for one in plant.inputs}
     channels = {name: one.unit for name, one in plant.channels.items()}
     of_tick = inputs == dict(TICK.inputs) and channels.items() <= dict(TICK.channels).items()
-    return TICK if of_tick and channels else Layout(inputs, channels)
+    return TICK if of_tick and channels else SignalLayout(inputs, channels)

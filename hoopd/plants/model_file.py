@@ -13,7 +13,7 @@ from hoopd.files.records import between
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
-from hoopd.plants.found_effects import EffectError, Found, FoundEffect, check_region, checked, weak_end
+from hoopd.plants.found_effects import EffectError, FoundEffect, FoundEffects, check_region, checked, weak_end
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError, check_parameters
 from hoopd.plants.hoop.plant import HoopPlant
@@ -89,11 +89,11 @@ def effects_plant(model: ModelFile) -> Plant:
     )
 
 
-def effects_of(model: ModelFile) -> Found:
+def effects_of(model: ModelFile) -> FoundEffects:
     """The effects of a model file with their numbers, and what is sure of them."""
     known = library(effects_plant(model))
     entries = tuple(_found(known[entry.name], entry) for entry in model.effects)
-    return Found(model.structure, model.values(), entries, model.device.torque_limit_nm)
+    return FoundEffects(model.structure, model.values(), entries, model.device.torque_limit_nm)
 
 
 def _found(effect: Effect, entry: EffectEntry) -> FoundEffect:

@@ -20,7 +20,7 @@ NEAR = 0.6  # of a limit: below, its line would only squeeze the data
 BAND = 2.0 ** (1.0 / 3.0)  # a third of an octave
 
 
-class Limits(NamedTuple):
+class ExperimentLimits(NamedTuple):
     """What the experiment was allowed; no angle without a ball."""
 
     torque_nm: float
@@ -28,7 +28,7 @@ class Limits(NamedTuple):
     ball_angle_rad: float | None = None
 
 
-def draw_experiment(recording: Recording, kind: str, limits: Limits) -> Figure:
+def draw_experiment(recording: Recording, kind: str, limits: ExperimentLimits) -> Figure:
     """Three signals over time and the torque's spectrum while it was played; without a ball the angle is left out."""
     with_ball = limits.ball_angle_rad is not None
     figure = style.figure(7.5, 8.0 if with_ball else 6.4, rows=4 if with_ball else 3, title=f"Experiment: {kind}")

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from hoopd.plants.hoop.fit_percent import Score
+from hoopd.plants.hoop.fit_percent import FitScore
 from hoopd.plots import style
 from hoopd.recording.recording import Recording
 
@@ -23,7 +23,7 @@ LABELS = {"theta": "hoop angle (rad)", "theta_rate": "hoop speed\n(rad/s)", "psi
 TORQUE_IN, SIGNAL_IN = 0.8, 1.5
 BEYOND = 0.35  # of the measured range: a run that leaves it by more would squeeze the data
 
-Runs = Mapping[str, Sequence[Score]]
+Runs = Mapping[str, Sequence[FitScore]]
 
 
 def draw_fits(
@@ -57,7 +57,7 @@ def draw_fits(
     return figure
 
 
-def _rows(scores: Sequence[Score]) -> tuple[str, ...]:
+def _rows(scores: Sequence[FitScore]) -> tuple[str, ...]:
     """Signals that move."""
     return {"both": ("theta", "theta_rate", "psi"), "hoop": ("theta", "theta_rate"), "ball": ("psi",)}[scores[0].moving]
 
@@ -85,7 +85,9 @@ def _signal(axes: Axes, name: str, recordings: Sequence[Recording], runs: Runs) 
                  handlelength=1.2, columnspacing=1.2)  # fmt: skip
 
 
-def _measured(axes: Axes, name: str, recordings: Sequence[Recording], scores: Sequence[Score]) -> tuple[float, float]:
+def _measured(
+    axes: Axes, name: str, recordings: Sequence[Recording], scores: Sequence[FitScore]
+) -> tuple[float, float]:
     """Lowest and highest of what was measured; samples that are no measurement are grey."""
     parts = [_points(name, recording, score) for recording, score in zip(recordings, scores, strict=True)]
     t, y, fresh = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -96,7 +98,7 @@ def _measured(axes: Axes, name: str, recordings: Sequence[Recording], scores: Se
 
 
 def _points(
-    name: str, recording: Recording, score: Score
+    name: str, recording: Recording, score: FitScore
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     if name == "theta":
         angle = recording.channels[name]
@@ -106,7 +108,7 @@ def _points(
     return trace.t, trace.measured, trace.fresh
 
 
-def _percent(scores: Sequence[Score], name: str) -> str:
+def _percent(scores: Sequence[FitScore], name: str) -> str:
     """Fit of each stretch; the hoop angle has none of its own, its rate is judged."""
     if name not in scores[0].channels:
         return ""

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 BEYOND = 1.6  # of the nonlinear run's range: a linear swing may run away from the picture
 
 
-class Compared(NamedTuple):
+class ComparedRuns(NamedTuple):
     """Ball angle (rad) of both over the same time; measured samples with their nodes where there are any."""
 
     name: str
@@ -31,7 +31,7 @@ class Compared(NamedTuple):
     nodes: NDArray[np.int64] | None = None
 
 
-def draw_linearity(released: Sequence[Compared], played: Sequence[Compared], title: str = "") -> Figure:
+def draw_linearity(released: Sequence[ComparedRuns], played: Sequence[ComparedRuns], title: str = "") -> Figure:
     """Released runs side by side above, played ones one below the other."""
     tops = [f"released {k}" for k in range(len(released))]
     rows = [[f"played {k}"] * len(tops) for k in range(len(played))]
@@ -47,7 +47,7 @@ def draw_linearity(released: Sequence[Compared], played: Sequence[Compared], tit
     return figure
 
 
-def _compare(axes: Axes, one: Compared) -> None:
+def _compare(axes: Axes, one: ComparedRuns) -> None:
     if one.measured is not None and one.measured_t is not None:
         axes.plot(one.measured_t, one.measured, ".", color=style.BLACK, markersize=1.8, label="measured")
     axes.plot(one.t, one.nonlinear, color=style.BLUE, linewidth=1.2, label="nonlinear")

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hoopd.design.gang_of_four import GangOfFour
-from hoopd.plants.hoop.closed_loop import Run
+from hoopd.plants.hoop.closed_loop import ClosedLoopRun
 from hoopd.plants.hoop.trial import Trial
 from hoopd.plots import style
 
@@ -36,7 +36,7 @@ def draw_gang_of_four(gangs: Mapping[str, GangOfFour], title: str = "Gang of fou
     return figure
 
 
-def draw_responses(runs: Mapping[str, tuple[Run, Run]], title: str = "Closed loop") -> Figure:
+def draw_responses(runs: Mapping[str, tuple[ClosedLoopRun, ClosedLoopRun]], title: str = "Closed loop") -> Figure:
     """Ball angle, hoop speed and torque of runs by name, each nonlinear (solid) and linear (dashed)."""
     figure = style.figure(WIDTH_IN, 7.0, rows=3, columns=1, title=title, sharex=True)
     for index, (name, pair) in enumerate(runs.items()):
@@ -46,7 +46,7 @@ def draw_responses(runs: Mapping[str, tuple[Run, Run]], title: str = "Closed loo
     return figure
 
 
-def draw_runs(runs: Mapping[str, Run], title: str = "") -> Figure:
+def draw_runs(runs: Mapping[str, ClosedLoopRun], title: str = "") -> Figure:
     """Ball angle, hoop speed and torque of runs by name."""
     figure = style.figure(WIDTH_IN, 7.0, rows=3, columns=1, title=title, sharex=True)
     for name, run in runs.items():
@@ -99,7 +99,7 @@ def _titled(title: str, sizes: list[float]) -> str:
     return f"{title} (largest {sizes[0]:.3g})" if len(sizes) == 1 else title
 
 
-def _pair(axes: Any, name: str, pair: tuple[Run, Run], colour: str) -> None:
+def _pair(axes: Any, name: str, pair: tuple[ClosedLoopRun, ClosedLoopRun], colour: str) -> None:
     solid, dashed = (f"{name} {kind}".strip() for kind in ("nonlinear", "linear"))
     for run, label, look in zip(pair, (solid, dashed), ("-", "--"), strict=True):
         own = colour if name or look == "-" else style.VERMILION
@@ -107,7 +107,7 @@ def _pair(axes: Any, name: str, pair: tuple[Run, Run], colour: str) -> None:
         _curves(axes, run, {"label": label, **options}, options)
 
 
-def _curves(axes: Any, run: Run, first: Mapping[str, Any], rest: Mapping[str, Any]) -> None:
+def _curves(axes: Any, run: ClosedLoopRun, first: Mapping[str, Any], rest: Mapping[str, Any]) -> None:
     """The signals of a run below each other, the last one, which is held, in steps."""
     *smooth, held = run.signals.values()
     for index, (one, values) in enumerate(zip(axes, smooth, strict=False)):
@@ -115,7 +115,7 @@ def _curves(axes: Any, run: Run, first: Mapping[str, Any], rest: Mapping[str, An
     axes[-1].step(run.t, held, where="post", **rest)
 
 
-def _name_axes(axes: Any, run: Run | None) -> None:
+def _name_axes(axes: Any, run: ClosedLoopRun | None) -> None:
     for one, label in zip(axes, run.signals if run else (), strict=False):
         one.set_ylabel(label)
     for one in axes:

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hoopd.plants.hoop.fit_percent import Score, Trace
-from hoopd.plants.hoop.recorded_runs import FreeRun
+from hoopd.plants.hoop.fit_percent import ChannelTrace, FitScore
+from hoopd.plants.hoop.recorded_runs import SimulatedStretch
 from hoopd.plots.style import BLACK, BLUE, GREY, VERMILION, figure, legend
 from hoopd.recording.recording import Recording
 
@@ -20,7 +20,7 @@ STATE = {"theta_rate": 1, "psi": 2}
 WIDTH_IN, ROW_IN, REST_IN = 8.0, 1.9, 1.1
 
 
-def draw_simulation(found: Score, recording: Recording, model: str) -> Figure:
+def draw_simulation(found: FitScore, recording: Recording, model: str) -> Figure:
     """Torque, hoop speed and ball angle (those that move) and the residuals below, over one time axis."""
     names = [name for name in LABELS if name in found.traces or not found.traces]
     heights = [REST_IN + 0.2, *(size for name in names for size in _heights(name in found.traces))]
@@ -53,7 +53,7 @@ def _torque(axes: Axes, recording: Recording) -> None:
     axes.set_ylabel("torque\n(N m)")
 
 
-def _channel(axes: Axes, name: str, found: Score) -> None:
+def _channel(axes: Axes, name: str, found: FitScore) -> None:
     what, unit = LABELS[name]
     axes.set_ylabel(f"{what}\n({unit})")
     trace = found.traces.get(name)
@@ -69,21 +69,21 @@ def _channel(axes: Axes, name: str, found: Score) -> None:
     legend(axes, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.1, markerscale=3)
 
 
-def _aside(axes: Axes, trace: Trace) -> None:
+def _aside(axes: Axes, trace: ChannelTrace) -> None:
     if not trace.fresh.all():
         t, values = trace.t[~trace.fresh], trace.measured[~trace.fresh]
         axes.plot(t, values, ".", color=BLUE, markersize=2.2, label="repeated, does not count")
 
 
-def _seen(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+def _seen(trace: ChannelTrace) -> tuple[np.ndarray, np.ndarray]:
     return trace.t[trace.fresh], trace.measured[trace.fresh]
 
 
-def _smooth(run: FreeRun, name: str) -> tuple[np.ndarray, np.ndarray]:
+def _smooth(run: SimulatedStretch, name: str) -> tuple[np.ndarray, np.ndarray]:
     return run.part.t, run.states[:, STATE[name]]
 
 
-def _residual(axes: Axes, name: str, trace: Trace) -> None:
+def _residual(axes: Axes, name: str, trace: ChannelTrace) -> None:
     rest = np.where(trace.fresh, trace.measured - trace.simulated, np.nan)
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.plot(trace.t, rest, color=BLUE, linewidth=0.9)

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hoopd.plants.hoop.solver_comparison import RTOL, Case, Study
+from hoopd.plants.hoop.solver_comparison import RTOL, SolverCase, Study
 from hoopd.plots.style import BLACK, BLUE, GREY, SKY, VERMILION, figure, legend
 
 LOOKS = {"RK45": (BLUE, "RK45 (ode45, as Tsit5)"), "Rosenbrock23": (VERMILION, "Rosenbrock23 (ode23s)")}
@@ -30,7 +30,7 @@ def draw_solver_question(found: Study, title: str) -> Figure:
     return made
 
 
-def _defaults(found: Study) -> dict[str, Case]:
+def _defaults(found: Study) -> dict[str, SolverCase]:
     """The cases as a thesis would call them: nothing set."""
     return {case.method: case for case in found.across if case.rtol == RTOL and math.isinf(case.max_step_s)}
 

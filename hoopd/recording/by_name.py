@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
-from hoopd.recording.column_choice import Layout, Pick, choose, is_time, time_column
+from hoopd.recording.column_choice import Pick, SignalLayout, choose, is_time, time_column
 from hoopd.recording.recording import HOLDS, Recording, Signal, from_columns, from_signals
 from hoopd.recording.tables import MAX_ROWS, Columns, Place, by_row, checked, numbers, row, vector
 
 Array = NDArray[np.float64]
 
 
-class Field(NamedTuple):
+class NamedValues(NamedTuple):
     """Numbers of a file under a name: one a row, or a matrix with a row of the time on one side."""
 
     values: Any
@@ -29,7 +29,12 @@ class Field(NamedTuple):
 
 
 def from_fields(
-    fields: Mapping[str, Field], columns: Columns | None, layout: Layout, hold: str, path: Path, key: str = ""
+    fields: Mapping[str, NamedValues],
+    columns: Columns | None,
+    layout: SignalLayout,
+    hold: str,
+    path: Path,
+    key: str = "",
 ) -> Recording:
     """Recording of fields by name; of a matrix NAME each column is NAME_1, NAME_2 ...
 
@@ -48,7 +53,7 @@ def from_fields(
 def built(
     picks: Mapping[str, Pick],
     arrays: Mapping[str, Array],
-    layout: Layout,
+    layout: SignalLayout,
     hold: str,
     path: Path,
     place: Place = row,
@@ -68,7 +73,7 @@ def built(
     return checked(recording, path, place)
 
 
-def renamed(recording: Recording, columns: Columns | None, layout: Layout, path: Path) -> Recording:
+def renamed(recording: Recording, columns: Columns | None, layout: SignalLayout, path: Path) -> Recording:
     """A recording that tells its own names and units, as one of this plant; InputError when it is none of it."""
     there = recording.columns()
     units = {name: signal.unit for name, signal in recording.signals.items()}
@@ -89,7 +94,7 @@ def _times_of(recording: Recording, name: str) -> str:
     return f"times of {name}"
 
 
-def _recording(columns: dict[str, Array], layout: Layout, hold: str, **about: Any) -> Recording:
+def _recording(columns: dict[str, Array], layout: SignalLayout, hold: str, **about: Any) -> Recording:
     if layout.is_tick:
         recording = from_columns(columns, **about)
         inputs = {name: dataclasses.replace(signal, hold=hold) for name, signal in recording.inputs.items()}
@@ -113,19 +118,19 @@ def _scaled(pick: Pick, arrays: Mapping[str, Array], rows: int) -> Array:
     return column if pick.scale == 1.0 else column * pick.scale
 
 
-def _split(fields: Mapping[str, Field], rows: int, path: Path, key: str) -> dict[str, Field]:
+def _split(fields: Mapping[str, NamedValues], rows: int, path: Path, key: str) -> dict[str, NamedValues]:
     """Fields with one number a row; a matrix gives one for each of its columns."""
-    single: dict[str, Field] = {}
+    single: dict[str, NamedValues] = {}
     for name, field in fields.items():
         array = np.asarray(field.values)
         if array.dtype.kind not in "fiu" or rows not in array.shape or array.ndim not in (1, 2):
             continue
         place = _place(key, name)
         if array.size == rows:
-            single[name] = Field(numbers(array, path, place).ravel(), field.unit)
+            single[name] = NamedValues(numbers(array, path, place).ravel(), field.unit)
             continue
         table = by_row(array, rows, path, place, samples_first=True)
-        single |= {f"{name}_{k + 1}": Field(table[:, k], field.unit) for k in range(table.shape[1])}
+        single |= {f"{name}_{k + 1}": NamedValues(table[:, k], field.unit) for k in range(table.shape[1])}
     return single
 
 
@@ -134,8 +139,8 @@ def _place(key: str, name: str) -> str:
 
 
 def chosen(
-    groups: Mapping[str, dict[str, Field]], plain: dict[str, Field], path: Path, experiment: str | None
-) -> tuple[str, dict[str, Field]]:
+    groups: Mapping[str, dict[str, NamedValues]], plain: dict[str, NamedValues], path: Path, experiment: str | None
+) -> tuple[str, dict[str, NamedValues]]:
     """The group that is asked for, else the only one, else the only one with a time, else what stands beside them."""
     if experiment is not None:
         if experiment not in groups:
@@ -152,6 +157,6 @@ def chosen(
     return "", plain
 
 
-def has_time(fields: Mapping[str, Field]) -> bool:
+def has_time(fields: Mapping[str, NamedValues]) -> bool:
     """Whether one of the signals is the time."""
     return any(map(is_time, fields))

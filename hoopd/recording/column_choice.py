@@ -26,7 +26,7 @@ _WITH_UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
 
 @dataclass(frozen=True)
-class Layout:
+class SignalLayout:
     """Inputs and channels of a plant with their units."""
 
     inputs: Mapping[str, str]
@@ -45,7 +45,7 @@ class Layout:
         return {TIME: "s", **signals, **dict.fromkeys(times, "s")}
 
 
-TICK = Layout(INPUTS, CHANNELS)
+TICK = SignalLayout(INPUTS, CHANNELS)
 
 
 class Pick(NamedTuple):
@@ -60,7 +60,9 @@ def by_name(columns: Columns | None) -> bool:
     return isinstance(columns, Mapping) or (isinstance(columns, str) and "=" in columns)
 
 
-def choose(available: Mapping[str, str], columns: Columns | None, layout: Layout, path: object) -> dict[str, Pick]:
+def choose(
+    available: Mapping[str, str], columns: Columns | None, layout: SignalLayout, path: object
+) -> dict[str, Pick]:
     """Where t and the signals of a plant come from.
 
     Parameters
@@ -122,14 +124,14 @@ def is_time(name: str) -> bool:
     return bare == TIME or bare.lower() in TIME_NAMES
 
 
-def time_column(available: Mapping[str, str], columns: Columns | None, layout: Layout, path: object) -> Pick:
+def time_column(available: Mapping[str, str], columns: Columns | None, layout: SignalLayout, path: object) -> Pick:
     """Where the time comes from."""
     asked = _asked(columns, layout, path) if columns is not None and by_name(columns) else {}
     column, unit = asked.get(TIME) or (_time(available, path), "")
     return _pick(TIME, column, unit, available, layout, path)
 
 
-def _asked(columns: Columns, layout: Layout, path: object) -> dict[str, tuple[str, str]]:
+def _asked(columns: Columns, layout: SignalLayout, path: object) -> dict[str, tuple[str, str]]:
     """Signal -> column and unit, as asked for; the unit is still in the column's text where it was one text."""
     wanted: dict[str, tuple[str, str]] = {}
     for name, value in columns.items() if isinstance(columns, Mapping) else _pairs(str(columns), path):
@@ -151,7 +153,7 @@ def _pairs(text: str, path: object) -> list[tuple[str, str]]:
 
 
 def _in_order(
-    columns: Columns, available: Mapping[str, str], layout: Layout, path: object
+    columns: Columns, available: Mapping[str, str], layout: SignalLayout, path: object
 ) -> dict[str, tuple[str, str]]:
     names = [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
     time = _time(available, path)
@@ -169,7 +171,7 @@ def _in_order(
     return wanted
 
 
-def _known(name: str, layout: Layout, path: object) -> None:
+def _known(name: str, layout: SignalLayout, path: object) -> None:
     if name not in layout.units:
         known = ", ".join((*layout.inputs, *layout.channels))
         raise InputError(
@@ -177,7 +179,7 @@ def _known(name: str, layout: Layout, path: object) -> None:
         )
 
 
-def _pick(name: str, column: str, unit: str, available: Mapping[str, str], layout: Layout, path: object) -> Pick:
+def _pick(name: str, column: str, unit: str, available: Mapping[str, str], layout: SignalLayout, path: object) -> Pick:
     """One column with its factor; a number is a value that does not change."""
     place = _place(column, available)
     if place is None and not unit and ":" in column:

@@ -37,13 +37,13 @@ MAX_CHUNK_BYTES = 4 * 2**20 + CHUNK_BYTES
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError, MemoryError, RuntimeError)
 
 
-class Sink(Protocol):
+class ByteSink(Protocol):
     """What a file must offer: an unbuffered one may write less than it was given."""
 
     def write(self, data: Any, /) -> int | None: ...
 
 
-def write_all(sink: Sink, data: bytes) -> None:
+def write_all(sink: ByteSink, data: bytes) -> None:
     """Every byte, however many calls it takes; OSError as soon as one fails."""
     view = memoryview(data)
     while view:
@@ -54,7 +54,7 @@ def write_all(sink: Sink, data: bytes) -> None:
 class ChunkedFile:
     """Append-only MCAP with JSON messages; `flush` makes all that was added readable in the file."""
 
-    def __init__(self, sink: Sink, profile: str) -> None:
+    def __init__(self, sink: ByteSink, profile: str) -> None:
         self._sink, self._offset = sink, 0
         self._out, self._chunk, self._index = RecordBuilder(), RecordBuilder(), RecordBuilder()
         self._metadata_index, self._repeated = RecordBuilder(), (RecordBuilder(), RecordBuilder())

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hoopd.files.reading import InputError, os_reason
 from hoopd.files.whole_files import opened
 from hoopd.recording.by_name import built
-from hoopd.recording.column_choice import TICK, Layout, by_name, choose, split_unit
+from hoopd.recording.column_choice import TICK, SignalLayout, by_name, choose, split_unit
 from hoopd.recording.recording import Recording
 from hoopd.recording.tables import MAX_ROWS, NAME_THEM, NAMES, SKIP, Columns, column_names, recording_of, refuse_double
 from hoopd.recording.tick_columns import FILE_ORDER
@@ -32,7 +32,9 @@ BLOCK_ROWS = 2**14  # rows that wait as text
 _MISSING = frozenset(("", "nan", "NaN", "NAN"))
 
 
-def read(path: Path, columns: Columns | None = None, layout: Layout | None = None, hold: str = "zero") -> Recording:
+def read(
+    path: Path, columns: Columns | None = None, layout: SignalLayout | None = None, hold: str = "zero"
+) -> Recording:
     """Recording of a .csv file; InputError names line and column of what is wrong.
 
     columns: what the columns after `t` hold, in order, against the header's names; or CHANNEL=COLUMN[:UNIT], as
@@ -61,7 +63,7 @@ def _cell(text: str) -> str:
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\r\n') else text
 
 
-def _read(file: TextIO, path: Path, columns: Columns | None, layout: Layout | None, hold: str) -> Recording:
+def _read(file: TextIO, path: Path, columns: Columns | None, layout: SignalLayout | None, hold: str) -> Recording:
     rows = _rows(file, path)
     number, cells = next(rows, (1, []))
     header = [cell.strip() for cell in cells]
@@ -77,7 +79,7 @@ def _by_name(
     rows: Iterator[tuple[int, list[str]]],
     header: list[str],
     columns: Columns | None,
-    layout: Layout,
+    layout: SignalLayout,
     hold: str,
     path: Path,
     number: int,

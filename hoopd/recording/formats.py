@@ -20,7 +20,7 @@ from hoopd.recording.recording import HOLDS, Recording
 from hoopd.recording.tables import Columns, checked
 
 if TYPE_CHECKING:
-    from hoopd.recording.column_choice import Layout
+    from hoopd.recording.column_choice import SignalLayout
 
 HDF5 = (".h5", ".hdf5")
 EXTENSIONS = (".mcap", ".mat", *HDF5, ".csv")
@@ -32,7 +32,7 @@ def load(
     columns: Columns | None = None,
     experiment: str | None = None,
     *,
-    layout: Layout | None = None,
+    layout: SignalLayout | None = None,
     hold: str = "zero",
 ) -> Recording:
     """Recording of a .mcap, .mat, .h5 or .csv file; InputError with file, row and column when it cannot be used.
@@ -57,7 +57,7 @@ def _held(recording: Recording, hold: str) -> Recording:
 
 
 def _loaded(
-    path: Path | str, columns: Columns | None, experiment: str | None, layout: Layout | None, hold: str
+    path: Path | str, columns: Columns | None, experiment: str | None, layout: SignalLayout | None, hold: str
 ) -> Recording:
     file, found = split_path(path)
     if found and experiment and found != experiment:
@@ -81,7 +81,7 @@ def _loaded(
 
 
 def load_all(
-    path: Path | str, columns: Columns | None = None, *, layout: Layout | None = None, hold: str = "zero"
+    path: Path | str, columns: Columns | None = None, *, layout: SignalLayout | None = None, hold: str = "zero"
 ) -> tuple[Recording, ...]:
     """Every recording of a file: the experiments of an .h5 file in order, else the one there is."""
     file, found = split_path(path)
@@ -140,7 +140,7 @@ def extension_of(path: Path) -> str:
     return extension
 
 
-def _load_mcap(file: Path, columns: Columns | None, layout: Layout | None) -> Recording:
+def _load_mcap(file: Path, columns: Columns | None, layout: SignalLayout | None) -> Recording:
     from hoopd.recording import mcap, sample_rows
 
     if columns is not None and layout is None:

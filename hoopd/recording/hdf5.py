@@ -22,8 +22,8 @@ import numpy as np
 
 from hoopd.files.reading import InputError, unpacked_limit
 from hoopd.files.whole_files import opened as opened_file
-from hoopd.recording.by_name import Field, chosen, from_fields, renamed
-from hoopd.recording.column_choice import TICK, Layout, by_name
+from hoopd.recording.by_name import NamedValues, chosen, from_fields, renamed
+from hoopd.recording.column_choice import TICK, SignalLayout, by_name
 from hoopd.recording.recording import Recording, Signal, from_signals
 from hoopd.recording.tables import (
     INPUT_AND_STATES,
@@ -53,7 +53,7 @@ def read(
     path: Path,
     columns: Columns | None = None,
     experiment: str | None = None,
-    layout: Layout | None = None,
+    layout: SignalLayout | None = None,
     hold: str = "zero",
 ) -> Recording:
     """Recording of one experiment; InputError when several are there and none is chosen.
@@ -147,7 +147,7 @@ def own(group: h5py.Group, name: str) -> bool:
     return isinstance(group.get(name, getlink=True), h5py.HardLink)
 
 
-def named_fields(file: h5py.File, path: Path, experiment: str | None = None) -> tuple[str, dict[str, Field]]:
+def named_fields(file: h5py.File, path: Path, experiment: str | None = None) -> tuple[str, dict[str, NamedValues]]:
     """Name of a group (empty: the file itself) and its datasets of numbers; InputError when groups are several."""
     if len(file) > MAX_FIELDS:
         raise InputError(path, "", f"more than {MAX_FIELDS} groups and arrays")
@@ -156,14 +156,14 @@ def named_fields(file: h5py.File, path: Path, experiment: str | None = None) -> 
     return chosen({name: one for name, one in fields.items() if one}, _fields(file, path, ""), path, experiment)
 
 
-def _fields(group: h5py.Group, path: Path, key: str) -> dict[str, Field]:
+def _fields(group: h5py.Group, path: Path, key: str) -> dict[str, NamedValues]:
     """Arrays of numbers of a group, and of the group `signals` in it."""
     if len(group) > MAX_FIELDS:
         raise InputError(path, key, f"more than {MAX_FIELDS} arrays")
     own_names = [name for name in group if own(group, name)]
     names = [name for name in own_names if _is_numbers(group[name])]
     arrays = datasets(group, names, path, key)
-    fields = {name: Field(array, _unit(group[name])) for name, array in arrays.items()}
+    fields = {name: NamedValues(array, _unit(group[name])) for name, array in arrays.items()}
     inner = group["signals"] if "signals" in own_names else None
     return {**fields, **_fields(inner, path, f"{key}/signals")} if isinstance(inner, h5py.Group) else fields
 
@@ -179,7 +179,7 @@ def _unit(item: Any) -> str:
 
 
 def _by_name(
-    file: h5py.File, columns: Columns | None, experiment: str | None, layout: Layout, hold: str, path: Path
+    file: h5py.File, columns: Columns | None, experiment: str | None, layout: SignalLayout, hold: str, path: Path
 ) -> Recording:
     ours = [name for name in file if own(file, name) and _text(file[name], FORM) == SIGNALS]
     if ours:

@@ -21,7 +21,7 @@ from hoopd.files.reading import InputError
 from hoopd.files.whole_files import file_bytes
 from hoopd.recording import mat5
 from hoopd.recording.by_name import from_fields
-from hoopd.recording.column_choice import TICK, Layout, by_name
+from hoopd.recording.column_choice import TICK, SignalLayout, by_name
 from hoopd.recording.matlab_structs import fields_of
 from hoopd.recording.recording import Recording
 from hoopd.recording.tables import INPUT_AND_STATES, Columns, by_row, column_names, named, recording_of, vector
@@ -36,7 +36,7 @@ _HEAD = b"MATLAB 5.0 MAT-file, written by hoopd".ljust(116)  # scipy puts platfo
 def read(
     path: Path,
     columns: Columns | None = None,
-    layout: Layout | None = None,
+    layout: SignalLayout | None = None,
     hold: str = "zero",
     experiment: str | None = None,
 ) -> Recording:

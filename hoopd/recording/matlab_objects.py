@@ -28,14 +28,14 @@ MAX_RECORDS = 100_000
 Numbers = NDArray[np.int64]
 
 
-class Column(NamedTuple):
+class TableVariable(NamedTuple):
     """One variable of a table."""
 
     values: mat5.Array
     unit: str
 
 
-def tables(arrays: list[mat5.Array]) -> dict[str, dict[str, Column]]:
+def tables(arrays: list[mat5.Array]) -> dict[str, dict[str, TableVariable]]:
     """Columns by name of every table among a file's variables; ValueError when they do not fit together."""
     objects = [array for array in arrays if array.kind == mat5.OPAQUE and _class(array) == "table"]
     hidden = [array for array in arrays if not array.name and array.kind in mat5.NUMBERS]
@@ -45,7 +45,7 @@ def tables(arrays: list[mat5.Array]) -> dict[str, dict[str, Column]]:
     return {array.name: _columns(subsystem.properties(_number(array))) for array in objects}
 
 
-def _columns(properties: Mapping[str, mat5.Array]) -> dict[str, Column]:
+def _columns(properties: Mapping[str, mat5.Array]) -> dict[str, TableVariable]:
     names, values = (mat5.cells(properties[key]) for key in ("varnames", "data"))
     if len(names) != len(values):
         raise ValueError("a table with more or fewer names than columns")
@@ -54,7 +54,7 @@ def _columns(properties: Mapping[str, mat5.Array]) -> dict[str, Column]:
     texts = [mat5.text(unit) if unit.kind == mat5.TEXT else "" for unit in units] or [""] * len(names)
     if len(texts) != len(names):
         raise ValueError("a table with more or fewer units than columns")
-    columns = (Column(value, unit) for value, unit in zip(values, texts, strict=True))
+    columns = (TableVariable(value, unit) for value, unit in zip(values, texts, strict=True))
     return dict(zip(map(mat5.text, names), columns, strict=True))
 
 

@@ -14,15 +14,15 @@ from typing import Any
 
 from hoopd.files.reading import InputError
 from hoopd.recording import mat5
-from hoopd.recording.by_name import Field, chosen, has_time
-from hoopd.recording.matlab_objects import Column, tables
+from hoopd.recording.by_name import NamedValues, chosen, has_time
+from hoopd.recording.matlab_objects import TableVariable, tables
 
 VALUES = ("values", "Values", "Data", "data")
 UNITS = ("unit", "units", "Unit")
 AS_STRUCT = "save it as a table, or as a struct: s = table2struct(T, 'ToScalar', true)"
 
 
-def fields_of(data: bytes, path: Path, experiment: str | None = None) -> tuple[str, dict[str, Field]]:
+def fields_of(data: bytes, path: Path, experiment: str | None = None) -> tuple[str, dict[str, NamedValues]]:
     """Name of the struct (empty: plain variables) and its signals; InputError when there is none, or several."""
     try:
         if mat5.version(data) == 73:
@@ -33,7 +33,7 @@ def fields_of(data: bytes, path: Path, experiment: str | None = None) -> tuple[s
         arrays = list(mat5.variables(data, None))
         structs = {a.name: dict(_of_struct(a)) for a in arrays if a.kind == mat5.STRUCT and a.shape == (1, 1)}
         structs |= {name: _of_table(columns) for name, columns in tables(arrays).items()}
-        plain = {a.name: Field(mat5.values(a)) for a in arrays if a.name and _is_numbers(a)}
+        plain = {a.name: NamedValues(mat5.values(a)) for a in arrays if a.name and _is_numbers(a)}
     except InputError:
         raise
     except ValueError as error:
@@ -49,30 +49,30 @@ def _is_numbers(array: mat5.Array) -> bool:
     return array.kind in mat5.NUMBERS and not array.flags & mat5.COMPLEX
 
 
-def _of_table(columns: Mapping[str, Column]) -> dict[str, Field]:
-    return {name: Field(mat5.values(c.values), c.unit) for name, c in columns.items() if _is_numbers(c.values)}
+def _of_table(columns: Mapping[str, TableVariable]) -> dict[str, NamedValues]:
+    return {name: NamedValues(mat5.values(c.values), c.unit) for name, c in columns.items() if _is_numbers(c.values)}
 
 
-def _of_struct(array: mat5.Array) -> Iterator[tuple[str, Field]]:
+def _of_struct(array: mat5.Array) -> Iterator[tuple[str, NamedValues]]:
     for name, field in mat5.fields(array).items():
         if _is_numbers(field):
-            yield name, Field(mat5.values(field))
+            yield name, NamedValues(mat5.values(field))
         elif field.kind == mat5.STRUCT:
             yield from _of_signals(name, mat5.elements(field))
 
 
-def _of_signals(group: str, elements: list[dict[str, mat5.Array]]) -> Iterator[tuple[str, Field]]:
+def _of_signals(group: str, elements: list[dict[str, mat5.Array]]) -> Iterator[tuple[str, NamedValues]]:
     """Signals of a struct (or an array of them) within a struct."""
     for k, element in enumerate(elements):
         values = next((name for name in VALUES if name in element and _is_numbers(element[name])), None)
         if values is not None:
             name = _words(element, ("label", "Name", "name")) or _words(element, ("blockName",)).rpartition("/")[2]
             usual = group if len(elements) == 1 else f"{group}_{k + 1}"
-            yield name or usual, Field(mat5.values(element[values]), _words(element, UNITS))
+            yield name or usual, NamedValues(mat5.values(element[values]), _words(element, UNITS))
             continue
         for name, field in element.items():
             if _is_numbers(field):
-                yield name, Field(mat5.values(field))
+                yield name, NamedValues(mat5.values(field))
             elif field.kind == mat5.STRUCT and field.shape == (1, 1):
                 inner: Any = mat5.fields(field)
                 yield from ((name, one) for _, one in _of_signals(name, [inner]) if _has_values(inner))

@@ -26,7 +26,7 @@ from hoopd.files.whole_files import opened
 from hoopd.recording import rows
 from hoopd.recording.container import ChunkedFile, Scan, stream
 from hoopd.recording.recording import Recording, from_columns
-from hoopd.recording.schemas import CHANNELS, DESCRIBED, TOPIC_PREFIX, Event, schema_bytes, topic_of
+from hoopd.recording.schemas import CHANNELS, DESCRIBED, TOPIC_PREFIX, LogEvent, schema_bytes, topic_of
 
 PROFILE = "hoopd"  # in the file's own header: how a run of ours is told from other MCAP files
 HEADER = "hoopd.header/1"
@@ -49,13 +49,13 @@ class Header(msgspec.Struct, frozen=True):
     converted: str = ""  # name of the file that this one was made from; empty: recorded by the daemon
 
 
-class Run(NamedTuple):
+class RecordedRun(NamedTuple):
     """Everything of one file, in file order."""
 
     header: Header
     inputs: list[Inputs]
     ticks: list[TickRecord]
-    events: list[Event]
+    events: list[LogEvent]
     lost: str  # one line, empty when the file is whole
     zero_ns: int = 0  # log_time of run time 0: the wall clock, 0 of a run in lock-step
 
@@ -100,7 +100,7 @@ class Writer:
         """One tick of a recording from elsewhere, whose inputs nobody kept."""
         self._add("tick", record.t, rows.encode_tick(record))
 
-    def add_event(self, event: Event) -> None:
+    def add_event(self, event: LogEvent) -> None:
         """One event."""
         self._add("event", event.t, rows.encode_event(event))
 
@@ -155,7 +155,7 @@ def header_of(texts: dict[str, str]) -> Header:
 _DECODE: dict[str, Any] = {"tick": rows.decode_tick, "input": rows.decode_input, "event": rows.decode_event}
 
 
-def read_run(path: Path, channels: Iterable[str] = tuple(CHANNELS)) -> Run:
+def read_run(path: Path, channels: Iterable[str] = tuple(CHANNELS)) -> RecordedRun:
     """Header and rows of the wanted channels, torn tails recovered; InputError when it is no run of ours."""
     wanted, scan, header, zero_ns = set(channels), Scan(), Header(), None
     found: dict[str, list[Any]] = {name: [] for name in CHANNELS}
@@ -173,7 +173,7 @@ def read_run(path: Path, channels: Iterable[str] = tuple(CHANNELS)) -> Run:
         raise InputError(path, "", str(error)) from None
     if "tick" not in {_channel(scan, topic) for topic in scan.topics.values()}:
         raise InputError(path, "", _foreign(scan))
-    return Run(header, found["input"], found["tick"], found["event"], describe_loss(scan), zero_ns or 0)
+    return RecordedRun(header, found["input"], found["tick"], found["event"], describe_loss(scan), zero_ns or 0)
 
 
 def read(path: Path) -> Recording:
@@ -198,7 +198,7 @@ def recover(path: Path, out: Path) -> str:
     with Path(out).open("xb") as file:
         writer = Writer(file, run.header, zero_ns=run.zero_ns)
         for row in _in_order(run):
-            if isinstance(row, Event):
+            if isinstance(row, LogEvent):
                 writer.add_event(row)
             elif row[1] is None:
                 writer.add_tick(row[0])
@@ -220,11 +220,11 @@ def describe_loss(scan: Scan) -> str:
     return ", ".join(parts)
 
 
-def _in_order(run: Run) -> list[Any]:
+def _in_order(run: RecordedRun) -> list[Any]:
     """Rows and events by run time; a tick without its inputs (or the reverse) is torn, unless there never were any."""
     inputs = {row.id: row for row in run.inputs}
     pairs = [(tick, inputs.get(tick.id)) for tick in run.ticks if tick.id in inputs or run.header.converted]
-    return sorted([*pairs, *run.events], key=lambda row: row.t if isinstance(row, Event) else row[0].t)
+    return sorted([*pairs, *run.events], key=lambda row: row.t if isinstance(row, LogEvent) else row[0].t)
 
 
 def _channel(scan: Scan, topic: str) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from msgspec import UNSET
 
 from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, LinkCounts, TickRecord
-from hoopd.recording.schemas import OPTIONAL, RECORDS, Event
+from hoopd.recording.schemas import OPTIONAL, RECORDS, LogEvent
 
 # Fields that recordings made before them lack, and what they are then.
 LATER_FIELDS: Mapping[type, Mapping[str, Any]] = {CameraSample: {"corners": 0}}
@@ -75,7 +75,7 @@ def _wire(hint: Any) -> Any:
     return Word if hint is int else bool if hint is bool else str if hint is str else dict[str, Any]
 
 
-_TickRow, _InputRow, _EventRow = row_type(TickRecord), row_type(Inputs), row_type(Event)
+_TickRow, _InputRow, _EventRow = row_type(TickRecord), row_type(Inputs), row_type(LogEvent)
 _CameraRow, _DriverRow = row_type(CameraSample), row_type(DriverSample)
 _LinkRow, _CommandRow = row_type(LinkCounts), row_type(Command)
 
@@ -123,7 +123,7 @@ def encode_tick_message(record: TickRecord) -> bytes:
     return _encoder.encode(_TickRow(*record))
 
 
-def encode_event(event: Event) -> bytes:
+def encode_event(event: LogEvent) -> bytes:
     """Row of the `event` channel, also the telemetry message."""
     return _encoder.encode(_EventRow(*event))
 
@@ -174,9 +174,9 @@ def decode_tick(data: bytes) -> TickRecord:
     return record._replace(x_hat=_UNKNOWN if record.x_hat is None else tuple(map(_back, record.x_hat)))
 
 
-def decode_event(data: bytes) -> Event:
+def decode_event(data: bytes) -> LogEvent:
     """The event of a row; msgspec.MsgspecError when it is not one."""
-    event: Event = _record(Event, _decode_event(data))
+    event: LogEvent = _record(LogEvent, _decode_event(data))
     return event
 
 

@@ -16,93 +16,95 @@ import msgspec
 from hoopd.core import records
 
 
-class Field(NamedTuple):
+class FieldDescription(NamedTuple):
     """Unit and meaning of one field."""
 
     unit: str
     meaning: str
 
 
-Table = Mapping[str, Field]
+Table = Mapping[str, FieldDescription]
 
 TICK: Table = {
-    "t": Field("s", "run time at which the tick took its inputs"),
-    "id": Field("", "number of the tick: counts timer expirations, so a missed one is a gap"),
-    "mode": Field("", "mode after the tick"),
-    "u": Field("N m", "torque commanded, held from this tick to the next"),
-    "theta": Field("rad", "hoop angle, unwrapped; missing when no answer came"),
-    "dtheta": Field("rad/s", "hoop speed; missing when no answer came"),
-    "current": Field("A", "motor current; missing when no answer came"),
-    "psi": Field("rad", "ball angle, 0 at the bottom, unwrapped; missing when no new ball was seen"),
-    "y_t": Field("s", "run time at which the board sampled theta, dtheta and current"),
-    "psi_t": Field("s", "run time of the middle of the exposure that gave psi"),
-    "x_hat": Field("rad, rad/s, rad, rad/s", "estimate of theta, dtheta, psi, dpsi at t"),
-    "reference": Field("rad", "wanted ball angle"),
-    "status": Field("", "board: bit0 enabled, 1 time-out latched, 2 torque limited, 3 fault"),
-    "errors": Field("", "board: bit0 crc, 1 seq gap, 2 overcurrent, 3 encoder, 4 supply, 5 overspeed"),
-    "lateness_s": Field("s", "start of this tick against its deadline"),
-    "execution_s": Field("s", "duration of the previous tick, slots taken to frame written"),
+    "t": FieldDescription("s", "run time at which the tick took its inputs"),
+    "id": FieldDescription("", "number of the tick: counts timer expirations, so a missed one is a gap"),
+    "mode": FieldDescription("", "mode after the tick"),
+    "u": FieldDescription("N m", "torque commanded, held from this tick to the next"),
+    "theta": FieldDescription("rad", "hoop angle, unwrapped; missing when no answer came"),
+    "dtheta": FieldDescription("rad/s", "hoop speed; missing when no answer came"),
+    "current": FieldDescription("A", "motor current; missing when no answer came"),
+    "psi": FieldDescription("rad", "ball angle, 0 at the bottom, unwrapped; missing when no new ball was seen"),
+    "y_t": FieldDescription("s", "run time at which the board sampled theta, dtheta and current"),
+    "psi_t": FieldDescription("s", "run time of the middle of the exposure that gave psi"),
+    "x_hat": FieldDescription("rad, rad/s, rad, rad/s", "estimate of theta, dtheta, psi, dpsi at t"),
+    "reference": FieldDescription("rad", "wanted ball angle"),
+    "status": FieldDescription("", "board: bit0 enabled, 1 time-out latched, 2 torque limited, 3 fault"),
+    "errors": FieldDescription("", "board: bit0 crc, 1 seq gap, 2 overcurrent, 3 encoder, 4 supply, 5 overspeed"),
+    "lateness_s": FieldDescription("s", "start of this tick against its deadline"),
+    "execution_s": FieldDescription("s", "duration of the previous tick, slots taken to frame written"),
 }
 
 CAMERA: Table = {
-    "frame": Field("", "camera's own picture counter"),
-    "t": Field("s", "run time of the middle of the exposure"),
-    "t_arrival": Field("s", "run time at which the detection was ready"),
-    "psi": Field("rad", "ball angle in (-pi, pi]; null when no ball was found"),
-    "confidence": Field("", "0 to 1"),
-    "x_px": Field("px", "ball centre, to the right; null when no ball was found"),
-    "y_px": Field("px", "ball centre, downwards; null when no ball was found"),
-    "corners": Field("", "checksum of the picture's four corners, by which equal pictures are known; 0 when not told"),
+    "frame": FieldDescription("", "camera's own picture counter"),
+    "t": FieldDescription("s", "run time of the middle of the exposure"),
+    "t_arrival": FieldDescription("s", "run time at which the detection was ready"),
+    "psi": FieldDescription("rad", "ball angle in (-pi, pi]; null when no ball was found"),
+    "confidence": FieldDescription("", "0 to 1"),
+    "x_px": FieldDescription("px", "ball centre, to the right; null when no ball was found"),
+    "y_px": FieldDescription("px", "ball centre, downwards; null when no ball was found"),
+    "corners": FieldDescription(
+        "", "checksum of the picture's four corners, by which equal pictures are known; 0 when not told"
+    ),
 }
 
 DRIVER: Table = {
-    "t": Field("s", "run time at which the board sampled"),
-    "seq": Field("", "echo of the request's sequence number"),
+    "t": FieldDescription("s", "run time at which the board sampled"),
+    "seq": FieldDescription("", "echo of the request's sequence number"),
     "status": TICK["status"],
     "errors": TICK["errors"],
-    "theta": Field("rad", "hoop angle, wrapped by the board at +-512 turns"),
-    "dtheta": Field("rad/s", "hoop speed"),
-    "current": Field("A", "motor current"),
-    "board_ms": Field("ms", "board clock modulo 65536"),
+    "theta": FieldDescription("rad", "hoop angle, wrapped by the board at +-512 turns"),
+    "dtheta": FieldDescription("rad/s", "hoop speed"),
+    "current": FieldDescription("A", "motor current"),
+    "board_ms": FieldDescription("ms", "board clock modulo 65536"),
 }
 
 LINK: Table = {
-    "good": Field("", "valid answers since the last tick"),
-    "bad_crc": Field("", "answers with a wrong checksum"),
-    "garbage_bytes": Field("", "bytes outside of any frame"),
-    "unexpected_seq": Field("", "answers to another request"),
-    "implausible": Field("", "answers with impossible values"),
-    "lost": Field("", "the port itself is gone"),
+    "good": FieldDescription("", "valid answers since the last tick"),
+    "bad_crc": FieldDescription("", "answers with a wrong checksum"),
+    "garbage_bytes": FieldDescription("", "bytes outside of any frame"),
+    "unexpected_seq": FieldDescription("", "answers to another request"),
+    "implausible": FieldDescription("", "answers with impossible values"),
+    "lost": FieldDescription("", "the port itself is gone"),
 }
 
 COMMAND: Table = {
-    "name": Field("", "arm, disarm, clear, reference, tune, stop, shutdown or experiment"),
-    "value": Field("", "in the unit of what it sets"),
-    "key": Field("", "tune: name of the parameter; experiment: its name"),
+    "name": FieldDescription("", "arm, disarm, clear, reference, tune, stop, shutdown or experiment"),
+    "value": FieldDescription("", "in the unit of what it sets"),
+    "key": FieldDescription("", "tune: name of the parameter; experiment: its name"),
 }
 
 INPUT: Table = {
     "id": TICK["id"],
     "t": TICK["t"],
-    "camera": Field("", "newest picture's analysis since the last tick, or null"),
-    "driver": Field("", "newest answer since the last tick, or null"),
-    "link": Field("", "what the serial line brought since the last tick, by kind"),
-    "commands": Field("", "wishes of the operator taken by this tick, in order"),
+    "camera": FieldDescription("", "newest picture's analysis since the last tick, or null"),
+    "driver": FieldDescription("", "newest answer since the last tick, or null"),
+    "link": FieldDescription("", "what the serial line brought since the last tick, by kind"),
+    "commands": FieldDescription("", "wishes of the operator taken by this tick, in order"),
     "lateness_s": TICK["lateness_s"],
     "execution_s": TICK["execution_s"],
-    "camera_stalled": Field("", "the camera's own watchdog gave up"),
-    "trouble": Field("", "bit0 recorder drops or cannot write, bit1 telemetry drops"),
+    "camera_stalled": FieldDescription("", "the camera's own watchdog gave up"),
+    "trouble": FieldDescription("", "bit0 recorder drops or cannot write, bit1 telemetry drops"),
 }
 
 EVENT: Table = {
-    "t": Field("s", "run time of the event"),
-    "event": Field("", "name of the fact"),
-    "level": Field("", "debug, info, warning, error or critical"),
-    "fields": Field("", "particulars by name"),
+    "t": FieldDescription("s", "run time of the event"),
+    "event": FieldDescription("", "name of the fact"),
+    "level": FieldDescription("", "debug, info, warning, error or critical"),
+    "fields": FieldDescription("", "particulars by name"),
 }
 
 
-class Event(NamedTuple):
+class LogEvent(NamedTuple):
     """One fact worth a line in the log, at its run time."""
 
     t: float  # s
@@ -118,14 +120,14 @@ RECORDS: Mapping[type, Table] = {
     records.DriverSample: DRIVER,
     records.LinkCounts: LINK,
     records.Command: COMMAND,
-    Event: EVENT,
+    LogEvent: EVENT,
 }
 
 # Channel of the file (and last chunk of the telemetry key) -> (schema name, record).
 CHANNELS: Mapping[str, tuple[str, type]] = {
     "tick": ("hoopd.tick", records.TickRecord),
     "input": ("hoopd.input", records.Inputs),
-    "event": ("hoopd.event", Event),
+    "event": ("hoopd.event", LogEvent),
 }
 # Channels that are registered with their schema. `input` holds null, and texts for infinities, where a replay needs
 # them: no schema without unions says that.
@@ -156,7 +158,7 @@ def schema_bytes(channel: str) -> bytes:
     return msgspec.json.encode({"title": name, **json_schema(record)})
 
 
-def _property(hint: Any, item: Field) -> dict[str, Any]:
+def _property(hint: Any, item: FieldDescription) -> dict[str, Any]:
     unit = {"unit": item.unit} if item.unit else {}
     return {**_type(hint), **unit, "description": f"{item.meaning} [{item.unit}]" if item.unit else item.meaning}
 

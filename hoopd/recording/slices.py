@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoopd.files.reading import InputError
-from hoopd.recording.column_choice import Layout
+from hoopd.recording.column_choice import SignalLayout
 from hoopd.recording.edit import between
 from hoopd.recording.formats import load, split_path
 from hoopd.recording.recording import Recording
@@ -32,7 +32,7 @@ class Span(NamedTuple):
 
 
 def read_recording(
-    text: str, columns: Columns | None = None, *, layout: Layout | None = None, hold: str = "zero"
+    text: str, columns: Columns | None = None, *, layout: SignalLayout | None = None, hold: str = "zero"
 ) -> Recording:
     """Recording of "FILE", "FILE.h5:EXPERIMENT" and either with "@START:END" in seconds, one of which may be missing.
 

@@ -19,7 +19,7 @@ from hoopd.recording.spans import spans
 from hoopd.recording.tick_columns import BOARD_TIMES, TIMES
 from hoopd.recording.unwrap import unwrapped
 
-__all__ = ["SAME_S", "TIMES", "Channel", "Timeline", "driven", "switch_times", "timelines", "usual_steps"]
+__all__ = ["SAME_S", "TIMES", "ChannelNodes", "Timeline", "driven", "switch_times", "timelines", "usual_steps"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -36,7 +36,7 @@ DRIVEN = ("RUNNING", "STOPPING")
 TORQUE_TIMES = "u_t"
 
 
-class Channel(NamedTuple):
+class ChannelNodes(NamedTuple):
     """What one sensor saw."""
 
     nodes: Index  # (k,) node of each value
@@ -48,14 +48,14 @@ class Timeline(NamedTuple):
 
     t: Array  # (n,) s
     u: Array  # (n-1,) in the unit of the one input; (n-1, m) of several or none
-    channels: dict[str, Channel]
+    channels: dict[str, ChannelNodes]
 
     def between(self, first: int, last: int) -> Timeline:
         """Nodes first ... last (included) with what was measured on them."""
         cut = {}
         for name, (nodes, values) in self.channels.items():
             inside = (nodes >= first) & (nodes <= last)
-            cut[name] = Channel(nodes[inside] - first, values[inside])
+            cut[name] = ChannelNodes(nodes[inside] - first, values[inside])
         return Timeline(self.t[first : last + 1], self.u[first:last], cut)
 
     def windows(self, length_s: float) -> list[Timeline]:
@@ -116,7 +116,7 @@ def _timeline(recording: Recording, rows: slice) -> Timeline:
         inside = (when >= t[0] - SAME_S) & (when <= last)
         # a node is the first of the instants that count as one with it, so it is the last that is not later
         nodes = np.searchsorted(t, when[inside], side="right") - 1
-        channels[name] = Channel(np.maximum(nodes, 0).astype(np.int64), values[inside])
+        channels[name] = ChannelNodes(np.maximum(nodes, 0).astype(np.int64), values[inside])
     return Timeline(t, held, channels)
 
 

@@ -64,7 +64,7 @@ class Payload(msgspec.Struct, forbid_unknown_fields=True):
     key: str = ""
 
 
-class Outcome(NamedTuple):
+class CommandOutcome(NamedTuple):
     """What the loop made of a command, and how it stood after that tick."""
 
     refused: str  # why; empty when it was obeyed
@@ -78,7 +78,7 @@ class Ticket:
     """A command on its way; the loop sets the outcome once it is known."""
 
     command: Command
-    outcome: Outcome | None = None
+    outcome: CommandOutcome | None = None
 
     def answer(self) -> dict[str, Any]:
         """What its sender is told, in fields of JSON; RefusedError with the loop's own reason."""
@@ -142,7 +142,7 @@ class Gate:
         for ticket in concerned:
             if name == "arm" and not refused and record.mode not in ENERGISED:
                 refused = f"obeyed, and at once {record.mode}"  # a cut in the same tick
-            ticket.outcome = Outcome(refused, record.t, record.mode, record.reference)
+            ticket.outcome = CommandOutcome(refused, record.t, record.mode, record.reference)
             self._taken.remove(ticket)
 
     def _before(self, name: str, follower: str) -> list[Ticket]:

@@ -38,7 +38,7 @@ ONE_LINE = 'expected one line of JSON: {"command": name, "value": number, "key":
 OnEvent = Callable[[str, str, Mapping[str, Any]], None]
 
 
-class Request(msgspec.Struct, forbid_unknown_fields=True):
+class CommandRequest(msgspec.Struct, forbid_unknown_fields=True):
     """What a client may ask."""
 
     command: str
@@ -190,7 +190,7 @@ class CommandServer:
     def _ask(self, client: _Client, line: bytes) -> None:
         client.since = time.monotonic()  # who took his time to ask waits as long for the loop as everybody
         try:
-            request = msgspec.json.decode(line, type=Request)
+            request = msgspec.json.decode(line, type=CommandRequest)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             self._refuse(client, "", ONE_LINE)
             return
@@ -254,7 +254,7 @@ class CommandServer:
                 self._on_event(event, level, {**fields, "uid": peer.uid, "pid": peer.pid})
 
 
-def _payload(request: Request) -> bytes:
+def _payload(request: CommandRequest) -> bytes:
     return msgspec.json.encode({"value": request.value, "key": request.key})
 
 

@@ -20,6 +20,7 @@ from msgspec import Meta
 from hoopd.core.health import Thresholds
 from hoopd.core.ticksettings import TickSettings
 from hoopd.files.reading import ANY_NUMBER, InputError, load_yaml, os_reason, parse_yaml, read_text, to_struct
+from hoopd.files.records import Strict
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.yaml_text import MAX_DEPTH, text_of
 
@@ -41,10 +42,6 @@ TORQUE_LIMIT_NM = 0.7
 # zenoh's keys that hold a secret itself or, in base64, a private key.
 _SECRET = re.compile(r"password|private_key|secret", re.IGNORECASE)
 BLANK = "***"
-
-
-class Strict(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
-    """A section: unknown keys are errors."""
 
 
 class Device(Strict, frozen=True):
@@ -84,7 +81,7 @@ class Camera(Strict, frozen=True):
     stall_s: Annotated[float, Meta(ge=0.01, le=5)] = 0.3
 
 
-class Circle(Strict, frozen=True):
+class CircleConfig(Strict, frozen=True):
     """A circle in the picture."""
 
     centre: tuple[Pixel, Pixel] = (240.0, 240.0)
@@ -96,7 +93,7 @@ class Vision(Strict, frozen=True):
 
     weights: tuple[Moderate, Moderate, Moderate] = (1.0, -0.5, -0.5)  # of R, G, B
     threshold: Annotated[float, Meta(gt=0, lt=255)] = 70.0
-    circle_px: Circle = Circle()  # on which the ball's centre moves
+    circle_px: CircleConfig = CircleConfig()  # on which the ball's centre moves
     homography: list[list[float]] | None = None  # picture to hoop plane; replaces the circle
     zero_angle_rad: Annotated[float, Meta(ge=-3.2, le=3.2)] = 0.0
     ball_radius_px: BallSize = 23.0
@@ -119,14 +116,14 @@ class Control(Strict, frozen=True):
     feedforward: bool = True  # of the effects in the filter's model
 
 
-class Limits(Strict, frozen=True):
+class LimitsConfig(Strict, frozen=True):
     """What no controller may exceed."""
 
     torque_nm: Annotated[float, Meta(gt=0, le=TORQUE_LIMIT_NM)] = TORQUE_LIMIT_NM
     slew_nm_per_tick: Positive = 1.4  # the whole range in one tick: no limit
 
 
-class Recording(Strict, frozen=True):
+class RecordingConfig(Strict, frozen=True):
     """Where runs go and how much room they may take."""
 
     directory: str = ""
@@ -141,7 +138,7 @@ class ControlSession(Strict, frozen=True):
     zenoh: dict[str, Any] = {}  # as below
 
 
-class Telemetry(Strict, frozen=True):
+class TelemetryConfig(Strict, frozen=True):
     """Publishing and commands over zenoh; the defaults never leave this machine."""
 
     enabled: bool = True
@@ -230,11 +227,11 @@ class Config(Strict, frozen=True):
     camera: Camera = Camera()
     vision: Vision = Vision()
     control: Control = Control()
-    limits: Limits = Limits()
+    limits: LimitsConfig = LimitsConfig()
     loop: TickSettings = TickSettings()
     faults: Thresholds = Thresholds()
-    recording: Recording = Recording()
-    telemetry: Telemetry = Telemetry()
+    recording: RecordingConfig = RecordingConfig()
+    telemetry: TelemetryConfig = TelemetryConfig()
     commands: Commands = Commands()
     log: Log = Log()
     sim: Sim = Sim()

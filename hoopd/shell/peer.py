@@ -36,7 +36,7 @@ class _Waiting(NamedTuple):
     until: float  # s, monotonic
 
 
-class Peer:
+class ZenohPeer:
     """Opens when it can, publishes, and answers queries of keys below a device."""
 
     def __init__(

@@ -20,7 +20,7 @@ import msgspec
 
 from hoopd.core.records import Inputs, TickRecord
 from hoopd.recording.mcap import Header, Writer
-from hoopd.recording.schemas import Event
+from hoopd.recording.schemas import LogEvent
 from hoopd.shell.descriptors import opened
 from hoopd.shell.helpers import start_helper
 from hoopd.shell.run_files import Limits, create, make_room
@@ -44,7 +44,7 @@ class RecorderCounts(NamedTuple):
     file: str  # name of the current file, empty without one
 
 
-Row = Event | tuple[TickRecord, Inputs]
+Row = LogEvent | tuple[TickRecord, Inputs]
 
 
 class _Sink:
@@ -116,7 +116,7 @@ class _Sink:
     def _write(self, rows: list[Row]) -> None:
         assert self._writer is not None
         for left, row in zip(range(len(rows), 0, -1), rows, strict=True):
-            if isinstance(row, Event):
+            if isinstance(row, LogEvent):
                 self._writer.add_event(row)
             else:
                 self._writer.add(*row)
@@ -182,7 +182,7 @@ class Recorder:
 
     def event(self, t: float, event: str, level: str = "info", **fields: Any) -> None:
         """One event at run time `t`; never waits, from any thread."""
-        self._queue.append((next(self._numbers), Event(t, event, level, fields)))
+        self._queue.append((next(self._numbers), LogEvent(t, event, level, fields)))
         if self._synchronous:
             self._drain()
 

@@ -25,10 +25,10 @@ from hoopd.core.records import TickRecord
 from hoopd.files.reading import InputError
 from hoopd.recording.mcap import without_secrets
 from hoopd.recording.rows import encode_event, encode_tick_message
-from hoopd.recording.schemas import Event
+from hoopd.recording.schemas import LogEvent
 from hoopd.shell.commands import NAMES, NO_CONTROL, PAYLOAD_BYTES, Gate, RefusedError, Ticket
 from hoopd.shell.helpers import start_helper
-from hoopd.shell.peer import JSON, RETRY_S, Answer, OnEvent, Peer
+from hoopd.shell.peer import JSON, RETRY_S, Answer, OnEvent, ZenohPeer
 from hoopd.shell.session import CONTROL, DEVICE, ENDPOINT, asks_who, device_key, listening
 
 SLOT_ROWS = 64  # 1.3 s of ticks: telemetry is for now, the recording keeps the rest
@@ -44,7 +44,7 @@ NOBODY_ASKED = (
 
 
 @dataclass(frozen=True)
-class Settings:
+class TelemetrySettings:
     """What the configuration says about telemetry; `zenoh` holds zenoh's own keys (TLS, users, access)."""
 
     device: str = DEVICE
@@ -104,11 +104,11 @@ class Telemetry:
     """Publishes ticks, events and status; answers queries; hands commands to the tick."""
 
     def __init__(
-        self, settings: Settings, gate: Gate, *, config_text: str = "", on_event: OnEvent | None = None
+        self, settings: TelemetrySettings, gate: Gate, *, config_text: str = "", on_event: OnEvent | None = None
     ) -> None:
         self._settings, self.gate = settings, gate
         self._config_text = without_secrets(config_text)
-        self._peer = Peer(
+        self._peer = ZenohPeer(
             "telemetry",
             listening(settings.endpoint, settings.zenoh),
             settings.device,
@@ -118,7 +118,7 @@ class Telemetry:
             on_event=on_event,
         )
         self._control = self._make_control(on_event) if settings.commands else None
-        self._slot: deque[TickRecord | Event] = deque()
+        self._slot: deque[TickRecord | LogEvent] = deque()
         self._summary, self._extra, self._status = _Summary(), {}, b"{}"  # type: tuple[_Summary, Mapping[str, Any], bytes]
         self._published = self._dropped = self._errors = self._bad_puts = 0
         self._dropped_before, self._dropping = 0, False
@@ -152,7 +152,7 @@ class Telemetry:
 
     def event(self, t: float, event: str, level: str = "info", **fields: Any) -> None:
         """One event to publish; never waits, from any thread."""
-        self._offer(Event(t, event, level, fields))
+        self._offer(LogEvent(t, event, level, fields))
 
     def set_status(self, fields: Mapping[str, Any]) -> None:
         """Further fields of the status message (faults, recorder, link ...); do not change the mapping afterwards."""
@@ -167,10 +167,10 @@ class Telemetry:
         return True
 
     @property
-    def _peers(self) -> list[Peer]:
+    def _peers(self) -> list[ZenohPeer]:
         return [self._peer] if self._control is None else [self._peer, self._control]
 
-    def _make_control(self, on_event: OnEvent | None) -> Peer:
+    def _make_control(self, on_event: OnEvent | None) -> ZenohPeer:
         """The session of those who prove who they are; InputError when it would ask nobody."""
         settings = self._settings
         if not settings.control_endpoint:
@@ -178,7 +178,7 @@ class Telemetry:
         config = listening(settings.control_endpoint, settings.control_zenoh, CONTROL)
         if not asks_who(config):
             raise InputError("", f"{CONTROL}.zenoh", NOBODY_ASKED)
-        return Peer(
+        return ZenohPeer(
             "control",
             config,
             settings.device,
@@ -188,7 +188,7 @@ class Telemetry:
             on_event=on_event,
         )
 
-    def _offer(self, item: TickRecord | Event) -> None:
+    def _offer(self, item: TickRecord | LogEvent) -> None:
         if len(self._slot) >= SLOT_ROWS:
             with contextlib.suppress(IndexError):  # just taken: there is room
                 self._slot.popleft()
@@ -229,7 +229,7 @@ class Telemetry:
             self._publishers[name] = session.declare_publisher(key, encoding=JSON, congestion_control=drop)
         self._kept = [session.liveliness().declare_token(device_key(self._settings.device, "alive"))]
 
-    def _publish(self, item: TickRecord | Event) -> None:
+    def _publish(self, item: TickRecord | LogEvent) -> None:
         if isinstance(item, TickRecord):
             self._summary.add(item)
         if self._peer.session is None:

@@ -33,7 +33,7 @@ from hoopd.core.frames import (
     encode_answer,
 )
 from hoopd.sim.guards import CURRENT_LIMIT_A, LOOK_S, OVERSPEED_RAD_S, Guards
-from hoopd.sim.torque_log import Sink
+from hoopd.sim.torque_log import TorqueSink
 from hoopd.sim.torquestage import SLEW_NM_PER_MS, TorqueStage
 
 # The motor driver saturates here (PHYSICS: +-0.7 N m).
@@ -53,7 +53,7 @@ FAULT_BITS: Final[dict[FaultName, int]] = {
 }
 
 
-class Plant(Protocol):
+class BoardPlant(Protocol):
     """What the board moves; times in s on the board's clock."""
 
     def advance(self, t: float, torque_nm: float) -> None:
@@ -89,12 +89,12 @@ class DriverBoard:
 
     def __init__(
         self,
-        plant: Plant,
+        plant: BoardPlant,
         rng: np.random.Generator,
         *,
         layout: Layout = DEFAULT_LAYOUT,
         config: BoardConfig = BoardConfig(),
-        sink: Sink | None = None,
+        sink: TorqueSink | None = None,
         t: float = 0.0,
     ) -> None:
         self._plant = plant

@@ -32,7 +32,7 @@ from hoopd import failure
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import layout_from_table
 from hoopd.shell.service import raise_thread_priority
-from hoopd.sim.board import BoardConfig, DriverBoard, Plant
+from hoopd.sim.board import BoardConfig, BoardPlant, DriverBoard
 from hoopd.sim.faults import FaultScript, fault_from_table
 from hoopd.sim.statering import StateRingWriter
 from hoopd.sim.torque_log import TorqueLogFile, TorqueRow
@@ -143,20 +143,20 @@ class BoardProcess:
         self._log(row._replace(t=row.t + self._t_start))
 
 
-def state(plant: Plant) -> tuple[float, float, float, float]:
+def state(plant: BoardPlant) -> tuple[float, float, float, float]:
     """What a plant really does."""
     return plant.state
 
 
-def shown(plant: Plant) -> tuple[float, float, float, float]:
+def shown(plant: BoardPlant) -> tuple[float, float, float, float]:
     """What the camera sees of a plant: its state, unless the plant says otherwise."""
     state: tuple[float, float, float, float] = getattr(plant, "shown", plant.state)
     return state
 
 
-def _make_plant(config: ProcessConfig) -> Plant:
+def _make_plant(config: ProcessConfig) -> BoardPlant:
     module, _, name = config.plant.partition(":")
-    plant: Plant = getattr(importlib.import_module(module), name)(**config.plant_arguments)
+    plant: BoardPlant = getattr(importlib.import_module(module), name)(**config.plant_arguments)
     return plant
 
 

@@ -73,7 +73,7 @@ OLDEST_PICTURE_S: Final = 0.5
 
 
 @dataclass(frozen=True)
-class Fault:
+class ScriptedFault:
     """One fault: active in [at_s, at_s + for_s); `params` override the table's defaults."""
 
     kind: str
@@ -123,7 +123,7 @@ class Fault:
         return self["direction"] in (direction, "both")
 
 
-def fault_from_table(row: Mapping[str, Any]) -> Fault:
+def fault_from_table(row: Mapping[str, Any]) -> ScriptedFault:
     """A fault from plain data {kind, at_s, for_s?, params?}; ValueError with one clear line."""
     known = {"kind", "at_s", "for_s", "params"}
     if unknown := set(row) - known:
@@ -131,20 +131,20 @@ def fault_from_table(row: Mapping[str, Any]) -> Fault:
     if missing := {"kind", "at_s"} - set(row):
         raise ValueError(f"fault: missing key {sorted(missing)[0]!r}")
     for_s = row.get("for_s")
-    return Fault(row["kind"], row["at_s"], math.inf if for_s is None else for_s, dict(row.get("params") or {}))
+    return ScriptedFault(row["kind"], row["at_s"], math.inf if for_s is None else for_s, dict(row.get("params") or {}))
 
 
 class FaultScript:
     """All faults of one run."""
 
-    def __init__(self, faults: Iterable[Fault] = (), seed: int = 0) -> None:
+    def __init__(self, faults: Iterable[ScriptedFault] = (), seed: int = 0) -> None:
         self.faults = tuple(faults)
         self.seed = seed
-        self._by_kind: dict[str, list[Fault]] = {}
+        self._by_kind: dict[str, list[ScriptedFault]] = {}
         for fault in self.faults:
             self._by_kind.setdefault(fault.kind, []).append(fault)
 
-    def active(self, t: float, kind: str) -> Fault | None:
+    def active(self, t: float, kind: str) -> ScriptedFault | None:
         """The first fault of this kind that is active at run time `t`."""
         if kind not in KINDS:
             raise ValueError(f"unknown fault kind {kind!r}, known: {', '.join(KINDS)}")
@@ -186,7 +186,7 @@ class FaultyWire:
         delay_s = float(late["delay_s"]) if late else 0.0
         return [(t + delay_s + (len(out) - len(data)) * BYTE_S, out)]
 
-    def _hit(self, t: float, kind: str, direction: Direction) -> Fault | None:
+    def _hit(self, t: float, kind: str, direction: Direction) -> ScriptedFault | None:
         """The active fault of this kind, when it strikes this frame."""
         fault = self._script.active(t, kind)
         if fault is None or not fault.concerns(direction):
@@ -251,7 +251,7 @@ class FaultyWire:
         return answer._replace(theta=theta, dtheta=dtheta)
 
 
-def _mad_torque(fault: Fault, t: float) -> float:
+def _mad_torque(fault: ScriptedFault, t: float) -> float:
     """Constant, or alternating from the fault's beginning on: half a period the one way, half a period the other."""
     back = fault["pattern"] == "alternate" and (t - fault.at_s) % fault["period_s"] >= 0.5 * fault["period_s"]
     return -float(fault["torque_nm"]) if back else float(fault["torque_nm"])

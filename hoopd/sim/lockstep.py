@@ -24,7 +24,7 @@ REMEMBERED = 25
 YIELD_EVERY = 50
 
 
-class Codec(Protocol):
+class HostCodec(Protocol):
     """The host's side of the line (`hoopd.shell.link.Codec`)."""
 
     def feed(self, t: float, data: bytes) -> None: ...
@@ -40,7 +40,7 @@ class TruthSink(Protocol):
     def __call__(self, t: float, state: tuple[float, float, float, float], /) -> None: ...
 
 
-class Moved(Protocol):
+class MovedPlant(Protocol):
     """What the rig looks at (`hoopd.sim.plant`); states in rad and rad/s."""
 
     @property
@@ -55,9 +55,9 @@ class LockstepRig:
 
     def __init__(
         self,
-        plant: Moved,
+        plant: MovedPlant,
         board: WiredBoard,
-        codec: Codec,
+        codec: HostCodec,
         watcher: Watcher,
         script: FaultScript,
         *,

@@ -24,7 +24,7 @@ from hoopd.shell.config import Config
 from hoopd.shell.link import BITS_PER_BYTE
 from hoopd.sim.boardprocess import ProcessConfig
 from hoopd.sim.camera import CameraConfig, Painter
-from hoopd.sim.faults import Fault, FaultScript, fault_from_table
+from hoopd.sim.faults import FaultScript, ScriptedFault, fault_from_table
 from hoopd.sim.torque_log import TorqueLogFile
 from hoopd.sim.truth import TruthFile
 from hoopd.sim.watchers import DirectWatcher, Disturbance, PictureWatcher, Watcher
@@ -65,7 +65,7 @@ def rig_effects(config: Config, model: ModelFile) -> dict[str, dict[str, float]]
     return {name: values for name, values in told.items() if values != known[name].neutral()}
 
 
-def fault_list(config: Config) -> list[Fault]:
+def fault_list(config: Config) -> list[ScriptedFault]:
     """The rig's scripted faults."""
     return [_checked(index, row) for index, row in enumerate(fault_rows(config))]
 
@@ -85,7 +85,7 @@ def fault_script(config: Config, seed: int) -> FaultScript:
     return FaultScript(fault_list(config), seed)
 
 
-def _checked(index: int, row: dict[str, Any]) -> Fault:
+def _checked(index: int, row: dict[str, Any]) -> ScriptedFault:
     try:
         return fault_from_table(row)
     except ValueError as error:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hoopd.core.records import Vector
 from hoopd.plants.compiled import Call
 from hoopd.plants.composite import Composite
-from hoopd.plants.found_effects import Found, FoundEffect
+from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.numeric_plant import ADVANCE_STEPS, NumericPlant
 
 Array = NDArray[np.float64]
@@ -36,7 +36,9 @@ READ = ("theta", "dtheta", "psi")
 class RigPlant:
     """Plant, drive and sensors as they really are, over time."""
 
-    def __init__(self, found: Found, x0: Vector, *, held: bool = False, hold_s: float = 0.0, t: float = 0.0) -> None:
+    def __init__(
+        self, found: FoundEffects, x0: Vector, *, held: bool = False, hold_s: float = 0.0, t: float = 0.0
+    ) -> None:
         """`held`: hands hold ball and hoop at x0 until `hold_s` has passed and the drive gives its first torque."""
         effects, values = found.effects(), found.values
         c = Composite(found.plant, effects, substeps=1)
@@ -137,7 +139,7 @@ def make_plant(
 ) -> RigPlant:
     """Plant from plain data: what the board's process is told on its command line; effects by name."""
     entries = tuple(FoundEffect(name, values) for name, values in (effects or {}).items())
-    return RigPlant(Found(structure, parameters, entries), np.array(x0, float), held=held, hold_s=hold_s)
+    return RigPlant(FoundEffects(structure, parameters, entries), np.array(x0, float), held=held, hold_s=hold_s)
 
 
 def _readings(c: Composite, values: Mapping[str, float]) -> Call:

@@ -26,7 +26,7 @@ class TorqueRow(NamedTuple):
     reason: str  # start | request | cleared | refused | timeout | fault | reset | end
 
 
-class Sink(Protocol):
+class TorqueSink(Protocol):
     """Where a board hands its rows."""
 
     def __call__(self, row: TorqueRow, /) -> None: ...

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from hoopd.sim.torque_log import Sink, TorqueRow
+from hoopd.sim.torque_log import TorqueRow, TorqueSink
 
 # The whole range from one extreme to the other in 2 ms: a tenth of a tick, and no blow to shaft and bearings.
 SLEW_NM_PER_MS: Final = 0.7
@@ -20,7 +20,7 @@ TORQUE_LOOP_S: Final = 1e-4
 class TorqueStage:
     """What the motor gets."""
 
-    def __init__(self, slew_nm_per_ms: float, sink: Sink | None) -> None:
+    def __init__(self, slew_nm_per_ms: float, sink: TorqueSink | None) -> None:
         self._step_nm = slew_nm_per_ms * 1e3 * TORQUE_LOOP_S
         self._sink = sink
         self._target = 0.0

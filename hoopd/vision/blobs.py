@@ -18,7 +18,7 @@ LEAST_CONVEXITY = 0.9  # of the hull's area
 RIM = np.ones((2 * RIM_PX + 1, 2 * RIM_PX + 1), np.uint8)
 
 
-class Shape(NamedTuple):
+class BlobShape(NamedTuple):
     """Measured blob: fill is its area over that of the ellipse with the same moments (disc 1, square 0.955)."""
 
     x_px: float
@@ -29,7 +29,7 @@ class Shape(NamedTuple):
     level: float  # mean of the soft grey inside, 0..1
 
 
-def measure_blob(soft: NDArray[np.uint8], contour: NDArray[np.int32]) -> Shape:
+def measure_blob(soft: NDArray[np.uint8], contour: NDArray[np.int32]) -> BlobShape:
     """Moments of the blob with a soft rim and its holes filled."""
     filled = np.zeros_like(soft)
     cv2.drawContours(filled, [contour], -1, 255, cv2.FILLED)
@@ -38,7 +38,7 @@ def measure_blob(soft: NDArray[np.uint8], contour: NDArray[np.int32]) -> Shape:
     area = m["m00"] / 255.0
     # the ellipse with these second moments has the area 4 pi sqrt(det(covariance))
     spread = math.sqrt(max(m["mu20"] * m["mu02"] - m["mu11"] ** 2, 1e-12)) / m["m00"]
-    return Shape(
+    return BlobShape(
         m["m10"] / m["m00"],
         m["m01"] / m["m00"],
         math.sqrt(area / math.pi),
@@ -68,7 +68,7 @@ def edge_contact(
     return at_window, at_picture
 
 
-def fit_visible_arc(contour: NDArray[np.int32], size: tuple[int, ...], shape: Shape) -> Shape:
+def fit_visible_arc(contour: NDArray[np.int32], size: tuple[int, ...], shape: BlobShape) -> BlobShape:
     """The shape replaced by the circle through the part of its contour that is not the picture's edge."""
     # the hull bridges a highlight that opens to the picture's edge; a blob that is not convex is no ball
     hull: NDArray[np.int32] = np.asarray(cv2.convexHull(contour), np.int32)
@@ -82,4 +82,4 @@ def fit_visible_arc(contour: NDArray[np.int32], size: tuple[int, ...], shape: Sh
     x, y, radius = fit_circle(points)
     residual_px = float(np.sqrt(np.mean((np.hypot(points[:, 0] - x, points[:, 1] - y) - radius) ** 2)))
     # contour points lie in the outermost pixels, half a pixel inside the rim; 5 % of residual closes the shape gate
-    return Shape(x, y, radius + 0.5, 1.0 - 4.0 * residual_px / max(radius, 1.0), 1.0, shape.level)
+    return BlobShape(x, y, radius + 0.5, 1.0 - 4.0 * residual_px / max(radius, 1.0), 1.0, shape.level)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.vision.candidates import Candidate, Colour, choose_colour, find_candidates
+from hoopd.vision.candidates import BallCandidate, Colour, choose_colour, find_candidates
 from hoopd.vision.circles import Circle, Points, find_hoop, fit_circle_robust
 from hoopd.vision.detector import Detector, DetectorSettings
 
@@ -130,7 +130,7 @@ def propose(bgr: Image) -> Proposal:
     return Proposal(ball, track, hoop, coverage, colour, zero, candidates[0].score * coverage, notes)
 
 
-def consensus(candidates: list[Candidate]) -> tuple[Circle, list[Candidate]]:
+def consensus(candidates: list[BallCandidate]) -> tuple[Circle, list[BallCandidate]]:
     """Median circle of the good candidates at the best one's place, and those candidates."""
     best = candidates[0]
     agreeing = [
@@ -162,7 +162,7 @@ def detector_settings(colour: Colour, ball: Circle, track: Circle) -> DetectorSe
 
 
 def picture_notes(
-    candidates: list[Candidate], agreeing: list[Candidate], colour: Colour, zero: float
+    candidates: list[BallCandidate], agreeing: list[BallCandidate], colour: Colour, zero: float
 ) -> tuple[str, ...]:
     """What a person should know before accepting the proposal."""
     notes = [NO_PERSPECTIVE]

@@ -36,7 +36,7 @@ RIM = (0.35, 0.65, 1.01, 1.02)  # share of the blob's rim at which the picture's
 DARK_LEVEL = 6.0  # added to sums of grey levels before a division: camera noise in the dark has no colour
 
 
-class Candidate(NamedTuple):
+class BallCandidate(NamedTuple):
     """A blob that may be the ball; score 0..1 is the product of its marks."""
 
     x_px: float
@@ -60,7 +60,7 @@ def mark(value: float, limits: tuple[float, float, float, float]) -> float:
     return float(np.interp(value, [low, full_low, full_high, high], [0.0, 1.0, 1.0, 0.0]))
 
 
-def find_candidates(bgr: Image, hoop: Circle) -> list[Candidate]:
+def find_candidates(bgr: Image, hoop: Circle) -> list[BallCandidate]:
     """All blobs with a score, best first."""
     smooth = cv2.GaussianBlur(bgr, (0, 0), 1.2).astype(np.float32)
     distance = distance_from(bgr.shape, hoop.x_px, hoop.y_px) / hoop.radius_px
@@ -90,7 +90,7 @@ def contours_above(grey: Grey, level: float) -> list[Any]:
     return list(cv2.findContours(binary, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0])
 
 
-def judge(contour: Any, smooth: Grey, red_share: Grey, grey: Grey, hoop: Circle) -> Candidate | None:
+def judge(contour: Any, smooth: Grey, red_share: Grey, grey: Grey, hoop: Circle) -> BallCandidate | None:
     """Candidate with its marks, or None when a mark is zero."""
     m = cv2.moments(contour)
     radius = math.sqrt(m["m00"] / math.pi) + 0.5 if m["m00"] > 0.0 else 0.0
@@ -108,7 +108,7 @@ def judge(contour: Any, smooth: Grey, red_share: Grey, grey: Grey, hoop: Circle)
     marks |= colour_marks(smooth, red_share, x, y, radius)
     marks["rim"] = mark(rim_share(grey, x, y, radius), RIM)
     score = math.prod(marks.values())
-    return Candidate(x, y, radius, score, marks) if score > 0.0 else None
+    return BallCandidate(x, y, radius, score, marks) if score > 0.0 else None
 
 
 def colour_marks(smooth: Grey, red_share: Grey, x: float, y: float, radius: float) -> dict[str, float]:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.vision.blobs import Shape, edge_contact, fit_visible_arc, measure_blob
+from hoopd.vision.blobs import BlobShape, edge_contact, fit_visible_arc, measure_blob
 
 Image = NDArray[np.uint8]
 Contour = NDArray[np.int32]
@@ -236,7 +236,7 @@ class Detector:
         placed = shape._replace(x_px=shape.x_px + window[0], y_px=shape.y_px + window[1])
         return Blob(placed.x_px, placed.y_px, placed.radius_px, self._confidence(placed), at_window)
 
-    def _confidence(self, shape: Shape) -> float:
+    def _confidence(self, shape: BlobShape) -> float:
         """0..1: product of size, roundness and grey level; 0 outside of a gate."""
         settings = self.settings
         size = 1.0 - ((shape.radius_px / settings.ball_radius_px - 1.0) / settings.radius_tolerance) ** 2

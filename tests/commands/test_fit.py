@@ -22,7 +22,7 @@ from hoopd.files.model import Parameter
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
-from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.plants.model_file import load_model
 from hoopd.recording import save
 from hoopd.recording.recording import from_columns
@@ -40,7 +40,7 @@ def recording(folder: Path, name: str = "run.csv", seed: int = 1, seconds: float
     rng = np.random.default_rng(seed)
     t = np.round(np.arange(0.0, seconds, 0.02), 6)
     u = 0.1 * rng.choice([-1.0, 1.0], len(t))
-    x = Model("rolling", HOOP.values(), moving="both" if ball else "hoop").run([], [0, 0, 0, 0], t, u[:-1])
+    x = HoopModel("rolling", HOOP.values(), moving="both" if ball else "hoop").run([], [0, 0, 0, 0], t, u[:-1])
     psi = x[:, 2] + 0.002 * rng.normal(size=len(t)) if ball else np.full(len(t), np.nan)
     columns = {"t": t, "u": u, "theta": np.floor(x[:, 0] * 4096 / (2 * np.pi)) * 2 * np.pi / 4096, "psi": psi}
     path = folder / name
@@ -84,7 +84,7 @@ def late(folder: Path) -> str:
     rng = np.random.default_rng(1)
     t = np.round(np.arange(0.0, 8.0, 0.01), 6)  # two nodes a tick
     u = np.repeat(0.1 * rng.choice([-1.0, 1.0], len(t) // 2), 2)
-    x = Model("rolling", HOOP.values(), moving="both").run([], [0, 0, 0, 0], t, u[:-1])
+    x = HoopModel("rolling", HOOP.values(), moving="both").run([], [0, 0, 0, 0], t, u[:-1])
     psi = x[:, 2] + 0.002 * rng.normal(size=len(t))
     rows = np.arange(4, len(t), 2)
     columns = {"t": t[rows], "u": u[rows], "theta": x[rows - 2, 0], "dtheta": x[rows - 2, 1], "psi": psi[rows - 3]}

@@ -13,7 +13,7 @@ import pytest
 from shared import shared_path
 
 from hoopd.commands import cli, simulate
-from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.plants.hoop.solver_comparison import two_level_torque
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording import load, load_all, save
@@ -167,7 +167,7 @@ def test_wrapped_angles_are_unwrapped(tmp_path: Path, monkeypatch: pytest.Monkey
     turns, x0 = 1024 * 2 * np.pi, [turn_edge := 512 * 2 * np.pi - 1.0, 0.0, 0.0, 45.0]
     t, u = 0.02 * np.arange(101), 0.02 * two_level_torque(101, 3)
     file = load_model(DEVICE)
-    x = Model(file.structure, file.values()).run((), x0, t, u[:-1])
+    x = HoopModel(file.structure, file.values()).run((), x0, t, u[:-1])
     assert x[:, 0].max() > turn_edge + 1.0 and x[:, 2].max() > 2 * np.pi
     theta, psi = ((a + p / 2) % p - p / 2 for a, p in ((x[:, 0], turns), (x[:, 2], 2 * np.pi)))
     path = tmp_path / "wrapped.csv"

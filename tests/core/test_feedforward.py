@@ -7,7 +7,7 @@ from math import inf, nan
 import numpy as np
 import pytest
 
-from hoopd.core.feedforward import WANTED, Bound, FeedForward, Part
+from hoopd.core.feedforward import WANTED, Bound, FeedForward, FeedForwardPart
 
 X = np.array([0.0, 2.0, 0.1, 0.0])
 
@@ -16,7 +16,7 @@ def adding(*torques_nm: float, regions: tuple[tuple[Bound, ...], ...] = (), limi
     """One part for each torque that is added while the part acts."""
     given = regions or tuple(() for _ in torques_nm)
     return FeedForward(
-        [Part(f"part {index}", region) for index, region in enumerate(given)],
+        [FeedForwardPart(f"part {index}", region) for index, region in enumerate(given)],
         lambda x, wanted, acting: wanted + float(np.dot(torques_nm, acting)),
         limit_nm,
     )
@@ -51,14 +51,14 @@ def test_a_failure_adds_nothing_and_says_why(error: Exception) -> None:
     def fails(x: object, wanted: float, acting: object) -> float:
         raise error
 
-    forward = FeedForward([Part("part")], fails, 0.3)
+    forward = FeedForward([FeedForwardPart("part")], fails, 0.3)
     assert forward.demand(X, 0.1) == 0.1
     assert type(error).__name__ in forward.trouble
 
 
 def test_trouble_is_over_when_it_works_again() -> None:
     torques = iter([nan, 0.12])
-    forward = FeedForward([Part("part")], lambda x, wanted, acting: next(torques), 0.3)
+    forward = FeedForward([FeedForwardPart("part")], lambda x, wanted, acting: next(torques), 0.3)
     assert forward.demand(X, 0.1) == 0.1
     assert "finite" in forward.trouble
     assert forward.demand(X, 0.1) == pytest.approx(0.12)

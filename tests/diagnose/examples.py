@@ -40,7 +40,7 @@ from hoopd.diagnose.report_curves import (
     Binned,
     Comparison,
     Harmonics,
-    Law,
+    LawCurve,
     MissingForce,
     Regressor,
     Shown,
@@ -112,7 +112,7 @@ def force(missing: Callable[[Array], float], of: int, name: str, unit: str, law:
     curve_x = np.linspace(states[:, of].min(), states[:, of].max(), 400)
     x = np.zeros((400, 4))
     x[:, of] = curve_x
-    drawn = Law(law, curve_x, np.array([missing(one) for one in x])) if law else None
+    drawn = LawCurve(law, curve_x, np.array([missing(one) for one in x])) if law else None
     along = Regressor(name, unit, states[:, of], binned(states[:, of], value), drawn)
     other = Regressor("psi", "rad", states[:, 2], binned(states[:, 2], value))
     return MissingForce("hoop", "N m", np.arange(len(u)) * STEP_S, value, [along, other], TRAIN)

@@ -22,7 +22,7 @@ from hoopd.files.shipped import or_shipped
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.hoop.declaration import hoop_plant
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.model_file import load_model
 
@@ -46,14 +46,14 @@ def cart() -> Plant:
 
 
 @pytest.fixture(scope="module")
-def clean() -> Fit:
+def clean() -> HypothesisFit:
     """The base fitted to two recordings without any effect."""
     plant = shipped_plant()
     return fit([stretch_with(plant, f"r{seed}", seed, 8.0) for seed in (1, 2)], (), plant.values)
 
 
 @pytest.fixture(scope="module")
-def screened(clean: Fit) -> CurveScreen:
+def screened(clean: HypothesisFit) -> CurveScreen:
     return CurveScreen(clean)
 
 
@@ -98,7 +98,7 @@ def test_the_threshold_is_exceeded_as_often_as_it_says() -> None:
         assert np.mean(best > null.threshold(chance)) == pytest.approx(chance, rel=0.5)
 
 
-def test_every_slot_of_the_hoop_has_curves(clean: Fit) -> None:
+def test_every_slot_of_the_hoop_has_curves(clean: HypothesisFit) -> None:
     found = {(curve.slot, *curve.depends_on) for curve in curves(clean)}
     assert {
         ("hoop", "dtheta"), ("hoop", "theta"), ("actuator", "u"), ("actuator", "u", "dtheta"), ("camera", "psi"),
@@ -115,7 +115,7 @@ def test_a_plant_of_another_kind_has_curves_by_its_own_names() -> None:
     assert not any("theta" in name or "psi" in name for _, name, _, _ in found)
 
 
-def test_the_columns_are_those_of_the_effect(clean: Fit, screened: CurveScreen) -> None:
+def test_the_columns_are_those_of_the_effect(clean: HypothesisFit, screened: CurveScreen) -> None:
     track = clean.tracks[0]
     chosen = {"theta": 1e-6, "u": 1e-4, "psi": 1e-6}
     for variable, step in chosen.items():

@@ -18,7 +18,7 @@ from hoopd.plants.likelihood.kalman_filter import (
     START_RATE,
     Array,
     Lagged,
-    Linear,
+    LinearReference,
     Noise,
     gains,
     smoothed,
@@ -43,14 +43,14 @@ class Dense(NamedTuple):
     rows: Array  # (n, nc) whether read
 
 
-def model(seed: int = 1, n: int = N) -> Linear:
+def model(seed: int = 1, n: int = N) -> LinearReference:
     random = np.random.default_rng(seed)
     a = np.eye(NZ) + 0.1 * random.normal(size=(n - 1, NZ, NZ))
     # a stable model: the whole stretch stays of one size
     a *= 0.95 / np.maximum(0.95, np.abs(np.linalg.eigvals(a)).max(axis=1))[:, None, None]
     seen = random.random((n, NC)) > 0.2
     h = random.uniform(0.01, 0.03, n - 1)
-    return Linear(
+    return LinearReference(
         a,
         0.3 * random.normal(size=(n - 1, NZ, NQ)),
         random.normal(size=(n, NC, NZ)),
@@ -62,13 +62,13 @@ def model(seed: int = 1, n: int = N) -> Linear:
     )
 
 
-def data(m: Linear, columns: int, seed: int = 2) -> tuple[Array, Array]:
+def data(m: LinearReference, columns: int, seed: int = 2) -> tuple[Array, Array]:
     random = np.random.default_rng(seed)
     n = len(m.c)
     return 0.01 * random.normal(size=(n - 1, NZ, columns)), 0.3 * random.normal(size=(n, NC, columns))
 
 
-def dense(m: Linear, noise: Noise) -> Dense:
+def dense(m: LinearReference, noise: Noise) -> Dense:
     n, size = len(m.c), NZ + NQ
     phi = [
         np.block([[a, w], [np.zeros((NQ, NZ)), np.diag(np.exp(-h / noise.time_s))]])
@@ -144,7 +144,7 @@ def test_filtered_and_predicted_states_know_no_later_reading() -> None:
     f, eps = data(m, 1)
     whole = smoothed(m, gains(m, LEVELS), f[:, :, 0], eps[:, :, 0])
     for k in (1, 17):
-        part = Linear(
+        part = LinearReference(
             m.a[:k], m.w[:k], m.c[: k + 1], m.h[:k], m.seen[: k + 1].copy(), m.nx, m.scatter[: k + 1], m.lagged
         )
         last = smoothed(part, gains(part, LEVELS), f[:k, :, 0], eps[: k + 1, :, 0])

@@ -12,7 +12,7 @@ from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
-from hoopd.plants.likelihood.fitting import Fit, fit, tuned_noise
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit, tuned_noise
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.reference_track import Columns, Track
 from hoopd.plants.model_file import load_model
@@ -25,45 +25,45 @@ FAR = 4.0
 
 
 @pytest.fixture(scope="module")
-def base() -> Fit:
+def base() -> HypothesisFit:
     stretches = [stretch_with(PLANT, name, 3 + i, 10.0) for i, name in enumerate("ab")]
     off = {name: value * (1.1 if name in PLANT.free else 1.0) for name, value in PLANT.values.items()}
     return fit(stretches, (), off)
 
 
-def errors(found: Fit, truth: dict[str, float]) -> np.ndarray:
+def errors(found: HypothesisFit, truth: dict[str, float]) -> np.ndarray:
     """In standard errors."""
     return np.array([(found.values[name] - truth[name]) / found.deviation(name) for name in found.free])
 
 
-def test_parameters_are_recovered_from_wrong_ones(base: Fit) -> None:
+def test_parameters_are_recovered_from_wrong_ones(base: HypothesisFit) -> None:
     found = errors(base, dict(PLANT.values))
     assert np.abs(found).max() < FAR
     # and the intervals are no wider than the errors: eight standard normal numbers
     assert 0.3 < np.sqrt(np.mean(found**2)) < 2.0
 
 
-def test_noise_levels_are_recovered(base: Fit) -> None:
+def test_noise_levels_are_recovered(base: HypothesisFit) -> None:
     for noise in base.noise.values():
         assert np.allclose(noise.reading, NOISE.reading, rtol=0.25)
         assert np.allclose(np.log(noise.force), np.log(NOISE.force), atol=0.5)
 
 
-def test_whitened_residuals_are_white_and_of_unit_size(base: Fit) -> None:
+def test_whitened_residuals_are_white_and_of_unit_size(base: HypothesisFit) -> None:
     e = base.rows[0][:, 0].reshape(-1, 3)
     assert np.allclose(np.std(e, axis=0), 1.0, atol=0.15)
     lag_one = np.mean(e[1:] * e[:-1], axis=0)
     assert np.abs(lag_one).max() < 4.0 / np.sqrt(len(e))
 
 
-def test_gradient_of_the_criterion_vanishes_at_the_fit(base: Fit) -> None:
+def test_gradient_of_the_criterion_vanishes_at_the_fit(base: HypothesisFit) -> None:
     rows = base.stacked()
     by = rows[:, 1:].T @ rows[:, 0]
     # what is left of a Gauss-Newton step: less than the tenth of a standard error at which it ends
     assert np.abs(base.covariance @ by / np.sqrt(np.diag(base.covariance))).max() < 0.2
 
 
-def test_a_second_tuning_stays_where_the_first_ended(base: Fit) -> None:
+def test_a_second_tuning_stays_where_the_first_ended(base: HypothesisFit) -> None:
     before = {name: np.concatenate(noise) for name, noise in base.noise.items()}
     tuned_noise(base, near=True)
     for name, noise in base.noise.items():
@@ -108,7 +108,7 @@ def test_a_parameter_on_the_end_of_its_range_gains_nothing_by_wanting_to_leave_i
     assert abs(base.criterion - with_it.criterion) < 0.1
 
 
-def test_a_step_to_where_there_is_no_such_plant_is_halved(base: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_to_where_there_is_no_such_plant_is_halved(base: HypothesisFit, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first steps of a search end where nothing is finite; the fit is that of the smaller ones."""
     stretches = [track.stretch for track in base.tracks]
     off = {**base.values, "K2": 1.5 * base.values["K2"]}
@@ -140,7 +140,7 @@ def test_a_fit_held_to_small_disturbances_does_not_run_away_along_what_the_data_
     assert found.values["Ib"] > 0.0
 
 
-def test_a_start_without_finite_numbers_is_the_least_likely_of_all(base: Fit) -> None:
+def test_a_start_without_finite_numbers_is_the_least_likely_of_all(base: HypothesisFit) -> None:
     stretches = [track.stretch for track in base.tracks]
     found = fit(stretches, (), {**base.values, next(iter(base.free)): np.inf}, noise=base.noise)
     assert found.criterion == np.inf

@@ -15,12 +15,18 @@ from hoopd.diagnose.curves.missing_force import binned, missing_force
 from hoopd.diagnose.inputs import source_of
 from hoopd.diagnose.quality.excluded_stretches import FAR_BEYOND, leaving_enough, set_aside, without
 from hoopd.diagnose.quality.unusual_energy import level_of, mean_squares, unusual
-from hoopd.diagnose.quality.unusual_intervals import CHANCE_A_MINUTE, Interval, Signal, intervals, signals_by_name
-from hoopd.diagnose.search.excluded_intervals import Data
+from hoopd.diagnose.quality.unusual_intervals import (
+    CHANCE_A_MINUTE,
+    Interval,
+    UnusualSignal,
+    intervals,
+    signals_by_name,
+)
+from hoopd.diagnose.search.excluded_intervals import CountedData
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.recording import load
 
@@ -28,12 +34,12 @@ PLANT = shipped_plant()
 STEP_S = 0.02
 
 
-def refit(stretches: list[Stretch]) -> Fit:
+def refit(stretches: list[Stretch]) -> HypothesisFit:
     return fit(stretches, (), PLANT.values)
 
 
 @pytest.fixture(scope="module")
-def clean() -> Fit:
+def clean() -> HypothesisFit:
     return refit([stretch_with(PLANT, "r", 10, 12.0)])
 
 
@@ -77,7 +83,7 @@ def test_a_hand_is_found_when_it_came_and_went(pushed: Stretch) -> None:
     assert out[0].t0 == pytest.approx(6.0, abs=0.4) and out[0].t1 == pytest.approx(7.5, abs=0.8)
     assert len(kept) == 2 and kept[0].t[-1] < 6.2 and kept[1].t[0] > 7.2
     assert not [one for one in intervals(found) if one.strength > 5.0]
-    data = Data([pushed], kept, out)
+    data = CountedData([pushed], kept, out)
     assert data.brought_back(found) is data
     # who knows what the hand does, has no reason to leave it out
     knowing = fit(kept, [HAND], {**found.values, **STRENGTH}, free=(), noise=found.noise, tune_noise=False)
@@ -87,7 +93,7 @@ def test_a_hand_is_found_when_it_came_and_went(pushed: Stretch) -> None:
 
 
 def test_nothing_is_set_aside_that_leaves_nothing_of_a_recording(pushed: Stretch) -> None:
-    signal = (Signal("psi", "force", 9.0, 1.0),)
+    signal = (UnusualSignal("psi", "force", 9.0, 1.0),)
     # 0.6 s out of every second: what is between is too short to be of use
     every = [Interval("r", second, second + 0.6, signal) for second in range(15)]
     assert without([pushed], every) == []
@@ -95,7 +101,7 @@ def test_nothing_is_set_aside_that_leaves_nothing_of_a_recording(pushed: Stretch
     assert leaving_enough([pushed], every[7:8]) == every[7:8]
 
 
-def test_an_effect_that_adds_a_coordinate_leaves_the_plants_own_signals(clean: Fit) -> None:
+def test_an_effect_that_adds_a_coordinate_leaves_the_plants_own_signals(clean: HypothesisFit) -> None:
     made = clean.tracks[0].stretch
     slip = library(made.plant)["ball.slip"]
     found = fit([made], [slip], {**clean.values, "ball.slip.mu": 0.4}, noise=clean.noise, move=False)
@@ -103,7 +109,7 @@ def test_an_effect_that_adds_a_coordinate_leaves_the_plants_own_signals(clean: F
     assert found.tracks[0].composite.nq == 3 and list(with_slip) == list(plain)
 
 
-def test_a_clean_recording_stays_whole(clean: Fit) -> None:
+def test_a_clean_recording_stays_whole(clean: HypothesisFit) -> None:
     made = clean.tracks[0].stretch
     kept, out, found = set_aside([made], refit, clean)
     assert (out, kept) == ([], [made])
@@ -141,7 +147,7 @@ class Whiteness(NamedTuple):
     correlation: float  # (Q - lags) / sqrt(2 lags) of Ljung and Box
 
 
-def whiteness(fit: Fit) -> dict[str, Whiteness]:
+def whiteness(fit: HypothesisFit) -> dict[str, Whiteness]:
     """Of every channel, all recordings together."""
     parts: dict[str, list[np.ndarray]] = {}
     for track, rows in zip(fit.tracks, fit.rows, strict=True):
@@ -160,7 +166,7 @@ def _whiteness(parts: Sequence[np.ndarray]) -> Whiteness:
     return Whiteness(energy / n, float((q - LAGS) / np.sqrt(2 * LAGS)))
 
 
-def test_innovations_of_a_clean_fit_are_white_those_of_a_wrong_one_are_not(clean: Fit) -> None:
+def test_innovations_of_a_clean_fit_are_white_those_of_a_wrong_one_are_not(clean: HypothesisFit) -> None:
     for one in whiteness(clean).values():
         assert one.mean_square == pytest.approx(1.0, abs=0.15)
         assert abs(one.correlation) < 5.0
@@ -193,7 +199,7 @@ def test_bins_hold_the_mean_within_their_band() -> None:
     assert inside.mean() > 0.85
 
 
-def test_an_error_of_the_camera_is_drawn_as_an_angle(clean: Fit) -> None:
+def test_an_error_of_the_camera_is_drawn_as_an_angle(clean: HypothesisFit) -> None:
     drawn = missing_force(clean, 0, "camera", ["psi"])
     assert drawn.unit == "rad"
     assert np.nanstd(drawn.value) < 0.01

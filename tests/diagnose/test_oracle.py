@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from hoopd.diagnose.search.excluded_intervals import Data
+from hoopd.diagnose.search.excluded_intervals import CountedData
 from hoopd.recording.formats import load
 
 TOOLS = str(Path(__file__).resolve().parents[2] / "tools")
@@ -54,11 +54,11 @@ def test_what_the_search_sets_aside_is_set_aside_here(tmp_path: Path, monkeypatc
         loaded[name] = load(tmp_path / name)
     seen: list[Any] = []
     monkeypatch.setattr(told, "training", lambda case, train, nominal: seen.append(train) or _as_is(case, train))
-    monkeypatch.setattr(told, "proving", lambda held, base: seen.append(held) or Data(held, held))
+    monkeypatch.setattr(told, "proving", lambda held, base: seen.append(held) or CountedData(held, held))
     told.oracle([loaded["train_1.csv"]], loaded["holdout.csv"], ["hoop.coulomb_friction", "camera.outliers"])
     assert [{one.recording for one in part} for part in seen] == [{"train_1.csv"}, {"holdout.csv"}]
 
 
 def _as_is(case: Any, train: Any) -> Any:
     nominal = told.fit(train, (), case.values, move=False)
-    return Data(train, train), nominal, told.fit(train, (), case.values, like=nominal, noise=nominal.noise)
+    return CountedData(train, train), nominal, told.fit(train, (), case.values, like=nominal, noise=nominal.noise)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.curves.effect_force import Missing, Variable
+from hoopd.diagnose.curves.effect_force import MissingForceSamples, Variable
 from hoopd.diagnose.findings import parameters_of
 from hoopd.diagnose.proof.fit_tables import played
 from hoopd.diagnose.report.curve_pictures import harmonics_of, law_over, shown_of
 from hoopd.diagnose.report_curves import MissingForce, Shown
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.effects.library import library
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Array, Stretch
 
 PLANT = shipped_plant()
@@ -25,8 +25,8 @@ SIZE_NM, LATE_S = 0.01, 0.03
 
 
 def fitted(
-    stretch: Stretch, effects: tuple = (), values: dict[str, float] | None = None, like: Fit | None = None
-) -> Fit:
+    stretch: Stretch, effects: tuple = (), values: dict[str, float] | None = None, like: HypothesisFit | None = None
+) -> HypothesisFit:
     start = {**PLANT.values, **(values or {})}
     return fit([stretch], effects, start, noise={stretch.recording: NOISE}, like=like, tune_noise=False)
 
@@ -134,11 +134,11 @@ def test_a_law_that_jumps_at_rest_is_lifted_there() -> None:
 
 def test_what_follows_no_angle_has_no_harmonics() -> None:
     t = np.arange(100.0)
-    assert harmonics_of("hoop", Missing("a", "N m", t, t, t, (Variable("dtheta", "rad/s", t),))) is None
+    assert harmonics_of("hoop", MissingForceSamples("a", "N m", t, t, t, (Variable("dtheta", "rad/s", t),))) is None
 
 
 def test_a_neutral_value_that_stands_for_infinity_is_no_number_of_a_report() -> None:
-    final = Fit((), {}, (), [], {})
+    final = HypothesisFit((), {}, (), [], {})
     limits = ("actuator.saturation", "actuator.back_emf_limit", "ball.slip")
     assert [one.nominal for name in limits for one in parameters_of(LIBRARY[name], final).values()] == [None] * 3
     assert parameters_of(IMBALANCE, final)["A"].nominal == 0.0

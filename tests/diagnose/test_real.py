@@ -24,7 +24,7 @@ from hoopd.diagnose.search.screen import Screen
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.plants.model_file import load_model
@@ -42,7 +42,7 @@ def source(name: str) -> Source:
 
 
 @cache
-def base_fit(name: str) -> Fit:
+def base_fit(name: str) -> HypothesisFit:
     return fit(source(name).stretches, (), source(name).stretches[0].plant.values)
 
 

@@ -14,7 +14,7 @@ from hoopd.diagnose.search.surprise import log_chance
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, phase
 from hoopd.plants.effects.library import library
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.stretches import Stretch
 
@@ -26,7 +26,7 @@ BY_CHANCE = 8.0
 NAMED = 25.0
 
 
-def fitted(stretches: list[Stretch], noise: Noise = NOISE) -> Fit:
+def fitted(stretches: list[Stretch], noise: Noise = NOISE) -> HypothesisFit:
     """With the noise that the data were made with."""
     return fit(stretches, (), PLANT.values, noise=dict.fromkeys(["a", "b"], noise), tune_noise=False)
 

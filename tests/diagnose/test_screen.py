@@ -13,7 +13,7 @@ from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from hoopd.diagnose.search.screen import Column, Screen, change_of, members_of
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Array, whitened
 from hoopd.plants.likelihood.reference_track import Track
 
@@ -32,7 +32,7 @@ SAMPLED = {
 }
 
 
-def fitted(effects: dict[str, dict[str, float]] | None = None, seconds: float = 6.0) -> Fit:
+def fitted(effects: dict[str, dict[str, float]] | None = None, seconds: float = 6.0) -> HypothesisFit:
     made = effects or {}
     values = {f"{name}.{k}": v for name, one in made.items() for k, v in one.items()}
     acting = [LIBRARY[name] for name in made]
@@ -41,11 +41,11 @@ def fitted(effects: dict[str, dict[str, float]] | None = None, seconds: float = 
 
 
 @pytest.fixture(scope="module")
-def base() -> Fit:
+def base() -> HypothesisFit:
     return fitted()
 
 
-def whole(track: Track, found: Fit, effect: Effect, values: dict[str, float]) -> Array:
+def whole(track: Track, found: HypothesisFit, effect: Effect, values: dict[str, float]) -> Array:
     """Change of the one-step map by composites with and without the effect, nothing sampled."""
     named = {**found.values, **{effect.key(name): value for name, value in values.items()}}
     new = Track(track.stretch, [effect]).like(track)
@@ -53,7 +53,7 @@ def whole(track: Track, found: Fit, effect: Effect, values: dict[str, float]) ->
 
 
 @pytest.mark.parametrize("name", list(SAMPLED))
-def test_a_sampled_force_changes_what_the_whole_effect_changes(name: str, base: Fit) -> None:
+def test_a_sampled_force_changes_what_the_whole_effect_changes(name: str, base: HypothesisFit) -> None:
     track, columns, found = base.tracks[0], base.columns[0], base.gains[0]
     expected = whole(track, base, LIBRARY[name], SAMPLED[name])
     f, eps = change_of(track, base, LIBRARY[name], Column(tuple(SAMPLED[name].items())))
@@ -62,13 +62,13 @@ def test_a_sampled_force_changes_what_the_whole_effect_changes(name: str, base: 
     assert np.linalg.norm(white[0] - white[1]) < 1e-3 * np.linalg.norm(white[1])
 
 
-def test_what_acts_on_the_rate_with_all_its_size_is_not_sampled(base: Fit) -> None:
+def test_what_acts_on_the_rate_with_all_its_size_is_not_sampled(base: HypothesisFit) -> None:
     effect, values = LIBRARY["actuator.back_emf_limit"], {"w0": 8.0}
     f, _ = change_of(base.tracks[0], base, effect, Column(tuple(values.items())))
     assert np.array_equal(f, whole(base.tracks[0], base, effect, values)) and f.any()
 
 
-def test_an_effect_written_for_scalars_only_is_evaluated_all_the_same(base: Fit) -> None:
+def test_an_effect_written_for_scalars_only_is_evaluated_all_the_same(base: HypothesisFit) -> None:
     effect = LIBRARY["hoop.quadratic_drag"]
     assert effect.force is not None
     own = effect.force
@@ -78,12 +78,12 @@ def test_an_effect_written_for_scalars_only_is_evaluated_all_the_same(base: Fit)
     assert np.linalg.norm(found - known) < 0.05 * np.linalg.norm(known)
 
 
-def test_a_sensor_changes_only_the_innovations(base: Fit) -> None:
+def test_a_sensor_changes_only_the_innovations(base: HypothesisFit) -> None:
     f, eps = change_of(base.tracks[0], base, LIBRARY["camera.angle_offset"], Column((("d", 0.02),)))
     assert not f.any() and np.allclose(eps[:, 2], -0.02) and not eps[:, :2].any()
 
 
-def test_a_column_of_one_recording_leaves_the_others_alone(base: Fit) -> None:
+def test_a_column_of_one_recording_leaves_the_others_alone(base: HypothesisFit) -> None:
     effect = LIBRARY["actuator.cogging"]
     columns = members_of(effect, ("a", "b"))[0].columns
     assert [column.recording for column in columns] == ["a", "a", "b", "b"]
@@ -129,11 +129,11 @@ def test_the_effect_that_acts_gains_most_of_a_library() -> None:
     assert all(one.gain >= later.gain for one, later in pairwise(scores))
 
 
-def test_nothing_left_out_gains_little(base: Fit) -> None:
+def test_nothing_left_out_gains_little(base: HypothesisFit) -> None:
     assert Screen(base, list(LIBRARY.values())).scores()[0].gain < 15.0
 
 
-def test_a_limit_starts_where_the_screen_tried_it(base: Fit) -> None:
+def test_a_limit_starts_where_the_screen_tried_it(base: HypothesisFit) -> None:
     slip = LIBRARY["ball.slip"]
     grid = [m.shape["mu"] for m in members_of(slip, ("a", "b"))]
     assert Screen(base, [slip]).scores()[0].start["ball.slip.mu"] in grid

@@ -25,7 +25,7 @@ from hoopd.plants import free_run as freerun
 from hoopd.plants.composite import Composite
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Array, Held, Stretch
 
@@ -36,14 +36,16 @@ DEADZONE, LIMIT = LIBRARY["actuator.deadzone"], LIBRARY["actuator.saturation"]
 HOOP, TILT = LIBRARY["hoop.coulomb_friction"], LIBRARY["frame.tilt"]
 
 
-def fitted(stretches: list[Stretch], effects: tuple[Effect, ...] = (), like: Fit | None = None, **values: float) -> Fit:
+def fitted(
+    stretches: list[Stretch], effects: tuple[Effect, ...] = (), like: HypothesisFit | None = None, **values: float
+) -> HypothesisFit:
     """With the noise that the data were made with; values by parameter."""
     start = {**PLANT.values, **{e.key(k): v for e in effects for k, v in values.items()}}
     noise = {one.recording: NOISE for one in stretches}
     return fit(stretches, effects, start, like=like, noise=noise, tune_noise=False)
 
 
-def named(effect: Effect, base: Fit, final: Fit, **rivals: float) -> Named:
+def named(effect: Effect, base: HypothesisFit, final: HypothesisFit, **rivals: float) -> Named:
     """A search that ended with one effect."""
     gain = base.criterion - final.criterion
     score = Screen(base, [effect]).scores()[0]
@@ -140,9 +142,9 @@ def test_all_sensors_late_are_a_late_torque() -> None:
     delay, encoder, camera = (LIBRARY[f"{slot}"] for slot in ("actuator.delay", "encoder.latency", "camera.latency"))
     track = Track(stretch_with(PLANT, "a", 1, 1.0))
 
-    def final(effects: tuple[Effect, ...], *late_s: float) -> Fit:
+    def final(effects: tuple[Effect, ...], *late_s: float) -> HypothesisFit:
         values = {e.key("d"): d for e, d in zip(effects, late_s, strict=True)}
-        return Fit(effects, values, tuple(values), [track], {}, covariance=np.eye(len(values)) * 1e-6)
+        return HypothesisFit(effects, values, tuple(values), [track], {}, covariance=np.eye(len(values)) * 1e-6)
 
     both = [one.name for one in late_together(final((delay,), 0.01), delay, LIBRARY)]
     assert both == ["camera.latency", "encoder.latency"] or both == ["encoder.latency", "camera.latency"]

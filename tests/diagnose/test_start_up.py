@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from diagnose.madeup import shipped_plant, stretch_with
 
-from hoopd.diagnose.search.excluded_intervals import Data, start_ups
+from hoopd.diagnose.search.excluded_intervals import CountedData, start_ups
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import fit
@@ -32,7 +32,7 @@ def test_a_drive_that_is_off_at_first_is_a_start_up() -> None:
     # it began with the recording, not with what is left of it
     assert start_ups(named, {"r": -1.0}) == []
     assert (early.recording, early.t0, early.where, early.kind) == ("r", 0.0, "theta", "force")
-    data = Data([late], [late]).begun_later([early])
+    data = CountedData([late], [late]).begun_later([early])
     assert data.ignored == [early] and data.kept[0].t[0] >= early.t1 >= 1.0
     assert data.brought_back(named.final) is data
     assert not named_in(data.kept[0]).accepted

@@ -25,7 +25,7 @@ from hoopd.diagnose.proof.unknown_proof import asked_for, proven
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.library import library
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.step_halving import step_nats, step_sentence
 
@@ -53,7 +53,7 @@ def magnetic() -> Survey:
 
 
 @pytest.fixture(scope="module")
-def rubbed() -> tuple[Survey, Fit]:
+def rubbed() -> tuple[Survey, HypothesisFit]:
     """With Coulomb friction: survey beside the base, and the fit of the named effect."""
     friction = LIBRARY["hoop.coulomb_friction"]
     made = stretch_with(PLANT, "r", 2, 15.0, [friction], {"hoop.coulomb_friction.Fc": 2.5e-3})
@@ -89,7 +89,7 @@ def test_its_place_is_located(magnetic: Survey) -> None:
     assert set(evidence) == set(PLANT.slots)
 
 
-def test_a_named_effect_is_not_called_unknown(rubbed: tuple[Survey, Fit]) -> None:
+def test_a_named_effect_is_not_called_unknown(rubbed: tuple[Survey, HypothesisFit]) -> None:
     base, named = rubbed
     assert base.fires
     assert judge_unknown(base, survey(named, RIVALS)) is None
@@ -98,7 +98,7 @@ def test_a_named_effect_is_not_called_unknown(rubbed: tuple[Survey, Fit]) -> Non
     assert chance_of_lead(base, base.named[0], 100, 0) > 0.05
 
 
-def test_without_its_name_in_the_library_it_is_unknown(rubbed: tuple[Survey, Fit]) -> None:
+def test_without_its_name_in_the_library_it_is_unknown(rubbed: tuple[Survey, HypothesisFit]) -> None:
     base, _ = rubbed
     others = survey(base.fit, [effect for effect in RIVALS if effect.name != "hoop.coulomb_friction"])
     found = judge_unknown(others)
@@ -196,7 +196,7 @@ def test_names_stay_where_the_held_out_data_refuse_the_curve_that_was_to_stand_a
     assert told.unknown is not None and told.joint is None and named.accepted
 
 
-def test_a_name_that_a_scan_or_a_refit_found_is_not_called_unknown(rubbed: tuple[Survey, Fit]) -> None:
+def test_a_name_that_a_scan_or_a_refit_found_is_not_called_unknown(rubbed: tuple[Survey, HypothesisFit]) -> None:
     base, _ = rubbed
     friction = next(one for one in base.named if one.member.effect.name == "hoop.coulomb_friction")
     # the library's own screen has no word for it
@@ -206,7 +206,7 @@ def test_a_name_that_a_scan_or_a_refit_found_is_not_called_unknown(rubbed: tuple
     assert judge_unknown(survey(base.fit, others, fitted=[friction])) is None
 
 
-def test_a_name_that_a_joint_fit_refuted_does_not_stand_for_a_curve(rubbed: tuple[Survey, Fit]) -> None:
+def test_a_name_that_a_joint_fit_refuted_does_not_stand_for_a_curve(rubbed: tuple[Survey, HypothesisFit]) -> None:
     """Its screen is linear: what it hoped for counts no longer."""
     base, _ = rubbed
     friction = next(one for one in base.named if one.member.effect.name == "hoop.coulomb_friction")

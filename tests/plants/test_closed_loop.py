@@ -12,7 +12,7 @@ import pytest
 from hoopd.core.controllers import Controller
 from hoopd.core.estimator import DelayedEkf
 from hoopd.files.controller import controller_of, limiter_of, load_controller, settings_of
-from hoopd.plants.hoop.closed_loop import Run, Scenario, simulate
+from hoopd.plants.hoop.closed_loop import ClosedLoopRun, Scenario, simulate
 from hoopd.plants.hoop.plant import Plant
 from hoopd.plants.model_file import load_model, plant_of
 
@@ -24,7 +24,7 @@ LQGS = pytest.mark.parametrize("name", ["lqg", "arx"])
 DEGREE = math.radians(1.0)
 
 
-def run(name: str, true: Plant, scenario: Scenario, *, model: Plant = HOOP, gate: bool = True) -> Run:
+def run(name: str, true: Plant, scenario: Scenario, *, model: Plant = HOOP, gate: bool = True) -> ClosedLoopRun:
     """A shipped controller on a plant; its filter knows `model`."""
     file = load_controller(CONFIG / "controllers" / f"{name}.yaml")
     settings = settings_of(file) if gate else replace(settings_of(file), gate_nis=1e12)
@@ -32,7 +32,7 @@ def run(name: str, true: Plant, scenario: Scenario, *, model: Plant = HOOP, gate
     return simulate(true, law, DelayedEkf(model.step_and_jacobian, settings), limiter_of(file), scenario)
 
 
-def settles(result: Run) -> bool:
+def settles(result: ClosedLoopRun) -> bool:
     """psi inside 0.05 rad within 1.5 s for good, the hoop below 1 rad/s within 5 s for good."""
     return result.settled_s(result.psi, 0.05) <= 1.5 and result.settled_s(result.dtheta, 1.0) <= 5.0
 
@@ -108,7 +108,7 @@ def test_a_reference_beyond_the_hoop_speed_limit_falls_back() -> None:
 # -------------------------------------------------------------------- the thesis's laws on the thesis's device
 
 
-def thesis(name: str, **keys: object) -> Run:
+def thesis(name: str, **keys: object) -> ClosedLoopRun:
     scenario = Scenario(duration_s=20.0, phase_s=0.0, **keys)  # type: ignore[arg-type]
     return run(name, THESIS, scenario, model=THESIS, gate=False)
 

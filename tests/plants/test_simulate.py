@@ -10,7 +10,7 @@ import pytest
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.hoop.equations import rate
 from hoopd.plants.hoop.plant import Plant
-from hoopd.plants.hoop.simulate import STEP_S, Model
+from hoopd.plants.hoop.simulate import STEP_S, HoopModel
 from hoopd.plants.model_file import load_model
 
 HOOP = load_model(defaults_folder() / "models/hoop.yaml")
@@ -33,7 +33,7 @@ def test_a_run_is_the_plant_s_own_stepping(structure: str, values: dict[str, flo
     for k, h in enumerate(np.diff(t)):
         x = plant.advance(x, u[k], h)
         rows.append(x)
-    run = Model(structure, values, FREE[structure]).run([values[n] for n in FREE[structure]], X0, t, u)
+    run = HoopModel(structure, values, FREE[structure]).run([values[n] for n in FREE[structure]], X0, t, u)
     assert run.shape == (len(t), 4)
     # steps of 10 ms against 1 ms: speeds of 10 rad/s within 1e-6 of them
     assert np.abs(run - np.array(rows)).max() < 1e-5
@@ -45,7 +45,7 @@ def test_halving_the_step_changes_sixteen_times_less_than_the_step_did(
 ) -> None:
     t = np.arange(0.0, 10.0, 0.02)
     u = 0.02 * np.sign(np.sin(3.0 * t[:-1]))
-    x = [Model(structure, values, (), step_s=STEP_S / k).run([], X0, t, u) for k in (1, 2, 4)]
+    x = [HoopModel(structure, values, (), step_s=STEP_S / k).run([], X0, t, u) for k in (1, 2, 4)]
     first, second = np.abs(x[0] - x[1]).max(), np.abs(x[1] - x[2]).max()
     assert 11.0 < first / second < 22.0  # order four
     assert first < 1e-4
@@ -56,7 +56,7 @@ def test_halving_the_step_changes_sixteen_times_less_than_the_step_did(
 def test_sensitivities_are_the_derivatives_of_the_run(structure: str, values: dict[str, float], moving: str) -> None:
     t, u = axis(60)
     free = FREE[structure]
-    model = Model(structure, values, free, moving=moving)
+    model = HoopModel(structure, values, free, moving=moving)
     p0 = np.array([values[n] for n in free])
     found = model.run_with_sensitivity(p0, X0, t, u)
     assert np.array_equal(found.x, model.run(p0, X0, t, u))
@@ -107,16 +107,16 @@ def test_a_small_undamped_swing_has_the_pendulum_s_period() -> None:
     # hoop held: (m r^2 + Ib (r/Rb)^2) psi'' = -m g r psi with w = -(r/Rb) psi' by rolling
     w = np.sqrt(m * values["g"] * r / (m * r**2 + values["Ib"] * (r / rb) ** 2))
     t = np.arange(0.0, 10.0, 0.01)
-    psi = Model("rolling", values, (), moving="ball").run([], [0, 0, 1e-3, 0], t, np.zeros(len(t) - 1))[:, 2]
+    psi = HoopModel("rolling", values, (), moving="ball").run([], [0, 0, 1e-3, 0], t, np.zeros(len(t) - 1))[:, 2]
     assert np.abs(psi - 1e-3 * np.cos(w * t)).max() < 1e-6
     assert ro > rb
 
 
 def test_an_axis_that_does_not_fit_is_refused() -> None:
-    model = Model("rolling", HOOP.values())
+    model = HoopModel("rolling", HOOP.values())
     with pytest.raises(ValueError, match="n nodes"):
         model.run([], X0, [0.0, 0.02], [0.1, 0.1])
     with pytest.raises(ValueError, match="increase"):
         model.run([], X0, [0.0, 0.0, 0.02], [0.1, 0.1])
     with pytest.raises(ValueError, match="unknown parameters"):
-        Model("rolling", HOOP.values(), ("J11",))
+        HoopModel("rolling", HOOP.values(), ("J11",))

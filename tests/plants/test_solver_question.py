@@ -13,7 +13,7 @@ import pytest
 from shared import shared_path
 
 from hoopd.plants.hoop.solver_comparison import (
-    Case,
+    SolverCase,
     Study,
     across_jumps,
     sample_to_sample,
@@ -29,8 +29,8 @@ from hoopd.recording import load
 ROOT = Path(__file__).resolve().parents[2]
 PLANT = plant_of(load_model(ROOT / "config" / "models" / "thesis.yaml"))
 STEPS_S = (0.02, 0.01, 0.005, 0.0025)
-LOOSE = (Case("RK45"), Case("Rosenbrock23"))
-TIGHT = (Case("RK45", 1e-7, 1e-10), Case("Rosenbrock23", 1e-5, 1e-8))
+LOOSE = (SolverCase("RK45"), SolverCase("Rosenbrock23"))
+TIGHT = (SolverCase("RK45", 1e-7, 1e-10), SolverCase("Rosenbrock23", 1e-5, 1e-8))
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def real() -> Study:
     return study(PLANT, x0, found.t, found.u[:-1], LOOSE + TIGHT, STEPS_S)
 
 
-def errors(found: Study, case: Case) -> np.ndarray:
+def errors(found: Study, case: SolverCase) -> np.ndarray:
     return found.across[case].largest_error(found.truth)
 
 
@@ -82,7 +82,7 @@ def test_solvers_that_step_over_the_jumps_differ(torque: str, request: pytest.Fi
 
 def test_a_bound_on_the_step_helps_and_still_is_worse_than_no_jump_at_all(made: Study) -> None:
     bounded = [
-        across_jumps(PLANT, np.zeros(4), made.t, made.u, Case("RK45", max_step_s=h)).largest_error(made.truth)[0]
+        across_jumps(PLANT, np.zeros(4), made.t, made.u, SolverCase("RK45", max_step_s=h)).largest_error(made.truth)[0]
         for h in (0.02, 0.002)
     ]
     assert errors(made, LOOSE[0])[0] > 3.0 * bounded[0] > 9.0 * bounded[1]
@@ -111,7 +111,7 @@ def test_rosenbrock_has_order_two() -> None:
     t, u = np.linspace(0.0, 2.0, 101), np.full(100, 0.1)
     x0 = np.array([0.0, 0.0, 0.5, 0.0])
     truth = sample_to_sample(PLANT, x0, t, u, "DOP853").x
-    runs = [across_jumps(PLANT, x0, t, u, Case("Rosenbrock23", 1.0, 1.0, h)) for h in (0.01, 0.005, 0.0025)]
+    runs = [across_jumps(PLANT, x0, t, u, SolverCase("Rosenbrock23", 1.0, 1.0, h)) for h in (0.01, 0.005, 0.0025)]
     # the start's small steps are few
     worst = np.array([np.abs(run.x[-1] - truth[-1]).max() for run in runs])
     assert (np.abs(np.log2(worst[:-1] / worst[1:]) - 2.0) < 0.3).all(), worst

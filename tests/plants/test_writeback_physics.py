@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from hoopd.plants.compensation import demand_of, in_order
-from hoopd.plants.found_effects import EffectError, Found, FoundEffect, check_region, checked, weak_end
+from hoopd.plants.found_effects import EffectError, FoundEffect, FoundEffects, check_region, checked, weak_end
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.hoop.free_run_with_effects import EffectModel
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.sensor_correction import correction
-from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.plants.model_file import load_model
 
 FILE = load_model(Path(__file__).resolve().parents[2] / "config" / "models" / "hoop.yaml")
@@ -21,9 +21,9 @@ BASE = HoopPlant(FILE.structure, FILE.values())
 FREE = ("Ih", "bh", "Ib")
 
 
-def found(**effects: dict[str, float]) -> Found:
+def found(**effects: dict[str, float]) -> FoundEffects:
     entries = tuple(FoundEffect(name.replace("__", "."), values) for name, values in effects.items())
-    return Found(FILE.structure, FILE.values(), entries)
+    return FoundEffects(FILE.structure, FILE.values(), entries)
 
 
 CANCELLED = {
@@ -142,7 +142,7 @@ def test_a_run_reads_what_the_sensors_read_and_its_derivatives_are_exact(name: s
 
 def test_no_effects_run_as_the_base() -> None:
     t, u, x0 = experiment()
-    base = Model(FILE.structure, FILE.values()).run((), x0, t, u)
+    base = HoopModel(FILE.structure, FILE.values()).run((), x0, t, u)
     np.testing.assert_allclose(EffectModel(found()).run((), x0, t, u), base, atol=1e-5)
 
 

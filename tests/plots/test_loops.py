@@ -6,7 +6,7 @@ import control
 import numpy as np
 
 from hoopd.design.gang_of_four import gang_of_four
-from hoopd.plants.hoop.closed_loop import Run
+from hoopd.plants.hoop.closed_loop import ClosedLoopRun
 from hoopd.plants.hoop.trial import Trial
 from hoopd.plots.loops import draw_design, draw_gang_of_four, draw_responses
 from hoopd.plots.style import rendered
@@ -14,10 +14,10 @@ from hoopd.plots.style import rendered
 PLANT, CONTROLLER = control.ss([[0.9]], [[0.1]], [[1.0]], 0, 0.02), control.ss([[0.2]], [[1.0]], [[1.0]], 0.5, 0.02)
 
 
-def made(scale: float) -> Run:
+def made(scale: float) -> ClosedLoopRun:
     t = 0.02 * np.arange(50)
     x = scale * np.exp(-t)[:, None] * np.ones(4)
-    return Run(t, x, x[:, 0], x[:, 2], x)
+    return ClosedLoopRun(t, x, x[:, 0], x[:, 2], x)
 
 
 RUNS = Trial(*(made(scale) for scale in (1.0, 1.1, 0.4, 0.5, 0.1)))

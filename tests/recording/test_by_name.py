@@ -18,12 +18,12 @@ from hoopd.files.reading import InputError
 from hoopd.plants.layout import layout_of
 from hoopd.plants.registry import plant_named
 from hoopd.recording import Recording, Signal, from_columns, from_signals, load, load_all, save
-from hoopd.recording.column_choice import Layout, split_unit
+from hoopd.recording.column_choice import SignalLayout, split_unit
 from hoopd.recording.slices import read_recording
 from tests.recording.matlab_table import table
 from tests.shared import shared_path
 
-AXIS = Layout({"F": "N"}, {"x": "m", "v": "m/s"})
+AXIS = SignalLayout({"F": "N"}, {"x": "m", "v": "m/s"})
 T = 0.001 * np.arange(6)
 FORMATS = (".mcap", ".mat", ".h5", ".csv")
 
@@ -140,7 +140,7 @@ numbers = st.floats(allow_infinity=False)
 
 
 @st.composite
-def any_run(draw: st.DrawFn) -> tuple[Recording, Layout]:
+def any_run(draw: st.DrawFn) -> tuple[Recording, SignalLayout]:
     """Signals of any plant, some with times of their own."""
     times = draw(st.lists(st.floats(-1e10, 1e10), min_size=1, max_size=5, unique_by=lambda x: x + 0.0))
     t = np.sort(np.array(times))
@@ -152,7 +152,7 @@ def any_run(draw: st.DrawFn) -> tuple[Recording, Layout]:
         sampled = t if draw(st.booleans()) else np.clip(draw(column), -1e300, 1e300)
         signals[name] = Signal(np.array(draw(column)), sampled, draw(units))
     inputs, channels = dict(list(signals.items())[:count]), dict(list(signals.items())[count:])
-    layout = Layout({n: s.unit for n, s in inputs.items()}, {n: s.unit for n, s in channels.items()})
+    layout = SignalLayout({n: s.unit for n, s in inputs.items()}, {n: s.unit for n, s in channels.items()})
     return from_signals(t, inputs, channels, source="made", config="a: 1\n"), layout
 
 
@@ -160,7 +160,7 @@ def any_run(draw: st.DrawFn) -> tuple[Recording, Layout]:
 @given(run=any_run(), first=st.sampled_from(FORMATS), second=st.sampled_from(FORMATS), told=st.booleans())
 def test_every_format_to_every_format_to_the_bit(
     tmp_path_factory: pytest.TempPathFactory,
-    run: tuple[Recording, Layout],
+    run: tuple[Recording, SignalLayout],
     first: str,
     second: str,
     told: bool,
@@ -190,7 +190,7 @@ def test_files_of_ours_say_what_they_hold(tmp_path: Path) -> None:
         assert (tmp_path / f"a{extension}").read_bytes() == (tmp_path / f"b{extension}").read_bytes()
         run = load(tmp_path / f"a{extension}")
         assert (list(run.inputs), list(run.channels), run.source) == (["F"], ["x"], f"a{extension}")
-        renamed = load(tmp_path / f"a{extension}", "pos=x,F=0", layout=Layout({"F": "N"}, {"pos": "mm"}))
+        renamed = load(tmp_path / f"a{extension}", "pos=x,F=0", layout=SignalLayout({"F": "N"}, {"pos": "mm"}))
         assert renamed.pos == pytest.approx(1000 * run.x, nan_ok=True) and np.array_equal(renamed.pos_t, run.x_t)
         with pytest.raises(InputError, match=r"no column for a channel \(alpha\); there are t, F, x"):
             load(tmp_path / f"a{extension}", layout=layout_of(plant_named("pendulum")))
@@ -203,7 +203,7 @@ def test_files_of_ours_say_what_they_hold(tmp_path: Path) -> None:
 def test_the_hoop_s_recording_as_another_plant_s(tmp_path: Path) -> None:
     t = 0.02 * np.arange(5)
     save(from_columns({"t": t, "u": t, "theta": 2 * t, "y_t": t - 0.01}), tmp_path / "a.mcap")
-    run = load(tmp_path / "a.mcap", "x=theta,F=u", layout=Layout({"F": "N m"}, {"x": "rad"}))
+    run = load(tmp_path / "a.mcap", "x=theta,F=u", layout=SignalLayout({"F": "N m"}, {"x": "rad"}))
     assert run.x.tolist() == (2 * t).tolist() and run.x_t.tolist() == (t - 0.01).tolist() and not run.is_tick
 
 

@@ -13,13 +13,13 @@ DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 ROW = re.compile(r"^\| `([^`]+)` \| (.*?) \| (.*) \|$")
 
 
-def documented(page: str, heading: str) -> dict[str, schemas.Field]:
+def documented(page: str, heading: str) -> dict[str, schemas.FieldDescription]:
     """Field table below a heading."""
     lines = (DOCS / page).read_text(encoding="utf-8").splitlines()
     below = lines[lines.index(heading) + 1 :]
     end = next((k for k, line in enumerate(below) if line.startswith("#")), len(below))
     rows = [match.groups() for line in below[:end] if (match := ROW.match(line))]
-    return {name: schemas.Field("" if unit == "–" else unit, meaning) for name, unit, meaning in rows}
+    return {name: schemas.FieldDescription("" if unit == "–" else unit, meaning) for name, unit, meaning in rows}
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 
 from hoopd.core.records import DriverSample, Inputs, LinkCounts, TickRecord
 from hoopd.recording import Recording, container, mcap, rows, save
-from hoopd.recording.schemas import CHANNELS, DESCRIBED, OPTIONAL, Event, schema_bytes
+from hoopd.recording.schemas import CHANNELS, DESCRIBED, OPTIONAL, LogEvent, schema_bytes
 
 NAN = math.nan
 WALL_NS = 1_700_000_000_123_456_789
@@ -43,7 +43,7 @@ def run_bytes(zero_ns: int = 0) -> bytes:
     writer = mcap.Writer(buffer, mcap.Header("hoop"), sync=False, zero_ns=zero_ns)
     for k in range(50):
         writer.add(tick(k), inputs(k))
-    writer.add_event(Event(0.99, "stop", "info", {"reason": None}))
+    writer.add_event(LogEvent(0.99, "stop", "info", {"reason": None}))
     writer.finish()
     return buffer.getvalue()
 
@@ -59,7 +59,7 @@ def older_bytes() -> bytes:
         time_ns = round(tick(k).t * 1e9)
         file.add_message(number["input"], time_ns, 2 * k + 1, rows.encode_input(inputs(k)))
         file.add_message(number["tick"], time_ns, 2 * k + 2, rows.encode_tick_message(tick(k)))
-    event = rows.encode_event(Event(0.99, "stop", "info", {"reason": None}))
+    event = rows.encode_event(LogEvent(0.99, "stop", "info", {"reason": None}))
     file.add_message(number["event"], 990_000_000, 101, event)
     file.finish()
     return buffer.getvalue()

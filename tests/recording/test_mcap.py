@@ -19,7 +19,7 @@ from mcap.writer import Writer as ForeignWriter
 from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, LinkCounts, TickRecord
 from hoopd.files.reading import InputError
 from hoopd.recording import mcap, rows
-from hoopd.recording.schemas import DESCRIBED, RECORDS, Event
+from hoopd.recording.schemas import DESCRIBED, RECORDS, LogEvent
 
 NAN = float("nan")
 HEADER = mcap.Header("hoop", "a: 1\n", "model", "controller", versions={"hoopd": "0.1"}, seed=7)
@@ -64,10 +64,10 @@ def write(path: Path, count: int = 200) -> bytes:
     """A closed run of `count` ticks and two events."""
     with path.open("wb", buffering=0) as file:
         writer = mcap.Writer(file, HEADER)
-        writer.add_event(Event(0.0, "start", "info", {"mode": "DISARMED"}))
+        writer.add_event(LogEvent(0.0, "start", "info", {"mode": "DISARMED"}))
         for k in range(count):
             writer.add(tick(k), inputs(k))
-        writer.add_event(Event(count * 0.02, "stop"))
+        writer.add_event(LogEvent(count * 0.02, "stop"))
         writer.finish()
     return path.read_bytes()
 

@@ -18,7 +18,7 @@ from hoopd.core.tick import Note
 from hoopd.shell.commands import Gate, Ranges
 from hoopd.shell.commandserver import StatusTicket
 from hoopd.shell.session import connecting
-from hoopd.shell.telemetry import Settings, Telemetry
+from hoopd.shell.telemetry import Telemetry, TelemetrySettings
 
 ROOT = Path(__file__).resolve().parents[2]
 RANGES = Ranges((-1.0, 1.0), {"q_psi": (0.0, 10.0)})
@@ -35,12 +35,14 @@ def free_endpoint() -> str:
 OPERATOR = {"transport/auth/usrpwd/user": "operator", "transport/auth/usrpwd/password": "turn"}
 
 
-def controlled(folder: Path) -> Settings:
+def controlled(folder: Path) -> TelemetrySettings:
     """Telemetry for everybody, and control for the operator with a password."""
     users = folder / "users.txt"
     users.write_text("viewer:look\noperator:turn\n", encoding="utf-8")
     proof = {"transport": {"auth": {"usrpwd": {"user": "hoop", "password": "x", "dictionary_file": str(users)}}}}
-    return Settings(endpoint=free_endpoint(), commands=True, control_endpoint=free_endpoint(), control_zenoh=proof)
+    return TelemetrySettings(
+        endpoint=free_endpoint(), commands=True, control_endpoint=free_endpoint(), control_zenoh=proof
+    )
 
 
 def tick(k: int) -> TickRecord:
@@ -101,7 +103,7 @@ class Ticks:
 
 
 @contextlib.contextmanager
-def running(settings: Settings, **options: Any) -> Iterator[Telemetry]:
+def running(settings: TelemetrySettings, **options: Any) -> Iterator[Telemetry]:
     """Telemetry that is open, and closed in time."""
     telemetry = Telemetry(settings, Gate(RANGES), **options)
     telemetry.start()

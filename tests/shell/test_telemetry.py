@@ -26,12 +26,12 @@ from hoopd.recording.rows import decode_tick
 from hoopd.shell.commands import ALWAYS, NAMES
 from hoopd.shell.operator import CommandError
 from hoopd.shell.remote import send
-from hoopd.shell.telemetry import Settings
+from hoopd.shell.telemetry import TelemetrySettings
 
 
 def test_late_subscriber_gets_ticks_events_and_status() -> None:
     endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint)) as telemetry:
+    with running(TelemetrySettings(endpoint=endpoint)) as telemetry:
         for k in range(20):
             telemetry.put(tick(k))
         assert wait_until(lambda: telemetry.counts.published >= 20)
@@ -60,7 +60,7 @@ def test_late_subscriber_gets_ticks_events_and_status() -> None:
 
 def test_last_event_is_published_before_the_end() -> None:
     endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint)) as telemetry, client(endpoint) as session:
+    with running(TelemetrySettings(endpoint=endpoint)) as telemetry, client(endpoint) as session:
         events = session.declare_subscriber("hoopd/hoop/event", zenoh.handlers.RingChannel(10))
         assert wait_until(lambda: telemetry._publishers["event"].matching_status.matching)
         telemetry.event(1.0, "stopped")
@@ -70,7 +70,7 @@ def test_last_event_is_published_before_the_end() -> None:
 
 def test_snapshot_and_config() -> None:
     endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint), config_text="a: 1\npassword: abc\n") as telemetry:
+    with running(TelemetrySettings(endpoint=endpoint), config_text="a: 1\npassword: abc\n") as telemetry:
         telemetry.put(tick(7))
         with client(endpoint) as session:
             assert wait_until(lambda: telemetry._summary.last is not None)
@@ -135,7 +135,7 @@ def test_a_command_too_large_to_be_one_is_refused_before_it_is_copied(tmp_path: 
 
 def test_every_message_tells_of_which_run_it_is() -> None:
     endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint, session="0123abcd")) as telemetry, client(endpoint) as session:
+    with running(TelemetrySettings(endpoint=endpoint, session="0123abcd")) as telemetry, client(endpoint) as session:
         ring = session.declare_subscriber("hoopd/hoop/*", zenoh.handlers.RingChannel(100))
         assert wait_until(lambda: telemetry._publishers["tick"].matching_status.matching)
         telemetry.put(tick(1))
@@ -158,13 +158,16 @@ def test_no_daemon_and_other_device_are_one_clear_line() -> None:
     with pytest.raises(CommandError, match=r"no daemon answers at tcp/127\.0\.0\.1") as caught:
         send("arm", endpoint=endpoint, timeout_s=0.5)
     assert "\n" not in str(caught.value)
-    with running(Settings(endpoint=endpoint)), pytest.raises(CommandError, match="no daemon of device 'other' answers"):
+    with (
+        running(TelemetrySettings(endpoint=endpoint)),
+        pytest.raises(CommandError, match="no daemon of device 'other' answers"),
+    ):
         send("arm", endpoint=endpoint, device="other")
 
 
 def test_raising_answer_is_told_to_the_asker() -> None:
     endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint)) as telemetry, client(endpoint) as session:
+    with running(TelemetrySettings(endpoint=endpoint)) as telemetry, client(endpoint) as session:
         telemetry._peer.answers["config"] = lambda _query: json.loads("{")
         assert ask(session, "hoopd/hoop/config") == (None, "internal error: JSONDecodeError")
         assert telemetry.counts.errors == 1

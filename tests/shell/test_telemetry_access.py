@@ -15,7 +15,7 @@ from hoopd.files.reading import InputError
 from hoopd.shell.commands import Gate, Ranges
 from hoopd.shell.operator import CommandError
 from hoopd.shell.remote import send
-from hoopd.shell.telemetry import Settings, Telemetry
+from hoopd.shell.telemetry import Telemetry, TelemetrySettings
 
 WATCHING = ["put", "declare_subscriber", "liveliness_token", "declare_liveliness_subscriber", "liveliness_query"]
 
@@ -77,21 +77,27 @@ HERE = "tcp/127.0.0.1:7448"
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        (Settings(zenoh={"scouting/typo": 1}), r"telemetry\.zenoh\.scouting/typo: zenoh refuses it"),
-        (Settings(endpoint="foo"), r"telemetry\.endpoint: 'foo': expected something like tcp/127\.0\.0\.1:7447"),
-        (Settings(endpoint="tcp/127.0.0.1:99999"), r"telemetry\.endpoint"),
-        (Settings(device="a/b"), r"device\.name: 'a/b'"),
-        (Settings(commands=True), r"telemetry\.commands: needs telemetry\.control with an endpoint and users"),
-        (Settings(commands=True, control_endpoint="bogus"), r"telemetry\.control\.endpoint: 'bogus'"),
+        (TelemetrySettings(zenoh={"scouting/typo": 1}), r"telemetry\.zenoh\.scouting/typo: zenoh refuses it"),
         (
-            Settings(commands=True, control_endpoint=HERE, control_zenoh={"typo": 1}),
+            TelemetrySettings(endpoint="foo"),
+            r"telemetry\.endpoint: 'foo': expected something like tcp/127\.0\.0\.1:7447",
+        ),
+        (TelemetrySettings(endpoint="tcp/127.0.0.1:99999"), r"telemetry\.endpoint"),
+        (TelemetrySettings(device="a/b"), r"device\.name: 'a/b'"),
+        (TelemetrySettings(commands=True), r"telemetry\.commands: needs telemetry\.control with an endpoint and users"),
+        (TelemetrySettings(commands=True, control_endpoint="bogus"), r"telemetry\.control\.endpoint: 'bogus'"),
+        (
+            TelemetrySettings(commands=True, control_endpoint=HERE, control_zenoh={"typo": 1}),
             r"telemetry\.control\.zenoh\.typo: zenoh refuses it",
         ),
-        (Settings(commands=True, control_endpoint=HERE), r"telemetry\.control\.zenoh: lets in who does not say"),
-        # a certificate is shown on a link of TLS only
-        (Settings(commands=True, control_endpoint=HERE, control_zenoh=MUTUAL), "lets in who does not say"),
         (
-            Settings(
+            TelemetrySettings(commands=True, control_endpoint=HERE),
+            r"telemetry\.control\.zenoh: lets in who does not say",
+        ),
+        # a certificate is shown on a link of TLS only
+        (TelemetrySettings(commands=True, control_endpoint=HERE, control_zenoh=MUTUAL), "lets in who does not say"),
+        (
+            TelemetrySettings(
                 commands=True,
                 control_endpoint="tls/127.0.0.1:7448",
                 control_zenoh={**MUTUAL, "listen/endpoints": ["tls/[::1]:7448", HERE]},
@@ -100,7 +106,7 @@ HERE = "tcp/127.0.0.1:7448"
         ),
     ],
 )
-def test_unsafe_settings_are_refused_before_anything_opens(settings: Settings, says: str) -> None:
+def test_unsafe_settings_are_refused_before_anything_opens(settings: TelemetrySettings, says: str) -> None:
     with pytest.raises(InputError, match=says):
         Telemetry(settings, Gate(Ranges()))
 
@@ -110,4 +116,4 @@ def test_a_file_without_users_lets_everybody_in_and_is_refused(tmp_path: Path) -
     nobody.write_text("\n")
     proof = {"transport/auth/usrpwd/dictionary_file": str(nobody)}
     with pytest.raises(InputError, match="lets in who does not say"):
-        Telemetry(Settings(commands=True, control_endpoint=HERE, control_zenoh=proof), Gate(Ranges()))
+        Telemetry(TelemetrySettings(commands=True, control_endpoint=HERE, control_zenoh=proof), Gate(Ranges()))

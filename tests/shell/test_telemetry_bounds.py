@@ -17,7 +17,7 @@ from shell.peers import OPERATOR, ROOT, Ticks, controlled, free_endpoint, runnin
 
 from hoopd.shell.remote import send
 from hoopd.shell.session import MESSAGE_BYTES
-from hoopd.shell.telemetry import Settings
+from hoopd.shell.telemetry import TelemetrySettings
 
 MB = 2**20
 
@@ -66,7 +66,7 @@ def largest(measure: object) -> Iterator[list[int]]:
 
 @pytest.mark.parametrize("commands", [False, True], ids=["commands off", "commands on"])
 def test_a_query_of_100_mb_is_thrown_away_as_it_comes(tmp_path: Path, commands: bool) -> None:
-    settings = controlled(tmp_path) if commands else Settings(endpoint=free_endpoint())
+    settings = controlled(tmp_path) if commands else TelemetrySettings(endpoint=free_endpoint())
     endpoint = settings.control_endpoint if commands else settings.endpoint
     proof = json.dumps(OPERATOR if commands else {})
     with running(settings) as telemetry, Ticks(telemetry.gate) as ticks:
@@ -81,14 +81,14 @@ def test_a_query_of_100_mb_is_thrown_away_as_it_comes(tmp_path: Path, commands: 
 
 def test_the_largest_message_is_still_answered() -> None:
     endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint)), peer(HUGE, endpoint, MESSAGE_BYTES // 2, "{}") as process:
+    with running(TelemetrySettings(endpoint=endpoint)), peer(HUGE, endpoint, MESSAGE_BYTES // 2, "{}") as process:
         out, _ = process.communicate(timeout=120)
         assert out.decode().splitlines() == ["arm more than 1000 bytes", "disarm more than 1000 bytes"]
 
 
 def test_2000_idle_connections_take_no_descriptor_for_long() -> None:
     endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint)) as telemetry, Ticks(telemetry.gate):
+    with running(TelemetrySettings(endpoint=endpoint)) as telemetry, Ticks(telemetry.gate):
         before = descriptors()
         with peer(IDLE, endpoint.rpartition(":")[2], 2000) as process:
             assert process.stdout is not None and int(process.stdout.readline()) > 0
@@ -110,7 +110,7 @@ for _ in range(60):
 print(len(held), flush=True)
 time.sleep(60)
 """
-    with running(Settings(endpoint=endpoint)):
+    with running(TelemetrySettings(endpoint=endpoint)):
         before = descriptors()
         with largest(descriptors) as seen, peer(script, endpoint) as process:
             assert process.stdout is not None

@@ -25,7 +25,7 @@ from hoopd.files.reading import load_yaml
 from hoopd.shell.commands import ALWAYS, NAMES, Gate, Ranges
 from hoopd.shell.operator import CommandError
 from hoopd.shell.remote import send
-from hoopd.shell.telemetry import Settings, Telemetry
+from hoopd.shell.telemetry import Telemetry, TelemetrySettings
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "reference" / "telemetry.md").read_text(encoding="utf-8")
@@ -39,7 +39,7 @@ def free_port() -> int:
 
 
 @contextlib.contextmanager
-def ticking(settings: Settings) -> Iterator[Telemetry]:
+def ticking(settings: TelemetrySettings) -> Iterator[Telemetry]:
     """Telemetry with 50 ticks a second from a thread."""
     telemetry, stop = Telemetry(settings, Gate(Ranges())), threading.Event()
 
@@ -105,7 +105,7 @@ def test_example_with_tls_users_and_access_rules(tmp_path: Path) -> None:
     keys: dict[str, Any] = json.loads(at_home(block("json"), tmp_path))
     (tmp_path / "client.json").write_text(json.dumps(keys), encoding="utf-8")
     operator = {**keys, "transport/auth/usrpwd/user": "operator", "transport/auth/usrpwd/password": "turn"}
-    own = Settings(
+    own = TelemetrySettings(
         endpoint=example["endpoint"],
         zenoh=example["zenoh"],
         commands=example["commands"],
@@ -133,7 +133,7 @@ def test_example_with_tls_users_and_access_rules(tmp_path: Path) -> None:
 
 def test_subscriber_prints_lines_and_ends() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with ticking(Settings(endpoint=endpoint, session="0123abcd")):
+    with ticking(TelemetrySettings(endpoint=endpoint, session="0123abcd")):
         live = subscriber(endpoint, "--seconds", "2.5")
         assert live.returncode == 0, live.stderr
         assert re.search(r"0123abcd  \d\d\.\d ticks/s  RUNNING +psi +\+0\.200 rad  torque +\+0\.100 N m", live.stdout)

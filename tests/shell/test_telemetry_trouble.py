@@ -16,7 +16,7 @@ from shell.peers import ROOT, free_endpoint, running, tick, wait_until
 
 from hoopd.shell import telemetry as module
 from hoopd.shell.commands import Gate, Ranges
-from hoopd.shell.telemetry import Settings, Telemetry
+from hoopd.shell.telemetry import Telemetry, TelemetrySettings
 
 
 def test_taken_port_is_one_warning_and_heals() -> None:
@@ -25,8 +25,8 @@ def test_taken_port_is_one_warning_and_heals() -> None:
     def on_event(event: str, level: str, fields: Mapping[str, Any]) -> None:
         told.append((event, level, fields.get("reason")))
 
-    with running(Settings(endpoint=endpoint)):
-        second = Telemetry(Settings(endpoint=endpoint, retry_s=0.1), Gate(Ranges()), on_event=on_event)
+    with running(TelemetrySettings(endpoint=endpoint)):
+        second = Telemetry(TelemetrySettings(endpoint=endpoint, retry_s=0.1), Gate(Ranges()), on_event=on_event)
         second.start()
         assert wait_until(lambda: second.counts.errors >= 3)
         for k in range(1000):
@@ -53,7 +53,7 @@ def test_full_slot_drops_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
         raise RuntimeError("too late")
 
     monkeypatch.setattr(module.zenoh, "open", hang)
-    telemetry = Telemetry(Settings(endpoint=free_endpoint()), Gate(Ranges()))
+    telemetry = Telemetry(TelemetrySettings(endpoint=free_endpoint()), Gate(Ranges()))
     telemetry.start()
     assert hanging.wait(10.0)
     for k in range(500):
@@ -79,7 +79,7 @@ with zenoh.open(connecting(sys.argv[1], {}, 2.0)) as session:
 
 def test_frozen_subscriber_delays_nothing() -> None:
     endpoint = free_endpoint()
-    with running(Settings(endpoint=endpoint)) as telemetry:
+    with running(TelemetrySettings(endpoint=endpoint)) as telemetry:
         process = subprocess.Popen(
             [sys.executable, "-c", SUBSCRIBER, endpoint],
             stdout=subprocess.PIPE,

@@ -19,7 +19,7 @@ from hoopd.core.frames import (
     encode_request,
 )
 from hoopd.sim.board import DriverBoard
-from hoopd.sim.faults import KINDS, BoardFaults, Fault, FaultScript, FaultyWire, fault_from_table
+from hoopd.sim.faults import KINDS, BoardFaults, FaultScript, FaultyWire, ScriptedFault, fault_from_table
 from hoopd.sim.torque_log import TorqueRow
 
 ANSWER = encode_answer(DEFAULT_LAYOUT, Answer(1, 1, 0, 0.5, 1.0, 0.1, 20))
@@ -38,7 +38,7 @@ class Still:
 
 
 def wire(kind: str, **params: object) -> FaultyWire:
-    return FaultyWire(FaultScript([Fault(kind, 1.0, 1.0, params)], seed=3), DEFAULT_LAYOUT)
+    return FaultyWire(FaultScript([ScriptedFault(kind, 1.0, 1.0, params)], seed=3), DEFAULT_LAYOUT)
 
 
 def differing_bits(a: bytes, b: bytes) -> int:
@@ -106,7 +106,7 @@ def test_a_mad_host_asks_for_its_own_torque_in_good_frames() -> None:
 @pytest.mark.parametrize("params", [{"pattern": "random"}, {"period_s": 0.0}, {"torque_nm": math.nan}])
 def test_a_madness_that_is_none_is_refused(params: dict) -> None:
     with pytest.raises(ValueError, match="host_mad"):
-        Fault("host_mad", 1.0, 1.0, params)
+        ScriptedFault("host_mad", 1.0, 1.0, params)
 
 
 def test_the_same_seed_does_the_same() -> None:
@@ -115,7 +115,9 @@ def test_the_same_seed_does_the_same() -> None:
 
 
 def test_board_faults_and_reset_reach_the_board() -> None:
-    script = FaultScript([Fault("board_fault", 1.0, 0.5, {"name": "supply"}), Fault("board_reset", 3.0)])
+    script = FaultScript(
+        [ScriptedFault("board_fault", 1.0, 0.5, {"name": "supply"}), ScriptedFault("board_reset", 3.0)]
+    )
     rows: list[TorqueRow] = []
     board = DriverBoard(Still(), np.random.default_rng(0), sink=rows.append)
     carrier = BoardFaults(script)
@@ -172,7 +174,7 @@ def told_by(line: FaultyWire, t: float, theta: float, dtheta: float) -> tuple[fl
 
 def turning(kind: str, **params: object) -> list[tuple[float, float, float]]:
     """(t, theta, dtheta) told every 20 ms: at rest until 1 s, then 5 rad/s^2; the lie begins at 1.5 s."""
-    line = FaultyWire(FaultScript([Fault(kind, 1.5, 1.0, params)]), DEFAULT_LAYOUT)
+    line = FaultyWire(FaultScript([ScriptedFault(kind, 1.5, 1.0, params)]), DEFAULT_LAYOUT)
     told = []
     for k in range(150):
         t, since = 0.02 * k, max(0.02 * k - 1.0, 0.0)
@@ -206,7 +208,7 @@ def test_a_scaled_encoder_does_not_jump_and_turns_by_its_factor(factor: float) -
 
 
 def test_a_scaled_encoder_wraps_where_the_board_wraps() -> None:
-    line = FaultyWire(FaultScript([Fault("encoder_scale", 1.0, 9.0, {"factor": 2.0})]), DEFAULT_LAYOUT)
+    line = FaultyWire(FaultScript([ScriptedFault("encoder_scale", 1.0, 9.0, {"factor": 2.0})]), DEFAULT_LAYOUT)
     told_by(line, 0.98, THETA_WRAP_RAD - 1.0, 50.0)
     theta, _ = told_by(line, 1.0, THETA_WRAP_RAD - 0.2, 50.0)
     assert theta == pytest.approx(-THETA_WRAP_RAD + 0.6, abs=1e-3)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hoopd.files.reading import InputError
-from hoopd.plants.found_effects import Found, FoundEffect
+from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.hoop.plant import Plant
 from hoopd.plants.model_file import load_model
 from hoopd.shell import config as configuration
@@ -23,7 +23,7 @@ START = np.array([0.0, 0.0, 0.3, 0.0])
 
 def hidden(held: bool = False, hold_s: float = 0.0, **effects: dict[str, float]) -> RigPlant:
     entries = tuple(FoundEffect(name.replace("__", "."), values) for name, values in effects.items())
-    return RigPlant(Found(FILE.structure, FILE.values(), entries), START, held=held, hold_s=hold_s)
+    return RigPlant(FoundEffects(FILE.structure, FILE.values(), entries), START, held=held, hold_s=hold_s)
 
 
 def test_without_effects_the_rig_is_the_one_it_was() -> None:
@@ -36,7 +36,10 @@ def test_without_effects_the_rig_is_the_one_it_was() -> None:
 
 
 def test_a_neutral_effect_moves_as_the_base() -> None:
-    plant, base = hidden(hoop__coulomb_friction={"Fc": 0.0}), RigPlant(Found(FILE.structure, FILE.values()), START)
+    plant, base = (
+        hidden(hoop__coulomb_friction={"Fc": 0.0}),
+        RigPlant(FoundEffects(FILE.structure, FILE.values()), START),
+    )
     for k in range(1, 60):
         for one in (plant, base):
             one.advance(0.013 * k, 0.05 * (-1) ** (k // 7))
@@ -55,7 +58,7 @@ def test_a_late_torque_arrives_when_it_should_whatever_the_steps() -> None:
 
 
 def test_a_late_camera_shows_the_past_and_the_state_is_the_present() -> None:
-    late, plain = hidden(camera__latency={"d": 0.04}), RigPlant(Found(FILE.structure, FILE.values()), START)
+    late, plain = hidden(camera__latency={"d": 0.04}), RigPlant(FoundEffects(FILE.structure, FILE.values()), START)
     past = {}
     for k in range(1, 300):
         t = 0.002 * k

@@ -9,7 +9,7 @@ import pytest
 
 from hoopd.core.frames import DEFAULT_LAYOUT, Answer, Decoder, encode_request
 from hoopd.sim.board import BYTE_S, DriverBoard
-from hoopd.sim.faults import Fault, FaultScript
+from hoopd.sim.faults import FaultScript, ScriptedFault
 from hoopd.sim.torque_log import TorqueLog, TorqueRow
 from hoopd.sim.wiredboard import WiredBoard
 
@@ -25,7 +25,9 @@ class Still:
         return 0.0, 0.0, math.nan
 
 
-def run(faults: list[Fault], step_s: float = 0.02, ticks: int = 100) -> tuple[list[tuple[float, bytes]], TorqueLog]:
+def run(
+    faults: list[ScriptedFault], step_s: float = 0.02, ticks: int = 100
+) -> tuple[list[tuple[float, bytes]], TorqueLog]:
     """Ask at 50 Hz and advance in steps; what arrived, and the board's log."""
     rows: list[TorqueRow] = []
     board = DriverBoard(Still(), np.random.default_rng(0), sink=rows.append)
@@ -60,27 +62,27 @@ def test_back_to_back_writes_queue_on_the_wire() -> None:
 @pytest.mark.parametrize(
     "faults",
     [
-        [Fault("board_reset", 0.5051)],
-        [Fault("board_silent", 0.5051, 0.3)],
-        [Fault("board_fault", 0.5051, 0.3)],
-        [Fault("bit_flips", 0.2, 1.0, {"rate": 0.02}), Fault("late_frames", 0.5, 0.5, {"rate": 0.3})],
-        [Fault("garbage", 0.2, 1.0, {"rate": 0.5}), Fault("duplicated_frames", 0.5, 0.5)],
+        [ScriptedFault("board_reset", 0.5051)],
+        [ScriptedFault("board_silent", 0.5051, 0.3)],
+        [ScriptedFault("board_fault", 0.5051, 0.3)],
+        [ScriptedFault("bit_flips", 0.2, 1.0, {"rate": 0.02}), ScriptedFault("late_frames", 0.5, 0.5, {"rate": 0.3})],
+        [ScriptedFault("garbage", 0.2, 1.0, {"rate": 0.5}), ScriptedFault("duplicated_frames", 0.5, 0.5)],
     ],
 )
-def test_the_step_of_the_caller_changes_nothing(faults: list[Fault]) -> None:
+def test_the_step_of_the_caller_changes_nothing(faults: list[ScriptedFault]) -> None:
     coarse, fine = run(faults, 0.02), run(faults, 0.001)
     assert coarse[0] == fine[0]
     assert coarse[1].rows == fine[1].rows
 
 
 def test_silence_of_the_board_ends_in_its_own_timeout() -> None:
-    _, log = run([Fault("board_silent", 0.5051, 0.3)])
+    _, log = run([ScriptedFault("board_silent", 0.5051, 0.3)])
     assert log.reasons()["timeout"] == 1
     assert log.zero_for_good_from(0.5051) <= 0.1
 
 
 def test_a_reset_falls_at_its_instant() -> None:
-    arrived, log = run([Fault("board_reset", 0.5051)])
+    arrived, log = run([ScriptedFault("board_reset", 0.5051)])
     assert next(row.t for row in log.rows if row.reason == "reset") == pytest.approx(0.5051)
     answers = [e for _, data in arrived for e in Decoder(DEFAULT_LAYOUT).feed(data)]
     assert isinstance(answers[26], Answer)

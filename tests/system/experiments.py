@@ -12,7 +12,7 @@ from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
 from hoopd.daemon.experiment import Where
 from hoopd.plants.hoop.experiment_plan import Plan
-from hoopd.recording.mcap import Run, read_run
+from hoopd.recording.mcap import RecordedRun, read_run
 from hoopd.sim import torque_log
 from hoopd.sim.torque_log import TorqueLog
 
@@ -26,7 +26,7 @@ class Experiment:
     """What one experiment left behind."""
 
     result: dict[str, Any]
-    run: Run
+    run: RecordedRun
     torque: TorqueLog
     path: Path
 

@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from hoopd.daemon import app
-from hoopd.recording.mcap import Run, read_run
+from hoopd.recording.mcap import RecordedRun, read_run
 from hoopd.sim.watchers import DirectWatcher
 
 AT_S = 3.0
 STOPPED_WITHIN_S = 2.5
 
 
-def run(folder: Path, *sets: str, seconds: float = 8.0) -> Run:
+def run(folder: Path, *sets: str, seconds: float = 8.0) -> RecordedRun:
     app.run_daemon(app.Options(True, None, sets, seconds, folder, 0, "max", True))
     return read_run(folder / "run-0001.mcap")
 

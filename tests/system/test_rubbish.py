@@ -133,7 +133,7 @@ def test_torn_and_flipped_recordings(run: Path, tmp_path: Path) -> None:
         outcome(some)
 
 
-def write(path: Path, run: mcap.Run, name: str, row: bytes) -> None:
+def write(path: Path, run: mcap.RecordedRun, name: str, row: bytes) -> None:
     """A recording in which the last row of a channel is another one."""
     texts = {"input": [rows.encode_input(i) for i in run.inputs], "tick": [rows.encode_tick(t) for t in run.ticks]}
     texts.setdefault(name, [b""])[-1] = row

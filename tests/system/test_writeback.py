@@ -13,7 +13,7 @@ import pytest
 from harness import runs
 from harness.rigrun import run_rig
 
-from hoopd.core.feedforward import FeedForward, Part
+from hoopd.core.feedforward import FeedForward, FeedForwardPart
 from hoopd.daemon.replay import replay
 from hoopd.files.model import EffectEntry, ModelFile, Parameter, model_text
 from hoopd.plants.model_file import load_model, parse_model
@@ -122,7 +122,7 @@ def test_a_feed_forward_that_fails_is_told_once_and_takes_only_itself_away(
 
     plain = run_rig(tmp_path / "plain", duration_s=3.0)
     monkeypatch.setattr(
-        "hoopd.daemon.build.feedforward_of", lambda *given, **named: FeedForward([Part("any")], demand, 0.3)
+        "hoopd.daemon.build.feedforward_of", lambda *given, **named: FeedForward([FeedForwardPart("any")], demand, 0.3)
     )
     made = run_rig(tmp_path / "failing", duration_s=3.0)
     np.testing.assert_array_equal(made.u, plain.u)

@@ -60,7 +60,7 @@ def test_every_fault_of_the_rig_is_in_the_campaign(bench: Any) -> None:
     scripts = [kind.script for kind in bench.kinds.KINDS.values() if kind.script]
     assert {script["kind"] for script in scripts} == set(faults.KINDS)
     for script in scripts:
-        faults.Fault(script["kind"], 4.0, script["for_s"] or 1.0, script["params"])
+        faults.ScriptedFault(script["kind"], 4.0, script["for_s"] or 1.0, script["params"])
 
 
 def test_every_row_that_ends_control_is_asked_for(bench: Any) -> None:

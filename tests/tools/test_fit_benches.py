@@ -140,11 +140,11 @@ def test_a_fit_takes_few_simulations(fits: ModuleType) -> None:
 
 def test_a_model_of_the_same_kind_is_not_written_out_again() -> None:
     from hoopd.plants.free_run_model import _FUNCTIONS
-    from hoopd.plants.hoop.simulate import Model
+    from hoopd.plants.hoop.simulate import HoopModel
 
     kept = []
     for value in (1.0, 2.0):  # free parameters are told at the call
-        Model("entries", {**START, "J12": value}, ("J12",)).run([value], [0.0] * 4, [0.0, 0.02], [0.1])
+        HoopModel("entries", {**START, "J12": value}, ("J12",)).run([value], [0.0] * 4, [0.0, 0.02], [0.1])
         kept.append(next(reversed(_FUNCTIONS.values())))
     assert kept[0] is kept[1]
 

@@ -39,11 +39,11 @@ sys.path.insert(0, str(ROOT))
 from hoopd.plants.fits.output_error import Solution  # noqa: E402
 from hoopd.plants.fits.robust_least_squares import Array  # noqa: E402
 from hoopd.plants.fits.runs import Run  # noqa: E402
-from hoopd.plants.hoop.fit import Fit, fit  # noqa: E402
+from hoopd.plants.hoop.fit import FittedParameters, fit  # noqa: E402
 from hoopd.plants.hoop.fit_data import STATES, prepare  # noqa: E402
 from hoopd.plants.hoop.free_parameters import scale_of  # noqa: E402
 from hoopd.plants.hoop.output_error import fit_output_error, hoop_problem  # noqa: E402
-from hoopd.plants.hoop.simulate import Model  # noqa: E402
+from hoopd.plants.hoop.simulate import HoopModel  # noqa: E402
 from hoopd.plants.hoop.solver_comparison import ATOL, RTOL, two_level_torque  # noqa: E402
 from hoopd.plants.model_file import load_model  # noqa: E402
 from hoopd.recording import load  # noqa: E402
@@ -99,7 +99,7 @@ def recording() -> tuple[Recording, str]:
     rng, values = np.random.default_rng(0), load_model(MODELS / "hoop.yaml").values()
     t, u = TICK_S * np.arange(SAMPLES), two_level_torque(SAMPLES)
     push = 0.0005 * np.cumsum(rng.normal(size=SAMPLES)) * math.sqrt(TICK_S)
-    x = Model("rolling", values).run((), np.zeros(4), t, (u + push)[:-1])
+    x = HoopModel("rolling", values).run((), np.zeros(4), t, (u + push)[:-1])
     theta, psi = COUNT_RAD * np.floor(x[:, 0] / COUNT_RAD), x[:, 2] + 0.002 * rng.normal(size=SAMPLES)
     columns = {"t": t, "u": u, "theta": theta, "dtheta": x[:, 1], "psi": psi}
     return from_columns(columns, source="simulated"), f"simulated (no {path}; set HOOPD_SHARED)"
@@ -192,18 +192,18 @@ class Counted:
     """Counts the free runs of all models while it is entered, and the samples in them."""
 
     def __enter__(self) -> Counted:
-        self.runs, self.samples, self._four = 0, 0, Model._four
+        self.runs, self.samples, self._four = 0, 0, HoopModel._four
 
-        def four(model: Model, p: Any, x0: Array, t: Any, u: Any, *, derivatives: bool) -> Any:
+        def four(model: HoopModel, p: Any, x0: Array, t: Any, u: Any, *, derivatives: bool) -> Any:
             self.runs += 1
             self.samples += len(u)
             return self._four(model, p, x0, t, u, derivatives=derivatives)
 
-        Model._four = four  # type: ignore[method-assign]
+        HoopModel._four = four  # type: ignore[method-assign]
         return self
 
     def __exit__(self, *_: object) -> None:
-        Model._four = self._four  # type: ignore[method-assign]
+        HoopModel._four = self._four  # type: ignore[method-assign]
 
 
 def clocks() -> Array:
@@ -221,7 +221,7 @@ def timed(call: Callable[[], object], runs: int) -> list[Array]:
     return out
 
 
-def measure(rec: Recording, runs: int, solvers: Sequence[Solver], limit_s: float) -> tuple[list[Row], Fit]:
+def measure(rec: Recording, runs: int, solvers: Sequence[Solver], limit_s: float) -> tuple[list[Row], FittedParameters]:
     """All ways, ours before and after each slow one, so that a busy machine slows both."""
     values = load_model(MODELS / "thesis.yaml").values()
     prepared = prepare([rec], ("theta_rate", "psi"))

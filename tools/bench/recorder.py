@@ -22,7 +22,7 @@ from hoopd.recording import mcap
 from hoopd.shell.commands import Gate, Ranges
 from hoopd.shell.recorder import Recorder
 from hoopd.shell.run_files import Limits
-from hoopd.shell.telemetry import Settings, Telemetry
+from hoopd.shell.telemetry import Telemetry, TelemetrySettings
 
 TICK_S = 0.02
 ROWS_PER_HOUR = 3600.0 / TICK_S
@@ -77,7 +77,7 @@ def bench_put(folder: Path, made: list[Row]) -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    telemetry = Telemetry(Settings(endpoint=endpoint), Gate(Ranges()))
+    telemetry = Telemetry(TelemetrySettings(endpoint=endpoint), Gate(Ranges()))
     telemetry.start()
     time.sleep(0.2)
     show("telemetry put, in the tick", timed(telemetry.put, [(row[0],) for row in made], 0.001))

@@ -42,7 +42,7 @@ from hoopd.daemon.app import Options  # noqa: E402
 from hoopd.daemon.experiment import Where, run  # noqa: E402
 from hoopd.plants.fits.uncertainty import Z95  # noqa: E402
 from hoopd.plants.hoop.experiment_plan import Plan  # noqa: E402
-from hoopd.plants.hoop.fit import Settings, fit  # noqa: E402
+from hoopd.plants.hoop.fit import FitSettings, fit  # noqa: E402
 from hoopd.plants.model_file import load_model, plant_of  # noqa: E402
 from hoopd.recording.mcap import read  # noqa: E402
 from hoopd.recording.recording import Recording  # noqa: E402
@@ -87,13 +87,13 @@ def truth() -> dict[str, dict[str, float]]:
 
 
 @cache
-def starts() -> dict[str, tuple[dict[str, float], Settings]]:
+def starts() -> dict[str, tuple[dict[str, float], FitSettings]]:
     """What each fit begins with."""
     rig = load_model(MODELS / "hoop.yaml").values()
     fixed = {name: rig[name] for name in WEIGHED}
     return {
-        "entries": (load_model(MODELS / "thesis.yaml").values(), Settings("entries")),
-        "rolling": ({**rig, **ROLLING_START}, Settings("rolling", fixed=fixed)),
+        "entries": (load_model(MODELS / "thesis.yaml").values(), FitSettings("entries")),
+        "rolling": ({**rig, **ROLLING_START}, FitSettings("rolling", fixed=fixed)),
     }
 
 

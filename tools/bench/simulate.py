@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hoopd.plants.hoop.simulate import Model
-from hoopd.plants.hoop.solver_comparison import Case, across_jumps, sample_to_sample, two_level_torque
+from hoopd.plants.hoop.simulate import HoopModel
+from hoopd.plants.hoop.solver_comparison import SolverCase, across_jumps, sample_to_sample, two_level_torque
 from hoopd.plants.model_file import load_model, plant_of
 
 MODEL = Path(__file__).resolve().parents[2] / "config" / "models" / "thesis.yaml"
@@ -39,7 +39,7 @@ def ways(samples: int) -> tuple[dict[str, Callable[[], np.ndarray]], Callable[[]
     file = load_model(MODEL)
     plant, x0 = plant_of(file), np.zeros(4)
     t, u = TICK_S * np.arange(samples + 1), two_level_torque(samples)
-    model, fine = (Model(file.structure, file.values(), step_s=h) for h in (0.01, 0.0025))
+    model, fine = (HoopModel(file.structure, file.values(), step_s=h) for h in (0.01, 0.0025))
     calls = {
         "hoopd, steps of 10 ms": lambda: model.run((), x0, t, u),
         "hoopd, steps of 2.5 ms": lambda: fine.run((), x0, t, u),
@@ -49,8 +49,12 @@ def ways(samples: int) -> tuple[dict[str, Callable[[], np.ndarray]], Callable[[]
         "scipy Radau at every sample, rtol 1e-6": lambda: (
             sample_to_sample(plant, x0, t, u, "Radau", rtol=1e-6, atol=1e-9).x
         ),
-        "scipy RK45 across the jumps, rtol 1e-6": lambda: across_jumps(plant, x0, t, u, Case("RK45", 1e-6, 1e-9)).x,
-        "scipy Radau across the jumps, rtol 1e-6": lambda: across_jumps(plant, x0, t, u, Case("Radau", 1e-6, 1e-9)).x,
+        "scipy RK45 across the jumps, rtol 1e-6": lambda: (
+            across_jumps(plant, x0, t, u, SolverCase("RK45", 1e-6, 1e-9)).x
+        ),
+        "scipy Radau across the jumps, rtol 1e-6": lambda: (
+            across_jumps(plant, x0, t, u, SolverCase("Radau", 1e-6, 1e-9)).x
+        ),
     }
     return calls, lambda: sample_to_sample(plant, x0, t, u, "DOP853").x
 

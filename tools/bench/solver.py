@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.plants.hoop.solver_comparison import Case, Study, sample_to_sample, stiffness, study, two_level_torque
+from hoopd.plants.hoop.solver_comparison import SolverCase, Study, sample_to_sample, stiffness, study, two_level_torque
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.plots.solver import draw_solver_question
 from hoopd.plots.style import save
@@ -24,12 +24,12 @@ MODEL = Path(__file__).resolve().parents[2] / "config" / "models" / "thesis.yaml
 TICK_S, SAMPLES, SEED = 0.02, 1000, 0
 TOLERANCES = [(1e-3, 1e-6), (1e-4, 1e-7), (1e-5, 1e-8), (1e-6, 1e-9), (1e-7, 1e-10)]
 CASES = [
-    *(Case("RK45", *tolerance) for tolerance in TOLERANCES),
-    *(Case("Rosenbrock23", *tolerance) for tolerance in TOLERANCES[:4]),
-    Case("Radau"),
-    Case("Radau", 1e-6, 1e-9),
-    *(Case("RK45", max_step_s=h) for h in (0.02, 0.005, 0.001)),
-    *(Case("Rosenbrock23", max_step_s=h) for h in (0.02, 0.005, 0.001)),
+    *(SolverCase("RK45", *tolerance) for tolerance in TOLERANCES),
+    *(SolverCase("Rosenbrock23", *tolerance) for tolerance in TOLERANCES[:4]),
+    SolverCase("Radau"),
+    SolverCase("Radau", 1e-6, 1e-9),
+    *(SolverCase("RK45", max_step_s=h) for h in (0.02, 0.005, 0.001)),
+    *(SolverCase("Rosenbrock23", max_step_s=h) for h in (0.02, 0.005, 0.001)),
 ]
 STEPS_S = (0.02, 0.01, 0.005, 0.0025, 0.00125)
 

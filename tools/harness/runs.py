@@ -23,7 +23,7 @@ from hoopd.core.records import Inputs, TickRecord, TorqueCommand
 from hoopd.daemon import app
 from hoopd.daemon.world import World
 from hoopd.recording.mcap import read_run
-from hoopd.recording.schemas import Event
+from hoopd.recording.schemas import LogEvent
 from hoopd.sim import torque_log
 from hoopd.sim.torque_log import TorqueLog
 
@@ -39,7 +39,7 @@ class Run:
     recordings: list[Path]
     ticks: list[TickRecord]
     inputs: list[Inputs]
-    events: list[Event]
+    events: list[LogEvent]
     torque: TorqueLog
     log: list[dict[str, Any]]  # lines of standard error
     summary: dict[str, Any] = field(default_factory=dict)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoopd.plants.hoop.fit_percent import Score
-from hoopd.plants.hoop.solver_comparison import Case, study
+from hoopd.plants.hoop.fit_percent import FitScore
+from hoopd.plants.hoop.solver_comparison import SolverCase, study
 from hoopd.plants.hoop.thesis import ENTRIES_PRINTED
 from hoopd.plots.fits import draw_fits
 from hoopd.plots.solver import draw_solver_question
@@ -17,8 +17,8 @@ from thesis.results import Drawn, Row
 
 WORDS = {"theta_rate": "hoop speed", "psi": "ball angle"}
 SOLVERS = [
-    *(Case("RK45", r, 1e-3 * r) for r in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)),
-    *(Case("Rosenbrock23", r, 1e-3 * r) for r in (1e-3, 1e-4, 1e-5, 1e-6)),
+    *(SolverCase("RK45", r, 1e-3 * r) for r in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)),
+    *(SolverCase("Rosenbrock23", r, 1e-3 * r) for r in (1e-3, 1e-4, 1e-5, 1e-6)),
 ]
 DETAILED, DETAIL_S = ("second",), 10.0
 STEPS_S = (0.02, 0.01, 0.005, 0.0025, 0.00125)
@@ -43,12 +43,12 @@ def fits(bench: Bench, key: str) -> Drawn:
     )
 
 
-def _set_aside(scores: dict[str, list[Score]]) -> str:
+def _set_aside(scores: dict[str, list[FitScore]]) -> str:
     found = [one.channels["psi"].set_aside for one in next(iter(scores.values())) if "psi" in one.channels]
     return f" {sum(found)} pictures in which the camera repeated its last angle are set aside." if sum(found) else ""
 
 
-def _fit_rows(scores: dict[str, list[Score]]) -> list[Row]:
+def _fit_rows(scores: dict[str, list[FitScore]]) -> list[Row]:
     return [
         Row(f"{words}, {model}", ", ".join(f"{one.channels[name].nrmse_percent:.1f} %" for one in several))
         for name, words in WORDS.items()

@@ -16,9 +16,9 @@ from hoopd.ident.transfer_functions import zeros
 from hoopd.plants.fits.nrmse import nrmse_percent
 from hoopd.plants.hoop.closed_loop import LinearPlant, Moving
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.recorded_runs import FreeRun
+from hoopd.plants.hoop.recorded_runs import SimulatedStretch
 from hoopd.plots.linear import draw_nyquist, draw_poles, draw_step
-from hoopd.plots.linearity import Compared, draw_linearity
+from hoopd.plots.linearity import ComparedRuns, draw_linearity
 from hoopd.plots.printed_margin import PrintedMargin, draw_bode_beside
 from thesis.records import Bench, thesis_plant
 from thesis.results import Drawn, Row
@@ -118,30 +118,30 @@ def linearity(bench: Bench) -> Drawn:
     return Drawn(draw_linearity(released, played, "Linear against nonlinear"), caption, tuple(rows))
 
 
-def _difference(one: Compared) -> float:
+def _difference(one: ComparedRuns) -> float:
     return float(np.abs(one.nonlinear - one.linear).max())
 
 
-def _fit(one: Compared, simulated: np.ndarray) -> float:
+def _fit(one: ComparedRuns, simulated: np.ndarray) -> float:
     assert one.measured is not None and one.nodes is not None
     return nrmse_percent(one.measured, simulated[one.nodes])
 
 
-def _released(plant: HoopPlant, angle: float) -> Compared:
+def _released(plant: HoopPlant, angle: float) -> ComparedRuns:
     t = np.arange(0.0, SWING_S + FINE_S / 2, FINE_S)
     start, none = np.array([0.0, 0.0, angle, 0.0]), np.zeros(len(t) - 1)
     runs = [_run(moving, start, t, none)[:, 2] for moving in (plant, LinearPlant(plant))]
-    return Compared(f"released at {angle:g} rad", t, *runs)
+    return ComparedRuns(f"released at {angle:g} rad", t, *runs)
 
 
-def _played(bench: Bench, key: str) -> Compared:
+def _played(bench: Bench, key: str) -> ComparedRuns:
     """The fitted entries' free run and the linear model's from its start."""
     score = bench.scores(key)["re-estimated"][0]
-    run: FreeRun = score.runs[0]
+    run: SimulatedStretch = score.runs[0]
     linear = _run(LinearPlant(HoopPlant("entries", bench.fitted(key).values)), run.start, run.part.t, run.part.u)[:, 2]
     trace = score.traces["psi"]
     t, measured = trace.t[trace.fresh], trace.measured[trace.fresh]
-    return Compared(
+    return ComparedRuns(
         bench.origin(key), run.part.t, run.states[:, 2], linear, t, measured, np.searchsorted(run.part.t, t - 1e-9)
     )
 

@@ -19,7 +19,7 @@ from hoopd.design.pid import pid
 from hoopd.files.controller import load_controller
 from hoopd.files.shipped import defaults_folder
 from hoopd.ident.transfer_functions import transfer_function
-from hoopd.plants.hoop.closed_loop import LinearPlant, Run, Scenario, picture_timing
+from hoopd.plants.hoop.closed_loop import ClosedLoopRun, LinearPlant, Scenario, picture_timing
 from hoopd.plants.hoop.trial import run
 from hoopd.plots.loops import draw_gang_of_four, draw_responses
 from thesis.records import Bench, thesis_plant
@@ -75,7 +75,7 @@ def impulse(bench: Bench) -> Drawn:
     return Drawn(draw_responses(runs, "Output disturbance of 0.4 rad for one sample"), caption, tuple(rows))
 
 
-def _disturbed(name: str) -> tuple[Run, Run]:
+def _disturbed(name: str) -> tuple[ClosedLoopRun, ClosedLoopRun]:
     """Nonlinear and linear plant."""
     file, plant = load_controller(defaults_folder() / "controllers" / f"{name}.yaml"), thesis_plant()
     scenario = Scenario(
@@ -91,6 +91,6 @@ def _disturbed(name: str) -> tuple[Run, Run]:
     return nonlinear, linear
 
 
-def _seconds(made: Run) -> str:
+def _seconds(made: ClosedLoopRun) -> str:
     time = made.settled_s(made.psi, SETTLED_RAD)
     return f"{time:.2f} s" if isfinite(time) else f"not within {made.t[-1]:.1f} s"

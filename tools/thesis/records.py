@@ -17,8 +17,8 @@ from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.hoop.experiment_plan import Plan
-from hoopd.plants.hoop.fit import Fit, Settings, fit
-from hoopd.plants.hoop.fit_percent import Score, score
+from hoopd.plants.hoop.fit import FitSettings, FittedParameters, fit
+from hoopd.plants.hoop.fit_percent import FitScore, score
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.recorded_runs import Subject
 from hoopd.plants.hoop.thesis import ENTRIES_PRINTED
@@ -119,7 +119,7 @@ class Bench:
     scratch: Path
     say: Callable[[str], None] = lambda text: None
     _parts: dict[str, tuple[Recording, ...]] = field(default_factory=dict)
-    _fits: dict[str, Fit] = field(default_factory=dict)
+    _fits: dict[str, FittedParameters] = field(default_factory=dict)
 
     @property
     def missing(self) -> list[str]:
@@ -154,14 +154,14 @@ class Bench:
         """What a reader should know about a real recording."""
         return "" if SOURCES[key].file in self.missing else SOURCES[key].note
 
-    def fitted(self, key: str) -> Fit:
+    def fitted(self, key: str) -> FittedParameters:
         """Entries estimated from an experiment."""
         if key not in self._fits:
             self.say(f"fitting {self.origin(key)}")
-            self._fits[key] = fit(self.parts(key), thesis_values(), Settings(structure="entries"))
+            self._fits[key] = fit(self.parts(key), thesis_values(), FitSettings(structure="entries"))
         return self._fits[key]
 
-    def scores(self, key: str) -> dict[str, list[Score]]:
+    def scores(self, key: str) -> dict[str, list[FitScore]]:
         """Free runs over an experiment by model: as printed, re-estimated."""
         source = SOURCES[key]
         values = {source.printed: {**thesis_values(), **source.values}, "re-estimated": self.fitted(key).values}

@@ -19,11 +19,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve_sites import Factor, Site, Variable, Wanted, reads, wanted
+from hoopd.diagnose.curves.curve_sites import CurveVariable, Factor, Site, Wanted, reads, wanted
 from hoopd.diagnose.curves.hats import curve_expression, spread_knots, turn_knots
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter, Point
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.reference_track import Track
 
 Array = NDArray[np.float64]
@@ -42,11 +42,11 @@ TORQUE_ORDER = 3
 
 
 @dataclass(frozen=True)
-class Curve:
+class UnnamedCurve:
     """One curve; amplitudes are the values at its knots, or with a `basis` (m, k) those of its columns."""
 
     site: Site
-    variable: Variable
+    variable: CurveVariable
     knots: Array
     factor: Factor | None = None
     per_recording: bool = False
@@ -115,7 +115,7 @@ class Curve:
     def _spread(self, value: Any) -> dict[str, Any]:
         return {name: weight * value for name, weight in self.site.on.items()}
 
-    def with_basis(self, basis: Array) -> Curve:
+    def with_basis(self, basis: Array) -> UnnamedCurve:
         """The same with the columns of a basis (m, k) for amplitudes."""
         return replace(self, basis=basis)
 
@@ -124,9 +124,9 @@ class Curve:
         return self.effect.fits(plant)
 
 
-def curves(fit: Fit) -> list[Curve]:
+def curves(fit: HypothesisFit) -> list[UnnamedCurve]:
     """All that the slots of the plants suggest, of those in which most moves first; knots from the reference."""
-    found: dict[tuple[str, ...], list[Curve]] = {}
+    found: dict[tuple[str, ...], list[UnnamedCurve]] = {}
     for plant in sorted(_plants(fit), key=lambda one: -len(one.coordinates)):
         for want in wanted(plant):
             made = _made(want, plant, fit)
@@ -135,14 +135,14 @@ def curves(fit: Fit) -> list[Curve]:
     return [curve for made in found.values() for curve in made]
 
 
-def _plants(fit: Fit) -> list[Plant]:
+def _plants(fit: HypothesisFit) -> list[Plant]:
     return list({track.stretch.plant.coordinates: track.stretch.plant for track in fit.tracks}.values())
 
 
-def _made(want: Wanted, plant: Plant, fit: Fit) -> list[Curve]:
+def _made(want: Wanted, plant: Plant, fit: HypothesisFit) -> list[UnnamedCurve]:
     """Coarse and fine, for all recordings and for each by itself."""
     site, variable, factor = want
-    first = Curve(site, variable, np.zeros(1), factor, reads=reads(want, plant))
+    first = UnnamedCurve(site, variable, np.zeros(1), factor, reads=reads(want, plant))
     tracks = [track for track in fit.tracks if first.fits(track.stretch.plant)]
     several = len({track.stretch.recording for track in tracks}) > 1
     x = np.concatenate([np.ravel(variable.of(at_nodes(track, fit))) for track in tracks])
@@ -153,13 +153,13 @@ def _made(want: Wanted, plant: Plant, fit: Fit) -> list[Curve]:
     ]  # fmt: skip
 
 
-def at_nodes(track: Track, fit: Fit) -> Point:
+def at_nodes(track: Track, fit: HypothesisFit) -> Point:
     """Everything a variable may read, arrays (n,) at the nodes, as the filter predicts them."""
     u = track.torques(track.local(fit.values)).mean(axis=0)
     return track.stretch.plant.point(track.predicted.T, track.local(fit.values), np.append(u, u[-1]), track.stretch.t)
 
 
-def _knot_sets(variable: Variable, x: Array) -> list[Array]:
+def _knot_sets(variable: CurveVariable, x: Array) -> list[Array]:
     if variable.name == "t":
         count = min(max(4, 1 + round(float(np.ptp(x)) / SECONDS_A_KNOT)), MOST_OVER_TIME)
         found = [np.linspace(x.min(), x.max(), count)]

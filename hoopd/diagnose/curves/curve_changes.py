@@ -11,17 +11,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve import Curve
+from hoopd.diagnose.curves.curve import UnnamedCurve
 from hoopd.diagnose.curves.hats import hats
 from hoopd.diagnose.search.screen import Column, change_of
 from hoopd.plants.effects.base import Effect, Point
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.reference_track import Columns, Track
 
 Array = NDArray[np.float64]
 
 
-def within(track: Track, fit: Fit) -> Point:
+def within(track: Track, fit: HypothesisFit) -> Point:
     """Everything a variable may read, arrays (parts, n-1) in the middle of each part of each step."""
     values = track.local(fit.values)
     torques = track.torques(values)
@@ -46,7 +46,9 @@ def _hermite(x: tuple[Array, Array], v: tuple[Array, Array], h: Array, s: Array)
     return np.asarray(by_position + h * s * (1 - s) * (v[0] * (1 - s) - v[1] * s))
 
 
-def add_change(curve: Curve, track: Track, fit: Fit, points: tuple[Point, Point], f: Array, eps: Array) -> None:
+def add_change(
+    curve: UnnamedCurve, track: Track, fit: HypothesisFit, points: tuple[Point, Point], f: Array, eps: Array
+) -> None:
     """Changes of the one-step map f (n-1, nz, m) and of the innovations eps (n, nc, m) by a curve's hats."""
     if curve.site.acts == "reading":
         shape = _shape(curve, points[1])
@@ -76,12 +78,12 @@ def _push(pushed: Array, shape: Array, track: Track, f: Array) -> None:
         f[:, 2 * i] += pushed[:, 2 * i + 1, None] * sooner
 
 
-def own_columns(track: Track, fit: Fit) -> Columns:
+def own_columns(track: Track, fit: HypothesisFit) -> Columns:
     """The fit's linear problem of one of its tracks."""
     return next(own for one, own in zip(fit.tracks, fit.columns, strict=True) if one is track)
 
 
-def _add_exactly(effect: Effect, track: Track, fit: Fit, f: Array) -> None:
+def _add_exactly(effect: Effect, track: Track, fit: HypothesisFit, f: Array) -> None:
     """By the one-step map itself, where a lag stands between torque and force."""
     for i, parameter in enumerate(effect.parameters):
         values = {**effect.neutral(), parameter.name: parameter.size}
@@ -89,7 +91,7 @@ def _add_exactly(effect: Effect, track: Track, fit: Fit, f: Array) -> None:
         f[:, :, i] += change_of(track, fit, effect, column)[0] / parameter.size
 
 
-def _shape(curve: Curve, s: Point) -> Array:
+def _shape(curve: UnnamedCurve, s: Point) -> Array:
     """(..., m) hats times factor."""
     x = np.asarray(curve.variable.of(s), dtype=float)
     found: Array = hats(x, curve.knots, curve.variable.period)

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve import Curve
+from hoopd.diagnose.curves.curve import UnnamedCurve
 from hoopd.diagnose.curves.curve_screen import CurveScore
 from hoopd.ident.normal import Z95
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.recording.spans import spans
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def shapes_of(score: CurveScore, recordings: Sequence[str]) -> tuple[Shape, ...]
     return _shapes(score.curve, score.values, score.covariance, recordings)
 
 
-def _shapes(curve: Curve, values: Array, covariance: Array, recordings: Sequence[str]) -> tuple[Shape, ...]:
+def _shapes(curve: UnnamedCurve, values: Array, covariance: Array, recordings: Sequence[str]) -> tuple[Shape, ...]:
     m, half = len(curve.knots), Z95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     names = list(recordings) if curve.per_recording else [None]
     found = []
@@ -55,7 +55,9 @@ def _shapes(curve: Curve, values: Array, covariance: Array, recordings: Sequence
     return tuple(found)
 
 
-def with_curve(score: CurveScore, beside: Fit, recordings: Sequence[str]) -> tuple[Curve, dict[str, float]]:
+def with_curve(
+    score: CurveScore, beside: HypothesisFit, recordings: Sequence[str]
+) -> tuple[UnnamedCurve, dict[str, float]]:
     """The curve in directions that are not the base's, and where a joint fit with it starts."""
     m, parts = len(score.curve.knots), len(recordings) if score.curve.per_recording else 1
     basis = _pooled(score.basis, m, parts)
@@ -78,7 +80,7 @@ def _pooled(basis: Array, m: int, parts: int) -> Array:
     return np.asarray(u[:, kept] * s[kept])
 
 
-def together(scores: Sequence[CurveScore], beside: Fit) -> tuple[Fit, list[Curve]]:
+def together(scores: Sequence[CurveScore], beside: HypothesisFit) -> tuple[HypothesisFit, list[UnnamedCurve]]:
     """Curves fitted jointly with everything the fit has, noise levels held: the fit, and the curves as it has them."""
     recordings = recordings_of(beside)
     made = [with_curve(score, beside, recordings) for score in scores]
@@ -90,12 +92,12 @@ def together(scores: Sequence[CurveScore], beside: Fit) -> tuple[Fit, list[Curve
     return joint, [curve for curve, _ in made]
 
 
-def recordings_of(found: Fit) -> tuple[str, ...]:
+def recordings_of(found: HypothesisFit) -> tuple[str, ...]:
     """Names, in the order of the data."""
     return tuple(dict.fromkeys(track.stretch.recording for track in found.tracks))
 
 
-def fitted_shapes(curve: Curve, joint: Fit, recordings: Sequence[str]) -> tuple[Shape, ...]:
+def fitted_shapes(curve: UnnamedCurve, joint: HypothesisFit, recordings: Sequence[str]) -> tuple[Shape, ...]:
     """Values and bands of a curve with a basis, by a fit that holds it."""
     assert curve.basis is not None
     k, values, blocks = curve.basis.shape[1], [], []

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve import Curve, at_nodes, curves
+from hoopd.diagnose.curves.curve import UnnamedCurve, at_nodes, curves
 from hoopd.diagnose.curves.curve_changes import add_change, within
 from hoopd.diagnose.search.chance import Group, Null, colour, independent, null_of
 from hoopd.diagnose.search.screen import Screen, orthonormal
 from hoopd.diagnose.search.surprise import surprise
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import whitened
 from hoopd.plants.likelihood.reference_track import Track
 
@@ -34,7 +34,7 @@ OWN_SHARE = 0.01
 class CurveScore:
     """What a curve would gain over the fit; values at its knots are of least size among those that gain as much."""
 
-    curve: Curve
+    curve: UnnamedCurve
     gain: float  # nats
     columns: int  # directions that are not the base's
     surprise: float  # nats: -log of the chance of so large a gain, the residual's colour allowed for
@@ -48,7 +48,7 @@ class CurveScore:
 class CurveScreen:
     """The whitened hats of all curves about one fit."""
 
-    def __init__(self, fit: Fit, of: Sequence[Curve] | None = None) -> None:
+    def __init__(self, fit: HypothesisFit, of: Sequence[UnnamedCurve] | None = None) -> None:
         self.fit, self.curves = fit, list(curves(fit) if of is None else of)
         self.recordings = tuple(dict.fromkeys(track.stretch.recording for track in fit.tracks))
         rows = fit.stacked()
@@ -115,7 +115,7 @@ class CurveScreen:
                 found.append(Group((z / size) @ (vectors / np.sqrt(values))))
         return found
 
-    def _index(self, curve: Curve) -> int:
+    def _index(self, curve: UnnamedCurve) -> int:
         return next(i for i, one in enumerate(self.curves) if one is curve)
 
     def _colour(self, unit: Array, residual: Array) -> float:
@@ -127,7 +127,7 @@ class CurveScreen:
         columns = slice(self._first[index], self._first[index + 1])
         return self.vectors[:, columns], self._size[columns]
 
-    def _columns_of(self, curve: Curve) -> int:
+    def _columns_of(self, curve: UnnamedCurve) -> int:
         return len(curve.knots) * (len(self.recordings) if curve.per_recording else 1)
 
     def _whitened(self) -> Array:

@@ -14,7 +14,7 @@ from hoopd.plants.effects.base import Point
 from hoopd.plants.effects.slots import turns, units
 
 
-class Variable(NamedTuple):
+class CurveVariable(NamedTuple):
     """What a curve depends on."""
 
     name: str
@@ -41,7 +41,7 @@ class Factor(NamedTuple):
     of: Callable[[Point], Any]
 
 
-Wanted = tuple[Site, Variable, Factor | None]
+Wanted = tuple[Site, CurveVariable, Factor | None]
 
 
 def wanted(plant: Plant) -> Iterator[Wanted]:
@@ -56,28 +56,28 @@ def wanted(plant: Plant) -> Iterator[Wanted]:
             yield from kinds[slot.kind](plant, name, slot)
 
 
-def state(plant: Plant, name: str) -> Variable:
+def state(plant: Plant, name: str) -> CurveVariable:
     """A state of the plant as a variable: the angle of a turning body comes back after a turn."""
     names = units(plant)
     if name in plant.first_order:
-        return Variable(name, plant.units.get(name, "-"), lambda s: getattr(s, name))
+        return CurveVariable(name, plant.units.get(name, "-"), lambda s: getattr(s, name))
     if name not in plant.coordinates:
-        return Variable(name, names.rate, lambda s: getattr(s, name))
+        return CurveVariable(name, names.rate, lambda s: getattr(s, name))
     turning = turns(plant, name)
-    return Variable(name, names.coordinate, lambda s: getattr(s, name), 2 * pi if turning else None, turning)
+    return CurveVariable(name, names.coordinate, lambda s: getattr(s, name), 2 * pi if turning else None, turning)
 
 
-def wound(plant: Plant, name: str) -> Variable:
+def wound(plant: Plant, name: str) -> CurveVariable:
     """The angle of a turning body over all its turns."""
-    return Variable(name, units(plant).coordinate, lambda s: getattr(s, name))
+    return CurveVariable(name, units(plant).coordinate, lambda s: getattr(s, name))
 
 
-TIME = Variable("t", "s", lambda s: s.t)
+TIME = CurveVariable("t", "s", lambda s: s.t)
 DEMAND = "u"
 
 
-def _demand(plant: Plant) -> Variable:
-    return Variable(DEMAND, plant.force_unit, lambda s: s.u)
+def _demand(plant: Plant) -> CurveVariable:
+    return CurveVariable(DEMAND, plant.force_unit, lambda s: s.u)
 
 
 def reads(want: Wanted, plant: Plant) -> tuple[str, ...]:
@@ -87,7 +87,7 @@ def reads(want: Wanted, plant: Plant) -> tuple[str, ...]:
     return tuple(q for q in plant.coordinates if q in names or f"d{q}" in names)
 
 
-def _as_factor(variable: Variable) -> Factor:
+def _as_factor(variable: CurveVariable) -> Factor:
     return Factor(variable.name, variable.unit, variable.of)
 
 
@@ -104,7 +104,7 @@ def _of_body(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
         yield site, one, _as_factor(rate)
 
 
-def _others(plant: Plant, own: str) -> list[Variable]:
+def _others(plant: Plant, own: str) -> list[CurveVariable]:
     """States of the other coordinates."""
     return [state(plant, name) for name in plant.states if name.removeprefix("d") != own and name != own]
 
@@ -113,7 +113,7 @@ def _of_ball(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
     q, others = slot.coordinate, [c for c in plant.coordinates if c != slot.coordinate]
     along = Site(name, "force", {q: 1.0, **dict.fromkeys(others, -1.0)}, plant.force_unit)
     names = [f"d{c}" for c in (*others, q)]
-    rolling = Variable("-".join(names), "rad/s", lambda s: _difference([getattr(s, n) for n in names]))
+    rolling = CurveVariable("-".join(names), "rad/s", lambda s: _difference([getattr(s, n) for n in names]))
     own = Site(name, "force", {q: 1.0}, plant.force_unit)
     if others:
         yield along, rolling, None
@@ -137,10 +137,10 @@ def _of_actuator(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
         yield site, one, _as_factor(demand)
 
 
-def _power(plant: Plant, q: str) -> Variable:
+def _power(plant: Plant, q: str) -> CurveVariable:
     """What the demand gives to the motion: negative while it brakes, as after every reversal."""
     unit = "W" if plant.force_unit in ("N", "N m") else f"{plant.force_unit} {units(plant).rate}"
-    return Variable(f"{DEMAND}*d{q}", unit, lambda s: s.u * getattr(s, f"d{q}"))
+    return CurveVariable(f"{DEMAND}*d{q}", unit, lambda s: s.u * getattr(s, f"d{q}"))
 
 
 def _of_push(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:

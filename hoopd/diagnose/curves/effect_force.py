@@ -21,7 +21,7 @@ from hoopd.diagnose.search.screen import Column, change_of
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.slots import turns, units
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.reference_track import Track
 
@@ -39,7 +39,7 @@ class Variable:
 
 
 @dataclass(frozen=True)
-class Missing:
+class MissingForceSamples:
     """Missing force or reading's error of one effect in one recording, (n,) each; NaN between two stretches."""
 
     recording: str
@@ -50,7 +50,9 @@ class Missing:
     variables: tuple[Variable, ...]
 
 
-def missing_of(effect: Effect, final: Fit, noise: Mapping[str, Noise], recording: str) -> Missing | None:
+def missing_of(
+    effect: Effect, final: HypothesisFit, noise: Mapping[str, Noise], recording: str
+) -> MissingForceSamples | None:
     """Of one effect of a fit in one recording; noise: of a fit without it; None when its slot is not there."""
     own = [track for track in final.tracks if track.stretch.recording == recording]
     own = [track for track in own if effect.slot in track.stretch.plant.slots]
@@ -62,7 +64,7 @@ def missing_of(effect: Effect, final: Fit, noise: Mapping[str, Noise], recording
     return _joined(parts)
 
 
-def recording_with_most(found: Fit, slot: str) -> str | None:
+def recording_with_most(found: HypothesisFit, slot: str) -> str | None:
     """Where a slot has most readings."""
     samples: dict[str, int] = {}
     for track in found.tracks:
@@ -71,43 +73,47 @@ def recording_with_most(found: Fit, slot: str) -> str | None:
     return max(samples, key=lambda name: samples[name], default=None)
 
 
-def _without(effect: Effect, final: Fit, tracks: Sequence[Track], noise: Mapping[str, Noise]) -> Fit:
+def _without(
+    effect: Effect, final: HypothesisFit, tracks: Sequence[Track], noise: Mapping[str, Noise]
+) -> HypothesisFit:
     """The fit's numbers with one effect left out, its trajectories smoothed anew."""
     rest = tuple(one for one in final.effects if one.name != effect.name)
     new = [Track(track.stretch, rest).like(track) for track in tracks]
     for track in new:
         track.smooth(final.values, noise[track.stretch.recording])
-    return Fit(rest, final.values, (), new, dict(noise))
+    return HypothesisFit(rest, final.values, (), new, dict(noise))
 
 
-def _own_values(effect: Effect, final: Fit, track: Track) -> Column:
+def _own_values(effect: Effect, final: HypothesisFit, track: Track) -> Column:
     """The effect as fitted, what belongs to the recording included."""
     local = track.local(final.values)
     return Column(tuple((p.name, local.get(effect.key(p.name), p.neutral)) for p in effect.parameters))
 
 
-def _force(effect: Effect, final: Fit, without: Fit, old: Track, new: Track) -> Missing:
+def _force(effect: Effect, final: HypothesisFit, without: HypothesisFit, old: Track, new: Track) -> MissingForceSamples:
     plant = new.stretch.plant
     column = plant.coordinates.index(plant.slots[effect.slot].coordinate)
     change, _ = change_of(new, without, effect, _own_values(effect, final, old))
     law = _as_force(new, without, change)[:, column]
-    return Missing(
+    return MissingForceSamples(
         new.stretch.recording, plant.force_unit, new.stretch.t, new.w[:, column], np.append(law, np.nan),
         variables_of(effect, new, without),
     )  # fmt: skip
 
 
-def _as_force(track: Track, found: Fit, change: Array) -> Array:
+def _as_force(track: Track, found: HypothesisFit, change: Array) -> Array:
     """(n-1, nq) forces on the coordinates, held over a step, that change the one-step map so."""
     model = track.columns(found.values, ()).model
     # change = W force, in the least-squares sense
     return np.asarray(np.einsum("nqz,nz->nq", np.linalg.pinv(model.w[:, : model.nx]), change[:, : model.nx]))
 
 
-def _reading(effect: Effect, final: Fit, without: Fit, old: Track, new: Track) -> Missing:
+def _reading(
+    effect: Effect, final: HypothesisFit, without: HypothesisFit, old: Track, new: Track
+) -> MissingForceSamples:
     # along the trajectory of the fit that has the effect: without it the trajectory bends after the reading
     along = Track(new.stretch, without.effects).like(old)
-    fit = Fit(without.effects, final.values, (), [along], without.noise)
+    fit = HypothesisFit(without.effects, final.values, (), [along], without.noise)
     _, loss = change_of(along, fit, effect, _own_values(effect, final, old))
     error = new.stretch.y - along.readings(final.values)
     column = _most_changed(effect, loss, without.noise[new.stretch.recording], along)
@@ -116,7 +122,7 @@ def _reading(effect: Effect, final: Fit, without: Fit, old: Track, new: Track) -
     variables = variables_of(effect, along, fit)
     if effect.latency or effect.sensor_lag:
         variables = (_rate_of(along, channel),)
-    return Missing(
+    return MissingForceSamples(
         new.stretch.recording, unit, new.stretch.t, error[:, column], -loss[:, column], variables
     )  # fmt: skip
 
@@ -136,7 +142,7 @@ def _rate_of(track: Track, channel: str) -> Variable:
     return Variable(f"d{name}", unit, value)
 
 
-def variables_of(effect: Effect, track: Track, found: Fit) -> tuple[Variable, ...]:
+def variables_of(effect: Effect, track: Track, found: HypothesisFit) -> tuple[Variable, ...]:
     """What an effect says that it depends on, the time apart: that is drawn anyway."""
     plant, here = track.stretch.plant, at_nodes(track, found)
     names = [name for name in effect.depends_on if name in here or name == "u"]
@@ -163,7 +169,7 @@ def _variable(plant: Plant, name: str, value: Array) -> Variable:
     return Variable(name, units(plant).coordinate, np.mod(value, 2 * np.pi) if turning else value, turning)
 
 
-def _joined(parts: Sequence[Missing]) -> Missing:
+def _joined(parts: Sequence[MissingForceSamples]) -> MissingForceSamples:
     """Stretches of one recording, a NaN between two."""
 
     def chained(arrays: Sequence[Array]) -> Array:
@@ -175,4 +181,4 @@ def _joined(parts: Sequence[Missing]) -> Missing:
         for i, one in enumerate(first.variables)
     )
     t, value, law = (chained([getattr(part, name) for part in parts]) for name in ("t_s", "value", "law"))
-    return Missing(first.recording, first.unit, t, value, law, variables)
+    return MissingForceSamples(first.recording, first.unit, t, value, law, variables)

@@ -10,15 +10,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve import Curve, at_nodes
+from hoopd.diagnose.curves.curve import UnnamedCurve, at_nodes
 from hoopd.diagnose.curves.curve_fits import Shape
-from hoopd.diagnose.curves.curve_sites import Variable, wanted
+from hoopd.diagnose.curves.curve_sites import CurveVariable, wanted
 from hoopd.diagnose.quality.unusual_intervals import disturbance
-from hoopd.diagnose.report_curves import Binned, Law, MissingForce, Regressor
+from hoopd.diagnose.report_curves import Binned, LawCurve, MissingForce, Regressor
 from hoopd.ident.normal import Z95
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Point
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,11 @@ FEWEST = 8
 
 
 def missing_force(
-    fit: Fit, index: int, slot: str, depends_on: Sequence[str], laws: Mapping[str, Sequence[Law]] | None = None
+    fit: HypothesisFit,
+    index: int,
+    slot: str,
+    depends_on: Sequence[str],
+    laws: Mapping[str, Sequence[LawCurve]] | None = None,
 ) -> MissingForce:
     """Of one track: force on the slot's coordinate, or the error of its first channel; regressors by name."""
     track = fit.tracks[index]
@@ -44,7 +48,7 @@ def missing_force(
     return MissingForce(slot, unit, track.stretch.t, value, regressors, track.stretch.recording)
 
 
-def _value(fit: Fit, index: int, slot: str) -> tuple[Array, str]:
+def _value(fit: HypothesisFit, index: int, slot: str) -> tuple[Array, str]:
     track, columns = fit.tracks[index], fit.columns[index]
     plant = track.stretch.plant
     own = plant.slots[slot]
@@ -58,17 +62,17 @@ def _value(fit: Fit, index: int, slot: str) -> tuple[Array, str]:
     return disturbance(fit, index)[:, plant.coordinates.index(q)], plant.force_unit
 
 
-def variables(plant: Plant) -> dict[str, Variable]:
+def variables(plant: Plant) -> dict[str, CurveVariable]:
     """All that curves of this plant depend on, by name; of an angle the one that comes back after a turn."""
-    found: dict[str, Variable] = {}
+    found: dict[str, CurveVariable] = {}
     for _, variable, factor in wanted(plant):
         found.setdefault(variable.name, variable)
         if factor is not None:
-            found.setdefault(factor.name, Variable(*factor))
+            found.setdefault(factor.name, CurveVariable(*factor))
     return found
 
 
-def _wrapped(variable: Variable, s: Point, n: int) -> Array:
+def _wrapped(variable: CurveVariable, s: Point, n: int) -> Array:
     x = np.broadcast_to(np.asarray(variable.of(s), dtype=float), (n,))
     return np.asarray(x if variable.period is None else np.mod(x, variable.period))
 
@@ -94,8 +98,8 @@ def binned(x: Array, y: Array, bins: int = BINS) -> Binned:
 # ---------------------------------------------------------------------------------------------- laws
 
 
-def law_of_curve(curve: Curve, shape: Shape) -> Law:
+def law_of_curve(curve: UnnamedCurve, shape: Shape) -> LawCurve:
     """A fitted curve over its variable; over a turn it ends where it began."""
     if curve.variable.period is None:
-        return Law(curve.slot, shape.x, shape.y)
-    return Law(curve.slot, np.append(shape.x, curve.variable.period), np.append(shape.y, shape.y[0]))
+        return LawCurve(curve.slot, shape.x, shape.y)
+    return LawCurve(curve.slot, np.append(shape.x, curve.variable.period), np.append(shape.y, shape.y[0]))

@@ -18,7 +18,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve import Curve
+from hoopd.diagnose.curves.curve import UnnamedCurve
 from hoopd.diagnose.curves.curve_fits import Shape, shapes_of
 from hoopd.diagnose.curves.curve_screen import CurveScore, CurveScreen, by_slot, library_groups, null_quantiles
 from hoopd.diagnose.search.candidates import surprise_of
@@ -26,7 +26,7 @@ from hoopd.diagnose.search.chance import Group, Null, projections
 from hoopd.diagnose.search.scan_score import Scanned
 from hoopd.diagnose.search.screen import Score, Screen
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ MOST_SLOTS = 3
 class Survey:
     """What library and curves say beside one fit."""
 
-    fit: Fit
+    fit: HypothesisFit
     library: Screen
     named: list[Score]  # best of every name, most gain first
     screen: CurveScreen
@@ -66,7 +66,7 @@ class Survey:
 
 
 def survey(
-    found: Fit,
+    found: HypothesisFit,
     library: Sequence[Effect],
     *,
     draws: int = 100,
@@ -130,7 +130,7 @@ class Unknown:
     """Something that is not in the library."""
 
     score: CurveScore
-    beside: Fit  # what it stands beside
+    beside: HypothesisFit  # what it stands beside
     shapes: tuple[Shape, ...]  # one, or one for each recording
     gain: float  # nats over the fit that it stands beside
     surprise: float
@@ -143,7 +143,7 @@ class Unknown:
     carries_over: bool | None = None  # False: held-out data ask for such a curve with other values; None: not asked
 
     @property
-    def curve(self) -> Curve:
+    def curve(self) -> UnnamedCurve:
         """As it was screened."""
         return self.score.curve
 

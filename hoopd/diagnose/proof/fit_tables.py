@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.proof.simulation import WINDOW_S, Simulated, fitted_starts, windows_of
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.stretches import Stretch
 
@@ -27,7 +27,7 @@ SPREAD_SHARE, RATE_S = 0.02, 0.3
 class Played:
     """A fit with its free runs over windows."""
 
-    fit: Fit
+    fit: HypothesisFit
     runs: list[Simulated]
 
     def by_recording(self) -> dict[str, list[Simulated]]:
@@ -38,14 +38,14 @@ class Played:
         return found
 
 
-def played(fits: Mapping[str, Fit]) -> dict[str, Played]:
+def played(fits: Mapping[str, HypothesisFit]) -> dict[str, Played]:
     """Every fit simulated; one that stands under several names once."""
     once = {id(one): one for one in fits.values()}
     found = {key: Played(one, run_windows(one)) for key, one in once.items()}
     return {name: found[id(one)] for name, one in fits.items()}
 
 
-def run_windows(found: Fit, window_s: float | None = WINDOW_S) -> list[Simulated]:
+def run_windows(found: HypothesisFit, window_s: float | None = WINDOW_S) -> list[Simulated]:
     """Every stretch of a fit, simulated from fitted starts."""
     out = []
     for track in found.tracks:

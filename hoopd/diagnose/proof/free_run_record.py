@@ -17,7 +17,7 @@ from hoopd.diagnose.proof.refinement import Refined
 from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.record import Fits, FreeRunChoice, FreeRunEffect, Quantity
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.stretches import Stretch
 
 WHOLE = "(fitted on all of it)"
@@ -25,7 +25,7 @@ CHOSEN_ON = "the training stretches, each parameter charged; nothing was chosen 
 
 
 def free_choice(
-    final: Fit,
+    final: HypothesisFit,
     heldout: Sequence[Stretch],
     library: Mapping[str, Effect],
     seed: int = 0,

@@ -16,14 +16,16 @@ from hoopd.diagnose.proof.simulation import Simulated
 from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.record import Fits
 from hoopd.diagnose.search.candidates import free_of_recordings
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Stretch
 
 HELD_OUT = "(held out)"
 
 
-def free_runs(nominal: Fit, base: Fit, final: Fit, heldout: Sequence[Stretch] = ()) -> Fits:
+def free_runs(
+    nominal: HypothesisFit, base: HypothesisFit, final: HypothesisFit, heldout: Sequence[Stretch] = ()
+) -> Fits:
     """Percent by recording and channel; of what is held out under `NAME (held out)`, its parameters frozen."""
     given = refined(nominal, free=())
     again = refined(base)
@@ -36,7 +38,7 @@ def free_runs(nominal: Fit, base: Fit, final: Fit, heldout: Sequence[Stretch] = 
     return table
 
 
-def refined(found: Fit, free: Sequence[str] | None = None) -> Refined:
+def refined(found: HypothesisFit, free: Sequence[str] | None = None) -> Refined:
     """The fit's hypothesis with the parameters that simulate its stretches best.
 
     A long run leads the angle away from the measured one, and with it the phase of whatever follows the angle: once
@@ -55,7 +57,7 @@ def refined(found: Fit, free: Sequence[str] | None = None) -> Refined:
     return min(best, other, key=lambda one: one.cost)
 
 
-def frozen(found: Refined, about: Fit, stretches: Sequence[Stretch]) -> Refined:
+def frozen(found: Refined, about: HypothesisFit, stretches: Sequence[Stretch]) -> Refined:
     """The same parameters on other stretches: only starts, and phases of a recording that is new, are fitted."""
     known = {track.stretch.recording for track in about.tracks}
     own = [n for n in free_of_recordings(about.effects, stretches) if n.split("@", 1)[1] not in known]
@@ -64,7 +66,7 @@ def frozen(found: Refined, about: Fit, stretches: Sequence[Stretch]) -> Refined:
     return refine(stretches, references, about.effects, values, own)
 
 
-def _percents(runs: dict[str, list[Simulated]], final: Fit, mark: str) -> Fits:
+def _percents(runs: dict[str, list[Simulated]], final: HypothesisFit, mark: str) -> Fits:
     table: Fits = {}
     for recording in dict.fromkeys(run.windows.stretch.recording for run in runs["final"]):
         own = {n: [run for run in each if run.windows.stretch.recording == recording] for n, each in runs.items()}

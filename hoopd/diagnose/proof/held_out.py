@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from hoopd.diagnose.curves.curve_fits import recordings_of
 from hoopd.diagnose.search.candidates import free_of_recordings
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
 
 
@@ -22,9 +22,9 @@ class HeldOut:
     def __init__(self, stretches: Sequence[Stretch]) -> None:
         self.stretches = list(stretches)
         # with the fits themselves: the address of one that is gone is soon another's
-        self._runs: dict[int, tuple[Fit, Fit]] = {}
+        self._runs: dict[int, tuple[HypothesisFit, HypothesisFit]] = {}
 
-    def of(self, found: Fit) -> Fit | None:
+    def of(self, found: HypothesisFit) -> HypothesisFit | None:
         """A fit's hypothesis on them; None when nothing is held out."""
         if not self.stretches:
             return None
@@ -34,7 +34,7 @@ class HeldOut:
         return self._runs[id(found)][1]
 
 
-def on_heldout(joint: Fit, heldout: Sequence[Stretch], beside: Fit) -> tuple[Fit, int]:
+def on_heldout(joint: HypothesisFit, heldout: Sequence[Stretch], beside: HypothesisFit) -> tuple[HypothesisFit, int]:
     """A fit with curves on the held-out stretches, and how many values of curves were fitted again."""
     known, new = set(recordings_of(joint)), dict.fromkeys(one.recording for one in heldout)
     own = [p for e in joint.effects if e.name not in beside.names for p in _own(e.name, joint)]
@@ -43,6 +43,6 @@ def on_heldout(joint: Fit, heldout: Sequence[Stretch], beside: Fit) -> tuple[Fit
     return fit(heldout, joint.effects, joint.values, free=free), len(again)
 
 
-def _own(name: str, joint: Fit) -> list[str]:
+def _own(name: str, joint: HypothesisFit) -> list[str]:
     effect = next(one for one in joint.effects if one.name == name)
     return [effect.key(p.name) for p in effect.parameters if p.per_recording]

@@ -14,11 +14,11 @@ from hoopd.diagnose.proof.held_out import HeldOut, on_heldout
 from hoopd.diagnose.proof.unknown_proof import Proven
 from hoopd.diagnose.search.candidates import HELD_OUT_LOSS
 from hoopd.diagnose.search.naming import Named
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.stretches import Stretch
 
 
-def heldout_fits(named: Named, held: HeldOut, base: Survey, proof: Proven | None) -> Mapping[str, Fit]:
+def heldout_fits(named: Named, held: HeldOut, base: Survey, proof: Proven | None) -> Mapping[str, HypothesisFit]:
     """By name: nominal, base, named (all names), final (with what has no name), each finding taken out, the ceiling."""
     if not held.stretches:
         return {}
@@ -32,7 +32,7 @@ def heldout_fits(named: Named, held: HeldOut, base: Survey, proof: Proven | None
     return found
 
 
-def ceiling(base: Survey, heldout: Sequence[Stretch], proof: Proven | None, nothing: Fit) -> Fit:
+def ceiling(base: Survey, heldout: Sequence[Stretch], proof: Proven | None, nothing: HypothesisFit) -> HypothesisFit:
     """What curves reach that need no name: beside the re-fitted base the best curve of every slot that asks for one.
 
     Fitted together on the training stretches; `proof`: of the unknown effect, which may be that; `nothing`: the base's.
@@ -47,5 +47,5 @@ def ceiling(base: Survey, heldout: Sequence[Stretch], proof: Proven | None, noth
     return found if found.criterion + again / 2.0 < nothing.criterion + HELD_OUT_LOSS else nothing
 
 
-def _is(unknown: Unknown, chosen: Sequence[CurveScore], beside: Fit) -> bool:
+def _is(unknown: Unknown, chosen: Sequence[CurveScore], beside: HypothesisFit) -> bool:
     return unknown.beside is beside and len(chosen) == 1 and chosen[0] is unknown.score

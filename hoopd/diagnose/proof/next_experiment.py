@@ -22,7 +22,7 @@ from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.diagnose.search.screen import Member
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.recording_parameters import own_values, values_of
 from hoopd.plants.likelihood.reference_track import Track
@@ -38,10 +38,10 @@ NEXT = "the next recording"
 class Pair:
     """An effect that is taken for true, the rival that it is to be told from, and the fits with and without it."""
 
-    final: Fit
+    final: HypothesisFit
     effect: Effect
     rival: Effect
-    ablated: Fit
+    ablated: HypothesisFit
     apart: float = 0.0  # nats by which the recordings tell them apart
 
 
@@ -122,7 +122,7 @@ def _of(named: Named, effect: Effect, rival: Effect, apart: float) -> Pair | Non
     return Pair(_as_large_as_it_may_be(fitted, rival, effect), rival, effect, named.base, apart)
 
 
-def _as_large_as_it_may_be(fitted: Fit, larger: Effect, effect: Effect) -> Fit:
+def _as_large_as_it_may_be(fitted: HypothesisFit, larger: Effect, effect: Effect) -> HypothesisFit:
     """What a larger effect has beyond the one that it contains, at the end of its interval: the fit may have none."""
     own = {p.name for p in effect.parameters}
     values = dict(fitted.values)
@@ -133,7 +133,7 @@ def _as_large_as_it_may_be(fitted: Fit, larger: Effect, effect: Effect) -> Fit:
     return replace(fitted, values=values)
 
 
-def _recordings(final: Fit) -> tuple[str, ...]:
+def _recordings(final: HypothesisFit) -> tuple[str, ...]:
     return (*dict.fromkeys(track.stretch.recording for track in final.tracks), NEXT)
 
 
@@ -157,7 +157,7 @@ def _values_of_next(pair: Pair) -> dict[str, float]:
     return {**final.values, **{f"{name}@{NEXT}": value for name, value in own.items()}}
 
 
-def _usual_noise(final: Fit, like: Stretch) -> Noise:
+def _usual_noise(final: HypothesisFit, like: Stretch) -> Noise:
     """Geometric mean over the recordings of the same plant."""
     names = dict.fromkeys(t.stretch.recording for t in final.tracks if t.stretch.plant.channels == like.plant.channels)
     every = [final.noise[name] for name in names]

@@ -19,7 +19,7 @@ from hoopd.diagnose.record import Alternative
 from hoopd.diagnose.search.candidates import Tried
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 
 # A rival that a screen saw at less than this share of the effect's own gain is not parallel to it.
 PARALLEL_SHARE = 0.5
@@ -92,7 +92,7 @@ def _equals_of(found: Sequence[Alternative], library: Mapping[str, Effect]) -> l
     ]  # fmt: skip
 
 
-def late_together(final: Fit, effect: Effect, library: Mapping[str, Effect]) -> list[Alternative]:
+def late_together(final: HypothesisFit, effect: Effect, library: Mapping[str, Effect]) -> list[Alternative]:
     """A late torque is all sensors late by the same time."""
     channels = {channel for track in final.tracks for channel in track.composite.channels}
     late = [one for one in library.values() if one.latency]
@@ -121,7 +121,7 @@ def _with(name: str, group: Sequence[Effect]) -> str:
     return f"together with {' and '.join(others)} of the same time" if others else "alone"
 
 
-def _same_time(final: Fit, group: Sequence[Effect]) -> bool:
+def _same_time(final: HypothesisFit, group: Sequence[Effect]) -> bool:
     """Whether all of a group were named, with times that agree within their errors."""
     keys = [one.key(next(iter(one.latency.values()))) for one in group]
     if any(key not in final.free for key in keys):

@@ -20,7 +20,7 @@ from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Screen, change_of
 from hoopd.diagnose.search.surprise import THRESHOLD, surprise
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import whitened
 from hoopd.plants.likelihood.reference_track import Track
 
@@ -50,13 +50,13 @@ def _placebo(named: Named, effect: Effect, seed: int, threshold: float) -> Place
 Changes = list[tuple[Array, Array]]  # by track: of the one-step map (n-1, nz), of the innovations (n, nc)
 
 
-def changes_along(about: Fit, effect: Effect, values: dict[str, float]) -> Changes:
+def changes_along(about: HypothesisFit, effect: Effect, values: dict[str, float]) -> Changes:
     """Of the effect at its fitted values, beside a fit that does not have it."""
     columns = {column.recording: column for column in own_columns(about, effect, values)}
     return [change_of(track, about, effect, columns[track.stretch.recording]) for track in about.tracks]
 
 
-def shuffled(about: Fit, changes: Changes, random: np.random.Generator) -> Changes:
+def shuffled(about: HypothesisFit, changes: Changes, random: np.random.Generator) -> Changes:
     """Blocks of every track in another order and with other signs."""
     out = []
     for track, (f, eps) in zip(about.tracks, changes, strict=True):
@@ -75,7 +75,7 @@ def _order(track: Track, random: np.random.Generator) -> tuple[NDArray[np.intp],
     return np.concatenate(blocks), np.repeat(signs, [len(block) for block in blocks])
 
 
-def gain_of(fit: Fit, changes: Changes) -> float:
+def gain_of(fit: HypothesisFit, changes: Changes) -> float:
     """Nats that one multiple of these changes gains beside everything in a fit."""
     screen = Screen(fit, ())
     out = []

@@ -30,7 +30,7 @@ from hoopd.diagnose.search.screen import (
     whitened_changes,
 )
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Noise, gains
 from hoopd.plants.likelihood.reference_track import Track
 
@@ -52,16 +52,18 @@ def linear(
     values: Mapping[str, float],
     free: Sequence[str],
     noise: Mapping[str, Noise],
-) -> Fit:
+) -> HypothesisFit:
     """The model linear and whitened along references as they are; nothing is fitted."""
     columns = [track.columns(values, free) for track in tracks]
     pairs = list(zip(tracks, columns, strict=True))
     found = [gains(one.model, noise[track.stretch.recording]) for track, one in pairs]
     rows = [track.whitened(one, gain) for (track, one), gain in zip(pairs, found, strict=True)]
-    return Fit(tuple(effects), dict(values), tuple(free), list(tracks), dict(noise), columns, found, rows)
+    return HypothesisFit(tuple(effects), dict(values), tuple(free), list(tracks), dict(noise), columns, found, rows)
 
 
-def without_effect(final: Fit, effect: Effect, ablated: Fit, free: Sequence[str] = ()) -> Fit:
+def without_effect(
+    final: HypothesisFit, effect: Effect, ablated: HypothesisFit, free: Sequence[str] = ()
+) -> HypothesisFit:
     """The final fit's parameters, noise and trajectories in a model without one effect; `ablated`: the fit without it.
 
     `free`: names beyond those of the ablated fit.
@@ -78,7 +80,7 @@ def _moved(track: Track, to: Track) -> Track:
     return found.like(to)
 
 
-def rows_of(about: Fit, effect: Effect, values: Mapping[str, float], members: Sequence[Member]) -> Rows:
+def rows_of(about: HypothesisFit, effect: Effect, values: Mapping[str, float], members: Sequence[Member]) -> Rows:
     """Changes by an effect at `values` (names of the whole model) and by rivals, beside a fit that has none of them."""
     own = own_columns(about, effect, values)
     changes = [(effect, column) for column in own] + [(m.effect, column) for m in members for column in m.columns]
@@ -90,7 +92,11 @@ def rows_of(about: Fit, effect: Effect, values: Mapping[str, float], members: Se
 
 
 def rows_beside(
-    about: Fit, effect: Effect, values: Mapping[str, float], rivals: Sequence[Effect], recordings: Sequence[str]
+    about: HypothesisFit,
+    effect: Effect,
+    values: Mapping[str, float],
+    rivals: Sequence[Effect],
+    recordings: Sequence[str],
 ) -> Rows:
     """The same for all shapes of rivals, and for each rival at the size at which it comes nearest.
 
@@ -122,7 +128,7 @@ def _at(score: Score) -> Member:
     return Member(effect, shape, tuple(columns))
 
 
-def own_columns(about: Fit, effect: Effect, values: Mapping[str, float]) -> list[Column]:
+def own_columns(about: HypothesisFit, effect: Effect, values: Mapping[str, float]) -> list[Column]:
     """An effect as fitted, recording by recording."""
     recordings = dict.fromkeys(track.stretch.recording for track in about.tracks)
     return [Column(tuple(values_in(effect, values, name).items()), name) for name in recordings]

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from hoopd.diagnose.curves.curve import Curve, curves
+from hoopd.diagnose.curves.curve import UnnamedCurve, curves
 from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, together
 from hoopd.diagnose.curves.curve_screen import CurveScreen, null_quantiles
 from hoopd.diagnose.curves.unknown_effects import DETECTION_CHANCE, Survey, Unknown, judge_unknown, survey
@@ -23,7 +23,7 @@ from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Score
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Proven:
     """An unknown effect as fitted."""
 
     unknown: Unknown  # with the gain and the shapes of the joint fit, also where the held-out data refuse them
-    joint: Fit | None  # None: held-out data ask for such a curve, but refuse this one's values
-    heldout: Fit | None = None  # the joint hypothesis on the held-out recordings
+    joint: HypothesisFit | None  # None: held-out data ask for such a curve, but refuse this one's values
+    heldout: HypothesisFit | None = None  # the joint hypothesis on the held-out recordings
 
 
 def proven(unknown: Unknown, held: HeldOut, seed: int = 0) -> Proven | None:
@@ -56,7 +56,7 @@ def proven(unknown: Unknown, held: HeldOut, seed: int = 0) -> Proven | None:
     return Proven(replace(found, carries_over=False), None)
 
 
-def asked_for(curve: Curve, frozen: Fit, seed: int = 0) -> bool:
+def asked_for(curve: UnnamedCurve, frozen: HypothesisFit, seed: int = 0) -> bool:
     """Whether data ask, beyond chance, for a curve of the same variable at the same place, whatever its values.
 
     Beside parameters fitted to these very data: frozen ones are off by what the curve is, or by chance, and a friction
@@ -83,7 +83,7 @@ class Missing:
         return None if self.proof is None else self.proof.unknown
 
     @property
-    def joint(self) -> Fit | None:
+    def joint(self) -> HypothesisFit | None:
         """With its curve, where the held-out data bear its values out."""
         return None if self.proof is None else self.proof.joint
 
@@ -91,7 +91,7 @@ class Missing:
 def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int) -> Missing:
     """What `effects` have no name for; names that explain nothing beside it are dropped."""
 
-    def of(found: Fit, also: Sequence[Score], fitted: Sequence[Score] = ()) -> Survey:
+    def of(found: HypothesisFit, also: Sequence[Score], fitted: Sequence[Score] = ()) -> Survey:
         return survey(found, effects, seed=seed, screen=named.screens.get(id(found)), also=also, fitted=fitted)
 
     first = of(named.base, named.scores, [replace(one.score, gain=one.gain) for one in named.tried])

@@ -14,7 +14,7 @@ import numpy as np
 
 from hoopd.diagnose.quality.unusual_energy import CANDIDATE
 from hoopd.diagnose.quality.unusual_intervals import END_S, Interval, intervals, levels_of, signals_by_name, strongest
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.stretches import SHORTEST_S, Stretch
 
 # A candidate that is less beyond the usual level once it does not bend the fit any more belongs to the tails that
@@ -33,10 +33,10 @@ MARGIN_S = 0.1
 
 def set_aside(
     stretches: Sequence[Stretch],
-    refit: Callable[[Sequence[Stretch]], Fit],
-    first: Fit | None = None,
+    refit: Callable[[Sequence[Stretch]], HypothesisFit],
+    first: HypothesisFit | None = None,
     belongs_not: Callable[[Interval], bool] = lambda one: True,
-) -> tuple[list[Stretch], list[Interval], Fit]:
+) -> tuple[list[Stretch], list[Interval], HypothesisFit]:
     """Stretches without what does not belong to them (of what is unusual), what that was, and the fit of the rest."""
     found, current = refit(stretches) if first is None else first, list(stretches)
     out: list[Interval] = []
@@ -55,7 +55,7 @@ def set_aside(
     return current, sorted(out, key=lambda one: (one.recording, one.t0)), found
 
 
-def still_unusual(aside: Sequence[Interval], whole: Fit, usual: Fit) -> list[Interval]:
+def still_unusual(aside: Sequence[Interval], whole: HypothesisFit, usual: HypothesisFit) -> list[Interval]:
     """Those of the intervals that are far beyond the levels of `usual` in a fit of the whole stretches."""
     found = []
     for one in aside:
@@ -81,8 +81,8 @@ def leaving_enough(stretches: Sequence[Stretch], out: Sequence[Interval]) -> lis
 
 
 def _without(
-    stretches: Sequence[Stretch], out: Sequence[Interval], refit: Callable[[Sequence[Stretch]], Fit]
-) -> tuple[list[Stretch], Fit]:
+    stretches: Sequence[Stretch], out: Sequence[Interval], refit: Callable[[Sequence[Stretch]], HypothesisFit]
+) -> tuple[list[Stretch], HypothesisFit]:
     kept = without(stretches, out)
     return kept, refit(kept)
 
@@ -93,7 +93,7 @@ def _may_not_belong(one: Interval, belongs_not: Callable[[Interval], bool]) -> b
     return any(belongs_not(each) for each in named)
 
 
-def _confirmed(candidates: Sequence[Interval], without: Fit) -> list[Interval]:
+def _confirmed(candidates: Sequence[Interval], without: HypothesisFit) -> list[Interval]:
     """Those far beyond the level of a fit that they do not bend, as they look against that level."""
     found = []
     for one in candidates:

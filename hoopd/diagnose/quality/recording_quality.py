@@ -19,7 +19,7 @@ from hoopd.diagnose.quality.noise_floor import quantum
 from hoopd.diagnose.quality.outliers import bursts, inside, stretches
 from hoopd.diagnose.quality.rate_choice import Speed, speed
 from hoopd.diagnose.quality.sensor_samples import (
-    Channel,
+    JudgedSamples,
     absent_channel,
     camera_channel,
     counted_channel,
@@ -49,7 +49,7 @@ class Quality:
     """What a recording is worth."""
 
     recording: str
-    channels: Mapping[str, Channel]
+    channels: Mapping[str, JudgedSamples]
     segments: list[tuple[float, float, str]]  # s, s, reason
     plant: Plant  # with what moves in the recording
     sensors: Mapping[str, Sensor]  # of the channels
@@ -61,7 +61,7 @@ class Quality:
         return channel in self.speeds and self.speeds[channel].wrong
 
     @property
-    def cameras(self) -> list[Channel]:
+    def cameras(self) -> list[JudgedSamples]:
         """Channels that a camera sees."""
         return [one for name, one in self.channels.items() if self.sensors[name].is_camera]
 
@@ -138,13 +138,15 @@ def _silent(recording: Recording, plant: Plant, moving: Plant, sensors: Mapping[
     return unanswered(recording.t, place, force, step) if np.isfinite(step) else []
 
 
-def _judged(recording: Recording, plant: Plant, sensors: Mapping[str, Sensor], ignored: Mask) -> dict[str, Channel]:
+def _judged(
+    recording: Recording, plant: Plant, sensors: Mapping[str, Sensor], ignored: Mask
+) -> dict[str, JudgedSamples]:
     """Every sensor by itself; only what drives comes from the inputs, and from what a camera sees turning."""
     drives = np.hstack([np.zeros((len(recording), 0)), *(lagged(recording.column(one.name)) for one in plant.inputs)])
     again = np.zeros(len(recording), dtype=bool)
     if plant.judges.repeated is not None:
         again[plant.judges.repeated(recording)] = True
-    seen, inputs = dict[str, Channel](), drives
+    seen, inputs = dict[str, JudgedSamples](), drives
     for name, sensor in sensors.items():
         if not sensor.is_camera:
             continue
@@ -165,7 +167,7 @@ def cleaned(recording: Recording, quality: Quality) -> Recording:
     return cleaned_channels(turned(recording, turning_cameras(quality.sensors)), quality.channels)
 
 
-def cleaned_channels(recording: Recording, channels: Mapping[str, Channel]) -> Recording:
+def cleaned_channels(recording: Recording, channels: Mapping[str, JudgedSamples]) -> Recording:
     """The recording with NaN where a channel does not count."""
     return recording.replaced(
         **{name: np.where(one.counts, recording.column(name), np.nan) for name, one in channels.items()}
@@ -179,7 +181,9 @@ def _span(recording: Recording, first: int, last: int) -> tuple[float, float]:
     return float(recording.t[first]), float(recording.t[last])
 
 
-def _without_bursts(recording: Recording, channel: Channel, segments: list[tuple[float, float, str]]) -> Channel:
+def _without_bursts(
+    recording: Recording, channel: JudgedSamples, segments: list[tuple[float, float, str]]
+) -> JudgedSamples:
     """Bursts of false values become segments and leave the share."""
     found = bursts(channel.outliers, channel.counts | channel.outliers)
     if not found:
@@ -190,7 +194,7 @@ def _without_bursts(recording: Recording, channel: Channel, segments: list[tuple
     return replace(channel, counts=channel.counts & ~inner, outliers=outside, ignored=channel.ignored | inner)
 
 
-def _stuck(recording: Recording, camera: Channel) -> list[tuple[float, float, str]]:
+def _stuck(recording: Recording, camera: JudgedSamples) -> list[tuple[float, float, str]]:
     """Stretches in which the camera gives one and the same value."""
     if not camera.counts.any():
         return []
@@ -199,7 +203,7 @@ def _stuck(recording: Recording, camera: Channel) -> list[tuple[float, float, st
     return [(*span, reason) for span in spans if span[1] - span[0] >= STUCK_S]
 
 
-def _rested(recording: Recording, camera: Channel, sensors: Mapping[str, Sensor]) -> Channel:
+def _rested(recording: Recording, camera: JudgedSamples, sensors: Mapping[str, Sensor]) -> JudgedSamples:
     """The last of equal values counts where all that is counted is still too, and it goes on from there: at rest."""
     counted = [one for one in sensors.values() if _is_counted(one) and one.moves]
     if not counted or not sensors[camera.name].moves or not camera.counts.any():
@@ -242,14 +246,14 @@ def _limited(recording: Recording, plant: Plant) -> list[str]:
     return [f"{words[name]} stays at its limit in {share:.0%} of the rows" for name, share in shares.items() if share]
 
 
-def _uneven(place: Channel) -> list[str]:
+def _uneven(place: JudgedSamples) -> list[str]:
     """Samples whose scatter grows with the speed were not taken when their stamps say."""
     if place.jitter_s < JITTER_S:
         return []
     return [f"{place.name} scatters with its speed, as if taken {1e3 * place.jitter_s:.2g} ms too early or too late"]
 
 
-def _slow_camera(recording: Recording, camera: Channel) -> list[str]:
+def _slow_camera(recording: Recording, camera: JudgedSamples) -> list[str]:
     """A camera that for a while takes fewer frames than there are rows."""
     rate, sentences = 1.0 / recording.sample_time_s if len(recording) > 1 else 0.0, []
     for first, last, period in slow_stretches(camera.late):

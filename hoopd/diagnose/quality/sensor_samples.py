@@ -57,7 +57,7 @@ class Errors:
 
 
 @dataclass(frozen=True)
-class Channel:
+class JudgedSamples:
     """One sensor's samples (n,), by row of the recording."""
 
     name: str
@@ -91,11 +91,11 @@ class Channel:
         return {kind: int(getattr(self, kind).sum()) for kind in kinds}
 
 
-def absent_channel(recording: Recording, name: str, ignored: Mask) -> Channel:
+def absent_channel(recording: Recording, name: str, ignored: Mask) -> JudgedSamples:
     """A sensor that saw nothing that moves."""
     n = len(recording)
     none, missing = np.zeros(n, dtype=bool), ~np.isfinite(recording.column(name))
-    return Channel(name, float("nan"), float("nan"), none, missing, ~missing, none, none, ignored)
+    return JudgedSamples(name, float("nan"), float("nan"), none, missing, ~missing, none, none, ignored)
 
 
 def _times(recording: Recording, name: str) -> Array:
@@ -131,7 +131,7 @@ def _least(recording: Recording, name: str) -> float:
     return LEAST * max(float(np.ptp(known)) if len(known) else 0.0, SMALLEST)
 
 
-def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored: Mask, again: Mask) -> Channel:
+def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored: Mask, again: Mask) -> JudgedSamples:
     """A sensor that counts, or reads at once: noise, repeated rows (`again`), single false values."""
     name = sensor.name
     values, usable = recording.column(name), _new(recording, name)
@@ -139,7 +139,7 @@ def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored
     stuck = again | (~usable & ~missing)
     usable &= ~stuck & ~ignored
     step = quantum(values[usable])
-    whole = Channel(name, float("nan"), step, usable, missing, stuck, none, none, ignored)
+    whole = JudgedSamples(name, float("nan"), step, usable, missing, stuck, none, none, ignored)
     if usable.sum() < FEWEST or _constant(values[usable]):
         return whole
     t, integrals = _times(recording, name), sensor.integrals
@@ -156,7 +156,9 @@ def _constant(values: Array) -> bool:
     return float(np.ptp(values)) <= 1e-12
 
 
-def camera_channel(recording: Recording, sensor: Sensor, drives: Array, ignored: Mask) -> tuple[Channel, Array | None]:
+def camera_channel(
+    recording: Recording, sensor: Sensor, drives: Array, ignored: Mask
+) -> tuple[JudgedSamples, Array | None]:
     """What a camera sees: noise, lost and late frames, single false values; and the course of what it sees (n,)."""
     name = sensor.name
     usable = _new(recording, name) & ~ignored
@@ -167,7 +169,7 @@ def camera_channel(recording: Recording, sensor: Sensor, drives: Array, ignored:
     stuck = same.stuck | (~usable & ~missing & ~ignored)
     usable &= ~same.stuck
     none = np.zeros(len(values), dtype=bool)
-    whole = Channel(name, float("nan"), quantum(values), usable, missing, stuck, none, none, ignored)
+    whole = JudgedSamples(name, float("nan"), quantum(values), usable, missing, stuck, none, none, ignored)
     fresh = usable & ~same.short
     if fresh.sum() < FEWEST:
         return whole, None
@@ -176,7 +178,7 @@ def camera_channel(recording: Recording, sensor: Sensor, drives: Array, ignored:
     return _judged(whole, found, same.short, fresh, t, values), found.course
 
 
-def _judged(whole: Channel, found: Split, short: Mask, fresh: Mask, t: Array, values: Array) -> Channel:
+def _judged(whole: JudgedSamples, found: Split, short: Mask, fresh: Mask, t: Array, values: Array) -> JudgedSamples:
     moved = _moved(found.course, fresh)
     candidates = int(whole.counts.sum())
     again = repeated_frames(short, candidates, moved, found.sigma, resolution(values))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.quality.unusual_energy import level_of, mean_squares, merged, unusual, width_of
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import smoothed
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ CHANCE_A_MINUTE = 0.005
 END_S = 0.3
 
 
-class Signal(NamedTuple):
+class UnusualSignal(NamedTuple):
     """How a stretch of time looks in one signal: `where` is a coordinate (a force on it) or a channel."""
 
     where: str
@@ -45,7 +45,7 @@ class Interval:
     recording: str
     t0: float
     t1: float
-    signals: tuple[Signal, ...]  # all of the recording, the strongest first
+    signals: tuple[UnusualSignal, ...]  # all of the recording, the strongest first
 
     @property
     def where(self) -> str:
@@ -63,7 +63,7 @@ class Interval:
         return self.signals[0].strength
 
 
-def intervals(fit: Fit) -> list[Interval]:
+def intervals(fit: HypothesisFit) -> list[Interval]:
     """All candidates of all recordings, in the order of time."""
     found: list[Interval] = []
     for recording in dict.fromkeys(track.stretch.recording for track in fit.tracks):
@@ -77,7 +77,7 @@ def intervals(fit: Fit) -> list[Interval]:
 Pieces = list[tuple[Array, Array]]
 
 
-def signals_by_name(fit: Fit, recording: str) -> dict[tuple[str, str], Pieces]:
+def signals_by_name(fit: HypothesisFit, recording: str) -> dict[tuple[str, str], Pieces]:
     """(where, kind) -> (t (n,), x (n,)) of each stretch of a recording."""
     found: dict[tuple[str, str], Pieces] = {}
     for index, track in enumerate(fit.tracks):
@@ -87,13 +87,13 @@ def signals_by_name(fit: Fit, recording: str) -> dict[tuple[str, str], Pieces]:
     return found
 
 
-def levels_of(fit: Fit, recording: str) -> dict[tuple[str, str], float]:
+def levels_of(fit: HypothesisFit, recording: str) -> dict[tuple[str, str], float]:
     """Usual level of every signal, in the unit of the force or the channel."""
     every = signals_by_name(fit, recording)
     return {name: level_of(pieces) * _unit(fit, recording, *name) for name, pieces in every.items()}
 
 
-def _unit(fit: Fit, recording: str, where: str, kind: str) -> float:
+def _unit(fit: HypothesisFit, recording: str, where: str, kind: str) -> float:
     """Innovations are in standard deviations of their reading."""
     if kind == "force":
         return 1.0
@@ -102,14 +102,14 @@ def _unit(fit: Fit, recording: str, where: str, kind: str) -> float:
 
 
 def strongest(
-    fit: Fit, recording: str, every: Mapping[tuple[str, str], Pieces], span: tuple[float, float]
-) -> tuple[Signal, ...]:
+    fit: HypothesisFit, recording: str, every: Mapping[tuple[str, str], Pieces], span: tuple[float, float]
+) -> tuple[UnusualSignal, ...]:
     """How a span looks in every signal, the strongest first."""
     found = []
     for (where, kind), pieces in every.items():
         level = level_of(pieces)
         within = [_peak(t, x / max(level, 1e-300), *span) for t, x in pieces]
-        found.append(Signal(where, kind, max(within), level * _unit(fit, recording, where, kind)))
+        found.append(UnusualSignal(where, kind, max(within), level * _unit(fit, recording, where, kind)))
     return tuple(sorted(found, key=lambda one: -one.strength))
 
 
@@ -118,7 +118,7 @@ def _peak(t: Array, x: Array, t0: float, t1: float) -> float:
     return float(np.sqrt(mean_squares(x, width_of(t))[inside].max(initial=0.0)))
 
 
-def signals_of(fit: Fit, index: int) -> Iterator[tuple[str, str, Array]]:
+def signals_of(fit: HypothesisFit, index: int) -> Iterator[tuple[str, str, Array]]:
     """Name, kind and values (n,) of every signal of one track; NaN where nothing was read."""
     track, columns, found = fit.tracks[index], fit.columns[index], fit.gains[index]
     w = disturbance(fit, index)
@@ -132,7 +132,7 @@ def signals_of(fit: Fit, index: int) -> Iterator[tuple[str, str, Array]]:
         yield channel, "channel", np.where(seen & (t >= t[0] + END_S), innovations[:, j], np.nan)
 
 
-def disturbance(fit: Fit, index: int) -> Array:
+def disturbance(fit: HypothesisFit, index: int) -> Array:
     """(n, nq) smoothed disturbance force along one track, in the force's unit."""
     columns, track = fit.columns[index], fit.tracks[index]
     last = smoothed(columns.model, fit.gains[index], columns.f[:, :, 0], columns.eps[:, :, 0])

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.effect_force import Missing, Variable, missing_of, recording_with_most
+from hoopd.diagnose.curves.effect_force import MissingForceSamples, Variable, missing_of, recording_with_most
 from hoopd.diagnose.curves.missing_force import binned, law_of_curve, missing_force
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.fit_tables import Played, series
@@ -23,7 +23,7 @@ from hoopd.diagnose.report_curves import (
     Binned,
     Comparison,
     Harmonics,
-    Law,
+    LawCurve,
     MissingForce,
     Regressor,
     Shown,
@@ -33,7 +33,7 @@ from hoopd.diagnose.report_curves import (
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.slots import units
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Array = NDArray[np.float64]
 Ignoreds = Mapping[str, Sequence[Ignored]]
@@ -96,7 +96,7 @@ def channel_unit(plant: Plant, name: str) -> str:
 # ---------------------------------------------------------------------------------------------- missing forces
 
 
-def _missing(named: Named, name: str) -> tuple[str, str, Missing] | None:
+def _missing(named: Named, name: str) -> tuple[str, str, MissingForceSamples] | None:
     effect = next(one for one in named.final.effects if one.name == name)
     recording = recording_with_most(named.final, effect.slot)
     if recording is None:
@@ -106,7 +106,7 @@ def _missing(named: Named, name: str) -> tuple[str, str, Missing] | None:
     return None if found is None else (effect.slot, name, found)
 
 
-def force_of(slot: str, label: str, missing: Missing) -> MissingForce:
+def force_of(slot: str, label: str, missing: MissingForceSamples) -> MissingForce:
     """As it is drawn: over each variable with bins and law."""
     regressors = [
         Regressor(one.name, one.unit, one.value, _bins(one.value, missing.value), law_over(label, one, missing.law))
@@ -121,7 +121,7 @@ def _bins(x: Array, y: Array) -> Binned | None:
     return found if len(found.x) > 1 else None
 
 
-def law_over(label: str, over: Variable, law: Array) -> Law | None:
+def law_over(label: str, over: Variable, law: Array) -> LawCurve | None:
     """The law as a curve: its median where the variable has a value, whatever else it depends on."""
     # a step in which the variable changes its sign is a mean of both sides
     one_sided = np.append(over.value[1:] * over.value[:-1] > 0.0, False)
@@ -131,7 +131,7 @@ def law_over(label: str, over: Variable, law: Array) -> Law | None:
         return None
     edges = np.linspace(0.0, 2 * np.pi, points + 1) if over.turning else _spread_edges(x, points)
     at, mean = np.array([(x[own].mean(), np.median(y[own])) for own in _members(x, edges) if own.any()]).T
-    return Law(label, *_lifted(at, mean))
+    return LawCurve(label, *_lifted(at, mean))
 
 
 def _lifted(x: Array, y: Array) -> tuple[Array, Array]:
@@ -160,7 +160,7 @@ def _members(x: Array, edges: Array) -> Iterator[NDArray[np.bool_]]:
     return (where == k for k in range(1, len(edges)))
 
 
-def unknown_forces(base: Fit, unknown: Unknown) -> list[MissingForce]:
+def unknown_forces(base: HypothesisFit, unknown: Unknown) -> list[MissingForce]:
     """What the base needs at the slot of a curve over what it follows, with the curve; a coefficient is no force."""
     curve, recording = unknown.curve, recording_with_most(base, unknown.curve.slot)
     if recording is None or curve.factor is not None:
@@ -171,7 +171,7 @@ def unknown_forces(base: Fit, unknown: Unknown) -> list[MissingForce]:
     return [missing_force(base, index, curve.slot, curve.depends_on, laws)]
 
 
-def harmonics_of(slot: str, missing: Missing) -> Harmonics | None:
+def harmonics_of(slot: str, missing: MissingForceSamples) -> Harmonics | None:
     """Amplitudes by order of a turning angle that the force follows; None when it follows none."""
     angle = next((one for one in missing.variables if one.turning), None)
     if angle is None:
@@ -195,7 +195,7 @@ def harmonics_of(slot: str, missing: Missing) -> Harmonics | None:
 # ---------------------------------------------------------------------------------------------- in time
 
 
-def strips(base: Fit, final: Fit, ignored: Ignoreds) -> Iterator[Strip]:
+def strips(base: HypothesisFit, final: HypothesisFit, ignored: Ignoreds) -> Iterator[Strip]:
     """What the re-fitted base needs of every body, as multiples of what the final model still needs."""
     names = list(dict.fromkeys(track.stretch.recording for track in base.tracks))[:MOST_RECORDINGS]
     for name in names:
@@ -208,13 +208,13 @@ def strips(base: Fit, final: Fit, ignored: Ignoreds) -> Iterator[Strip]:
             yield Strip(name, body_on(plant, q), t, strength, ignored.get(name, ()))
 
 
-def _disturbances(found: Fit, recording: str) -> Array:
+def _disturbances(found: HypothesisFit, recording: str) -> Array:
     """(n, nq) over all stretches of a recording."""
     parts = [i for i, track in enumerate(found.tracks) if track.stretch.recording == recording]
     return np.concatenate([disturbance(found, i) for i in parts])
 
 
-def _times(found: Fit, recording: str) -> Array:
+def _times(found: HypothesisFit, recording: str) -> Array:
     return np.concatenate([track.stretch.t for track in found.tracks if track.stretch.recording == recording])
 
 

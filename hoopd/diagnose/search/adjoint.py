@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hoopd.diagnose.search.screen import Screen
 from hoopd.diagnose.search.surprise import log_chance
 from hoopd.plants.effects.base import Effect, Values
-from hoopd.plants.likelihood.kalman_filter import Gains, Linear
+from hoopd.plants.likelihood.kalman_filter import Gains, LinearReference
 from hoopd.plants.likelihood.reference_track import Track
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ DRAW_SEED = 1
 
 
 @dataclass(frozen=True)
-class Answer:
+class AdjointAnswer:
     """Of one recording to a force of unit size, or to an effect's: columns the data first, then DRAWS of white rows."""
 
     recording: str
@@ -59,7 +59,7 @@ class Adjoint:
             # what is added to the model is taken from the residual
             self.by_force.append(-np.einsum("nzq,nzm->nqm", columns.model.w, push))
 
-    def to_effect(self, effect: Effect, values: Mapping[str, float]) -> list[Answer]:
+    def to_effect(self, effect: Effect, values: Mapping[str, float]) -> list[AdjointAnswer]:
         """By recording, to an effect's force at these values of its own parameters; none where its slot is not."""
         parts: dict[str, list[tuple[Track, Array]]] = {}
         for track, slopes in zip(self.screen.fit.tracks, self.by_force, strict=True):
@@ -69,7 +69,7 @@ class Adjoint:
         return [_joined(recording, pieces) for recording, pieces in parts.items()]
 
 
-def adjoint(model: Linear, found: Gains, white: Array) -> Array:
+def adjoint(model: LinearReference, found: Gains, white: Array) -> Array:
     """(n-1, nz, m) derivatives by f of the products of rows r (n, nc, m) with the whitened innovations of f."""
     n, _, nz = model.c.shape
     push, back = np.empty((n - 1, nz, white.shape[2])), np.zeros((model.size, white.shape[2]))
@@ -103,10 +103,10 @@ def _white(screen: Screen) -> Array:
     return screen.projected(draws)
 
 
-def _joined(recording: str, pieces: Sequence[tuple[Track, Array]]) -> Answer:
+def _joined(recording: str, pieces: Sequence[tuple[Track, Array]]) -> AdjointAnswer:
     t = np.concatenate([track.stretch.t[:-1] for track, _ in pieces])
     h = np.concatenate([track.stretch.h for track, _ in pieces])
-    return Answer(recording, t, h, np.concatenate([slope for _, slope in pieces]))
+    return AdjointAnswer(recording, t, h, np.concatenate([slope for _, slope in pieces]))
 
 
 # ---------------------------------------------------------------------------------------------- chance

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from hoopd.diagnose.search.screen import Score
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.noise_tuning import first_noise
 
@@ -24,13 +24,13 @@ from hoopd.plants.likelihood.noise_tuning import first_noise
 FAR_BEYOND = 3.0
 
 
-def far_beyond(found: Fit) -> bool:
+def far_beyond(found: HypothesisFit) -> bool:
     """Whether any recording's disturbances are far beyond the usual."""
     usual = first_noise(found.tracks, found.values)
     return any(bool(np.any(noise.force > FAR_BEYOND * usual[name].force)) for name, noise in found.noise.items())
 
 
-def stiffened(found: Fit) -> Fit:
+def stiffened(found: HypothesisFit) -> HypothesisFit:
     """The same hypothesis on the same stretches, fitted with disturbances that are not beyond the usual."""
     usual = first_noise(found.tracks, found.values)
     noise = {name: _no_more(one, usual[name]) for name, one in found.noise.items()}
@@ -38,7 +38,7 @@ def stiffened(found: Fit) -> Fit:
     return fit(stretches, found.effects, found.values, like=found, noise=noise, free=found.free, tune_noise=False)
 
 
-def likeliest(found: Fit) -> Fit:
+def likeliest(found: HypothesisFit) -> HypothesisFit:
     """The fit, or one that starts from where usual disturbances lead, whichever is likelier."""
     if not far_beyond(found):
         return found
@@ -53,7 +53,7 @@ def _no_more(noise: Noise, usual: Noise) -> Noise:
     return Noise(np.minimum(noise.force, usual.force), np.where(large, usual.time_s, noise.time_s), noise.reading)
 
 
-def deflated(scores: Sequence[Score], about: Fit) -> list[Score]:
+def deflated(scores: Sequence[Score], about: HypothesisFit) -> list[Score]:
     """Gains in units of what the fit itself leaves: its rows are no longer of unit variance."""
     rows = about.stacked()[:, 0]
     excess = max(float(rows @ rows) / max(int(np.count_nonzero(rows)), 1), 1.0)

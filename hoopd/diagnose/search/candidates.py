@@ -15,7 +15,7 @@ from hoopd.diagnose.search.scan_score import Scanned
 from hoopd.diagnose.search.screen import TOUCHED, Score, Screen
 from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
 
 Progress = Callable[[str], None]
@@ -41,7 +41,7 @@ class Tried:
     """An effect fitted jointly with what was there before."""
 
     effect: Effect
-    fit: Fit
+    fit: HypothesisFit
     gain: float  # nats over what was there before
     surprise: float
     score: Score
@@ -55,10 +55,10 @@ class Judge:
     ) -> None:
         self.train, self.heldout, self.library, self.settings = list(train), list(heldout), library, settings
         # with the fits themselves: the address of one that is gone is soon another's
-        self._held: dict[int, tuple[Fit, float]] = {}
+        self._held: dict[int, tuple[HypothesisFit, float]] = {}
         self.screens: dict[int, Screen] = {}
 
-    def proposals(self, about: Fit, taken: Sequence[str]) -> list[Score]:
+    def proposals(self, about: HypothesisFit, taken: Sequence[str]) -> list[Score]:
         """Best score of every effect beside a fit, most surprising first."""
         wanted = [e for name, e in self.library.items() if name not in taken]
         screen = self.screens[id(about)] = Screen(about, wanted)
@@ -66,7 +66,7 @@ class Judge:
         scores = [*screen.scores(), *(found for found in scans if found is not None)]
         return sorted((replace(one, origin=about) for one in scores), key=lambda s: -surprise_of(s, s.gain, self.train))
 
-    def tried(self, before: Fit, score: Score) -> Tried:
+    def tried(self, before: HypothesisFit, score: Score) -> Tried:
         """The proposed effect fitted together with everything that was there."""
         effect = score.member.effect
         origin = score.origin or before
@@ -79,7 +79,7 @@ class Judge:
         gain = before.criterion - new.criterion
         return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
 
-    def on_heldout(self, found: Fit) -> float:
+    def on_heldout(self, found: HypothesisFit) -> float:
         """Criterion on the held-out data: parameters frozen, what belongs to a recording fitted again."""
         if not self.heldout:
             return float("nan")
@@ -88,16 +88,16 @@ class Judge:
             self._held[id(found)] = found, fit(self.heldout, found.effects, found.values, free=own).criterion
         return self._held[id(found)][1]
 
-    def heldout_gain(self, before: Fit, after: Fit) -> float:
+    def heldout_gain(self, before: HypothesisFit, after: HypothesisFit) -> float:
         """Nats on the held-out data; NaN without any."""
         return self.on_heldout(before) - self.on_heldout(after)
 
-    def refused(self, before: Fit, after: Fit, gain: float) -> bool:
+    def refused(self, before: HypothesisFit, after: HypothesisFit, gain: float) -> bool:
         """Whether the held-out data lose more than chance, or another effect that is still missing, explains."""
         return bool(self.heldout) and not self.heldout_gain(before, after) > -max(HELD_OUT_LOSS, HELD_OUT_SHARE * gain)
 
 
-def before_effects(found: Fit) -> dict[str, float]:
+def before_effects(found: HypothesisFit) -> dict[str, float]:
     """Parameters of a fit's effects."""
     marks = tuple(f"{effect.name}." for effect in found.effects)
     return {name: value for name, value in found.values.items() if name.startswith(marks)} if marks else {}

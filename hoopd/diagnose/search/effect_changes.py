@@ -23,7 +23,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import composite_of, derivatives_of, fitting_effects, key_of
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.reference_track import Track
 
 Array = NDArray[np.float64]
@@ -167,7 +167,7 @@ class Changes:
         return self.track.readings(self.values)
 
 
-def changes_of(track: Track, fit: Fit) -> Changes:
+def changes_of(track: Track, fit: HypothesisFit) -> Changes:
     """The same object as long as neither the fit's values nor the reference change."""
     kept = track.__dict__.get("_changes")
     if not isinstance(kept, Changes) or kept.z is not track.filtered or kept.values is not fit.values:

@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hoopd.diagnose.quality.excluded_stretches import leaving_enough, set_aside, still_unusual, without
-from hoopd.diagnose.quality.unusual_intervals import Interval, Signal
+from hoopd.diagnose.quality.unusual_intervals import Interval, UnusualSignal
 from hoopd.diagnose.search.bounded_disturbance import likeliest
 from hoopd.diagnose.search.candidates import free_of_recordings, surprise_of
 from hoopd.diagnose.search.naming import Named
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
 
 # A disturbance of the drive's coordinate that began within these seconds is a start-up. Named as a push it is one that
@@ -25,7 +25,7 @@ START_UP_S, LONGEST_START_UP_S, SHORTEST_START_UP_S = 0.3, 2.0, 1.0
 
 
 @dataclass(frozen=True)
-class Data:
+class CountedData:
     """Recordings as they are, and what of them counts."""
 
     whole: Sequence[Stretch]
@@ -38,7 +38,7 @@ class Data:
         """All that does not count."""
         return [*self.begun, *self.aside]
 
-    def brought_back(self, found: Fit) -> Data:
+    def brought_back(self, found: HypothesisFit) -> CountedData:
         """With the intervals that a hypothesis, as it is fitted, explains."""
         if not self.aside:
             return self
@@ -47,7 +47,7 @@ class Data:
         still = still_unusual(self.aside, again, found)
         return self if len(still) == len(self.aside) else replace(self, kept=without(self.whole, still), aside=still)
 
-    def begun_later(self, early: Sequence[Interval]) -> Data:
+    def begun_later(self, early: Sequence[Interval]) -> CountedData:
         """Without these start-ups."""
         return replace(
             self, whole=without(self.whole, early), kept=without(self.kept, early), begun=[*self.begun, *early]
@@ -55,11 +55,13 @@ class Data:
 
 
 def without_events(
-    stretches: Sequence[Stretch], refit: Callable[[Sequence[Stretch]], Fit], first: Fit | None = None
-) -> tuple[Data, Fit]:
+    stretches: Sequence[Stretch],
+    refit: Callable[[Sequence[Stretch]], HypothesisFit],
+    first: HypothesisFit | None = None,
+) -> tuple[CountedData, HypothesisFit]:
     """The data without what does not belong to them, and the fit of the rest."""
     kept, aside, found = set_aside(stretches, refit, first, lambda one: does_not_belong(one, stretches))
-    return Data(stretches, kept, aside), found
+    return CountedData(stretches, kept, aside), found
 
 
 def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:
@@ -81,11 +83,11 @@ def start_ups(named: Named, starts: Mapping[str, float]) -> list[Interval]:
                 continue
             if t0 < min(t1, first + START_UP_S) and first < t1 <= first + LONGEST_START_UP_S:
                 until = max(t1, first + SHORTEST_START_UP_S)
-                found.append(Interval(recording, first, until, (Signal(slot.coordinate, "force", 0.0, 0.0),)))
+                found.append(Interval(recording, first, until, (UnusualSignal(slot.coordinate, "force", 0.0, 0.0),)))
     return leaving_enough([track.stretch for track in named.final.tracks], found)
 
 
-def looked_at_again(named: Named, data: Data, threshold: float) -> tuple[Named, Data]:
+def looked_at_again(named: Named, data: CountedData, threshold: float) -> tuple[Named, CountedData]:
     """The same findings with the intervals back that they explain; as before where a finding does not survive that."""
     more = data.brought_back(named.final) if named.accepted else data
     if more is data:
@@ -98,7 +100,7 @@ def looked_at_again(named: Named, data: Data, threshold: float) -> tuple[Named, 
 def fitted_again(named: Named, stretches: Sequence[Stretch]) -> Named:
     """Nominal, base, final and every ablation on other stretches of the same recordings."""
 
-    def of(found: Fit) -> Fit:
+    def of(found: HypothesisFit) -> HypothesisFit:
         return fit(stretches, found.effects, found.values, noise=found.noise)
 
     nominal = fit(stretches, named.nominal.effects, named.nominal.values, move=False)

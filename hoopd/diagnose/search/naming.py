@@ -16,7 +16,7 @@ from hoopd.diagnose.search.bounded_disturbance import deflated, far_beyond, stif
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried, surprise_of
 from hoopd.diagnose.search.screen import Score, Screen
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import Fit, fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
 
 # While the disturbances that are left are far beyond the usual, more is missing.
@@ -36,13 +36,13 @@ OCCAM_NATS, OCCAM_SHARE = 4.0, 0.02
 class Named:
     """What the search found."""
 
-    nominal: Fit  # parameters as given
-    base: Fit
-    final: Fit
+    nominal: HypothesisFit  # parameters as given
+    base: HypothesisFit
+    final: HypothesisFit
     accepted: list[Tried] = field(default_factory=list)
     tried: list[Tried] = field(default_factory=list)  # everything refitted in the first round
     losses: dict[str, float] = field(default_factory=dict)  # nats lost without each accepted effect
-    without: dict[str, Fit] = field(default_factory=dict)
+    without: dict[str, HypothesisFit] = field(default_factory=dict)
     scores: list[Score] = field(default_factory=list)  # first screen, best first
     screens: dict[int, Screen] = field(default_factory=dict)  # by the fit they are about (its id)
     left: list[Score] = field(default_factory=list)  # screen of the final fit
@@ -54,8 +54,8 @@ def name_effects(
     train: Sequence[Stretch],
     heldout: Sequence[Stretch],
     library: Mapping[str, Effect],
-    nominal: Fit,
-    base: Fit,
+    nominal: HypothesisFit,
+    base: HypothesisFit,
     settings: Settings | None = None,
 ) -> Named:
     """The search; `nominal`, `base`: fits of the training stretches with parameters as given and re-estimated."""
@@ -181,7 +181,7 @@ def _others(found: Named, one: Tried) -> list[Effect]:
     return [*found.base.effects, *(other.effect for other in found.accepted if other is not one)]
 
 
-def _better(found: Named, judge: Judge, one: Tried, without: Fit, loss: float) -> Tried | None:
+def _better(found: Named, judge: Judge, one: Tried, without: HypothesisFit, loss: float) -> Tried | None:
     scores = judge.proposals(without, (*without.names, one.effect.name))
     for score in scores[:2]:
         if score.gain < 0.8 * loss:

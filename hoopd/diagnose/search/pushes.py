@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from hoopd.diagnose.search.adjoint import Adjoint, Answer, independent
+from hoopd.diagnose.search.adjoint import Adjoint, AdjointAnswer, independent
 from hoopd.diagnose.search.scan_score import Place, Scanned, scanned, usual_size
 from hoopd.diagnose.search.screen import Column, Member, Score, Screen, score_of
 from hoopd.plants.effects.base import Effect
@@ -57,7 +57,7 @@ def lengths(shortest_s: float, longest_s: float) -> Array:
     return np.geomspace(shortest_s, longest_s, count)
 
 
-def best_windows(answers: Sequence[Answer], lengths_s: Array, most: int) -> tuple[list[Place], float]:
+def best_windows(answers: Sequence[AdjointAnswer], lengths_s: Array, most: int) -> tuple[list[Place], float]:
     """The windows of largest gain, apart in place or length, and how many independent ones were looked at."""
     found: list[Place] = []
     largest = np.zeros(answers[0].slope.shape[1] - 1)
@@ -73,7 +73,7 @@ def best_windows(answers: Sequence[Answer], lengths_s: Array, most: int) -> tupl
     return _apart(found, most), independent(largest, 1)
 
 
-def _windows(one: Answer, length: float) -> tuple[Array, Array, Array]:
+def _windows(one: AdjointAnswer, length: float) -> tuple[Array, Array, Array]:
     """Starts and ends (n,) of all windows of this length, and their gains (n, 1+draws)."""
     total = np.concatenate([np.zeros((1, one.slope.shape[1])), np.cumsum(one.slope, axis=0)])
     edges = np.append(one.t, one.t[-1] + one.h[-1])

@@ -21,7 +21,7 @@ from scipy.optimize import nnls
 
 from hoopd.diagnose.search.effect_changes import changes_of
 from hoopd.plants.effects.base import Effect, EffectParameter
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import whitened
 from hoopd.plants.likelihood.reference_track import Track
 
@@ -60,7 +60,7 @@ class Score:
     gain: float  # nats
     start: dict[str, float]  # by the whole model's names
     vector: Array  # (rows,) the change it would make, whitened and projected
-    origin: Fit | None = None  # the fit about which it was screened
+    origin: HypothesisFit | None = None  # the fit about which it was screened
 
 
 def members_of(
@@ -78,14 +78,14 @@ def members_of(
     return found
 
 
-def touched_grids(effect: Effect, fit: Fit) -> dict[str, list[float]]:
+def touched_grids(effect: Effect, fit: HypothesisFit) -> dict[str, list[float]]:
     """For limits: values that shares TOUCHED of the samples reach."""
     limits = {p.name: p for p in effect.parameters if p.touched is not None}
     tracks = [track for track in fit.tracks if effect.slot in track.stretch.plant.slots]
     return {name: _touched(p, fit, tracks) for name, p in limits.items()} if tracks else {}
 
 
-def _touched(parameter: EffectParameter, fit: Fit, tracks: Sequence[Track]) -> list[float]:
+def _touched(parameter: EffectParameter, fit: HypothesisFit, tracks: Sequence[Track]) -> list[float]:
     parts = []
     for track in tracks:
         plant, values = track.stretch.plant, track.local(fit.values)
@@ -122,7 +122,7 @@ def _columns(
 class Screen:
     """The whitened changes of a library about one fit."""
 
-    def __init__(self, fit: Fit, effects: Sequence[Effect]) -> None:
+    def __init__(self, fit: HypothesisFit, effects: Sequence[Effect]) -> None:
         self.fit = fit
         self.recordings = tuple(dict.fromkeys(track.stretch.recording for track in fit.tracks))
         rows = fit.stacked()
@@ -153,7 +153,7 @@ class Screen:
         return np.asarray(x - self._basis @ (self._basis.T @ x))
 
 
-def changed(track: Track, fit: Fit, changes: Sequence[tuple[Effect, Column]]) -> tuple[Array, Array]:
+def changed(track: Track, fit: HypothesisFit, changes: Sequence[tuple[Effect, Column]]) -> tuple[Array, Array]:
     """Changes of the one-step map (n-1, nz, m) and of the innovations (n, nc, m) of a track that they all touch."""
     n, c, first = len(track.z), track.composite, 0
     f, eps = np.zeros((n - 1, c.nz, len(changes))), np.zeros((n, len(c.channels), len(changes)))
@@ -165,7 +165,7 @@ def changed(track: Track, fit: Fit, changes: Sequence[tuple[Effect, Column]]) ->
     return f, eps
 
 
-def change_of(track: Track, fit: Fit, effect: Effect, column: Column) -> tuple[Array, Array]:
+def change_of(track: Track, fit: HypothesisFit, effect: Effect, column: Column) -> tuple[Array, Array]:
     """Change of the one-step map (n-1, nz), and of the innovations (n, nc), along a reference."""
     values = [column.values] if column.recording in (None, track.stretch.recording) else []
     f, eps = changes_of(track, fit).of(effect, values)
@@ -234,7 +234,7 @@ def orthonormal(x: Array) -> Array:
     return np.asarray(u[:, s > 1e-7])
 
 
-def whitened_changes(fit: Fit, changes: Sequence[tuple[Effect, Column]]) -> Array:
+def whitened_changes(fit: HypothesisFit, changes: Sequence[tuple[Effect, Column]]) -> Array:
     """(rows, m) what changes of the model would add to the whitened residuals' explanation, not projected."""
     out = np.zeros((sum(len(rows) for rows in fit.rows), len(changes)))
     first = 0

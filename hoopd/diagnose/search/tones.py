@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from hoopd.diagnose.search.adjoint import Adjoint, Answer, independent
+from hoopd.diagnose.search.adjoint import Adjoint, AdjointAnswer, independent
 from hoopd.diagnose.search.scan_score import Place, Scanned, scanned, usual_size
 from hoopd.diagnose.search.screen import Column, Member, Score, Screen
 from hoopd.plants.effects.base import Effect
@@ -33,7 +33,7 @@ MOST_PEAKS, REFINED, CELLS_APART = 6, 2, 1.5
 BLOCK = 64
 
 
-class Spectrum(NamedTuple):
+class GainSpectrum(NamedTuple):
     """Gains by frequency, of the data and of white rows."""
 
     w: Array  # (nf,)
@@ -71,7 +71,7 @@ def _steady(effect: Effect) -> dict[str, float]:
     return {name: usual, _frequency(effect): 0.0, _phase(effect): pi / 2}
 
 
-def _spectrum(answers: Sequence[Answer], effect: Effect) -> Spectrum:
+def _spectrum(answers: Sequence[AdjointAnswer], effect: Effect) -> GainSpectrum:
     """Amplitude common, phases free: sum over r of A rho_r - A^2 J_r/2 is at most (sum rho)^2/(2 sum J)."""
     p = effect.parameter(_frequency(effect))
     cell = 2 * pi / max(one.length_s for one in answers)
@@ -84,7 +84,7 @@ def _spectrum(answers: Sequence[Answer], effect: Effect) -> Spectrum:
         rho, level = rho + s, level + uniform_filter1d(own, MODEL_CELLS * FREQUENCIES_A_CELL, mode="nearest")
     gain = np.asarray(rho**2 / np.maximum(2 * level, 1e-300)[:, None])
     around = median_filter(gain[:, 0], min(DATA_CELLS * FREQUENCIES_A_CELL, len(w)), mode="nearest")
-    return Spectrum(w, cell, gain, np.maximum(around / max(float(np.median(gain[:, 1:])), 1e-12), 1.0))
+    return GainSpectrum(w, cell, gain, np.maximum(around / max(float(np.median(gain[:, 1:])), 1e-12), 1.0))
 
 
 def _transform(w: Array, t: Array, x: Array) -> Array:
@@ -97,7 +97,7 @@ def _transform(w: Array, t: Array, x: Array) -> Array:
     return out
 
 
-def _peaks(s: Spectrum, name: str) -> list[Place]:
+def _peaks(s: GainSpectrum, name: str) -> list[Place]:
     """The largest local maxima against their surroundings, apart from each other."""
     height = s.gain[:, 0] / s.spread
     padded = np.concatenate([[-inf], height, [-inf]])

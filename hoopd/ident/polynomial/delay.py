@@ -21,7 +21,7 @@ from scipy.special import gammaincinv
 from hoopd.ident.checks import Orders, check, check_channels, warn
 from hoopd.ident.data import Data, experiments, runs
 from hoopd.ident.loopchecks import check_record
-from hoopd.ident.polynomial.gaussnewton import Stretch, errors, search
+from hoopd.ident.polynomial.gaussnewton import PolynomialExperiment, errors, search
 from hoopd.ident.polynomial.regression import solve_arx
 from hoopd.ident.polynomial.starts import LongModel, starts
 from hoopd.ident.polynomial.structure import Structure, structure
@@ -210,15 +210,15 @@ def _least(own: Structure, white: Sequence[_White], span: int, d: int) -> float:
     return search(own, stretches, _begun(own, stretches, whole)[0], free_start=True).total
 
 
-def _begun(own: Structure, stretches: list[Stretch], whole: LongModel) -> tuple[Array, float]:
+def _begun(own: Structure, stretches: list[PolynomialExperiment], whole: LongModel) -> tuple[Array, float]:
     """Coefficients of the linear start and the squared errors that they leave."""
     x = starts(own, stretches, whole)[0]
     return x, sum(float(np.square(errors(own, x, np.zeros(0), one).e[LONG:]).sum()) for one in stretches)
 
 
-def _shifted(white: Sequence[_White], span: int, d: int) -> tuple[list[Stretch], LongModel]:
+def _shifted(white: Sequence[_White], span: int, d: int) -> tuple[list[PolynomialExperiment], LongModel]:
     """The same samples of y for every d, the input d samples earlier."""
     first = span + LONG
-    stretches = [Stretch(one.y[first:], one.u[None, first - d : len(one.u) - d]) for one in white]
+    stretches = [PolynomialExperiment(one.y[first:], one.u[None, first - d : len(one.u) - d]) for one in white]
     clean = [[one.s[first:]] for one in white]
     return stretches, LongModel([np.zeros(len(one.y)) for one in stretches], clean, 0.0)

@@ -33,7 +33,7 @@ DAMPING = Damping(first=0.0, easier=0.1, harder=10.0, again=1e-4, most=1e9)
 
 
 @dataclass(frozen=True)
-class Stretch:
+class PolynomialExperiment:
     """One experiment: y (n,), u (nu, n), `seen` 1 where y counts (None: everywhere)."""
 
     y: Array
@@ -47,7 +47,7 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class PolynomialErrors:
     """Errors e (n,) of a stretch and what their derivatives are made of."""
 
     e: Array
@@ -71,7 +71,7 @@ class Optimum:
     settled: bool
 
 
-def errors(own: Structure, x: Array, p: Array, stretch: Stretch) -> Evaluation:
+def errors(own: Structure, x: Array, p: Array, stretch: PolynomialExperiment) -> PolynomialErrors:
     """Prediction errors of one stretch from coefficients x and initial response p (states,) (may be empty)."""
     n, parts = len(stretch.y), tuple(own.split(x))
     a, c, d = parts[0], parts[1 + own.nu], parts[2 + own.nu]
@@ -94,10 +94,10 @@ def errors(own: Structure, x: Array, p: Array, stretch: Stretch) -> Evaluation:
         e = e + h
     if stretch.seen is not None:
         e = e * stretch.seen
-    return Evaluation(e, y1, u1, v1, free, h, parts)
+    return PolynomialErrors(e, y1, u1, v1, free, h, parts)
 
 
-def jacobian(own: Structure, found: Evaluation, stretch: Stretch, states: int) -> Array:
+def jacobian(own: Structure, found: PolynomialErrors, stretch: PolynomialExperiment, states: int) -> Array:
     """de/d[x, p], (size + states, n): rows are lags of filtered signals."""
     n, nu = len(stretch.y), own.nu
     c, d = found.parts[1 + nu], found.parts[2 + nu]
@@ -126,7 +126,12 @@ def jacobian(own: Structure, found: Evaluation, stretch: Stretch, states: int) -
 
 
 def search(
-    own: Structure, each: Sequence[Stretch], start: Array, *, free_start: bool, iterations: int = ITERATIONS
+    own: Structure,
+    each: Sequence[PolynomialExperiment],
+    start: Array,
+    *,
+    free_start: bool,
+    iterations: int = ITERATIONS,
 ) -> Optimum:
     """Least squares of the errors of all stretches from a start; C and F are reflected into the circle at each step."""
     states = own.states if free_start else 0
@@ -162,7 +167,7 @@ class _Point:
 
     x: Array
     p: Array
-    found: list[Evaluation]
+    found: list[PolynomialErrors]
     cost: float
 
 
@@ -181,17 +186,19 @@ def stable(own: Structure, x: Array) -> Array:
     return out
 
 
-def _all(own: Structure, x: Array, p: Array, each: Sequence[Stretch]) -> list[Evaluation]:
+def _all(own: Structure, x: Array, p: Array, each: Sequence[PolynomialExperiment]) -> list[PolynomialErrors]:
     with np.errstate(over="ignore", invalid="ignore"):
         return [errors(own, x, one_p, one) for one_p, one in zip(p, each, strict=True)]
 
 
-def _total(found: Sequence[Evaluation]) -> float:
+def _total(found: Sequence[PolynomialErrors]) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
         return sum(float(one.e @ one.e) for one in found)
 
 
-def _normal(own: Structure, found: Sequence[Evaluation], each: Sequence[Stretch], states: int) -> tuple[Array, Array]:
+def _normal(
+    own: Structure, found: Sequence[PolynomialErrors], each: Sequence[PolynomialExperiment], states: int
+) -> tuple[Array, Array]:
     """J'J and J'e of all stretches; each has its own initial response."""
     m = own.size
     hessian = np.zeros((m + len(each) * states,) * 2)

@@ -31,7 +31,7 @@ EXACT = 1e-12
 
 
 @dataclass(frozen=True)
-class Candidate:
+class OrderCandidate:
     """One choice of orders: its mean squared one-step error and what the criteria make of it.
 
     `validation`: mean squared one-step error on data that were not fitted.
@@ -60,12 +60,12 @@ CRITERIA = {"aic": aic, "aicc": aicc, "bic": bic, "fpe": fpe}
 
 
 @dataclass(frozen=True)
-class Scan:
+class OrderScan:
     """All candidates of a scan, in the order na, nb, delay."""
 
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[OrderCandidate, ...]
 
-    def best(self, name: Criterion = "bic") -> Candidate:
+    def best(self, name: Criterion = "bic") -> OrderCandidate:
         """The candidate with the least value; of equal ones that with fewer parameters."""
         return min(self.candidates, key=lambda one: (one.criterion(name), one.parameters))
 
@@ -77,7 +77,7 @@ class Scan:
 def scan(
     data: Data | Sequence[Data], na: int | Iterable[int], nb: Counts | Iterable[Counts] = (),
     delay: Counts | Iterable[Counts] = 1, *, validation: Data | Sequence[Data] | None = None, folds: int = 0,
-) -> Scan:  # fmt: skip
+) -> OrderScan:  # fmt: skip
     """Fit ARX models (AR without inputs) of every combination of orders, side by side on the same equations.
 
     Parameters
@@ -128,7 +128,7 @@ def scan(
     if rows <= max(one.size for one in choices):
         raise ValueError(f"too few samples: {rows} equations for {max(one.size for one in choices)} parameters")
     pairs = _pairs(each, gram, widest, validation, folds)
-    return Scan(tuple(_candidate(one, widest, gram, rows, pairs) for one in choices))
+    return OrderScan(tuple(_candidate(one, widest, gram, rows, pairs) for one in choices))
 
 
 # ------------------------------------------------------------------------------------------------- one Gram matrix
@@ -181,12 +181,12 @@ def _part(data: Data, k: int, folds: int, lost: int) -> Data:
     return data[max(data.n * k // folds - (lost if k else 0), 0) : data.n * (k + 1) // folds]
 
 
-def _candidate(own: Structure, widest: Structure, gram: Array, rows: int, pairs: Pairs) -> Candidate:
+def _candidate(own: Structure, widest: Structure, gram: Array, rows: int, pairs: Pairs) -> OrderCandidate:
     at = _columns(own, widest)
     total = _error(gram, at, _fit(gram, at))
     predicted = [_error(other, at, _fit(fitted, at)) for fitted, other, _ in pairs]
     checked = sum(predicted) / sum(n for _, _, n in pairs) if pairs else None
-    return Candidate(own.na, own.nb, own.delay, own.size, rows, total / rows, checked)
+    return OrderCandidate(own.na, own.nb, own.delay, own.size, rows, total / rows, checked)
 
 
 def _columns(own: Structure, widest: Structure) -> NDArray[np.intp]:

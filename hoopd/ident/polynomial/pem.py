@@ -21,7 +21,7 @@ from hoopd.ident.data import Data, experiments, runs
 from hoopd.ident.loopchecks import check_feedback
 from hoopd.ident.modelchecks import DICKEY_FULLER, check_model
 from hoopd.ident.models import Polynomials
-from hoopd.ident.polynomial.gaussnewton import Optimum, Stretch, errors, jacobian, search
+from hoopd.ident.polynomial.gaussnewton import Optimum, PolynomialExperiment, errors, jacobian, search
 from hoopd.ident.polynomial.stable import EDGE, radius
 from hoopd.ident.polynomial.starts import long_model, starts
 from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
@@ -238,7 +238,7 @@ def orders_of(model: Polynomials) -> Structure:
     )  # fmt: skip
 
 
-def stretches(own: Structure, each: Sequence[Data], initial: Initial = "estimate") -> list[Stretch]:
+def stretches(own: Structure, each: Sequence[Data], initial: Initial = "estimate") -> list[PolynomialExperiment]:
     """What the search takes: whole experiments, cut at missing outputs unless the structure is output error."""
     if any(not np.isfinite(one.u).all() for one in each):
         raise ValueError("an input must be known at every sample: fill it or cut the data there")
@@ -255,13 +255,13 @@ def stretches(own: Structure, each: Sequence[Data], initial: Initial = "estimate
 # ------------------------------------------------------------------------------------------------- steps
 
 
-def _placed(own: Structure, data: Data, initial: Initial) -> list[tuple[int, Stretch]]:
+def _placed(own: Structure, data: Data, initial: Initial) -> list[tuple[int, PolynomialExperiment]]:
     """Stretches of one experiment and the samples at which they begin."""
     if data.complete:
         return [(0, _stretch(data))]
     if own.na == own.nc == own.nd == 0:
         seen = np.isfinite(data.y[:, 0])
-        filled = Stretch(np.where(seen, data.y[:, 0], 0.0), _inputs(data), seen.astype(float))
+        filled = PolynomialExperiment(np.where(seen, data.y[:, 0], 0.0), _inputs(data), seen.astype(float))
         return [(0, filled)]
     if initial == "zero":
         raise ValueError('after a missing output the state is not zero: use initial="estimate"')
@@ -270,15 +270,15 @@ def _placed(own: Structure, data: Data, initial: Initial) -> list[tuple[int, Str
     return [(round((piece.t0 - data.t0) / data.dt), _stretch(piece)) for piece in pieces]
 
 
-def _stretch(data: Data) -> Stretch:
-    return Stretch(np.ascontiguousarray(data.y[:, 0]), _inputs(data))
+def _stretch(data: Data) -> PolynomialExperiment:
+    return PolynomialExperiment(np.ascontiguousarray(data.y[:, 0]), _inputs(data))
 
 
 def _inputs(data: Data) -> Array:
     return np.ascontiguousarray(data.u.T)
 
 
-def _found(own: Structure, pieces: Sequence[Stretch]) -> list[Array]:
+def _found(own: Structure, pieces: Sequence[PolynomialExperiment]) -> list[Array]:
     whole = long_model(own, pieces)
     if any(own.nf) and whole.radius > 1.0 + DICKEY_FULLER / sum(one.count for one in pieces):
         warn(
@@ -295,7 +295,7 @@ def _given(own: Structure, start: ArrayLike | Polynomials) -> list[Array]:
     return [x]
 
 
-def _best(own: Structure, pieces: Sequence[Stretch], candidates: Sequence[Array], free: bool) -> Optimum:
+def _best(own: Structure, pieces: Sequence[PolynomialExperiment], candidates: Sequence[Array], free: bool) -> Optimum:
     """The least optimum: from the best start, or from each where the sum may have several minima."""
     if len(candidates) > 1 and not _several(own):
         candidates = [min(candidates, key=lambda x: _cost(own, x, pieces))]
@@ -308,14 +308,14 @@ def _several(own: Structure) -> bool:
     return own.na > 0 and (own.nd > 0 or any(own.nf))
 
 
-def _cost(own: Structure, x: Array, pieces: Sequence[Stretch]) -> float:
+def _cost(own: Structure, x: Array, pieces: Sequence[PolynomialExperiment]) -> float:
     with np.errstate(all="ignore"):
         total = sum(float(np.square(errors(own, x, np.zeros(0), one).e).sum()) for one in pieces)
     return total if np.isfinite(total) else np.inf
 
 
 def _reported(
-    own: Structure, each: Sequence[Data], pieces: Sequence[Stretch], best: Optimum, kind: Kind
+    own: Structure, each: Sequence[Data], pieces: Sequence[PolynomialExperiment], best: Optimum, kind: Kind
 ) -> Polynomials:  # fmt: skip
     count = sum(one.count for one in pieces)
     variance = best.total / max(count - own.size - best.p.size, 1)
@@ -336,7 +336,7 @@ def _guarded(model: Polynomials) -> list[tuple[str, Array]]:
     return [("C", model.c), *((f"F of input {i + 1}", f) for i, f in enumerate(model.f))]
 
 
-def _robust(own: Structure, pieces: Sequence[Stretch], best: Optimum) -> Array:
+def _robust(own: Structure, pieces: Sequence[PolynomialExperiment], best: Optimum) -> Array:
     """H^-1 Q H^-1, Q = sum of psi(t) e(t) e(s) psi(s)' over |t - s| <= L, Bartlett's weights (Newey & West, 1987)."""
     q = np.zeros((own.size, own.size))
     for one, p in zip(pieces, best.p, strict=True):
@@ -357,7 +357,7 @@ def _correlation(e: Array, lags: int) -> Array:
     return np.asarray(raw * (1.0 - np.arange(lags + 1) / (lags + 1.0)))
 
 
-def _initial(own: Structure, x: Array, piece: Stretch) -> Array:
+def _initial(own: Structure, x: Array, piece: PolynomialExperiment) -> Array:
     """The response to the initial state that leaves the least errors of one stretch."""
     zero = errors(own, x, np.zeros(own.states), piece)
     rows = jacobian(own, zero, piece, own.states)[own.size :]

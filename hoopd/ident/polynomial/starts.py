@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 
 from hoopd.ident.damped_least_squares import solved
 from hoopd.ident.lagged import lagged_gram
-from hoopd.ident.polynomial.gaussnewton import Stretch, stable
+from hoopd.ident.polynomial.gaussnewton import PolynomialExperiment, stable
 from hoopd.ident.polynomial.stable import radius, reflected
 from hoopd.ident.polynomial.structure import Structure
 
@@ -42,7 +42,7 @@ class LongModel:
     radius: float
 
 
-def starts(own: Structure, each: Sequence[Stretch], whole: LongModel | None = None) -> list[Array]:
+def starts(own: Structure, each: Sequence[PolynomialExperiment], whole: LongModel | None = None) -> list[Array]:
     """Candidates, the most likely one first."""
     whole = long_model(own, each) if whole is None else whole
     found = []
@@ -55,7 +55,7 @@ def starts(own: Structure, each: Sequence[Stretch], whole: LongModel | None = No
     return [stable(own, one) for one in found]
 
 
-def long_model(own: Structure, each: Sequence[Stretch], lags: int | None = None) -> LongModel:
+def long_model(own: Structure, each: Sequence[PolynomialExperiment], lags: int | None = None) -> LongModel:
     """A long ARX model of complete stretches; a long FIR model where outputs are missing."""
     shortest = max(len(one.y) for one in each)
     order = max([own.na + own.nd, *own.nb, *own.nf, own.nc, 1]) + 1
@@ -73,7 +73,7 @@ def long_model(own: Structure, each: Sequence[Stretch], lags: int | None = None)
     return LongModel([_innovations(a, b, one) for one in each], clean, radius(a))
 
 
-def _from_innovations(own: Structure, each: Sequence[Stretch], whole: LongModel) -> Array:
+def _from_innovations(own: Structure, each: Sequence[PolynomialExperiment], whole: LongModel) -> Array:
     """A, B, C by regression on the innovations; D from what is left; F = 1."""
     equations = []
     for one, e in zip(each, whole.e, strict=True):
@@ -88,7 +88,7 @@ def _from_innovations(own: Structure, each: Sequence[Stretch], whole: LongModel)
     return np.concatenate([x[:n], noise, np.zeros(sum(own.nf))])
 
 
-def _from_simulation(own: Structure, each: Sequence[Stretch], whole: LongModel) -> Array:
+def _from_simulation(own: Structure, each: Sequence[PolynomialExperiment], whole: LongModel) -> Array:
     """Dynamics from the noise-free output, then C and D from what they leave."""
     if own.na and not any(own.nf):
         x = _regress([
@@ -103,7 +103,7 @@ def _from_simulation(own: Structure, each: Sequence[Stretch], whole: LongModel) 
     return np.concatenate([x, _noise(own, rest, whole), *f])
 
 
-def _fraction(own: Structure, i: int, each: Sequence[Stretch], whole: LongModel) -> tuple[Array, Array]:
+def _fraction(own: Structure, i: int, each: Sequence[PolynomialExperiment], whole: LongModel) -> tuple[Array, Array]:
     """B_i and F_i by Steiglitz-McBride passes on the noise-free part of input i."""
     n, lags = own.nf[i], own.lags[i]
     f, best, least = np.ones(1), (np.zeros(len(lags)), np.zeros(n)), np.inf
@@ -123,7 +123,7 @@ def _fraction(own: Structure, i: int, each: Sequence[Stretch], whole: LongModel)
     return best
 
 
-def _generalised(own: Structure, each: Sequence[Stretch]) -> Array:
+def _generalised(own: Structure, each: Sequence[PolynomialExperiment]) -> Array:
     """A, B and D by turns: regression of filtered data, then D from the residual (Soderstrom, Automatica 10, 1974)."""
     d = np.ones(1)
     x, tail = np.zeros(own.na + sum(own.nb)), np.zeros(own.nd)
@@ -150,7 +150,7 @@ def _noise(own: Structure, rest: Sequence[Array], whole: LongModel, ar_only: boo
     return x if ar_only else np.concatenate([x[own.nd :], x[: own.nd]])
 
 
-def _rest(own: Structure, one: Stretch, x: Array) -> Array:
+def _rest(own: Structure, one: PolynomialExperiment, x: Array) -> Array:
     """A y - B u from the coefficients of A and B."""
     out = _times(np.concatenate([[1.0], x[: own.na]]), one.y)
     for b, u in zip(_split(x[own.na :], own.lags), one.u, strict=True):
@@ -158,7 +158,7 @@ def _rest(own: Structure, one: Stretch, x: Array) -> Array:
     return out
 
 
-def _output_error(own: Structure, one: Stretch, pairs: Sequence[tuple[Array, Array]]) -> Array:
+def _output_error(own: Structure, one: PolynomialExperiment, pairs: Sequence[tuple[Array, Array]]) -> Array:
     out = one.y
     for (b, f), u, lag in zip(pairs, one.u, own.lags, strict=True):
         out = out - _filtered(np.concatenate([np.zeros(lag.start), b]), np.concatenate([[1.0], f]), u)
@@ -190,7 +190,7 @@ def _least(m: Array, right: Array) -> Array:
     return solved(m / np.outer(scale, scale), right / scale) / scale
 
 
-def _masked_fir(each: Sequence[Stretch], ranges: Sequence[range]) -> Array:
+def _masked_fir(each: Sequence[PolynomialExperiment], ranges: Sequence[range]) -> Array:
     rows, targets = [], []
     for one in each:
         seen = np.ones(len(one.y), dtype=bool) if one.seen is None else one.seen > 0.0
@@ -210,7 +210,7 @@ def _split(x: Array, ranges: Sequence[range]) -> list[Array]:
     return out
 
 
-def _innovations(a: Array, b: Sequence[Array], one: Stretch) -> Array:
+def _innovations(a: Array, b: Sequence[Array], one: PolynomialExperiment) -> Array:
     """A y - B u, zero where the lags reach before the data."""
     out = _times(a, one.y)
     for bi, u in zip(b, one.u, strict=True):

@@ -32,7 +32,7 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
-class Known:
+class GivenMatrices:
     """Matrices that are given and not estimated."""
 
     a: Array | None = None
@@ -53,7 +53,7 @@ def frequency_subspace(
     transient: bool | None = None,
     weights: ArrayLike | None = None,
     stable: bool = False,
-    known: Known | None = None,
+    known: GivenMatrices | None = None,
 ) -> Innovations:
     """Identify a state-space model from frequency data by subspaces.
 
@@ -113,7 +113,7 @@ def frequency_subspace(
     step, points = _sampled(own, dt)
     has_transient = (u is not None) if transient is None else transient
     data = _spectra(points, y, u, weights)
-    given = known or Known()
+    given = known or GivenMatrices()
     _check_sizes(order, most_order, horizon)
     _check_power(own, data)
     if given.a is None:

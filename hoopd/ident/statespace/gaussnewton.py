@@ -18,7 +18,7 @@ from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coordinates import Freedom
 from hoopd.ident.statespace.linear import radius
-from hoopd.ident.statespace.sensitivities import Piece, Trajectory, sensitivities, trajectory
+from hoopd.ident.statespace.sensitivities import Piece, PredictionTrajectory, sensitivities, trajectory
 
 Array = NDArray[np.float64]
 Loss = Callable[[Array], tuple[Array, Array]]  # squared errors -> (rho, rho')
@@ -29,7 +29,7 @@ DAMPING = Damping(first=1e-6, easier=0.1, harder=10.0, again=1e-6, trials=12)
 
 
 @dataclass(frozen=True)
-class Problem:
+class PemProblem:
     """What is minimised: errors `horizon` ahead times `weight` (ny, ny), through `loss`, plus |`regulariser`|^2."""
 
     pieces: Sequence[Piece]
@@ -43,12 +43,12 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Point:
+class PemPoint:
     """A model, its initial states by experiment, its paths and its cost; whether the search for it came to an end."""
 
     model: Innovations
     starts: tuple[Array, ...]
-    paths: tuple[Trajectory, ...]
+    paths: tuple[PredictionTrajectory, ...]
     cost: float
     ended: bool = True
 
@@ -62,18 +62,18 @@ class Normal:
     columns: Array
 
 
-def evaluate(problem: Problem, model: Innovations, starts: Sequence[Array]) -> Point:
+def evaluate(problem: PemProblem, model: Innovations, starts: Sequence[Array]) -> PemPoint:
     """The point; its cost is infinite where the predictor or the model is not allowed."""
     if radius(model.a - model.k @ model.c) > max(EDGE, _open(problem, model)) or radius(model.a) > problem.within:
-        return Point(model, tuple(starts), (), np.inf)
+        return PemPoint(model, tuple(starts), (), np.inf)
     paths = tuple(trajectory(model, p, x, problem.horizon) for p, x in zip(problem.pieces, starts, strict=True))
     squared = sum(_cost(problem, path.ahead) for path in paths)
     if problem.regulariser is not None:
         squared += float(np.sum(np.square(problem.regulariser(model))))
-    return Point(model, tuple(starts), paths, squared if np.isfinite(squared) else np.inf)
+    return PemPoint(model, tuple(starts), paths, squared if np.isfinite(squared) else np.inf)
 
 
-def with_best_starts(problem: Problem, model: Innovations) -> Point:
+def with_best_starts(problem: PemProblem, model: Innovations) -> PemPoint:
     """The point with the initial states of least squared errors; the errors are linear in them."""
     zero = tuple(np.zeros(model.nx) for _ in problem.pieces)
     point = evaluate(problem, model, zero)
@@ -89,13 +89,13 @@ def with_best_starts(problem: Problem, model: Innovations) -> Point:
     return evaluate(problem, model, starts)
 
 
-def minimise(problem: Problem, point: Point, steps: int, tolerance: float = 1e-9) -> Point:
+def minimise(problem: PemProblem, point: PemPoint, steps: int, tolerance: float = 1e-9) -> PemPoint:
     """At most so many steps; ends when one lowers the cost by less than the tolerance (relative)."""
 
-    def linearised(point: Point) -> _Equations:
+    def linearised(point: PemPoint) -> _Equations:
         return _Equations(normal_equations(problem, point))
 
-    def away(point: Point, step: tuple[Normal, Array]) -> Point:
+    def away(point: PemPoint, step: tuple[Normal, Array]) -> PemPoint:
         return moved(problem, point, *step)
 
     found = least_squares(point, linearised, away, DAMPING, Ends(steps, gain=tolerance))
@@ -115,7 +115,7 @@ class _Equations:
         return self.equations.promised(damping)
 
 
-def normal_equations(problem: Problem, point: Point) -> Normal:
+def normal_equations(problem: PemProblem, point: PemPoint) -> Normal:
     """Of the errors at a point."""
     columns = coordinates.basis(point.model, problem.free)
     along = coordinates.directions(point.model, columns)
@@ -133,7 +133,7 @@ def normal_equations(problem: Problem, point: Point) -> Normal:
     return Normal(gradient, gram, columns)
 
 
-def moved(problem: Problem, point: Point, normal: Normal, step: Array) -> Point:
+def moved(problem: PemProblem, point: PemPoint, normal: Normal, step: Array) -> PemPoint:
     """The point a step away."""
     m, nx = normal.columns.shape[1], point.model.nx
     full = coordinates.values(point.model) + normal.columns @ step[:m]
@@ -143,19 +143,19 @@ def moved(problem: Problem, point: Point, normal: Normal, step: Array) -> Point:
     return evaluate(problem, coordinates.with_values(point.model, full), starts)
 
 
-def _open(problem: Problem, model: Innovations) -> float:
+def _open(problem: PemProblem, model: Innovations) -> float:
     """A model without a gain is simulated: its own poles may stand where the caller allows them."""
     return 0.0 if problem.free.gain or model.k.any() else np.inf
 
 
-def _cost(problem: Problem, errors: Array) -> float:
+def _cost(problem: PemProblem, errors: Array) -> float:
     weighted = problem.weight @ errors
     if problem.loss is None:
         return float(np.vdot(weighted, weighted))
     return float(problem.loss(np.square(weighted))[0].sum())
 
 
-def _weighted(problem: Problem, errors: Array, change: Array) -> tuple[Array, Array]:
+def _weighted(problem: PemProblem, errors: Array, change: Array) -> tuple[Array, Array]:
     """Weighted errors (ny n,) and derivatives (m, ny n); a loss by its weights rho' (Triggs et al., 2000, 4.3)."""
     e = problem.weight @ errors
     j = np.tensordot(problem.weight, change, 1)
@@ -165,7 +165,7 @@ def _weighted(problem: Problem, errors: Array, change: Array) -> tuple[Array, Ar
     return e.ravel(), j.transpose(1, 0, 2).reshape(j.shape[1], -1)
 
 
-def _add_regulariser(problem: Problem, point: Point, columns: Array, gradient: Array, gram: Array) -> None:
+def _add_regulariser(problem: PemProblem, point: PemPoint, columns: Array, gradient: Array, gram: Array) -> None:
     """Adds the regulariser's share, its derivative by central differences along the coordinates."""
     assert problem.regulariser is not None
     full, m, h = coordinates.values(point.model), columns.shape[1], 1e-6
@@ -181,6 +181,6 @@ def _add_regulariser(problem: Problem, point: Point, columns: Array, gradient: A
     gram[:m, :m] += j.T @ j
 
 
-def settled(point: Point, start: int = 0) -> Innovations:
+def settled(point: PemPoint, start: int = 0) -> Innovations:
     """The model with the initial state of one experiment."""
     return replace(point.model, x0=point.starts[start])

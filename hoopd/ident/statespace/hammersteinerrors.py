@@ -27,7 +27,7 @@ STEP = 1e-6  # of the central differences of the maps, in the units of their arg
 
 
 @dataclass(frozen=True)
-class Task:
+class HammersteinTask:
     """The data, the maps g of the input and h of the output, and what of the matrices is free."""
 
     pieces: Sequence[Piece]
@@ -47,7 +47,7 @@ class Path:
 
 
 @dataclass(frozen=True)
-class Point:
+class SearchPoint:
     """Values of all unknowns, what they give, and the sum of squared errors; `ended`: no step makes it less."""
 
     model: Innovations
@@ -63,18 +63,18 @@ def same(signal: Array, p: Array) -> Array:
     return signal
 
 
-def evaluated(task: Task, model: Innovations, p: Array, starts: tuple[Array, ...] | None) -> Point:
+def evaluated(task: HammersteinTask, model: Innovations, p: Array, starts: tuple[Array, ...] | None) -> SearchPoint:
     """The point of these values (from rest where no states are given); an infinite cost where the model runs away."""
     own = starts if starts is not None else tuple(np.zeros(model.nx) for _ in task.pieces)
     if radius(model.a) >= 1.0 + 1e-9:
-        return Point(model, p, own, (), np.inf)
+        return SearchPoint(model, p, own, (), np.inf)
     with np.errstate(all="ignore"):
         paths = tuple(_path(task, one, model, p, x) for one, x in zip(task.pieces, own, strict=True))
     cost = float(sum(np.vdot(one.e, one.e) for one in paths))
-    return Point(model, p, own, paths, cost if np.isfinite(cost) else np.inf)
+    return SearchPoint(model, p, own, paths, cost if np.isfinite(cost) else np.inf)
 
 
-def _path(task: Task, data: Piece, model: Innovations, p: Array, x0: Array) -> Path:
+def _path(task: HammersteinTask, data: Piece, model: Innovations, p: Array, x0: Array) -> Path:
     v = np.asarray(task.g(data.u, p), dtype=float)
     if not model.k.any():
         x = states(model.a, model.b @ v, x0)
@@ -90,7 +90,7 @@ def _path(task: Task, data: Piece, model: Innovations, p: Array, x0: Array) -> P
     return Path(v, x, z, e)
 
 
-def normal_equations(task: Task, point: Point, columns: Array) -> tuple[Array, Array]:
+def normal_equations(task: HammersteinTask, point: SearchPoint, columns: Array) -> tuple[Array, Array]:
     """Gradient and Gram over the model's coordinates, the initial states by experiment, and p."""
     m, nx, count = columns.shape[1], point.model.nx, len(point.p)
     total = m + nx * len(task.pieces) + count
@@ -104,7 +104,7 @@ def normal_equations(task: Task, point: Point, columns: Array) -> tuple[Array, A
     return gradient, gram
 
 
-def _change(task: Task, data: Piece, point: Point, path: Path, along: Directions) -> Array:
+def _change(task: HammersteinTask, data: Piece, point: SearchPoint, path: Path, along: Directions) -> Array:
     """de (ny, directions + p, n)."""
     model, p = point.model, point.p
     slope = _slope(task.h, path.z, p)  # (ny, ny, n) of the output map by its signal

@@ -26,7 +26,14 @@ from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coordinates import Freedom
-from hoopd.ident.statespace.hammersteinerrors import Point, Static, Task, evaluated, normal_equations, same
+from hoopd.ident.statespace.hammersteinerrors import (
+    HammersteinTask,
+    SearchPoint,
+    Static,
+    evaluated,
+    normal_equations,
+    same,
+)
 from hoopd.ident.statespace.linear import states
 from hoopd.ident.statespace.ordering import check_states
 from hoopd.ident.statespace.sensitivities import paired, piece
@@ -156,7 +163,7 @@ def hammerstein_wiener(
     own = tuple(names) if names is not None else tuple(f"p{i + 1}" for i in range(len(p)))
     if len(own) != len(p) or len(set(own)) != len(p):
         raise ValueError(f"{len(p)} different names wanted, not {list(own)}")
-    task = Task([piece(one) for one in each], input_map or same, output_map or same, Freedom(direct, False))
+    task = HammersteinTask([piece(one) for one in each], input_map or same, output_map or same, Freedom(direct, False))
     _check_maps(task, p, each[0], linear_inputs)
     first = start or _approximation(task, each, order, p)
     found = _search(task, first, order, p, starts, np.random.default_rng(seed), iterations)
@@ -172,7 +179,7 @@ def hammerstein_wiener(
     return _result(task, best, own, [one.cost for one in found], each[0])
 
 
-def _check_linear(task: Task, best: Point, each: Sequence[Data]) -> None:
+def _check_linear(task: HammersteinTask, best: SearchPoint, each: Sequence[Data]) -> None:
     """The checks of the linear part; its order by the data where the output is its own, else only what drives it."""
     driven = [_driven(one, path.v) for one, path in zip(each, best.paths, strict=True)]
     if task.h is same:
@@ -188,10 +195,16 @@ def _driven(one: Data, v: Array) -> Data:
 
 
 def _search(
-    task: Task, first: Innovations | None, order: int, p: Array, starts: int, rng: np.random.Generator, iterations: int
-) -> list[Point]:
+    task: HammersteinTask,
+    first: Innovations | None,
+    order: int,
+    p: Array,
+    starts: int,
+    rng: np.random.Generator,
+    iterations: int,
+) -> list[SearchPoint]:
     """Minima of the simulation from many starts, the least first: all are begun, the best of them finished."""
-    begun: list[Point] = []
+    begun: list[SearchPoint] = []
     for i in range(max(starts, 1)):
         model = first if i == 0 and first is not None else _random(task, order, p, rng)
         begun.append(_minimised(task, evaluated(task, model, p, None), min(SCREEN, iterations)))
@@ -202,7 +215,7 @@ def _search(
     return sorted((_minimised(task, one, iterations) for one in begun[:FINISHED]), key=lambda one: one.cost)
 
 
-def _check_maps(task: Task, p: Array, one: Data, linear_inputs: int | None) -> None:
+def _check_maps(task: HammersteinTask, p: Array, one: Data, linear_inputs: int | None) -> None:
     v = np.asarray(task.g(task.pieces[0].u, p))
     wanted = (one.nu if linear_inputs is None else linear_inputs, one.n)
     if v.shape != wanted:
@@ -212,7 +225,7 @@ def _check_maps(task: Task, p: Array, one: Data, linear_inputs: int | None) -> N
         raise ValueError(f"output_map gives {y.shape}, not {(one.ny, one.n)}: channels first, time last")
 
 
-def _approximation(task: Task, each: Sequence[Data], order: int, p: Array) -> Innovations | None:
+def _approximation(task: HammersteinTask, each: Sequence[Data], order: int, p: Array) -> Innovations | None:
     """The linear model from g(u, p) to y."""
     try:
         driven = [_driven(one, task.g(own.u, p)) for one, own in zip(each, task.pieces, strict=True)]
@@ -224,7 +237,7 @@ def _approximation(task: Task, each: Sequence[Data], order: int, p: Array) -> In
     return replace(found, k=np.zeros_like(found.k), dt=1.0)
 
 
-def _random(task: Task, order: int, p: Array, rng: np.random.Generator) -> Innovations:
+def _random(task: HammersteinTask, order: int, p: Array, rng: np.random.Generator) -> Innovations:
     """Random stable poles, each pair with its own time scale; the output as large as the data's."""
     a = np.zeros((order, order))
     for i in range(0, order - 1, 2):
@@ -240,7 +253,7 @@ def _random(task: Task, order: int, p: Array, rng: np.random.Generator) -> Innov
     return Innovations(a, b, c, np.zeros((ny, len(v))), np.zeros((order, ny)), 1.0)
 
 
-def _minimised(task: Task, point: Point, iterations: int) -> Point:
+def _minimised(task: HammersteinTask, point: SearchPoint, iterations: int) -> SearchPoint:
     if not np.isfinite(point.cost):
         return point
     ends = Ends(iterations, exact=EXACT * _power(task))
@@ -251,7 +264,7 @@ def _minimised(task: Task, point: Point, iterations: int) -> Point:
 class _Equations:
     """A step goes with the coordinates that it is made of."""
 
-    def __init__(self, task: Task, point: Point) -> None:
+    def __init__(self, task: HammersteinTask, point: SearchPoint) -> None:
         self.columns = coordinates.basis(point.model, task.free)
         gradient, gram = normal_equations(task, point, self.columns)
         self.equations = NormalEquations(gram, gradient)
@@ -263,18 +276,20 @@ class _Equations:
         return self.equations.promised(damping)
 
 
-def _moved(task: Task, point: Point, columns: Array, step: Array) -> Point:
+def _moved(task: HammersteinTask, point: SearchPoint, columns: Array, step: Array) -> SearchPoint:
     m, nx = columns.shape[1], point.model.nx
     model = coordinates.with_values(point.model, coordinates.values(point.model) + columns @ step[:m])
     starts = tuple(x + step[m + i * nx : m + (i + 1) * nx] for i, x in enumerate(point.starts))
     return evaluated(task, model, point.p + step[m + nx * len(starts) :], starts)
 
 
-def _power(task: Task) -> float:
+def _power(task: HammersteinTask) -> float:
     return float(sum(np.vdot(one.y, one.y) for one in task.pieces))
 
 
-def _result(task: Task, best: Point, names: tuple[str, ...], costs: list[float], one: Data) -> HammersteinWiener:
+def _result(
+    task: HammersteinTask, best: SearchPoint, names: tuple[str, ...], costs: list[float], one: Data
+) -> HammersteinWiener:
     count = sum(int(own.known.sum()) for own in task.pieces)
     _, gram = normal_equations(task, best, coordinates.basis(best.model, task.free))
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))

@@ -25,7 +25,7 @@ SQUARED_BELOW = 1e4
 
 
 @dataclass(frozen=True)
-class Inputs:
+class InputMatrices:
     """b (nx, nu), d (ny, nu), the initial states by piece."""
 
     b: Array
@@ -33,7 +33,7 @@ class Inputs:
     starts: tuple[Array, ...]
 
 
-def fit_inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], *, direct: bool) -> Inputs:
+def fit_inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], *, direct: bool) -> InputMatrices:
     """The least squares of the errors one step ahead (k = 0: of the simulation) of complete pieces."""
     nx, ny = len(a), len(c)
     nu = len(pieces[0].u)
@@ -51,7 +51,7 @@ def fit_inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], *, direct:
     found = least_squares(x, np.concatenate([target for _, _, target in blocks]))
     d = found[nu * nx : shared].reshape(nu, ny).T if direct else np.zeros((ny, nu))
     b = z @ found[: nu * nx].reshape(nu, nx).T + k @ d
-    return Inputs(b, d, tuple(z @ found[shared + i * nx : shared + (i + 1) * nx] for i in range(len(pieces))))
+    return InputMatrices(b, d, tuple(z @ found[shared + i * nx : shared + (i + 1) * nx] for i in range(len(pieces))))
 
 
 def least_squares(x: Array, y: Array) -> Array:

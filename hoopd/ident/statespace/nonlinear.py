@@ -20,7 +20,7 @@ from scipy import linalg, optimize
 from hoopd.ident.checks import check_channels, check_determined, unsettled
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.loopchecks import check_record
-from hoopd.ident.statespace.unscented import Map, System, filtered
+from hoopd.ident.statespace.unscented import Map, NonlinearSystem, filtered
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Nonlinear:
     errors: Array
     r: Array
     cost: float
-    system: System
+    system: NonlinearSystem
     evaluations: int
 
     @property
@@ -57,7 +57,7 @@ class Nonlinear:
 
 @dataclass(frozen=True)
 class _Task:
-    system: System
+    system: NonlinearSystem
     each: Sequence[Data]
     count: int
     free_start: bool
@@ -159,7 +159,7 @@ def nonlinear_pem(
     if ((p < low) | (p > high)).any():
         raise ValueError(f"parameter {int(np.argmax((p < low) | (p > high)))} starts outside its bounds")
     q, r = _matrix(process, len(start), "process"), _matrix(measurement, each[0].ny, "measurement")
-    system = System(
+    system = NonlinearSystem(
         _callable(f, vectorised), _callable(h, vectorised), len(start), each[0].ny, q, r,
         q if spread is None else _matrix(spread, len(start), "spread"),
     )  # fmt: skip

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hoopd.ident.checks import Orders, check, warn
 from hoopd.ident.data import Data, experiments, runs
 from hoopd.ident.statespace import projection, windows
-from hoopd.ident.statespace.projection import Factor, Split
+from hoopd.ident.statespace.projection import TriangularFactor, WindowSplit
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def check_states(data: Data | Sequence[Data], order: int) -> None:
         check_order(found, order)
 
 
-def check_order(found: Factor, nx: int) -> None:
+def check_order(found: TriangularFactor, nx: int) -> None:
     """Warn when the correlation of past and future by state nx is no more than independent ones have.
 
     The edge of the correlations of independent past and future: Marchenko & Pastur, 1967, for many more samples.
@@ -61,7 +61,7 @@ def check_order(found: Factor, nx: int) -> None:
         )
 
 
-def check_windows(found: Factor, each: Sequence[Data]) -> None:
+def check_windows(found: TriangularFactor, each: Sequence[Data]) -> None:
     """ValueError for too few windows; a warning when the inputs do not excite as many lags as a window has."""
     rows = len(found.low)
     if found.count < rows:
@@ -93,7 +93,7 @@ def _newest_last(length: int, m: int, nu: int) -> Array:
     return np.array([*range(now, now + nu), *before, *range(now + nu, now + m)], dtype=int)
 
 
-def split_of(parts: Sequence[Data], order: int | None, horizon: int | None) -> tuple[Split, Array]:
+def split_of(parts: Sequence[Data], order: int | None, horizon: int | None) -> tuple[WindowSplit, Array]:
     """Past and future, and the noise of each output; ValueError where the stretches are too short for the order."""
     nu, ny = parts[0].nu if parts else 0, parts[0].ny if parts else 0
     if not parts:
@@ -105,7 +105,7 @@ def split_of(parts: Sequence[Data], order: int | None, horizon: int | None) -> t
     if horizon is not None:
         if horizon < least:
             raise ValueError(f"a horizon of {horizon} samples is too short for order {order}: {least}")
-        return Split(horizon, horizon, nu, ny), autoregression(parts, max(min(horizon, most), 1)).level
+        return WindowSplit(horizon, horizon, nu, ny), autoregression(parts, max(min(horizon, most), 1)).level
     if most < least:
         raise ValueError(
             f"too few consecutive samples with every output measured: the longest run has {longest}, order"
@@ -113,7 +113,7 @@ def split_of(parts: Sequence[Data], order: int | None, horizon: int | None) -> t
         )
     lags = autoregression(parts, max(most // 2, 1))
     r = int(np.clip(2 * lags.count, min(max(least, 5), most), most))  # twice the lags: Bauer, 2001
-    return Split(r, r, nu, ny), lags.level
+    return WindowSplit(r, r, nu, ny), lags.level
 
 
 def joined(part: Data) -> Array:

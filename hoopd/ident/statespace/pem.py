@@ -23,7 +23,7 @@ from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates, gaussnewton, losses
 from hoopd.ident.statespace.coordinates import Freedom
-from hoopd.ident.statespace.gaussnewton import Point, Problem
+from hoopd.ident.statespace.gaussnewton import PemPoint, PemProblem
 from hoopd.ident.statespace.losses import Loss
 from hoopd.ident.statespace.ordering import check_states
 from hoopd.ident.statespace.sensitivities import Piece, paired, piece
@@ -37,7 +37,7 @@ SETTLED = 1e-3  # relative change of the covariance
 
 
 @dataclass(frozen=True)
-class Options:
+class PemSettings:
     """How the minimum is looked for; see `pem`."""
 
     focus: Focus
@@ -138,11 +138,11 @@ def pem(
     model = _start(each, order, start, direct, focus, stable)
     limit = np.inf if stable is False else 1.0 - 1e-9 if stable is True else float(stable)
     given = None if weight is None else np.asarray(weight, dtype=float)
-    problem = Problem(
+    problem = PemProblem(
         [piece(one) for one in each], np.eye(model.ny), Freedom(direct, focus == "prediction"), horizon,
         x0 == "estimate", losses.named(loss), regulariser, limit,
     )  # fmt: skip
-    point, problem = _settle(problem, model, Options(focus, problem.loss, given, iterations, tolerance))
+    point, problem = _settle(problem, model, PemSettings(focus, problem.loss, given, iterations, tolerance))
     covariance = coordinates_covariance(problem, point, white=focus == "prediction" and horizon == 1)
     if not point.ended:
         unsettled(iterations)
@@ -179,7 +179,7 @@ def _filled(one: Data) -> Data:
     return replace(one, y=y)
 
 
-def _settle(problem: Problem, model: Innovations, options: Options) -> tuple[Point, Problem]:
+def _settle(problem: PemProblem, model: Innovations, options: PemSettings) -> tuple[PemPoint, PemProblem]:
     """Minima under weights that are renewed from the errors until they stay."""
     point = gaussnewton.with_best_starts(problem, model)
     if not np.isfinite(point.cost):
@@ -197,7 +197,7 @@ def _settle(problem: Problem, model: Innovations, options: Options) -> tuple[Poi
     return point, problem
 
 
-def _weight(problem: Problem, point: Point) -> Array:
+def _weight(problem: PemProblem, point: PemPoint) -> Array:
     """Inverse root of the errors' covariance; by the median of each where outliers are expected."""
     if problem.loss is not None:
         errors = np.hstack([path.ahead for path in point.paths])
@@ -206,7 +206,7 @@ def _weight(problem: Problem, point: Point) -> Array:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(_covariance(problem, point))))
 
 
-def _covariance(problem: Problem, point: Point) -> Array:
+def _covariance(problem: PemProblem, point: PemPoint) -> Array:
     """Of the errors that count (ny, ny), lifted where there are none; missing ones left out pair by pair."""
     ahead = [path.ahead for path in point.paths]
     r = paired(ahead, [one.known for one in problem.pieces])

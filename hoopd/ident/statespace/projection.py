@@ -33,7 +33,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Split:
+class WindowSplit:
     """Rows of a window of past + future samples of z = [u; y]."""
 
     past: int
@@ -69,11 +69,11 @@ class Split:
 
 
 @dataclass(frozen=True)
-class Factor:
+class TriangularFactor:
     """The lower triangular factor of `count` windows, in the order of the split."""
 
     low: Array
-    split: Split
+    split: WindowSplit
     count: int
 
     def block(self, i: int, j: int) -> Array:
@@ -102,13 +102,13 @@ class Decomposition:
         return gamma if self.unweight is None else np.asarray(self.unweight @ gamma)
 
 
-def factor(pieces: Sequence[Array], split: Split, gram: Array | None = None) -> Factor:
+def factor(pieces: Sequence[Array], split: WindowSplit, gram: Array | None = None) -> TriangularFactor:
     """The factor of all windows of the pieces (n, nu + ny)."""
     low = windows.factor(pieces, split.length, split.order, gram)
-    return Factor(low, split, windows.count(pieces, split.length))
+    return TriangularFactor(low, split, windows.count(pieces, split.length))
 
 
-def decompose(found: Factor, weighting: Weighting) -> Decomposition:
+def decompose(found: TriangularFactor, weighting: Weighting) -> Decomposition:
     """The weighted singular value decomposition."""
     past, l32 = _past(found), found.block(3, 2)
     if weighting == "MOESP":
@@ -126,12 +126,12 @@ def decompose(found: Factor, weighting: Weighting) -> Decomposition:
     return _svd(linalg.solve_triangular(root, on, lower=True), root)
 
 
-def correlations(found: Factor) -> Array:
+def correlations(found: TriangularFactor) -> Array:
     """Canonical correlations of past and future given the future inputs, from 1 down."""
     return np.asarray(linalg.svdvals(linalg.solve_triangular(_noise_root(found), found.block(3, 2), lower=True)))
 
 
-def choose_order(found: Factor, most: int) -> int:
+def choose_order(found: TriangularFactor, most: int) -> int:
     """The order that makes SVC(n) = s(n+1)^2 + log(T) d(n) / T least, d(n) = n (2 ny + nu) numbers of the model.
 
     s are the canonical correlations, T the windows (Bauer, Automatica 37, 2001, with the penalty of BIC).
@@ -143,12 +143,12 @@ def choose_order(found: Factor, most: int) -> int:
     return max(int(np.argmin(criterion)), 1)
 
 
-def state_map(found: Factor, gamma: Array) -> Array:
+def state_map(found: TriangularFactor, gamma: Array) -> Array:
     """(nx, rows of Z_p): the state at the end of the past is this times Z_p."""
     return np.asarray(np.linalg.lstsq(gamma, _past(found), rcond=None)[0])
 
 
-def excitation(found: Factor) -> float:
+def excitation(found: TriangularFactor) -> float:
     """Least over largest singular value of the scaled inputs of a window; 0 where some combination never moves."""
     split = found.split
     rows = found.window_rows(split.rows(range(split.length), inputs=True, outputs=False))
@@ -161,7 +161,7 @@ def excitation(found: Factor) -> float:
     return float(s[-1] / s[0])
 
 
-def _past(found: Factor) -> Array:
+def _past(found: TriangularFactor) -> Array:
     """L32 L22^-1."""
     l22, l32 = found.block(2, 2), found.block(3, 2)
     pivots = np.abs(np.diag(l22)) / np.maximum(np.linalg.norm(found.block(2, 1), axis=1) + np.abs(np.diag(l22)), 1e-300)
@@ -170,7 +170,7 @@ def _past(found: Factor) -> Array:
     return np.asarray(l32 @ linalg.pinv(l22, rtol=ROUNDING))
 
 
-def _noise_root(found: Factor) -> Array:
+def _noise_root(found: TriangularFactor) -> Array:
     """Lower triangular root of L32 L32' + L33 L33', lifted a little where the data have no noise."""
     both = np.hstack([found.block(3, 2), found.block(3, 3)])
     covariance = both @ both.T

@@ -64,7 +64,7 @@ class Directions:
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class PredictionTrajectory:
     """x (nx, n) predicted one step ahead, e (ny, n) its errors, zero where missing; `ahead`: those h steps ahead."""
 
     x: Array
@@ -72,13 +72,13 @@ class Trajectory:
     ahead: Array
 
 
-def trajectory(model: Innovations, data: Piece, x0: Array, horizon: int = 1) -> Trajectory:
+def trajectory(model: Innovations, data: Piece, x0: Array, horizon: int = 1) -> PredictionTrajectory:
     """Predicted states and errors of an experiment from the state x0 (nx,)."""
     if data.complete:
         x, e = _filtered(model, data, x0)
     else:
         x, e = _stepped(model, data, x0)
-    return Trajectory(x, e, e if horizon == 1 else _errors_ahead(model, data, x, e, horizon))
+    return PredictionTrajectory(x, e, e if horizon == 1 else _errors_ahead(model, data, x, e, horizon))
 
 
 def paired(errors: Sequence[Array], known: Sequence[NDArray[np.bool_]]) -> Array:
@@ -87,7 +87,9 @@ def paired(errors: Sequence[Array], known: Sequence[NDArray[np.bool_]]) -> Array
     return np.asarray(sum(e @ e.T for e in errors) / np.maximum(pairs, 1.0))
 
 
-def sensitivities(model: Innovations, data: Piece, path: Trajectory, along: Directions, horizon: int = 1) -> Array:
+def sensitivities(
+    model: Innovations, data: Piece, path: PredictionTrajectory, along: Directions, horizon: int = 1
+) -> Array:
     """Derivatives (ny, m, n) of the errors `horizon` steps ahead, zero where an output is missing."""
     driven, seen = _pushes(model, data, path, along)
     dx = (_filtered_change if data.complete else _stepped_change)(model, data, driven, along.x0.T)
@@ -113,7 +115,7 @@ def _stepped(model: Innovations, data: Piece, x0: Array) -> tuple[Array, Array]:
     return x, e
 
 
-def _pushes(model: Innovations, data: Piece, path: Trajectory, along: Directions) -> tuple[Array, Array]:
+def _pushes(model: Innovations, data: Piece, path: PredictionTrajectory, along: Directions) -> tuple[Array, Array]:
     """What a change adds to the state (nx, m, n) and to the output (ny, m, n)."""
     x, u, e = path.x, data.u, path.e
     seen = _applied(np.concatenate([along.c, along.d], axis=2), np.vstack([x, u]))
@@ -155,7 +157,7 @@ def _errors_ahead(model: Innovations, data: Piece, x: Array, e: Array, horizon: 
 
 
 def _change_ahead(
-    model: Innovations, data: Piece, path: Trajectory, along: Directions, dx: Array, de: Array, horizon: int
+    model: Innovations, data: Piece, path: PredictionTrajectory, along: Directions, dx: Array, de: Array, horizon: int
 ) -> Array:
     out, z, dz = de.copy(), path.x, dx
     both = np.concatenate([along.a, along.b], axis=2)

@@ -24,11 +24,11 @@ from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import gaussnewton, projection
 from hoopd.ident.statespace.coordinates import Freedom
-from hoopd.ident.statespace.inputs import Inputs, fit_inputs
+from hoopd.ident.statespace.inputs import InputMatrices, fit_inputs
 from hoopd.ident.statespace.kalman import gain
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.ordering import check_order, check_windows, joined, split_of
-from hoopd.ident.statespace.projection import WEIGHTINGS, Factor, Split, Weighting
+from hoopd.ident.statespace.projection import WEIGHTINGS, TriangularFactor, Weighting, WindowSplit
 from hoopd.ident.statespace.sensitivities import Piece, piece
 from hoopd.ident.statespace.stabilise import bounded
 
@@ -40,7 +40,7 @@ LEAST_NOISE = 1e-4  # of an output: data with less are taken as if they had so m
 
 
 @dataclass(frozen=True)
-class Choice:
+class SubspaceChoice:
     """How the estimate is made; see `subspaceid`."""
 
     order: int | None
@@ -54,7 +54,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Scale:
+class ChannelScale:
     """What inputs and outputs are divided by."""
 
     u: Array
@@ -132,20 +132,20 @@ def subspaceid(
         raise ValueError(f"weighting is one of {', '.join(WEIGHTINGS)}, not {weighting!r}")
     each = experiments(data)
     check_channels(each)
-    choice = Choice(order, weighting, horizon, most_order, direct, focus, stable, refine)
+    choice = SubspaceChoice(order, weighting, horizon, most_order, direct, focus, stable, refine)
     _check_choice(choice)
     check_record(each, drift=False)
     sizes = _scale(each, scale)
     parts = [_divided(part, sizes) for one in each for part in runs(one)]
     split, level = split_of(parts, order, horizon)
     # by their noise, so that an output that is mostly noise does not speak for the others
-    noise = Scale(np.ones(len(sizes.u)), np.maximum(level, LEAST_NOISE) if scale else np.ones(len(sizes.y)))
+    noise = ChannelScale(np.ones(len(sizes.u)), np.maximum(level, LEAST_NOISE) if scale else np.ones(len(sizes.y)))
     found = _multiplied(_estimate([_divided(one, noise) for one in parts], split, choice), noise)
     check_model(found, sum(part.n for part in parts))
     return replace(_multiplied(found, sizes), dt=each[0].dt, inputs=each[0].inputs, outputs=each[0].outputs)
 
 
-def _check_choice(choice: Choice) -> None:
+def _check_choice(choice: SubspaceChoice) -> None:
     """ValueError for numbers that mean nothing."""
     for name in ("order", "horizon", "most_order"):
         value = getattr(choice, name)
@@ -169,7 +169,7 @@ def check_stable(stable: bool | float) -> None:
         raise ValueError(f"stable is True, False or the largest modulus of a pole, above 0, not {stable}")
 
 
-def _estimate(parts: Sequence[Data], split: Split, choice: Choice) -> Innovations:
+def _estimate(parts: Sequence[Data], split: WindowSplit, choice: SubspaceChoice) -> Innovations:
     z = [joined(part) for part in parts]
     found = projection.factor(z, split)
     check_windows(found, parts)
@@ -194,10 +194,10 @@ def _estimate(parts: Sequence[Data], split: Split, choice: Choice) -> Innovation
     return _refined(model, usable, rest, choice)
 
 
-def _refined(model: Innovations, pieces: Sequence[Piece], rest: Inputs, choice: Choice) -> Innovations:
+def _refined(model: Innovations, pieces: Sequence[Piece], rest: InputMatrices, choice: SubspaceChoice) -> Innovations:
     """Gauss-Newton steps on the errors one step ahead, weighted by their covariance."""
     limit = _limit(choice.stable)
-    problem = gaussnewton.Problem(pieces, np.eye(model.ny), Freedom(direct=choice.direct), within=limit)
+    problem = gaussnewton.PemProblem(pieces, np.eye(model.ny), Freedom(direct=choice.direct), within=limit)
     point = gaussnewton.evaluate(problem, model, rest.starts)
     if not np.isfinite(point.cost):
         return model
@@ -210,11 +210,11 @@ def _refined(model: Innovations, pieces: Sequence[Piece], rest: Inputs, choice: 
     return replace(gaussnewton.settled(point), r=covariance)
 
 
-def _covariance(pieces: Sequence[Piece], point: gaussnewton.Point) -> Array:
+def _covariance(pieces: Sequence[Piece], point: gaussnewton.PemPoint) -> Array:
     return np.asarray(sum(path.e @ path.e.T for path in point.paths) / sum(p.n for p in pieces))
 
 
-def _noise(found: Factor, gamma: Array, a: Array, c: Array, direct: bool) -> tuple[Array, Array, Array]:
+def _noise(found: TriangularFactor, gamma: Array, a: Array, c: Array, direct: bool) -> tuple[Array, Array, Array]:
     """Covariances Q, R, S of x+ - A x - B u and y - C x - D u, the states taken from the past of each window."""
     split = found.split
     into = projection.state_map(found, gamma)
@@ -233,7 +233,7 @@ def _without(rows: Array, u: Array) -> Array:
     return rows - np.linalg.lstsq(u.T, rows.T, rcond=1e-10)[0].T @ u if len(u) else rows
 
 
-def _inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], direct: bool) -> Inputs:
+def _inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], direct: bool) -> InputMatrices:
     """`fit_inputs`; ValueError where responses overflow, as those of states that are rounding do."""
     grown = max(one.n for one in pieces) * np.log(max(radius(a - k @ c), 1e-300))
     try:
@@ -259,19 +259,19 @@ def _bounded(a: Array, stable: bool | float) -> Array:
     return a if radius(a) <= limit else bounded(a, limit * (1.0 - 1e-6))
 
 
-def _scale(each: Sequence[Data], on: bool) -> Scale:
+def _scale(each: Sequence[Data], on: bool) -> ChannelScale:
     if not on:
-        return Scale(np.ones(each[0].nu), np.ones(each[0].ny))
+        return ChannelScale(np.ones(each[0].nu), np.ones(each[0].ny))
     u = np.sqrt(np.mean([np.mean(np.square(one.u), axis=0) for one in each], axis=0))
     y = np.sqrt(np.mean([np.nanmean(np.square(one.y), axis=0) for one in each], axis=0))
-    return Scale(np.where(u > 0.0, u, 1.0), np.where(y > 0.0, y, 1.0))
+    return ChannelScale(np.where(u > 0.0, u, 1.0), np.where(y > 0.0, y, 1.0))
 
 
-def _divided(one: Data, by: Scale) -> Data:
+def _divided(one: Data, by: ChannelScale) -> Data:
     return replace(one, u=one.u / by.u, y=one.y / by.y)
 
 
-def _multiplied(model: Innovations, by: Scale) -> Innovations:
+def _multiplied(model: Innovations, by: ChannelScale) -> Innovations:
     """The model of the channels in their own units."""
     y = by.y[:, None]
     return replace(

@@ -13,14 +13,14 @@ from scipy import linalg
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates, gaussnewton
 from hoopd.ident.statespace.coloured import autoregression_of, shaped
-from hoopd.ident.statespace.gaussnewton import Point, Problem
+from hoopd.ident.statespace.gaussnewton import PemPoint, PemProblem
 from hoopd.ident.statespace.sensitivities import sensitivities
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
-def coordinates_covariance(problem: Problem, point: Point, *, white: bool) -> Array:
+def coordinates_covariance(problem: PemProblem, point: PemPoint, *, white: bool) -> Array:
     """(full, full) of the full vector at a minimum; the weight makes the errors' covariance one.
 
     White errors: the inverse of the Gram of their derivatives (Ljung, 1999, 9.30), times rho's share of a robust loss.
@@ -121,7 +121,7 @@ def pole_covariance(model: Innovations) -> tuple[Complex, Array]:
     return poles, np.asarray(parts @ own @ parts.swapaxes(-1, -2))
 
 
-def _scores(problem: Problem, point: Point, columns: Array, white: bool) -> Array:
+def _scores(problem: PemProblem, point: PemPoint, columns: Array, white: bool) -> Array:
     """Covariance of the gradient: the sum of squared scores of a robust loss, or J'SJ of coloured errors."""
     along = coordinates.directions(point.model, columns)
     both = coordinates.joined(along, coordinates.starts(point.model)) if problem.start else along

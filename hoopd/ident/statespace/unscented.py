@@ -21,7 +21,7 @@ Map = Callable[[Array, Array, Array, float], Any]
 
 
 @dataclass(frozen=True)
-class System:
+class NonlinearSystem:
     """f and h take x (nx, batch), u (nu, 1), p (np, batch), t in seconds and give (nx, batch), (ny, batch)."""
 
     f: Map
@@ -42,7 +42,7 @@ class Filtered:
     x: Array  # (n, nx, m)
 
 
-def filtered(system: System, y: Array, u: Array, t: Array, p: Array, x0: Array) -> Filtered:
+def filtered(system: NonlinearSystem, y: Array, u: Array, t: Array, p: Array, x0: Array) -> Filtered:
     """One-step errors of y (n, ny) for m parameter sets p (np, m) and initial states x0 (nx, m).
 
     LinAlgError where a covariance is lost, which a model that diverges brings about.
@@ -77,7 +77,7 @@ def _called(of: Map, points: Array, u: Array, p: Array, t: float, rows: int) -> 
 
 
 def _corrected(
-    system: System, x: Array, cov: Array, points: Array, said: Array, y: Array, known: NDArray[np.bool_]
+    system: NonlinearSystem, x: Array, cov: Array, points: Array, said: Array, y: Array, known: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array, Array]:
     """State and covariance with the sample's output, the errors and their covariance (first set)."""
     mean = said.mean(axis=2)

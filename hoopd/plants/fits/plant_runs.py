@@ -17,7 +17,7 @@ from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.fits.free_parameters import Scale, scale_within
-from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, Run, Series
+from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, ChannelSeries, Run
 from hoopd.plants.free_run_model import FreeRunModel
 from hoopd.plants.trajectory import Trajectory
 from hoopd.recording.recording import Recording, Signal, from_signals
@@ -61,9 +61,9 @@ class PlantSystem:
         effects = {e.key(p.name): (p.low, p.high) for e in self.effects for p in e.parameters if p.role != "phase"}
         return {**self.plant.bounds, **effects}
 
-    def model(self, moving: str, free: Sequence[str]) -> PlantModel:
+    def model(self, moving: str, free: Sequence[str]) -> PlantReadings:
         """What simulates its readings; all of it moves."""
-        return PlantModel(FreeRunModel(self.plant, self.effects, free, values=self.values, step_s=self.step_s))
+        return PlantReadings(FreeRunModel(self.plant, self.effects, free, values=self.values, step_s=self.step_s))
 
     def scale(self, names: Sequence[str]) -> Scale:
         return scale_within(names, self.values, self.bounds)
@@ -73,7 +73,7 @@ class PlantSystem:
         return list(range(len(self.plant.states)))
 
 
-class PlantModel:
+class PlantReadings:
     """The readings of a plant's free runs."""
 
     def __init__(self, model: FreeRunModel) -> None:
@@ -139,13 +139,15 @@ def inputs_of(plant: Plant, recording: Recording) -> dict[str, Signal]:
 def run_of(plant: Plant, source: str, part: Timeline) -> Run | None:
     """A stretch made ready; None when it has too few measurements for a start of its own."""
     seen = {name: part.channels[name] for name in plant.channels if name in part.channels}
-    series = {name: Series(name, one.nodes, one.values) for name, one in seen.items() if len(one.values) >= FEWEST}
+    series = {
+        name: ChannelSeries(name, one.nodes, one.values) for name, one in seen.items() if len(one.values) >= FEWEST
+    }
     if sum(len(one.values) for one in series.values()) < SHORTEST_ROWS:
         return None
     return Run(source, ALL, part.t, part.u, series, first_state(plant, part.t, series), {})
 
 
-def first_state(plant: Plant, t: Array, series: Mapping[str, Series]) -> Array:
+def first_state(plant: Plant, t: Array, series: Mapping[str, ChannelSeries]) -> Array:
     """(nx,) a first guess: lines through the first samples of what reads a state, its slope where nobody reads that;
     of a first-order state that nobody reads its usual size."""
     lines = {plant.state_of(name): _line(t, one) for name, one in series.items() if plant.state_of(name)}
@@ -157,7 +159,7 @@ def first_state(plant: Plant, t: Array, series: Mapping[str, Series]) -> Array:
     return np.array([guess.get(name, 0.0) for name in plant.states])
 
 
-def _line(t: Array, series: Series) -> tuple[float, float]:
+def _line(t: Array, series: ChannelSeries) -> tuple[float, float]:
     """Value at the first node, and slope."""
     when, y = t[series.nodes[:FIRST_SAMPLES]] - t[0], series.values[:FIRST_SAMPLES]
     slope, value = np.polyfit(when, y, 1)

@@ -25,7 +25,7 @@ FEWEST = 3
 
 
 @dataclass(frozen=True)
-class Series:
+class ChannelSeries:
     """One channel of a run: values and the nodes they compare with; `before`: a rate over two nodes."""
 
     name: str
@@ -41,12 +41,12 @@ class Series:
         span = self.span_s.reshape(-1, *([1] * (column.ndim - 1)))
         return np.asarray((column[self.nodes] - column[self.before]) / span)
 
-    def until(self, last: int) -> Series:
+    def until(self, last: int) -> ChannelSeries:
         """What was measured up to this node."""
         keep = self.nodes <= last
         before = None if self.before is None else self.before[keep]
         span_s = None if self.span_s is None else self.span_s[keep]
-        return Series(self.name, self.nodes[keep], self.values[keep], before, span_s)
+        return ChannelSeries(self.name, self.nodes[keep], self.values[keep], before, span_s)
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Run:
     moving: str  # which part of the plant moves; one word throughout where all of it does
     t: Array  # (n,) s
     u: Array  # (n-1,) of one input, (n-1, inputs) of several or none
-    series: dict[str, Series]
+    series: dict[str, ChannelSeries]
     start: Array  # (nx,) first guess of the state
     set_aside: dict[str, int]  # samples that do not count, by channel
 

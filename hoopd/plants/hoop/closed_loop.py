@@ -83,7 +83,7 @@ def picture_timing(delay_s: float, period_s: float) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Run:
+class ClosedLoopRun:
     """What happened, one row a tick."""
 
     t: Vector  # s, zero at the release
@@ -178,7 +178,7 @@ def simulate(
     scenario: Scenario | None = None,
     watch: Callable[[float, Estimate], object] = lambda t, estimate: None,
     feedforward: FeedForward | None = None,
-) -> Run:
+) -> ClosedLoopRun:
     """Run one scenario; the ball is held until `start_s`, where the rows' time begins; `watch` sees every estimate."""
     s = scenario or Scenario()
     world, answer = _World(plant, s), None
@@ -209,7 +209,7 @@ def simulate(
         world.u = torque
         answer = None if s.hoop_missing(applied - s.start_s) else world.answer(k)
     table = np.array(rows)
-    return Run(table[:, 0], table[:, 1:5], table[:, 5], table[:, 6], table[:, 7:11])
+    return ClosedLoopRun(table[:, 0], table[:, 1:5], table[:, 5], table[:, 6], table[:, 7:11])
 
 
 def _acted_on(estimate: Estimate) -> Vector:

@@ -75,7 +75,7 @@ class Forecast(NamedTuple):
         return max(speed, self.ball_angle_rad / plan.angle_limit_rad if plan.ball else 0.0)
 
 
-class Score(NamedTuple):
+class FinishedPlan(NamedTuple):
     """A finished plan: what the daemon loads, and what is expected of it."""
 
     text: str  # hoopd.controller/1
@@ -103,7 +103,7 @@ def unit_table(plan: Plan, variant: int, period_s: float) -> signals.Signal:
     return np.concatenate((np.zeros(lead), body))
 
 
-def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: float) -> Score:
+def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: float) -> FinishedPlan:
     """Choose a signal and write it down; InputError for a plan that cannot be played."""
     model = parse_model(model_text, "model")
     values = model.values() if plan.ball else without_ball(model.structure, model.values())
@@ -117,7 +117,7 @@ def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: flo
     text = text_of(msgspec.to_builtins(file), default_flow_style=None, width=120)
     parse_controller(text, "experiment")
     warnings = tuple(_warnings(plan, use, amplitude_nm, forecast))
-    return Score(text, amplitude_nm, len(table) * period_s, forecast, warnings)
+    return FinishedPlan(text, amplitude_nm, len(table) * period_s, forecast, warnings)
 
 
 def _choose(

@@ -17,7 +17,7 @@ from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.output_error import Progress, Solution
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.fits.uncertainty import Uncertainty, intervals, uncertainty
-from hoopd.plants.found_effects import Found
+from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.filter_noise import NoiseModel
 from hoopd.plants.hoop.fit_data import prepare
 from hoopd.plants.hoop.free_parameters import default_priors, determined_names
@@ -40,7 +40,7 @@ METHODS = ("output", "prediction")
 
 
 @dataclass(frozen=True)
-class Settings:
+class FitSettings:
     """What a fit is asked to do."""
 
     structure: str = "entries"
@@ -52,11 +52,11 @@ class Settings:
     loss: str = "linear"
     method: str = "output"  # or prediction
     encoder_counts: int = 4096  # of the hoop's turn
-    effects: Found | None = None  # beside the base, held as they are
+    effects: FoundEffects | None = None  # beside the base, held as they are
 
 
 @dataclass(frozen=True)
-class Fit:
+class FittedParameters:
     """A fitted model: values, how well they are known, and what they were fitted to."""
 
     structure: str
@@ -65,7 +65,7 @@ class Fit:
     runs: tuple[Run, ...]
     channels: tuple[str, ...]
     nominal: dict[str, float]  # what it started from
-    settings: Settings
+    settings: FitSettings
     prediction: PredictionUncertainty | None = None  # noise levels and whiteness of a prediction-error fit
 
     @property
@@ -94,11 +94,11 @@ def nominal_values(model: ModelFile, structure: str) -> dict[str, float]:
 def fit(
     recordings: Sequence[Recording],
     nominal: Mapping[str, float],
-    settings: Settings | None = None,
+    settings: FitSettings | None = None,
     progress: Progress = lambda text: None,
-) -> Fit:
+) -> FittedParameters:
     """Parameters from recordings; InputError when they do not fit together or hold nothing."""
-    settings = settings or Settings()
+    settings = settings or FitSettings()
     if settings.method == "prediction":
         return _fit_prediction(recordings, nominal, settings, progress)
     values = {**nominal, **settings.fixed}
@@ -115,12 +115,12 @@ def fit(
             if again.sigma["theta"] < FOLLOWS_COUNTS * tau / settings.encoder_counts:
                 solution, runs, channels = again, closer, ("theta", "psi")
     known = uncertainty(solution, settings.loss)
-    return Fit(settings.structure, solution, known, tuple(runs), tuple(channels), dict(nominal), settings)
+    return FittedParameters(settings.structure, solution, known, tuple(runs), tuple(channels), dict(nominal), settings)
 
 
 def _fit_prediction(
-    recordings: Sequence[Recording], nominal: Mapping[str, float], settings: Settings, progress: Progress
-) -> Fit:
+    recordings: Sequence[Recording], nominal: Mapping[str, float], settings: FitSettings, progress: Progress
+) -> FittedParameters:
     """The likelihood of a filter's innovations, begun where free runs end."""
     if settings.effects:
         names = ", ".join(settings.effects.names)
@@ -141,10 +141,12 @@ def _fit_prediction(
         progress=progress,
     )
     judged = prediction_uncertainty(solution)
-    return Fit(settings.structure, solution, judged.parameters, tuple(runs), channels, dict(nominal), settings, judged)
+    return FittedParameters(
+        settings.structure, solution, judged.parameters, tuple(runs), channels, dict(nominal), settings, judged
+    )
 
 
-def free_names(settings: Settings, runs: Sequence[Run]) -> tuple[str, ...]:
+def free_names(settings: FitSettings, runs: Sequence[Run]) -> tuple[str, ...]:
     """Parameters that are fitted, in the structure's order; InputError when none or a wrong one is wanted."""
     kinds = tuple(dict.fromkeys(run.moving for run in runs))
     if settings.structure == "entries" and len(kinds) > 1:
@@ -172,7 +174,7 @@ def free_names(settings: Settings, runs: Sequence[Run]) -> tuple[str, ...]:
     return free
 
 
-def model_file(fitted: Fit, base: ModelFile, name: str) -> ModelFile:
+def model_file(fitted: FittedParameters, base: ModelFile, name: str) -> ModelFile:
     """The fit as a model file on the base's device: fitted values with their intervals, the others as they were."""
     units, found = PARAMETER_UNITS[fitted.structure], fitted.intervals
     device_names = base.device.values()
@@ -199,7 +201,7 @@ def _near(
     values: dict[str, float],
     names: Sequence[str],
     priors: Mapping[str, Prior],
-    settings: Settings,
+    settings: FitSettings,
     progress: Progress,
 ) -> dict[str, float]:
     """Values of a quick fit in short runs, from which a long one does not go astray."""
@@ -228,7 +230,7 @@ def _solve(
     names: Sequence[str],
     runs: Sequence[Run],
     priors: Mapping[str, Prior],
-    settings: Settings,
+    settings: FitSettings,
     progress: Progress,
 ) -> Solution:
     return fit_output_error(
@@ -243,7 +245,7 @@ def _solve(
     )
 
 
-def _follows(solution: Solution, runs: Sequence[Run], settings: Settings) -> bool:
+def _follows(solution: Solution, runs: Sequence[Run], settings: FitSettings) -> bool:
     """Whether the model's hoop stays near the encoder's reading, once each run starts at its best angle."""
     trial = fit_output_error(
         settings.structure,

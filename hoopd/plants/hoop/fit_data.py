@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
 from hoopd.plants.fits.repeated_samples import HELD_COUNTS, equal_stretches, not_stuck, once_at_rest
-from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, Run, Series
+from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, ChannelSeries, Run
 from hoopd.recording.recording import Recording
-from hoopd.recording.timeline import Channel, Timeline, timelines
+from hoopd.recording.timeline import ChannelNodes, Timeline, timelines
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -90,23 +90,23 @@ def run_of(recording: Recording, part: Timeline, moving: str, wanted: Sequence[s
         if name == "psi":
             fresh = fresh_angles(part)
             aside[name] = int((~fresh).sum())
-            channel = Channel(channel.nodes[fresh], channel.values[fresh])
+            channel = ChannelNodes(channel.nodes[fresh], channel.values[fresh])
         if name == "theta":
             counts = once_at_rest(channel.values)
             aside[name] = int((~counts).sum())
-            channel = Channel(channel.nodes[counts], channel.values[counts])
+            channel = ChannelNodes(channel.nodes[counts], channel.values[counts])
         if len(channel.values) >= FEWEST:
-            series[name] = _rate(part, channel) if name == "theta_rate" else Series(name, *channel)
+            series[name] = _rate(part, channel) if name == "theta_rate" else ChannelSeries(name, *channel)
     if sum(len(one.values) for one in series.values()) < SHORTEST_ROWS:
         return None
     return Run(recording.source, moving, part.t, part.u, series, _start(part, moving), aside)
 
 
-def _rate(part: Timeline, theta: Channel) -> Series:
+def _rate(part: Timeline, theta: ChannelNodes) -> ChannelSeries:
     """(theta_k+1 - theta_k-1) / (t_k+1 - t_k-1), the same of the simulation: no derivative is guessed."""
     after, before = theta.nodes[2:], theta.nodes[:-2]
     span = part.t[after] - part.t[before]
-    return Series("theta_rate", after, (theta.values[2:] - theta.values[:-2]) / span, before, span)
+    return ChannelSeries("theta_rate", after, (theta.values[2:] - theta.values[:-2]) / span, before, span)
 
 
 def fresh_angles(part: Timeline) -> NDArray[np.bool_]:
@@ -136,7 +136,7 @@ def _start(part: Timeline, moving: str) -> Array:
     return np.array([theta, 0.0 if moving == "ball" else dtheta, psi, dpsi])
 
 
-def _line(part: Timeline, channel: Channel, samples: int = 5) -> tuple[float, float]:
+def _line(part: Timeline, channel: ChannelNodes, samples: int = 5) -> tuple[float, float]:
     t, y = part.t[channel.nodes[:samples]] - part.t[0], channel.values[:samples]
     if len(t) < 2:
         return (float(y[0]) if len(y) else 0.0), 0.0

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.fits.nrmse import nrmse_percent
 from hoopd.plants.hoop.fit_data import UNITS, channels_of, fresh_angles, moving_of
-from hoopd.plants.hoop.recorded_runs import FreeRun, Subject, free_runs
+from hoopd.plants.hoop.recorded_runs import SimulatedStretch, Subject, free_runs
 from hoopd.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ WINDOW_S = 2.0
 
 
 @dataclass(frozen=True)
-class Trace:
+class ChannelTrace:
     """One channel measured and simulated at the same instants; `fresh`: what counts."""
 
     t: Array  # (k,) s
@@ -51,15 +51,15 @@ class ChannelScore:
 
 
 @dataclass(frozen=True)
-class Score:
+class FitScore:
     """A model against a recording: starts, fit and traces per channel."""
 
     recording: str
     moving: str  # both, hoop or ball
     window_s: float | None  # None: one free run over the whole recording
     channels: dict[str, ChannelScore]
-    traces: dict[str, Trace]
-    runs: tuple[FreeRun, ...]
+    traces: dict[str, ChannelTrace]
+    runs: tuple[SimulatedStretch, ...]
 
     @property
     def nrmse_percent(self) -> dict[str, float]:
@@ -75,7 +75,7 @@ def score(
     start: Mapping[str, float] | None = None,
     moving: str | None = None,
     encoder_counts: int = 4096,
-) -> Score:
+) -> FitScore:
     """Free run of `subject` over the recording, or over windows of `window_s`, each from its own estimated start.
 
     start: states by name (theta, dtheta, psi, dpsi; rad, rad/s) instead of the estimate; `moving`: what moves, where
@@ -86,7 +86,7 @@ def score(
     return scored(recording.source, runs, moving, window_s)
 
 
-def scored(source: str, runs: Sequence[FreeRun], moving: str, window_s: float | None = None) -> Score:
+def scored(source: str, runs: Sequence[SimulatedStretch], moving: str, window_s: float | None = None) -> FitScore:
     """The measure on runs that are simulated already."""
     traces = {}
     for name in channels_of(moving, CHANNELS):
@@ -94,10 +94,10 @@ def scored(source: str, runs: Sequence[FreeRun], moving: str, window_s: float | 
         if found:
             traces[name] = _joined(found)
     channels = {name: _channel_score(name, trace) for name, trace in traces.items()}
-    return Score(source, moving, window_s, channels, traces, tuple(runs))
+    return FitScore(source, moving, window_s, channels, traces, tuple(runs))
 
 
-def _channel_score(name: str, trace: Trace) -> ChannelScore:
+def _channel_score(name: str, trace: ChannelTrace) -> ChannelScore:
     measured, simulated = trace.measured[trace.fresh], trace.simulated[trace.fresh]
     rmse = float(np.sqrt(np.mean((measured - simulated) ** 2))) if len(measured) else float("nan")
     return ChannelScore(
@@ -110,38 +110,44 @@ def _channel_score(name: str, trace: Trace) -> ChannelScore:
     )
 
 
-def _joined(traces: Sequence[Trace]) -> Trace:
+def _joined(traces: Sequence[ChannelTrace]) -> ChannelTrace:
     """One after the other; the sample on the seam of two windows counts once."""
     columns = [np.concatenate(column) for column in zip(*map(_columns, traces), strict=True)]
     _, once = np.unique(columns[0], return_index=True)
-    return Trace(*(column[once] for column in columns))
+    return ChannelTrace(*(column[once] for column in columns))
 
 
-def _columns(trace: Trace) -> tuple[Array, Array, Array, Mask]:
+def _columns(trace: ChannelTrace) -> tuple[Array, Array, Array, Mask]:
     return trace.t, trace.measured, trace.simulated, trace.fresh
 
 
 # ---------------------------------------------------------------------------------------------- channels
 
 
-def _theta_rate(run: FreeRun) -> Trace | None:
+def _theta_rate(run: SimulatedStretch) -> ChannelTrace | None:
     """Slope of theta over the board's own instants, of measurement and simulation alike (second order, as
     numpy.gradient): the column dtheta is data to be judged, theta is counted."""
     nodes, theta = run.part.channels["theta"]
     if len(nodes) < 3:
         return None
     t = run.part.t[nodes]
-    return Trace(t, np.gradient(theta, t), np.gradient(run.states[nodes, 0], t), np.ones(len(t), bool))
+    return ChannelTrace(t, np.gradient(theta, t), np.gradient(run.states[nodes, 0], t), np.ones(len(t), bool))
 
 
-def _dtheta(run: FreeRun) -> Trace | None:
+def _dtheta(run: SimulatedStretch) -> ChannelTrace | None:
     nodes, values = run.part.channels["dtheta"]
-    return Trace(run.part.t[nodes], values, run.states[nodes, 1], np.ones(len(nodes), bool)) if len(nodes) else None
+    return (
+        ChannelTrace(run.part.t[nodes], values, run.states[nodes, 1], np.ones(len(nodes), bool)) if len(nodes) else None
+    )
 
 
-def _psi(run: FreeRun) -> Trace | None:
+def _psi(run: SimulatedStretch) -> ChannelTrace | None:
     nodes, values = run.part.channels["psi"]
-    return Trace(run.part.t[nodes], values, run.states[nodes, 2], fresh_angles(run.part)) if len(nodes) else None
+    return ChannelTrace(run.part.t[nodes], values, run.states[nodes, 2], fresh_angles(run.part)) if len(nodes) else None
 
 
-_TRACES: Mapping[str, Callable[[FreeRun], Trace | None]] = {"theta_rate": _theta_rate, "dtheta": _dtheta, "psi": _psi}
+_TRACES: Mapping[str, Callable[[SimulatedStretch], ChannelTrace | None]] = {
+    "theta_rate": _theta_rate,
+    "dtheta": _dtheta,
+    "psi": _psi,
+}

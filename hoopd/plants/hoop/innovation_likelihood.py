@@ -23,7 +23,7 @@ from hoopd.plants.fits.output_error import prior_of
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.filter_noise import NoiseModel, NoiseScale, noise_scale
-from hoopd.plants.hoop.innovations import CHANNELS, Derivatives, Innovations, InnovationsFilter, samples_of
+from hoopd.plants.hoop.innovations import CHANNELS, Derivatives, FilterInnovations, InnovationsFilter, samples_of
 from hoopd.plants.hoop.output_error import free_starts
 
 Array = NDArray[np.float64]
@@ -123,7 +123,7 @@ class Likelihood:
             out[-1][free] = v[slot]
         return out
 
-    def innovations(self, v: Array) -> list[Innovations]:
+    def innovations(self, v: Array) -> list[FilterInnovations]:
         """By run."""
         p, parts = self.numbers(v), zip(self.runs, self.starts(v), self.samples, strict=True)
         return [self.filters[run.moving].run(p, start, samples) for run, start, samples in parts]

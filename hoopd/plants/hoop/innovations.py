@@ -46,7 +46,7 @@ class Samples(NamedTuple):
     seen: Array  # (c, n) 1 where something was
 
 
-class Innovations(NamedTuple):
+class FilterInnovations(NamedTuple):
     """Prediction errors and their variances by node and channel; rows without a measurement mean nothing."""
 
     e: Array  # (n, c)
@@ -97,12 +97,12 @@ class InnovationsFilter:
         self._lower = tuple((i, j) for i in range(len(self.active)) for j in range(i + 1))
         self._cache: dict[tuple[str, int, int], ca.Function] = {}
 
-    def run(self, p: Array, start: Array, samples: Samples) -> Innovations:
+    def run(self, p: Array, start: Array, samples: Samples) -> FilterInnovations:
         """Innovations with free values p (m,) from the state `start` (4,), which counts as known exactly."""
         first = np.concatenate([start, np.zeros(len(self._lower))])
         _, out = self._over("run", first, samples, p)
         e, s = np.split(out.T, 2, axis=1)
-        return Innovations(e, s)
+        return FilterInnovations(e, s)
 
     def run_with_sensitivity(self, p: Array, start: Array, samples: Samples) -> Derivatives:
         """The same with exact derivatives, taken through every step of the filter."""

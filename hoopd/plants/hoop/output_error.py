@@ -13,12 +13,12 @@ from hoopd.plants.fits import output_error
 from hoopd.plants.fits.free_parameters import Scale
 from hoopd.plants.fits.output_error import Problem, Solution
 from hoopd.plants.fits.runs import Run
-from hoopd.plants.found_effects import Found
+from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.fit_data import STATES
 from hoopd.plants.hoop.free_parameters import scale_of
 from hoopd.plants.hoop.free_run_with_effects import EffectModel, model_of
-from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.simulate import HoopModel
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class HoopSystem:
     structure: str
     values: Mapping[str, float]
     extra_forces: tuple[ExtraForce, ...] = ()
-    effects: Found | None = None
+    effects: FoundEffects | None = None
 
     @property
     def columns(self) -> Mapping[str, int]:
         """Of the states theta, dtheta, psi, dpsi; a rate is theta's."""
         return STATES
 
-    def model(self, moving: str, free: Sequence[str]) -> Model | EffectModel:
+    def model(self, moving: str, free: Sequence[str]) -> HoopModel | EffectModel:
         """moving: both, hoop or ball."""
         return model_of(self.structure, self.values, free, self.extra_forces, self.effects, moving=moving)
 
@@ -64,7 +64,7 @@ def fit_output_error(
     runs: Sequence[Run],
     *,
     extra_forces: tuple[ExtraForce, ...] = (),
-    effects: Found | None = None,
+    effects: FoundEffects | None = None,
     **options: Any,
 ) -> Solution:
     """Parameters `names` of a structure (start: `values`); options as in `plants.fits.output_error`."""

@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 
 from hoopd.plants.effects.base import Effect, Point, Values
-from hoopd.plants.found_effects import Found
+from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.equations import ExtraForce, symbols
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, check_parameters
@@ -28,7 +28,7 @@ class HoopPlant(NumericPlant):
         parameters: Mapping[str, float],
         extra_forces: tuple[ExtraForce, ...] = (),
         extra_parameters: tuple[str, ...] = (),
-        effects: Found | None = None,
+        effects: FoundEffects | None = None,
     ) -> None:
         """`effects`: those that act on the state alone, beside forces that are given as functions."""
         self._structure, self._extra, self._found = structure, extra_forces, effects
@@ -42,7 +42,7 @@ class HoopPlant(NumericPlant):
         self.prepare()
 
     @classmethod
-    def with_effects(cls, found: Found) -> HoopPlant:
+    def with_effects(cls, found: FoundEffects) -> HoopPlant:
         """The plant of a model file with effects that act on the state alone."""
         return cls(found.structure, found.base, effects=found)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hoopd.files.reading import InputError
 from hoopd.plants.fits.output_error import Solution
 from hoopd.plants.fits.runs import Run
-from hoopd.plants.found_effects import Found
+from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.fit_data import STATES as COLUMNS
 from hoopd.plants.hoop.fit_data import channels_of, pieces, run_of
@@ -23,7 +23,7 @@ from hoopd.plants.hoop.free_run_with_effects import EffectModel, model_of
 from hoopd.plants.hoop.output_error import fit_output_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.simulate import STEP_S, Model
+from hoopd.plants.hoop.simulate import STEP_S, HoopModel
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import SAME_S, TIMES, Timeline, timelines
 
@@ -49,9 +49,9 @@ class Subject:
     values: Mapping[str, float]
     extra_forces: tuple[ExtraForce, ...] = ()
     step_s: float = STEP_S
-    effects: Found | None = None  # beside the base; what is simulated are then the sensors' readings
+    effects: FoundEffects | None = None  # beside the base; what is simulated are then the sensors' readings
 
-    def model(self, moving: str) -> Model | EffectModel:
+    def model(self, moving: str) -> HoopModel | EffectModel:
         """Nothing left free; `moving`: both, hoop or ball."""
         return model_of(
             self.structure, self.values, (), self.extra_forces, self.effects, moving=moving, step_s=self.step_s
@@ -59,7 +59,7 @@ class Subject:
 
 
 @dataclass(frozen=True)
-class FreeRun:
+class SimulatedStretch:
     """One stretch simulated from its start."""
 
     part: Timeline
@@ -74,7 +74,7 @@ def free_runs(
     *,
     window_s: float | None = None,
     start: Mapping[str, float] | None = None,
-) -> list[FreeRun]:
+) -> list[SimulatedStretch]:
     """Every stretch (or window) of the recording, each from an estimated start; `start` gives the states instead
     (those it does not name are 0, theta its first sample). InputError when there is nothing to run."""
     parts = pieces(recording, window_s)
@@ -94,13 +94,13 @@ def free_runs(
     return runs if subject.extra_forces or subject.effects else [_through_first_theta(run) for run in runs]
 
 
-def _through_first_theta(run: FreeRun) -> FreeRun:
+def _through_first_theta(run: SimulatedStretch) -> SimulatedStretch:
     """The run turned to meet the first theta: its rate says nothing of where the hoop stood."""
     nodes, values = run.part.channels["theta"]
     if len(nodes) == 0:
         return run
     turn = np.array([values[0] - run.states[nodes[0], 0], 0.0, 0.0, 0.0])
-    return FreeRun(run.part, run.start + turn, run.states + turn)
+    return SimulatedStretch(run.part, run.start + turn, run.states + turn)
 
 
 def given_start(part: Timeline, start: Mapping[str, float]) -> Array:
@@ -110,15 +110,18 @@ def given_start(part: Timeline, start: Mapping[str, float]) -> Array:
     return np.array([values.get(name, 0.0) for name in STATES])
 
 
-def run_from(subject: Subject, parts: Sequence[Timeline], starts: Sequence[Array], moving: str) -> list[FreeRun]:
+def run_from(
+    subject: Subject, parts: Sequence[Timeline], starts: Sequence[Array], moving: str
+) -> list[SimulatedStretch]:
     """The stretches simulated from these states."""
     model = subject.model(moving)
     return [
-        FreeRun(part, start, model.run((), start, part.t, part.u)) for part, start in zip(parts, starts, strict=True)
+        SimulatedStretch(part, start, model.run((), start, part.t, part.u))
+        for part, start in zip(parts, starts, strict=True)
     ]
 
 
-def ran_away(runs: Sequence[FreeRun]) -> bool:
+def ran_away(runs: Sequence[SimulatedStretch]) -> bool:
     """Whether a state has left every bound."""
     states = np.vstack([run.states for run in runs])
     return not np.isfinite(states).all() or float(np.abs(states[:, [1, 3]]).max()) > RUNAWAY_RAD_S
@@ -171,7 +174,7 @@ def _swing_rad_s(subject: Subject) -> float:
     return float(np.sqrt(max(stiffness, 1.0)))
 
 
-def _misfit(model: Model | EffectModel, run: Run, start: Array) -> float:
+def _misfit(model: HoopModel | EffectModel, run: Run, start: Array) -> float:
     """Squared errors of all channels, each by the spread of its samples."""
     states = model.run((), start, run.t, run.u)
     parts = [
@@ -184,7 +187,7 @@ def _misfit(model: Model | EffectModel, run: Run, start: Array) -> float:
 # ---------------------------------------------------------------------------------------------- as a recording
 
 
-def simulated(subject: Subject, recording: Recording, runs: Sequence[FreeRun], moving: str) -> Recording:
+def simulated(subject: Subject, recording: Recording, runs: Sequence[SimulatedStretch], moving: str) -> Recording:
     """What the sensors would have shown: the recording's rows, times and torque with simulated theta, dtheta, psi.
 
     A sample without a time of its own is taken at its row's t; rows outside of the runs are missing.
@@ -211,7 +214,7 @@ def _missing(recording: Recording) -> Array:
     return np.full(len(recording), np.nan)
 
 
-def _at(runs: Sequence[FreeRun], state: int, when: Array) -> Array:
+def _at(runs: Sequence[SimulatedStretch], state: int, when: Array) -> Array:
     """One state at these times, NaN outside of the runs."""
     out = np.full(len(when), np.nan)
     for run in runs:

@@ -12,7 +12,7 @@ import casadi as ca
 
 from hoopd.plants.compiled import Call
 from hoopd.plants.effects.base import Effect, Point
-from hoopd.plants.found_effects import Found
+from hoopd.plants.found_effects import FoundEffects
 
 # (theta, dtheta, psi) as read -> as they are
 Correction = Callable[[float, float, float], tuple[float, float, float]]
@@ -21,7 +21,7 @@ STEPS = 12
 CHANNELS = ("theta", "dtheta", "psi")
 
 
-def correction(found: Found) -> Correction | None:
+def correction(found: FoundEffects) -> Correction | None:
     """What undoes the errors of the sensors; None where there are none.
 
     q <- reading - error(q). A frame that leans by d is a camera that reads d too much: the two are never told apart,

@@ -23,7 +23,7 @@ DECISIVE = 10.0
 STARTS = 3
 
 
-class Candidate(NamedTuple):
+class FurtherMeasurement(NamedTuple):
     """A measurement that could be made: words and the quantities with their relative standard deviations."""
 
     words: str
@@ -31,20 +31,20 @@ class Candidate(NamedTuple):
 
 
 CANDIDATES = (
-    Candidate("Ro-Rb by a ruler or the picture's circle", {"Ro-Rb": 0.006}),
-    Candidate("the ball's mass and diameter (mb, Ib)", {"mb": 0.005, "Ib": 0.01}),
-    Candidate("the ball's mass and diameter and Ro-Rb", {"mb": 0.005, "Ib": 0.01, "Ro-Rb": 0.006}),
-    Candidate("Ih from a hoop-only experiment", {"Ih": 0.005}),
-    Candidate("the ball's spin for each turn of psi with the hoop held", {"spin": 0.01}),
-    Candidate("Ro/Rb", {"Ro/Rb": 0.02}),
-    Candidate("Ro/Rb and Ro-Rb", {"Ro/Rb": 0.02, "Ro-Rb": 0.006}),
-    Candidate("Ro/Rb and Ih from a hoop-only experiment", {"Ro/Rb": 0.02, "Ih": 0.005}),
-    Candidate("Ro/Rb and the ball's mass", {"Ro/Rb": 0.02, "mb": 0.005}),
-    Candidate("Ro/Rb and the ball's mass and diameter (mb, Ib)", {"Ro/Rb": 0.02, "mb": 0.005, "Ib": 0.01}),
-    Candidate(
+    FurtherMeasurement("Ro-Rb by a ruler or the picture's circle", {"Ro-Rb": 0.006}),
+    FurtherMeasurement("the ball's mass and diameter (mb, Ib)", {"mb": 0.005, "Ib": 0.01}),
+    FurtherMeasurement("the ball's mass and diameter and Ro-Rb", {"mb": 0.005, "Ib": 0.01, "Ro-Rb": 0.006}),
+    FurtherMeasurement("Ih from a hoop-only experiment", {"Ih": 0.005}),
+    FurtherMeasurement("the ball's spin for each turn of psi with the hoop held", {"spin": 0.01}),
+    FurtherMeasurement("Ro/Rb", {"Ro/Rb": 0.02}),
+    FurtherMeasurement("Ro/Rb and Ro-Rb", {"Ro/Rb": 0.02, "Ro-Rb": 0.006}),
+    FurtherMeasurement("Ro/Rb and Ih from a hoop-only experiment", {"Ro/Rb": 0.02, "Ih": 0.005}),
+    FurtherMeasurement("Ro/Rb and the ball's mass", {"Ro/Rb": 0.02, "mb": 0.005}),
+    FurtherMeasurement("Ro/Rb and the ball's mass and diameter (mb, Ib)", {"Ro/Rb": 0.02, "mb": 0.005, "Ib": 0.01}),
+    FurtherMeasurement(
         "Ro/Rb, Ro-Rb and the ball's mass and diameter", {"Ro/Rb": 0.02, "Ro-Rb": 0.006, "mb": 0.005, "Ib": 0.01}
     ),
-    Candidate("Ro/Rb and the ball's spin", {"Ro/Rb": 0.02, "spin": 0.01}),
+    FurtherMeasurement("Ro/Rb and the ball's spin", {"Ro/Rb": 0.02, "spin": 0.01}),
 )
 
 
@@ -69,7 +69,7 @@ def minimum_chi2(
 
 
 def separating(
-    covariance: Array, truth: Mapping[str, float], candidates: Sequence[Candidate] = CANDIDATES
+    covariance: Array, truth: Mapping[str, float], candidates: Sequence[FurtherMeasurement] = CANDIDATES
 ) -> dict[str, float]:
     """Expected evidence for rolling if `truth` rolls and a candidate is measured, with entries known this well."""
     e = entries_of("rolling", truth)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hoopd.plants.composite import Composite
-from hoopd.plants.found_effects import Found
+from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.free_run_model import FreeRunModel
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.equations import ExtraForce
@@ -30,7 +30,7 @@ STEP_S = 0.010
 STATES = ("theta", "dtheta", "psi", "dpsi")
 
 
-class Model:
+class HoopModel:
     """The plant with some parameters left free: what a fit simulates again and again."""
 
     def __init__(
@@ -39,7 +39,7 @@ class Model:
         values: Mapping[str, float],
         free: Sequence[str] = (),
         extra_forces: tuple[ExtraForce, ...] = (),
-        effects: Found | None = None,
+        effects: FoundEffects | None = None,
         *,
         moving: str = "both",
         step_s: float = STEP_S,

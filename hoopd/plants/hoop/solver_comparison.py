@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.simulate import HoopModel
 
 Array = NDArray[np.float64]
 Rate = Callable[[float, Array], Array]
@@ -50,7 +50,7 @@ class Solved:
 
 
 @dataclass(frozen=True)
-class Case:
+class SolverCase:
     """How a solver is called across the jumps."""
 
     method: str
@@ -72,7 +72,7 @@ class Study:
     t: Array  # (n,) s
     u: Array  # (n-1,) N m
     truth: Array  # (n, 4)
-    across: dict[Case, Solved]
+    across: dict[SolverCase, Solved]
     by_step: dict[float, Array]  # fixed step in s -> (n, 4), sample to sample
 
 
@@ -101,7 +101,7 @@ def across_jumps(
     x0: Array,
     t: Array,
     u: Array,
-    case: Case,
+    case: SolverCase,
 ) -> Solved:
     """One call of an adaptive solver over the whole run, the torque looked up by time.
 
@@ -124,13 +124,13 @@ def study(
     x0: Array,
     t: Array,
     u: Array,
-    cases: Sequence[Case],
+    cases: Sequence[SolverCase],
     steps_s: Sequence[float] = (0.02, 0.01, 0.005, 0.0025),
 ) -> Study:
     """The converged run (DOP853 started anew at every sample), the cases across the jumps, fixed steps between them."""
     truth = sample_to_sample(plant, x0, t, u, "DOP853").x
     across = {case: across_jumps(plant, x0, t, u, case) for case in cases}
-    fixed = {h: Model(plant.structure, plant.parameters, step_s=h).run((), x0, t, u) for h in steps_s}
+    fixed = {h: HoopModel(plant.structure, plant.parameters, step_s=h).run((), x0, t, u) for h in steps_s}
     return Study(t, u, truth, across, fixed)
 
 
@@ -166,7 +166,7 @@ def _rosenbrock23(
     jacobian: Callable[[Array], Array],
     x0: Array,
     t: Array,
-    case: Case,
+    case: SolverCase,
 ) -> Solved:
     """The modified Rosenbrock pair of order 2 (3) that is MATLAB's ode23s and Julia's Rosenbrock23.
 

@@ -14,13 +14,13 @@ import numpy as np
 
 from hoopd.core.estimator import DelayedEkf
 from hoopd.files.controller import ControllerFile, controller_of, limiter_of, settings_of
-from hoopd.plants.found_effects import Found
+from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.closed_loop import (
     WIRE_S,
+    ClosedLoopRun,
     LateTorque,
     LinearPlant,
     Moving,
-    Run,
     Scenario,
     picture_timing,
     simulate,
@@ -38,11 +38,13 @@ LAST_S = 1.0  # what counts as the end of a run
 class Trial(NamedTuple):
     """Runs of one law."""
 
-    disturbed: Run  # one picture's angle is wrong by the disturbance (the thesis's test), the filter believes it
-    disturbed_linear: Run  # the same on the linear model
-    released: Run  # the ball let go at the same angle
-    released_linear: Run
-    wrong_zero: Run  # the camera's zero is one degree off
+    disturbed: (
+        ClosedLoopRun  # one picture's angle is wrong by the disturbance (the thesis's test), the filter believes it
+    )
+    disturbed_linear: ClosedLoopRun  # the same on the linear model
+    released: ClosedLoopRun  # the ball let go at the same angle
+    released_linear: ClosedLoopRun
+    wrong_zero: ClosedLoopRun  # the camera's zero is one degree off
 
 
 def trial(
@@ -51,14 +53,14 @@ def trial(
     disturbance_rad: float,
     delay_s: float,
     duration_s: float = 6.0,
-    found: Found | None = None,
+    found: FoundEffects | None = None,
 ) -> Trial:
     """The runs of a controller file on the plant, with pictures `delay_s` old, noise, quantisation and limits.
 
     With effects beside the plant the nonlinear runs have them, known to filter and feed-forward as in the daemon; the
     linear ones have their delays.
     """
-    found = found or Found(plant.structure, plant.parameters)
+    found = found or FoundEffects(plant.structure, plant.parameters)
     base = Scenario(
         duration_s=duration_s,
         period_s=file.sample_time_s,
@@ -87,8 +89,8 @@ def run(
     scenario: Scenario,
     *,
     believe: bool = False,
-    known: Found | None = None,
-) -> Run:
+    known: FoundEffects | None = None,
+) -> ClosedLoopRun:
     """One run of a controller file whose filter knows `model`; `believe`: the filter refuses no picture; `known`:
     effects beside the model that filter and feed-forward know, and whose delays there are."""
     settings = settings_of(file)
@@ -114,7 +116,7 @@ def run(
     )
 
 
-def figures_of(made: Run, limit_nm: float) -> dict[str, Any]:
+def figures_of(made: ClosedLoopRun, limit_nm: float) -> dict[str, Any]:
     """What a run shows, in SI units; None: not within the run."""
     end = made.t > made.t[-1] - LAST_S
     return {
@@ -129,12 +131,12 @@ def figures_of(made: Run, limit_nm: float) -> dict[str, Any]:
     }
 
 
-def at_rest(made: Run) -> bool:
+def at_rest(made: ClosedLoopRun) -> bool:
     """The ball is at rest before the run ends."""
     return isfinite(made.settled_s(made.psi, BALL_RAD))
 
 
-def nonlinear_difference(made: Run, linear: Run) -> float:
+def nonlinear_difference(made: ClosedLoopRun, linear: ClosedLoopRun) -> float:
     """Largest difference of psi between the nonlinear and the linear run, in rad."""
     return float(np.abs(made.psi - linear.psi).max())
 

@@ -12,11 +12,11 @@ from typing import NamedTuple
 from hoopd.core.ballresponse import BallMotion
 from hoopd.core.encoderchecks import HoopMotion
 from hoopd.core.estimator import DelayedEkf, EkfSettings
-from hoopd.core.feedforward import WANTED, Bound, FeedForward, Part
+from hoopd.core.feedforward import WANTED, Bound, FeedForward, FeedForwardPart
 from hoopd.core.late import Delays, LateEstimator
 from hoopd.plants.compensation import cancels, demand_of, in_order
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.found_effects import REGION_NAMES, Found, Region
+from hoopd.plants.found_effects import REGION_NAMES, FoundEffects, Region
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.sensor_correction import correction
 
@@ -40,7 +40,7 @@ class Unused(NamedTuple):
     reason: str
 
 
-def delays_of(found: Found) -> Delays:
+def delays_of(found: FoundEffects) -> Delays:
     """By how much torque, pictures and the encoder's readings are late; a lag counts as a delay of its time."""
     torque = camera = encoder = 0.0
     for effect in found.believed().effects():
@@ -51,12 +51,12 @@ def delays_of(found: Found) -> Delays:
     return Delays(torque, camera, encoder)
 
 
-def limits_of(found: Found) -> tuple[float, ...]:
+def limits_of(found: FoundEffects) -> tuple[float, ...]:
     """Torques (N m) that the drive does not give more of, for the limit of a law."""
     return tuple(one.parameters["s"] for one in found.entries if one.name == SATURATION)
 
 
-def unused(found: Found) -> tuple[Unused, ...]:
+def unused(found: FoundEffects) -> tuple[Unused, ...]:
     """What neither filter nor feed-forward can do anything with."""
     lost = {one.name for one in found.entries if one.phase_lost}
     reasons = {effect.name: PHASE_LOST if effect.name in lost else _reason(effect) for effect in found.effects()}
@@ -73,24 +73,24 @@ def _reason(effect: Effect) -> str:
     return ""
 
 
-def filter_effects(found: Found) -> Found:
+def filter_effects(found: FoundEffects) -> FoundEffects:
     """Those that the filter's model has; a lean of the frame is a camera's zero to it (they are never told apart)."""
     return found.believed().only(lambda one: one.acts_now and one.shift is None)
 
 
-def cancelled(found: Found) -> tuple[str, ...]:
+def cancelled(found: FoundEffects) -> tuple[str, ...]:
     """Those that feed-forward takes away."""
     sure = found.believed()
     return tuple(effect.name for effect in sure.effects() if cancels(sure, effect))
 
 
-def filter_plant(found: Found) -> HoopPlant:
+def filter_plant(found: FoundEffects) -> HoopPlant:
     """The filter's model."""
     inside = filter_effects(found)
     return HoopPlant.with_effects(inside) if inside else HoopPlant(found.structure, found.base)
 
 
-def estimator_with(found: Found, settings: EkfSettings) -> DelayedEkf | LateEstimator:
+def estimator_with(found: FoundEffects, settings: EkfSettings) -> DelayedEkf | LateEstimator:
     """The filter on the model with its effects."""
     found = found.believed()
     plant, delays, correct = filter_plant(found), delays_of(found), correction(found)
@@ -103,7 +103,7 @@ def estimator_with(found: Found, settings: EkfSettings) -> DelayedEkf | LateEsti
     return LateEstimator(inner, plant.step_and_jacobian, delays, correct)
 
 
-def ball_motion(found: Found) -> BallMotion:
+def ball_motion(found: FoundEffects) -> BallMotion:
     """The ball's own equation at the bottom, driven by the hoop: the torque is put out of the two of the model.
 
     theta'' = J1 x + K1 sin psi + L1 u, psi'' = J2 x + K2 sin psi + L2 u, c = L2/L1:
@@ -122,7 +122,7 @@ def ball_motion(found: Found) -> BallMotion:
     )
 
 
-def hoop_motion(found: Found, settings: EkfSettings) -> HoopMotion:
+def hoop_motion(found: FoundEffects, settings: EkfSettings) -> HoopMotion:
     """The hoop's own equation at the bottom, its ball carried along."""
     a, b = HoopPlant(found.structure, found.base).linearize()
     delays = delays_of(found.believed())
@@ -137,7 +137,7 @@ def hoop_motion(found: Found, settings: EkfSettings) -> HoopMotion:
 
 
 def feedforward_of(
-    found: Found, limit_nm: float, *, tick_s: float, wire_s: float, speed_noise_rad_s: float
+    found: FoundEffects, limit_nm: float, *, tick_s: float, wire_s: float, speed_noise_rad_s: float
 ) -> FeedForward:
     """Feed-forward of all effects that a torque can cancel, of each no more than it has at least; `limit_nm`: of the
     drive."""
@@ -145,7 +145,7 @@ def feedforward_of(
     effects, regions = in_order(sure), {one.name: _region(one.valid) for one in found.entries}
     if not effects:
         return FeedForward()
-    parts = [Part(effect.name, regions[effect.name]) for effect in effects]
+    parts = [FeedForwardPart(effect.name, regions[effect.name]) for effect in effects]
     demand = demand_of(sure, tick_s, wire_s, speed_noise_rad_s)
     return FeedForward(parts, demand, FEEDFORWARD_SHARE * limit_nm)
 

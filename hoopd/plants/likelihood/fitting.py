@@ -34,7 +34,7 @@ WORSE_NATS, MOST_HALVINGS = 100.0, 6
 
 
 @dataclass
-class Fit:
+class HypothesisFit:
     """A hypothesis with its numbers; rows are whitened readings."""
 
     effects: tuple[Effect, ...]
@@ -70,11 +70,11 @@ def fit(
     values: Mapping[str, float],
     *,
     noise: Mapping[str, Noise] | None = None,
-    like: Fit | None = None,
+    like: HypothesisFit | None = None,
     free: Sequence[str] | None = None,
     tune_noise: bool = True,
     move: bool = True,
-) -> Fit:
+) -> HypothesisFit:
     """The hypothesis fitted from `values`; `like`: a fit of the same stretches whose trajectory is taken over;
     `move=False`: the free parameters stay where they are, trajectory and noise are fitted."""
     tracks = [Track(one, effects) for one in stretches]
@@ -87,7 +87,7 @@ def fit(
     start.update({name: shared[plain(name)] for name in (*start, *free) if plain(name) in shared})
     # what belongs to one recording stays there, fitted or not
     start.update({name: value for name, value in values.items() if plain(name) in start})
-    found = Fit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
+    found = HypothesisFit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
     _linearise(found)
     if not _is_finite(found.rows):
         # where it starts there is no such plant: the least likely of all hypotheses
@@ -130,7 +130,7 @@ def _effect_names(track: Track, values: Mapping[str, float]) -> list[str]:
     ]
 
 
-def _search(found: Fit, most: int) -> None:
+def _search(found: HypothesisFit, most: int) -> None:
     for _ in range(most):
         delta = _solution(found)
         size = np.sqrt(np.maximum(np.diag(found.covariance), 1e-300))
@@ -142,7 +142,7 @@ def _search(found: Fit, most: int) -> None:
     _solution(found)
 
 
-def _stepped(found: Fit, delta: Array) -> bool:
+def _stepped(found: HypothesisFit, delta: Array) -> bool:
     """One step, halved as long as it makes the fit clearly worse; False when it always does: all is as before."""
     worst = _value(found) + WORSE_NATS
     before, columns, whitening, rows = dict(found.values), found.columns, found.gains, found.rows
@@ -162,7 +162,7 @@ def _stepped(found: Fit, delta: Array) -> bool:
     return False
 
 
-def _value(found: Fit) -> float:
+def _value(found: HypothesisFit) -> float:
     """Negative log-likelihood and prior where the fit is, nothing moved."""
     weight, centre = prior(found.effects, found.tracks, found.free, found.values)
     total = sum(float(rows[:, 0] @ rows[:, 0]) for rows in found.rows) + sum(gain.logdet for gain in found.gains)
@@ -173,7 +173,7 @@ def _is_finite(arrays: Sequence[Array]) -> bool:
     return all(bool(np.isfinite(one).all()) for one in arrays)
 
 
-def _settle(found: Fit) -> None:
+def _settle(found: HypothesisFit) -> None:
     """Only the trajectories move."""
     for _ in range(LAST_STEPS):
         _solution(found)
@@ -183,7 +183,7 @@ def _settle(found: Fit) -> None:
     found.criterion = float(rows[:, 0] @ rows[:, 0] + sum(gain.logdet for gain in found.gains)) / 2
 
 
-def _moved(found: Fit, delta: Array) -> dict[str, float]:
+def _moved(found: HypothesisFit, delta: Array) -> dict[str, float]:
     """Values after a step, within their ranges."""
     values = dict(found.values)
     bounds = ranges(found.effects, found.tracks)
@@ -193,22 +193,22 @@ def _moved(found: Fit, delta: Array) -> dict[str, float]:
     return values
 
 
-def _linearise(found: Fit) -> None:
+def _linearise(found: HypothesisFit) -> None:
     found.columns = _columns(found)
     _whiten(found)
 
 
-def _columns(found: Fit) -> list[Columns]:
+def _columns(found: HypothesisFit) -> list[Columns]:
     return [track.columns(found.values, found.free) for track in found.tracks]
 
 
-def _whiten(found: Fit) -> None:
+def _whiten(found: HypothesisFit) -> None:
     pairs = list(zip(found.tracks, found.columns, strict=True))
     found.gains = [gains(columns.model, found.noise[track.stretch.recording]) for track, columns in pairs]
     found.rows = [track.whitened(columns, gain) for (track, columns), gain in zip(pairs, found.gains, strict=True)]
 
 
-def _solution(found: Fit) -> Array:
+def _solution(found: HypothesisFit) -> Array:
     """Step of the free parameters; sets covariance and criterion."""
     rows = found.stacked()
     r, x = rows[:, 0], -rows[:, 1:]
@@ -229,7 +229,7 @@ def _solution(found: Fit) -> Array:
     return np.asarray(delta)
 
 
-def _move_references(found: Fit, delta: Array) -> None:
+def _move_references(found: HypothesisFit, delta: Array) -> None:
     """Trajectories smoothed under the new parameters, to first order."""
     for track, columns, gain in zip(found.tracks, found.columns, found.gains, strict=True):
         f = columns.f[:, :, 0] + columns.f[:, :, 1:] @ delta
@@ -237,7 +237,7 @@ def _move_references(found: Fit, delta: Array) -> None:
         track.follow(smoothed(columns.model, gain, f, eps))
 
 
-def tuned_noise(found: Fit, *, near: bool = False) -> None:
+def tuned_noise(found: HypothesisFit, *, near: bool = False) -> None:
     """Noise levels of highest profile likelihood, recording by recording; `near`: they are almost those already."""
     first = first_noise(found.tracks, found.values)
     for recording in dict.fromkeys(track.stretch.recording for track in found.tracks):

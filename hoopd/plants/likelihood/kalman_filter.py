@@ -51,7 +51,7 @@ class Lagged(NamedTuple):
     deviation: float
 
 
-class Linear(NamedTuple):
+class LinearReference(NamedTuple):
     """The linear model along a reference of n nodes; of f and eps the first column is the residual."""
 
     a: Array  # (n-1, nz, nz)
@@ -86,7 +86,7 @@ class Gains:
         return bands_of(self.closed)
 
 
-def gains(model: Linear, noise: Noise) -> Gains:
+def gains(model: LinearReference, noise: Noise) -> Gains:
     """One pass of the covariance."""
     n, _, nz = model.c.shape
     size, decay = model.size, np.exp(-model.h[:, None] / noise.time_s)
@@ -117,7 +117,7 @@ def gains(model: Linear, noise: Noise) -> Gains:
     return Gains(whiten, gain, before, phi, closed, logdet)
 
 
-def predicted(model: Linear, found: Gains, f: Array, eps: Array) -> tuple[Array, Array]:
+def predicted(model: LinearReference, found: Gains, f: Array, eps: Array) -> tuple[Array, Array]:
     """Deviations before each node's readings (n, size, m) and innovations (n, nc, m) of f (n-1, nz, m), eps (n, nc, m).
 
     eps is finite also where nothing was read; its value there does not matter.
@@ -131,12 +131,12 @@ def predicted(model: Linear, found: Gains, f: Array, eps: Array) -> tuple[Array,
     return d, eps - model.c @ d[:, :nz]
 
 
-def whitened(model: Linear, found: Gains, f: Array, eps: Array) -> Array:
+def whitened(model: LinearReference, found: Gains, f: Array, eps: Array) -> Array:
     """Whitened innovations (n, nc, m) of columns f (n-1, nz, m) and eps (n, nc, m), finite also where not read."""
     return np.asarray(found.whiten @ predicted(model, found, f, eps)[1])
 
 
-class Smoothed(NamedTuple):
+class SmoothedDeviation(NamedTuple):
     """Deviation and disturbance given all readings, and how the log-likelihood answers to a push at each step."""
 
     d: Array  # (n, size)
@@ -145,7 +145,7 @@ class Smoothed(NamedTuple):
     predicted: Array  # (n, size) and up to the one before
 
 
-def smoothed(model: Linear, found: Gains, f: Array, eps: Array) -> Smoothed:
+def smoothed(model: LinearReference, found: Gains, f: Array, eps: Array) -> SmoothedDeviation:
     """Fixed-interval smoother of one column f (n-1, nz), eps (n, nc) (Bryson and Frazier's adjoint form)."""
     n, _, nz = model.c.shape
     d, e = predicted(model, found, f[:, :, None], eps[:, :, None])
@@ -154,13 +154,13 @@ def smoothed(model: Linear, found: Gains, f: Array, eps: Array) -> Smoothed:
     source[:, :nz] = (found.whiten @ model.c).transpose(0, 2, 1) @ (found.whiten @ e)
     adjoint = backward(found.bands, source)
     filtered = (d + found.gain @ e)[:, :, 0]
-    return Smoothed((d + found.before @ adjoint)[:, :, 0], adjoint[1:, :nz, 0], filtered, d[:, :, 0])
+    return SmoothedDeviation((d + found.before @ adjoint)[:, :, 0], adjoint[1:, :nz, 0], filtered, d[:, :, 0])
 
 
 # ---------------------------------------------------------------------------------------------- covariance
 
 
-def start_covariance(model: Linear, noise: Noise) -> Array:
+def start_covariance(model: LinearReference, noise: Noise) -> Array:
     """(size, size) of the first deviation.
 
     What is behind a lag is tied to what it follows. Were it free, the first sample of every stretch would cost a lag
@@ -180,7 +180,7 @@ def start_covariance(model: Linear, noise: Noise) -> Array:
     return found
 
 
-def _process_noise(model: Linear, noise: Noise, decay: Array) -> Array:
+def _process_noise(model: LinearReference, noise: Noise, decay: Array) -> Array:
     """(n-1, size) variances added in each step."""
     added = np.zeros((len(model.h), model.size))
     added[:, 1 : model.nx : 2] = RATE_FLOOR**2

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.likelihood.batch_calls import Recursion, flat
-from hoopd.plants.likelihood.kalman_filter import Gains, Linear, Noise, gains, predicted
+from hoopd.plants.likelihood.kalman_filter import Gains, LinearReference, Noise, gains, predicted
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ BLOCK, EVERY = 150, 5
 class Criterion:
     """The likelihood of the noise levels, given one residual f (n-1, nz), eps (n, nc)."""
 
-    def __init__(self, model: Linear, f: Array, eps: Array) -> None:
+    def __init__(self, model: LinearReference, f: Array, eps: Array) -> None:
         self.model, self._f = model, f[:, :, None]
         self._eps = np.where(model.seen, eps, 0.0)[:, :, None]
 
@@ -41,7 +41,7 @@ class Criterion:
         found = []
         for first in range(0, n - min(BLOCK, n) + 1, BLOCK * EVERY):
             nodes, steps = slice(first, first + BLOCK), slice(first, first + BLOCK - 1)
-            model = Linear(
+            model = LinearReference(
                 m.a[steps], m.w[steps], m.c[nodes], m.h[steps], m.seen[nodes], m.nx, m.scatter[nodes], m.lagged
             )
             found.append(Criterion(model, self._f[steps, :, 0], self._eps[nodes, :, 0]))
@@ -66,7 +66,7 @@ class Criterion:
         return (float(np.sum((found.whiten @ e) ** 2)) + found.logdet) / 2
 
 
-def _adjoint(model: Linear, found: Gains, e: Array) -> tuple[Array, Array]:
+def _adjoint(model: LinearReference, found: Gains, e: Array) -> tuple[Array, Array]:
     """r (n+1, size) and N (n+1, size, size) before every node, and after the last one: zero."""
     n, size, nz = len(e), model.size, model.c.shape[2]
     lower, seen = np.tril_indices(size), np.tril_indices(nz)
@@ -80,7 +80,9 @@ def _adjoint(model: Linear, found: Gains, e: Array) -> tuple[Array, Array]:
     return np.concatenate([state[:, len(lower[0]) :], np.zeros((1, size))]), full
 
 
-def _by_disturbance(model: Linear, found: Gains, noise: Noise, d: Array, r: Array, n: Array) -> tuple[Array, Array]:
+def _by_disturbance(
+    model: LinearReference, found: Gains, noise: Noise, d: Array, r: Array, n: Array
+) -> tuple[Array, Array]:
     """Of the log-likelihood by log force and log time (nq,): by what each step adds, and by what stays of it."""
     own = slice(model.c.shape[2], None)
     decay = np.exp(-model.h[:, None] / noise.time_s)

@@ -17,7 +17,16 @@ from hoopd.plants.composite import Composite
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import carrying, composite_of, derivatives_of, fitting_effects
-from hoopd.plants.likelihood.kalman_filter import Gains, Lagged, Linear, Noise, Smoothed, gains, smoothed, whitened
+from hoopd.plants.likelihood.kalman_filter import (
+    Gains,
+    Lagged,
+    LinearReference,
+    Noise,
+    SmoothedDeviation,
+    gains,
+    smoothed,
+    whitened,
+)
 from hoopd.plants.likelihood.recording_parameters import names_of, values_of
 from hoopd.plants.likelihood.stretches import Held, Stretch, first_states
 
@@ -31,7 +40,7 @@ SMOOTHING_PASSES = 2
 class Columns:
     """The linear problem of a stretch: residual first, then one column for each free parameter."""
 
-    model: Linear
+    model: LinearReference
     f: Array  # (n-1, nz, 1+m)
     eps: Array  # (n, nc, 1+m)
 
@@ -168,7 +177,9 @@ class Track:
         where = [1 + list(free).index(name) for name in mine]
         f[:, :, where], eps[:, :, where] = by_p, -of_p
         seen = np.isfinite(self.stretch.y)
-        model = Linear(by_z, by_w, of_z, self.stretch.h, seen, c.nx, self.stretch.scatter, self._behind(values))
+        model = LinearReference(
+            by_z, by_w, of_z, self.stretch.h, seen, c.nx, self.stretch.scatter, self._behind(values)
+        )
         return Columns(model, f, eps)
 
     def _behind(self, values: Mapping[str, float]) -> tuple[Lagged, ...]:
@@ -211,7 +222,7 @@ class Track:
         y, by_z, by_p = call(*self._output_inputs(values, self.predicted, np.zeros_like(self.w)))
         return [y[:, :, 0], by_z, by_p]
 
-    def smooth(self, values: Mapping[str, float], noise: Noise, passes: int = SMOOTHING_PASSES) -> Smoothed:
+    def smooth(self, values: Mapping[str, float], noise: Noise, passes: int = SMOOTHING_PASSES) -> SmoothedDeviation:
         """Moves the reference to the smoothed trajectory."""
         for _ in range(passes):
             columns = self.columns(values, ())
@@ -220,7 +231,7 @@ class Track:
             self.follow(last)
         return last
 
-    def follow(self, found: Smoothed) -> None:
+    def follow(self, found: SmoothedDeviation) -> None:
         """Moves the reference, and the filter's states, by what a smoother found about it."""
         nz = self.composite.nz
         states = [self.z + part[:, :nz] for part in (found.d, found.filtered, found.predicted)]

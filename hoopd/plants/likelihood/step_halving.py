@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoopd.plants.likelihood.fitting import Fit
+from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import whitened
 
 # An error of the solver above this is no longer small beside what names are accepted by.
 LARGEST_NATS = 1.0
 
 
-def step_nats(found: Fit) -> float:
+def step_nats(found: HypothesisFit) -> float:
     """Nats by which a fit would notice that its one-step maps were computed with half the step: |P (F_h/2 - F_h)|^2/2.
 
     As an effect of this size would be seen: whitened by the fit's own filter, its free parameters not adapted.

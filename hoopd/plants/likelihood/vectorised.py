@@ -59,7 +59,7 @@ BINARY: Mapping[int, Callable[..., Any]] = {
 }  # fmt: skip
 
 
-class Operation(NamedTuple):
+class VectorOperation(NamedTuple):
     """One step: where its result goes, where its operands are; of a constant, an input or a result, which."""
 
     kind: int
@@ -74,7 +74,7 @@ def takes(function: ca.Function) -> bool:
 
 
 @lru_cache(maxsize=512)
-def _operations(function: ca.Function) -> tuple[Operation, ...] | None:
+def _operations(function: ca.Function) -> tuple[VectorOperation, ...] | None:
     known, found = {*UNARY, *BINARY, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT}, []
     for k in range(function.n_instructions()):
         kind = function.instruction_id(k)
@@ -82,7 +82,7 @@ def _operations(function: ca.Function) -> tuple[Operation, ...] | None:
             return None
         constant = function.instruction_constant(k) if kind == ca.OP_CONST else 0.0
         found.append(
-            Operation(kind, tuple(function.instruction_output(k)), tuple(function.instruction_input(k)), constant)
+            VectorOperation(kind, tuple(function.instruction_output(k)), tuple(function.instruction_input(k)), constant)
         )
     return tuple(found)
 
@@ -100,7 +100,7 @@ class Vectorised:
         self._slots = int(function.sz_w())
         self._plan = list(self._planned(operations, function.sz_w()))
 
-    def _planned(self, operations: Sequence[Operation], slots: int) -> Any:
+    def _planned(self, operations: Sequence[VectorOperation], slots: int) -> Any:
         """(what, function, slot, operand, operand): 0 constant, 1 argument, 2 result, 3, 4 once, 5, 6 at all nodes."""
         once = [True] * slots
         for one in operations:

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, iddata
-from hoopd.ident.polynomial.gaussnewton import Stretch, errors, jacobian
+from hoopd.ident.polynomial.gaussnewton import PolynomialExperiment, errors, jacobian
 from hoopd.ident.polynomial.pem import armax, bj, oe, orders_of, pem, prediction_errors, stretches
 from hoopd.ident.polynomial.stable import radius, reflected
 from hoopd.ident.polynomial.structure import structure
@@ -32,7 +32,7 @@ def test_derivatives_are_those_of_the_errors() -> None:
     own = structure(2, 2, [2, 3], 2, 1, [1, 2], [1, 0])
     rng = np.random.default_rng(0)
     x = np.array([-0.5, 0.2, 1, 0.5, 0.3, 0.2, 0.1, 0.4, 0.1, -0.3, 0.5, -0.4, 0.2])
-    stretch = Stretch(rng.standard_normal(60), rng.standard_normal((2, 60)))
+    stretch = PolynomialExperiment(rng.standard_normal(60), rng.standard_normal((2, 60)))
     z = np.concatenate([x, rng.standard_normal(own.states)])
     by_differences = [
         (

@@ -10,7 +10,7 @@ from harness.effectcases import VALUES, composite, sizes, two_level
 
 from hoopd.plants.free_run import FreeRun, readings, run
 from hoopd.plants.held_input import mean_torque
-from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.simulate import HoopModel
 
 X0 = np.array([0.2, -1.0, 0.5, 2.0])
 
@@ -19,7 +19,7 @@ def test_without_effects_it_is_the_model_s_free_run() -> None:
     rng = np.random.default_rng(2)
     t = np.cumsum(np.concatenate([[3.0], rng.uniform(0.002, 0.09, 120)]))
     u = rng.normal(size=120) * 0.1
-    expected = Model("rolling", VALUES["rolling"], step_s=0.005).run([], X0, t, u)
+    expected = HoopModel("rolling", VALUES["rolling"], step_s=0.005).run([], X0, t, u)
     assert np.abs(run(composite("rolling"), {}, X0, t, u) - expected).max() < 1e-4
 
 

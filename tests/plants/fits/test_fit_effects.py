@@ -11,15 +11,15 @@ import pytest
 
 from hoopd.files.model import EffectEntry, Parameter, model_text
 from hoopd.files.reading import InputError
-from hoopd.plants.found_effects import Found, FoundEffect
-from hoopd.plants.hoop.fit import Settings, fit, model_file
+from hoopd.plants.found_effects import FoundEffect, FoundEffects
+from hoopd.plants.hoop.fit import FitSettings, fit, model_file
 from hoopd.plants.hoop.free_run_with_effects import EffectModel
 from hoopd.plants.model_file import effects_of, load_model, parse_model
 from hoopd.recording.recording import Recording, from_columns
 
 FILE = load_model(Path(__file__).resolve().parents[3] / "config" / "models" / "hoop.yaml")
 ENTRIES = (FoundEffect("hoop.coulomb_friction", {"Fc": 0.01}), FoundEffect("camera.latency", {"d": 0.03}))
-FOUND = Found(FILE.structure, FILE.values(), ENTRIES)
+FOUND = FoundEffects(FILE.structure, FILE.values(), ENTRIES)
 
 
 def recorded() -> Recording:
@@ -33,7 +33,7 @@ def recorded() -> Recording:
 
 def test_the_base_is_found_beside_its_effects() -> None:
     fixed = {name: FILE.values()[name] for name in ("mb", "Ro", "Rb", "g", "bb")}
-    settings = Settings(structure="rolling", fixed=fixed, window_s=3.0)
+    settings = FitSettings(structure="rolling", fixed=fixed, window_s=3.0)
     start = {**FILE.values(), "Ih": 1.8e-3}
     off = {}
     for label, effects in (("with", FOUND), ("without", None)):
@@ -50,6 +50,6 @@ def test_the_base_is_found_beside_its_effects() -> None:
 
 
 def test_a_filter_that_knows_no_effects_is_not_asked() -> None:
-    settings = Settings(structure="rolling", method="prediction", effects=FOUND)
+    settings = FitSettings(structure="rolling", method="prediction", effects=FOUND)
     with pytest.raises(InputError, match=r"hoop\.coulomb_friction"):
         fit([recorded()], FILE.values(), settings)

@@ -16,12 +16,12 @@ from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.repeated_samples import not_stuck, once_at_rest
 from hoopd.plants.fits.robust_least_squares import Block, loss_value, minimise
 from hoopd.plants.fits.uncertainty import autocorrelation, correlate
-from hoopd.plants.hoop.fit import Settings, fit, model_file
+from hoopd.plants.hoop.fit import FitSettings, fit, model_file
 from hoopd.plants.hoop.fit_data import fresh_angles, moving_of, prepare
 from hoopd.plants.hoop.free_parameters import scale_of
 from hoopd.plants.hoop.output_error import fit_output_error, hoop_problem
 from hoopd.plants.hoop.plant import Plant
-from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.plants.model_file import load_model
 from hoopd.recording import load
 from hoopd.recording.edit import between
@@ -43,7 +43,7 @@ def simulated(
     u = 0.1 * rng.choice([-1.0, 1.0], len(t)) * (moving != "ball")
     x0 = [0.0, 0.0, 0.6 if moving == "ball" else 0.0, 0.0]
     push = disturbed * np.cumsum(rng.normal(size=len(t))) * np.sqrt(0.02)
-    x = Model("rolling", HOOP.values(), moving=moving).run([], x0, t, (u + push)[:-1])
+    x = HoopModel("rolling", HOOP.values(), moving=moving).run([], x0, t, (u + push)[:-1])
     theta = COUNT * np.floor(x[:, 0] / COUNT)
     psi = x[:, 2] + psi_noise * rng.normal(size=len(t)) * (moving != "hoop")
     return from_columns({"t": t, "u": u, "theta": theta, "dtheta": x[:, 1], "psi": psi}, source=f"seed{seed}")
@@ -73,7 +73,7 @@ def test_entries_are_recovered_from_the_thesis_s_start(seed: int) -> None:
 
 def test_physical_parameters_are_recovered_where_the_rest_was_weighed_and_measured() -> None:
     start = {**HOOP.values(), "Ib": 2e-6, "Ih": 1e-3, "bb": 1e-6, "bh": 2e-3}
-    fitted = fit([simulated(4)], start, Settings("rolling", fixed=WEIGHED))
+    fitted = fit([simulated(4)], start, FitSettings("rolling", fixed=WEIGHED))
     assert set(fitted.intervals) == {"Ib", "Ih", "bb", "bh"}
     check_recovered(fitted.values, fitted.intervals, HOOP.values())
     assert all(low > 0.0 for low, _ in fitted.intervals.values())
@@ -82,7 +82,7 @@ def test_physical_parameters_are_recovered_where_the_rest_was_weighed_and_measur
 def test_recordings_of_several_kinds_make_one_physical_fit() -> None:
     recordings = [simulated(1), simulated(2, moving="hoop"), simulated(3, moving="ball")]
     assert [moving_of(r) for r in recordings] == ["both", "hoop", "ball"]
-    fitted = fit(recordings, {**HOOP.values(), "Ih": 1e-3, "bh": 2e-3}, Settings("rolling", fixed=WEIGHED))
+    fitted = fit(recordings, {**HOOP.values(), "Ih": 1e-3, "bh": 2e-3}, FitSettings("rolling", fixed=WEIGHED))
     assert fitted.movings == ("both", "hoop", "ball")
     check_recovered(fitted.values, fitted.intervals, HOOP.values())
 
@@ -95,7 +95,7 @@ def test_entries_of_a_hoop_alone_are_not_mixed_with_those_of_both() -> None:
 def test_windows_have_starts_of_their_own() -> None:
     recordings = [simulated(seed, seconds=20.0, disturbed=0.004) for seed in (5, 6)]
     whole = fit(recordings, THESIS.values())
-    cut = fit(recordings, THESIS.values(), Settings(window_s=1.0))
+    cut = fit(recordings, THESIS.values(), FitSettings(window_s=1.0))
     assert len(whole.runs) == 2
     assert len(cut.runs) == 40
     assert whole.channels == ("theta_rate", "psi")  # pushed about, the hoop is not followed to the encoder's count
@@ -108,7 +108,7 @@ def test_a_robust_loss_bears_outliers() -> None:
     psi = recording.psi.copy()
     psi[::25] += 1.0
     bad = from_columns({"t": recording.t, "u": recording.u, "theta": recording.theta, "psi": psi}, source="outliers")
-    plain, robust = (fit([bad], THESIS.values(), Settings(loss=loss)) for loss in ("linear", "huber"))
+    plain, robust = (fit([bad], THESIS.values(), FitSettings(loss=loss)) for loss in ("linear", "huber"))
     true = true_entries()
     check_recovered(robust.values, robust.intervals, true)
     worst = {name: abs(true[name]) for name in ("K2", "L2", "J22")}
@@ -162,20 +162,20 @@ def test_the_search_finds_what_a_dense_solver_finds(loss: str) -> None:
 
 def test_fixed_parameters_keep_their_value_and_a_prior_pulls() -> None:
     recording = simulated(9, seconds=4.0)
-    fitted = fit([recording], HOOP.values(), Settings("rolling", free=("Ih", "bh"), fixed={"mb": 0.05}))
+    fitted = fit([recording], HOOP.values(), FitSettings("rolling", free=("Ih", "bh"), fixed={"mb": 0.05}))
     assert fitted.values["mb"] == 0.05
     assert set(fitted.intervals) == {"Ih", "bh"}
-    free = fit([recording], HOOP.values(), Settings("rolling", free=("mb",)))
-    pulled = fit([recording], HOOP.values(), Settings("rolling", free=("mb",), priors={"mb": Prior(0.03, 1e-6)}))
+    free = fit([recording], HOOP.values(), FitSettings("rolling", free=("mb",)))
+    pulled = fit([recording], HOOP.values(), FitSettings("rolling", free=("mb",), priors={"mb": Prior(0.03, 1e-6)}))
     assert free.values["mb"] == pytest.approx(0.0608, rel=0.01)
     assert pulled.values["mb"] == pytest.approx(0.03, rel=1e-3)
 
 
 def test_a_parameter_of_another_structure_is_refused() -> None:
     with pytest.raises(InputError, match="not a parameter of the entries model"):
-        fit([simulated()], THESIS.values(), Settings(free=("Ib",)))
+        fit([simulated()], THESIS.values(), FitSettings(free=("Ib",)))
     with pytest.raises(InputError, match="nothing is left to fit"):
-        fit([simulated(0, moving="hoop")], THESIS.values(), Settings(free=("K2",)))
+        fit([simulated(0, moving="hoop")], THESIS.values(), FitSettings(free=("K2",)))
 
 
 def test_nothing_to_fit_is_said() -> None:
@@ -209,7 +209,9 @@ def test_a_ball_at_rest_is_no_stuck_camera() -> None:
 
 
 def test_a_swing_without_torque_says_nothing_about_the_torque() -> None:
-    x = Model("rolling", HOOP.values()).run([], [0, 0, 0.8, 0], t := np.arange(0.0, 8.0, 0.02), np.zeros(len(t) - 1))
+    x = HoopModel("rolling", HOOP.values()).run(
+        [], [0, 0, 0.8, 0], t := np.arange(0.0, 8.0, 0.02), np.zeros(len(t) - 1)
+    )
     psi = x[:, 2] + 0.002 * np.random.default_rng(1).normal(size=len(t))
     swing = from_columns({"t": t, "u": t * 0, "theta": COUNT * np.floor(x[:, 0] / COUNT), "psi": psi}, source="swing")
     fitted = fit([swing], THESIS.values())
@@ -226,11 +228,11 @@ def test_an_encoder_at_rest_counts_once() -> None:
 def test_a_hoop_that_rests_at_first_does_not_bend_the_fit() -> None:
     t = np.arange(0.0, 12.0, 0.02)
     u = np.where(t < 2.0, 0.0, 0.1 * np.random.default_rng(11).choice([-1.0, 1.0], len(t)))
-    x = Model("rolling", HOOP.values()).run([], np.zeros(4), t, u[:-1])
+    x = HoopModel("rolling", HOOP.values()).run([], np.zeros(4), t, u[:-1])
     psi = x[:, 2] + 0.002 * np.random.default_rng(12).normal(size=len(t))
     theta = COUNT * np.floor(x[:, 0] / COUNT)  # 0 for two seconds: half a count below the middle all the time
     recording = from_columns({"t": t, "u": u, "theta": theta, "psi": psi}, source="rest")
-    fitted = fit([recording], {**HOOP.values(), "Ih": 1e-3}, Settings("rolling", fixed=WEIGHED))
+    fitted = fit([recording], {**HOOP.values(), "Ih": 1e-3}, FitSettings("rolling", fixed=WEIGHED))
     assert fitted.channels == ("theta", "psi")
     assert fitted.runs[0].set_aside["theta"] > 80
     low, high = fitted.intervals["Ih"]

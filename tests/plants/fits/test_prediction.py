@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.records import CameraSample, DriverSample
-from hoopd.plants.fits.runs import Run, Series
+from hoopd.plants.fits.runs import ChannelSeries, Run
 from hoopd.plants.fits.uncertainty import intervals, uncertainty
 from hoopd.plants.hoop.filter_noise import NoiseModel, ekf_settings
 from hoopd.plants.hoop.fit_data import prepare
@@ -63,7 +63,7 @@ def disturbed(
     nodes = {name: np.arange(n + 1) for name in channels}
     if psi_share < 1.0:
         nodes["psi"] = np.flatnonzero(rng.random(n + 1) < psi_share)
-    series = {name: Series(name, at, y[name][at]) for name, at in nodes.items()}
+    series = {name: ChannelSeries(name, at, y[name][at]) for name, at in nodes.items()}
     return Run("simulated", "both", np.arange(n + 1) * tick, u, series, np.zeros(4), {})
 
 
@@ -220,7 +220,7 @@ def test_noise_alone_gives_the_filter_of_a_given_model() -> None:
 
 def test_what_the_filter_cannot_take_is_refused() -> None:
     run = disturbed(1.0)
-    rate = Series("theta_rate", run.series["theta"].nodes, run.series["theta"].values)
+    rate = ChannelSeries("theta_rate", run.series["theta"].nodes, run.series["theta"].values)
     wrong = Run("x", "both", run.t, run.u, {"theta_rate": rate}, np.zeros(4), {})
     with pytest.raises(ValueError, match="theta_rate"):
         fit_prediction_error("entries", VALUES, NAMES, [wrong])

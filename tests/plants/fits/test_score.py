@@ -13,7 +13,7 @@ from hoopd.files.reading import InputError
 from hoopd.plants.fits.nrmse import nrmse_percent
 from hoopd.plants.hoop.fit_percent import score
 from hoopd.plants.hoop.recorded_runs import Subject, free_runs, simulated
-from hoopd.plants.hoop.simulate import Model
+from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.plants.hoop.solver_comparison import two_level_torque
 from hoopd.plants.model_file import load_model
 from hoopd.recording import Recording, load
@@ -174,5 +174,5 @@ def test_model_alone_is_what_is_scored() -> None:
     """The states of a run are the model's own from its start: nothing of the measurement leaks in."""
     found = score(PRINTED, recorded())
     run = found.runs[0]
-    again = Model(PRINTED.structure, PRINTED.values).run((), run.start, run.part.t, run.part.u)
+    again = HoopModel(PRINTED.structure, PRINTED.values).run((), run.start, run.part.t, run.part.u)
     np.testing.assert_allclose(run.states, again, rtol=0, atol=1e-12)

@@ -32,7 +32,7 @@ def mcap_of(sound: Path, rng: random.Random) -> bytes:
     return rng.choice((_rows, _rows, _rows, _header, _chunks, _messages))(sound, rng)
 
 
-def _texts(run: mcap.Run) -> dict[str, list[bytes]]:
+def _texts(run: mcap.RecordedRun) -> dict[str, list[bytes]]:
     return {
         "input": [rows.encode_input(row) for row in run.inputs],
         "tick": [rows.encode_tick(row) for row in run.ticks],

@@ -21,7 +21,7 @@ from hoopd.files.shipped import defaults_folder
 from hoopd.files.yaml_text import text_of
 from hoopd.plants.registry import FOLDER
 from hoopd.recording import load, save
-from hoopd.recording.column_choice import Layout
+from hoopd.recording.column_choice import SignalLayout
 from hoopd.recording.edit import between
 from hoopd.shell import config as configuration
 
@@ -144,7 +144,7 @@ def _other_plant_csv(path: Path) -> None:
 
 def _other_plant(path: Path) -> None:
     """The same as a file of ours, read by its own names."""
-    layout = Layout({"F": "N"}, {"x": "m"})
+    layout = SignalLayout({"F": "N"}, {"x": "m"})
     save(load(path_of(path.parent, "plant csv"), "F=Force:kN,x=Position:mm", layout=layout), path)
 
 

@@ -20,7 +20,7 @@ from hoopd.ident.models import Innovations
 from hoopd.ident.prediction import error_system, estimate_x0, free_response, prediction_error, simulate
 from hoopd.ident.statespace import sampling, similarity
 from hoopd.ident.statespace.era import era, era_of_data
-from hoopd.ident.statespace.frequencysubspace import Known, frequency_subspace
+from hoopd.ident.statespace.frequencysubspace import GivenMatrices, frequency_subspace
 from hoopd.ident.statespace.okid import okid
 from hoopd.ident.statespace.stabilise import stabilise
 from hoopd.ident.statespace.subspace import subspaceid
@@ -85,8 +85,8 @@ def criterion_22(seed: int) -> Verdicts:
         )  # fmt: skip
         worst = max([worst, *(float(np.abs(responses(m, w) - g).max()) for m in (found, of_spectra))])
     g = responses(truth, w)
-    rest = frequency_subspace(w / dt, g, dt=dt, known=Known(a=truth.a, c=truth.c))
-    seen = frequency_subspace(w / dt, g, dt=dt, known=Known(a=truth.a, b=truth.b))
+    rest = frequency_subspace(w / dt, g, dt=dt, known=GivenMatrices(a=truth.a, c=truth.c))
+    seen = frequency_subspace(w / dt, g, dt=dt, known=GivenMatrices(a=truth.a, b=truth.b))
     given = max(float(np.abs(rest.b - truth.b).max()), float(np.abs(seen.c - truth.c).max()))
     left = max(float(np.sum(np.abs(responses(m, w) - g) ** 2)) for m in (rest, seen))
     return {
