@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import shutil
+import sys
 import warnings
 from pathlib import Path
 
 import pytest
 
+from hoopd import moved
 from hoopd.files.shipped import defaults_folder
 from hoopd.lab.recordings import experiment
 from hoopd.recording import save
@@ -48,6 +50,8 @@ def test_an_example_of_the_last_version_runs(
     space: dict[str, object] = {"path": defaults_folder() / "models/hoop.yaml", "__name__": "example"}
     if 'load("experiments.h5:Exp2")' in text:
         text = text.replace("Exp2", "Exp1")  # the file of the tests has one
+    for old in [name for name, module in sys.modules.items() if isinstance(module, moved.Moved)]:
+        del sys.modules[old]  # it warns where it is first imported, and another test may have done so
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         exec(compile(text, page, "exec"), space)
