@@ -156,8 +156,9 @@ def _best_guess(subject: Subject, run: Run) -> Array:
     if "psi" not in run.series or run.moving == "hoop":
         return run.start
     model, spread = subject.model(run.moving), float(np.std(run.series["psi"].values))
+    swing_rad_s = _swing_rad_s(subject)
     swings = [(0.0, 0.0)] + [
-        (a * spread * np.cos(phase), a * spread * _swing_rad_s(subject) * np.sin(phase))
+        (a * spread * np.cos(phase), a * spread * swing_rad_s * np.sin(phase))
         for a in AMPLITUDES[1:]
         for phase in np.arange(PHASES) * 2.0 * np.pi / PHASES
     ]
