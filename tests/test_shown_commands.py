@@ -117,7 +117,11 @@ def test_links_between_pages_lead_somewhere() -> None:
     broken = []
     for page in PAGES:
         for link in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
-            if "://" not in link and not link.startswith(("generated/", "../reference/generated/", "reference/generated/")) and not (page.parent / link).exists():
+            if (
+                "://" not in link
+                and not link.startswith(("generated/", "../reference/generated/", "reference/generated/"))
+                and not (page.parent / link).exists()
+            ):
                 broken.append(f"{page.name}: {link}")
     assert broken == []
 

@@ -1,6 +1,6 @@
 """Whether eight entries can come from physical parameters at all: the two constraints, their errors, in words.
 
-Rules of this file: it judges numbers that others printed or fitted; the constraints are those of `physics.entries`.
+Rules of this file: it judges numbers that others printed or fitted; the constraints are those of `entries`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Which kinematics recordings support: rolling without slipping, or the papers' w = phi' + theta'.
 
 Free runs alone cannot tell. With the same mb, Ro-Rb, Ib, Ih, bh and bb (Ro/Rb)^2 the two give the same eight entries
-when Ro/Rb differs by one (`physics.entries.equivalent`). So the radii must be known, better than one in Ro/Rb, and one
+when Ro/Rb differs by one (`entries.equivalent`). So the radii must be known, better than one in Ro/Rb, and one
 of mb, Ro-Rb, Ib, Ih beside them. Evidence is twice the difference of log-likelihood between the kinematics, with what
 is known as a prior:
 

@@ -1,7 +1,7 @@
 """One stretch of data with a model along it: the reference trajectory, and the model linear about it.
 
 Rules of this file: the reference comes from the smoother, so that what is left out of the model does not lead it away
-from the data; one-step maps and readings are those of `physics.composite`.
+from the data; one-step maps and readings are those of `plants.composite`.
 """
 
 from __future__ import annotations
