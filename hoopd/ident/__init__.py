@@ -1,7 +1,7 @@
 """Identification of linear and nonlinear models: `from hoopd.ident import arx, subspaceid, compare`.
 
-Names are looked up when they are used: who asks for a test signal does not load the rest. Fits of a plant's own equations
-are in `hoopd.plants`.
+Names are looked up when they are used: who asks for a test signal does not load the rest. Fits of a plant's own
+equations are in `hoopd.plants`.
 """
 
 from __future__ import annotations
