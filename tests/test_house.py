@@ -83,3 +83,12 @@ def test_an_unknown_name_is_no_module() -> None:
         importlib.import_module("hoopd.nothing")
     with pytest.raises(ImportError, match="nowhere"):
         exec("from hoopd.modelfiles import nowhere", {})
+
+
+def test_a_class_that_was_renamed_is_found_under_its_old_module() -> None:
+    for place in moved.RENAMED.values():
+        target, _, name = place.rpartition(".")
+        assert hasattr(importlib.import_module(f"hoopd.{target}"), name), place
+    with pytest.warns(DeprecationWarning, match="Found is now hoopd.plants.found_effects.FoundEffects"):
+        found = importlib.import_module("hoopd.physics.found").Found
+    assert found is importlib.import_module("hoopd.plants.found_effects").FoundEffects

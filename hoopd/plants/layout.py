@@ -27,7 +27,7 @@ def layout_of(plant: Plant) -> SignalLayout:
     >>> from hoopd.plants.layout import layout_of
     >>> from hoopd.plants.registry import plant_named
     >>> layout_of(plant_named("axis"))
-    Layout(inputs={'F': 'N'}, channels={'x': 'm'})
+    SignalLayout(inputs={'F': 'N'}, channels={'x': 'm'})
     >>> layout_of(plant_named("hoop")).is_tick
     True
     """

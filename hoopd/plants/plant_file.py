@@ -13,6 +13,8 @@ from math import inf, isnan
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
+
 from hoopd.files.dimensions import Unit, parse_unit
 from hoopd.files.expressions import CONSTANTS, FUNCTIONS, MAX_NAME_CHARS, NAME
 from hoopd.files.plant import (
@@ -39,6 +41,8 @@ RESERVED = frozenset((*FUNCTIONS, *CONSTANTS, "t", "u", "p", "replaced"))
 LENGTH, ANGLE = "m", "rad"
 # How fast bodies of laboratory rigs go where a file does not say it, in the coordinate's unit a second.
 USUAL_RATE = {LENGTH: 1.0, ANGLE: 10.0}
+# No rig is sampled faster, s: an integration step of nothing has no end.
+SHORTEST_SAMPLE_S = 1e-6
 DEVICES = ("encoder", "camera")
 
 
@@ -213,7 +217,7 @@ class _Maker:
                 for field in ("usual", "usual_rate"):
                     if getattr(one, field, None) is not None:
                         between(path, f"{key}.{name}.{field}", getattr(one, field), 0.0, 1e12)
-        between(path, "sample_time_s", self._file.sample_time_s, 0.0, 3600.0)
+        between(path, "sample_time_s", self._file.sample_time_s, SHORTEST_SAMPLE_S, 3600.0)
 
     # ------------------------------------------------------------------------------------------ parts
 
@@ -316,11 +320,32 @@ def _from_python(path: Path) -> Plant:
     space = executed(path)
     try:
         made = space["plant"]() if callable(space.get("plant")) else space.get("PLANT")
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise wrong_program(path, error) from None
     if not isinstance(made, Plant):
         reason = (
             "defines neither PLANT nor plant()" if made is None else f"a Plant is expected, not {type(made).__name__}"
         )
         raise InputError(path, "PLANT", reason)
+    _try_equations(path, made)
     return made
+
+
+def _try_equations(path: Path, plant: Plant) -> None:
+    """InputError where the functions of a program raise, or give another number of values than there are states."""
+    x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", max(1, len(plant.inputs)))
+    s = plant.point(x, {name: ca.SX.sym(name) for name in plant.values}, u if len(plant.inputs) > 1 else u[0])
+    force = ca.SX.sym("force", len(plant.coordinates))
+    parts: dict[str, tuple[int, Callable[[], Any]]] = {
+        "accelerations": (len(plant.coordinates), lambda: plant.accelerations(s, force)),
+        "rates": (len(plant.first_order), lambda: plant.rates(s)),
+    }
+    for name, (wanted, value) in parts.items():
+        if not wanted:
+            continue
+        try:
+            found = ca.SX(value()).numel()
+        except (Exception, SystemExit) as error:
+            raise wrong_program(path, error) from None
+        if found != wanted:
+            raise InputError(path, name, f"gives {found} values, {plant.name} has {wanted}")

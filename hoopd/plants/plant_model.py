@@ -17,6 +17,8 @@ from hoopd.plants.found_effects import EffectError, checked
 from hoopd.plants.model_file import HOOP, check_parameter, effects_plant, parse_model
 from hoopd.plants.registry import SUFFIXES, resolve_plant
 
+PROGRAM = ".py"
+
 
 @dataclass(frozen=True)
 class PlantModel:
@@ -91,6 +93,9 @@ def parse_plant_model(text: str, path: Path, plant: str | None = None) -> PlantM
         model = parse_model(text, path)
         return hoop_model(model)
     file = to_struct(content, PlantModelFile, path)
+    if plant is None and Path(file.plant).suffix == PROGRAM:
+        # a model is data, from whomever: it must not have a program run
+        raise InputError(path, "plant", f"{file.plant} is a program: name it with --plant, which runs it")
     found = resolve_plant(plant or _beside(file.plant, path))
     _check(path, file, found)
     return PlantModel(replace(found, values={**found.values, **file.values()}), file)

@@ -18,22 +18,22 @@ def executed(path: Path) -> dict[str, Any]:
     space: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
     try:
         exec(compile(text, str(path), "exec"), space)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise wrong_program(path, error) from None
     return space
 
 
-def wrong_program(path: Path, error: Exception) -> InputError:
+def wrong_program(path: Path, error: BaseException) -> InputError:
     """What went wrong in a user's file, and in which line."""
     return InputError(path, line_of(error, path), reason_of(error))
 
 
-def reason_of(error: Exception) -> str:
+def reason_of(error: BaseException) -> str:
     """An error in one line."""
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
 
 
-def line_of(error: Exception, path: Path) -> str:
+def line_of(error: BaseException, path: Path) -> str:
     """Line of the user's file in which it happened; empty where it was none."""
     if isinstance(error, SyntaxError) and error.filename == str(path):
         return f"line {error.lineno}"
