@@ -117,7 +117,7 @@ class TorqueLog:
 
     def _spans(self, stop: float = math.inf) -> Iterator[tuple[float, float, TorqueRow]]:
         """(begin, end, row) for every row up to `stop`; the last one ends at `stop`, or where it began without one."""
-        for row, following in zip(self.rows, [*self._times[1:], None], strict=True):
+        for row, following in zip(self.rows, [*self._times[1:], None], strict=False):  # of no row none follows
             if row.t > stop:
                 return
             end = following if following is not None else (stop if math.isfinite(stop) else row.t)
