@@ -245,7 +245,7 @@ def test_derivatives_that_are_not_finite_are_seen() -> None:
         ("limit: 1000", "limit: -1", "inputs.F.limit", "above 0"),
         ("reads: x,", "reads: y,", "channels.x.reads", "unknown name 'y'"),
         ("reads: x,", "reads: x, unit: s,", "channels.x.unit", "is wrong: it reads m"),
-        ("sample_time_s: 0.001", "sample_time_s: 0", "sample_time_s", "above 0"),
+        ("sample_time_s: 0.001", "sample_time_s: 0", "sample_time_s", "above 1e-06"),
         ("equations:\n  x:", "equations:\n  y:", "equations.x", "is missing"),
         ("hoopd.plant/1", "hoopd.plant/2", "schema", "Invalid enum value"),
         ("name: axis", "name: axis\nenergy: M*x'", "energy", "must be in J"),
