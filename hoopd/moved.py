@@ -275,6 +275,7 @@ RENAMED: dict[str, str] = {
     "sim.faults.Fault": "sim.faults.ScriptedFault",
     "sim.lockstep.Codec": "sim.lockstep.HostCodec",
     "sim.lockstep.Moved": "sim.lockstep.MovedPlant",
+    "sim.plant.HiddenPlant": "sim.plant.RigPlant",
     "sim.torque_log.Sink": "sim.torque_log.TorqueSink",
     "vision.blobs.Shape": "vision.blobs.BlobShape",
     "vision.candidates.Candidate": "vision.candidates.BallCandidate",

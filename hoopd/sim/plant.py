@@ -125,10 +125,6 @@ class RigPlant:
         return np.asarray(z0 + (z1 - z0) * ((t - t0) / (t1 - t0)))
 
 
-# What a plant with hidden effects was called before.
-HiddenPlant = RigPlant
-
-
 def make_plant(
     structure: str,
     parameters: dict[str, float],

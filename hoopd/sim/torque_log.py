@@ -12,6 +12,7 @@ import math
 import os
 from bisect import bisect_right
 from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Protocol
@@ -117,7 +118,7 @@ class TorqueLog:
 
     def _spans(self, stop: float = math.inf) -> Iterator[tuple[float, float, TorqueRow]]:
         """(begin, end, row) for every row up to `stop`; the last one ends at `stop`, or where it began without one."""
-        for row, following in zip(self.rows, [*self._times[1:], None], strict=False):  # of no row none follows
+        for row, following in zip_longest(self.rows, self._times[1:]):
             if row.t > stop:
                 return
             end = following if following is not None else (stop if math.isfinite(stop) else row.t)
