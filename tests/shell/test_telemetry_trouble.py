@@ -104,8 +104,8 @@ def test_frozen_subscriber_delays_nothing() -> None:
 OPEN_ENDED = """
 import sys, time
 from hoopd.shell.commands import Gate, Ranges
-from hoopd.shell.telemetry import Settings, Telemetry
-telemetry = Telemetry(Settings(endpoint=sys.argv[1]), Gate(Ranges()))
+from hoopd.shell.telemetry import TelemetrySettings, Telemetry
+telemetry = Telemetry(TelemetrySettings(endpoint=sys.argv[1]), Gate(Ranges()))
 telemetry.start()
 while not telemetry.counts.open:
     time.sleep(0.01)
