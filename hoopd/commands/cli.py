@@ -13,7 +13,6 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from math import isfinite
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -83,8 +82,6 @@ def run(context: typer.Context, options: RunOptions) -> None:
 
     chosen, direct = checked_speed(options.speed), without_pictures(options.camera)
     check_json(options.json_path)
-    if options.duration is not None and not isfinite(options.duration):
-        raise InputError("--duration", "", "must be a finite number of seconds")
     summary = run_daemon(
         Options(
             sim=options.sim,

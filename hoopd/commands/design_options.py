@@ -5,6 +5,7 @@ Rules of this file: a number or text that makes no sense is one `InputError` wit
 
 from __future__ import annotations
 
+from cmath import isfinite
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from math import inf
@@ -48,7 +49,10 @@ def weights_from(texts: Sequence[str]) -> Weights:
 def poles_from(text: str) -> tuple[complex, ...]:
     """Poles of "-6+6j,-6-6j,-1" in rad/s; InputError unless all are numbers."""
     try:
-        return tuple(complex(part.strip().replace("i", "j")) for part in text.split(","))
+        poles = tuple(complex(part.strip().replace("i", "j")) for part in text.split(","))
+        if not all(isfinite(pole) for pole in poles):
+            raise ValueError("no pole lies at infinity")
+        return poles
     except ValueError:
         raise InputError("--poles", "", f"expected complex numbers such as -6+6j,-6-6j,-1, not {text!r}") from None
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +23,6 @@ from hoopd.commands.options.running import (
     TuneOptions,
 )
 from hoopd.commands.output import check_json, print_result, write_json
-from hoopd.files.reading import InputError
 
 if TYPE_CHECKING:
     from hoopd.shell.config import Config
@@ -92,12 +90,12 @@ def clear(options: ClearOptions) -> None:
 
 def ref(options: RefOptions) -> None:
     """Set the reference."""
-    _command({"command": "reference", "value": _number(options.value)}, options)
+    _command({"command": "reference", "value": options.value}, options)
 
 
 def tune(options: TuneOptions) -> None:
     """Change a parameter of the law."""
-    _command({"command": "tune", "key": options.key, "value": _number(options.value)}, options)
+    _command({"command": "tune", "key": options.key, "value": options.value}, options)
 
 
 def status(options: StatusOptions) -> None:
@@ -107,9 +105,3 @@ def status(options: StatusOptions) -> None:
     fields = {**answer["status"], "session": answer["session"]}
     write_json(options.json_path, fields)
     print_result(fields)
-
-
-def _number(value: float) -> float:
-    if not isfinite(value):
-        raise InputError("VALUE", "", f"must be a finite number, not {value}")
-    return value

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError, dataclass, fields
+from dataclasses import MISSING, FrozenInstanceError, dataclass, fields
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 import typer
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 from hoopd.commands.cli import COMMANDS
 from hoopd.commands.options.declaration import add_command, argument, command_of, names_of, option, option_name
 from hoopd.commands.options.fit import FitOptions
+from hoopd.files.reading import InputError
 
 RECORDS = [record for commands in COMMANDS.values() for record, _ in commands]
 
@@ -54,6 +56,39 @@ def test_a_command_is_handed_its_record() -> None:
     code, (asked,) = said("here", "--names", "c, d", "--more", "x", "--more", "y", "--step", "2")
     assert (code, asked) == (0, Asked(source=Path("here"), names=("c", "d"), more=("x", "y"), step_s=2.0))
     assert said() == (2, []) and said("here", "--step", "0") == (2, [])
+
+
+def numbers_of(record: type) -> list[tuple[str, type]]:
+    """Names of the fields that take floats, and their types."""
+    return [(name, kind) for name, kind in get_type_hints(record).items() if "float" in str(kind)]
+
+
+NUMBERS = [(record, name, "tuple" in str(kind)) for record in RECORDS for name, kind in numbers_of(record)]
+
+
+@pytest.mark.parametrize("number", ["nan", "inf"])
+@pytest.mark.parametrize(("record", "name", "pair"), NUMBERS, ids=lambda one: getattr(one, "__name__", str(one)))
+def test_no_number_may_be_infinite_or_none(record: type, name: str, pair: bool, number: str) -> None:
+    """NaN passes every comparison with a limit: it is refused by the option's own name, before any command begins."""
+    app = typer.Typer()
+    heard: list[object] = []
+
+    @app.callback()
+    def program() -> None:
+        """A program of several commands."""
+
+    def act(options: object) -> None:
+        heard.append(options)
+
+    add_command(app, record, act, panel="Words")
+    called = option_name(record, name)
+    needed = [one for one in fields(record) if one.default is MISSING and one.name != name]
+    given = [word for one in needed for word in (*one.metadata["names"][:1], "1")]
+    told = [called, *["1"] * pair, number] if called.startswith("-") else [number]
+    result = CliRunner().invoke(app, ["act", *given, *told])
+    reason = str(result.exception) if isinstance(result.exception, InputError) else result.output
+    assert not heard and result.exit_code != 0
+    assert called in reason and "required" not in reason
 
 
 def test_a_record_cannot_be_changed_and_needs_declared_fields() -> None:

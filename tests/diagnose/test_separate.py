@@ -11,7 +11,14 @@ from diagnose.madeup import NOISE, STEP_S, shipped_plant, stretch_with
 
 from hoopd.commands.cli import app
 from hoopd.diagnose.proof.experiment_menu import command, entries
-from hoopd.diagnose.proof.next_experiment import Expected, Pair, expectations, next_experiment, rows_of_recordings
+from hoopd.diagnose.proof.next_experiment import (
+    Expected,
+    Pair,
+    expectations,
+    next_experiment,
+    rows_of_recordings,
+    why_by_hand,
+)
 from hoopd.diagnose.proof.not_excluded import late_together, parameter_notes, separations
 from hoopd.diagnose.proof.placebo import BLOCK_S, _order, changes_along, gain_of, placebos, shuffled
 from hoopd.diagnose.proof.power import of_effect, visible
@@ -23,11 +30,14 @@ from hoopd.diagnose.search.screen import Column, Member, Screen
 from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
 from hoopd.plants import free_run as freerun
 from hoopd.plants.composite import Composite
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
+from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Array, Held, Stretch
+from hoopd.plants.registry import plant_named
 
 PLANT = shipped_plant()
 LIBRARY = library(PLANT)
@@ -209,6 +219,20 @@ def test_whether_it_is_more_than_the_simpler_effect_is_asked_of_the_larger_one(r
     assert proposed is not None and proposed.tells_apart == (more.name, HOOP.name)
     assert proposed.command.startswith("hoopd experiment ") and "-1" not in proposed.reason
     assert proposed.expected_nats is not None and proposed.expected_nats > 1.0
+
+
+@pytest.mark.parametrize(
+    ("plant", "reason"),
+    [
+        (plant_named("pendulum"), "Nothing drives this plant"),
+        (hoop_plant("entries", PLANT.values, "ball"), "does not move what was recorded"),
+        (plant_named("tanks"), "this plant has none"),
+        (plant_named("axis"), "No signal of the menu is safe"),
+    ],
+    ids=["pendulum", "ball", "tanks", "axis"],
+)
+def test_where_no_signal_is_proposed_the_reason_is_true(plant: Plant, reason: str) -> None:
+    assert reason in why_by_hand([plant])
 
 
 def test_every_entry_keeps_the_limits_and_is_a_command(menu: list[Expected]) -> None:

@@ -8,9 +8,12 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import MISSING, Field, field, fields, is_dataclass
+from math import isfinite
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import typer
+
+from hoopd.files.reading import InputError
 
 Record = TypeVar("Record")
 REQUIRED: Any = MISSING
@@ -71,6 +74,8 @@ def command_of(record: type[Record], execute: Callable[..., None], *, context: b
 
     def command(**values: Any) -> None:
         before = [values.pop("context")] if context else []
+        for name, value in values.items():
+            _check_finite(option_name(record, name), value)
         execute(*before, record(**{name: readers[name](value) for name, value in values.items()}))
 
     parameters = [_parameter(one, hints[one.name]) for one in fields(record)]
@@ -104,6 +109,13 @@ def _reader(one: Field[Any], hint: Any) -> Callable[[Any], Any]:
     if one.metadata.get("read"):
         return one.metadata["read"]  # type: ignore[no-any-return]
     return (lambda given: tuple(given or ())) if _is_list(hint) else lambda given: given
+
+
+def _check_finite(name: str, value: Any) -> None:
+    """InputError for NaN and infinities: no option means them, and comparisons with limits let NaN pass."""
+    for number in value if isinstance(value, list | tuple) else (value,):
+        if isinstance(number, float) and not isfinite(number):
+            raise InputError(name, "", f"must be a finite number, not {number}")
 
 
 def names_of(text: str) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from hoopd.diagnose.proof.separation import Rows, linear, nats_apart, rows_besid
 from hoopd.diagnose.record import NextExperiment, Quantity
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.diagnose.search.screen import Member
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
 from hoopd.plants.likelihood.fitting import HypothesisFit
@@ -97,6 +98,17 @@ def rows_of_entry(pair: Pair, entry: Entry, members: Sequence[Member]) -> Rows:
         {NEXT: _usual_noise(pair.final, like)},
     )  # fmt: skip
     return rows_of(about, pair.effect, _values_of_next(pair), members)
+
+
+def why_by_hand(plants: Sequence[Plant]) -> str:
+    """Why no signal is proposed for the recorded plants."""
+    if not any(plant.inputs for plant in plants):
+        return "Nothing drives this plant: by hand."
+    if any(plant.driven is not None for plant in plants):
+        return "No signal of the menu is safe and reaches both on the fitted model: by hand."
+    if any(plant.coordinates for plant in plants):
+        return "The drive does not move what was recorded: by hand."
+    return "Signals are proposed for drives of a coordinate, and this plant has none: by hand."
 
 
 # ---------------------------------------------------------------------------------------------- the pair
@@ -210,10 +222,10 @@ def _reason(apart: float, more: float) -> str:
 
 
 def _by_hand(pair: Pair) -> NextExperiment:
-    """Nothing drives the plant."""
+    """Of the menu nothing can be played."""
     return NextExperiment(
         signal=pair.effect.best_experiment, parameters={}, tells_apart=(pair.effect.name, pair.rival.name),
-        expected_nats=None, reason="The drive does not move what was recorded: by hand.",
+        expected_nats=None, reason=why_by_hand([track.stretch.plant for track in pair.final.tracks]),
     )  # fmt: skip
 
 
