@@ -149,7 +149,7 @@ MOVED: dict[str, str] = {
     "physics.compensation": "plants.compensation",
     "physics.composite": "plants.composite",
     "physics.declared": "plants.declaration plants.hoop.declaration plants.hoop.contact",
-    "physics.effectmodel": "plants.hoop.free_run_with_effects",
+    "physics.effectmodel": "plants.hoop.simulate",
     "physics.effectplant": "plants.hoop.plant",
     "physics.effects": "plants.effects",
     "physics.effects.actuator": "plants.effects.drive",

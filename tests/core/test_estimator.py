@@ -11,10 +11,10 @@ import pytest
 
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.records import CameraSample, DriverSample, Estimate
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 
 DEVICE = {"mb": 0.0608, "Ro": 0.0957, "Rb": 0.0104, "g": 9.81, "Ib": 3.679e-6, "Ih": 1.518e-3, "bb": 2.6e-6, "bh": 7e-4}
-PLANT = Plant("rolling", DEVICE)
+PLANT = HoopPlant("rolling", DEVICE)
 TICK, WIRE = 0.02, 8 * 10 / 115200
 
 

@@ -21,7 +21,7 @@ from hoopd.design.speed import bandwidth, sampling_advice, step_info
 from hoopd.design.visibility import controllability, detectability, in_words, observability
 from hoopd.ident.transfer_functions import numerator_and_denominator, transfer_function, zeros
 from hoopd.plants.hoop.operating_points import NoEquilibriumError, operating_point
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
@@ -114,7 +114,7 @@ def test_margins_of_the_printed_pid_in_continuous_time() -> None:
 
 
 @PLANTS
-def test_matrices_are_the_derivative_of_the_plant(plant: Plant) -> None:
+def test_matrices_are_the_derivative_of_the_plant(plant: HoopPlant) -> None:
     point = operating_point(plant, psi_rad=0.7)
     model = linear_model(plant, point.x, point.u, ("theta", "dpsi"))
     step = 1e-6
@@ -340,7 +340,7 @@ def test_step_of_a_very_slow_sampled_system_is_not_followed_for_ever() -> None:
 
 @PLANTS
 @pytest.mark.parametrize("psi", [0.0, 0.01, -0.3, 1.2, math.pi])
-def test_an_operating_point_by_angle_stays(plant: Plant, psi: float) -> None:
+def test_an_operating_point_by_angle_stays(plant: HoopPlant, psi: float) -> None:
     point = operating_point(plant, psi_rad=psi)
     rate = plant.derivative(point.x, point.u)
     np.testing.assert_allclose(rate, [point.x[1], 0, 0, 0], atol=1e-9 * (1 + abs(point.x[1])))
@@ -351,7 +351,7 @@ def test_an_operating_point_by_angle_stays(plant: Plant, psi: float) -> None:
 
 @PLANTS
 @pytest.mark.parametrize("speed", [-60.0, 5.0, 150.0])
-def test_an_operating_point_by_speed_stays_and_is_that_of_its_angle(plant: Plant, speed: float) -> None:
+def test_an_operating_point_by_speed_stays_and_is_that_of_its_angle(plant: HoopPlant, speed: float) -> None:
     point = operating_point(plant, dtheta_rad_s=speed)
     np.testing.assert_allclose(plant.derivative(point.x, point.u), [speed, 0, 0, 0], atol=1e-9 * abs(speed))
     assert abs(point.x[2]) < math.pi / 2

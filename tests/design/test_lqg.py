@@ -36,7 +36,7 @@ from hoopd.design.lqg import (
     seen_plant,
 )
 from hoopd.design.margins import closed_loop_poles, margins
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
@@ -59,7 +59,7 @@ def test_riccati_gains_agree_with_an_independent_iteration() -> None:
 
 
 @pytest.mark.parametrize("plant", [HOOP, THESIS], ids=["rolling", "thesis"])
-def test_the_held_reference_is_an_exact_motion_of_the_plant(plant: Plant) -> None:
+def test_the_held_reference_is_an_exact_motion_of_the_plant(plant: HoopPlant) -> None:
     h, r = hold(plant), 0.2
     for w in (0.0, 10.0):
         u = h["torque_per_sin"] * np.sin(r) + h["torque_per_speed"] * w
@@ -70,7 +70,7 @@ def test_the_held_reference_is_an_exact_motion_of_the_plant(plant: Plant) -> Non
 
 @pytest.mark.parametrize("plant", [HOOP, THESIS], ids=["rolling", "thesis"])
 @pytest.mark.parametrize("delay", [2, 3, 4])
-def test_default_law_has_wide_margins(plant: Plant, delay: int) -> None:
+def test_default_law_has_wide_margins(plant: HoopPlant, delay: int) -> None:
     """The shipped gains (made for `hoop`) with a filter on `hoop`, on either device."""
     loop = lqg_loop(plant, HOOP, feedback(HOOP, Weights(), TICK_S), EkfSettings(), h=TICK_S, delay_ticks=delay)
     assert closed_loop_radius(loop) < 1.0

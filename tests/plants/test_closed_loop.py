@@ -13,7 +13,7 @@ from hoopd.core.controllers import Controller
 from hoopd.core.estimator import DelayedEkf
 from hoopd.files.controller import controller_of, limiter_of, load_controller, settings_of
 from hoopd.plants.hoop.closed_loop import ClosedLoopRun, Scenario, simulate
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
@@ -24,7 +24,7 @@ LQGS = pytest.mark.parametrize("name", ["lqg", "arx"])
 DEGREE = math.radians(1.0)
 
 
-def run(name: str, true: Plant, scenario: Scenario, *, model: Plant = HOOP, gate: bool = True) -> ClosedLoopRun:
+def run(name: str, true: HoopPlant, scenario: Scenario, *, model: HoopPlant = HOOP, gate: bool = True) -> ClosedLoopRun:
     """A shipped controller on a plant; its filter knows `model`."""
     file = load_controller(CONFIG / "controllers" / f"{name}.yaml")
     settings = settings_of(file) if gate else replace(settings_of(file), gate_nis=1e12)
@@ -40,7 +40,7 @@ def settles(result: ClosedLoopRun) -> bool:
 @DEVICES
 @LQGS
 @pytest.mark.parametrize("phase", [0.0005, 0.006, 0.0195])
-def test_released_ball_comes_to_rest_and_so_does_the_hoop(name: str, true: Plant, phase: float) -> None:
+def test_released_ball_comes_to_rest_and_so_does_the_hoop(name: str, true: HoopPlant, phase: float) -> None:
     result = run(name, true, Scenario(psi0_rad=0.4, phase_s=phase))
     assert settles(result)
     assert np.abs(result.u).max() <= 0.7
@@ -49,7 +49,7 @@ def test_released_ball_comes_to_rest_and_so_does_the_hoop(name: str, true: Plant
 @DEVICES
 @LQGS
 @pytest.mark.parametrize("gate", [True, False])
-def test_one_sample_of_disturbance(name: str, true: Plant, gate: bool) -> None:
+def test_one_sample_of_disturbance(name: str, true: HoopPlant, gate: bool) -> None:
     """The thesis's test; the gate refuses such a sample, without it the law has to settle again."""
     result = run(name, true, Scenario(disturbance_rad=0.4, disturbance_at_s=0.0), gate=gate)
     assert settles(result)
@@ -58,7 +58,7 @@ def test_one_sample_of_disturbance(name: str, true: Plant, gate: bool) -> None:
 
 @DEVICES
 @LQGS
-def test_a_fifth_of_error_in_all_parameters_at_once(name: str, true: Plant) -> None:
+def test_a_fifth_of_error_in_all_parameters_at_once(name: str, true: HoopPlant) -> None:
     rng = np.random.default_rng(2)
     changeable = [key for key in true.parameters if key not in ("g", "mb", "Ro", "Rb")] if true is THESIS else None
     for _ in range(6):
@@ -81,7 +81,7 @@ def test_a_late_or_failing_camera(name: str) -> None:
 
 @DEVICES
 @LQGS
-def test_a_zero_angle_error_leaves_the_hoop_slow(name: str, true: Plant) -> None:
+def test_a_zero_angle_error_leaves_the_hoop_slow(name: str, true: HoopPlant) -> None:
     for degrees in (-1.0, 1.0):
         result = run(name, true, Scenario(duration_s=15.0, delay_frames=1, angle_offset_rad=degrees * DEGREE))
         assert np.abs(result.dtheta).max() < 2.0

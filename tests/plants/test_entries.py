@@ -24,7 +24,7 @@ from hoopd.plants.hoop.entries import (
     spin_ratio,
 )
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.thesis import ENTRIES_PRINTED as THESIS
 from hoopd.plants.hoop.thesis import TABLE_3_1 as TABLE
 
@@ -78,7 +78,7 @@ def test_the_other_kinematics_gives_the_same_entries_with_another_ratio(p, kind)
 
 
 def test_entries_are_the_plants_linearisation():
-    a, b = Plant("rolling", DEVICE).linearize()
+    a, b = HoopPlant("rolling", DEVICE).linearize()
     e = entries_of("rolling", DEVICE)
     assert [a[1, 1], a[1, 3], a[1, 2], b[1, 0]] == pytest.approx([e["J11"], e["J12"], e["K1"], e["L1"]])
     assert [a[3, 1], a[3, 3], a[3, 2], b[3, 0]] == pytest.approx([e["J21"], e["J22"], e["K2"], e["L2"]])

@@ -17,7 +17,6 @@ from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import run
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.plant import Plant as OldName
 from hoopd.plants.numeric_plant import NumericPlant
 
 # A DC motor: J q'' = k i - b q' + load,  L i' = v - R i - k q'.
@@ -110,4 +109,4 @@ def test_the_empty_set_of_effects_adds_no_operation(structure: str) -> None:
 def test_a_hoop_is_copied_with_what_it_is() -> None:
     plant: Any = HoopPlant("rolling", effectcases.VALUES["rolling"])
     again = pickle.loads(pickle.dumps(plant.with_parameters(mb=0.03)))
-    assert isinstance(again, OldName) and again.parameters["mb"] == 0.03 and again.structure == "rolling"
+    assert isinstance(again, HoopPlant) and again.parameters["mb"] == 0.03 and again.structure == "rolling"

@@ -11,7 +11,7 @@ import pytest
 
 from hoopd.plants.hoop.equations import Symbols, mobility, rate, runge_kutta, symbols
 from hoopd.plants.hoop.parameters import ParameterError
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.numeric_plant import ADVANCE_STEPS, FILTER_STEPS
 
 GEOMETRY = {"mb": 0.0608, "Ro": 0.0957, "Rb": 0.0104, "g": 9.81}
@@ -53,20 +53,20 @@ def by_hand(kinematics: str, p: dict[str, float], x: np.ndarray, u: float) -> np
 @pytest.mark.parametrize("kinematics", ["rolling", "published"])
 def test_euler_lagrange_agrees_with_the_derivation_by_hand(kinematics: str) -> None:
     rng = np.random.default_rng(0)
-    plant = Plant(kinematics, DEVICE)
+    plant = HoopPlant(kinematics, DEVICE)
     for _ in range(20):
         x, u = rng.normal(size=4) * (1, 30, 1, 5), rng.normal()
         np.testing.assert_allclose(plant.derivative(x, u), by_hand(kinematics, DEVICE, x, u), rtol=1e-11)
 
 
 def test_table_of_the_thesis_gives_the_entries_of_its_own_matrices() -> None:
-    a, b = Plant("published", TABLE).linearize()
+    a, b = HoopPlant("published", TABLE).linearize()
     got = [a[1, 1], a[3, 1], a[1, 2], a[3, 2], b[1, 0], b[3, 0]]
     np.testing.assert_allclose(got, [-4.56, -1.30, -10.9, -81.7, 597, 214], rtol=3e-3)
 
 
 def test_thesis_entries_have_the_printed_poles_and_zeros() -> None:
-    a, b = Plant("entries", THESIS).linearize()
+    a, b = HoopPlant("entries", THESIS).linearize()
     poles = sorted(np.linalg.eigvals(a), key=lambda s: (s.real, s.imag))
     want = [-0.4816611437370447, -0.167663694405211 - 8.579375019784992j, -0.167663694405211 + 8.579375019784992j, 0]
     np.testing.assert_allclose(poles, want, atol=1e-12)
@@ -83,7 +83,7 @@ def test_thesis_entries_have_the_printed_poles_and_zeros() -> None:
 def test_energy_is_kept_without_dissipation_and_falls_with_it(kinematics: str) -> None:
     x0 = np.array([0.0, 20.0, 1.0, -3.0])
     for damping, kept in ((0.0, True), (1.0, False)):
-        plant = Plant(kinematics, {**DEVICE, "bb": damping * DEVICE["bb"], "bh": damping * DEVICE["bh"]})
+        plant = HoopPlant(kinematics, {**DEVICE, "bb": damping * DEVICE["bb"], "bh": damping * DEVICE["bh"]})
         x, before = x0, plant.energy(x0)
         for _ in range(100):
             x = plant.advance(x, 0.0, 0.02)
@@ -92,7 +92,7 @@ def test_energy_is_kept_without_dissipation_and_falls_with_it(kinematics: str) -
 
 
 def test_torque_does_the_work_that_the_energy_gains() -> None:
-    plant = Plant("rolling", {**DEVICE, "bb": 0.0, "bh": 0.0})
+    plant = HoopPlant("rolling", {**DEVICE, "bb": 0.0, "bh": 0.0})
     x = np.zeros(4)
     for _ in range(20):
         x = plant.advance(x, 0.05, 0.02)
@@ -104,7 +104,7 @@ def test_a_ball_in_a_resting_hoop_turns_as_rolling_demands() -> None:
     for kinematics, ratio in (("rolling", (0.0957 - 0.0104) / 0.0104), ("published", 0.0957 / 0.0104)):
         speed, ib = 2.0, DEVICE["Ib"]
         x, rest = np.array([0, 0, 0, speed]), np.zeros(4)
-        plant = Plant(kinematics, DEVICE)
+        plant = HoopPlant(kinematics, DEVICE)
         kinetic = plant.energy(x) - plant.energy(rest)
         spin = kinetic - DEVICE["mb"] * ((0.0957 - 0.0104) * speed) ** 2 / 2
         assert np.sqrt(2 * spin / ib) == pytest.approx(ratio * speed, rel=1e-9)
@@ -112,7 +112,7 @@ def test_a_ball_in_a_resting_hoop_turns_as_rolling_demands() -> None:
 
 @pytest.mark.parametrize(("structure", "p"), [("rolling", DEVICE), ("published", TABLE), ("entries", THESIS)])
 def test_positive_torque_turns_hoop_and_ball_the_positive_way(structure: str, p: dict[str, float]) -> None:
-    x = Plant(structure, p).advance(np.zeros(4), 0.1, 0.02)
+    x = HoopPlant(structure, p).advance(np.zeros(4), 0.1, 0.02)
     assert (x > 0).all()
 
 
@@ -129,21 +129,21 @@ def test_steps_converge_with_fourth_order_and_the_filters_step_is_fine_enough() 
     errors = [np.abs(after(n) - exact).max() for n in (1, 2, 4, 8)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(orders, 4.0, atol=0.1)
-    plant = Plant("rolling", DEVICE)
+    plant = HoopPlant("rolling", DEVICE)
     assert np.abs(plant.advance(start, u, 0.02) - exact).max() < 1e-9
     assert abs(plant.step_and_jacobian(start, u, 0.02)[0][2] - exact[2]) < 3e-8
     assert FILTER_STEPS < ADVANCE_STEPS
 
 
 def test_segments_add_up() -> None:
-    plant = Plant("rolling", DEVICE)
+    plant = HoopPlant("rolling", DEVICE)
     parts = plant.advance(plant.advance(STATE, 0.1, 0.0007), 0.1, 0.0193)
     np.testing.assert_allclose(parts, plant.advance(STATE, 0.1, 0.02), atol=1e-9)
     np.testing.assert_array_equal(plant.advance(STATE, 0.1, 0.0), STATE)
 
 
 def test_jacobians_agree_with_differences() -> None:
-    plant = Plant("rolling", DEVICE)
+    plant = HoopPlant("rolling", DEVICE)
     x1, f = plant.step_and_jacobian(STATE, 0.2, 0.02)
     a, b = plant.linearize(STATE, 0.2)
     d = 1e-6
@@ -162,7 +162,7 @@ def test_jacobians_agree_with_differences() -> None:
 def test_discrete_model_is_the_matrix_exponential() -> None:
     from scipy.signal import cont2discrete
 
-    plant = Plant("entries", THESIS)
+    plant = HoopPlant("entries", THESIS)
     a, b = plant.linearize()
     want_a, want_b, *_ = cont2discrete((a, b, np.eye(4), np.zeros((4, 1))), 0.02)
     got_a, got_b = plant.discretize(0.02)
@@ -171,7 +171,7 @@ def test_discrete_model_is_the_matrix_exponential() -> None:
 
 
 def test_results_do_not_share_memory() -> None:
-    plant = Plant("rolling", DEVICE)
+    plant = HoopPlant("rolling", DEVICE)
     first = plant.advance(STATE, 0.0, 0.02)
     kept = first.copy()
     plant.advance(-STATE, 0.0, 0.02)
@@ -186,8 +186,8 @@ def test_extra_force_enters_like_a_generalised_force() -> None:
     def spring(s: Symbols) -> tuple[ca.SX, float]:
         return -s.p["k"] * s.theta, 0.01
 
-    plain = Plant("rolling", DEVICE)
-    plant = Plant("rolling", {**DEVICE, "k": 0.5}, (spring,), ("k",))
+    plain = HoopPlant("rolling", DEVICE)
+    plant = HoopPlant("rolling", {**DEVICE, "k": 0.5}, (spring,), ("k",))
     push = plant.derivative(STATE, 0.0) - plain.derivative(STATE, 0.0)
     s = symbols(ca.SX.sym("x", 4), ca.SX(0), {name: ca.SX(value) for name, value in DEVICE.items()})
     inverse = ca.DM(mobility("rolling", s)).full()
@@ -214,17 +214,17 @@ def test_mobility_of_the_entries_has_the_contracts_form() -> None:
 )
 def test_impossible_parameters_are_refused_by_name(structure: str, change: dict[str, float], name: str) -> None:
     with pytest.raises(ParameterError) as error:
-        Plant(structure, {**DEVICE, **change})
+        HoopPlant(structure, {**DEVICE, **change})
     assert error.value.name == name
 
 
 def test_missing_parameter_is_named() -> None:
     with pytest.raises(ParameterError, match="Ih: missing"):
-        Plant("rolling", {name: value for name, value in DEVICE.items() if name != "Ih"})
+        HoopPlant("rolling", {name: value for name, value in DEVICE.items() if name != "Ih"})
 
 
 def test_parameters_are_read_only_and_a_plant_can_be_copied() -> None:
-    plant = Plant("rolling", DEVICE)
+    plant = HoopPlant("rolling", DEVICE)
     with pytest.raises(TypeError):
         plant.parameters["mb"] = 1.0  # type: ignore[index]
     again = pickle.loads(pickle.dumps(plant))
@@ -234,7 +234,7 @@ def test_parameters_are_read_only_and_a_plant_can_be_copied() -> None:
 
 def test_calls_take_microseconds() -> None:
     """Aim 15 and 8 us on an idle machine; the bound leaves room for a busy one."""
-    plant = Plant("rolling", DEVICE)
+    plant = HoopPlant("rolling", DEVICE)
     for call in (plant.advance, plant.step_and_jacobian):
         times = []
         for _ in range(300):

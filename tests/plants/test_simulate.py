@@ -9,7 +9,7 @@ import pytest
 
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.hoop.equations import rate
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.simulate import STEP_S, HoopModel
 from hoopd.plants.model_file import load_model
 
@@ -29,7 +29,7 @@ def axis(n: int = 200, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("structure", "values"), CASES)
 def test_a_run_is_the_plant_s_own_stepping(structure: str, values: dict[str, float]) -> None:
     t, u = axis()
-    plant, x, rows = Plant(structure, values), X0, [X0]
+    plant, x, rows = HoopPlant(structure, values), X0, [X0]
     for k, h in enumerate(np.diff(t)):
         x = plant.advance(x, u[k], h)
         rows.append(x)

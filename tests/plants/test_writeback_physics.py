@@ -10,7 +10,6 @@ import pytest
 from hoopd.plants.compensation import demand_of, in_order
 from hoopd.plants.found_effects import EffectError, FoundEffect, FoundEffects, check_region, checked, weak_end
 from hoopd.plants.free_run import FreeRun
-from hoopd.plants.hoop.free_run_with_effects import EffectModel
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.sensor_correction import correction
 from hoopd.plants.hoop.simulate import HoopModel
@@ -122,7 +121,7 @@ def experiment() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("name", RUNS)
 def test_a_run_reads_what_the_sensors_read_and_its_derivatives_are_exact(name: str) -> None:
     t, u, x0 = experiment()
-    model, p = EffectModel(RUNS[name], FREE), np.array([FILE.values()[one] for one in FREE])
+    model, p = HoopModel.with_effects(RUNS[name], FREE), np.array([FILE.values()[one] for one in FREE])
     ran, composite = model.run(p, x0, t, u), model.composite
     values, free = RUNS[name].values | {}, FreeRun(composite)
     states = free.run(values, x0, t, u)
@@ -143,7 +142,7 @@ def test_a_run_reads_what_the_sensors_read_and_its_derivatives_are_exact(name: s
 def test_no_effects_run_as_the_base() -> None:
     t, u, x0 = experiment()
     base = HoopModel(FILE.structure, FILE.values()).run((), x0, t, u)
-    np.testing.assert_allclose(EffectModel(found()).run((), x0, t, u), base, atol=1e-5)
+    np.testing.assert_allclose(HoopModel.with_effects(found()).run((), x0, t, u), base, atol=1e-5)
 
 
 def test_readings_are_put_right() -> None:

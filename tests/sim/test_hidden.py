@@ -10,14 +10,14 @@ import pytest
 
 from hoopd.files.reading import InputError
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model
 from hoopd.shell import config as configuration
 from hoopd.sim import parts
 from hoopd.sim.plant import RigPlant, make_plant
 
 FILE = load_model(Path(__file__).resolve().parents[2] / "config" / "models" / "hoop.yaml")
-BASE = Plant(FILE.structure, FILE.values())
+BASE = HoopPlant(FILE.structure, FILE.values())
 START = np.array([0.0, 0.0, 0.3, 0.0])
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.recording.formats import load
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -93,7 +93,7 @@ def test_halving_the_step_changes_nothing_that_a_camera_sees() -> None:
 
 
 def test_plain_device_agrees_with_the_model_of_hoopd() -> None:
-    theirs = Plant("rolling", plant.DEVICE)
+    theirs = HoopPlant("rolling", plant.DEVICE)
     x = SWING[:, 0]
     mine, torque = x[:, None], np.array([0.1])
     for _ in range(100):
@@ -103,7 +103,7 @@ def test_plain_device_agrees_with_the_model_of_hoopd() -> None:
 
 
 def test_entries_are_the_linearisation_of_hoopd_s_model() -> None:
-    a, b = Plant("rolling", plant.DEVICE).linearize()
+    a, b = HoopPlant("rolling", plant.DEVICE).linearize()
     told = {name: float(value[0]) for name, value in plant.entries(DEVICE).items()}
     theirs = (a[1, 1], a[1, 3], a[1, 2], b[1, 0], a[3, 1], a[3, 3], a[3, 2], b[3, 0])
     assert list(told) == ["J11", "J12", "K1", "L1", "J21", "J22", "K2", "L2"]

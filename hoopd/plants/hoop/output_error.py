@@ -17,7 +17,6 @@ from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.fit_data import STATES
 from hoopd.plants.hoop.free_parameters import scale_of
-from hoopd.plants.hoop.free_run_with_effects import EffectModel, model_of
 from hoopd.plants.hoop.simulate import HoopModel
 
 
@@ -35,9 +34,9 @@ class HoopSystem:
         """Of the states theta, dtheta, psi, dpsi; a rate is theta's."""
         return STATES
 
-    def model(self, moving: str, free: Sequence[str]) -> HoopModel | EffectModel:
+    def model(self, moving: str, free: Sequence[str]) -> HoopModel:
         """moving: both, hoop or ball."""
-        return model_of(self.structure, self.values, free, self.extra_forces, self.effects, moving=moving)
+        return HoopModel(self.structure, self.values, free, self.extra_forces, self.effects, moving=moving)
 
     def scale(self, names: Sequence[str]) -> Scale:
         return scale_of(self.structure, names, self.values)

@@ -68,10 +68,6 @@ class HoopPlant(NumericPlant):
         return tuple(name for name in self._parameters if name not in PARAMETER_UNITS[self._structure])
 
 
-# The name of earlier versions.
-Plant = HoopPlant
-
-
 def force_effects(forces: tuple[ExtraForce, ...]) -> tuple[Effect, ...]:
     """Forces that are given as functions, as effects."""
     return tuple(Effect(f"extra.force_{i}", (), force=_by_coordinate(one)) for i, one in enumerate(forces))

@@ -19,7 +19,6 @@ from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.fit_data import STATES as COLUMNS
 from hoopd.plants.hoop.fit_data import channels_of, pieces, run_of
-from hoopd.plants.hoop.free_run_with_effects import EffectModel, model_of
 from hoopd.plants.hoop.output_error import fit_output_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.hoop.plant import HoopPlant
@@ -51,9 +50,9 @@ class Subject:
     step_s: float = STEP_S
     effects: FoundEffects | None = None  # beside the base; what is simulated are then the sensors' readings
 
-    def model(self, moving: str) -> HoopModel | EffectModel:
+    def model(self, moving: str) -> HoopModel:
         """Nothing left free; `moving`: both, hoop or ball."""
-        return model_of(
+        return HoopModel(
             self.structure, self.values, (), self.extra_forces, self.effects, moving=moving, step_s=self.step_s
         )
 
@@ -175,7 +174,7 @@ def _swing_rad_s(subject: Subject) -> float:
     return float(np.sqrt(max(stiffness, 1.0)))
 
 
-def _misfit(model: HoopModel | EffectModel, run: Run, start: Array) -> float:
+def _misfit(model: HoopModel, run: Run, start: Array) -> float:
     """Squared errors of all channels, each by the spread of its samples."""
     states = model.run((), start, run.t, run.u)
     parts = [

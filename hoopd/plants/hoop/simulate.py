@@ -56,6 +56,7 @@ class HoopModel:
         plant = hoop_plant(structure, values, moving, effects.limit_nm if effects else None)
         found = effects.effects(plant) if effects else force_effects(extra_forces)
         self.structure, self.values, self.free = structure, dict(values), tuple(free)
+        # the base's own numbers, also where the effects were found on others
         known = {**(effects.values if effects else {}), **values}
         steps = None if effects else 1
         self._model = FreeRunModel(plant, found, free, values=known, step_s=step_s, substeps=steps)
@@ -64,6 +65,13 @@ class HoopModel:
         moved = self.composite.plant
         self._states = {i: STATES.index(name) for i, name in enumerate(moved.states) if name in STATES}
         self._readings = {i: STATES.index(moved.state_of(name)) for i, name in enumerate(moved.channels)}
+
+    @classmethod
+    def with_effects(
+        cls, found: FoundEffects, free: Sequence[str] = (), *, moving: str = "both", step_s: float = STEP_S
+    ) -> HoopModel:
+        """What was found, on the base that it was found on."""
+        return cls(found.structure, found.base, free, effects=found, moving=moving, step_s=step_s)
 
     @property
     def composite(self) -> Composite:

@@ -13,7 +13,7 @@ from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import readings, run
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.entries import entries_of
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 
 T, U = two_level(1.0)
 X0 = np.array([0.2, -1.0, 0.5, 2.0])
@@ -26,7 +26,7 @@ LOSSLESS = {"bb": 0.0, "bh": 0.0}
 
 
 def energy(z: np.ndarray) -> np.ndarray:
-    plant = Plant("rolling", {**VALUES["rolling"], **LOSSLESS})
+    plant = HoopPlant("rolling", {**VALUES["rolling"], **LOSSLESS})
     return np.array([plant.energy(x[:4]) for x in z])
 
 

@@ -13,7 +13,7 @@ from hoopd.files.model import EffectEntry, Parameter, model_text
 from hoopd.files.reading import InputError
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.hoop.fit import FitSettings, fit, model_file
-from hoopd.plants.hoop.free_run_with_effects import EffectModel
+from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.plants.model_file import effects_of, load_model, parse_model
 from hoopd.recording.recording import Recording, from_columns
 
@@ -25,7 +25,7 @@ FOUND = FoundEffects(FILE.structure, FILE.values(), ENTRIES)
 def recorded() -> Recording:
     rng, t = np.random.default_rng(3), 0.02 * np.arange(600)
     u = 0.06 * np.repeat(rng.choice((-1.0, 1.0), 60), 10)
-    x = EffectModel(FOUND).run((), np.array([0.0, 0.0, 0.2, 0.0]), t, u[:-1])
+    x = HoopModel.with_effects(FOUND).run((), np.array([0.0, 0.0, 0.2, 0.0]), t, u[:-1])
     theta = np.floor(x[:, 0] * 4096 / (2 * np.pi)) * 2 * np.pi / 4096
     psi = x[:, 2] + 0.002 * rng.normal(size=len(t))
     return from_columns({"t": t, "u": u, "theta": theta, "dtheta": x[:, 1], "psi": psi}, "made")

@@ -20,7 +20,7 @@ from hoopd.plants.hoop.fit import FitSettings, fit, model_file
 from hoopd.plants.hoop.fit_data import fresh_angles, moving_of, prepare
 from hoopd.plants.hoop.free_parameters import scale_of
 from hoopd.plants.hoop.output_error import fit_output_error, hoop_problem
-from hoopd.plants.hoop.plant import Plant
+from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.plants.model_file import load_model
 from hoopd.recording import load
@@ -50,7 +50,7 @@ def simulated(
 
 
 def true_entries() -> dict[str, float]:
-    a, b = Plant("rolling", HOOP.values()).linearize()
+    a, b = HoopPlant("rolling", HOOP.values()).linearize()
     one = {"J11": a[1, 1], "J12": a[1, 3], "K1": a[1, 2], "L1": b[1, 0]}
     return {**one, "J21": a[3, 1], "J22": a[3, 3], "K2": a[3, 2], "L2": b[3, 0]}
 
