@@ -26,6 +26,7 @@ from hoopd.core.frames import (
     STATUS_LIMITED,
     STATUS_TIMEOUT,
 )
+from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.core.picturechecks import PictureChecks
 from hoopd.core.records import DriverSample, Estimate, Inputs
 
@@ -39,7 +40,7 @@ START_GRACE_S = 3.0
 # Of the last 50 pictures. A push costs the filter five refusals until it follows; twenty are four pushes a second.
 REFUSALS = 20
 FASTEST_RAD_S = 200.0  # the board cannot report more
-LARGEST_MISMATCH_NM = 1.4  # twice the torque limit: no mismatch can be larger
+LARGEST_MISMATCH_NM = 2.0 * TORQUE_LIMIT_NM  # no mismatch can be larger
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,13 @@ Rules of this file: nothing may pass without `apply`; the torque limit is exact 
 from __future__ import annotations
 
 from math import isfinite
+from typing import Final
+
+# What no law, experiment or configuration may ask of the drive, N m: a larger limit would only hide the anti-windup
+# from the controller.
+TORQUE_LIMIT_NM: Final = 0.7
+# From one extreme to the other within a tick: no slew limit.
+SLEW_NM_PER_TICK: Final = 2.0 * TORQUE_LIMIT_NM
 
 
 class Limiter:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hoopd.core.limits import TORQUE_LIMIT_NM
+
 
 @dataclass(frozen=True)
 class TickSettings:
@@ -27,7 +29,7 @@ class TickSettings:
             "wire_s": (0.0, 0.02),
             "reference_limit_rad": (0.0, 1.5),  # the ball leaves the track near a quarter turn
             "brake_nm_per_rad_s": (0.0, 0.1),  # above, one tick of delay turns the brake into an oscillator
-            "brake_limit_nm": (0.0, 0.7),
+            "brake_limit_nm": (0.0, TORQUE_LIMIT_NM),
             "stopped_rad_s": (0.0, 60.0),
             "stopping_s": (0.0, 10.0),
         }

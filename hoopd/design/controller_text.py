@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from hoopd.core.estimator import EkfSettings
+from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.files.yaml_text import text_of
 
 ESTIMATOR_KEYS = ("q", "r_theta", "r_dtheta", "r_psi", "gate_nis", "reacquire_after", "horizon_s")
@@ -35,12 +36,16 @@ def controller_data(
     model: str,
     notes: str,
     sample_time_s: float,
-    torque_nm: float = 0.7,
+    torque_nm: float = TORQUE_LIMIT_NM,
     settings: EkfSettings | None = None,
     innovations: Mapping[str, list[float]] | None = None,
 ) -> dict[str, Any]:
-    """The content of a controller file; gains as they stand, the estimator with few digits; `innovations`: normal
-    levels (`levels`)."""
+    """The content of a controller file; gains as they stand, the estimator with few digits.
+
+    `torque_nm`: of the drive; a controller may ask for no more than every one may. `innovations`: normal levels
+    (`levels`).
+    """
+    torque_nm = min(TORQUE_LIMIT_NM, torque_nm)
     estimator = asdict(settings or EkfSettings())
     levels = {"innovations": dict(innovations)} if innovations else {}
     return {

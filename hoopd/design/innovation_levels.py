@@ -8,7 +8,7 @@ from __future__ import annotations
 from hoopd.core.controllers import Lqg
 from hoopd.core.drift import BLOCK_S, CHANNELS, LEARNED_BLOCKS, SETTLE_S, Drift
 from hoopd.core.estimator import DelayedEkf, EkfSettings
-from hoopd.core.limits import Limiter
+from hoopd.core.limits import SLEW_NM_PER_TICK, TORQUE_LIMIT_NM, Limiter
 from hoopd.design.lqg import Weights, lqg_gains
 from hoopd.plants.hoop.closed_loop import Scenario, picture_timing, simulate
 from hoopd.plants.hoop.plant import HoopPlant
@@ -26,7 +26,7 @@ def innovation_levels(plant: HoopPlant, settings: EkfSettings, delay_s: float, h
         plant,
         Lqg(lqg_gains(plant, Weights(), h)),
         DelayedEkf(plant.step_and_jacobian, settings),
-        Limiter(0.7, 1.4),
+        Limiter(TORQUE_LIMIT_NM, SLEW_NM_PER_TICK),
         scenario,
         lambda t, estimate: drift.watch(t, estimate.surprise),
     )

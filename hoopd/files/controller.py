@@ -15,7 +15,7 @@ import numpy as np
 from hoopd.core.controllers import Controller, LinearGains, Lqg, LqgGains, LqgLinear, TransferFunctionController
 from hoopd.core.drift import CHANNELS, Level
 from hoopd.core.estimator import DelayedEkf, EkfSettings, Step
-from hoopd.core.limits import Limiter
+from hoopd.core.limits import SLEW_NM_PER_TICK, TORQUE_LIMIT_NM, Limiter
 from hoopd.files.excitation import excitation_entry, excitation_of
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
 from hoopd.files.records import Strict, between
@@ -46,8 +46,8 @@ class EstimatorEntry(Strict, frozen=True):
 class ControllerLimits(Strict, frozen=True):
     """What this law may ask for."""
 
-    torque_nm: float = 0.7
-    slew_nm_per_tick: float = 1.4
+    torque_nm: float = TORQUE_LIMIT_NM
+    slew_nm_per_tick: float = SLEW_NM_PER_TICK
 
 
 class ControllerFile(Strict, frozen=True):
@@ -76,7 +76,7 @@ def load_controller(path: Path) -> ControllerFile:
 def parse_controller(text: str, path: object) -> ControllerFile:
     """A checked controller from its file's text; `path` is what a message calls it."""
     file = to_struct(parse_yaml(text, path), ControllerFile, path)
-    between(path, "limits.torque_nm", file.limits.torque_nm, 0.0, 0.7)
+    between(path, "limits.torque_nm", file.limits.torque_nm, 0.0, TORQUE_LIMIT_NM)
     between(path, "limits.slew_nm_per_tick", file.limits.slew_nm_per_tick, 0.0, math.inf)
     between(path, "sample_time_s", file.sample_time_s, 0.0, 1.0)
     _checked(path, "gains", lambda: controller_of(file))

@@ -12,6 +12,7 @@ from msgspec import Meta
 
 from hoopd.core.controllers import Controller
 from hoopd.core.excitation import Excitation, ExcitationLimits
+from hoopd.core.limits import TORQUE_LIMIT_NM
 
 MAX_TICKS = 60_000  # twenty minutes: the header of a recording holds every value
 Ticks = Annotated[int, Meta(ge=0, le=MAX_TICKS)]
@@ -28,7 +29,7 @@ class ExcitationEntry(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_
     """`gains` of an excitation."""
 
     table_nm: Annotated[list[float], Meta(min_length=1, max_length=MAX_TICKS)]  # one value a tick
-    torque_nm: Annotated[float, Meta(gt=0, le=0.7)]
+    torque_nm: Annotated[float, Meta(gt=0, le=TORQUE_LIMIT_NM)]
     hoop_speed_rad_s: Annotated[float, Meta(gt=0, le=200)]
     ball_angle_rad: Annotated[float, Meta(gt=0, le=3.2)] | None = None  # None: there is no ball
     soft_start_ticks: Ticks = 0

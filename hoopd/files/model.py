@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.files.records import Strict
 from hoopd.files.yaml_text import text_of
 
@@ -21,7 +22,7 @@ class DeviceConstants(Strict, frozen=True):
     hoop_radius_m: float  # Ro: axis to the contact circle
     ball_radius_m: float  # Rb: the ball's rolling radius on its O-rings
     gravity_m_s2: float = 9.81
-    torque_limit_nm: float = 0.7
+    torque_limit_nm: float = TORQUE_LIMIT_NM
     encoder_counts: int = 4096
 
     def values(self) -> dict[str, float]:

@@ -163,7 +163,7 @@ def design(law: str, model: Model | str, *, recording: Recording | None = None, 
         model=own.name,
         notes=f"designed as {law} for pictures {1e3 * spec.delay_s:g} ms old",
         sample_time_s=spec.sample_time_s,
-        torque_nm=min(0.7, own.file.device.torque_limit_nm),
+        torque_nm=own.file.device.torque_limit_nm,
     )
     return Design(parse_controller(controller_text(data, law), law), own, None, found)
 

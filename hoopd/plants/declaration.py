@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.plants.effects.base import Effect, Point
 
 
@@ -325,7 +326,7 @@ def DeclaredPlant(  # the name under which plants were declared before
     units: Mapping[str, str] | None = None,
     least: Mapping[str, float] | None = None,
     force_unit: str = "N m",
-    limit: float = 0.7,
+    limit: float = TORQUE_LIMIT_NM,
 ) -> Plant:
     """A `Plant` in the words of earlier versions."""
     warnings.warn("DeclaredPlant is now Plant, with inputs, channels and bounds", DeprecationWarning, stacklevel=2)

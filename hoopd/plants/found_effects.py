@@ -14,7 +14,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
-from hoopd.plants.hoop.parameters import PARAMETER_UNITS
+from hoopd.plants.hoop.parameters import LIMIT_NM, PARAMETER_UNITS
 
 Region = Mapping[str, tuple[float, float]]
 # What a region of validity may bound: the state, and the torque that is demanded.
@@ -51,7 +51,7 @@ class FoundEffects:
     structure: str
     base: Mapping[str, float]  # parameters of the base
     entries: tuple[FoundEffect, ...] = ()
-    limit_nm: float = 0.7
+    limit_nm: float = LIMIT_NM
 
     def __bool__(self) -> bool:
         return bool(self.entries)

@@ -18,6 +18,7 @@ import numpy as np
 from msgspec import Meta
 
 from hoopd.core.health import Thresholds
+from hoopd.core.limits import SLEW_NM_PER_TICK, TORQUE_LIMIT_NM
 from hoopd.core.ticksettings import TickSettings
 from hoopd.files.reading import ANY_NUMBER, InputError, load_yaml, os_reason, parse_yaml, read_text, to_struct
 from hoopd.files.records import Strict
@@ -34,10 +35,6 @@ Width = Annotated[int, Meta(ge=64, le=4096, multiple_of=2)]
 Extent = Annotated[float, Meta(gt=0, le=4096)]
 BallSize = Annotated[float, Meta(ge=2, le=400)]
 Pixel = Annotated[float, Meta(ge=-4096, le=8192)]
-
-# The drive saturates here; a larger limit would only hide the anti-windup from the controller.
-TORQUE_LIMIT_NM = 0.7
-
 
 # zenoh's keys that hold a secret itself or, in base64, a private key.
 _SECRET = re.compile(r"password|private_key|secret", re.IGNORECASE)
@@ -120,7 +117,7 @@ class LimitsConfig(Strict, frozen=True):
     """What no controller may exceed."""
 
     torque_nm: Annotated[float, Meta(gt=0, le=TORQUE_LIMIT_NM)] = TORQUE_LIMIT_NM
-    slew_nm_per_tick: Positive = 1.4  # the whole range in one tick: no limit
+    slew_nm_per_tick: Positive = SLEW_NM_PER_TICK
 
 
 class RecordingConfig(Strict, frozen=True):
@@ -193,7 +190,7 @@ class SimBoard(Strict, frozen=True):
     # The host calls 200 rad/s implausible: a cut beyond it could not be told from a broken answer.
     overspeed_rad_s: Annotated[float, Meta(gt=0, le=200)] = 100.0
     current_limit_a: Annotated[float, Meta(gt=0, le=1000)] = 2.5
-    slew_nm_per_ms: Annotated[float, Meta(ge=1e-3, le=1000)] = 0.7
+    slew_nm_per_ms: Annotated[float, Meta(ge=1e-3, le=1000)] = TORQUE_LIMIT_NM  # as the rig's torque stage
 
 
 class Sim(Strict, frozen=True):

@@ -32,12 +32,13 @@ from hoopd.core.frames import (
     Request,
     encode_answer,
 )
+from hoopd.plants.hoop.parameters import LIMIT_NM
 from hoopd.sim.guards import CURRENT_LIMIT_A, LOOK_S, OVERSPEED_RAD_S, Guards
 from hoopd.sim.torque_log import TorqueSink
 from hoopd.sim.torquestage import SLEW_NM_PER_MS, TorqueStage
 
-# The motor driver saturates here (PHYSICS: +-0.7 N m).
-TORQUE_LIMIT_NM: Final = 0.7
+# The motor driver saturates here.
+TORQUE_LIMIT_NM: Final = LIMIT_NM
 # Five ticks without a good request: the host is gone. Long enough for one late tick, short enough for the hoop.
 TIMEOUT_S: Final = 0.100
 # 23 byte times at 115200 baud: no pause inside a frame is that long, and the pause between two requests is longer.

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from hoopd.plants.hoop.parameters import LIMIT_NM
 from hoopd.sim.torque_log import TorqueRow, TorqueSink
 
 # The whole range from one extreme to the other in 2 ms: a tenth of a tick, and no blow to shaft and bearings.
-SLEW_NM_PER_MS: Final = 0.7
+SLEW_NM_PER_MS: Final = LIMIT_NM
 # A motor driver's torque loop runs at 10 kHz: one step of at most 0.07 N m each.
 TORQUE_LOOP_S: Final = 1e-4
 

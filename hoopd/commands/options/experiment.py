@@ -17,6 +17,7 @@ from hoopd.commands.options.running import (
     speed_option,
 )
 from hoopd.commands.options.shared import figure_option, json_option
+from hoopd.core.limits import TORQUE_LIMIT_NM
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +46,7 @@ class ExperimentOptions:
     hold_s: float = option("--hold", min=0.02, max=600.0, text="steps: seconds of each.", default=0.4)
     kick_s: float = option("--kick", min=0.02, max=600.0, text="decay: seconds of torque.", default=0.2)
     rest_s: float = option("--rest", min=0.02, max=600.0, text="decay: seconds without, after each kick.", default=8.0)
-    torque_limit_nm: float = option("--max-torque", min=0.001, max=0.7, text="Limit in N m.", default=0.3)
+    torque_limit_nm: float = option("--max-torque", min=0.001, max=TORQUE_LIMIT_NM, text="Limit in N m.", default=0.3)
     speed_limit_rad_s: float = option(
         "--max-speed", min=0.1, text="Hoop speed in rad/s that ends the experiment.", default=45.0
     )

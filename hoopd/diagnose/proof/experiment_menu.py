@@ -16,6 +16,7 @@ from hoopd.core.excitation import Excitation, ExcitationLimits
 from hoopd.plants import free_run as freerun
 from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.slots import force_scale, speed_scale
 from hoopd.plants.hoop.experiment_plan import (
     AMPLITUDES_NM,
     COMFORT,
@@ -46,8 +47,6 @@ MENU: tuple[tuple[str, Plan], ...] = (
 SMALL_SHARE = 0.3
 # Of a signal's random variants; the command itself looks at more of them when it is played.
 MOST_VARIANTS = 4
-# Limits of a command hold for the hoop; another plant's follow its drive and its usual rates.
-HOOP_LIMIT_NM, HOOP_SPEED = 0.7, 10.0
 # The model is run to its end: its speed is judged afterwards.
 NO_SPEED_LIMIT = 1e9
 
@@ -105,7 +104,7 @@ def _largest(
     words: str, plan: Plan, composite: Composite, values: Mapping[str, float], period_s: float
 ) -> Entry | None:
     """The first that leaves room to every limit, as the command itself chooses."""
-    scale = composite.declared.usual_input / HOOP_LIMIT_NM
+    scale = force_scale(composite.declared)
     for amplitude in AMPLITUDES_NM:
         for variant in range(min(VARIANTS.get(plan.kind, 1), MOST_VARIANTS)):
             tried = plan._replace(amplitude_nm=_rounded(amplitude * scale))
@@ -135,7 +134,7 @@ def _use(entry: Entry, plant: Plant) -> float:
     if not np.isfinite(entry.z).all():
         return float("inf")
     speed, ball = _peak(entry, plant, f"d{plant.driven}"), _ball(plant)
-    limit = entry.plan.speed_limit_rad_s * _usual_speed(plant) / HOOP_SPEED
+    limit = entry.plan.speed_limit_rad_s * _speed_scale(plant)
     return max(speed / limit, _peak(entry, plant, ball) / entry.plan.angle_limit_rad if ball else 0.0)
 
 
@@ -148,8 +147,9 @@ def _ball(plant: Plant) -> str | None:
     return next((slot.coordinate for slot in plant.slots.values() if slot.kind == "rolling_ball"), None)
 
 
-def _usual_speed(plant: Plant) -> float:
-    return max((s.speed for s in plant.slots.values() if s.coordinate == plant.driven), default=HOOP_SPEED)
+def _speed_scale(plant: Plant) -> float:
+    """Rates of the driven coordinate over those for which the plans' limits are meant."""
+    return max((speed_scale(s) for s in plant.slots.values() if s.coordinate == plant.driven), default=1.0)
 
 
 def _rounded(amplitude: float) -> float:

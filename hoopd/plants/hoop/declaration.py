@@ -17,7 +17,7 @@ from hoopd.plants.hoop import ball_effects, frame_effects
 from hoopd.plants.hoop.contact import contact_of
 from hoopd.plants.hoop.equations import MOTIONS, lagrangian, symbols
 from hoopd.plants.hoop.fit_data import moving_of
-from hoopd.plants.hoop.parameters import KINEMATICS, PARAMETER_UNITS
+from hoopd.plants.hoop.parameters import KINEMATICS, LIMIT_NM, PARAMETER_UNITS
 from hoopd.plants.hoop.suspicions import ball_is_current, repeated_rows, suspicions
 from hoopd.recording.recording import Recording
 
@@ -31,7 +31,7 @@ def hoop_plant(
     structure: str,
     values: Mapping[str, float],
     moving: str = "both",
-    limit: float | None = 0.7,
+    limit: float | None = LIMIT_NM,
     encoder_counts: int = 4096,
 ) -> Plant:
     """The hoop with its ball, the hoop alone or the ball in a held hoop; `values` as in `Plant`."""
@@ -60,7 +60,7 @@ def hoop_plant(
             moving=lambda recording: hoop_plant(
                 structure, values, what_moves(recording, encoder_counts), limit, encoder_counts
             ),
-            doubts=suspicions,
+            doubts=lambda recording: suspicions(recording, LIMIT_NM if limit is None else limit),
             repeated=repeated_rows,
             least_s=LEAST_S,
             stops=True,

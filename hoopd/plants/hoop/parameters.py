@@ -9,6 +9,8 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
+LIMIT_NM = 0.7  # what the drive gives, of either sign
+
 KINEMATICS = ("rolling", "published")
 STRUCTURES = (*KINEMATICS, "entries")
 

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.plants.hoop.parameters import LIMIT_NM
 from hoopd.recording.doubts import GAP_STEPS, constant, damaged, finite, gaps, plural, wrapped
 from hoopd.recording.recording import Column, Recording
 from hoopd.recording.unwrap import unwrapped
 
 COUNT_RAD = 2 * math.pi / 4096  # one count of the encoder
-TORQUE_LIMIT_NM = 0.7  # what the drive can give
 # The ball swings at 1 to 1.5 Hz. Well above that it moves against the torque and hardly at all; what still follows the
 # torque there is no ball. (At a slow sine a real ball follows the torque with a correlation of 0.98.)
 ABOVE_BALL_HZ = 3.0
@@ -36,19 +37,32 @@ REPEAT_COUNTS = 3  # a hoop that moves this many counts in a step cannot give th
 MIN_ROWS = 20  # below that there is nothing to compare
 
 
-def suspicions(recording: Recording) -> list[str]:
-    """One sentence for each thing in the recording that is worth a doubt; empty when there is none."""
-    checks = (damaged, gaps, _torque, _hoop, _ball, _ball_is_current, _speed, _repeated, _outliers)
+def suspicions(recording: Recording, limit_nm: float = LIMIT_NM) -> list[str]:
+    """One sentence for each thing in the recording that is worth a doubt; empty when there is none.
+
+    `limit_nm`: what the drive can give.
+    """
+    checks = (
+        damaged,
+        gaps,
+        partial(_torque, limit_nm=limit_nm),
+        _hoop,
+        _ball,
+        _ball_is_current,
+        _speed,
+        _repeated,
+        _outliers,
+    )
     whole = unwrapped(recording)
     return [*wrapped(recording), *(sentence for check in checks for sentence in check(whole))]
 
 
-def _torque(recording: Recording) -> Iterator[str]:
+def _torque(recording: Recording, limit_nm: float) -> Iterator[str]:
     u = finite(recording.u)
     if not len(u):
         yield "u is missing in every row: nothing says what drove the hoop"
-    elif np.abs(u).max() > TORQUE_LIMIT_NM * 1.01:
-        yield f"u reaches {np.abs(u).max():.3g}, the drive's limit is {TORQUE_LIMIT_NM} N m: another unit?"
+    elif np.abs(u).max() > limit_nm * 1.01:
+        yield f"u reaches {np.abs(u).max():.3g}, the drive's limit is {limit_nm:g} N m: another unit?"
     elif constant(u):
         yield f"u never changes ({u[0]:.3g} N m): no torque drives the recording"
 
