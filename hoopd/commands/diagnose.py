@@ -6,6 +6,7 @@ Rules of this file: files in, files out; the mathematics is in `hoopd.diagnose`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -19,7 +20,7 @@ from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import to_json_bytes
 from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
 from hoopd.diagnose.search.candidates import Settings
-from hoopd.files.model import ModelFile, model_text
+from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
 from hoopd.files.whole_files import replace_file
@@ -28,7 +29,7 @@ from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.effects_file import load_effects
 from hoopd.plants.model_file import HOOP
-from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model, parse_plant_model
+from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model, plant_model_text
 
 Progress = Callable[[str], None]
 
@@ -87,7 +88,7 @@ def searched(
     whole = () if held else tuple(train)
     train, held, how = _parts(train, held, base.plant)
     known = _library([*train, *held], options.effects, without)
-    own = [known[entry.name] for entry in base.effects if entry.name in known and _in_fits(known[entry.name])]
+    own = [known[entry.name] for entry in base.effects if entry.name in known and known[entry.name].is_simulated]
     return diagnose(
         Case(
             model=base.name,
@@ -134,11 +135,6 @@ def _library(sources: Sequence[Source], effects: Path | None, without: Sequence[
     return {name: effect for name, effect in known.items() if name not in without}
 
 
-def _in_fits(effect: Effect) -> bool:
-    """Whether a fit simulates it: faults of a sensor are counted, a lost contact is no smooth map."""
-    return effect.found_by not in ("quality", "switch")
-
-
 def _written(
     outcome: Outcome, base: PlantModel, json_path: Path | None, report: Path | None, write: Path | None
 ) -> Diagnosis:
@@ -168,6 +164,4 @@ def write_model(outcome: Outcome, base: PlantModel, path: Path) -> Path:
 
 
 def _model_text(outcome: Outcome, base: PlantModel, path: Path) -> str:
-    text = model_text(found_model(outcome, base.file, path.stem))
-    parse_plant_model(text, path)
-    return text
+    return plant_model_text(replace(base, file=found_model(outcome, base.file, path.stem)), path)

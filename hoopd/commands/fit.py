@@ -18,7 +18,7 @@ from hoopd.commands.fit_record import record
 from hoopd.commands.inputs import read_ages, read_recording
 from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.output_files import check_results
-from hoopd.commands.plant_inputs import other_plant, refuse_shared
+from hoopd.commands.plant_inputs import other_model, refuse_shared
 from hoopd.files.model import ModelFile, model_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
@@ -36,8 +36,8 @@ DIVERGED = "no finite result from this start; look at --model, --fix, --prior, o
 
 def run(options: FitOptions, *, progress: Progress = lambda text: None) -> dict[str, Any]:
     """Fit, judge, write; the result as a record. InputError when anything cannot be used or written."""
-    if (plant := other_plant(options.plant)) is not None:
-        return fit_other_plant(plant, options, progress)
+    if (other := other_model(options.plant, options.model)) is not None:
+        return fit_other_plant(other, options, progress)
     recordings, holdout, out, figure = options.recordings, options.holdout, options.out, options.figure
     check_results(out, figure)
     base, settings = settings_of(options)

@@ -1,6 +1,7 @@
 """`hoopd fit --plant`: recordings of any declared plant to its parameters, with intervals and percent of fit.
 
-Rules of this file: files in, a result record, a plant file and a figure out. Nothing is written before all is computed.
+Rules of this file: files in, a result record, a plant or model file and a figure out. Nothing is written before all
+is computed.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from hoopd.commands.fit_options import fixed_values, priors_of
 from hoopd.commands.inputs import read_recording
 from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.output_files import check_results
-from hoopd.commands.plant_inputs import number, plant_path, refuse_shared
+from hoopd.commands.plant_inputs import number, plant_path, refuse_shared, system_of
 from hoopd.files.plant_text import with_values
 from hoopd.files.reading import InputError, read_text
 from hoopd.files.whole_files import replace_file
@@ -22,30 +23,33 @@ from hoopd.plants.fits.plant_fit import ChannelFit, PlantFit, channel_fits, fit_
 from hoopd.plants.fits.plant_runs import PlantSystem
 from hoopd.plants.fits.plant_simulation import simulate_plant
 from hoopd.plants.plant_file import parse_plant
+from hoopd.plants.plant_model import PROGRAM, PlantModel, plant_model_text, with_parameters
 from hoopd.recording.recording import Recording
 
 # What asks for the hoop's own structures and judgements, and what it is when nothing is asked.
-HOOPS_OWN = {"structure": "entries", "model": None, "kinematics": False, "channels": ()}
+HOOPS_OWN = {"structure": "entries", "kinematics": False}
 SHORTEST_WINDOW_SAMPLES = 10
 
 
-def fit_other_plant(plant: Plant, options: FitOptions, progress: Callable[[str], None]) -> dict[str, Any]:
+def fit_other_plant(model: PlantModel, options: FitOptions, progress: Callable[[str], None]) -> dict[str, Any]:
     """Fit, judge, write; the result as a record. InputError when anything cannot be used or written."""
     check_results(options.out, options.figure)
     _refuse_hoops_own(options)
-    source = _text_of(options) if options.out is not None else ""
+    system, said = system_of(model)
+    plant, names = model.plant, tuple(system.nominal)
     train, held = _read(plant, options, options.recordings), _read(plant, options, options.holdout)
     refuse_shared(train, held)
-    names, fixed = tuple(plant.values), fixed_values(options.fix, plant.values, tuple(plant.values))
+    fixed = fixed_values(options.fix, system.values, names)
     free = [name for name in (options.free or plant.free) if name not in fixed]
-    priors = priors_of(options.prior, names, lambda name: plant.bounds.get(name, (-1.0, 0.0))[0] >= 0.0)
+    priors = priors_of(options.prior, names, lambda name: system.bounds.get(name, (-1.0, 0.0))[0] >= 0.0)
     found = fit_plant(
-        plant, [one for _, one in train], free, options.method, values=fixed, priors=priors,
+        plant, [one for _, one in train], free, options.method, effects=system.effects,
+        values={**system.changed, **fixed}, priors=priors, channels=_channels(plant, options),
         window_s=_window(plant, options), loss=options.loss, progress=progress,
     )  # fmt: skip
     progress("scoring")
-    result = _record(found, dict(train), dict(held))
-    _write(found, source, train[0][1], options)
+    result = _record(found, system, dict(train), dict(held), said)
+    _write(found, model, train[0][1], options)
     paths = {"out": options.out, "figure": options.figure}
     return {**result, **{key: str(path) for key, path in paths.items() if path is not None}}
 
@@ -69,20 +73,21 @@ def _window(plant: Plant, options: FitOptions) -> float | None:
     return options.window_s
 
 
-def _text_of(options: FitOptions) -> str:
-    """The plant's file, into which the values go."""
-    path = plant_path(options.plant)
-    if path is None or path.suffix == ".py":
-        raise InputError("--out", str(options.out), "a plant in Python keeps its numbers itself: take them from --json")
-    return read_text(path)
+def _channels(plant: Plant, options: FitOptions) -> tuple[str, ...]:
+    for name in options.channels:
+        if name not in plant.channels:
+            raise InputError("--channels", "", f"unknown {name!r}; known: {', '.join(plant.channels)}")
+    return options.channels
 
 
 # ---------------------------------------------------------------------------------------------- result
 
 
-def _record(found: PlantFit, train: Mapping[str, Recording], held: Mapping[str, Recording]) -> dict[str, Any]:
+def _record(
+    found: PlantFit, start: PlantSystem, train: Mapping[str, Recording], held: Mapping[str, Recording], said: list[str]
+) -> dict[str, Any]:
     plant, solution = found.system.plant, found.solution
-    units = plant.units
+    units = units_of(start)
     return {
         "plant": plant.name,
         "method": found.method,
@@ -93,26 +98,32 @@ def _record(found: PlantFit, train: Mapping[str, Recording], held: Mapping[str, 
                 "value": found.values[name],
                 "unit": units.get(name, ""),
                 "ci95": list(found.intervals[name]) if name in found.intervals else None,
-                "nominal": found.nominal[name],
+                "nominal": start.values[name],
             }
-            for name in plant.values
-            if name in found.intervals or name in found.system.changed
+            for name in start.values
+            if name in found.intervals or found.system.changed.get(name, start.values[name]) != start.values[name]
         },
         "start": {name: float(value) for name, value in zip(plant.states, solution.starts[0], strict=True)},
         "fit": {
-            part: {name: _scores(found, one) for name, one in recordings.items()}
+            part: {name: _scores(found, start, one) for name, one in recordings.items()}
             for part, recordings in (("train", train), ("holdout", held))
             if recordings
         },
-        "notes": _notes(found),
+        "effects": [effect.name for effect in start.effects],
+        "notes": [*said, *_notes(found)],
     }
 
 
-def _scores(found: PlantFit, recording: Recording) -> dict[str, Any]:
-    """By channel: free runs with the nominal values and with those found, each from its best start."""
-    nominal = PlantSystem(found.system.plant, found.system.effects)
+def units_of(system: PlantSystem) -> dict[str, str]:
+    """Of every parameter of a plant and its effects."""
+    effects = {effect.key(one.name): one.unit for effect in system.effects for one in effect.parameters}
+    return {**system.plant.units, **effects}
+
+
+def _scores(found: PlantFit, start: PlantSystem, recording: Recording) -> dict[str, Any]:
+    """By channel: free runs with the values that the fit began with and with those found, each from its best start."""
     rows: dict[str, dict[str, Any]] = {}
-    for label, system in (("nominal", nominal), ("fitted", found.fitted)):
+    for label, system in (("nominal", start), ("fitted", found.fitted)):
         for channel, one in _free_run_fits(system, recording).items():
             row = rows.setdefault(channel, {})
             row[label] = number(one.nrmse_percent)
@@ -126,11 +137,11 @@ def _free_run_fits(system: PlantSystem, recording: Recording) -> Mapping[str, Ch
 
 
 def _notes(found: PlantFit) -> list[str]:
-    plant, notes = found.system.plant, []
+    bounds, notes = found.system.bounds, []
     if not found.names:
         notes.append("no parameter is free: the start alone was fitted")
     for name in found.names:
-        low, high = plant.bounds.get(name, (-float("inf"), float("inf")))
+        low, high = bounds.get(name, (-float("inf"), float("inf")))
         if found.values[name] in (low, high):
             notes.append(f"{name} is on its bound: its interval says nothing")
     memory = found.uncertainty.memory if found.uncertainty is not None else {}
@@ -142,13 +153,21 @@ def _notes(found: PlantFit) -> list[str]:
     return notes
 
 
-def _write(found: PlantFit, source: str, first: Recording, options: FitOptions) -> None:
+def _write(found: PlantFit, model: PlantModel, first: Recording, options: FitOptions) -> None:
     if options.out is not None:
-        text = with_values(source, str(options.plant), found.values, found.intervals, options.out.stem)
-        parse_plant(text, options.out)  # never a plant that no command could load
-        replace_file(options.out, text.encode())
+        replace_file(options.out, _text(found, model, options, options.out).encode())
     if options.figure is not None:
         draw(found.fitted, first, options.figure)
+
+
+def _text(found: PlantFit, model: PlantModel, options: FitOptions, out: Path) -> str:
+    """A plant in YAML with its numbers; of a model, and of a plant in Python, a model file beside the plant."""
+    path = plant_path(options.plant)
+    if options.model is None and path is not None and path.suffix != PROGRAM:
+        text = with_values(read_text(path), str(options.plant), found.values, found.intervals, out.stem)
+        parse_plant(text, out)  # never a plant that no command could load
+        return text
+    return plant_model_text(with_parameters(model, found.values, found.intervals, out.stem), out)
 
 
 def draw(system: PlantSystem, recording: Recording, figure: Path, start: Mapping[str, float] | None = None) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 from hoopd.commands.inputs import read_ages, read_recording, read_values
 from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
-from hoopd.commands.plant_inputs import number, other_plant
+from hoopd.commands.plant_inputs import number, other_model
 from hoopd.commands.simulate_plant import simulate_other_plant
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
@@ -35,8 +35,8 @@ STEP_RANGE_S = (1e-4, 0.1)
 
 def run(options: SimulateOptions) -> dict[str, Any]:
     """Simulate, compare, write; the result as a record. InputError when anything cannot be used or written."""
-    if (plant := other_plant(options.plant)) is not None:
-        return simulate_other_plant(plant, options)
+    if (other := other_model(options.plant, options.model)) is not None:
+        return simulate_other_plant(other, options)
     out, figure, step_s = options.out, options.figure, options.step_s
     if options.model is None:
         raise InputError("--model", "", "is missing; a plant of another kind is told by --plant")

@@ -11,22 +11,21 @@ from hoopd.commands.fit_plant import draw
 from hoopd.commands.inputs import read_recording, read_values
 from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
-from hoopd.commands.plant_inputs import number
+from hoopd.commands.plant_inputs import number, system_of
 from hoopd.files.reading import InputError
-from hoopd.plants.declaration import Plant
-from hoopd.plants.fits.plant_runs import PlantSystem
 from hoopd.plants.fits.plant_simulation import simulate_plant
+from hoopd.plants.plant_model import PlantModel
 from hoopd.recording import save
 from hoopd.recording.formats import extension_of
 
 # The longest step when nobody asks for one: the plant's own.
 USUAL_STEP_S = SimulateOptions.__dataclass_fields__["step_s"].default
+NOTHING_MEASURED = "the recording has inputs and no measurement: nothing to compare with"
 
 
-def simulate_other_plant(plant: Plant, options: SimulateOptions) -> dict[str, Any]:
+def simulate_other_plant(model: PlantModel, options: SimulateOptions) -> dict[str, Any]:
     """Simulate, compare, write; the result as a record. InputError when anything cannot be used or written."""
-    if options.model is not None:
-        raise InputError("--model", str(options.model), "is of the hoop; give --plant or --model")
+    plant = model.plant
     if options.moving != "auto":
         raise InputError("--moving", "", "belongs to the hoop")
     if options.out is not None:
@@ -36,7 +35,8 @@ def simulate_other_plant(plant: Plant, options: SimulateOptions) -> dict[str, An
         raise InputError("--step", "", f"must be above 0, not {options.step_s:g}")
     recording = read_recording(options.recording, options.columns, options.age, plant=plant, hold=options.hold)
     start = None if options.x0 is None else read_values("--x0", options.x0, plant.states)
-    system = PlantSystem(plant, step_s=None if options.step_s == USUAL_STEP_S else options.step_s)
+    step_s = None if options.step_s == USUAL_STEP_S else options.step_s
+    system, said = system_of(model, step_s=step_s, effects=not options.without_effects)
     run = simulate_plant(system, recording, start)
     if options.out is not None:
         save(run.simulated, options.out)
@@ -44,6 +44,7 @@ def simulate_other_plant(plant: Plant, options: SimulateOptions) -> dict[str, An
         draw(system, recording, options.figure, start)
     result = {
         "plant": plant.name,
+        **({} if options.model is None else {"model": model.name}),
         "recording": recording.source,
         "rows": len(recording),
         "seconds": float(recording.t[-1] - recording.t[0]),
@@ -59,7 +60,8 @@ def simulate_other_plant(plant: Plant, options: SimulateOptions) -> dict[str, An
             }
             for name, one in run.percent.items()
         },
-        "notes": [] if run.percent else ["the recording has inputs and no measurement: nothing to compare with"],
+        "effects": [effect.name for effect in system.effects],
+        "notes": [*said, *([] if run.percent else [NOTHING_MEASURED])],
     }
     paths = {"out": options.out, "figure": options.figure}
     return {**result, **{key: str(path) for key, path in paths.items() if path is not None}}

@@ -5,17 +5,22 @@ Rules of this file: everything wrong in a file is one `InputError`; no equation 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile
+import msgspec
+
+from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile, model_text
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
 from hoopd.files.records import between
+from hoopd.files.shipped import way_to
 from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.found_effects import EffectError, checked
 from hoopd.plants.model_file import HOOP, check_parameter, effects_plant, parse_model
-from hoopd.plants.registry import SUFFIXES, resolve_plant
+from hoopd.plants.registry import REGISTERED, SUFFIXES, resolve_plant
 
 PROGRAM = ".py"
 
@@ -26,6 +31,7 @@ class PlantModel:
 
     plant: Plant
     file: ModelFile | PlantModelFile
+    plant_file: Path | None = None  # where the plant is declared, unless it is a registered one
 
     @property
     def name(self) -> str:
@@ -41,6 +47,12 @@ class PlantModel:
     def effects(self) -> list[EffectEntry]:
         """Those that the model has."""
         return self.file.effects
+
+    @property
+    def simulated_effects(self) -> tuple[Effect, ...]:
+        """Declarations of those that a free run has."""
+        known = library(self.plant) if self.effects else {}
+        return tuple(known[one.name] for one in self.effects if known[one.name].is_simulated)
 
     @property
     def values(self) -> dict[str, float]:
@@ -96,9 +108,56 @@ def parse_plant_model(text: str, path: Path, plant: str | None = None) -> PlantM
     if plant is None and Path(file.plant).suffix == PROGRAM:
         # a model is data, from whomever: it must not have a program run
         raise InputError(path, "plant", f"{file.plant} is a program: name it with --plant, which runs it")
-    found = resolve_plant(plant or _beside(file.plant, path))
+    if plant not in (None, file.plant) and (plant == HOOP or {plant, file.plant} <= {*REGISTERED}):
+        raise InputError(path, "plant", f"a model of {file.plant}, not of {plant}")
+    text = plant or _beside(file.plant, path)
+    found = resolve_plant(text)
     _check(path, file, found)
-    return PlantModel(replace(found, values={**found.values, **file.values()}), file)
+    return PlantModel(replace(found, values={**found.values, **file.values()}), file, _file_of(text))
+
+
+def with_parameters(
+    model: PlantModel, values: Mapping[str, float], intervals: Mapping[str, tuple[float, float]], name: str
+) -> PlantModel:
+    """The model of another plant than the hoop with other numbers, those of effects by `slot.effect.parameter`."""
+    assert isinstance(model.file, PlantModelFile)
+    before, units, known = model.values, model.plant.units, library(model.plant) if model.effects else {}
+
+    def entry(key: str, unit: str, old: Parameter | None) -> Parameter:
+        if key not in intervals and values.get(key, before[key]) == before[key] and old is not None:
+            return old
+        return Parameter(values.get(key, before[key]), unit, intervals.get(key), before[key])
+
+    own = {key: entry(key, units.get(key, "-"), model.file.parameters.get(key)) for key in model.plant.values}
+    effects = [
+        msgspec.structs.replace(
+            one,
+            parameters={
+                key: entry(f"{one.name}.{key}", known[one.name].parameter(key).unit, old)
+                for key, old in one.parameters.items()
+            },
+        )
+        for one in model.effects
+    ]
+    return replace(model, file=msgspec.structs.replace(model.file, name=name, parameters=own, effects=effects))
+
+
+def is_of_another_plant(path: Path) -> bool:
+    """Whether a model file is of another plant than the hoop."""
+    content = parse_yaml(read_text(path), path)
+    return isinstance(content, dict) and bool(content.get("plant", HOOP) != HOOP)
+
+
+def plant_model_text(model: PlantModel, path: Path) -> str:
+    """The text of a model for a file at `path`, which names the plant's file from its own folder; InputError for a
+    model that no command could load."""
+    file = model.file
+    if isinstance(file, PlantModelFile) and model.plant_file is not None:
+        file = msgspec.structs.replace(file, plant=way_to(model.plant_file, path))
+    text = model_text(file)
+    named = None if isinstance(file, ModelFile) or model.plant_file is None else str(model.plant_file)
+    parse_plant_model(text, path, named)
+    return text
 
 
 def nominal_model(plant: str) -> PlantModel:
@@ -125,21 +184,26 @@ def nominal_model(plant: str) -> PlantModel:
     >>> nominal_model("axis").values["M"]
     100.0
     """
-    return declared_model(resolve_plant(plant), plant)
+    return declared_model(resolve_plant(plant), plant, _file_of(plant))
 
 
-def declared_model(plant: Plant, called: str = "") -> PlantModel:
+def declared_model(plant: Plant, called: str = "", plant_file: Path | None = None) -> PlantModel:
     """A plant with its nominal parameters; `called`: the name or file that a model file says."""
     parameters = {name: Parameter(value, plant.units.get(name, "-")) for name, value in plant.values.items()}
     file = PlantModelFile(
         "hoopd.model/1", plant.name, called or plant.name, parameters, sample_time_s=plant.time_scale_s
     )
-    return PlantModel(plant, file)
+    return PlantModel(plant, file, plant_file)
 
 
 def hoop_model(model: ModelFile) -> PlantModel:
     """A model of the hoop."""
     return PlantModel(effects_plant(model), model)
+
+
+def _file_of(plant: str) -> Path | None:
+    """The file that declares a plant; None of a registered name."""
+    return None if plant in REGISTERED else Path(plant)
 
 
 def _beside(plant: str, path: Path) -> str:

@@ -83,7 +83,7 @@ def test_a_given_start_is_simulated(folder: Path) -> None:
         (("fit", "--plant", "axis", "a.csv", *READ, "--loss", "guess"), "known: linear, huber, soft_l1, cauchy"),
         (("fit", "--plant", "axis", "a.csv", "a.csv", *READ), "rows in common with a.csv"),
         (("fit", "--plant", "axles", "a.csv"), "did you mean axis"),
-        (("simulate", "--plant", "axis", "--model", "m.yaml", "--input", "a.csv", *READ), "give --plant or --model"),
+        (("simulate", "--plant", "axis", "--model", "m.yaml", "--input", "a.csv", *READ), "m.yaml"),
         (("simulate", "--plant", "axis", "--input", "a.csv", *READ, "--x0", "y=1"), "known: x, dx"),
         (("simulate", "--input", "a.csv"), "--plant"),
     ],

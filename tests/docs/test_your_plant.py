@@ -72,6 +72,8 @@ def test_the_fit_is_the_one_that_the_page_tells(diagnosed: tuple[str, Any]) -> N
 def test_the_effect_and_the_gain_are_those_that_the_page_tells(diagnosed: tuple[str, Any]) -> None:
     said, model = diagnosed
     (effect,) = model["effects"]
+    percent = re.search(r"now fits x to ([\d.]+) %", TOLD)
+    assert percent is not None and percent[1] in [f"{float(one):.2f}" for one in re.findall(r"x │ ([\d.]+) │", said)]
     dry, (low, high) = effect["parameters"]["Fc"], effect["parameters"]["Fc"]["ci95"]
     assert effect["name"] == "body.coulomb_friction" and dry["value"] == pytest.approx(DRY_N, rel=1e-3)
     assert f"{dry['value']:.4f} N with an interval of {low:.4f} to {high:.4f}" in TOLD

@@ -51,11 +51,15 @@ class FitOptions:
         default=(),
     )
     free: tuple[str, ...] = option(
-        "--free", text="Only these are fitted, separated by commas.", metavar="NAMES", default="", read=names_of
+        "--free",
+        text="Only these are fitted, separated by commas; of another plant's effect SLOT.EFFECT.PARAMETER.",
+        metavar="NAMES",
+        default="",
+        read=names_of,
     )
     channels: tuple[str, ...] = option(
         "--channels",
-        text="What is compared: theta, theta_rate, dtheta, psi; chosen by itself else.",
+        text="What is compared: theta, theta_rate, dtheta, psi, or channels of another plant; chosen by itself else.",
         metavar="NAMES",
         default="",
         read=names_of,

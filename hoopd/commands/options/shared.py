@@ -29,7 +29,7 @@ def model_option(default: Any = REQUIRED) -> Any:
     """The model that a command cannot do without, unless a plant may stand for it (`default`)."""
     return option(
         "--model",
-        text="Model file of `hoopd fit`, or a shipped one: models/hoop.yaml, models/thesis.yaml.",
+        text="Model file of `hoopd fit` or `diagnose`, or a shipped one: models/hoop.yaml, models/thesis.yaml.",
         metavar="MODEL",
         default=default,
     )

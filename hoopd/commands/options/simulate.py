@@ -26,7 +26,7 @@ class SimulateOptions:
 
     model: Path | None = option(
         "--model",
-        text="Model file of `hoopd fit`, or a shipped one: models/hoop.yaml, models/thesis.yaml.",
+        text="Model file of `hoopd fit` or `diagnose`, or a shipped one: models/hoop.yaml, models/thesis.yaml.",
         metavar="MODEL",
     )
     plant: str | None = plant_option()

@@ -144,6 +144,11 @@ class Effect:
         return self.slot in plant.slots and all(q in plant.coordinates for q in self.needs)
 
     @property
+    def is_simulated(self) -> bool:
+        """Whether a free run has it: faults of single samples are counted, a lost contact is no smooth map."""
+        return self.found_by not in ("quality", "switch")
+
+    @property
     def acts_now(self) -> bool:
         """A force, a friction, a map of the torque or a lean that depends on the state, and on nothing else."""
         acts = self.force or self.friction or self.torque or self.shift

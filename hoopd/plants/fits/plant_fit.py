@@ -87,6 +87,7 @@ def fit_plant(
     effects: Sequence[Effect] = (),
     values: Mapping[str, float] | None = None,
     priors: Mapping[str, Prior] | None = None,
+    channels: Sequence[str] = (),
     window_s: float | None = None,
     loss: str = "linear",
     progress: Progress = lambda text: None,
@@ -110,6 +111,8 @@ def fit_plant(
         Where parameters begin (or stay) in place of their nominal values.
     priors
         What is believed beforehand, by name; output-error fits only.
+    channels
+        What is compared; every channel that a recording has without it.
     window_s
         Runs of so many seconds with a start each, in place of one free run a stretch.
     loss
@@ -148,16 +151,19 @@ def fit_plant(
     [True, True]
     """
     together = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
-    system = PlantSystem(plant, tuple(effects), dict(values or {}))
+    compared = replace(plant, channels={n: c for n, c in plant.channels.items() if n in (channels or plant.channels)})
+    system = PlantSystem(compared, tuple(effects), dict(values or {}))
     names = _free_names(system, free)
     for option, word, known in (("--method", method, METHODS), ("--loss", loss, LOSSES)):
         if word not in known:
             raise InputError(option, "", f"unknown {word!r}; known: {', '.join(known)}")
-    runs = prepare_runs(plant, together, window_s)
+    runs = prepare_runs(compared, together, window_s)
     try:
         if method == "prediction" and names:
-            return _by_likelihood(system, names, together, runs, progress)
-        return _by_free_runs(system, names, together, runs, priors or {}, loss, progress)
+            found = _by_likelihood(system, names, together, runs, progress)
+        else:
+            found = _by_free_runs(system, names, together, runs, priors or {}, loss, progress)
+        return replace(found, system=replace(system, plant=plant))
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise InputError(plant.name, "", f"{DIVERGED} ({error})") from None
 
