@@ -17,13 +17,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.likelihood.batch_calls import Recursion, flat
+from hoopd.plants.likelihood.covariance import carried, elements, from_elements, readings_taken
 from hoopd.plants.likelihood.linear_recursion import backward, bands_of, forward
 
 Array = NDArray[np.float64]
@@ -34,14 +35,6 @@ Pattern = tuple[tuple[bool, ...], ...]
 START_POSITION, START_RATE = 0.3, 5.0
 # Process noise beside the disturbance, standard deviation of a rate over one step: the rounding of a linearisation.
 RATE_FLOOR = 1e-5
-
-
-class Noise(NamedTuple):
-    """Levels of one recording: disturbances (coordinates,) and readings (channels,)."""
-
-    force: Array  # standard deviation, in the force's unit
-    time_s: Array  # correlation time
-    reading: Array  # standard deviation of each channel, at scatter 1
 
 
 class Lagged(NamedTuple):
@@ -69,6 +62,69 @@ class LinearReference(NamedTuple):
         return int(self.a.shape[1] + self.w.shape[2])
 
 
+class NoiseModel(Protocol):
+    """What disturbs a linear model and its readings, and how little is known of its first deviation."""
+
+    @property
+    def reading(self) -> Array:
+        """(nc,) standard deviation of each channel, at scatter 1."""
+
+    def start(self, model: LinearReference) -> Array:
+        """(size, size) covariance of the first deviation."""
+
+    def transition(self, model: LinearReference) -> Array:
+        """(n-1, size, size) of the deviation with the states that the noise has of its own."""
+
+    def added(self, model: LinearReference) -> Array:
+        """(n-1, size, size) covariance that each step adds."""
+
+
+class Noise(NamedTuple):
+    """Levels of one recording: correlated disturbances (coordinates,) and readings (channels,)."""
+
+    force: Array  # standard deviation, in the force's unit
+    time_s: Array  # correlation time
+    reading: Array  # standard deviation of each channel, at scatter 1
+
+    def start(self, model: LinearReference) -> Array:
+        """Wide (size, size), and disturbances as they are at any time.
+
+        What is behind a lag is tied to what it follows. Were it free, the first sample of every stretch would cost a
+        lag two nats that a delay of the same time does not pay.
+        """
+        nz, nx = model.a.shape[1], model.nx
+        spread = np.full(nx, START_RATE)
+        spread[::2] = START_POSITION
+        follows = np.vstack([np.eye(nx), np.zeros((nz - nx, nx))])
+        for row, one in enumerate(model.lagged, start=nx):
+            if one.state is not None:
+                follows[row, one.state] = 1.0
+        found = np.zeros((model.size, model.size))
+        found[:nz, :nz] = follows * spread**2 @ follows.T
+        found[range(nx, nz), range(nx, nz)] += np.square([one.deviation for one in model.lagged])
+        found[nz:, nz:] = np.diag(self.force**2)
+        return found
+
+    def transition(self, model: LinearReference) -> Array:
+        """[[A, W], [0, exp(-h/T)]]"""
+        (steps, nz, _), size = model.a.shape, model.size
+        phi = np.zeros((steps, size, size))
+        phi[:, :nz, :nz], phi[:, :nz, nz:] = model.a, model.w
+        phi[:, range(nz, size), range(nz, size)] = self._decay(model)
+        return phi
+
+    def added(self, model: LinearReference) -> Array:
+        """On the diagonal."""
+        (steps, nz, _), size = model.a.shape, model.size
+        found = np.zeros((steps, size, size))
+        found[:, range(nz), range(nz)] = rate_floor(nz, model.nx)
+        found[:, range(nz, size), range(nz, size)] = self.force**2 * (1.0 - self._decay(model) ** 2)
+        return found
+
+    def _decay(self, model: LinearReference) -> Array:
+        return np.asarray(np.exp(-model.h[:, None] / self.time_s))
+
+
 @dataclass(frozen=True)
 class Gains:
     """What the filter did at every node, whatever the columns."""
@@ -86,24 +142,17 @@ class Gains:
         return bands_of(self.closed)
 
 
-def gains(model: LinearReference, noise: Noise) -> Gains:
+def gains(model: LinearReference, noise: NoiseModel) -> Gains:
     """One pass of the covariance."""
     n, _, nz = model.c.shape
-    size, decay = model.size, np.exp(-model.h[:, None] / noise.time_s)
-    phi = np.zeros((n - 1, size, size))
-    phi[:, :nz, :nz], phi[:, :nz, nz:] = model.a, model.w
-    phi[:, range(nz, size), range(nz, size)] = decay
-    dynamic, seen = _pattern(phi), _pattern(model.c)
-    step = _covariance_step(dynamic, seen)
-    lower = np.tril_indices(size)
-    start = start_covariance(model, noise)
-    added = _process_noise(model, noise, decay)
-    last = np.concatenate([phi, np.eye(size)[None]])
-    after, whiten, gain = step(
+    size, phi, added = model.size, noise.transition(model), noise.added(model)
+    dynamic, driven, seen = pattern_of(phi), pattern_of(added), pattern_of(model.c)
+    lower, start = np.tril_indices(size), noise.start(model)
+    after, whiten, gain = _covariance_step(dynamic, driven, seen)(
         start[lower],
-        _elements(last, dynamic),
-        np.concatenate([added, added[-1:]]),
-        _elements(model.c, seen),
+        nonzeros(np.concatenate([phi, np.eye(size)[None]]), dynamic),
+        nonzeros(np.concatenate([added, added[-1:]]), driven),
+        nonzeros(model.c, seen),
         model.seen.astype(float),
         (noise.reading * model.scatter) ** 2,
     )
@@ -160,82 +209,52 @@ def smoothed(model: LinearReference, found: Gains, f: Array, eps: Array) -> Smoo
 # ---------------------------------------------------------------------------------------------- covariance
 
 
-def start_covariance(model: LinearReference, noise: Noise) -> Array:
-    """(size, size) of the first deviation.
-
-    What is behind a lag is tied to what it follows. Were it free, the first sample of every stretch would cost a lag
-    two nats that a delay of the same time does not pay.
-    """
-    nz, nx = model.a.shape[1], model.nx
-    spread = np.full(nx, START_RATE)
-    spread[::2] = START_POSITION
-    follows = np.vstack([np.eye(nx), np.zeros((nz - nx, nx))])
-    for row, one in enumerate(model.lagged, start=nx):
-        if one.state is not None:
-            follows[row, one.state] = 1.0
-    found = np.zeros((model.size, model.size))
-    found[:nz, :nz] = follows * spread**2 @ follows.T
-    found[range(nx, nz), range(nx, nz)] += np.square([one.deviation for one in model.lagged])
-    found[nz:, nz:] = np.diag(noise.force**2)
+def rate_floor(nz: int, nx: int) -> Array:
+    """(nz,) variances that each step adds to the states of the plant."""
+    found = np.zeros(nz)
+    found[1:nx:2] = RATE_FLOOR**2
     return found
 
 
-def _process_noise(model: LinearReference, noise: Noise, decay: Array) -> Array:
-    """(n-1, size) variances added in each step."""
-    added = np.zeros((len(model.h), model.size))
-    added[:, 1 : model.nx : 2] = RATE_FLOOR**2
-    added[:, model.a.shape[1] :] = noise.force**2 * (1.0 - decay**2)
-    return added
-
-
-def _pattern(x: Array) -> Pattern:
+def pattern_of(x: Array) -> Pattern:
+    """Of matrices (n, rows, columns)."""
     return tuple(tuple(bool(one) for one in row) for row in np.any(x != 0.0, axis=0))
 
 
-def _elements(x: Array, pattern: Pattern) -> Array:
+def nonzeros(x: Array, pattern: Pattern) -> Array:
     """(n, nonzeros), column after column."""
     return flat(x)[:, np.array(pattern).T.ravel()]
 
 
-def _symbol(name: str, pattern: Pattern) -> ca.SX:
+def symbol(name: str, pattern: Pattern) -> ca.SX:
+    """A matrix of symbols where the pattern has elements."""
     mask = np.array(pattern)
     cols, rows = np.nonzero(mask.T)
     return ca.SX.sym(name, ca.Sparsity.triplet(mask.shape[0], mask.shape[1], rows.tolist(), cols.tolist()))
 
 
 @lru_cache(maxsize=32)
-def _covariance_step(dynamic: Pattern, seen: Pattern) -> Recursion:
-    """(lower half of P, phi, process variances, C, seen, reading variances) -> lower half after, whitening, gain."""
-    phi, c = _symbol("phi", dynamic), _symbol("c", seen)
+def _covariance_step(dynamic: Pattern, driven: Pattern, seen: Pattern) -> Recursion:
+    """(lower half of P, phi, Q, C, seen, reading variances) -> lower half after, whitening, gain."""
+    phi, q, c = symbol("phi", dynamic), symbol("q", driven), symbol("c", seen)
     size, nc = phi.size1(), c.size1()
     half = ca.SX.sym("p", size * (size + 1) // 2)
-    q, present, r = ca.SX.sym("q", size), ca.SX.sym("seen", nc), ca.SX.sym("r", nc)
-    # numpy lists a lower half row by row, CasADi the upper one of its transpose column by column: the same order
-    p, whiten, gain = _update(_whole(ca.SX(ca.Sparsity.upper(size), half).T), c, present, r)
-    after = _whole(ca.tril(ca.mtimes(ca.mtimes(phi, p), phi.T) + ca.diag(q)))
-    order = [after[i, j] for i in range(size) for j in range(i + 1)]
-    out = [ca.vertcat(*order), ca.densify(whiten), ca.densify(gain)]
+    present, r = ca.SX.sym("seen", nc), ca.SX.sym("r", nc)
+    p, whiten, gain = _update(from_elements(half, size), c, present, r)
+    out = [ca.vertcat(*elements(carried(p, phi, q))), ca.densify(whiten), ca.densify(gain)]
     return Recursion(ca.Function("covariance", [half, phi, q, c, present, r], out, {"cse": True}))
 
 
-def _whole(lower: ca.SX) -> ca.SX:
-    return ca.densify(ca.tril2symm(lower))
-
-
 def _update(p: ca.SX, c: ca.SX, seen: ca.SX, r: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Covariance after the readings, taken one after the other; whitening (nc, nc), gain (size, nc)."""
+    """Covariance after the readings; whitening (nc, nc), gain (size, nc)."""
     (nc, nz), size = c.shape, p.size1()
+    taken = readings_taken(p, c, seen, r)
     whiten, gain = ca.SX(nc, nc), ca.SX(size, nc)
-    for i in range(nc):
-        row = ca.horzcat(c[i, :], ca.SX(1, size - nz))
-        pc = ca.densify(ca.mtimes(p, row.T))
-        var = ca.mtimes(row, pc) + r[i]
+    for i, (k, variance) in enumerate(zip(taken.gains, taken.variances, strict=True)):
         # the innovation of reading i after those before it: e_i - c_i (gain so far) e
         own = ca.SX(1, nc)
         own[i] = 1
-        own = seen[i] * (own - ca.mtimes(row, gain))
-        whiten[i, :] = own / ca.sqrt(var)
-        k = seen[i] * pc / var
+        own = seen[i] * (own - ca.mtimes(c[i, :], gain[:nz, :]))
+        whiten[i, :] = own / ca.sqrt(variance)
         gain = gain + ca.mtimes(k, own)
-        p = _whole(ca.tril(p - ca.mtimes(k, pc.T)))
-    return p, whiten, gain
+    return taken.after, whiten, gain

@@ -1,12 +1,10 @@
 """The likelihood of the levels of the noise in readings and of the disturbances, and its slope.
 
-The likelihood's gradient comes from one pass forward and one back. With r, N the adjoint of the filter and of its
-covariance (Koopman and Shephard, Exact score for time series models in state space form, 1992):
+With the innovations e and their variances S of every reading, those of its node before it taken,
 
-    r_k-1 = L' r_k + C' S^-1 e,  N_k-1 = L' N_k L + C' S^-1 C,  L = phi (I - K C)
-    by Q_k: (r_k r_k' - N_k)/2     by phi_k: r_k x_k' - N_k L P_k     by R_k: (u u' - D)/2
+    -log L = sum (e^2 / S + log S) / 2,   by e: e/S,   by S: (1/S - e^2/S^2) / 2
 
-with the smoothed x_k, u = S^-1 e - (phi K)' r_k and D = S^-1 + (phi K)' N_k phi K.
+and the slope by the levels comes from one pass back through the filter (`recursion_derivatives`).
 
 Rules of this file: numbers in, numbers out.
 """
@@ -19,8 +17,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.likelihood.batch_calls import Recursion, flat
-from hoopd.plants.likelihood.kalman_filter import Gains, LinearReference, Noise, gains, predicted
+from hoopd.plants.likelihood.covariance import carried, elements, from_elements, readings_taken
+from hoopd.plants.likelihood.kalman_filter import (
+    LinearReference,
+    Noise,
+    Pattern,
+    nonzeros,
+    pattern_of,
+    rate_floor,
+    symbol,
+)
+from hoopd.plants.likelihood.recursion_derivatives import DifferentiableRecursion, RecursionRun
 
 Array = NDArray[np.float64]
 
@@ -32,8 +39,14 @@ class Criterion:
     """The likelihood of the noise levels, given one residual f (n-1, nz), eps (n, nc)."""
 
     def __init__(self, model: LinearReference, f: Array, eps: Array) -> None:
-        self.model, self._f = model, f[:, :, None]
-        self._eps = np.where(model.seen, eps, 0.0)[:, :, None]
+        self.model, self._f, self._eps = model, f, np.where(model.seen, eps, 0.0)
+        moving = np.concatenate([model.a, model.w], axis=2)
+        dynamic, seen = pattern_of(moving), pattern_of(model.c)
+        self._filter = _linear_filter(dynamic, seen, model.nx)
+        # the way from the last node leads nowhere
+        parts = [nonzeros(moving, dynamic), model.h[:, None], f]
+        onward = [np.concatenate([part, np.zeros((1, part.shape[1]))]) for part in parts]
+        self._data = [*onward, nonzeros(model.c, seen), model.seen.astype(float), model.scatter, self._eps]
 
     def parts(self) -> list[Criterion]:
         """Of some blocks of the nodes."""
@@ -44,85 +57,55 @@ class Criterion:
             model = LinearReference(
                 m.a[steps], m.w[steps], m.c[nodes], m.h[steps], m.seen[nodes], m.nx, m.scatter[nodes], m.lagged
             )
-            found.append(Criterion(model, self._f[steps, :, 0], self._eps[nodes, :, 0]))
+            found.append(Criterion(model, self._f[steps], self._eps[nodes]))
         return found
 
     def value(self, noise: Noise) -> float:
         """Negative log-likelihood without its constant."""
-        found = gains(self.model, noise)
-        return self._value(found, predicted(self.model, found, self._f, self._eps)[1])
+        return self._value(self._run(noise))
 
     def gradient(self, noise: Noise) -> tuple[float, Array]:
         """The value, and its derivatives by the logarithms of force, time_s and reading, one after the other."""
-        found = gains(self.model, noise)
-        d, e = predicted(self.model, found, self._f, self._eps)
-        r, n = _adjoint(self.model, found, e)
-        by_force, by_time = _by_disturbance(self.model, found, noise, d, r, n)
-        by_reading = _by_reading(found, self.model.scatter * noise.reading, e, r, n)
-        return self._value(found, e), -np.concatenate([by_force, by_time, by_reading])
+        run, seen, levels = self._run(noise), self.model.seen, np.concatenate(noise)
+        e, s = np.split(run.results, 2, axis=1)
+        seeds = np.concatenate([np.where(seen, e / s, 0.0), np.where(seen, (1.0 - e**2 / s) / s / 2.0, 0.0)], axis=1)
+        by_start, by = self._filter.gradient(run, self._data, levels, seeds)
+        slope = by * levels
+        # the first disturbances have the variances force^2
+        diagonal = np.cumsum(np.arange(1, self.model.size + 1)) - 1
+        slope[: len(noise.force)] += 2.0 * noise.force**2 * by_start[diagonal[self.model.a.shape[1] :]]
+        return self._value(run), slope
 
-    @staticmethod
-    def _value(found: Gains, e: Array) -> float:
-        return (float(np.sum((found.whiten @ e) ** 2)) + found.logdet) / 2
+    def _run(self, noise: Noise) -> RecursionRun:
+        size = self.model.size
+        start = np.concatenate([noise.start(self.model)[np.tril_indices(size)], np.zeros(size)])
+        return self._filter.run(start, self._data, np.concatenate(noise))
 
-
-def _adjoint(model: LinearReference, found: Gains, e: Array) -> tuple[Array, Array]:
-    """r (n+1, size) and N (n+1, size, size) before every node, and after the last one: zero."""
-    n, size, nz = len(e), model.size, model.c.shape[2]
-    lower, seen = np.tril_indices(size), np.tril_indices(nz)
-    whitest = found.whiten @ model.c
-    closed = np.concatenate([np.zeros((1, size, size)), found.closed[::-1]])
-    more = (whitest.transpose(0, 2, 1) @ whitest)[::-1, seen[0], seen[1]]
-    push = (whitest.transpose(0, 2, 1) @ (found.whiten @ e))[::-1, :, 0]
-    state = _adjoint_step(size, nz)(np.zeros(len(lower[0]) + size), flat(closed), more, push)[0][::-1, :, 0]
-    full = np.zeros((n + 1, size, size))
-    full[:-1, lower[0], lower[1]] = full[:-1, lower[1], lower[0]] = state[:, : len(lower[0])]
-    return np.concatenate([state[:, len(lower[0]) :], np.zeros((1, size))]), full
-
-
-def _by_disturbance(
-    model: LinearReference, found: Gains, noise: Noise, d: Array, r: Array, n: Array
-) -> tuple[Array, Array]:
-    """Of the log-likelihood by log force and log time (nq,): by what each step adds, and by what stays of it."""
-    own = slice(model.c.shape[2], None)
-    decay = np.exp(-model.h[:, None] / noise.time_s)
-    by_variance = (r[:, own] ** 2 - np.einsum("kii->ki", n[:, own, own])) / 2
-    smooth = d[:-1, :, 0] + np.einsum("kij,kj->ki", found.before[:-1], r[:-2])
-    crossed = np.einsum("kij,kji->ki", n[1:-1, own] @ found.closed, found.before[:-1, :, own])
-    by_decay = r[1:-1, own] * smooth[:, own] - crossed
-    variance = noise.force**2
-    # the first disturbance has the variance s^2, and each step adds s^2 (1 - decay^2)
-    by_force = 2 * variance * (by_variance[0] + np.sum(by_variance[1:-1] * (1 - decay**2), axis=0))
-    # d decay / d log T = decay h/T
-    slope = decay * model.h[:, None] / noise.time_s
-    return by_force, np.sum((by_decay - 2 * variance * decay * by_variance[1:-1]) * slope, axis=0)
-
-
-def _by_reading(found: Gains, level: Array, e: Array, r: Array, n: Array) -> Array:
-    """Of the log-likelihood by the logarithms of the readings' levels (nc,); level (n, nc): of every reading."""
-    lift = np.zeros_like(found.gain)
-    lift[:-1] = found.phi @ found.gain[:-1]
-    back = found.whiten.transpose(0, 2, 1)
-    u = (back @ (found.whiten @ e))[:, :, 0] - np.einsum("kic,ki->kc", lift, r[1:])
-    d = np.einsum("kic,kic->kc", found.whiten, found.whiten) + np.einsum("kic,kic->kc", lift, n[1:] @ lift)
-    return np.asarray(np.sum(level**2 * (u**2 - d), axis=0))
+    def _value(self, run: RecursionRun) -> float:
+        e, s = np.split(run.results, 2, axis=1)
+        return float(np.sum((e**2 / s + np.log(s))[self.model.seen])) / 2
 
 
 @lru_cache(maxsize=16)
-def _adjoint_step(size: int, nz: int) -> Recursion:
-    """(lower half of N, r), closed, lower half of C' S^-1 C, C' S^-1 e, from node to node backwards."""
-    count, inner = size * (size + 1) // 2, nz * (nz + 1) // 2
-    state, closed = ca.SX.sym("state", count + size), ca.SX.sym("closed", size, size)
-    more, push = ca.SX.sym("more", inner), ca.SX.sym("push", nz)
-    n, r = ca.densify(_symmetric(state[:count], size)), state[count:]
-    added = ca.diagcat(_symmetric(more, nz), ca.SX(size - nz, size - nz))
-    n = ca.mtimes(ca.mtimes(closed.T, n), closed) + added
-    r = ca.mtimes(closed.T, r) + ca.vertcat(push, ca.SX(size - nz, 1))
-    order = [n[i, j] for i in range(size) for j in range(i + 1)]
-    step = ca.Function("adjoint", [state, closed, more, push], [ca.densify(ca.vertcat(*order, r))], {"cse": True})
-    return Recursion(step)
-
-
-def _symmetric(half: ca.SX, size: int) -> ca.SX:
-    """From the lower half, row by row."""
-    return ca.triu2symm(ca.SX(ca.Sparsity.upper(size), half))
+def _linear_filter(dynamic: Pattern, seen: Pattern, nx: int) -> DifferentiableRecursion:
+    """(P and d, [A W], h, f, C, seen, scatter, eps, levels) -> P and d at the next node, e and S of every reading."""
+    moving, c = symbol("moving", dynamic), symbol("c", seen)
+    (nz, size), nc, nq = moving.shape, c.size1(), moving.size2() - moving.size1()
+    half, d, h = ca.SX.sym("p", size * (size + 1) // 2), ca.SX.sym("d", size), ca.SX.sym("h")
+    f, eps, present = ca.SX.sym("f", nz), ca.SX.sym("eps", nc), ca.SX.sym("seen", nc)
+    scatter, levels = ca.SX.sym("scatter", nc), ca.SX.sym("levels", 2 * nq + nc)
+    force, time_s, reading = ca.vertsplit(levels, [0, nq, 2 * nq, 2 * nq + nc])
+    taken = readings_taken(from_elements(half, size), c, present, (reading * scatter) ** 2)
+    e, moved = [], d
+    for i, gain in enumerate(taken.gains):
+        e.append(eps[i] - ca.mtimes(c[i, :], moved[:nz]))
+        moved += gain * e[i]
+    decay = ca.exp(-h / time_s)
+    phi = ca.vertcat(moving, ca.horzcat(ca.SX(nq, nz), ca.diag(decay)))
+    added = ca.diag(ca.vertcat(rate_floor(nz, nx), force**2 * (1 - decay**2)))
+    after = ca.vertcat(*elements(carried(taken.after, phi, added)), ca.mtimes(phi, moved) + ca.vertcat(f, ca.SX(nq, 1)))
+    data = [moving, h, f, c, present, scatter, eps]
+    out = ca.vertcat(*e, *taken.variances)
+    return DifferentiableRecursion(
+        ca.Function("filter", [ca.vertcat(half, d), *data, levels], [after, out], {"cse": True})
+    )
