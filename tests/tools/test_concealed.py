@@ -18,7 +18,7 @@ sys.path.append(str(ROOT / "tools"))
 from concealed import actuators, cases, contacts, nats, plant, recipes, sizing  # noqa: E402
 from concealed.batch import Column, columns_of, scale_inputs  # noqa: E402
 from concealed.classes import partners  # noqa: E402
-from concealed.effects import ALL, SINGLES, UNKNOWN  # noqa: E402
+from concealed.effects import ALL, OUTSIDE, SINGLES, UNKNOWN  # noqa: E402
 from concealed.families import FAMILIES, USUAL  # noqa: E402
 from concealed.recipes import Recipe, Wish, draw  # noqa: E402
 from concealed.simulate import Trace, simulate  # noqa: E402
@@ -195,7 +195,7 @@ def test_neutral_parameters_are_the_plain_device(monkeypatch: pytest.MonkeyPatch
 def test_every_effect_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     for recording in recipes.RECORDINGS:
         monkeypatch.setitem(recipes.LENGTH_S, recording, 2.0)
-    names = [*SINGLES, *UNKNOWN]
+    names = [*SINGLES, *UNKNOWN, *OUTSIDE]
     made = drawn(*[Wish("single", (name,)) for name in names])
     for recipe, name in zip(made, names, strict=True):
         ready(recipe, name)
@@ -269,7 +269,7 @@ def test_an_effect_of_no_size_is_not_visible(monkeypatch: pytest.MonkeyPatch) ->
     """Nothing but the effect tells a tiny one from the plain device: nats grow with the square of the size."""
     for recording in recipes.RECORDINGS:
         monkeypatch.setitem(recipes.LENGTH_S, recording, 2.0)
-    names = [name for name in (*SINGLES, *UNKNOWN) if not ALL[name].drawn]
+    names = [name for name in (*SINGLES, *UNKNOWN, *OUTSIDE) if not ALL[name].drawn]
     made = drawn(*[Wish("single", (name,)) for name in names])
     for recipe, name in zip(made, names, strict=True):
         ready(recipe, name)

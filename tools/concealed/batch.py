@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from concealed import control, disturbances, drives
-from concealed.effects import ALL, Values
+from concealed.effects import ALL
+from concealed.hidden import Values
 from concealed.plant import PIECES, Array, Body, body, coast, entries
 from concealed.recipes import Recipe
 from concealed.sensors import Noise

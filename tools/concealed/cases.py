@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ SCHEMA = "hoopd.concealed/1"
 OVER_RAD = 1.5  # a ball beyond it would fall, which the plain device does not know
 SHRINK = 0.75  # of the input of a case that went too far
 ATTEMPTS = 4
+OUTSIDE = "outside"  # family of mechanisms that no library has
 LEFT_OUT = "left_out"  # family of effects that the library of who is asked lacks
 Say = Callable[[str], None]
 Made = dict[tuple[str, int], Trace]  # by identifier and recording
@@ -38,6 +39,7 @@ class Case:
     identifier: str
     files: dict[str, bytes]
     answer: dict[str, Any]
+    signals: dict[str, bytes] = field(default_factory=dict)  # of what is outside the library, sealed too
 
 
 def make(wishes: Sequence[Wish], seed: int, say: Say = lambda text: None) -> list[Case]:
@@ -51,14 +53,19 @@ def make(wishes: Sequence[Wish], seed: int, say: Say = lambda text: None) -> lis
 
 def _case(recipe: Recipe, own: Sequence[Trace]) -> Case:
     files = {f"{name}.csv": csv_bytes(trace) for name, trace in zip(RECORDINGS, own, strict=True)}
-    return Case(recipe.identifier, files, answer(recipe, own))
+    if recipe.wish.family != OUTSIDE:
+        return Case(recipe.identifier, files, answer(recipe, own))
+    signals = {f"{name}.csv": signal_bytes(trace) for name, trace in zip(RECORDINGS, own, strict=True)}
+    return Case(recipe.identifier, files, answer(recipe, own), signals)
 
 
 def write(made: Sequence[Case], cases: Path, answers: Path) -> None:
-    """A folder for each case's recordings under `cases`; its answer, elsewhere, comes last."""
+    """A folder for each case's recordings under `cases`; its answer, elsewhere, comes last, after what it refers to."""
     for case in made:
         for name, data in case.files.items():
             put(cases / case.identifier / name, data)
+        for name, data in case.signals.items():
+            put(answers / "signals" / case.identifier / name, data)
         text = json.dumps(case.answer, indent=1, sort_keys=True, allow_nan=False)
         put(answers / f"{case.identifier}.json", (text + "\n").encode())
 
@@ -106,9 +113,7 @@ def traces(recipes: Sequence[Recipe]) -> Made:
             trace = simulate(columns_of([columns[i] for i in indices]))
             for place, index in enumerate(indices):
                 one = slice(place, place + 1)
-                found[columns[index].recipe.identifier, columns[index].recording] = Trace(
-                    trace.history[..., one], trace.torque[:, one], trace.clean[..., one], trace.rows[..., one]
-                )
+                found[columns[index].recipe.identifier, columns[index].recording] = trace.cut(one)
     return found
 
 
@@ -118,6 +123,19 @@ def csv_bytes(trace: Trace) -> bytes:
     table = np.column_stack((t, trace.torque[:, 0], trace.rows[..., 0]))
     lines = [",".join("" if x != x else repr(x) for x in row) for row in table.tolist()]  # noqa: PLR0124
     return ("\n".join(("t,u,theta,dtheta,psi", *lines)) + "\n").encode()
+
+
+def signal_bytes(trace: Trace) -> bytes:
+    """What a mechanism outside the library did in each sample: the mean forces on theta, psi and phi' in N m, what it
+    added to each sensor, and its states at the sample's beginning; twelve digits."""
+    memory = {name: values[:-1, 0] for name, values in trace.memory.items()}
+    forces = np.zeros((len(trace.torque), 3)) if trace.forces is None else trace.forces[..., 0]
+    added = (trace.clean - trace.states[:-1, :3])[..., 0]
+    head = ("t", "on_theta", "on_psi", "on_phi", "theta", "dtheta", "psi", *memory)
+    t = np.arange(len(forces)) * SAMPLE_S
+    table = np.column_stack((t, forces, added, *memory.values()))
+    lines = [",".join(f"{x:.12g}" for x in row) for row in table.tolist()]
+    return ("\n".join((",".join(head), *lines)) + "\n").encode()
 
 
 def answer(recipe: Recipe, own: Sequence[Trace]) -> dict[str, Any]:
@@ -150,6 +168,7 @@ def _effect(recipe: Recipe, name: str) -> dict[str, Any]:
     values = [recipe.parameters(name, index) for index in range(len(RECORDINGS))]
     there = int(recipe.fixed[name].get("recording", 0))
     found = recipe.nats[name]
+    law = {} if item.law is None else {"law": asdict(item.law)}
     return {
         "name": name,
         "slot": item.slot,
@@ -160,6 +179,7 @@ def _effect(recipe: Recipe, name: str) -> dict[str, Any]:
         "nats": None if found != found else found,  # noqa: PLR0124
         "target": recipe.targets[name],
         "capped": recipe.capped.get(name, False),
+        **law,
     }
 
 

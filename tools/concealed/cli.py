@@ -2,6 +2,7 @@
 
 python tools/concealed [--singles 5] [--nulls 60] [--full] [--tuning [SEED]] [--resume DIR [--retry]]    a scored run
 python tools/concealed --family left_out                      effects that the library of who is asked is made to lack
+python tools/concealed --family outside                       physics that no library has
 python tools/concealed calibrate [--nulls 60] [--tuning SEED] [--resume DIR]                  threshold, tuning seeds
 python tools/concealed generate DIR --family single,null --per-effect 1 --seed N               cases and answers
 python tools/concealed report DIR                                                              figures of a run so far
@@ -25,9 +26,36 @@ from concealed.seeds import is_tuning, score_seed
 
 console = Console(stderr=True)
 # A stratified run ends below two hours on two cores; the full one is the same command.
-STRATIFIED = {"singles": 5, "nulls": 60, "decoys": 12, "confounded": 12, "compounds": 20, "unknown": 21, "left_out": 1}
-CALIBRATING = {"singles": 1, "nulls": 60, "decoys": 12, "confounded": 0, "compounds": 0, "unknown": 0, "left_out": 0}
-FULL = {"singles": 20, "nulls": 100, "decoys": 30, "confounded": 36, "compounds": 60, "unknown": 70, "left_out": 3}
+STRATIFIED = {
+    "singles": 5,
+    "nulls": 60,
+    "decoys": 12,
+    "confounded": 12,
+    "compounds": 20,
+    "unknown": 21,
+    "left_out": 1,
+    "outside": 4,
+}
+CALIBRATING = {
+    "singles": 1,
+    "nulls": 60,
+    "decoys": 12,
+    "confounded": 0,
+    "compounds": 0,
+    "unknown": 0,
+    "left_out": 0,
+    "outside": 0,
+}
+FULL = {
+    "singles": 20,
+    "nulls": 100,
+    "decoys": 30,
+    "confounded": 36,
+    "compounds": 60,
+    "unknown": 70,
+    "left_out": 3,
+    "outside": 12,
+}
 
 
 def generate(options: argparse.Namespace) -> None:
@@ -102,6 +130,7 @@ def _counts(parser: argparse.ArgumentParser, family: str, usual: Mapping[str, in
     for name in ("nulls", "decoys", "confounded", "compounds", "unknown"):
         parser.add_argument(f"--{name}", type=int, help="cases")
     parser.add_argument("--left-out", type=int, help="cases an effect of --family left_out: the library lacks it")
+    parser.add_argument("--outside", type=int, help="cases a kind of --family outside: physics that no library has")
     parser.add_argument("--only", type=_names, default=(), help="comma-separated effects; cases without effects stay")
 
 

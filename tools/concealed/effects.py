@@ -1,54 +1,21 @@
-"""What can be hidden: for every effect its neutral parameters, how the rest is drawn, and what its size is.
+"""What can be hidden: every effect of the library, seven that it lacks, decoys, and the family outside the library.
 
-Rules of this file: the table decides; a size is positive, 0 is neutral, information grows with it; `cap` is physical.
+Rules of this file: the table decides; what a line of it means stands in `hidden`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
-Values = dict[str, float]
-Draw = Callable[[np.random.Generator], Values]
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """One effect: `at(size, fixed)` gives its parameters; `drawn` sizes are not searched for a number of nats."""
-
-    name: str
-    neutral: Values
-    fixed: Draw
-    at: Callable[[float, Values], Values]
-    first: float  # a size to start the search with
-    cap: float
-    drawn: tuple[float, float] | None = None  # log-uniform range instead of nats
-    sized: tuple[str, ...] = ()  # parameters that the size moves: what a diagnosis must get right
-    location: str = ""  # slot of an unknown effect
-
-    @property
-    def slot(self) -> str:
-        """Where it sits."""
-        return self.location or self.name.split(".")[0]
-
-
-def _nothing(rng: np.random.Generator) -> Values:
-    return {}
-
-
-def _sign(rng: np.random.Generator) -> float:
-    return float(rng.choice((-1.0, 1.0)))
-
-
-def _phase(rng: np.random.Generator) -> float:
-    return float(rng.uniform(-np.pi, np.pi))
+from concealed.hidden import Hidden, Values, nothing, phase, sign
+from concealed.outside.kinds import KINDS
 
 
 def _plain(name: str, key: str, first: float, cap: float, **more: object) -> Hidden:
     """An effect whose one parameter is its size."""
-    return Hidden(name, {key: 0.0}, _nothing, lambda z, f: {key: z}, first, cap, sized=(key,), **more)  # type: ignore[arg-type]
+    return Hidden(name, {key: 0.0}, nothing, lambda z, f: {key: z}, first, cap, sized=(key,), **more)  # type: ignore[arg-type]
 
 
 def _signed(name: str, key: str, first: float, cap: float) -> Hidden:
@@ -56,7 +23,7 @@ def _signed(name: str, key: str, first: float, cap: float) -> Hidden:
     return Hidden(
         name,
         {key: 0.0},
-        lambda rng: {"sign": _sign(rng)},
+        lambda rng: {"sign": sign(rng)},
         lambda z, f: {key: f["sign"] * z},
         first,
         cap,
@@ -70,7 +37,7 @@ def _wave(name: str, key: str, orders: tuple[int, ...], first: float, cap: float
     return Hidden(
         name,
         {key: 0.0, "phi": 0.0} if alone else {key: 0.0, "n": 1.0, "phi": 0.0},
-        lambda rng: {"phi": _phase(rng)} | ({} if alone else {"n": float(rng.choice(orders))}),
+        lambda rng: {"phi": phase(rng)} | ({} if alone else {"n": float(rng.choice(orders))}),
         lambda z, f: {**f, key: z},
         first,
         cap,
@@ -83,20 +50,20 @@ def _stribeck(rng: np.random.Generator) -> Values:
 
 
 def _eccentric(rng: np.random.Generator) -> Values:
-    return {"phi": _phase(rng), "follows": float(rng.integers(2))}
+    return {"phi": phase(rng), "follows": float(rng.integers(2))}
 
 
 def _pulse(rng: np.random.Generator) -> Values:
     length, start = rng.uniform(0.2, 1.5), rng.uniform(3.0, 25.0)
-    return {"t0": start, "t1": start + length, "sign": _sign(rng), "recording": float(rng.integers(2))}
+    return {"t0": start, "t1": start + length, "sign": sign(rng), "recording": float(rng.integers(2))}
 
 
 def _drift(rng: np.random.Generator) -> Values:
-    return {"T": rng.uniform(3.0, 15.0), "sign": _sign(rng)}
+    return {"T": rng.uniform(3.0, 15.0), "sign": sign(rng)}
 
 
 def _direction(rng: np.random.Generator) -> Values:
-    return {"angle": _phase(rng)}
+    return {"angle": phase(rng)}
 
 
 _ORDERS = (2, 3, 4, 6, 7, 8, 12)
@@ -104,14 +71,14 @@ _ORDERS = (2, 3, 4, 6, 7, 8, 12)
 _TABLE: tuple[Hidden, ...] = (
     # A base parameter of `entries`: the right verdict is "parameters".
     Hidden(
-        "actuator.torque_gain", {"k": 1.0}, lambda rng: {"sign": _sign(rng)},
+        "actuator.torque_gain", {"k": 1.0}, lambda rng: {"sign": sign(rng)},
         lambda z, f: {"k": 1.0 + f["sign"] * z}, 0.15, 0.3, drawn=(0.1, 0.25), sized=("k",),
     ),
     _signed("actuator.torque_bias", "b", 2e-3, 0.03),
     _plain("actuator.deadzone", "d", 5e-3, 0.05),
     # The size is the share of the largest demanded torque that is cut; `peak` comes with the input.
     Hidden(
-        "actuator.saturation", {"s": 1e6}, _nothing,
+        "actuator.saturation", {"s": 1e6}, nothing,
         lambda z, f: {"s": f["peak"] * (1.0 - z)}, 0.15, 0.85, sized=("s",),
     ),
     _plain("actuator.lag", "T", 5e-3, 0.1),
@@ -120,7 +87,7 @@ _TABLE: tuple[Hidden, ...] = (
     _wave("actuator.ripple", "a", (1, *_ORDERS), 0.05, 0.6),
     # The size is 0.7/w0 in units of the largest torque at the largest speed: the limit begins to bite near 1.
     Hidden(
-        "actuator.back_emf_limit", {"w0": 1e9}, _nothing,
+        "actuator.back_emf_limit", {"w0": 1e9}, nothing,
         lambda z, f: {"w0": max(f["fastest"] / z, 4.0)}, 1.0, 8.0, sized=("w0",),
     ),
     _plain("hoop.coulomb_friction", "Fc", 2e-3, 0.03),
@@ -138,12 +105,12 @@ _TABLE: tuple[Hidden, ...] = (
     _plain("ball.rolling_resistance", "r", 4e-5, 1e-3),
     _plain("ball.quadratic_drag", "c", 1e-5, 1e-3),
     # The size is 0.05/mu.
-    Hidden("ball.slip", {"mu": 1e6}, _nothing, lambda z, f: {"mu": 0.05 / z}, 1.0, 10.0, sized=("mu",)),
+    Hidden("ball.slip", {"mu": 1e6}, nothing, lambda z, f: {"mu": 0.05 / z}, 1.0, 10.0, sized=("mu",)),
     _signed("frame.tilt", "d", 0.01, 0.1),
     Hidden(
         "frame.vibration", {"A": 0.0, "w": 1.0, "phi": 0.0},
         lambda rng: {"w": np.exp(rng.uniform(np.log(3.0), np.log(40.0)))},
-        lambda z, f: {"A": z, "w": f["w"], "phi": f.get("phi", 0.0)}, 0.05, 3.0, sized=("A",),
+        lambda z, f: {"A": z, "w": f["w"], "phi": f.get("phi", 0.0)}, 0.05, 3.0, sized=("A",), phased=True,
     ),
     _plain("camera.latency", "d", 2e-3, 0.06),
     _signed("camera.angle_offset", "d", 0.01, 0.1),
@@ -169,7 +136,7 @@ _TABLE: tuple[Hidden, ...] = (
 _UNKNOWN: tuple[Hidden, ...] = (
     Hidden(
         "unknown.detent", {"A": 0.0, "q": 0.0, "w": 1.0},
-        lambda rng: {"q": _phase(rng), "w": rng.uniform(0.12, 0.35)}, lambda z, f: {**f, "A": z}, 5e-3, 0.1,
+        lambda rng: {"q": phase(rng), "w": rng.uniform(0.12, 0.35)}, lambda z, f: {**f, "A": z}, 5e-3, 0.1,
         location="hoop",
     ),
     Hidden(
@@ -177,31 +144,30 @@ _UNKNOWN: tuple[Hidden, ...] = (
         lambda z, f: {**f, "a": z}, 0.2, 0.95, location="actuator",
     ),
     Hidden(
-        "unknown.angle_friction", {"c": 0.0}, _nothing, lambda z, f: {"c": z}, 5e-6, 1e-3, location="ball"
+        "unknown.angle_friction", {"c": 0.0}, nothing, lambda z, f: {"c": z}, 5e-6, 1e-3, location="ball"
     ),
     Hidden(
         "unknown.heating", {"c": 0.0, "T": 1.0}, lambda rng: {"T": rng.uniform(1.0, 5.0)},
         lambda z, f: {**f, "c": z}, 1e-6, 1e-4, location="hoop",
     ),
     Hidden(
-        "unknown.cable", {"k": 0.0, "q": 0.0}, _nothing, lambda z, f: {"k": z, "q": f.get("q", 0.0)}, 1e-3, 0.1,
+        "unknown.cable", {"k": 0.0, "q": 0.0}, nothing, lambda z, f: {"k": z, "q": f.get("q", 0.0)}, 1e-3, 0.1,
         location="hoop",
     ),
-    Hidden("unknown.speed_delay", {"d": 0.0}, _nothing, lambda z, f: {"d": z}, 5e-3, 0.08, location="camera"),
+    Hidden("unknown.speed_delay", {"d": 0.0}, nothing, lambda z, f: {"d": z}, 5e-3, 0.08, location="camera"),
     Hidden(
-        "unknown.track", {"k": 0.0}, lambda rng: {"sign": _sign(rng)}, lambda z, f: {"k": f["sign"] * z}, 0.02, 0.3,
+        "unknown.track", {"k": 0.0}, lambda rng: {"sign": sign(rng)}, lambda z, f: {"k": f["sign"] * z}, 0.02, 0.3,
         location="ball",
     ),
 )  # fmt: skip
 
 # What leaves the verdict: neither sized by nats nor an effect.
 _DECOYS: tuple[Hidden, ...] = (
-    Hidden(
-        "decoy.hand", {"A": 0.0, "t0": 0.0, "t1": 1.0}, _nothing, lambda z, f: {**f, "A": f["sign"] * z}, 0.01, 0.05
-    ),
-    Hidden("decoy.drive_off", {"t1": 0.0}, _nothing, lambda z, f: {"t1": z}, 0.5, 1.0),
+    Hidden("decoy.hand", {"A": 0.0, "t0": 0.0, "t1": 1.0}, nothing, lambda z, f: {**f, "A": f["sign"] * z}, 0.01, 0.05),
+    Hidden("decoy.drive_off", {"t1": 0.0}, nothing, lambda z, f: {"t1": z}, 0.5, 1.0),
 )
 
-ALL: Mapping[str, Hidden] = {item.name: item for item in (*_TABLE, *_UNKNOWN, *_DECOYS)}
+ALL: Mapping[str, Hidden] = {item.name: item for item in (*_TABLE, *_UNKNOWN, *_DECOYS, *KINDS)}
 SINGLES = tuple(item.name for item in _TABLE)
 UNKNOWN = tuple(item.name for item in _UNKNOWN)
+OUTSIDE = tuple(item.name for item in KINDS)

@@ -10,10 +10,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from concealed.classes import partners
-from concealed.effects import ALL, SINGLES, UNKNOWN
+from concealed.effects import ALL, OUTSIDE, SINGLES, UNKNOWN
 from concealed.recipes import Wish
 
 CLOSED_SHARE = 0.2
+# Nats of what is outside the library: 5 to 400 in four equal steps of their logarithm.
+GRADES = ((5.0, 15.0), (15.0, 45.0), (45.0, 134.0), (134.0, 400.0))
 # Effects that two-level inputs hide: they are confounded cases then, not singles.
 _PAIRS: tuple[tuple[tuple[str, ...], dict[str, bool]], ...] = (
     (("ball.coulomb_friction",), {"small": True}),
@@ -74,6 +76,15 @@ def left_out(per_effect: int, rng: np.random.Generator) -> list[Wish]:
     return [Wish("left_out", (name,), closed=_closed(rng)) for name in STRANGERS for _ in range(per_effect)]
 
 
+def outside(per_kind: int, rng: np.random.Generator) -> list[Wish]:
+    """Mechanisms outside the library, their sizes spread evenly over GRADES whatever the number of cases a kind."""
+    return [
+        Wish("outside", (name,), closed=_closed(rng), nats=GRADES[(kind + case) % len(GRADES)])
+        for kind, name in enumerate(OUTSIDE)
+        for case in range(per_kind)
+    ]
+
+
 FAMILIES: Mapping[str, Callable[[int, np.random.Generator], list[Wish]]] = {
     "single": singles,
     "null": nulls,
@@ -81,9 +92,13 @@ FAMILIES: Mapping[str, Callable[[int, np.random.Generator], list[Wish]]] = {
     "confounded": confounded,
     "compound": compounds,
     "unknown": unknown,
-    "left_out": left_out,  # last: the cases of the others stay what they were
+    # last: the cases of the others stay what they were
+    "left_out": left_out,
+    "outside": outside,
 }
-USUAL = tuple(family for family in FAMILIES if family != "left_out")  # of a run that is told no families
+USUAL = tuple(
+    family for family in FAMILIES if family not in ("left_out", "outside")
+)  # of a run that is told no families
 
 
 def _closed(rng: np.random.Generator) -> bool:

@@ -21,7 +21,7 @@ Force = tuple[Array | float, Array | float, Array | float]
 class Moment:
     """What a force may depend on, at the middle of a substep, arrays (B,)."""
 
-    t: float  # s since the recording's first sample, never negative
+    t: Array | float  # s since the recording's first sample, never negative
     theta: Array
     dtheta: Array
     psi: Array

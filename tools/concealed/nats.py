@@ -85,7 +85,7 @@ def gram(trace: Trace, columns: Columns, colours: Sequence[Colour], sigmas: Arra
     parts = []
     for first in range(0, size, CHUNK):
         cut = slice(first, min(first + CHUNK, size))
-        part = Trace(trace.history[..., cut], trace.torque[:, cut], trace.clean[..., cut], trace.rows[..., cut])
+        part = trace.cut(cut)
         device = _cut(columns.device, cut)
         steps = linear(part, device)
         by_step = np.stack([c.step[..., cut].transpose(0, 2, 1) for c in changes], axis=-1)

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from concealed import disturbances, drives
-from concealed.effects import ALL, Values
+from concealed.effects import ALL
+from concealed.hidden import Values
 from concealed.plant import DEVICE, SAMPLE_S, Array
 
 RECORDINGS = ("train_1", "train_2", "holdout")
@@ -34,6 +35,7 @@ class Wish:
     heavy: bool = False  # noise with heavy tails
     calm: bool = False  # no disturbance
     burst: bool = False  # of false detections
+    nats: tuple[float, float] | None = None  # log-uniform range of its sizes; the usual one without
     number: int = 0  # among all cases of the run: with the seed, all that the case's random numbers come from
 
 
@@ -72,7 +74,7 @@ class Recipe:
         item, fixed = ALL[name], dict(self.fixed[name])
         if "recording" in fixed and fixed["recording"] != recording:
             return dict(item.neutral)
-        if name == "frame.vibration":
+        if item.phased:
             fixed["phi"] = float(self.rng("phase", recording).uniform(-np.pi, np.pi))
         values = item.at(self.sizes[name] if size is None else size, fixed)
         return {key: float(values[key]) for key in item.neutral}
@@ -92,7 +94,7 @@ def draw(wish: Wish, seed: tuple[int, ...]) -> Recipe:
     rng = np.random.default_rng([*seed, 0])
     base = _base(rng)
     fixed = {name: ALL[name].fixed(rng) for name in wish.effects}
-    targets = {name: _target(name, rng) for name in wish.effects}
+    targets = {name: _target(name, wish, rng) for name in wish.effects}
     colour = disturbances.draw(rng, 0.0 if wish.calm else 0.8)
     identifier = "".join(f"{x:02x}" for x in rng.integers(256, size=6))
     recipe = Recipe(
@@ -122,8 +124,8 @@ def _base(rng: np.random.Generator) -> Values:
     return {name: float(value * (1 + off.get(name, 0.0))) for name, value in DEVICE.items()}
 
 
-def _target(name: str, rng: np.random.Generator) -> float:
-    low, high = ALL[name].drawn or NATS
+def _target(name: str, wish: Wish, rng: np.random.Generator) -> float:
+    low, high = ALL[name].drawn or wish.nats or NATS
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 

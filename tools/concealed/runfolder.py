@@ -35,12 +35,14 @@ class Asked:
     unknown: int
     families: tuple[str, ...]
     left_out: int = 0
+    outside: int = 0
     only: tuple[str, ...] = ()  # effects: other cases with an effect are left away
 
     def wishes(self) -> list[Wish]:
         """All cases of the run. A case is the same whichever families are asked beside it: it is numbered among all."""
         counts = {"single": self.singles, "null": self.nulls, "decoy": self.decoys, "confounded": self.confounded,
-                  "compound": self.compounds, "unknown": self.unknown, "left_out": self.left_out}  # fmt: skip
+                  "compound": self.compounds, "unknown": self.unknown, "left_out": self.left_out,
+                  "outside": self.outside}  # fmt: skip
         rng = np.random.default_rng([self.seed, 1])
         found = numbered([wish for family, make in FAMILIES.items() for wish in make(counts[family], rng)])
         return [wish for family in self.families for wish in found if wish.family == family and self._wanted(wish)]

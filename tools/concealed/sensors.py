@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from concealed.forces import Moment
+from concealed.outside import mechanisms, sensing
 from concealed.plant import PIECES, SAMPLE_S, Array
 
 COUNT_RAD = 2 * np.pi / 4096
@@ -52,12 +54,14 @@ def low_passed(time_s: Array, reading: Array, before: Array, after: Array, h: fl
     return after - run + (reading - before + run) * np.exp(-h / slow)
 
 
-def seen(history: Array, newest: int, slow: Array | None, effects: Effects) -> Array:
-    """(theta, theta', psi) (3, B) as sensors without noise say them at row `newest`; slow: theta' low-passed."""
-    return np.stack((*_encoder(history, newest, slow, effects), _camera(history, newest, effects)))
+def seen(history: Array, newest: int, slow: Array | None, effects: Effects, moment: Moment) -> Array:
+    """(theta, theta', psi) (3, B) as sensors without noise say them at row `newest`; slow: theta' low-passed.
+
+    moment: the time of this row, and what sensors remember."""
+    return np.stack((*_encoder(history, newest, slow, effects, moment), _camera(history, newest, effects, moment)))
 
 
-def _encoder(history: Array, newest: int, slow: Array | None, effects: Effects) -> tuple[Array, Array]:
+def _encoder(history: Array, newest: int, slow: Array | None, effects: Effects, moment: Moment) -> tuple[Array, Array]:
     theta, dtheta = history[newest, 0], history[newest, 1]
     if "encoder.latency" in effects:
         theta, dtheta = at(history, newest, effects["encoder.latency"]["d"], 0)
@@ -68,10 +72,13 @@ def _encoder(history: Array, newest: int, slow: Array | None, effects: Effects) 
         # `follows`: 1 when the driver differentiates the angle it sees, 0 when the speed has a sensor of its own
         dtheta = dtheta * (1 + p["follows"] * p["a"] * np.cos(theta + p["phi"]))
         theta = theta + p["a"] * np.sin(theta + p["phi"])
+    for name, read in mechanisms.ENCODERS.items():
+        if name in effects:
+            theta, dtheta = read(effects[name], theta, dtheta, moment)
     return theta, dtheta
 
 
-def _camera(history: Array, newest: int, effects: Effects) -> Array:
+def _camera(history: Array, newest: int, effects: Effects, moment: Moment) -> Array:
     psi = history[newest, 2]
     if "camera.latency" in effects:
         psi, _ = at(history, newest, effects["camera.latency"]["d"], 2)
@@ -79,12 +86,18 @@ def _camera(history: Array, newest: int, effects: Effects) -> Array:
         late_s = effects["unknown.speed_delay"]["d"] * np.abs(history[newest, 3]) / 3.0
         slowed, _ = at(history, newest, np.minimum(late_s, 0.1), 2)
         psi = np.where(effects["unknown.speed_delay"]["d"] > 0, slowed, psi)
+    if mechanisms.BEAT in effects:
+        p = effects[mechanisms.BEAT]
+        aged, _ = at(history, newest, sensing.beat_age_s(p, moment.t), 2)
+        psi = np.where(p["d"] > 0, aged, psi)
     if "camera.angle_offset" in effects:
         psi = psi + effects["camera.angle_offset"]["d"]
     if "camera.center_offset" in effects:
         p = effects["camera.center_offset"]
         turns = 2 * np.pi * np.round(psi / (2 * np.pi))
         psi = turns + np.arctan2(np.sin(psi) + p["dx"], np.cos(psi) + p["dy"])
+    if mechanisms.LENS in effects:
+        psi = sensing.distortion(effects[mechanisms.LENS], psi)
     return psi
 
 

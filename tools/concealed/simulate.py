@@ -7,11 +7,12 @@ recorded one, so that lags, delays and the follower have a past. Same columns, s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from concealed import actuators, contacts, control, forces, sensors
+from concealed.outside import drive, mechanisms, sensing
 from concealed.plant import PIECES, SAMPLE_S, SUBSTEPS, Array, Body, Motion, accelerations
 
 WARM = 25  # samples, 0.5 s
@@ -38,17 +39,30 @@ class Trace:
     torque: Array  # demanded (samples, B)
     clean: Array  # (samples, 3, B): sensors without noise
     rows: Array  # (samples, 3, B): theta, theta', psi as recorded, NaN for missing
+    forces: Array | None = None  # (samples, 3, B) on theta, psi and phi' of what is outside the library, means, N m
+    memory: Mapping[str, Array] = field(default_factory=dict)  # its states at the samples (samples + 1, B)
 
     @property
     def states(self) -> Array:
         """True state at the samples (samples + 1, 4, B)."""
         return self.history[::PIECES]
 
+    def cut(self, columns: slice) -> Trace:
+        """Some of the batch."""
+        return Trace(
+            self.history[..., columns],
+            self.torque[:, columns],
+            self.clean[..., columns],
+            self.rows[..., columns],
+            None if self.forces is None else self.forces[..., columns],
+            {name: states[:, columns] for name, states in self.memory.items()},
+        )
+
 
 class _Run:
     """State of one simulation; `sample` advances it by 20 ms."""
 
-    def __init__(self, columns: Columns, substeps: int) -> None:
+    def __init__(self, columns: Columns, substeps: int, began_s: Array | float = 0.0) -> None:
         self.substeps, self.h = substeps, SAMPLE_S / substeps
         self.c, self.device = columns, columns.device
         size = columns.start.shape[1]
@@ -56,8 +70,14 @@ class _Run:
         self.x = Motion(theta, dtheta, psi, dpsi, (np.zeros(size), np.zeros(size)))
         self.effects = columns.effects
         self.maps = [(actuators.MAPS[n], self.effects[n]) for n in actuators.MAPS if n in self.effects]
+        self.outside = any(name.startswith(mechanisms.PREFIX) for name in self.effects)
+        self.strange_maps = [(mechanisms.MAPS[n], p) for n, p in self.effects.items() if n in mechanisms.MAPS]
         self.forces = [(forces.FORCES[n], p) for n, p in self.effects.items() if n in forces.FORCES]
-        self.dry = [[(t[n], p) for n, p in self.effects.items() if n in t] for t in (forces.ON_HOOP, forces.ON_ROLL)]
+        self.strange_forces = [(mechanisms.FORCES[n], p) for n, p in self.effects.items() if n in mechanisms.FORCES]
+        self.dry = [
+            [(table[n], p) for n, p in self.effects.items() if n in table]
+            for table in ({**forces.ON_HOOP, **mechanisms.ON_HOOP}, forces.ON_ROLL)
+        ]
         self.rubs = contacts.lines(self.device)
         self.delays = self._delays()
         self.lagged, self.slow = np.zeros(size), dtheta.copy()
@@ -66,8 +86,11 @@ class _Run:
         self.twist = np.zeros(size)  # the last w'
         self.moment = forces.Moment(
             0.0, theta, dtheta, psi, dpsi, np.zeros(size), self.device,
-            {"turned": np.zeros(size), "torque": np.zeros(size), "heat": dtheta**2}, self.h,
+            {"turned": np.zeros(size), "torque": np.zeros(size), "heat": dtheta**2}
+            | mechanisms.memory(self.effects, dtheta),
+            self.h,
         )  # fmt: skip
+        self.began_s, self.share = began_s, np.zeros((3, size))
 
     def _delays(self) -> list[tuple[Array, Array]] | None:
         if "actuator.delay" not in self.effects:
@@ -77,6 +100,7 @@ class _Run:
 
     def sample(self, k: int, demanded: Array, history: Array) -> None:
         """Advances by one sample with `demanded` (samples, B) known up to row k; writes the history's new rows."""
+        self.share[...] = 0.0
         for j in range(self.substeps):
             piece = k * PIECES + j * PIECES // self.substeps
             if j % (self.substeps // PIECES) == 0 and j:
@@ -92,11 +116,19 @@ class _Run:
     def _wire(self, k: int, j: int, demanded: Array) -> Array:
         """Torque that has come through the delay, mean over substep j."""
         if self.delays is None:
-            return demanded[k]
+            return self._opened(k, j, demanded)
         back, weight = self.delays[j]
         column = np.arange(len(weight))
         newer, older = np.maximum(k - back, 0), np.maximum(k - back - 1, 0)
         return weight * demanded[newer, column] + (1 - weight) * demanded[older, column]
+
+    def _opened(self, k: int, j: int, demanded: Array) -> Array:
+        if mechanisms.DEAD_TIME not in self.effects:
+            return demanded[k]
+        p = self.effects[mechanisms.DEAD_TIME]
+        told = drive.dead_time(p, demanded[k], demanded[max(k - 1, 0)], (j + 1) * self.h, self.h)
+        self.share[0] += (told - demanded[k]) / self.substeps
+        return told
 
     def substep(self, torque: Array, demanded: Array, push: Array, t: float) -> None:
         """Drift, kick, drift."""
@@ -119,7 +151,7 @@ class _Run:
 
     def _moment(self, demanded: Array, t: float) -> forces.Moment:
         x, m = self.x, self.moment
-        m.t, m.theta, m.psi, m.torque = max(t + self.h / 2, 0.0), x.theta, x.psi, demanded
+        m.t, m.theta, m.psi, m.torque = np.maximum(self.began_s + t + self.h / 2, 0.0), x.theta, x.psi, demanded
         m.dtheta, m.dpsi = x.dtheta + self.h / 2 * x.kick[0], x.dpsi + self.h / 2 * x.kick[1]
         return m
 
@@ -127,8 +159,15 @@ class _Run:
         """Torque on the hoop."""
         for apply, p in self.maps:
             torque = apply(p, torque, m.theta, m.dtheta)
+        before = torque
+        for apply_strange, p in self.strange_maps:
+            torque = apply_strange(p, torque, m)
+        if self.outside:
+            self.share[0] += (torque - before) / self.substeps
         if "actuator.lag" in self.effects:
             torque, self.lagged = actuators.lag(self.effects["actuator.lag"]["T"], torque, self.lagged, self.h)
+        if mechanisms.SHAFT in self.effects:
+            sensing.wind(self.effects[mechanisms.SHAFT], torque, m)
         return torque
 
     def _all_forces(self, torque: Array, push: Array, m: forces.Moment) -> tuple[Array, Array, Array]:
@@ -138,6 +177,11 @@ class _Run:
         for force, p in self.forces:
             hoop, ball, roll = force(p, m)
             on_theta, on_psi, on_roll = on_theta + hoop, on_psi + ball, on_roll + roll
+        for force, p in self.strange_forces:
+            hoop, ball, roll = force(p, m)
+            on_theta, on_psi, on_roll = on_theta + hoop, on_psi + ball, on_roll + roll
+            for axis, part in enumerate((hoop, ball, roll)):
+                self.share[axis] += part / self.substeps
         return on_theta, on_psi, on_roll
 
     def _rolling(self, m: forces.Moment) -> Array:
@@ -152,7 +196,11 @@ class _Run:
         together = len(active) == 2 and bool(np.any((limits[0] > 0) & (limits[1] > 0)))
         for which in (active,) if together else ([i] for i in active):
             rubs, bounds = tuple(self.rubs[i] for i in which), tuple(limits[i] for i in which)
+            before = x.dtheta
             x.dtheta, x.dpsi = contacts.rub(rubs, x.dtheta, x.dpsi, bounds, self.h)
+            if self.outside and which == [0]:
+                # an impulse along theta' gives theta' (M^-1)_11 of it
+                self.share[0] += (x.dtheta - before) / (self.device.i11 * self.h * self.substeps)
 
     def _slide(self, on: tuple[Array, Array, Array], limits: list[Array | float], m: forces.Moment) -> None:
         x = self.x
@@ -163,6 +211,12 @@ class _Run:
         self.twist = (after[2] - v[2]) / self.h
         x.kick = tuple((after[:2] - v[:2]) / self.h)
         x.dtheta, x.dpsi, self.spin = after
+
+    def seen(self, history: Array, k: int) -> Array:
+        """(theta, theta', psi) (3, B) as sensors without noise say them at sample k."""
+        slow = self.slow if "encoder.speed_lag" in self.effects else None
+        self.moment.t = np.maximum(self.began_s + (k - WARM) * SAMPLE_S, 0.0)
+        return sensors.seen(history, k * PIECES, slow, self.effects, self.moment)
 
 
 def simulate(columns: Columns, substeps: int = SUBSTEPS) -> Trace:
@@ -175,13 +229,28 @@ def simulate(columns: Columns, substeps: int = SUBSTEPS) -> Trace:
     history = np.empty((samples * PIECES + 1, 4, size))
     history[0] = columns.start
     demanded, clean, rows = np.zeros((samples, size)), np.empty((samples, 3, size)), np.empty((samples, 3, size))
+    strange = mechanisms.memory(columns.effects, run.x.dtheta)
+    remembered = {name: np.empty((samples + 1, size)) for name in strange}
+    shares = np.empty((samples, 3, size)) if run.outside else None
     frame = columns.start[2].copy()
     follower = control.Follower(columns.start[2])
-    lagging = "encoder.speed_lag" in columns.effects
     for k in range(samples):
-        clean[k] = sensors.seen(history, k * PIECES, run.slow if lagging else None, columns.effects)
+        for name, kept in remembered.items():
+            kept[k] = run.moment.memory[name]
+        clean[k] = run.seen(history, k)
         rows[k], frame = sensors.recorded(clean[k], frame, columns.noise, k)
         follower.update(rows[k, 2])
         demanded[k] = control.torque(columns.law, columns.feed[k], k, follower, rows[k, 1])
         run.sample(k, demanded, history)
-    return Trace(history[WARM * PIECES :], demanded[WARM:], clean[WARM:], rows[WARM:])
+        if shares is not None:
+            shares[k] = run.share
+    for name, kept in remembered.items():
+        kept[samples] = run.moment.memory[name]
+    return Trace(
+        history[WARM * PIECES :],
+        demanded[WARM:],
+        clean[WARM:],
+        rows[WARM:],
+        None if shares is None else shares[WARM:],
+        {name: kept[WARM:] for name, kept in remembered.items()},
+    )
