@@ -297,7 +297,8 @@ def test_the_truth_of_a_case_is_sealed_with_its_answer(monkeypatch: pytest.Monke
     assert effect["slot"] == "hoop"
     assert effect["law"]["memory"] == "way since the last reversal"
     lines = (tmp_path / "answers" / "signals" / case.identifier / "train_1.csv").read_text().splitlines()
-    assert lines[0] == "t,on_theta,on_psi,on_phi,theta,dtheta,psi,dahl"
+    motion = "true_theta,true_dtheta,true_psi,true_dpsi"
+    assert lines[0] == f"t,on_theta,on_psi,on_phi,theta,dtheta,psi,{motion},dahl"
     table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
     assert len(table) == 200
     assert np.abs(table[:, 1]).max() == pytest.approx(effect["parameters"]["F"], rel=0.2)

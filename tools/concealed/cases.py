@@ -28,6 +28,7 @@ SHRINK = 0.75  # of the input of a case that went too far
 ATTEMPTS = 4
 OUTSIDE = "outside"  # family of mechanisms that no library has
 LEFT_OUT = "left_out"  # family of effects that the library of who is asked lacks
+STATES = ("theta", "dtheta", "psi", "dpsi")
 Say = Callable[[str], None]
 Made = dict[tuple[str, int], Trace]  # by identifier and recording
 
@@ -127,13 +128,23 @@ def csv_bytes(trace: Trace) -> bytes:
 
 def signal_bytes(trace: Trace) -> bytes:
     """What a mechanism outside the library did in each sample: the mean forces on theta, psi and phi' in N m, what it
-    added to each sensor, and its states at the sample's beginning; twelve digits."""
+    added to each sensor, the true motion and its states at the sample's beginning; twelve digits."""
     memory = {name: values[:-1, 0] for name, values in trace.memory.items()}
     forces = np.zeros((len(trace.torque), 3)) if trace.forces is None else trace.forces[..., 0]
     added = (trace.clean - trace.states[:-1, :3])[..., 0]
-    head = ("t", "on_theta", "on_psi", "on_phi", "theta", "dtheta", "psi", *memory)
+    head = (
+        "t",
+        "on_theta",
+        "on_psi",
+        "on_phi",
+        "theta",
+        "dtheta",
+        "psi",
+        *(f"true_{name}" for name in STATES),
+        *memory,
+    )
     t = np.arange(len(forces)) * SAMPLE_S
-    table = np.column_stack((t, forces, added, *memory.values()))
+    table = np.column_stack((t, forces, added, trace.states[:-1, :, 0], *memory.values()))
     lines = [",".join(f"{x:.12g}" for x in row) for row in table.tolist()]
     return ("\n".join((",".join(head), *lines)) + "\n").encode()
 

@@ -64,8 +64,9 @@ def _package(scratch: Path) -> Path:
     """This package as a .zip that a worker can import."""
     out = scratch / "concealed.zip"
     with zipfile.ZipFile(out, "w") as archive:
-        for path in sorted(Path(__file__).parent.glob("*.py")):
-            archive.write(path, f"concealed/{path.name}")
+        own = Path(__file__).parent
+        for path in sorted(own.rglob("*.py")):
+            archive.write(path, path.relative_to(own.parent).as_posix())
     return out
 
 

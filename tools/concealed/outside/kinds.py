@@ -41,7 +41,8 @@ KINDS: tuple[Hidden, ...] = (
     _kind(
         "play", "J", {"b": 1.0}, lambda rng: {"b": log_uniform(rng, 0.05, 0.4)}, 5e-5, 5e-4,
         Law(("hoop",), ("theta", "angle of the loose part"), "angle and speed of the loose part",
-            "J v' = -J w^2 o (1 + 0.3 s |o|') - J (v - theta')/(2 s), o what its angle exceeds +-b", "Nordin, Gutman 2002"),
+            "J v' = -J w^2 o (1 + 0.3 s |o|') - J (v - theta')/(2 s), o what its angle exceeds +-b",
+            "Nordin, Gutman 2002"),
     ),
     _kind(
         "running_in", "F", {"L": 1.0}, lambda rng: {"L": log_uniform(rng, 30.0, 200.0)}, 4e-3, 0.05,
