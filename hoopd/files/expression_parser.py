@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from hoopd.files.expressions import (
     ARITHMETIC,
+    CONSTANTS,
     FUNCTIONS,
     MAX_NAME_CHARS,
     Expression,
@@ -38,6 +40,12 @@ MAX_DEPTH = 60
 SMALLEST, LARGEST = 1e-30, 1e30
 LARGEST_EXPONENT = 10
 
+_OF_NUMBERS: Mapping[str, Callable[..., float]] = MappingProxyType(
+    {
+        "sin": math.sin, "cos": math.cos, "sqrt": math.sqrt, "abs": abs, "tanh": math.tanh, "exp": math.exp,
+        "sign": lambda x: math.copysign(1.0, x) if x else 0.0, "min": min, "max": max,
+    }
+)  # fmt: skip
 _TOKEN = re.compile(
     r"(?P<space>[ \t\n]+)|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
     r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?P<primes>'*)|(?P<sign>\*\*|[-+*/^(),=])"
@@ -163,9 +171,8 @@ class _Parser:
         depth = 1 + max(part.depth for part in parts)
         self._bounded(depth, at)
         node = Operation(at, name, parts, depth)
-        if all(isinstance(part, Number) for part in parts) and (size := _constant(node)) is not None:
-            return Number(at, self._finite(at, size))
-        return node
+        size = _constant(node)
+        return node if size is None else Number(at, self._finite(at, size))
 
     def _finite(self, at: TextSpan, size: float) -> float:
         if size and not SMALLEST <= abs(size) <= LARGEST:
@@ -202,16 +209,21 @@ def _tokens(text: str) -> Iterator[_Token]:
 
 
 def _constant(node: Node) -> float | None:
-    """Value of arithmetic on numbers alone; None for anything else, infinite where there is no such number."""
+    """Value of a law of numbers alone; None for anything else, infinite where there is no such number.
+
+    Parts that are laws of numbers have become numbers before.
+    """
     if isinstance(node, Number):
         return node.value
-    if isinstance(node, Name) or node.name in FUNCTIONS:
-        return None
-    values = [_constant(part) for part in node.parts]
-    if None in values:
+    if isinstance(node, Name):
+        return None if node.primes else CONSTANTS.get(node.name)
+    values = [None if isinstance(part, Operation) else _constant(part) for part in node.parts]
+    numbers = [one for one in values if one is not None]
+    if len(numbers) < len(values):
         return None
     try:
-        result = -values[0] if len(values) == 1 else ARITHMETIC[node.name](*values)  # type: ignore[operator]
-    except (OverflowError, ZeroDivisionError):
+        law = ARITHMETIC.get(node.name, _OF_NUMBERS.get(node.name))
+        result = -numbers[0] if node.name == "-" and len(numbers) == 1 else law(*numbers)  # type: ignore[misc]
+    except (OverflowError, ZeroDivisionError, ValueError):
         return math.inf
     return result if isinstance(result, float) else math.inf  # the root of a negative number is complex

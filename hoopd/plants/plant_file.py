@@ -13,8 +13,6 @@ from math import inf, isnan
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
-
 from hoopd.files.dimensions import Unit, parse_unit
 from hoopd.files.expressions import CONSTANTS, FUNCTIONS, MAX_NAME_CHARS, NAME
 from hoopd.files.plant import (
@@ -32,7 +30,7 @@ from hoopd.files.records import between
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Point
 from hoopd.plants.plant_equations import Equations
-from hoopd.plants.user_program import executed, wrong_program
+from hoopd.plants.plant_program import program_plant
 
 # Far more than a rig of a laboratory has; graphs of such a size are made in a second.
 MOST = {"coordinates": 8, "states": 20, "inputs": 8, "parameters": 100, "channels": 40, "slots": 40}
@@ -72,7 +70,7 @@ def load_plant(path: Path) -> Plant:
     >>> pendulum.states, pendulum.free
     (('alpha', 'dalpha'), ('J', 'c'))
     """
-    return _from_python(path) if path.suffix == ".py" else parse_plant(read_text(path), path)
+    return program_plant(path) if path.suffix == ".py" else parse_plant(read_text(path), path)
 
 
 def parse_plant(text: str, path: object) -> Plant:
@@ -314,38 +312,3 @@ def _parameter_law(name: str) -> Callable[[Point], Any]:
 def _whole(entries: Mapping[str, Any], make: Callable[[str], Any]) -> dict[str, Any]:
     """Records, where a text stands for one."""
     return {name: make(one) if isinstance(one, str) else one for name, one in entries.items()}
-
-
-def _from_python(path: Path) -> Plant:
-    space = executed(path)
-    try:
-        made = space["plant"]() if callable(space.get("plant")) else space.get("PLANT")
-    except (Exception, SystemExit) as error:
-        raise wrong_program(path, error) from None
-    if not isinstance(made, Plant):
-        reason = (
-            "defines neither PLANT nor plant()" if made is None else f"a Plant is expected, not {type(made).__name__}"
-        )
-        raise InputError(path, "PLANT", reason)
-    _try_equations(path, made)
-    return made
-
-
-def _try_equations(path: Path, plant: Plant) -> None:
-    """InputError where the functions of a program raise, or give another number of values than there are states."""
-    x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", max(1, len(plant.inputs)))
-    s = plant.point(x, {name: ca.SX.sym(name) for name in plant.values}, u if len(plant.inputs) > 1 else u[0])
-    force = ca.SX.sym("force", len(plant.coordinates))
-    parts: dict[str, tuple[int, Callable[[], Any]]] = {
-        "accelerations": (len(plant.coordinates), lambda: plant.accelerations(s, force)),
-        "rates": (len(plant.first_order), lambda: plant.rates(s)),
-    }
-    for name, (wanted, value) in parts.items():
-        if not wanted:
-            continue
-        try:
-            found = ca.SX(value()).numel()
-        except (Exception, SystemExit) as error:
-            raise wrong_program(path, error) from None
-        if found != wanted:
-            raise InputError(path, name, f"gives {found} values, {plant.name} has {wanted}")

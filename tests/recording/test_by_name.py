@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from harness.matlab_table import table
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -20,7 +21,6 @@ from hoopd.plants.registry import plant_named
 from hoopd.recording import Recording, Signal, from_columns, from_signals, load, load_all, save
 from hoopd.recording.column_choice import SignalLayout, split_unit
 from hoopd.recording.slices import read_recording
-from tests.recording.matlab_table import table
 from tests.shared import shared_path
 
 AXIS = SignalLayout({"F": "N"}, {"x": "m", "v": "m/s"})

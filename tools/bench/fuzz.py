@@ -1,6 +1,7 @@
 """Bad input of every kind: one line and exit code 2, within bounds; never a traceback, never all the memory.
 
     python tools/bench/fuzz.py [--cases 20000] [--processes 500] [--seed 0] [--workers 2] [--json FILE]
+    python tools/bench/fuzz.py [...] --kinds "plant file" columns             # these kinds alone: other cases
     python tools/bench/fuzz.py --case 1234 | --process 17 [--keep FOLDER]     # one of them again, with its traceback
 
 Sound files of every kind are spoiled by bits, words, trees and from within their containers; configuration keys and
@@ -27,7 +28,7 @@ from pathlib import Path
 # one thread of linear algebra a process; before numpy is loaded
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tools" / "bench")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools"), str(ROOT / "tools" / "bench")]
 
 import hoopd.commands.cli  # noqa: E402  (first: it sets what OpenCV may take)
 
@@ -43,8 +44,8 @@ PATIENCE_S = 120.0  # of a machine under load, for a case that does not even ans
 class Worker:
     """A process that tries cases, and another one when it ended."""
 
-    def __init__(self, seed: str, sounds: Path) -> None:
-        self._about, self._tried = (seed, sounds), 0
+    def __init__(self, seed: str, sounds: Path, kinds: tuple[str, ...]) -> None:
+        self._about, self._tried = (seed, sounds, kinds), 0
         self._start()
 
     def _start(self) -> None:
@@ -86,14 +87,16 @@ class Worker:
         self._process.join()
 
 
-def tried_inside(seed: str, sounds: Path, numbers: range, workers: int, minutes: float) -> list[Outcome]:
+def tried_inside(
+    seed: str, sounds: Path, kinds: tuple[str, ...], numbers: range, workers: int, minutes: float
+) -> list[Outcome]:
     """Cases in worker processes."""
     own = threading.local()
     made: list[Worker] = []
 
     def attempt(number: int) -> Outcome:
         if not hasattr(own, "worker"):
-            own.worker = Worker(seed, sounds)
+            own.worker = Worker(seed, sounds, kinds)
             made.append(own.worker)
         found: Outcome = own.worker.attempt(number)
         return found
@@ -162,10 +165,10 @@ def again(options: argparse.Namespace, sounds: Path) -> int:
     number = options.process if whole_process else options.case
     folder = options.keep or Path(tempfile.mkdtemp(prefix="hoopd-fuzz-case-"))
     folder.mkdir(parents=True, exist_ok=True)
-    case = cases.make(str(options.seed), number, sounds, folder, whole=whole_process)
+    case = cases.make(str(options.seed), number, sounds, folder, whole=whole_process, kinds=tuple(options.kinds))
     print(f"{case.kind}, in {folder}: hoopd {' '.join(case.arguments)[:2000]}")
     if whole_process:
-        print(whole.try_case(str(options.seed), number, sounds))
+        print(whole.try_case(str(options.seed), number, sounds, tuple(options.kinds)))
         return 0
     os.chdir(folder)
     hoopd.commands.cli.app(case.arguments, standalone_mode=False)
@@ -179,6 +182,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first one")
     parser.add_argument("--processes", type=int, default=500, help="cases as programs of their own")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="of either part at most: fewer cases then")
+    parser.add_argument("--kinds", nargs="*", choices=tuple(cases.SHARES), default=tuple(cases.SHARES), metavar="KIND")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=cores())
     parser.add_argument("--case", type=int, help="try this case again")
@@ -193,13 +197,15 @@ def main() -> int:
         if options.cases:
             begun, title = time.monotonic(), "in worker processes (MB: added by the case)"
             numbers = range(options.first, options.first + options.cases)
-            parts[title] = tried_inside(str(options.seed), sounds, numbers, options.workers, options.minutes)
+            parts[title] = tried_inside(
+                str(options.seed), sounds, tuple(options.kinds), numbers, options.workers, options.minutes
+            )
             show(title, parts[title], time.monotonic() - begun)
         if options.processes:
             begun, title = time.monotonic(), "as programs of their own (MB: all of it)"
 
             def attempt(number: int) -> Outcome:
-                return whole.try_case(str(options.seed), number, sounds)
+                return whole.try_case(str(options.seed), number, sounds, tuple(options.kinds))
 
             parts[title] = _counted(attempt, range(options.processes), options.workers, "programs", options.minutes)
             show(title, parts[title], time.monotonic() - begun)

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from fuzzing import damage, schema, sound
+from fuzzing import damage, plants, schema, sound
 from fuzzing.containers import INSIDE
 
 TEXT_KINDS = frozenset(kind for kind, ending in sound.EXTENSIONS.items() if ending in (".yaml", ".py", ".csv"))
@@ -37,10 +37,19 @@ SHARES = {
     "plant mcap": 4,
     "plant hdf5": 4,
     "plant mat": 4,
+    "plant file": 20,
+    "plant program": 2,
+    "plant run": 3,
+    "other model": 4,
+    "struct mat": 4,
+    "table mat": 4,
+    "columns": 6,
     "positions csv": 3,
     "positions npy": 3,
     "picture": 4,
 }
+# How often a file is spoiled from within; the texts of plant files are spoiled as "plant".
+INSIDE_SHARES = {"plant file": 0.98, "other model": 0.8}
 # Virtual time, and nothing that another program could see; in the end, where it wins.
 RUN = ("--sim", "--speed", "max", "--camera", "direct", "--duration", "0.1")
 ALONE = ("--set", "telemetry.enabled=false", "--set", "commands.enabled=false")
@@ -56,15 +65,19 @@ class Case(NamedTuple):
     arguments: list[str]
 
 
-def make(seed: str, number: int, sounds: Path, folder: Path, *, whole: bool) -> Case:
-    """The case, its files in `folder`; `whole`: for a process of its own."""
+def make(
+    seed: str, number: int, sounds: Path, folder: Path, *, whole: bool, kinds: tuple[str, ...] = tuple(SHARES)
+) -> Case:
+    """The case of one of these kinds, its files in `folder`; `whole`: for a process of its own."""
     rng = random.Random(f"{seed}/{'process' if whole else 'case'}/{number}")
     _surroundings(folder)
-    kind = rng.choices(list(SHARES), list(SHARES.values()))[0]
+    kind = rng.choices(kinds, [SHARES[one] for one in kinds])[0]
     if kind == "key":
         return Case(kind, _keys(rng, whole=whole))
     if kind == "command":
         return Case(kind, _command(rng, sounds, folder, whole=whole))
+    if kind == "columns":
+        return Case(kind, _columns(rng, sounds))
     path = folder / f"spoiled{sound.EXTENSIONS[kind]}"
     damage.put(path, _content(kind, sounds, rng), rng)
     return Case(kind, rng.choice(readings(kind, str(path), sounds)))
@@ -84,7 +97,7 @@ def _contents(sounds: Path) -> dict[str, bytes]:
 
 
 def _content(kind: str, sounds: Path, rng: random.Random) -> bytes:
-    if kind in INSIDE and rng.random() < 0.5:
+    if kind in INSIDE and rng.random() < INSIDE_SHARES.get(kind, 0.5):
         return INSIDE[kind](sound.path_of(sounds, kind), rng)
     contents = _contents(sounds)
     others = [data for other, data in contents.items() if other != kind]
@@ -94,10 +107,13 @@ def _content(kind: str, sounds: Path, rng: random.Random) -> bytes:
 def readings(kind: str, path: str, sounds: Path) -> tuple[list[str], ...]:
     """Commands that read a file of this kind."""
     model, record = str(sound.path_of(sounds, "model")), str(sound.path_of(sounds, "csv"))
+    long = str(sound.path_of(sounds, "long csv"))
     run, to_run = [*RUN, *ALONE], lambda key: [*RUN, "--set", f"{key}={path}", *ALONE]
     recordings = (["convert", path, "out.csv"], ["simulate", "--model", model, "--input", path])
     of_plant, columns = str(sound.path_of(sounds, "plant csv")), ("--columns", "F=Force:kN,x=Position:mm")
     of_axis = ["convert", path, "out.mcap", "--plant", "axis"]
+    of_any = [str(sound.path_of(sounds, "plant run")), "--plant", path]
+    by_name = ["--columns", "t=Time:ms,F=Force:kN,x=Position:mm"]
     ways: dict[str, tuple[list[str], ...]] = {
         "configuration": ([*run, "--config", path], ["status", "--config", path]),
         "model": (
@@ -111,12 +127,32 @@ def readings(kind: str, path: str, sounds: Path) -> tuple[list[str], ...]:
             ["convert", of_plant, "out.mcap", "--plant", path, *columns],
             ["fit", of_plant, "--plant", path, *columns],
         ),
+        "plant file": (
+            ["plant", "show", path],
+            ["plant", "check", path],
+            ["fit", *of_any],
+            ["simulate", "--input", *of_any],
+            ["identify", *of_any, "--order", "2"],
+            ["linearize", "--plant", path],
+            ["design", "lqg", "--plant", path],
+            ["experiment", "steps", "--plant", path, "--duration", "1", "--out", "out.mcap"],
+        ),
+        "plant program": (["plant", "show", path], ["plant", "check", path], ["linearize", "--plant", path]),
+        "plant run": ([*of_axis, "--columns", "F=F0,x=q0"],),
+        "other model": (
+            ["linearize", "--model", path],
+            ["linearize", "--model", path, "--plant", "axis"],
+            ["simulate", "--model", path, "--input", of_plant, *columns],
+            ["diagnose", of_plant, "--model", path, *columns],
+        ),
+        "struct mat": ([*of_axis, *by_name],),
+        "table mat": ([*of_axis, *by_name],),
         "controller": (to_run("control.file"),),
         "experiment table": (to_run("control.file"),),
         "frame layout": (to_run("serial.layout"),),
         "law": (to_run("control.law"),),
         "identified model": (["design", "identified", "--model", model, "--identified", path],),
-        "effects": (["diagnose", record, "--effects", path],),
+        "effects": (["diagnose", long, "--effects", path],),
         "mcap": (["replay", path], ["convert", path, "out.mat"], ["calibrate", "--positions", path], *recordings),
         "plant csv": ([*of_axis, *columns], [*of_axis, "--columns", "F,x,-"]),
         "plant mcap": (of_axis, ["convert", path, "out.h5"]),
@@ -141,6 +177,13 @@ def _keys(rng: random.Random, *, whole: bool) -> list[str]:
     if live and whole:
         return [*REAL, "--set", "telemetry.endpoint=unixsock-stream/bench.sock", *_unseen(sets)]
     return [*RUN, *_unseen(sets), *ALONE]
+
+
+def _columns(rng: random.Random, sounds: Path) -> list[str]:
+    """A sound file with any words about its columns."""
+    path = str(sound.path_of(sounds, rng.choice(("plant csv", "plant mat", "plant mcap", "struct mat", "table mat"))))
+    command = rng.choice((["convert", path, "out.csv"], ["fit", path], ["simulate", "--input", path]))
+    return _unseen([*command, "--plant", "axis", "--columns", plants.columns(rng)])
 
 
 def _unseen(sets: list[str]) -> list[str]:

@@ -19,6 +19,7 @@ from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.writer import MCAP0_MAGIC
 
+from fuzzing import plants
 from fuzzing.damage import row_of_json
 from hoopd.recording import container, mcap, rows
 from hoopd.recording.schemas import CHANNELS, DESCRIBED, topic_of
@@ -302,6 +303,11 @@ INSIDE = {
     "mat": mat_of,
     "hdf5": hdf5_of,
     "csv": csv_of,
+    "plant run": csv_of,
+    "struct mat": mat_of,
+    "table mat": mat_of,
+    "plant file": plants.file_of,
+    "other model": plants.model_of,
     "positions npy": npy_of,
     "positions csv": csv_of,
     "picture": picture_of,

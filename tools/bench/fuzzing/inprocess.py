@@ -43,9 +43,11 @@ LOADED = (
 # Packages that read: who is at work in one of them has not accepted its input yet.
 READING = (
     "hoopd/recording/",
-    "hoopd/files/reading.py",
-    "hoopd/files/yaml_text.py",
+    "hoopd/files/",
     "hoopd/plants/model_file.py",
+    "hoopd/plants/plant_model.py",
+    "hoopd/plants/plant_file.py",
+    "hoopd/plants/plant_equations.py",
     "hoopd/commands/calibrate.py",
 )
 
@@ -57,14 +59,14 @@ class Cut(BaseException):
         self.still = still
 
 
-def serve(pipe: Connection, seed: str, sounds: Path) -> None:
+def serve(pipe: Connection, seed: str, sounds: Path, kinds: tuple[str, ...]) -> None:
     """Take numbers, send outcomes, until None comes."""
     _silence()
     warm()  # free where the fork server has loaded it
     _limit()
     pipe.send("ready")
     while (number := pipe.recv()) is not None:
-        pipe.send(try_case(seed, number, sounds))
+        pipe.send(try_case(seed, number, sounds, kinds))
 
 
 def warm() -> None:
@@ -87,11 +89,11 @@ def _silence() -> None:
     os.close(handle)
 
 
-def try_case(seed: str, number: int, sounds: Path) -> Outcome:
+def try_case(seed: str, number: int, sounds: Path, kinds: tuple[str, ...]) -> Outcome:
     """One case in a folder of its own."""
     here, folder = Path.cwd(), Path(tempfile.mkdtemp(prefix="hoopd-fuzz-"))
     try:
-        case = cases.make(seed, number, sounds, folder, whole=False)
+        case = cases.make(seed, number, sounds, folder, whole=False, kinds=kinds)
         os.chdir(folder)
         return _tried(number, case)
     finally:

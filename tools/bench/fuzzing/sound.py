@@ -14,8 +14,11 @@ from typing import Any
 import cv2
 import msgspec
 import numpy as np
+import scipy.io
+from harness import matlab_table
 
 from fuzzing import schema
+from fuzzing.plants import MOST
 from hoopd.daemon.app import Options, run_daemon
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.yaml_text import text_of
@@ -26,7 +29,7 @@ from hoopd.recording.edit import between
 from hoopd.shell import config as configuration
 
 ROOT = Path(__file__).resolve().parents[3]
-RUN_S = 1.6
+RUN_S, LONG_S = 1.6, 8.0
 _EXAMPLE = re.compile(r"```python\n(.*?)```", re.DOTALL)
 # kind of file -> its extension
 EXTENSIONS = {
@@ -47,6 +50,13 @@ EXTENSIONS = {
     "plant mcap": ".mcap",
     "plant hdf5": ".h5",
     "plant mat": ".mat",
+    "plant file": ".yaml",
+    "plant program": ".py",
+    "plant run": ".csv",
+    "other model": ".yaml",
+    "struct mat": ".mat",
+    "table mat": ".mat",
+    "long csv": ".csv",
     "positions csv": ".csv",
     "positions npy": ".npy",
     "picture": ".png",
@@ -97,6 +107,13 @@ def _layout(path: Path) -> None:
     path.write_text(text_of(schema.layout_table()))
 
 
+def _other_model(path: Path) -> None:
+    """A model of the axis."""
+    values = {"M": {"value": 90.0, "unit": "kg"}, "Fv": {"value": 150.0, "unit": "N s/m"}}
+    values["offset"] = {"value": 0.0, "unit": "N"}
+    path.write_text(text_of({"schema": "hoopd.model/1", "name": "a", "plant": "axis", "parameters": values}))
+
+
 def _identified(path: Path) -> None:
     eye = [[0.99, 0.0, 0.0], [0.0, 0.98, 0.02], [0.0, -0.4, 0.97]]
     path.write_text(
@@ -119,11 +136,11 @@ def _identified(path: Path) -> None:
     )
 
 
-def _run(path: Path) -> None:
+def _run(path: Path, seconds: float = RUN_S) -> None:
     """A run of the daemon, as it records it."""
     table = "sim.commands=[{at_s: 0.5, name: reference, value: 0.05}, {at_s: 1.0, name: reference, value: -0.05}]"
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        options = Options(sim=True, duration_s=RUN_S, speed="max", direct=True, record=path.parent, sets=(table,))
+        options = Options(sim=True, duration_s=seconds, speed="max", direct=True, record=path.parent, sets=(table,))
         run_daemon(options)
     for made in path.parent.glob("run-*.mcap"):
         made.rename(path)
@@ -132,6 +149,14 @@ def _run(path: Path) -> None:
 def _converted(path: Path) -> None:
     source = path_of(path.parent, "mcap")
     save(between(load(source), 0.2, 1.4), path)
+
+
+def _long_run(path: Path) -> None:
+    """Long enough for a diagnosis to begin."""
+    run = path.with_suffix(".mcap")
+    _run(run, LONG_S)
+    save(load(run), path)
+    run.unlink()
 
 
 def _other_plant_csv(path: Path) -> None:
@@ -146,6 +171,30 @@ def _other_plant(path: Path) -> None:
     """The same as a file of ours, read by its own names."""
     layout = SignalLayout({"F": "N"}, {"x": "m"})
     save(load(path_of(path.parent, "plant csv"), "F=Force:kN,x=Position:mm", layout=layout), path)
+
+
+def _any_plant_csv(path: Path) -> None:
+    """A column for every signal of the random plants."""
+    names = ["t", "F", "x", *(f"{letter}{i}" for letter, most in MOST.items() for i in range(most))]
+    rows = np.sin(np.outer(0.02 * np.arange(200), np.arange(1, len(names) + 1)))
+    rows[:, 0] = 0.02 * np.arange(200)
+    path.write_text("\n".join([",".join(names), *(",".join(f"{one:.4g}" for one in row) for row in rows)]) + "\n")
+
+
+def _columns() -> dict[str, Any]:
+    t = 0.001 * np.arange(600)
+    return {"Time": 1e3 * t, "Force": 0.1 * np.sin(9 * t), "Position": 40 * t**2}
+
+
+def _struct(path: Path) -> None:
+    """What Simulink writes: a struct with time and signals."""
+    time, force, position = _columns().values()
+    signals = np.array([(force, "Force"), (position, "Position")], dtype=[("values", object), ("label", object)])
+    scipy.io.savemat(path, {"run": {"Time": time, "signals": signals, "text": "x", "wide": np.zeros((600, 3))}})
+
+
+def _matlab_table(path: Path) -> None:
+    path.write_bytes(matlab_table.table(_columns(), {"Time": "ms", "Force": "kN", "Position": "mm"}))
 
 
 def _points() -> Any:
@@ -187,6 +236,13 @@ _MAKERS: dict[str, Any] = {
     "plant mcap": _other_plant,
     "plant hdf5": _other_plant,
     "plant mat": _other_plant,
+    "plant file": lambda path: path.write_text((FOLDER / "axis.yaml").read_text()),
+    "plant program": _example("guides/your_plant.md"),
+    "plant run": _any_plant_csv,
+    "other model": _other_model,
+    "struct mat": _struct,
+    "table mat": _matlab_table,
+    "long csv": _long_run,
     "positions csv": _positions_csv,
     "positions npy": _positions_npy,
     "picture": _picture,

@@ -38,11 +38,11 @@ MARK = "a mistake of this program"
 CODES = {0: outcome.ACCEPTED, 1: outcome.ACCEPTED, 2: outcome.REFUSED, 3: outcome.REFUSED}
 
 
-def try_case(seed: str, number: int, sounds: Path) -> Outcome:
+def try_case(seed: str, number: int, sounds: Path, kinds: tuple[str, ...]) -> Outcome:
     """One case as a process."""
     folder = Path(tempfile.mkdtemp(prefix="hoopd-fuzz-"))
     try:
-        case = cases.make(seed, number, sounds, folder, whole=True)
+        case = cases.make(seed, number, sounds, folder, whole=True, kinds=kinds)
         environment = os.environ | {
             "XDG_STATE_HOME": str(folder / "state"),
             "XDG_RUNTIME_DIR": str(folder),
