@@ -197,7 +197,7 @@ def _text(law: str, designed: Law, spec: Spec, model: ModelFile, model_path: Pat
         model=way_to(model_path, out),
         notes=f"designed as {law} for pictures {1e3 * spec.delay_s:g} ms old",
         sample_time_s=spec.sample_time_s,
-        torque_nm=min(model.device.torque_limit_nm, *limits_of(effects_of(model))),
+        torque_nm=min((model.device.torque_limit_nm, *limits_of(effects_of(model)))),
         innovations=_levels(model, spec),
     )
     return controller_text(data, HEAD.format(law=law, model=model_path.name))
