@@ -31,6 +31,18 @@ def of_design(result: Mapping[str, Any], out: Path | None = None) -> dict[str, A
     }
 
 
+def of_plant_design(result: Mapping[str, Any]) -> dict[str, Any]:
+    """A law of another plant: the same with its poles in rows and gains by name."""
+    rows = [one for one in result["closed_loop_poles"] if one["im"] >= 0.0]
+    poles = {str(number): {"z": _pair(one), **{key: one[key] for key in ("natural_rad_s", "damping")}}
+             for number, one in enumerate(rows, 1)}  # fmt: skip
+    told = {**result, "closed_loop_poles": poles}
+    for key in ("states", "inputs", "channels"):
+        told[key] = ", ".join(result[key])
+    told["operating_point"] = ", ".join(f"{name} {shown(value)}" for name, value in result["operating_point"].items())
+    return told
+
+
 def of_linearize(result: Mapping[str, Any]) -> dict[str, Any]:
     """Margins, poles and zeros, what can be seen and moved; then fractions, matrices and the step; several outputs
     side by side."""

@@ -62,12 +62,12 @@ def linearize(options: LinearizeOptions) -> None:
 def design(options: DesignOptions) -> None:
     """A law and its file."""
     from hoopd.commands.design import run
-    from hoopd.commands.linear_tables import of_design
+    from hoopd.commands.linear_tables import of_design, of_plant_design
 
     inputs: list[Path | str | None] = [options.recording, options.identified, options.model]
     check_files(inputs, out=options.out, figure=options.figure, json=options.json_path)
     result = run(options)
-    finish(result, options.json_path, result if "plant" in result else of_design(result, options.out))
+    finish(result, options.json_path, of_plant_design(result) if "plant" in result else of_design(result, options.out))
 
 
 def diagnose(options: DiagnoseOptions) -> None:

@@ -6,6 +6,7 @@ Rules of this file: files in, a result record out; the mathematics is in `hoopd.
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import control
@@ -22,7 +23,7 @@ from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.model_file import HOOP
-from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model
+from hoopd.plants.plant_model import PlantModel, is_of_another_plant, load_plant_model, nominal_model
 
 
 class LinearizedPlant(NamedTuple):
@@ -34,11 +35,11 @@ class LinearizedPlant(NamedTuple):
     left_out: tuple[str, ...]  # effects that have no linear model
 
 
-def is_other(plant: str | None, model: Any) -> bool:
+def is_other(plant: str | None, model: Path | None) -> bool:
     """Whether a command is asked about another plant than the hoop: by name, or by its model."""
     if plant is not None:
         return plant != HOOP
-    return model is not None and not load_plant_model(or_shipped(model)).is_hoop
+    return model is not None and is_of_another_plant(or_shipped(model))
 
 
 def run(options: LinearizeOptions) -> dict[str, Any]:
@@ -48,7 +49,7 @@ def run(options: LinearizeOptions) -> dict[str, Any]:
             raise InputError(name, "", "is of the hoop: another plant's operating point is told by --at")
     if options.top:
         raise InputError("--top", "", "is of the hoop: another plant's operating point is told by --at")
-    linear = linearized(options.plant, options.model, options.at, options.outputs)
+    linear = linearized(asked_model(options.plant, options.model), options.at, options.outputs)
     system, sampling = linear.system, (options.sample_time_s, options.delay_samples)
     inputs = linear.model.plant.inputs
     if options.sample_time_s is not None:
@@ -76,9 +77,13 @@ def run(options: LinearizeOptions) -> dict[str, Any]:
     return result
 
 
-def linearized(plant: str | None, model: Any, at: str, outputs: tuple[str, ...] = ()) -> LinearizedPlant:
+def asked_model(plant: str | None, model: Path | None) -> PlantModel:
+    """The model of a file, or the plant with its nominal values."""
+    return nominal_model(str(plant)) if model is None else load_plant_model(or_shipped(model), plant)
+
+
+def linearized(found: PlantModel, at: str, outputs: tuple[str, ...] = ()) -> LinearizedPlant:
     """The linear model of a plant; InputError where a name is unknown or nothing stays."""
-    found = nominal_model(str(plant)) if model is None else load_plant_model(or_shipped(model), plant)
     own = found.plant
     names = (*(one.name for one in own.inputs), *own.states)
     told = read_values("--at", at, names) if at else {}

@@ -20,6 +20,9 @@ from hoopd.files.excitation import excitation_entry, excitation_of
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
 from hoopd.files.records import Strict, between
 
+# What a file that names no plant is of.
+HOOP = "hoop"
+
 
 class FilterPlant(Protocol):
     """A plant that a filter can predict with."""
@@ -75,7 +78,10 @@ def load_controller(path: Path) -> ControllerFile:
 
 def parse_controller(text: str, path: object) -> ControllerFile:
     """A checked controller from its file's text; `path` is what a message calls it."""
-    file = to_struct(parse_yaml(text, path), ControllerFile, path)
+    content = parse_yaml(text, path)
+    if isinstance(content, dict) and content.get("plant", HOOP) != HOOP:
+        raise InputError(path, "plant", f"a controller of {content['plant']!r}: the daemon runs the hoop alone")
+    file = to_struct(content, ControllerFile, path)
     between(path, "limits.torque_nm", file.limits.torque_nm, 0.0, TORQUE_LIMIT_NM)
     between(path, "limits.slew_nm_per_tick", file.limits.slew_nm_per_tick, 0.0, math.inf)
     between(path, "sample_time_s", file.sample_time_s, 0.0, 1.0)

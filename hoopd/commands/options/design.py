@@ -37,11 +37,14 @@ class DesignOptions:
     ratio: float = option("--ratio", text="lead: N; lag: M.", default=5.0)
     gain: float = option("--gain", text="lead, lag: N m/rad.", default=1.0)
     poles: str = option(
-        "--poles", text="placement: three poles in rad/s, for hoop speed and ball.", default="-5+7j,-5-7j,-4"
+        "--poles",
+        text="placement: three poles in rad/s, for hoop speed and ball; of another plant one a state.",
+        default="-5+7j,-5-7j,-4",
     )
     weights: tuple[str, ...] = option(
         "--weights",
-        text="lqg, arx: deviations that cost the same, e.g. psi=0.2,torque=0.05; also dtheta, dpsi.",
+        text="lqg, arx: deviations that cost the same, e.g. psi=0.2,torque=0.05; also dtheta, dpsi; of another plant "
+        "its states and inputs.",
         default=(),
     )
     delay_s: float = option(
