@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.commands import plant_design, plant_linear
+from hoopd.commands import plant_design_record, plant_linear
 from hoopd.commands.design_options import spec_from
 from hoopd.commands.inputs import read_recording
 from hoopd.commands.options.design import DesignOptions
@@ -52,7 +52,7 @@ DELAY_POLE = 0.01  # |z|: below it a pole's response is over within a tick; a fo
 def run(options: DesignOptions) -> dict[str, Any]:
     """Design, judge, write and draw; the result as plain data. InputError: unusable input or an unstable loop."""
     if plant_linear.is_other(options.plant, options.model):
-        return plant_design.run(options)
+        return plant_design_record.run(options)
     if options.model is None:
         raise InputError("Missing option '--model'", "", "a model file, or --plant for another plant than the hoop")
     if options.at:

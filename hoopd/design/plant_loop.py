@@ -145,14 +145,16 @@ def closed_loop(
     names = (*file.channels, *file.inputs)
     linear = _linear(file, law, [off.get(name, 0.0) for name in law.model.state_labels], ticks)
     return PlantLoopRun(
-        h * np.arange(ticks), dict(zip(names, signals.T, strict=True)), dict(zip(names, linear.T, strict=True))
+        np.arange(ticks, dtype=np.float64) * h,
+        dict(zip(names, signals.T, strict=True)),
+        dict(zip(names, linear.T, strict=True)),
     )
 
 
 def _linear(file: PlantControllerFile, law: LinearLaw, off: ArrayLike, ticks: int) -> Array:
     """The same of the linear model: readings and inputs (ticks, ny + nu)."""
     a, b, c = (np.asarray(one) for one in (law.model.A, law.model.B, law.model.C))
-    x, seen, rows = np.asarray(off, float), np.zeros(len(a)), []
+    x, seen, rows = np.asarray(off, float), np.zeros(len(a)), list[Array]()
     y0, u0 = (np.array([file.operating_point[name] for name in names]) for names in (file.channels, file.inputs))
     for _ in range(ticks):
         y = c @ x
@@ -160,4 +162,4 @@ def _linear(file: PlantControllerFile, law: LinearLaw, off: ArrayLike, ticks: in
         u = -law.feedback @ seen
         rows.append(np.concatenate([y0 + y, u0 + u]))
         x, seen = a @ x + b @ u, a @ seen + b @ u
-    return np.array(rows, float)
+    return np.array(rows, dtype=np.float64)

@@ -60,11 +60,8 @@ def test_the_file_s_law_brings_the_plant_home_as_the_command_says(folder: Path) 
     assert (file.inputs, file.channels, file.limits) == ({"F": "N"}, {"x": "m"}, {"F": 1000.0})
     assert (folder / "law.png").stat().st_size > 10_000
     # a program of one's own: the law of the file on the plant, sample by sample
-    law, plant, x = (
-        StateFeedback(file),
-        NumericPlant(plant_named("axis")),
-        np.array([told["closed_loop"]["x"]["begins_at"], 0]),
-    )
+    law, plant = StateFeedback(file), NumericPlant(plant_named("axis"))
+    x = np.array([told["closed_loop"]["x"]["begins_at"], 0.0])
     ways, forces = [], []
     for _ in range(2000):
         ways.append(x[0])
@@ -146,6 +143,6 @@ def test_a_file_that_is_wrong_is_one_line(old: str, new: str, said: str, folder:
     text = (folder / "law.yaml").read_text()
     assert old in text
     (folder / "law.yaml").write_text(text.replace(old, new))
-    with pytest.raises(ValueError, match="law.yaml: ") as caught:
+    with pytest.raises(ValueError, match=r"law\.yaml: ") as caught:
         load_plant_controller(folder / "law.yaml")
     assert said in str(caught.value)
