@@ -29,10 +29,10 @@ from hoopd.plants.hoop.identifiability import determined
 from hoopd.plants.hoop.kinematics import MEASURED, compare_kinematics, entries_covariance, known_from
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError
 from hoopd.plants.hoop.physical_parameters import Known, physical_from_entries
-from hoopd.plants.hoop.prediction_error import PredictionSolution
 from hoopd.plants.hoop.recorded_runs import Subject
 from hoopd.plants.hoop.suspicions import suspicions
 from hoopd.plants.hoop.thesis import table_words
+from hoopd.plants.likelihood.prediction_error import PredictionSolution
 from hoopd.plants.model_file import load_model
 from hoopd.recording.edit import has_times
 from hoopd.recording.recording import Recording

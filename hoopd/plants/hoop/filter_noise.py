@@ -12,13 +12,11 @@ from math import tau
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hoopd.plants.fits.runs import Run
-from hoopd.plants.hoop.innovations import CHANNELS, STATE_NAMES
+from hoopd.plants.hoop.simulate import STATES
 
-Array = NDArray[np.float64]
-
+CHANNELS = ("theta", "dtheta", "psi")  # the daemon takes them in this order
 NOISE_UNITS: Mapping[str, str] = MappingProxyType(
     {
         "q_theta": "rad^2/s",
@@ -101,30 +99,7 @@ class NoiseModel:
         return out
 
 
-@dataclass(frozen=True)
-class NoiseScale:
-    """From the search's coordinates to levels: floor + (first - floor) e^z."""
-
-    names: tuple[str, ...]
-    floor: Array  # (k,)
-    above: Array  # (k,) first guess less the floor
-
-    def levels(self, z: Array) -> Array:
-        """Levels (k,), never at or below the floor."""
-        return self.floor + self.derivative(z)
-
-    def derivative(self, z: Array) -> Array:
-        """d level / dz (k,)."""
-        return np.asarray(self.above * np.exp(np.clip(z, -60.0, 30.0)))
-
-
-def noise_scale(names: Sequence[str], values: Mapping[str, float], floors: Mapping[str, float]) -> NoiseScale:
-    """Scale around first guesses."""
-    floor = np.array([floors[name] for name in names])
-    return NoiseScale(tuple(names), floor, np.array([values[name] for name in names]) - floor)
-
-
 def ekf_settings(levels: Mapping[str, float], measured: Sequence[str] = CHANNELS) -> dict[str, object]:
     """Fields of the daemon's `EkfSettings` from noise levels by name: q (4,) and the r of the measured channels."""
-    q = tuple(float(levels[f"q_{name}"]) for name in STATE_NAMES)
+    q = tuple(float(levels[f"q_{name}"]) for name in STATES)
     return {"q": q, **{f"r_{name}": float(levels[f"r_{name}"]) for name in measured}}

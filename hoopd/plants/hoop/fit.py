@@ -21,10 +21,10 @@ from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.filter_noise import NoiseModel
 from hoopd.plants.hoop.fit_data import prepare
 from hoopd.plants.hoop.free_parameters import default_priors, determined_names
-from hoopd.plants.hoop.innovation_tests import PredictionUncertainty, prediction_uncertainty
 from hoopd.plants.hoop.output_error import fit_output_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.hoop.prediction_error import fit_prediction_error
+from hoopd.plants.likelihood.innovation_tests import PredictionUncertainty, prediction_uncertainty
 from hoopd.recording.recording import Recording
 
 # Where the simulated hoop stays this near to the encoder's reading, the reading itself is fitted: its error is white

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hoopd.plants.composite import Composite
 from hoopd.plants.fits import output_error
 from hoopd.plants.fits.free_parameters import Scale
 from hoopd.plants.fits.output_error import Problem, Solution
@@ -37,6 +38,14 @@ class HoopSystem:
     def model(self, moving: str, free: Sequence[str]) -> HoopModel:
         """moving: both, hoop or ball."""
         return HoopModel(self.structure, self.values, free, self.extra_forces, self.effects, moving=moving)
+
+    def composite(self, moving: str, free: Sequence[str]) -> Composite:
+        """The equations of what moves."""
+        return self.model(moving, free).composite
+
+    def start_columns(self, moving: str) -> list[int]:
+        """Of the states that move among the four."""
+        return self.model(moving, ()).columns
 
     def scale(self, names: Sequence[str]) -> Scale:
         return scale_of(self.structure, names, self.values)

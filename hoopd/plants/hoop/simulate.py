@@ -78,6 +78,11 @@ class HoopModel:
         """The hoop with its effects."""
         return self._model.composite
 
+    @property
+    def columns(self) -> list[int]:
+        """Where the states of the composite stand among the four; of one that an effect added nowhere."""
+        return list(self._states.values())
+
     def run(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Array:
         """States (n, 4), with effects as they are read, at the nodes t (n,) s from x0 (4,).
 

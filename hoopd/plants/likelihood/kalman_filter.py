@@ -62,7 +62,7 @@ class LinearReference(NamedTuple):
         return int(self.a.shape[1] + self.w.shape[2])
 
 
-class NoiseModel(Protocol):
+class LinearNoise(Protocol):
     """What disturbs a linear model and its readings, and how little is known of its first deviation."""
 
     @property
@@ -142,7 +142,7 @@ class Gains:
         return bands_of(self.closed)
 
 
-def gains(model: LinearReference, noise: NoiseModel) -> Gains:
+def gains(model: LinearReference, noise: LinearNoise) -> Gains:
     """One pass of the covariance."""
     n, _, nz = model.c.shape
     size, phi, added = model.size, noise.transition(model), noise.added(model)

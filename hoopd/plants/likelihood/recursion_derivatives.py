@@ -37,6 +37,7 @@ class DifferentiableRecursion:
     def __init__(self, step: ca.Function) -> None:
         self._step, self._forward = step, Recursion(step)
         self._size, self._m = step.nnz_in(0), step.nnz_in(step.n_in() - 1)
+        self._kept: dict[int, Recursion] = {}
 
     def run(self, start: Array, data: Sequence[Array], v: Array) -> RecursionRun:
         """From the start (size,), with data of n rows each and v (m,) the same at every node."""
@@ -76,17 +77,17 @@ class DifferentiableRecursion:
 
     def _tangents(self, count: int) -> Recursion:
         """The step with Z (size, count) behind its state, column by column: Z+ = ds/dz Z + [ds/dv, 0]."""
-        kept: dict[int, Recursion] = self.__dict__.setdefault("_kept", {})
-        if count not in kept:
+        if count not in self._kept:
             inputs = self._step.sx_in()
             after, out = self._step.call(inputs)
-            both, z = ca.vertcat(after, out), ca.SX.sym("directions", self._size, count)
-            own = ca.horzcat(ca.jacobian(both, inputs[-1]), ca.SX.zeros(both.numel(), count - self._m))
-            moved = ca.densify(ca.jacobian(both, inputs[0]) @ z + own)
+            z = ca.SX.sym("directions", self._size, count)
+            own = ca.horzcat(ca.SX.eye(self._m), ca.SX(self._m, count - self._m))
+            by = ca.vertcat(inputs[0], inputs[-1])
+            moved = ca.densify(ca.jtimes(ca.vertcat(after, out), by, ca.vertcat(z, own)))
             results = [
                 ca.vertcat(after, ca.vec(moved[: self._size, :])),
                 ca.vertcat(out, ca.vec(moved[self._size :, :])),
             ]
             arguments = [ca.vertcat(inputs[0], ca.vec(z)), *inputs[1:]]
-            kept[count] = Recursion(ca.Function("tangents", arguments, results, {"cse": True}))
-        return kept[count]
+            self._kept[count] = Recursion(ca.Function("tangents", arguments, results, {"cse": True}))
+        return self._kept[count]

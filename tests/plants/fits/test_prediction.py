@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -15,12 +18,14 @@ from hoopd.plants.fits.runs import ChannelSeries, Run
 from hoopd.plants.fits.uncertainty import intervals, uncertainty
 from hoopd.plants.hoop.filter_noise import NoiseModel, ekf_settings
 from hoopd.plants.hoop.fit_data import prepare
-from hoopd.plants.hoop.free_parameters import ENTRIES, scale_of
-from hoopd.plants.hoop.innovation_likelihood import LOSSES, Likelihood
-from hoopd.plants.hoop.innovation_tests import prediction_uncertainty
-from hoopd.plants.hoop.innovations import InnovationsFilter, samples_of
-from hoopd.plants.hoop.output_error import fit_output_error
-from hoopd.plants.hoop.prediction_error import PredictionSolution, fit_prediction_error
+from hoopd.plants.hoop.free_parameters import ENTRIES
+from hoopd.plants.hoop.output_error import HoopSystem, fit_output_error
+from hoopd.plants.hoop.prediction_error import fit_prediction_error
+from hoopd.plants.likelihood.extended_filter import ExtendedKalmanFilter, samples_of
+from hoopd.plants.likelihood.innovation_likelihood import LOSSES, Likelihood
+from hoopd.plants.likelihood.innovation_tests import prediction_uncertainty
+from hoopd.plants.likelihood.kalman_filter import LinearReference, gains, whitened
+from hoopd.plants.likelihood.prediction_error import PredictionSolution
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording.formats import load
 from tests.shared import shared_path
@@ -68,8 +73,13 @@ def disturbed(
 
 
 def likelihood(runs: list[Run], loss: str = "linear", estimated: tuple[str, ...] | None = None) -> Likelihood:
-    scale = scale_of("entries", NAMES, VALUES)
-    return Likelihood("entries", VALUES, runs, scale, {}, NoiseModel(estimated), (), loss)
+    return Likelihood(HoopSystem("entries", VALUES), NAMES, runs, NoiseModel(estimated), loss=loss)
+
+
+def filter_of(values: Mapping[str, float], channels: Sequence[str], rule: str = "density") -> ExtendedKalmanFilter:
+    """Of the whole hoop, with nothing left free."""
+    composite = HoopSystem("entries", values).composite("both", ())
+    return ExtendedKalmanFilter(composite, {**composite.values, **values}, (), channels, rule=rule)
 
 
 @pytest.mark.parametrize("loss", ["linear", "student"])
@@ -81,6 +91,9 @@ def test_the_gradient_is_exact(channels: tuple[str, ...], loss: str) -> None:
     v = problem.first() + 0.02 * rng.normal(size=problem.size) * np.where(np.arange(problem.size) < 15, 1.0, 0.01)
     found = problem.evaluate(v)
     assert found.value == pytest.approx(problem.value(v), rel=1e-12)
+    back = problem.with_gradient(v)
+    assert back.value == problem.value(v)
+    assert back.gradient == pytest.approx(found.gradient, rel=1e-9, abs=1e-7)
     for index in range(problem.size):
         step = np.zeros(problem.size)
         step[index] = 1e-5
@@ -103,7 +116,7 @@ def test_the_innovations_are_those_of_the_daemons_filter() -> None:
     again = EkfSettings(**{**ekf_settings(levels), "gate_nis": 1e9})  # type: ignore[arg-type]
     assert again == settings
     order = ("theta", "dtheta", "psi")
-    ours = InnovationsFilter("entries", {**VALUES, **levels}, (), order, noise_rule="daemon")
+    ours = filter_of({**VALUES, **levels}, order, "daemon")
     found = ours.run(np.zeros(0), np.zeros(4), samples_of(run, order))
     daemon = DelayedEkf(plant_of(MODEL).step_and_jacobian, settings)
     theta, dtheta, psi = (run.series[name].values for name in order)
@@ -127,9 +140,59 @@ def test_the_process_noise_is_integrated_over_the_step() -> None:
     run = disturbed(0.4)
     values = {**VALUES, **dict.fromkeys(("J11", "J12", "K1", "J21", "J22", "K2"), 0.0)}
     levels = {"q_theta": 0.0, "q_dtheta": 4.0, "q_psi": 0.0, "q_dpsi": 0.5, "r_theta": 1e-9, "r_psi": 1e-9}
-    found = InnovationsFilter("entries", {**values, **levels}, (), ("theta", "psi"))
+    found = filter_of({**values, **levels}, ("theta", "psi"))
     s = found.run(np.zeros(0), np.zeros(4), samples_of(run, ("theta", "psi"))).s
     assert s[1] == pytest.approx(np.array([4.0, 0.5]) * 0.02**3 / 3 + 1e-9, rel=1e-9)
+
+
+@dataclass(frozen=True)
+class Densities:
+    """The noise of the daemon's filter for `kalman_filter`, from a start that is known."""
+
+    q: Array
+    reading: Array
+
+    def start(self, model: LinearReference) -> Array:
+        return np.zeros((model.size, model.size))
+
+    def transition(self, model: LinearReference) -> Array:
+        return model.a
+
+    def added(self, model: LinearReference) -> Array:
+        ways = [(1 / 6, model.a), (4 / 6, (np.eye(model.size) + model.a) / 2), (1 / 6, np.eye(model.size)[None])]
+        return sum(share * model.h[:, None, None] * (f * self.q) @ f.transpose(0, 2, 1) for share, f in ways)
+
+
+def test_the_filter_along_a_given_reference_has_the_same_likelihood() -> None:
+    """A linear model about the extended filter's own estimates, with its noise, through `kalman_filter`."""
+    run, channels = disturbed(6.0, 4.0, 0.5, psi_share=0.7), ("theta", "psi")
+    levels = {"q_theta": 1e-6, "q_dtheta": 4.0, "q_psi": 1e-6, "q_dpsi": 0.5, "r_theta": 2e-7, "r_psi": 1.6e-5}
+    extended, samples = filter_of({**VALUES, **levels}, channels), samples_of(run, channels)
+    found = extended.run(np.zeros(0), np.zeros(4), samples)
+    seen, n, c = samples.seen > 0.0, len(run.t), np.eye(4)[[0, 2]]
+    # where the filter is before and after a node's samples
+    before, lower, cov = found.run.before[:, :4], np.tril_indices(4), np.zeros((n, 4, 4))
+    cov[:, lower[0], lower[1]] = cov[:, lower[1], lower[0]] = found.run.before[:, 4:]
+    eps = np.where(seen, samples.y - before[:, [0, 2]], 0.0)
+    r = np.where(seen, [levels["r_theta"], levels["r_psi"]], 1e12)
+    gain = cov @ c.T @ np.linalg.inv(c @ cov @ c.T + r[:, :, None] * np.eye(2))
+    after = before + (gain @ eps[:, :, None])[:, :, 0]
+    composite, z = extended.composite, ca.SX.sym("z", 4)
+    u, h, p = ca.SX.sym("u"), ca.SX.sym("h"), composite.vector(VALUES)
+    moved = composite.step_function(z, u, np.zeros(composite.nw), h, 0.0, p)
+    slope = ca.Function("slope", [z, u, h], [ca.jacobian(moved, z)])
+    a = np.array([slope(x, u, h).full() for x, u, h in zip(after, run.u, np.diff(run.t), strict=False)])
+    model = LinearReference(a, np.zeros((n - 1, 4, 0)), np.tile(c, (n, 1, 1)), np.diff(run.t), seen, 4, np.ones((n, 2)))
+    noise = Densities(
+        np.array([levels[f"q_{name}"] for name in composite.plant.states]), np.sqrt(r[seen.all(axis=1)][0])
+    )
+    f = (a @ (before - after)[:-1, :, None])[:, :, 0]
+    gains_found = gains(model, noise)
+    white = whitened(model, gains_found, f[:, :, None], eps[:, :, None])[:, :, 0]
+    theirs = np.sum(white**2) + gains_found.logdet
+    ours = np.sum((found.e**2 / found.s + np.log(found.s))[seen])
+    assert theirs == pytest.approx(ours, rel=1e-10)
+    assert white[seen] == pytest.approx((found.e / np.sqrt(found.s))[seen], abs=1e-6)
 
 
 def test_the_robust_loss_finds_the_variance_of_normal_samples() -> None:
@@ -210,7 +273,7 @@ def test_noise_alone_gives_the_filter_of_a_given_model() -> None:
     assert settings.q == (0.0, found.q["dtheta"], 0.0, found.q["dpsi"])
     assert (settings.r_theta, settings.r_psi) == (found.r["theta"], found.r["psi"])
     assert settings.r_dtheta == EkfSettings().r_dtheta
-    daemon = InnovationsFilter("entries", {**VALUES, **found.levels}, (), ("theta", "psi"), noise_rule="daemon")
+    daemon = filter_of({**VALUES, **found.levels}, ("theta", "psi"), "daemon")
     out = daemon.run(np.zeros(0), found.starts[0], samples_of(run, ("theta", "psi")))
     nis = np.mean(out.e[5:] ** 2 / out.s[5:], axis=0)
     # all of the noise at the end of a step: a little too much of it for the encoder (0.62 in the limit r = 0)

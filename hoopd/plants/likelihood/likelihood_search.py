@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from hoopd.plants.fits.output_error import Progress
-from hoopd.plants.hoop.innovation_likelihood import Evaluation, Likelihood
+from hoopd.plants.likelihood.innovation_likelihood import Evaluation, Likelihood
 
 Array = NDArray[np.float64]
 
@@ -73,10 +73,16 @@ class Search:
         information = self.at(v).information
         unit = units(information)
         start = positive_inverse(unit[:, None] * information * unit)
+
+        def both(y: Array) -> tuple[float, Array]:
+            self.evaluations += 1
+            found = self.problem.with_gradient(v + unit * y)
+            return found.value, unit * found.gradient
+
         found = minimize(
-            lambda y: self.at(v + unit * y).value,
+            both,
             np.zeros(len(v)),
-            jac=lambda y: unit * self.at(v + unit * y).gradient,
+            jac=True,
             method="BFGS",
             options={"gtol": SMALL_GRADIENT, "maxiter": MOST_STEPS, "hess_inv0": start},
         )

@@ -14,9 +14,9 @@ from scipy.stats import chi2
 
 from hoopd.ident.normal import Z95
 from hoopd.plants.fits.uncertainty import Uncertainty
-from hoopd.plants.hoop.innovation_likelihood import Evaluation, Likelihood
-from hoopd.plants.hoop.likelihood_search import units
-from hoopd.plants.hoop.prediction_error import PredictionSolution
+from hoopd.plants.likelihood.innovation_likelihood import Evaluation, Likelihood
+from hoopd.plants.likelihood.likelihood_search import units
+from hoopd.plants.likelihood.prediction_error import PredictionSolution
 
 Array = NDArray[np.float64]
 
@@ -83,11 +83,11 @@ def whiteness(runs: Sequence[Array]) -> Whiteness:
 
 def hessian(problem: Likelihood, v: Array, unit: Array) -> Array:
     """Second derivatives (v, v) per `unit` by differences of the exact gradient."""
-    here, rows = problem.evaluate(v).gradient, []
+    here, rows = problem.with_gradient(v).gradient, []
     for index in range(len(v)):
         step = np.zeros(len(v))
         step[index] = HESSIAN_STEP * unit[index]
-        after = problem.evaluate(v + step).gradient
+        after = problem.with_gradient(v + step).gradient
         rows.append(unit * (after - here) / HESSIAN_STEP)
     return np.asarray(rows + np.transpose(rows)) / 2
 
