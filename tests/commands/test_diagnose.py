@@ -77,8 +77,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with two recordings with dry friction, and what the program made of them in a process of its own."""
     folder = tmp_path_factory.mktemp("made")
     (folder / "train").mkdir()
-    written(folder / "train" / "run.csv", 1, 10.0, FRICTION_NM)
-    written(folder / "held.csv", 2, 6.0, FRICTION_NM)
+    written(folder / "train" / "run.csv", 1, 6.0, FRICTION_NM)
+    written(folder / "held.csv", 2, 4.0, FRICTION_NM)
     done = program(folder, hash_seed=7)
     assert done.returncode == 0, done.stderr
     assert NAME in done.stdout
@@ -307,7 +307,7 @@ def of_two_kinds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, kind, seed in (("bare", "hoop", 1), ("run", "both", 2), ("held", "both", 3)):
         plant, part = hoop_plant("rolling", values, kind), parts[kind]
         noise = Noise(NOISE.force[part], NOISE.time_s[part], NOISE.reading[: len(plant.channels)])
-        made = stretch_with(plant, name, seed, 10.0, [library(plant)[NAME]], friction, noise=noise)
+        made = stretch_with(plant, name, seed, 6.0, [library(plant)[NAME]], friction, noise=noise)
         columns = {"psi": np.full(len(made.t), np.nan), **dict(zip(plant.channels, made.y.T, strict=True))}
         save(from_columns({"t": made.t, "u": np.append(made.u, made.u[-1]), **columns}), folder / f"{name}.csv")
     return folder

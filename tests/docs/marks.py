@@ -42,7 +42,7 @@ class Block(NamedTuple):
     def first(self) -> str:
         """Lines for a shell before the page's own."""
         form = FORM.fullmatch(self.mark)
-        return f"{form['first']}\n" if form and form["first"] else ""
+        return form["first"].replace("; ", "\n") + "\n" if form and form["first"] else ""
 
     @property
     def place(self) -> str:

@@ -36,8 +36,8 @@ def test_the_page_s_file_is_a_sound_plant() -> None:
 
 
 @pytest.fixture(scope="module")
-def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Any]:
-    """What the page's commands print, and the model that the last one writes, on the page's recording."""
+def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Any, str]:
+    """What the page's commands print, the model that the last one writes, and the page's recording."""
     folder = tmp_path_factory.mktemp("slide")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -54,16 +54,16 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Any]:
         exec(compile(program.text, "steer.py", "exec"), {})  # the page's own program
         assert Path("found.html").is_file() and Path("fitted.png").is_file()
         parse_plant(Path("fitted.yaml").read_text(), "fitted.yaml")
-        return " ".join(" ".join(said).split()), yaml.safe_load(Path("found.yaml").read_text())
+        model = yaml.safe_load(Path("found.yaml").read_text())
+        return " ".join(" ".join(said).split()), model, Path("day1.csv").read_text()
 
 
-def test_the_recording_is_the_one_that_is_shown(diagnosed: object) -> None:
-    made = runpy.run_path(str(MAKER))["made"]()
+def test_the_recording_is_the_one_that_is_shown(diagnosed: tuple[str, Any, str]) -> None:
     shown = TOLD.partition("```text\n")[2].partition("```")[0].splitlines()[1:]
-    assert shown == [f"{t:.3f},{x:.4f},{f:.4f}" for t, x, f in made[: len(shown)]]
+    assert shown and shown == diagnosed[2].splitlines()[1 : 1 + len(shown)]
 
 
-def test_the_fit_is_the_one_that_the_page_tells(diagnosed: tuple[str, Any]) -> None:
+def test_the_fit_is_the_one_that_the_page_tells(diagnosed: tuple[str, Any, str]) -> None:
     said, told = diagnosed[0], " ".join(TOLD.split())
     (nominal, fitted) = re.findall(r"fits x to ([\d.]+) %, that of the fitted ones to ([\d.]+) %", told)[0]
     assert f"x │ {nominal} % │ {fitted} %" in said
@@ -71,8 +71,8 @@ def test_the_fit_is_the_one_that_the_page_tells(diagnosed: tuple[str, Any]) -> N
     assert "residuals are coloured (the model misses something)" in said
 
 
-def test_the_effect_and_the_gain_are_those_that_the_page_tells(diagnosed: tuple[str, Any]) -> None:
-    said, model = diagnosed
+def test_the_effect_and_the_gain_are_those_that_the_page_tells(diagnosed: tuple[str, Any, str]) -> None:
+    said, model, _ = diagnosed
     (effect,) = model["effects"]
     percent = re.search(r"now fits x to ([\d.]+) %", TOLD)
     assert percent is not None and percent[1] in [f"{float(one):.2f}" for one in re.findall(r"x │ ([\d.]+) │", said)]
@@ -83,7 +83,7 @@ def test_the_effect_and_the_gain_are_those_that_the_page_tells(diagnosed: tuple[
     assert gain is not None and f"held-out x goes from {gain[1]} to {gain[2]} %" in said
 
 
-def test_the_parameters_are_the_carriage_s(diagnosed: tuple[str, Any]) -> None:
+def test_the_parameters_are_the_carriage_s(diagnosed: tuple[str, Any, str]) -> None:
     parameters = diagnosed[1]["parameters"]
     for name, value in TRUE.items():
         assert parameters[name]["value"] == pytest.approx(value, rel=1e-3)

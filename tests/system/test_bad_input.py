@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import os
 import subprocess
@@ -13,8 +12,7 @@ from pathlib import Path
 import pytest
 import serial
 from harness.runs import run
-
-from hoopd.commands import cli
+from inprocess import call
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCKSTEP = ("--sim", "--speed", "max", "--camera", "direct", "--duration", "1")
@@ -151,18 +149,6 @@ CASES: dict[str, tuple[Maker, str]] = {
     "empty recording": (recording(b""), "the file is empty"),
     "foreign recording": (recording(b"GIF89a, not a recording at all"), "not an MCAP file"),
 }
-
-
-def call(arguments: tuple[str, ...]) -> tuple[int, str, str]:
-    """Exit code, standard output and standard error of the command in this process."""
-    out, errors, kept = io.StringIO(), io.StringIO(), sys.argv
-    sys.argv = ["hoopd", *arguments]
-    try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors), pytest.raises(SystemExit) as end:
-            cli.main()
-    finally:
-        sys.argv = kept
-    return int(end.value.code or 0), out.getvalue(), errors.getvalue()
 
 
 def one_line(code: int, out: str, errors: str, expected: str, wanted: int = 2) -> None:

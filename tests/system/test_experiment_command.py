@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 from system.experiments import LOCKSTEP, ROOT
-from system.test_bad_input import call, one_line
+from inprocess import call
+from system.test_bad_input import one_line
 
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from harness.rigrun import run_rig
 from harness.rivals import SCENARIOS, Judged, judged, race
-from system.test_bad_input import call
+from inprocess import call
 
 from hoopd import lab
 from hoopd.commands import design, fit

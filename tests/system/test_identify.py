@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from harness.rigrun import run_rig
-from system.test_bad_input import call
+from inprocess import call
 
 from hoopd.files.identified import identified_text, load_identified, parse_identified
 

@@ -17,6 +17,7 @@ import psutil
 import pytest
 from harness.realrun import ENVIRONMENT, START_S, Daemon, fifo_granted, free_port, undelayed
 from harness.witness import Witness, witnessed
+from inprocess import call
 
 from hoopd.shell.operator import CommandError
 from hoopd.shell.socketfile import listening_socket
@@ -56,10 +57,16 @@ time.sleep(60)
 """
 
 
-def hoopd(*words: str, timeout_s: float = 60.0) -> subprocess.CompletedProcess[str]:
-    """The command line, bounded in time."""
+def hoopd(*words: str) -> subprocess.CompletedProcess[str]:
+    """What the command line says."""
+    code, out, errors = call(words)
+    return subprocess.CompletedProcess(words, code, out, errors)
+
+
+def started(*words: str) -> subprocess.CompletedProcess[str]:
+    """A daemon as a process of its own, until it ends."""
     command = [sys.executable, "-m", "hoopd", *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, check=False, env=ENVIRONMENT)
+    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False, env=ENVIRONMENT)
 
 
 def listening(daemon: Daemon) -> None:
@@ -112,7 +119,7 @@ def test_a_killed_daemons_socket_is_taken_over(tmp_path: Path) -> None:
             following.socket = path
             listening(following)
             assert following.command("disarm")["mode"] in ("DISARMED", "FAULT")
-            beside = hoopd("--sim", "--camera", "direct", "--duration", "1", "--set", f"commands.socket={path}",
+            beside = started("--sim", "--camera", "direct", "--duration", "1", "--set", f"commands.socket={path}",
                            "--set", "telemetry.enabled=false")  # fmt: skip
             assert beside.returncode == 0 and "another daemon of this device runs" in beside.stderr
             assert following.command("status")["ok"]
@@ -124,7 +131,7 @@ def test_a_second_daemon_of_a_device_is_refused_in_one_line(tmp_path: Path) -> N
     first = listening_socket("hoop", str(tmp_path / "hoop.sock"))
     try:
         port = os.ttyname(slave)
-        second = hoopd("--set", f"serial.port={port}", "--set", "camera.command=[cat]",
+        second = started("--set", f"serial.port={port}", "--set", "camera.command=[cat]",
                        "--set", f"commands.socket={first.path}", "--duration", "1")  # fmt: skip
         says = f"hoopd: {first.path}: another daemon of this device runs on this machine"
         assert second.returncode == 2 and second.stderr.splitlines()[-1].startswith(says)

@@ -153,8 +153,8 @@ VALUES: tuple[Any, ...] = (None, "abc", 1e308, 10**30, [])
 def test_rows_of_rubbish(run: Path, tmp_path: Path) -> None:
     whole, some = mcap.read_run(run), tmp_path / "some.mcap"
     for name, row in (("input", rows.encode_input(whole.inputs[-1])), ("tick", rows.encode_tick(whole.ticks[-1]))):
-        for key in json.loads(row):
-            for value in VALUES:
+        for index, key in enumerate(json.loads(row)):
+            for value in (VALUES[index % 5], VALUES[(index + 2) % 5]):  # tools/bench/fuzz.py tries all of all
                 changed = copy.copy(json.loads(row))
                 changed[key] = value
                 write(some, whole, name, json.dumps(changed).encode())

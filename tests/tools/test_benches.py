@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -27,6 +30,17 @@ def run_bench(name: str, *arguments: str) -> str:
     assert done.returncode in (0, BOUNDS_FAILED), done.stderr
     assert "Traceback" not in done.stderr, done.stderr
     return done.stdout
+
+
+def run_here(name: str, *arguments: str) -> str:
+    """The same in this process: of a bench that starts none of its own, and whose imports are made here already."""
+    out = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), pytest.raises(SystemExit) as ended:
+        patch.setattr(sys, "argv", [name, *arguments])
+        patch.setattr(sys, "path", [str(BENCH), *sys.path])
+        runpy.run_path(str(BENCH / name), run_name="__main__")
+    assert ended.value.code in (None, 0, BOUNDS_FAILED), ended.value.code
+    return out.getvalue()
 
 
 @pytest.fixture
@@ -102,7 +116,7 @@ def test_a_gap_is_explained_only_by_a_witness_that_stood_still_then(realtime: Mo
 
 
 def test_experiments_prints_its_rows() -> None:
-    out = run_bench("experiments.py", "--seeds", "1", "--only", "steps")
+    out = run_here("experiments.py", "--seeds", "1", "--only", "steps")
     assert "ball rad" in out and "1/1" in out
 
 
@@ -113,14 +127,14 @@ def test_races_keep_the_rule_and_print_how_they_began() -> None:
 
 
 def test_simulate_prints_every_way_and_the_bound() -> None:
-    out = run_bench("simulate.py", "--runs", "5", "--slow", "1", "--samples", "200")
+    out = run_here("simulate.py", "--runs", "5", "--slow", "1", "--samples", "200")
     assert out.count("scipy") == 4 and out.count("hoopd, steps") == 2
     assert "the bound is 5 ms" in out
 
 
 def test_the_toolbox_stands_beside_its_peers(tmp_path: Path) -> None:
     path = tmp_path / "speed.json"
-    run_bench("ident_speed.py", "--runs", "1", "--samples", "20000", "--json", str(path))
+    run_here("ident_speed.py", "--runs", "1", "--samples", "20000", "--json", str(path))
     rows = {row["set"]: row for row in json.loads(path.read_text())["rows"]}
     assert list(rows) == ["arx2", "armax2", "oe2", "mimo4", "mimo4k"]
     assert all(rows[name]["value"] < 0.06 for name in ("mimo4", "mimo4k"))
@@ -145,7 +159,7 @@ def test_writeback_shows_that_the_error_falls(tmp_path: Path) -> None:
 
 def judge_writeback(folder: Path, *more: str) -> None:
     path = folder / "figures.json"
-    out = run_bench("writeback.py", "--seeds", "1", "--only", "imbalance", "--json", str(path), *more)
+    out = run_here("writeback.py", "--seeds", "1", "--only", "imbalance", "--json", str(path), *more)
     assert "written back" in out
     rows = json.loads(path.read_text())["errors"]["imbalance"]
     assert rows["written back"]["psi_settled_mrad"] < 0.1 * rows["base"]["psi_settled_mrad"]

@@ -37,13 +37,16 @@ def is_picture(path: Path) -> bool:
     return data.startswith(b"\x89PNG") and len(data) > 10_000
 
 
-def test_without_recordings_it_says_how_to_get_them_and_draws_from_the_rig(tmp_path: Path) -> None:
+def test_without_recordings_it_says_how_to_get_them_and_draws_from_the_rig(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "empty").mkdir()
+    monkeypatch.setenv("HOOPD_SHARED", str(tmp_path / "empty"))
     names = ["fit_first", "fit_chirp", "bode", "gang_of_four"]
     only = [part for name in names for part in ("--only", name)]
-    done = figures(tmp_path / "out", *only, shared=tmp_path / "empty")
-    assert done.returncode == 0, done.stderr
-    said = " ".join(done.stderr.split())
+    assert here(monkeypatch, "--out", str(tmp_path / "out"), *only) == 0
+    done = capsys.readouterr()
+    said = " ".join(done.err.split())
     for words in ("aa4cc/flying-ball-in-hoop", "m/identification/exp01", "meas_hoop01_prbs.mat", "HOOPD_SHARED", "rig"):
         assert words in said
     assert all(is_picture(tmp_path / "out" / f"{name}.png") for name in names)
@@ -52,7 +55,7 @@ def test_without_recordings_it_says_how_to_get_them_and_draws_from_the_rig(tmp_p
     assert "rig recordings" in page or "recordings of the rig" in page
     # the thesis's number and ours side by side
     for number in ("1.5704866", "1.5700046", "0.1966659, 2.815461, 0.04734557"):
-        assert number in done.stdout
+        assert number in done.out
 
 
 def test_the_real_recordings_are_drawn_with_the_fit_that_they_allow(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from hoopd.plants.model_file import load_model
 ROOT = Path(__file__).resolve().parents[2]
 BENCH = ROOT / "tools" / "bench"
 PARAMETERS = {"entries": 8, "rolling": 4}
-CHI_8 = 1.8  # the spread of eight errors is below this share of their standard deviation but once in 1,900
+CHI_5 = 2.0  # the spread of five errors is below this share of their standard deviation but once in 2,000
 START = load_model(ROOT / "config" / "models" / "thesis.yaml").values()
 
 
@@ -64,20 +64,20 @@ def test_known_parameters_are_found_again_and_the_intervals_cover(tmp_path: Path
             assert 0.7 < one["spread"] / one["claimed"] < 1.4  # it errs as much as it says
 
 
-def test_known_parameters_are_found_again_by_eight_fits_of_each_structure(recovery: ModuleType) -> None:
-    """What eight fits can tell of the proof over 200 seeds: no parameter is off, and none errs more than it says."""
-    found = [recovery.recovered(seed, seconds=8.0, pictures=False, alternate=True) for seed in range(16)]
+def test_known_parameters_are_found_again_by_five_fits_of_each_structure(recovery: ModuleType) -> None:
+    """What five fits can tell of the proof over 200 seeds: no parameter is off, and none errs more than it says."""
+    found = [recovery.recovered(seed, seconds=8.0, pictures=False, alternate=True) for seed in range(10)]
     assert {one.outcome for one in found} == {"done"}
     rows = {(row.structure, row.name): row for row in recovery.rows(found)}
     for structure, parameters in PARAMETERS.items():
         row = rows.pop((structure, "all"))
-        assert row.fits == 8
+        assert row.fits == 5
         assert row.coverage >= 0.95 - 3.0 * row.coverage_se
         own = [rows.pop(key) for key in list(rows) if key[0] == structure]
         assert len(own) == parameters
         for one in own:
             assert abs(one.bias) < max(0.02, 3.0 * one.claimed / math.sqrt(row.fits))
-            assert one.spread < CHI_8 * one.claimed
+            assert one.spread < CHI_5 * one.claimed
 
 
 @pytest.mark.proof

@@ -49,7 +49,9 @@ class Windows:
 
 def bounded(y: Array) -> Array:
     """Numbers of a simulation: one that left every bound is as bad as can be, not as good as none."""
-    return np.clip(np.nan_to_num(y, nan=LARGEST), -BOUND, BOUND)
+    y = np.minimum(np.maximum(y, -BOUND), BOUND)
+    y[np.isnan(y)] = LARGEST
+    return y
 
 
 def windows_of(stretch: Stretch, window_s: float | None = WINDOW_S) -> Windows:
