@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from system.experiments import LOCKSTEP, ROOT, ends_at_rest, perform
 from inprocess import call
+from system.experiments import LOCKSTEP, ROOT, ends_at_rest, perform
 
 from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.daemon import experiment

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.experiments import LOCKSTEP, ROOT
 from inprocess import call
+from system.experiments import LOCKSTEP, ROOT
 from system.test_bad_input import one_line
 
 from hoopd.daemon import experiment
