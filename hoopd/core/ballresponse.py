@@ -175,7 +175,7 @@ class BallResponse:
         m, at = self.motion, t - t[0]
         theta = np.interp(t - late_s, hoop[:, 0], hoop[:, 1])
         speed = np.interp(t - late_s, hoop[:, 0], hoop[:, 2])
-        moved, rolled = theta - theta[0], speed - np.gradient(psi) / 0.02
+        moved, rolled = theta - theta[0], speed - np.gradient(psi, t)
         columns = (
             np.ones_like(at),
             at,

@@ -29,6 +29,7 @@ from hoopd.core.frames import (
 from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.core.picturechecks import PictureChecks
 from hoopd.core.records import DriverSample, Estimate, Inputs
+from hoopd.core.slow_ticks import rows_off
 
 # Conditions of the hardware; the drive stays off while one lasts.
 HARD_ERRORS = ERROR_OVERCURRENT | ERROR_ENCODER | ERROR_SUPPLY | ERROR_OVERSPEED
@@ -139,6 +140,7 @@ class Health:
         """`levels`: what the filter's innovations are while the device is as the model says; `ball`, `hoop`: the
         model's."""
         self.thresholds, self.period_s = thresholds, period_s
+        self.too_slow_for = rows_off(period_s)  # rows that cannot judge at this period, and why
         self.drift = Drift(levels)
         self._pictures = PictureChecks(ball)
         self._encoder = EncoderChecks(hoop, thresholds.speed_mismatch_rad_s, period_s)

@@ -118,5 +118,7 @@ class Operator:
         self._health.acknowledge()
         if name == "arm":
             self._health.begin()
+            if off := self._health.too_slow_for:
+                self._tell("rows_off", "warning", rows="; ".join(f"{row}: {why}" for row, why in off.items()))
         self._tell("operator", "info", command=name)
         return Event(name)

@@ -15,6 +15,8 @@ from typing import Any, NamedTuple, Protocol
 from hoopd.core.frames import STATUS_ENABLED, STATUS_FAULT, STATUS_TIMEOUT
 from hoopd.core.health import Thresholds
 from hoopd.core.records import CameraSample, DriverSample
+from hoopd.core.slow_ticks import rows_off
+from hoopd.core.ticksettings import TickSettings
 from hoopd.files.reading import PORT_MISSING, InputError
 
 
@@ -266,9 +268,9 @@ def power(word: int | None) -> CheckResult:
 # --- faults -----------------------------------------------------------------------------------------------------------
 
 
-def fault_rows(faults: Thresholds) -> CheckResult:
-    """No row of the fault table is off without having been accepted."""
-    off, missing = faults.off_rows(), faults.not_accepted()
+def fault_rows(faults: Thresholds, period_s: float = TickSettings.period_s) -> CheckResult:
+    """No row of the fault table is off without having been accepted, or at a tick of this period."""
+    off, missing = {**faults.off_rows(), **rows_off(period_s)}, faults.not_accepted()
     granted = "; ".join(f"{name} is off: {why}" for name, why in off.items()) or "all rows work"
     wanted = f"accepted_off: {', '.join(faults.accepted_off) or 'none'}"
     if missing:

@@ -107,6 +107,7 @@ def operator_status(
             for fault in health.active()
         },
         "arming": ", ".join(health.arming_hindrances()) or "possible",
+        "rows_off": {**health.thresholds.off_rows(), **health.too_slow_for},
         **statistics.summary(),
         "commands": {"accepted": gate.accepted, "refused": gate.refused},
         "recorder": recorder.recorder.counts._asdict() if recorder else None,

@@ -110,6 +110,20 @@ def test_a_ball_with_dry_friction_in_a_hoop_that_sways_is_left_alone(seen: str) 
     assert watch(20.0, TRUE[seen], Ball(tones=((6.0, 1.6),), dry_rad=0.03)) == 0.0
 
 
+def test_terms_are_functions_of_time_whatever_the_picture_rate() -> None:
+    hoop_t = 0.005 * np.arange(400)
+    hoop = np.column_stack([hoop_t, 0.3 * np.sin(4 * hoop_t), 1.2 * np.cos(4 * hoop_t)])
+
+    def terms(rate: int) -> np.ndarray:
+        t = np.arange(int(1.5 * rate)) / rate
+        return BallResponse(MOTION)._terms(t, 0.2 * np.sin(6 * t), hoop)[:: rate // 50]
+
+    plain = terms(50)
+    for rate in (100, 200):
+        assert np.abs(terms(rate) - plain).max() < 0.01 * np.abs(plain).max()
+        assert (np.abs(terms(rate) - plain).max(axis=0) < 0.05 * np.abs(plain).max(axis=0) + 1e-9).all()
+
+
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_an_uneven_encoder_of_a_hoop_that_turns_is_no_ball_that_fails_to_answer(n: int) -> None:
     response, rng = BallResponse(MOTION), np.random.default_rng(0)

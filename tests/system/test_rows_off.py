@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from harness.runs import run
+from harness.smallrig import healthy
 
 from hoopd.core.health import Thresholds
+from hoopd.core.slow_ticks import rows_off
 from hoopd.daemon.checks import Verdict, exit_code, fault_rows
 from hoopd.daemon.replay import _config, replay
+from hoopd.daemon.report import operator_status
 from hoopd.files.reading import InputError
 from hoopd.shell.config import load
 
@@ -55,6 +59,19 @@ def test_check_tells_what_is_off_and_why() -> None:
     assert (missing.verdict, accepted.verdict, well.verdict) == (Verdict.FAIL, Verdict.WARN, Verdict.OK)
     assert exit_code([missing]) == 1 and "faults.accepted_off" in missing.advice
     assert all("current_implausible is off: faults.torque_constant" in row.granted for row in (missing, accepted))
+
+
+def test_a_slow_tick_is_told_at_check_status_and_arming() -> None:
+    assert rows_off(0.03) == {} and list(rows_off(0.05)) == ["ball_unresponsive"]
+    slow = fault_rows(Thresholds(torque_constant_nm_per_a=0.37), 0.1)
+    assert slow.verdict == Verdict.WARN and "hoop_innovation is off: loop.period_s is 0.1" in slow.granted
+    rig = healthy()
+    assert rig.tick.health.too_slow_for == {}
+    rig.tick.health.too_slow_for = rows_off(0.1)
+    (told,) = [note.fields["rows"] for note in rig.step("arm").notes if note.name == "rows_off"]
+    loop = SimpleNamespace(tick=rig.tick, record=None, statistics=SimpleNamespace(summary=dict))
+    status = operator_status(loop, SimpleNamespace(accepted=1, refused=0), None, None)  # type: ignore[arg-type]
+    assert len(rows_off(0.1)) == 5 and all(row in told and row in status["rows_off"] for row in rows_off(0.1))
 
 
 @pytest.mark.parametrize("value", ["[no_row]", "[1]", "current_implausible"])
