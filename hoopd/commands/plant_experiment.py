@@ -20,7 +20,7 @@ from hoopd.commands.output_files import check_results
 from hoopd.files.reading import InputError
 from hoopd.ident.signals import Signal as Table
 from hoopd.plants.declaration import Plant
-from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.free_run import FreeRun
 from hoopd.plants.hoop.experiment_plan import DURATION_S, DURATIONS_S, Plan, unit_table
 from hoopd.plants.plant_model import nominal_model
 from hoopd.recording import save
@@ -46,7 +46,7 @@ def run(options: ExperimentOptions) -> dict[str, Any]:
     plan = _plan(options, plant)
     t, u = _signal(plan, plant, told, options.seed)
     try:
-        found = FreeRunModel(plant).run([], [told.get(name, 0.0) for name in plant.states], t, _held(u, plant))
+        found = FreeRun(plant).run([], [told.get(name, 0.0) for name in plant.states], t, _held(u, plant))
     except (ValueError, ArithmeticError) as error:
         raise InputError("--plant", plant.name, f"cannot be simulated: {error}") from None
     recording = _recording(plant, t, u, found.readings, out)

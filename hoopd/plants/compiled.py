@@ -1,12 +1,14 @@
-"""CasADi functions behind buffers of their own, and the linear model over a held input.
+"""CasADi functions behind buffers of their own, called once or over many rows, and the linear model over a held input.
 
-Rules of this file: nothing here knows a plant. The buffers of one `Call` are shared by its calls: one object belongs to
-one thread.
+Rules of this file: nothing here knows a plant. The buffers of one object are shared by its calls: it belongs to one
+thread.
 """
 
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -15,6 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+
+# Rows in one call: few enough to be written out in a millisecond, many enough that the call costs nothing.
+CHUNK = 50
+# Functions of many steps that are kept for the next model of the same kind.
+KEPT = 32
 
 
 class Call:
@@ -54,6 +61,57 @@ class Call:
     def matrix(self, index: int) -> Matrix:
         """Result `index` of the last call as a new matrix."""
         return self._results[index].T.copy()
+
+
+class Chunks:
+    """A function of CHUNK columns, called for any number of rows; parameters last, for all the same."""
+
+    def __init__(self, function: ca.Function, *, accumulates: bool = False) -> None:
+        self._function, self._accumulates = function, accumulates
+        self._buffer, self._trigger = function.buffer()
+        self._last = function.n_in() - 1
+        self._start = np.zeros(function.size1_in(0))
+        self._p = np.zeros((CHUNK, function.size1_in(self._last)))
+        self._set(self._last, self._p)
+        if accumulates:
+            self._set(0, self._start)
+
+    def __call__(self, start: Vector | None, columns: Sequence[Vector], p: Vector) -> Vector:
+        """Results (n, k) for arguments of n rows each; `start` (k,) where each result is the next one's beginning."""
+        count = len(columns[0])
+        # the last chunk is filled up by repeating its last row
+        rows = np.minimum(np.arange(-(-count // CHUNK) * CHUNK), count - 1)
+        filled = [np.ascontiguousarray(np.atleast_2d(one.T).T[rows]) for one in columns] if count else []
+        out = np.empty((len(rows), self._function.size1_out(0)))
+        self._p[:] = p
+        if start is not None:
+            self._start[:] = start
+        for begin in range(0, len(rows), CHUNK):
+            part = slice(begin, begin + CHUNK)
+            for index, array in enumerate(filled):
+                self._set(index + int(self._accumulates), array[part])
+            self._buffer.set_res(0, memoryview(out[part]))  # type: ignore[call-arg, arg-type, unused-ignore]
+            self._trigger()
+            if self._accumulates:
+                self._start[:] = out[part][-1]
+        return out[:count]
+
+    def _set(self, index: int, array: Vector) -> None:
+        self._buffer.set_arg(index, memoryview(array))  # type: ignore[call-arg, arg-type, unused-ignore]
+
+
+# The functions made last: a fit makes several models of one kind in a row.
+_FUNCTIONS: OrderedDict[Hashable, ca.Function] = OrderedDict()
+
+
+def kept(key: Hashable, make: Callable[[], ca.Function]) -> ca.Function:
+    """CHUNK steps of a function, made once for models of the same kind."""
+    if key not in _FUNCTIONS:
+        _FUNCTIONS[key] = make().mapaccum("steps", CHUNK)
+        while len(_FUNCTIONS) > KEPT:
+            _FUNCTIONS.popitem(last=False)
+    _FUNCTIONS.move_to_end(key)
+    return _FUNCTIONS[key]
 
 
 def zero_order_hold(a: Matrix, b: Matrix, h: float) -> tuple[Matrix, Matrix]:

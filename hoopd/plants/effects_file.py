@@ -19,7 +19,7 @@ from hoopd.files.reading import InputError
 from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter
-from hoopd.plants.free_run import readings, run
+from hoopd.plants.free_run import readings
 from hoopd.plants.user_program import executed, line_of, reason_of, wrong_program
 
 NAME = re.compile(r"[a-z][a-z0-9_]*\.[a-z][a-z0-9_]*")
@@ -112,5 +112,4 @@ def _run(composite: Composite, values: Mapping[str, float]) -> Any:
     t, inputs = np.arange(TRIED_STEPS + 1) * plant.time_scale_s, max(1, len(plant.inputs))
     u = np.full((TRIED_STEPS, inputs), TRIED_INPUT * plant.usual_input).squeeze(axis=1 if inputs == 1 else ())
     start = [TRIED_SPEED * (i % 2 + 0.5) for i in range(len(plant.states))]
-    z = run(composite, values, start, t, u)
-    return np.stack(list(readings(composite, values, t, u, z).values()))
+    return np.stack(list(readings(composite, values, start, t, u).values()))

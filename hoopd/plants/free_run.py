@@ -1,28 +1,270 @@
-"""Free runs of a plant with effects over a time axis, and what its sensors read of them.
+"""Free runs of any plant, with or without effects, over a time axis, and their exact derivatives.
 
-Rules of this file: equations come from `composite`; the torque is held between two nodes and no step crosses one. Call
-buffers belong to one `FreeRun`, and that to one thread.
+What comes back are states and readings: readings as the sensors give them (late, wrong, lagging), states as they are.
+
+Rules of this file: equations come from `composite`; parameters named `free` are told to each run anew, all others are
+held and stand in the equations as numbers. No step crosses a change of an input, late as it may come, and every late
+reading has a node of its own. One object belongs to one thread.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.plants.composite import BACK_STEPS, Composite
+from hoopd.plants.compiled import Chunks, kept
+from hoopd.plants.composite import FRICTION_SUBSTEPS, Composite
+from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.fingerprint import fingerprint
 from hoopd.plants.held_input import SAME_S, mean_inputs, node_axis
-
-# Steps in one call: few enough to be written out in a millisecond, many enough that the call costs nothing.
-CHUNK = 50
-# A distance that is longer by this share is jitter of the same tick, not worth a second step.
-JITTER = 0.25
+from hoopd.plants.sensor_readings import SensorReadings, node_index
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+
+
+class SimulatedRun(NamedTuple):
+    """A free run at its nodes; derivatives have no columns where none were asked for."""
+
+    states: Array  # (n, nx) in the plant's order
+    readings: Array  # (n, channels)
+    states_by: Array  # (n, nx, m + nx) by the free parameters, then by the start
+    readings_by: Array  # (n, channels, m + nx)
+    lagging: Array  # (n, nz - nx) what follows behind lags: the torque, then readings
+
+
+class FreeRun:
+    """What simulates a plant again and again.
+
+    Parameters
+    ----------
+    plant
+        Any declared plant.
+    effects
+        What it has beside its equations.
+    free
+        Parameters of the plant or its effects that a run is told anew.
+    values
+        Parameters by name; what is not named is nominal (of an effect: neutral).
+    step_s
+        Longest Runge-Kutta step; half of the plant's usual sample time without it. Effects that need shorter ones
+        have them.
+
+    Examples
+    --------
+    A mass that a constant force of 2 N pushes for a second, and how its way answers to its mass:
+
+    >>> import casadi as ca
+    >>> from hoopd.plants.declaration import Channel, Input, Plant
+    >>> plant = Plant(
+    ...     name="mass", coordinates=("x",), accelerations=lambda s, force: force / s.p["m"], values={"m": 4.0},
+    ...     free=("m",), inputs=(Input("F", "N", coordinate="x"),), channels={"x": Channel("x", "m")},
+    ... )
+    >>> run = FreeRun(plant, free=("m",)).run_with_sensitivity([4.0], [0.0, 0.0], [0.0, 0.5, 1.0], [2.0, 2.0])
+    >>> run.readings[:, 0].round(9).tolist(), run.readings_by[-1, 0].round(9).tolist()
+    ([0.0, 0.0625, 0.25], [-0.0625, 1.0, 1.0])
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        effects: Sequence[Effect] = (),
+        free: Sequence[str] = (),
+        *,
+        values: Mapping[str, float] | None = None,
+        step_s: float | None = None,
+    ) -> None:
+        neutral = {effect.key(name): value for effect in effects for name, value in effect.neutral().items()}
+        known = {**plant.values, **neutral, **(values or {})}
+        # what is held is a number in the equations
+        held = {name: value for name, value in known.items() if name not in free}
+        # a drive without effects gives what it is asked for: the limit is the controller's
+        limited = any(one.torque is not None or one.lag is not None for one in effects)
+        self.composite = c = Composite(plant, effects, 1, limited=limited, numbers=held)
+        self.free, self.values = tuple(free), {name: known.get(name, value) for name, value in c.values.items()}
+        if unknown := [name for name in self.free if name not in c.names]:
+            raise ValueError(f"{plant.name} has no parameter {', '.join(unknown)}")
+        self.step_s = min(plant.time_scale_s / 2.0 if step_s is None else step_s, _longest_step_s(c))
+        # what the equations are made of: neither nominal values nor what judges recordings
+        made_of = (plant.states, plant.accelerations, plant.rates, plant.inputs, plant.channels, plant.held)
+        self._key = (
+            fingerprint((*made_of, plant.time_scale_s, tuple(plant.values))),
+            tuple(map(fingerprint, effects)),
+            limited,
+            fingerprint(held),
+        )
+        self._sensors = SensorReadings(c, self.free)
+
+    def run(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None) -> SimulatedRun:
+        """From x0 (nx,) at the first of the nodes t (n,) s with the inputs u held between them.
+
+        x0: the plant's state, or with what lags behind it (nz,), which else has settled; u: (n-1,) of one input,
+        (n-1, inputs) of several, None or (n-1, 0) of none.
+        """
+        return self._simulated(p, x0, t, u, derivatives=False)
+
+    def run_with_sensitivity(
+        self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None
+    ) -> SimulatedRun:
+        """The same with exact derivatives, taken through the integration steps themselves."""
+        return self._simulated(p, x0, t, u, derivatives=True)
+
+    def states(
+        self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None, *, derivatives: bool = False
+    ) -> tuple[Array, Array]:
+        """States (n, nx) alone, and their derivatives (n, nx, m + nx; no columns without them)."""
+        c = self.composite
+        t, u, _ = node_axis(t, u, len(c.plant.inputs))
+        values = self._told(p)
+        nodes = _union(t, u, c.delay_s(values), []) if c.delays else t
+        z, s = self._run(values, np.asarray(x0, float), nodes, t, u, derivatives)
+        at = node_index(nodes, t) if len(nodes) > len(t) else slice(None)
+        return z[at, : c.nx], s[at, : c.nx]
+
+    # ------------------------------------------------------------------------------------------ run
+
+    def _told(self, p: ArrayLike) -> dict[str, float]:
+        return {**self.values, **dict(zip(self.free, np.asarray(p, float), strict=True))}
+
+    def _simulated(
+        self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike | None, *, derivatives: bool
+    ) -> SimulatedRun:
+        c = self.composite
+        t, u, _ = node_axis(t, u, len(c.plant.inputs))
+        values = self._told(p)
+        nodes = _union(t, u, c.delay_s(values), [d for d in self._sensors.latencies_s(values) if d > 0.0])
+        z, s = self._run(values, np.asarray(x0, float), nodes, t, u, derivatives)
+        readings, by = self._sensors.at(t, values, nodes, u, z, s)
+        at = node_index(nodes, t)
+        return SimulatedRun(z[at, : c.nx], readings, s[at, : c.nx], by, z[at, c.nx :])
+
+    def _run(
+        self, values: dict[str, float], x0: Array, nodes: Array, t: Array, u: Array, derivatives: bool
+    ) -> tuple[Array, Array]:
+        """z (n, nz) at the nodes and its derivatives (n, nz, m + nx) by free parameters and start (none: 0 columns)."""
+        c, start = self.composite, self._start(x0, u)
+        if not derivatives:
+            return self._forward(values, start, nodes, t, u), np.zeros((len(nodes), c.nz, 0))
+        first = np.concatenate([start, self._first_sensitivity().T.ravel()])
+        rows = self._forward(values, first, nodes, t, u)
+        return rows[:, : c.nz], rows[:, c.nz :].reshape(len(rows), len(self.free) + c.nx, c.nz).transpose(0, 2, 1)
+
+    def _forward(self, values: Mapping[str, float], first: Array, nodes: Array, t: Array, u: Array) -> Array:
+        """Rows at the nodes from the first of them: z alone, or z with its derivatives, as the first row is."""
+        h = np.diff(nodes)
+        steps = np.maximum(1, np.ceil(h / self.step_s - 1e-6)).astype(int)
+        last = np.cumsum(steps)
+        length = np.repeat(h / steps, steps)
+        times: list[Array] = []
+        delay, simple = self.composite.delay_s(values), nodes is t and not self._timed
+        if not simple:
+            begin = np.repeat(nodes[:-1], steps) + (np.arange(last[-1]) - np.repeat(last - steps, steps)) * length
+            times = [begin] if self._timed else []
+        if simple and delay == 0.0:
+            held = np.repeat(u, steps, axis=0)
+        else:
+            held = mean_inputs(np.column_stack([begin, begin + length]), t, u, delay)
+        runner = self._plain if len(first) == self.composite.nz else self._with_derivatives
+        rows = runner(first, (held, length, *times), self._vector(values))
+        return np.concatenate([first[None], rows[last - 1]])
+
+    def _start(self, x0: Array, u: Array) -> Array:
+        """z (nz,) of the plant's state; a whole z is its own start."""
+        return x0 if len(x0) == self.composite.nz else self.composite.beginning(x0, float(u[0, 0]))
+
+    def _first_sensitivity(self) -> Array:
+        """(nz, m + nx): what lags starts settled."""
+        c, m = self.composite, len(self.free)
+        by = np.zeros((c.nz, m + c.nx))
+        for column, bump in enumerate(np.eye(c.nx)):
+            by[:, m + column] = c.beginning(bump)
+        return by
+
+    # ------------------------------------------------------------------------------------------ functions
+
+    @cached_property
+    def _timed(self) -> bool:
+        """Whether the steps depend on the time; else they are not told it."""
+        z, u, h, t, p = self._symbols
+        return bool(ca.depends_on(self._after(z, u, h, t, p), t))
+
+    def _told_to(self, z: Any, u: Any, h: Any, t: Any, p: Any) -> list[Any]:
+        return [z, u, h, t, p] if self._timed else [z, u, h, p]
+
+    @cached_property
+    def _nominal(self) -> Array:
+        return self.composite.vector(self.values)
+
+    def _vector(self, values: Mapping[str, float]) -> Array:
+        """Parameters in the composite's order; only the free ones are other than nominal."""
+        vector = self._nominal.copy()
+        vector[self._places] = [values[name] for name in self.free]
+        return vector
+
+    @cached_property
+    def _symbols(self) -> tuple[Any, ...]:
+        c = self.composite
+        u = ca.SX.sym("u", c.nu)
+        return ca.SX.sym("z", c.nz), u, ca.SX.sym("h"), ca.SX.sym("t"), ca.SX.sym("p", len(c.names))
+
+    @cached_property
+    def _plain(self) -> Chunks:
+        return Chunks(kept(("run", *self._key), self._plain_step), accumulates=True)
+
+    def _plain_step(self) -> ca.Function:
+        z, u, h, t, p = self._symbols
+        return ca.Function("step", self._told_to(z, u, h, t, p), [self._after(z, u, h, t, p)])
+
+    @cached_property
+    def _with_derivatives(self) -> Chunks:
+        return Chunks(kept(("both", *self._key, self.free), self._step_with_derivatives), accumulates=True)
+
+    def _step_with_derivatives(self) -> ca.Function:
+        z, u, h, t, p = self._symbols
+        c, m = self.composite, len(self.free)
+        s, after = ca.SX.sym("s", c.nz, m + c.nx), self._after(z, u, h, t, p)
+        # S_k+1 = dF/dz S_k + [dF/dp, 0]
+        by_p = ca.horzcat(ca.densify(ca.jacobian(after, p)[:, self._places]), ca.SX.zeros(c.nz, c.nx))
+        s_after = ca.densify(ca.mtimes(ca.jacobian(after, z), s) + by_p)
+        both, both_after = ca.vertcat(z, ca.vec(s)), ca.vertcat(after, ca.vec(s_after))
+        return ca.Function("both", self._told_to(both, u, h, t, p), [both_after], {"cse": True})
+
+    @cached_property
+    def _places(self) -> list[int]:
+        return [self.composite.names.index(name) for name in self.free]
+
+    def _after(self, z: Any, u: Any, h: Any, t: Any, p: Any) -> Any:
+        return self.composite.step_function(z, u.T, ca.SX.zeros(self.composite.nw), h, t, p)
+
+
+def _longest_step_s(composite: Composite) -> float:
+    """The Runge-Kutta step that the effects need: of a delay none, for no step crosses a change of an input."""
+    wishes = [effect.substeps for effect in composite.effects if effect.delay is None]
+    dry = any(effect.friction is not None for effect in composite.effects)
+    return composite.longest_step_s / max(1, FRICTION_SUBSTEPS if dry else 0, *wishes, 0)
+
+
+def _union(t: Array, u: Array, delay_s: float, late: Sequence[float]) -> Array:
+    """Nodes: those of the axis, where a late input changes, where a late reading was taken; t itself if that is all."""
+    parts = []
+    if delay_s > 0.0:
+        changes = t[1:-1][(np.diff(u, axis=0) != 0.0).any(axis=1)] + delay_s
+        parts.append(changes[changes < t[-1]])
+    for d in late:
+        parts.append((t - d)[t - d > t[0]])
+    if not parts:
+        return t
+    nodes = np.sort(np.concatenate([t, *parts]))
+    return np.asarray(nodes[np.concatenate([[True], np.diff(nodes) > SAME_S])])
+
+
+# ---------------------------------------------------------------------------------------------- one run
 
 
 def run(
@@ -36,8 +278,8 @@ def run(
         The plant and its effects.
     values : mapping of str to float
         Parameters by name, those of effects as `slot.effect.parameter`.
-    x0 : array_like, shape (nx,)
-        State of the plant at the first node.
+    x0 : array_like, shape (nx,) or (nz,)
+        State of the plant at the first node; with what lags behind it, or that has settled.
     t : array_like, shape (n,)
         Nodes in s.
     u : array_like, shape (n - 1,) or (n - 1, inputs), optional
@@ -63,188 +305,60 @@ def run(
     >>> run(axis, values, [0.0, 0.0], [0.0, 0.005, 0.01], [200.0, 200.0])[-1].round(6).tolist()  # 2 m/s2 for 10 ms
     [0.0001, 0.02]
     """
-    return _free_run(composite).run(values, x0, t, u)
+    found = _simulated(composite, values, x0, t, u)
+    return np.hstack([found.states, found.lagging])
 
 
 def readings(
-    composite: Composite,
-    values: Mapping[str, float],
-    t: ArrayLike,
-    u: ArrayLike | None,
-    z: Array,
-    channel_nodes: Mapping[str, ArrayLike] | None = None,
+    composite: Composite, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None
 ) -> dict[str, Array]:
-    """Give what each channel reads at its nodes.
+    """Give what each channel reads in a free run.
 
     Parameters
     ----------
     composite : Composite
         The plant and its effects.
     values : mapping of str to float
-        Parameters by name.
+        Parameters by name, those of effects as `slot.effect.parameter`.
+    x0 : array_like, shape (nx,) or (nz,)
+        State of the plant at the first node; with what lags behind it, or that has settled.
     t : array_like, shape (n,)
-        Nodes in s, as of the run.
+        Nodes in s.
     u : array_like, shape (n - 1,) or (n - 1, inputs), optional
-        Inputs, as of the run.
-    z : ndarray, shape (n, nz)
-        States, as the run gave them.
-    channel_nodes : mapping of str to array_like, optional
-        Indices into t by channel; all of them where none are given.
+        Inputs held between the nodes; a plant without an input needs none.
 
     Returns
     -------
     dict of str to ndarray
-        The readings by channel.
+        The readings at the nodes, by channel.
 
     Examples
     --------
     >>> from hoopd.plants.composite import Composite
-    >>> from hoopd.plants.free_run import readings, run
+    >>> from hoopd.plants.free_run import readings
     >>> from hoopd.plants.registry import plant_named
-    >>> axis, t, u = Composite(plant_named("axis")), [0.0, 0.005, 0.01], [0.0, 0.0]
-    >>> z = run(axis, axis.values, [0.1, 0.0], t, u)
-    >>> readings(axis, axis.values, t, u, z, {"x": [0, 2]})["x"].round(3).tolist()
-    [0.1, 0.1]
+    >>> axis = Composite(plant_named("axis"))
+    >>> readings(axis, axis.values, [0.1, 0.0], [0.0, 0.005, 0.01], [0.0, 0.0])["x"].round(3).tolist()
+    [0.1, 0.1, 0.1]
     """
-    return _free_run(composite).readings(values, t, u, z, channel_nodes)
+    found = _simulated(composite, values, x0, t, u)
+    return dict(zip(composite.channels, found.readings.T, strict=True))
 
 
-class FreeRun:
-    """Simulates one composite again and again."""
-
-    def __init__(self, composite: Composite) -> None:
-        self._composite = c = composite
-        z, torques, h, t = ca.SX.sym("z", c.nz), ca.SX.sym("torques", c.substeps, c.nu), ca.SX.sym("h"), ca.SX.sym("t")
-        p = ca.SX.sym("p", len(c.names))
-        step = ca.Function("step", [z, torques, h, t, p], [c.step_function(z, torques, ca.SX.zeros(c.nw), h, t, p)])
-        seen = ca.Function("seen", [z, t, p], [c.reading_function(z, t, p)])
-        self._accumulate = Chunks(step.mapaccum("run", CHUNK), accumulates=True)
-        self._step = Chunks(step.map(CHUNK))
-        self._seen = Chunks(seen.map(CHUNK))
-
-    def run(self, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None) -> Array:
-        """States z (n, nz) at the nodes t (n,) s from x0 (the plant's state, or a whole z) under the input u (n-1,).
-
-        Several inputs are (n-1, m); before the first node the input was u[0], for what is late.
-        """
-        t, u, _ = node_axis(t, u, len(self._composite.plant.inputs))
-        return self._forward(values, self._start(np.asarray(x0, float), u), t, u, slice(None))
-
-    def _forward(self, values: Mapping[str, float], start: Array, t: Array, u: Array, part: slice) -> Array:
-        """States at some nodes of a run from the first of them."""
-        nodes = t[part]
-        h = np.diff(nodes)
-        steps = np.maximum(1, np.ceil(h / self._composite.longest_step_s - JITTER)).astype(int)
-        last = np.cumsum(steps)
-        # begin of every step: as many as each interval needs, all of the same length
-        number = np.arange(last[-1]) - np.repeat(last - steps, steps)
-        length = np.repeat(h / steps, steps)
-        begin = np.repeat(nodes[:-1], steps) + number * length
-        torques = self._torques(values, begin, length, t, u)
-        after = self._accumulate(start, (torques, length, begin), self._composite.vector(values))
-        return np.concatenate([start[None], after[last - 1]])
-
-    def readings(
-        self,
-        values: Mapping[str, float],
-        t: ArrayLike,
-        u: ArrayLike | None,
-        z: Array,
-        channel_nodes: Mapping[str, ArrayLike] | None = None,
-    ) -> dict[str, Array]:
-        """Readings by channel at its nodes (indices into t; all without), from a run's t (n,), u (n-1,), z (n, nz)."""
-        (t, u, _), p = node_axis(t, u, len(self._composite.plant.inputs)), self._composite.vector(values)
-        every = np.arange(len(t))
-        nodes = dict.fromkeys(self._composite.channels, every) if channel_nodes is None else channel_nodes
-        return {c: self._channel(c, np.asarray(at, np.intp), values, p, t, u, z) for c, at in nodes.items()}
-
-    def _channel(
-        self, channel: str, at: Index, values: Mapping[str, float], p: Array, t: Array, u: Array, z: Array
-    ) -> Array:
-        row, late = self._composite.channels.index(channel), self._composite.latency_s(channel, values)
-        if late <= 0.0:
-            return self._seen(None, (z[at], t[at]), p)[:, row].copy()
-        when = t[at] - late
-        found = np.empty(len(at))
-        inside = when >= t[0] - SAME_S
-        states = self._between(when[inside], values, p, t, u, z)
-        found[inside] = self._seen(None, (states, when[inside]), p)[:, row]
-        for index in np.flatnonzero(~inside):
-            found[index] = self._before_the_start(row, z[0], t[at[index]] - t[0], late, t, u, p)
-        return found
-
-    def _between(self, when: Array, values: Mapping[str, float], p: Array, t: Array, u: Array, z: Array) -> Array:
-        """States at any times from the node before each, by the steps of the run itself."""
-        node = np.clip(np.searchsorted(t, when + SAME_S, side="right") - 1, 0, len(t) - 1)
-        states, at, longest = z[node].copy(), t[node].copy(), self._composite.longest_step_s
-        while (rest := np.flatnonzero(when > at)).size:
-            length = np.minimum(when[rest] - at[rest], longest)
-            torques = self._torques(values, at[rest], length, t, u)
-            states[rest] = self._step(None, (states[rest], torques, length, at[rest]), p)
-            # the last step of each arrives exactly
-            at[rest] = np.where(length < longest, when[rest], at[rest] + length)
-        return states
-
-    def _before_the_start(self, row: int, z0: Array, after: float, late: float, t: Array, u: Array, p: Array) -> float:
-        """A reading from before the first node: the first state carried back with the torque it began with."""
-        c = self._composite
-        back = np.tile(np.atleast_1d(u[0]), (len(c.channels), BACK_STEPS))
-        # the output's own way back, over the part of the latency that lies before the start
-        shortened = p.copy()
-        shortened[c.names.index(c.latencies[c.channels[row]])] = late - after
-        return float(c.output_function(z0, back, np.zeros(c.nw), t[0], shortened)[row])
-
-    def _torques(self, values: Mapping[str, float], begin: Array, length: Array, t: Array, u: Array) -> Array:
-        """Mean inputs of every substep, (steps, substeps nu)."""
-        share = np.arange(self._composite.substeps + 1) / self._composite.substeps
-        return mean_inputs(begin[:, None] + length[:, None] * share, t, u, self._composite.delay_s(values))
-
-    def _start(self, x0: Array, u: Array) -> Array:
-        return x0 if len(x0) == self._composite.nz else self._composite.beginning(x0, float(np.ravel(u)[0]))
-
-
-class Chunks:
-    """A function of many columns, a chunk at a time, on memory of its own; parameters last, for all the same."""
-
-    def __init__(self, function: ca.Function, *, accumulates: bool = False) -> None:
-        self._function, self._accumulates = function, accumulates
-        self._buffer, self._trigger = function.buffer()
-        self._last = function.n_in() - 1
-        self._start = np.zeros(function.size1_in(0))
-        self._p = np.zeros((CHUNK, function.size1_in(self._last)))
-        self._set(self._last, self._p)
-        if accumulates:
-            self._set(0, self._start)
-
-    def __call__(self, start: Array | None, columns: Sequence[Array], p: Array) -> Array:
-        """Results (n, k) for arguments of n rows each; `start` (k,) where each result is the next one's beginning."""
-        count = len(columns[0])
-        # the last chunk is filled up by repeating its last row
-        rows = np.minimum(np.arange(-(-count // CHUNK) * CHUNK), count - 1)
-        filled = [np.ascontiguousarray(np.atleast_2d(one.T).T[rows]) for one in columns] if count else []
-        out = np.empty((len(rows), self._function.size1_out(0)))
-        self._p[:] = p
-        if start is not None:
-            self._start[:] = start
-        for begin in range(0, len(rows), CHUNK):
-            part = slice(begin, begin + CHUNK)
-            for index, array in enumerate(filled):
-                self._set(index + int(self._accumulates), array[part])
-            self._buffer.set_res(0, memoryview(out[part]))  # type: ignore[call-arg, arg-type, unused-ignore]
-            self._trigger()
-            if self._accumulates:
-                self._start[:] = out[part][-1]
-        return out[:count]
-
-    def _set(self, index: int, array: Array) -> None:
-        self._buffer.set_arg(index, memoryview(array))  # type: ignore[call-arg, arg-type, unused-ignore]
+def free_run_of(composite: Composite) -> FreeRun:
+    """What simulates a composite with its steps, all parameters free; an effect may bring another kind of run."""
+    kind = next((effect.free_run for effect in composite.effects if effect.free_run is not None), FreeRun)
+    step_s = composite.longest_step_s / composite.substeps
+    made: FreeRun = kind(composite.declared, composite.effects, composite.names, step_s=step_s)
+    return made
 
 
 _KEPT: WeakKeyDictionary[Composite, FreeRun] = WeakKeyDictionary()
 
 
-def _free_run(composite: Composite) -> FreeRun:
+def _simulated(
+    composite: Composite, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike | None
+) -> SimulatedRun:
     if composite not in _KEPT:
-        own = next((effect.free_run for effect in composite.effects if effect.free_run is not None), FreeRun)
-        _KEPT[composite] = own(composite)
-    return _KEPT[composite]
+        _KEPT[composite] = free_run_of(composite)
+    return _KEPT[composite].run(composite.vector(values), x0, t, u)

@@ -24,13 +24,13 @@ def node_axis(t: ArrayLike, u: ArrayLike | None = None, inputs: int = 1) -> tupl
     u : array_like, shape (n - 1,) or (n - 1, inputs), optional
         Inputs; a plant without an input needs none.
     inputs : int
-        How many the plant has.
+        How many the plant has; without one nothing is held, and that is a column of zeros.
 
     Returns
     -------
     t : ndarray, shape (n,)
         Nodes in s.
-    u : ndarray, shape (n - 1,) or (n - 1, inputs)
+    u : ndarray, shape (n - 1, inputs), at least one column
         Inputs.
     h : ndarray, shape (n - 1,)
         Distances in s.
@@ -47,16 +47,17 @@ def node_axis(t: ArrayLike, u: ArrayLike | None = None, inputs: int = 1) -> tupl
     >>> h.tolist()
     [0.5, 1.5]
     """
-    t = np.asarray(t, float)
-    u = np.zeros(max(len(t) - 1, 0)) if u is None and inputs == 0 else np.asarray(u, float)
-    form = (len(t) - 1,) if inputs < 2 else (len(t) - 1, inputs)
-    if t.ndim != 1 or len(t) < 2 or u.shape != form:
-        wanted = "n - 1 torques" if inputs < 2 else f"n - 1 rows of {inputs} inputs"
-        raise ValueError(f"expected n nodes and {wanted}, not {t.shape} and {u.shape}")
+    t, count = np.asarray(t, float), max(1, inputs)
+    held = np.zeros((max(t.size - 1, 0), 1)) if u is None and inputs == 0 else np.asarray(u, float)
+    rows = held if held.ndim == 2 else held.reshape(-1, 1)
+    rows = rows if rows.shape[1] else np.zeros((len(rows), 1))
+    if t.ndim != 1 or len(t) < 2 or held.ndim not in (1, 2) or rows.shape != (len(t) - 1, count):
+        wanted = "n - 1 inputs" if count == 1 else f"n - 1 rows of {count} inputs"
+        raise ValueError(f"expected n nodes and {wanted}, not {t.shape} and {held.shape}")
     h = np.diff(t)
     if not (h > 0.0).all():
         raise ValueError("the nodes must increase")
-    return t, u, h
+    return t, rows, h
 
 
 def mean_inputs(edges: Array, t: Array, u: Array, delay: float = 0.0) -> Array:

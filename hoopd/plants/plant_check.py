@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
-from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.free_run import FreeRun
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def state_rate(plant: Plant) -> ca.Function:
 def free_run(plant: Plant, step_s: float | None = None) -> tuple[Array, Array]:
     """Times (n,) s and states (n, nx) from the usual sizes, the inputs held at a tenth of theirs."""
     t: Array = np.linspace(0.0, SAMPLES * plant.time_scale_s, SAMPLES + 1)
-    run = FreeRunModel(plant, step_s=step_s).run([], usual_state(plant), t, np.tile(_inputs(plant), (SAMPLES, 1)))
+    run = FreeRun(plant, step_s=step_s).run([], usual_state(plant), t, np.tile(_inputs(plant), (SAMPLES, 1)))
     return t, run.states
 
 

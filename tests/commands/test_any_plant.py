@@ -18,7 +18,7 @@ from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.files.identified import load_identified
 from hoopd.files.reading import InputError
-from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.free_run import FreeRun
 from hoopd.plants.layout import layout_of
 from hoopd.plants.plant_model import load_plant_model
 from hoopd.plants.registry import plant_named
@@ -38,7 +38,7 @@ def written(path: Path, columns: Columns) -> Path:
 def decay(path: Path, start_rad: float, seconds: float = 8.0) -> Path:
     """A pendulum that is let go, in degrees."""
     t = np.arange(0.0, seconds, 0.02)
-    model = FreeRunModel(plant_named("pendulum"), values={"J": INERTIA, "c": DAMPING})
+    model = FreeRun(plant_named("pendulum"), values={"J": INERTIA, "c": DAMPING})
     alpha = model.run([], [start_rad, 0.0], t, np.zeros((len(t) - 1, 0))).readings[:, 0]
     return written(path, {"time": t, "angle": np.degrees(np.round(alpha / COUNT_RAD) * COUNT_RAD)})
 
@@ -105,7 +105,7 @@ def test_a_model_of_another_plant_is_refused_in_one_line(judged: tuple[Path, dic
 def test_two_seconds_of_a_fast_axis_are_enough(tmp_path: Path) -> None:
     random, t = np.random.default_rng(1), np.arange(0.0, 2.0, 0.001)
     force = np.repeat(random.choice([-80.0, 80.0], len(t) // 20 + 1), 20)[: len(t)]
-    run = FreeRunModel(plant_named("axis"), values={"M": 90.0, "Fv": 150.0, "offset": 4.0})
+    run = FreeRun(plant_named("axis"), values={"M": 90.0, "Fv": 150.0, "offset": 4.0})
     x = run.run([], [0.0, 0.0], t, force[:-1]).readings[:, 0]
     path = written(tmp_path / "axis.csv", {"t": t, "F": force, "x": np.round(x / 5e-8) * 5e-8 * 1e3})
     found = diagnose.run(DiagnoseOptions(recordings=(str(path),), plant="axis", columns="F=F:N,x=x:mm", free_run=False))
@@ -117,7 +117,7 @@ def test_two_seconds_of_a_fast_axis_are_enough(tmp_path: Path) -> None:
 def test_tanks_of_first_order_states_are_diagnosed(tmp_path: Path) -> None:
     random, t = np.random.default_rng(3), np.arange(0.0, 900.0, 1.0)
     pump = 5e-5 + np.repeat(random.choice([-2e-5, 2e-5], len(t) // 30 + 1), 30)[: len(t)]
-    run = FreeRunModel(plant_named("tanks"), values={"a1": 2.6e-5, "a2": 2.4e-5})
+    run = FreeRun(plant_named("tanks"), values={"a1": 2.6e-5, "a2": 2.4e-5})
     levels = run.run([], [0.2, 0.2], t, pump[:-1]).readings + 2e-4 * random.normal(size=(len(t), 2))
     path = written(tmp_path / "tanks.csv", {"t": t, "q": pump, "h1": levels[:, 0], "h2": levels[:, 1]})
     found = diagnose.run(DiagnoseOptions(recordings=(str(path),), plant="tanks", free_run=False))

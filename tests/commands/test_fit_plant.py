@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.free_run import FreeRun
 from hoopd.plants.plant_file import load_plant
 from hoopd.plants.registry import plant_named
 from tests.commands.test_plant import hoopd
@@ -23,7 +23,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, seed in (("a.csv", 1), ("b.csv", 2)):
         rng, t = np.random.default_rng(seed), np.arange(0.0, 2.0, 0.001)
         force = np.repeat(rng.choice((-60.0, 60.0), 20), 100)
-        way = FreeRunModel(plant_named("axis"), values=TRUE).run([], [0.0, 0.0], t, force[:-1]).readings[:, 0]
+        way = FreeRun(plant_named("axis"), values=TRUE).run([], [0.0, 0.0], t, force[:-1]).readings[:, 0]
         table = np.column_stack([t, force, 1e3 * way + 2e-3 * rng.normal(size=len(t))])
         np.savetxt(tmp_path / name, table, delimiter=",", header="t,Force,Position", comments="")
     return tmp_path

@@ -8,7 +8,7 @@ import pytest
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.library import library
-from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.free_run import FreeRun
 from hoopd.plants.likelihood.fitting import fit
 from hoopd.plants.likelihood.stretches import Stretch, stretch_of
 from hoopd.plants.plant_file import parse_plant
@@ -43,7 +43,7 @@ def recorded(plant: Plant, effect: str, values: dict[str, float], seed: int, siz
     if plant.first_order == plant.states:  # levels: what fills them never flows back
         u = np.abs(u)
     start = [0.5 * plant.scales.get(name, 0.0) if name in plant.first_order else 0.0 for name in plant.states]
-    y = FreeRunModel(plant, (library(plant)[effect],), values=keys).run([], start, t, u).readings
+    y = FreeRun(plant, (library(plant)[effect],), values=keys).run([], start, t, u).readings
     y = y + NOISE * np.ptp(y, axis=0) * random.normal(size=y.shape)
     return stretch_of("made", plant, t, u, {c: (np.arange(count), y[:, i]) for i, c in enumerate(plant.channels)})
 

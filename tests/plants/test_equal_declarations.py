@@ -129,7 +129,7 @@ def test_every_effect_fits_a_fast_plant(name: str) -> None:
     sized = {effect.key(p.name): (p.grid[0] if p.grid else p.neutral) for p in effect.parameters}
     t, u = np.arange(50) * plant.time_scale_s, np.full(49, 0.01)
     z = run(c, sized, [1e-3, 0.0], t, u)
-    read = readings(c, sized, t, u, z)
+    read = readings(c, sized, [1e-3, 0.0], t, u)
     assert np.isfinite(z).all() and all(np.isfinite(y).all() for y in read.values())
     assert np.abs(z[:, 0]).max() < 1.0
 

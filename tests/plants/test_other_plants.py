@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter
-from hoopd.plants.free_run import FreeRun, readings, run
+from hoopd.plants.free_run import readings, run
 
 # An RC low pass: R C y' = u - y.
 CIRCUIT = Plant(
@@ -80,7 +80,7 @@ def test_two_tanks_with_two_inputs_agree_with_another_solver() -> None:
     for k in range(len(t) - 1):
         h = solve_ivp(rate(k), (0.0, 1.0), h, rtol=1e-11, atol=1e-13).y[:, -1]
         assert z[k + 1] == pytest.approx(h, abs=1e-8)
-    read = readings(composite, {}, t, u, z)
+    read = readings(composite, {}, [0.3, 0.2], t, u)
     assert np.array_equal(read["h2"], z[:, 1])
     assert read["flow"] == pytest.approx(TANKS.values["c2"] * np.sqrt(z[:, 1]))
 
@@ -142,7 +142,7 @@ def test_halving_the_step_changes_nothing(plant: Plant) -> None:
     t = np.arange(n + 1) * h
     u = None if not plant.inputs else np.full((n, len(plant.inputs)), 3e-5).squeeze()
     x0 = np.full(len(plant.states), 0.4)
-    coarse, fine = (FreeRun(Composite(plant, (), substeps)).run({}, x0, t, u) for substeps in (4, 8))
+    coarse, fine = (run(Composite(plant, (), substeps), {}, x0, t, u) for substeps in (4, 8))
     assert coarse == pytest.approx(fine, abs=1e-7)
 
 

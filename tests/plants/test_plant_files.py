@@ -11,7 +11,7 @@ import pytest
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.library import library
-from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.free_run import FreeRun
 from hoopd.plants.plant_check import Check, checks, free_run, state_rate, usual_state
 from hoopd.plants.plant_file import load_plant, parse_plant
 from hoopd.plants.registry import FOLDER, REGISTERED, plant_named, resolve_plant
@@ -158,7 +158,7 @@ def test_what_the_pump_does_wrong_fills_the_tanks() -> None:
     bias = library(made)["actuator.torque_bias"]
     t, u = np.arange(3.0), np.full(2, 5e-5)
     runs = [
-        FreeRunModel(made, (bias,), values={"actuator.torque_bias.b": b}).run([], [0.2, 0.2], t, u).readings[-1, 0]
+        FreeRun(made, (bias,), values={"actuator.torque_bias.b": b}).run([], [0.2, 0.2], t, u).readings[-1, 0]
         for b in (0.0, 1e-6)
     ]
     # 1e-6 m3/s over 2 s into 0.015 m2, less what runs out of it meanwhile

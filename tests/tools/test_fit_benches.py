@@ -139,7 +139,7 @@ def test_a_fit_takes_few_simulations(fits: ModuleType) -> None:
 
 
 def test_a_model_of_the_same_kind_is_not_written_out_again() -> None:
-    from hoopd.plants.free_run_model import _FUNCTIONS
+    from hoopd.plants.compiled import _FUNCTIONS
     from hoopd.plants.hoop.simulate import HoopModel
 
     kept = []

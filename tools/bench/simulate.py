@@ -1,6 +1,9 @@
 """Time of one free run of 1,000 samples, side by side with adaptive solvers; ends with 1 when the bound is missed.
 
-python tools/bench/simulate.py [--runs N] [--slow N] [--samples N] [--json FILE]
+python tools/bench/simulate.py [--runs N] [--slow N] [--samples N] [--effects all|NAME,...] [--json FILE]
+
+With `--effects` it is the processor time with each effect at its usual size against that without, side by side, and
+how far the run is from one in steps of a quarter of a millisecond.
 
 Each way takes its turn in every round, so that a busy machine slows all of them; the first call, which writes the
 equations out, stands apart.
@@ -17,7 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hoopd.plants.hoop.simulate import HoopModel
+from hoopd.plants.effects.library import library
+from hoopd.plants.found_effects import FoundEffect, FoundEffects
+from hoopd.plants.hoop.declaration import hoop_plant
+from hoopd.plants.hoop.simulate import STEP_S, HoopModel
 from hoopd.plants.hoop.solver_comparison import SolverCase, across_jumps, sample_to_sample, two_level_torque
 from hoopd.plants.model_file import load_model, plant_of
 
@@ -25,6 +31,8 @@ MODEL = Path(__file__).resolve().parents[2] / "config" / "models" / "thesis.yaml
 TICK_S, SAMPLES = 0.02, 1000
 # A fit runs some hundred of these; a person who drags a parameter sees the curve move.
 BOUND_MS = 5.0
+# A run with an effect takes at most so many times as long as one without.
+BOUND_WITH_EFFECTS = 2.0
 
 
 def timed(call: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
@@ -59,14 +67,58 @@ def ways(samples: int) -> tuple[dict[str, Callable[[], np.ndarray]], Callable[[]
     return calls, lambda: sample_to_sample(plant, x0, t, u, "DOP853").x
 
 
+def effect_rows(wanted: str, runs: int, samples: int) -> list[dict[str, float | str]]:
+    """For each effect: the median ratio of processor times, with it and without, and what finer steps would change."""
+    file = load_model(MODEL)
+    known, x0 = library(hoop_plant(file.structure, file.values())), np.array([0.0, 0.0, 0.2, 0.0])
+    t, u = TICK_S * np.arange(samples + 1), two_level_torque(samples)
+    plain = HoopModel(file.structure, file.values())
+    rows: list[dict[str, float | str]] = []
+    for name in known if wanted == "all" else wanted.split(","):
+        sizes = {p.name: p.neutral + p.size for p in known[name].parameters}
+        found = FoundEffects(file.structure, file.values(), (FoundEffect(name, sizes),))
+        model, fine = (HoopModel.with_effects(found, step_s=step) for step in (STEP_S, STEP_S / 40.0))
+        first_s, run = cpu_timed(lambda model=model: model.run((), x0, t, u))
+        error = np.abs(run - fine.run((), x0, t, u))[:, [0, 2]].max()
+        pairs = [[cpu_timed(lambda one=one: one.run((), x0, t, u))[0] for one in (plain, model)] for _ in range(runs)]
+        ratio = float(np.median([with_it / without for without, with_it in pairs]))
+        rows.append({"effect": name, "ratio": ratio, "first_ms": 1e3 * first_s, "error_rad": float(error)})
+    return rows
+
+
+def cpu_timed(call: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
+    """Seconds of the processor in one call, and what it gave."""
+    start = time.thread_time()
+    result = call()
+    return time.thread_time() - start, result
+
+
+def judged_effects(rows: list[dict[str, float | str]]) -> bool:
+    """Print the table; whether all are within the bound."""
+    print(f"{'effect':<26} {'against none':>12} {'first ms':>9} {'error rad':>10}")
+    for row in sorted(rows, key=lambda row: -float(row["ratio"])):
+        print(f"{row['effect']:<26} {row['ratio']:11.2f}x {row['first_ms']:9.1f} {row['error_rad']:10.1e}")
+    over = [str(row["effect"]) for row in rows if float(row["ratio"]) > BOUND_WITH_EFFECTS]
+    print(f"{'MISSED: ' + ', '.join(over) if over else 'ok'}; the bound is {BOUND_WITH_EFFECTS:g} times as long")
+    return not over
+
+
 def main() -> int:
     """Measure, print, judge."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--slow", type=int, default=3, help="turns of the adaptive solvers: enough for their size")
     parser.add_argument("--samples", type=int, default=SAMPLES, help="of a run; the bound is for 1,000")
+    parser.add_argument("--effects", help="all, or names of effects, in place of the solvers")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
+    if options.effects:
+        found = effect_rows(options.effects, options.runs, options.samples)
+        good = judged_effects(found)
+        if options.json is not None:
+            record = {"bound": BOUND_WITH_EFFECTS, "met": good, "rows": found}
+            options.json.write_text(json.dumps(record, indent=2) + "\n")
+        return 0 if good else 1
     calls, truth = ways(options.samples)
     converged, rows = truth(), []
     first = {name: timed(call) for name, call in calls.items()}

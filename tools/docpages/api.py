@@ -33,7 +33,7 @@ PLANT_MODULES = {
     "hoopd.plants.plant_file": ("load_plant", "parse_plant"),
     "hoopd.plants.registry": ("plant_named", "resolve_plant"),
     "hoopd.plants.plant_check": ("checks",),
-    "hoopd.plants.free_run_model": ("FreeRunModel",),
+    "hoopd.plants.free_run": ("FreeRun",),
     "hoopd.plants.fits.plant_fit": (),
     "hoopd.plants.effects.base": (),
     "hoopd.plants.effects.library": ("library",),

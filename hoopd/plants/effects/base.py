@@ -116,7 +116,7 @@ class Effect:
     shift: Callable[[Point, Values], Mapping[str, Any]] | None = None  # added to a coordinate as gravity sees it
     plant: Callable[[Any], Any] | None = None  # another plant in its place (one with a state more)
     flight: Callable[[Any], Any] | None = None  # the plant while its contact is lost
-    free_run: Callable[[Any], Any] | None = None  # of a composite that has it, where it changes modes
+    free_run: Callable[..., Any] | None = None  # in place of `FreeRun`, where it changes modes
     sensor: Callable[[Point, Values], Mapping[str, Any]] | None = None  # added to the readings, by channel
     latency: Mapping[str, str] = field(default_factory=dict)  # channel -> the parameter (s)
     sensor_lag: Mapping[str, str] = field(default_factory=dict)  # channel -> the parameter (s)

@@ -135,7 +135,7 @@ def fit_plant(
 
     >>> import numpy as np
     >>> from hoopd.plants.declaration import Channel, Input, Plant
-    >>> from hoopd.plants.free_run_model import FreeRunModel
+    >>> from hoopd.plants.free_run import FreeRun
     >>> from hoopd.recording.recording import from_signals
     >>> plant = Plant(
     ...     name="slide", coordinates=("x",), accelerations=lambda s, force: (force - s.p["d"] * s.dx) / s.p["m"],
@@ -144,7 +144,7 @@ def fit_plant(
     ... )
     >>> t, rng = np.arange(0.0, 6.0, 0.02), np.random.default_rng(0)
     >>> F = np.sign(np.sin(2.0 * t))
-    >>> true = FreeRunModel(plant, values={"m": 3.0, "d": 0.5})
+    >>> true = FreeRun(plant, values={"m": 3.0, "d": 0.5})
     >>> x = true.run([], [0.1, 0.0], t, F[:-1]).readings[:, 0] + 1e-3 * rng.normal(size=len(t))
     >>> fit = fit_plant(plant, from_signals(t, {"F": F}, {"x": x}))
     >>> [low < truth < high for truth, (low, high) in zip((3.0, 0.5), fit.intervals.values())]

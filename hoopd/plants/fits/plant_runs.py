@@ -18,7 +18,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.fits.free_parameters import Scale, scale_within
 from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, ChannelSeries, Run
-from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.free_run import FreeRun
 from hoopd.plants.trajectory import Trajectory
 from hoopd.recording.recording import Recording, Signal, from_signals
 from hoopd.recording.timeline import Timeline, timelines
@@ -63,7 +63,7 @@ class PlantSystem:
 
     def model(self, moving: str, free: Sequence[str]) -> PlantReadings:
         """What simulates its readings; all of it moves."""
-        return PlantReadings(FreeRunModel(self.plant, self.effects, free, values=self.values, step_s=self.step_s))
+        return PlantReadings(FreeRun(self.plant, self.effects, free, values=self.values, step_s=self.step_s))
 
     def scale(self, names: Sequence[str]) -> Scale:
         return scale_within(names, self.values, self.bounds)
@@ -76,7 +76,7 @@ class PlantSystem:
 class PlantReadings:
     """The readings of a plant's free runs."""
 
-    def __init__(self, model: FreeRunModel) -> None:
+    def __init__(self, model: FreeRun) -> None:
         self._model = model
 
     def run(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike) -> Array:

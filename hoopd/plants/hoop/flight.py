@@ -9,17 +9,18 @@ Rules of this file: when the modes change and what carries over; how each moves 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hoopd.plants.composite import LONGEST_STEP_S, Composite
-from hoopd.plants.effects.base import Point
+from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.free_run import FreeRun
-from hoopd.plants.held_input import mean_torque, node_axis
+from hoopd.plants.held_input import mean_torque
 from hoopd.plants.hoop.flying_plant import FlyingPlant
 
 Array = NDArray[np.float64]
@@ -32,64 +33,63 @@ PRESSED, AHEAD = 5.0, 50
 
 
 class FlightRun(FreeRun):
-    """Free runs with flights; `flights` are the times (s) of the last run's."""
+    """Free runs with flights; `flights` are the times (s) of the last run's. Derivatives are those of a ball that rolls
+    throughout."""
 
-    def __init__(self, composite: Composite) -> None:
-        super().__init__(composite)
-        effect = next(one for one in composite.effects if one.flight is not None)
+    def __init__(
+        self,
+        plant: Plant,
+        effects: Sequence[Effect],
+        free: Sequence[str] = (),
+        *,
+        values: Mapping[str, float] | None = None,
+        step_s: float | None = None,
+    ) -> None:
+        super().__init__(plant, effects, free, values=values, step_s=step_s)
+        effect = next(one for one in effects if one.flight is not None)
         assert effect.flight is not None
-        own = composite.declared
-        self._flying: FlyingPlant = effect.flight(own)
-        kept = [one for one in composite.effects if one.name not in self._flying.through_contact]
-        self._rolling = Composite(own, composite.effects, substeps=1)
-        self._air = Composite(self._flying.plant, kept, substeps=1)
-        self._slip = next((one.key("mu") for one in composite.effects if one.name.endswith(".slip")), None)
+        self._flying: FlyingPlant = effect.flight(plant)
+        through = [one for one in effects if one.name not in self._flying.through_contact]
+        self._rolling = Composite(plant, effects, substeps=1)
+        self._air = Composite(self._flying.plant, through, substeps=1)
+        self._slip = next((one.key("mu") for one in effects if one.name.endswith(".slip")), None)
         self._normal, self._off, self._on = self._modes()
         self.flights: list[tuple[float, float]] = []
 
-    def run(self, values: Mapping[str, float], x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None) -> Array:
-        """As `FreeRun.run`; of a flying ball psi is the direction in which it is seen."""
-        t, u, _ = node_axis(t, u)
-        course = _Course(self, values, self._start(np.asarray(x0, float), u))
+    def _run(
+        self, values: dict[str, float], x0: Array, nodes: Array, t: Array, u: Array, derivatives: bool
+    ) -> tuple[Array, Array]:
+        """As of any free run; of a flying ball psi is the direction in which it is seen."""
+        if derivatives:
+            return super()._run(values, x0, nodes, t, u, derivatives)
+        course = _Course(self, values, self._start(x0, u))
         rows = [course.seen()]
-        while len(rows) < len(t):
-            safe = rows[:0] if course.flies else list(self._safely_on(values, course.z, t, u, len(rows) - 1))
+        while len(rows) < len(nodes):
+            safe = rows[:0] if course.flies else list(self._safely_on(values, course.z, nodes[len(rows) - 1 :], t, u))
             if safe:
                 rows.extend(safe)
                 course.z = safe[-1]
             else:
-                self._node_by_node(course, values, t, u, len(rows) - 1)
+                self._node_by_node(course, values, nodes[len(rows) - 1 : len(rows) + 1], t, u)
                 rows.append(course.seen())
-        self.flights = course.flights(t[-1])
-        return np.array(rows)
+        self.flights = course.flights(nodes[-1])
+        return np.array(rows), np.zeros((len(nodes), self.composite.nz, 0))
 
-    def _safely_on(self, values: Mapping[str, float], z: Array, t: Array, u: Array, k: int) -> Array:
-        """States after node k, as far as the ball is pressed on the hoop well."""
-        ahead = self._forward(values, z, t, u, slice(k, k + AHEAD + 1))
+    def _safely_on(self, values: Mapping[str, float], z: Array, nodes: Array, t: Array, u: Array) -> Array:
+        """States after the first of the nodes, as far as the ball is pressed on the hoop well."""
+        ahead = self._forward(values, z, nodes[: AHEAD + 1], t, u)
         p = self._rolling.vector(values)
         normal = np.asarray(self._normal(ahead.T, p)).ravel()
         loose = np.flatnonzero(~(normal > PRESSED * p[self._rolling.names.index("mb")]))
         return ahead[1 : loose[0] if loose.size else None]
 
-    def _node_by_node(self, course: _Course, values: Mapping[str, float], t: Array, u: Array, k: int) -> None:
-        """Takes the course from node k to the next in small steps."""
-        edges = np.linspace(t[k], t[k + 1], 1 + SUBSTEPS * int(np.ceil((t[k + 1] - t[k]) / LONGEST_STEP_S - 1e-9)))
-        for j, torque in enumerate(mean_torque(edges, t, u, self._composite.delay_s(values))):
+    def _node_by_node(self, course: _Course, values: Mapping[str, float], nodes: Array, t: Array, u: Array) -> None:
+        """Takes the course from one node to the next in small steps."""
+        edges = np.linspace(
+            nodes[0], nodes[1], 1 + SUBSTEPS * int(np.ceil((nodes[1] - nodes[0]) / LONGEST_STEP_S - 1e-9))
+        )
+        for j, torque in enumerate(mean_torque(edges, t, u[:, 0], self.composite.delay_s(values))):
             course.step(float(torque), edges[j + 1] - edges[j], edges[j])
-
-    def _between(self, when: Array, values: Mapping[str, float], p: Array, t: Array, u: Array, z: Array) -> Array:
-        """States between the nodes: cubics through angles and rates, straight lines of what else there is."""
-        k = np.clip(np.searchsorted(t, when, side="right") - 1, 0, len(t) - 2)
-        h = (t[k + 1] - t[k])[:, None]
-        s = np.clip((when - t[k])[:, None] / h, 0.0, 1.0)
-        found = z[k] + s * (z[k + 1] - z[k])
-        q = np.arange(0, self._composite.nx, 2)
-        a, b, da, db = z[k][:, q], z[k + 1][:, q], z[k][:, q + 1] * h, z[k + 1][:, q + 1] * h
-        # Hermite: q = a + s da + s^2 (3 (b-a) - 2 da - db) + s^3 (2 (a-b) + da + db)
-        two, three = 3 * (b - a) - 2 * da - db, 2 * (a - b) + da + db
-        found[:, q] = a + s * (da + s * (two + s * three))
-        found[:, q + 1] = (da + s * (2 * two + 3 * s * three)) / h
-        return found
 
     # ------------------------------------------------------------------------------------------ change of mode
 

@@ -1,9 +1,9 @@
-"""Free runs of the hoop with its ball, with or without effects: `FreeRunModel` with the four states of the hoop.
+"""Free runs of the hoop with its ball, with or without effects: `FreeRun` with the four states of the hoop.
 
 What comes back of a plant with effects are readings: theta, dtheta and psi as the sensors give them (late, wrong,
 lagging), and dpsi as it is.
 
-Rules of this file: `free_run_model` simulates; the torque is held between two nodes. One object belongs to one thread.
+Rules of this file: `free_run` simulates; the torque is held between two nodes. One object belongs to one thread.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.plants.composite import Composite
 from hoopd.plants.found_effects import FoundEffects
-from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.free_run import FreeRun
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
@@ -58,8 +58,7 @@ class HoopModel:
         self.structure, self.values, self.free = structure, dict(values), tuple(free)
         # the base's own numbers, also where the effects were found on others
         known = {**(effects.values if effects else {}), **values}
-        steps = None if effects else 1
-        self._model = FreeRunModel(plant, found, free, values=known, step_s=step_s, substeps=steps)
+        self._model = FreeRun(plant, found, free, values=known, step_s=step_s)
         self.step_s, self._read = self._model.step_s, bool(effects)
         # where a state of the hoop stands among the plant's own, and where a reading takes its place
         moved = self.composite.plant

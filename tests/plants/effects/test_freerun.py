@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from harness.effectcases import VALUES, composite, sizes, two_level
 
-from hoopd.plants.free_run import FreeRun, readings, run
+from hoopd.plants.free_run import readings, run
 from hoopd.plants.held_input import mean_torque
 from hoopd.plants.hoop.simulate import HoopModel
 
@@ -33,17 +33,6 @@ def test_more_nodes_change_nothing() -> None:
     assert np.abs(coarse - fine[::4])[:, [0, 2]].max() < 3e-4
 
 
-def test_only_the_nodes_asked_for_are_read() -> None:
-    t, u = two_level(1.0)
-    for name in ("camera.latency", "camera.angle_offset"):
-        c, values = composite("rolling", name), sizes(name)
-        free = FreeRun(c)
-        z = free.run(values, X0, t, u)
-        every, some = free.readings(values, t, u, z), free.readings(values, t, u, z, {"psi": [3, 40], "theta": []})
-        assert np.array_equal(some["psi"], every["psi"][[3, 40]])
-        assert len(some["theta"]) == 0
-
-
 def test_a_run_goes_on_from_a_whole_state() -> None:
     names = ("actuator.lag", "encoder.speed_lag")
     c, values, (t, u) = composite("entries", *names), sizes(*names), two_level(1.0)
@@ -57,7 +46,7 @@ def test_the_first_readings_of_a_late_sensor_are_those_before_the_start() -> Non
     c, values = composite("rolling", *names), {f"{name}.d": 0.05 for name in names}
     t, u = two_level(1.0)
     whole = run(composite("rolling"), {}, X0, np.arange(-10, 51) * 0.01, np.full(60, u[0]))
-    y = readings(c, values, t, u, run(c, values, whole[10], t, u))
+    y = readings(c, values, whole[10], t, u)
     for channel, index in (("theta", 0), ("dtheta", 1), ("psi", 2)):
         # at 0, 0.02 and 0.04 s: the states of -0.05, -0.03 and -0.01 s
         assert y[channel][:3] == pytest.approx(whole[[5, 7, 9], index], abs=1e-5)

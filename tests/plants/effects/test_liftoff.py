@@ -40,8 +40,9 @@ def test_a_ball_that_stays_on_the_hoop_is_untouched() -> None:
 @pytest.mark.parametrize("structure", ["rolling", "published", "entries"])
 def test_it_leaves_where_the_normal_force_ends_and_flies_a_parabola(structure: str) -> None:
     t, u = axis(0.002)
-    free = FlightRun(composite(structure, "ball.lift_off"))
-    x = free.run({}, X0, t, u)
+    c = composite(structure, "ball.lift_off")
+    free = FlightRun(c.declared, c.effects)
+    x = free.run([], X0, t, u).states
     begin, end = free.flights[0]
     at = int(np.ceil(begin / 0.002 - 1e-6))
     # the contact's force is positive a step before
@@ -64,9 +65,10 @@ def test_it_leaves_where_the_normal_force_ends_and_flies_a_parabola(structure: s
 
 
 def test_the_impact_keeps_the_angular_momentum_about_the_axis_and_takes_energy() -> None:
-    free = FlightRun(composite("rolling", "ball.lift_off", bb=0.0, bh=0.0))
+    c = composite("rolling", "ball.lift_off", bb=0.0, bh=0.0)
+    free = FlightRun(c.declared, c.effects)
     t, u = axis(0.001)
-    x = free.run({}, X0, t, u)
+    x = free.run([], X0, t, u).states
     begin, end = free.flights[0]
     before, after, leave = int(end / 0.001), int(end / 0.001) + 1, round(begin / 0.001)
     # in the air hoop and spin keep their rates
@@ -98,7 +100,7 @@ def test_the_hoop_and_the_sensors_go_on_in_the_air() -> None:
     }
     c, (t, u) = composite("rolling", *names), axis()
     z = run(c, values, X0, t, u)
-    y = readings(c, values, t, u, z)
+    y = readings(c, values, X0, t, u)
     assert y["psi"][1:] == pytest.approx(z[:-1, 2], abs=1e-6)
     assert np.abs(y["dtheta"] - z[:, 1]).max() > 0.1
     alone = run(composite("rolling", *names), {**values, "hoop.coulomb_friction.Fc": 0.0}, X0, t, u)

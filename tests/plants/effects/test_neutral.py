@@ -9,7 +9,7 @@ import pytest
 from harness.effectcases import NAMES, SIZES, composite, effects, sizes, two_level
 
 from hoopd.plants.composite import BACK_STEPS, Composite
-from hoopd.plants.free_run import FreeRun
+from hoopd.plants.free_run import readings, run
 
 # What only says where, how fast or how often: without its amplitude it changes nothing.
 SHAPES = {name: {p.key(q.name): SIZES[name][q.name] for q in p.parameters if q.role != "amplitude"} for name in NAMES
@@ -50,10 +50,10 @@ def test_neutral_free_runs_are_the_base_s() -> None:
     t, u = two_level(0.6)
     names = [name for name in NAMES if name != "ball.slip"]
     whole, base = composite("entries", *names), composite("entries", substeps=10)
-    (one, two), x0 = (FreeRun(whole), FreeRun(base)), np.array([0.0, 0.0, 0.3, 0.0])
-    z, z_base = one.run({}, x0, t, u), two.run({}, x0, t, u)
+    x0 = np.array([0.0, 0.0, 0.3, 0.0])
+    z, z_base = run(whole, {}, x0, t, u), run(base, {}, x0, t, u)
     assert np.array_equal(z[:, :4], z_base)
-    seen, seen_base = one.readings({}, t, u, z), two.readings({}, t, u, z_base)
+    seen, seen_base = readings(whole, {}, x0, t, u), readings(base, {}, x0, t, u)
     assert all(np.array_equal(seen[c], seen_base[c]) for c in ("theta", "dtheta", "psi"))
 
 

@@ -10,14 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
-from hoopd.plants import free_run_model
+from hoopd.plants import free_run
 from hoopd.plants.declaration import Channel, Input, Plant
 from hoopd.plants.effects.library import library
 from hoopd.plants.fits import plant_fit
 from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.plant_fit import METHODS, PlantFit, fit_plant
 from hoopd.plants.fits.plant_runs import PlantSystem
-from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.free_run import FreeRun
 from hoopd.plants.registry import plant_named
 from hoopd.recording.recording import Recording, Signal, from_signals
 from tests.shared import shared_path
@@ -30,7 +30,7 @@ def made(
 ) -> Recording:
     """What the sensors of a plant with other numbers would have shown."""
     held = np.column_stack([*u.values()])[:-1] if u else np.zeros((len(t) - 1, 0))
-    readings = FreeRunModel(plant, values=true).run([], x0, t, held).readings
+    readings = FreeRun(plant, values=true).run([], x0, t, held).readings
     y = readings + noise * np.random.default_rng(seed).normal(size=readings.shape)
     return from_signals(t, u, {name: y[:, i] for i, name in enumerate(plant.channels)}, source="made")
 
@@ -49,7 +49,7 @@ def steps(t: Array, size: float, every: int, seed: int = 1) -> Array:
     return np.repeat(draws, every)[: len(t)]
 
 
-@pytest.mark.parametrize("module", [plant_fit, free_run_model])
+@pytest.mark.parametrize("module", [plant_fit, free_run])
 def test_the_examples_hold(module: object) -> None:
     assert doctest.testmod(module).failed == 0  # type: ignore[arg-type]
 
@@ -135,7 +135,7 @@ def test_channels_are_compared_at_times_of_their_own() -> None:
     force = steps(t, 60.0, 20)
     nodes = np.sort(np.concatenate([t, late[1:]]))
     held = force[np.clip(np.searchsorted(t, nodes[:-1] + 1e-9, side="right") - 1, 0, None)]
-    x = FreeRunModel(plant, values=true).run([], [0.0, 0.0], nodes, held).readings[:, 0]
+    x = FreeRun(plant, values=true).run([], [0.0, 0.0], nodes, held).readings[:, 0]
     seen = x[np.searchsorted(nodes, np.clip(late, 0.0, None) - 1e-9)] + 1e-6 * np.random.default_rng(5).normal(
         size=len(t)
     )
@@ -150,7 +150,7 @@ def test_an_effect_of_the_library_is_fitted_along() -> None:
     true = {"M": 80.0, "Fv": 300.0, "offset": 5.0, f"{name}.Fc": 8.0}
     values = {**true}
     force = steps(t, 60.0, 150)
-    x = FreeRunModel(plant, [effect], values=values).run([], [0.0, 0.0], t, force[:-1]).readings[:, 0]
+    x = FreeRun(plant, [effect], values=values).run([], [0.0, 0.0], t, force[:-1]).readings[:, 0]
     run = from_signals(t, {"F": force}, {"x": x + 2e-6 * np.random.default_rng(7).normal(size=len(t))}, source="dry")
     found = fit_plant(plant, run, (*plant.free, f"{name}.Fc"), effects=[effect], values={f"{name}.Fc": 2.0})
     assert found.values[f"{name}.Fc"] == pytest.approx(8.0, abs=0.5)
