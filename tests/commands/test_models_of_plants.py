@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hoopd.plants.free_run_model import FreeRunModel
+from hoopd.plants.free_run import FreeRun
 from hoopd.plants.plant_model import load_plant_model
 from hoopd.plants.registry import plant_named
 from tests.commands.test_plant import hoopd
@@ -144,7 +144,7 @@ def test_what_cannot_be_used_is_one_line(words: tuple[str, ...], said: str) -> N
 def test_only_the_channels_that_are_asked_for_are_compared(tmp_path: Path) -> None:
     t = np.arange(0.0, 600.0, 1.0)
     q = 5e-5 + 2e-5 * np.sign(np.sin(t / 40.0))
-    levels = FreeRunModel(plant_named("tanks"), values={"a1": 2.7e-5}).run([], [0.2, 0.2], t, q[:-1]).readings
+    levels = FreeRun(plant_named("tanks"), values={"a1": 2.7e-5}).run([], [0.2, 0.2], t, q[:-1]).readings
     levels[:, 1] += 0.05 * np.sin(t / 9.0)  # the lower tank's sensor is broken
     table = np.column_stack([t, q, levels + 1e-4 * np.random.default_rng(1).normal(size=levels.shape)])
     np.savetxt(tmp_path / "tanks.csv", table, delimiter=",", header="t,q,h1,h2", comments="")
