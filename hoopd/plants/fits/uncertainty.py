@@ -103,7 +103,7 @@ def autocorrelation(runs: Sequence[Array]) -> Array:
     """
     n = sum(len(e) for e in runs)
     most = min(MOST_LAGS, n // 10, max(len(e) for e in runs) - 1)
-    r = np.array([sum(float(e[lag:] @ e[: len(e) - lag]) for e in runs) for lag in range(most + 1)])
+    r = np.array([sum(float(e[lag:] @ e[: max(len(e) - lag, 0)]) for e in runs) for lag in range(most + 1)])
     if most < 1 or r[0] <= 0.0:
         return np.ones(1)
     r = r / r[0]

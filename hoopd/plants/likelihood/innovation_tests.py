@@ -73,7 +73,10 @@ def prediction_uncertainty(solution: PredictionSolution) -> PredictionUncertaint
 
 
 def whiteness(runs: Sequence[Array]) -> Whiteness:
-    """Ljung-Box test over runs: Q = n (n + 2) sum_k r_k^2 / (n - k)   (Ljung and Box 1978)."""
+    """Ljung-Box test over runs: Q = n (n + 2) sum_k r_k^2 / (n - k)   (Ljung and Box 1978).
+
+    Innovations have no mean under the model, so that none is taken off, as the residuals' test of `ident` does.
+    """
     n = sum(len(e) for e in runs)
     r = np.array([sum(float(e[k:] @ e[: max(len(e) - k, 0)]) for e in runs) for k in range(LAGS + 1)])
     square, r = r[0] / n, r / r[0]

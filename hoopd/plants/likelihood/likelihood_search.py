@@ -1,4 +1,4 @@
-"""The search for the maximum of a likelihood: scipy's trust region and BFGS, told exact gradients and the information.
+"""The search for the maximum of a likelihood: scipy's trust region, then BFGS, told gradients and the information.
 
 The expected information leads to the neighbourhood in a few steps; then, where the innovations are not quite white,
 it only takes a quarter off the distance with each, and BFGS goes on from it: 5 runs instead of 20.
@@ -9,20 +9,21 @@ half the square of a gradient's norm is about the likelihood still to be gained.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from hoopd.plants.fits.output_error import Progress
 from hoopd.plants.likelihood.innovation_likelihood import Evaluation, Likelihood
+from hoopd.plants.likelihood.quasi_newton import SearchEnds, lowest, positive
 
 Array = NDArray[np.float64]
 
 NEAR_GRADIENT = 0.5
-SMALL_GRADIENT = 1e-3
 MOST_STEPS = 60
+# Curvatures of the information below this share of the largest are rounding.
+LEAST_SHARE = 1e-6
+ENDS = SearchEnds(gain=1e-7, steps=MOST_STEPS)
 
 
 class Search:
@@ -32,12 +33,12 @@ class Search:
         self.problem, self.progress, self.evaluations = problem, progress, 0
         self._cache: tuple[bytes, Evaluation] | None = None
 
-    def minimum(self, v: Array) -> tuple[Array, Any]:
-        """Search vector at the maximum of the likelihood, and scipy's verdict."""
+    def minimum(self, v: Array) -> tuple[Array, bool]:
+        """Search vector at the maximum of the likelihood, and whether the search ended by its rules."""
         noise = np.arange(self.problem.m, self.problem.size)
         # wrong parameters first show as large noise, under which all of them can then be told
-        v, _ = self._scoring(v, noise, 10 * NEAR_GRADIENT)
-        v, _ = self._scoring(v, np.arange(self.problem.size), NEAR_GRADIENT)
+        v = self._scoring(v, noise, 10 * NEAR_GRADIENT)
+        v = self._scoring(v, np.arange(self.problem.size), NEAR_GRADIENT)
         return self._quasi_newton(v)
 
     def at(self, v: Array) -> Evaluation:
@@ -48,7 +49,7 @@ class Search:
             self.evaluations += 1
         return self._cache[1]
 
-    def _scoring(self, v: Array, moved: NDArray[np.int64], small: float) -> tuple[Array, Any]:
+    def _scoring(self, v: Array, moved: NDArray[np.int64], small: float) -> Array:
         """Trust region with the expected information as second derivative, over some of the coordinates."""
         unit = units(self.at(v).information)[moved]
 
@@ -66,35 +67,22 @@ class Search:
             options={"gtol": small, "maxiter": MOST_STEPS, "initial_trust_radius": 30.0, "max_trust_radius": 1e5},
         )
         self.progress(f"scoring: -log likelihood {found.fun:.6g} after {self.evaluations} runs")
-        return point(found.x), found
+        return point(found.x)
 
-    def _quasi_newton(self, v: Array) -> tuple[Array, Any]:
+    def _quasi_newton(self, v: Array) -> tuple[Array, bool]:
         """BFGS that begins with the information as second derivatives."""
         information = self.at(v).information
         unit = units(information)
-        start = positive_inverse(unit[:, None] * information * unit)
 
-        def both(y: Array) -> tuple[float, Array]:
+        def evaluate(y: Array) -> tuple[float, Array]:
             self.evaluations += 1
             found = self.problem.with_gradient(v + unit * y)
             return found.value, unit * found.gradient
 
-        found = minimize(
-            both,
-            np.zeros(len(v)),
-            jac=True,
-            method="BFGS",
-            options={"gtol": SMALL_GRADIENT, "maxiter": MOST_STEPS, "hess_inv0": start},
-        )
-        self.progress(f"BFGS: -log likelihood {found.fun:.6g} after {self.evaluations} runs")
-        return v + unit * found.x, found
-
-
-def positive_inverse(matrix: Array) -> Array:
-    """Inverse of a symmetric matrix with curvatures made positive and not too small."""
-    values, vectors = np.linalg.eigh(matrix)
-    inverse = (vectors / np.maximum(np.abs(values), 1e-6 * np.abs(values).max())) @ vectors.T
-    return np.asarray((inverse + inverse.T) / 2)
+        curvature = positive(unit[:, None] * information * unit, LEAST_SHARE)
+        found = lowest(evaluate, np.zeros(len(v)), curvature, ends=ENDS)
+        self.progress(f"BFGS: -log likelihood {found.value:.6g} after {self.evaluations} runs")
+        return v + unit * found.v, found.converged
 
 
 def units(information: Array) -> Array:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.noise_levels import Criterion
+from hoopd.plants.likelihood.quasi_newton import SearchEnds, lowest, positive
 from hoopd.plants.likelihood.reference_track import Track
 
 Array = NDArray[np.float64]
@@ -21,9 +22,9 @@ FORCE_FACTOR, READING_FACTOR = 300.0, (0.4, 30.0)
 TIMES_S = (0.03, 1.0)
 # The search ends when a step gains less than this, in nats: what a fit compares is some nats.
 LAST_GAIN = 0.003
-MOST_STEPS, MOST_HALVINGS = 40, 8
 # No level changes by more than this factor (its logarithm) in one step.
 LONGEST_STEP = 2.0
+ENDS = SearchEnds(LAST_GAIN, steps=40, longest=LONGEST_STEP)
 DIFFERENCE, LEAST_CURVATURE = 1e-4, 1.0
 FIRST_TIME_S = 0.15
 # First guess of a disturbance: so many rad/s^2 (m/s^2) on every coordinate.
@@ -43,10 +44,9 @@ def tuned(criteria: Sequence[Criterion], start: Noise, first: Noise, *, near: bo
     begin = np.clip(np.log(np.concatenate(start)), low, high)
     curvature = _curvature(parts, begin)
     if not near:
-        begin, curvature = _lowest(parts, begin, curvature, (low, high))
+        begin = _lowest(parts, begin, curvature, (low, high))
         curvature = _curvature(parts, begin)
-    best, _ = _lowest(criteria, begin, curvature / share, (low, high))
-    return _levels(best, nq)
+    return _levels(_lowest(criteria, begin, curvature / share, (low, high)), nq)
 
 
 def _levels(v: Array, nq: int) -> Noise:
@@ -65,48 +65,12 @@ def _curvature(criteria: Sequence[Criterion], v: Array) -> Array:
     """Second derivatives by differences of the gradient, made positive."""
     here = _total(criteria, v)[1]
     rows = np.array([_total(criteria, v + step)[1] - here for step in DIFFERENCE * np.eye(len(v))]) / DIFFERENCE
-    size, axes = np.linalg.eigh((rows + rows.T) / 2)
-    size = np.maximum(np.abs(size), LEAST_CURVATURE)
-    return np.asarray(axes * size @ axes.T)
+    return positive((rows + rows.T) / 2, least=LEAST_CURVATURE)
 
 
-def _lowest(
-    criteria: Sequence[Criterion], v: Array, curvature: Array, bounds: tuple[Array, Array]
-) -> tuple[Array, Array]:
-    """Quasi-Newton (BFGS) steps within bounds: where the total is lowest, and its curvature there."""
-    value, slope = _total(criteria, v)
-    for _ in range(MOST_STEPS):
-        step = _step(v, slope, curvature, bounds)
-        if -slope @ step / 2 < LAST_GAIN:
-            break
-        for _ in range(MOST_HALVINGS):
-            new_value, new_slope = _total(criteria, v + step)
-            if new_value < value:
-                break
-            step = step / 2
-        else:
-            break
-        curvature = _updated(curvature, step, new_slope - slope)
-        v, value, slope = v + step, new_value, new_slope
-    return v, curvature
-
-
-def _step(v: Array, slope: Array, curvature: Array, bounds: tuple[Array, Array]) -> Array:
-    """Newton's step of what is not held by a bound, no longer than LONGEST_STEP."""
-    low, high = bounds
-    free = ~(((v <= low) & (slope > 0)) | ((v >= high) & (slope < 0)))
-    step = np.zeros_like(v)
-    step[free] = -np.linalg.solve(curvature[np.ix_(free, free)], slope[free])
-    step *= min(1.0, LONGEST_STEP / max(float(np.max(np.abs(step))), 1e-300))
-    return np.asarray(np.clip(v + step, low, high) - v)
-
-
-def _updated(b: Array, s: Array, y: Array) -> Array:
-    """BFGS; b stays as it is where the curvature along the step is not positive."""
-    bs = b @ s
-    if s @ y <= 1e-3 * (s @ bs):
-        return b
-    return np.asarray(b - np.outer(bs, bs) / (s @ bs) + np.outer(y, y) / (s @ y))
+def _lowest(criteria: Sequence[Criterion], v: Array, curvature: Array, bounds: tuple[Array, Array]) -> Array:
+    """Where the total is lowest."""
+    return lowest(lambda levels: _total(criteria, levels), v, curvature, ends=ENDS, bounds=bounds).v
 
 
 # ---------------------------------------------------------------------------------------------- first guess

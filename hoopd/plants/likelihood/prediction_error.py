@@ -76,10 +76,10 @@ def fit_prediction_error(
     for stage in dict.fromkeys(("linear", loss)):
         problem = Likelihood(system, names, runs, noise, priors=priors, loss=stage)
         search = Search(problem, progress)
-        v, found = search.minimum(v if len(v) else problem.first(starts))
+        v, converged = search.minimum(v if len(v) else problem.first(starts))
         evaluations += search.evaluations
     v, gains = _without_idle_noise(problem, v)
-    return _solution(problem, v, gains, system.values, priors, evaluations, bool(found.success))
+    return _solution(problem, v, gains, system.values, priors, evaluations, converged)
 
 
 def _without_idle_noise(problem: Likelihood, v: Array) -> tuple[Array, dict[str, float]]:

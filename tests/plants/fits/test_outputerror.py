@@ -266,6 +266,14 @@ def test_white_residuals_have_no_memory_and_an_autoregression_has_its_own() -> N
     assert r[:4] == pytest.approx(0.8 ** np.arange(4), abs=0.05)
 
 
+def test_a_run_shorter_than_the_memory_of_the_residuals_has_no_pairs_at_longer_lags() -> None:
+    """The last window of a recording is as short as it happens to be."""
+    e = np.random.default_rng(2).normal(size=2000)
+    e[1:] += 0.9 * e[:-1]
+    r = autocorrelation([e, np.ones(7)])
+    assert len(r) > 1 and np.isfinite(r).all()
+
+
 def test_white_residuals_are_taken_for_coloured_in_few_of_many_runs() -> None:
     rng = np.random.default_rng(3)
     alarms = sum(len(autocorrelation([rng.normal(size=1000)])) > 1 for _ in range(300))
