@@ -14,6 +14,7 @@ from concealed.coverage import covered, oracle_shares, relative_errors
 from concealed.effects import SINGLES
 from concealed.judged import Judged
 from concealed.naming import names, set_f1
+from concealed.outside import judge
 from concealed.proportions import rate
 
 BINS = (25.0, 50.0, 100.0, 200.0, 400.0)  # nats
@@ -144,6 +145,7 @@ def summary(
         "by_effect": by_effect(cases),
         "by_unknown": by_effect(cases, "unknown"),
         "by_left_out": by_effect(cases, "left_out"),
+        "outside": judge.summary(cases),
         "seconds": {
             "median": median(seconds) if seconds else None,
             "largest": seconds[-1] if seconds else None,

@@ -41,6 +41,23 @@ TITLES: Mapping[str, str] = {
     "failed": "no diagnosis",
 }
 
+# Physics outside the library.
+OUTSIDE: Mapping[str, str] = {
+    "found": "declared unknown or given a formula, at the right slot",
+    "found_tellable": "the same, where the nearest name of the library leaves 10 nats or more",
+    "found_memory": "the same, mechanisms with memory",
+    "found_anywhere": "declared unknown or given a formula, at any slot",
+    "formula": "given a formula, at the right slot",
+    "kept": "80 % of the oracle's held-out gain kept, where it gains over 1 point",
+    "sure_wrong": "a name of the library said with more than 50 %, or without a probability",
+    "sure_wrong_tellable": "the same, where the nearest name of the library leaves 10 nats or more",
+    "named": "a name of the library said at all",
+    "silent": "called consistent, or parameters",
+    "worse": "worse on held-out data than the re-fitted base, where something was named",
+    "without_probability": "findings without a probability",
+    "failed": "no diagnosis",
+}
+
 
 def percent(found: Mapping[str, Any]) -> str:
     """`93 % (28/30, 78-99)`, or a dash."""
@@ -66,6 +83,8 @@ def markdown(result: Mapping[str, Any], head: str) -> str:
         parts.append(_effects(result["by_unknown"], "Effects outside the library"))
     if result["by_left_out"]:
         parts.append(_effects(result["by_left_out"], "Effects left out of the library"))
+    if result["outside"]["n"]:
+        parts += _outside(result["outside"])
     return "\n\n".join(parts) + "\n"
 
 
@@ -124,6 +143,29 @@ def _effects(rows: list[dict[str, Any]], title: str) -> str:
             for row in rows
         ],
     )  # fmt: skip
+
+
+def _outside(found: Mapping[str, Any]) -> list[str]:
+    """Tables of the family outside the library."""
+    rows = [[title, percent(found["rates"][key])] for key, title in OUTSIDE.items() if found["rates"][key]["n"]]
+    rows.append(["share of the oracle's held-out gain, median", _number(found["share"]["median"])])
+    nats = [
+        [row["nats"], *(percent(row[key]) for key in ("found", "sure_wrong", "silent"))] for row in found["by_nats"]
+    ]
+    header = ["Outside the library", "slot", "memory", "n", "found", "formula", "sure and wrong", "silent",
+              "median nats", "left by the nearest name", "oracle gains", "gained", "said"]  # fmt: skip
+    kinds = [
+        [row["kind"].removeprefix("outside."), row["slot"], "yes" if row["memory"] else "",
+         *(str(row[key]) for key in ("n", "found", "formula", "sure_wrong", "silent")),
+         *(_number(row[key]) for key in ("median_nats", "median_left", "median_oracle_gain", "median_gain")),
+         ", ".join(row["said"])]
+        for row in found["by_kind"]
+    ]  # fmt: skip
+    return [
+        _table(["Outside the library", "hoopd diagnose"], rows),
+        _table(["nats", "found at its slot", "sure and wrong", "silent"], nats),
+        _table(header, kinds),
+    ]
 
 
 def calibration_markdown(found: Mapping[str, Any], head: str) -> str:

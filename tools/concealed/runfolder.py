@@ -113,6 +113,11 @@ class RunFolder:
         """What is hidden in it."""
         return dict(json.loads((self.path / "answers" / f"{identifier}.json").read_text(encoding="utf-8")))
 
+    def signals(self, identifier: str) -> dict[str, bytes]:
+        """What a mechanism outside the library did in each recording of a case; nothing of other families."""
+        folder = self.path / "answers" / "signals" / identifier
+        return {path.name: path.read_bytes() for path in sorted(folder.iterdir())} if folder.exists() else {}
+
     def has(self, kind: str, identifier: str) -> bool:
         """Has this been said of the case already?"""
         return (self.path / kind / f"{identifier}.json").exists()

@@ -26,6 +26,7 @@ from concealed.cases import make
 from concealed.judged import Judged
 from concealed.metrics import summary
 from concealed.oracle import NoOracleError, oracle
+from concealed.outside.oracle import oracle as told_the_truth
 from concealed.runfolder import RunFolder
 from concealed.seeds import is_tuning
 from concealed.version import version
@@ -148,12 +149,14 @@ def _each(
 
 
 def _ask_oracle(folder: RunFolder, client: Client, console: Console) -> None:
-    """The oracle's fits of singles and compounds; says so when this hoopd has none."""
+    """The oracles' fits of singles, compounds and what is outside the library; says so when this hoopd has none."""
     jobs: list[Job] = []
     for name in folder.identifiers():
         answer = folder.answer(name)
         if answer["family"] in ("single", "compound") and not folder.has(ORACLES, name):
             jobs.append((oracle, (folder.files(name), [effect["name"] for effect in answer["effects"]]), name))
+        if answer["family"] == "outside" and not folder.has(ORACLES, name):
+            jobs.append((told_the_truth, (folder.files(name), folder.signals(name), answer), name))
     try:
         with _progress(console) as progress:
             _each(client, progress, "oracle", jobs, partial(folder.say, ORACLES))

@@ -6,7 +6,7 @@ recorded one, so that lags, delays and the follower have a past. Same columns, s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -254,3 +254,28 @@ def simulate(columns: Columns, substeps: int = SUBSTEPS) -> Trace:
         None if shares is None else shares[WARM:],
         {name: kept[WARM:] for name, kept in remembered.items()},
     )
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Where B free runs begin: rows of samples include the WARM ones before, which are known."""
+
+    began_s: Array  # time of the first row since its recording's (B,)
+    past: Array  # history before and at the first row (WARM PIECES + 1, 4, B); its last row is the initial state
+    memory: Mapping[str, Array]  # what mechanisms remember there (B,)
+    forces: Sequence[tuple[Callable[[Mapping[str, Array], forces.Moment], forces.Force], Mapping[str, Array]]] = ()
+
+
+def free_run(columns: Columns, stretch: Stretch, substeps: int = SUBSTEPS) -> Array:
+    """What sensors without noise say (samples - WARM, 3, B) of devices that are driven by `columns.feed` alone."""
+    run = _Run(columns, substeps, stretch.began_s)
+    run.moment.memory.update({name: state.copy() for name, state in stretch.memory.items()})
+    run.forces.extend(stretch.forces)
+    samples = len(columns.feed)
+    history = np.empty((samples * PIECES + 1, *stretch.past.shape[1:]))
+    history[: WARM * PIECES + 1] = stretch.past
+    clean = [run.seen(history, WARM)]
+    for k in range(WARM, samples - 1):
+        run.sample(k, columns.feed, history)
+        clean.append(run.seen(history, k + 1))
+    return np.stack(clean)

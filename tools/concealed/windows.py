@@ -53,7 +53,7 @@ def fit_base(tables: Sequence[Mapping[str, Array]]) -> Fit:
     for _ in range(ROUNDS):
         fit = Fit(p, x0, u[:, 0], y, there, sigma, int(there.sum()))
         residual, by_state, by_entry, _ = _linear(fit, ())
-        step, states = _solve(residual, by_state, by_entry)
+        step, states = solve(residual, by_state, by_entry)
         p, x0 = p + step, x0 + states.T
         sigma = np.sqrt(((residual * sigma) ** 2).sum((0, 1)) / there.sum((0, 2)))
     return Fit(p, x0, u[:, 0], y, there, sigma, int(there.sum()))
@@ -183,12 +183,12 @@ def _left(r: Array, columns: Array) -> float:
     return float(((r - q @ (q.T @ r)) ** 2).sum())
 
 
-def _solve(residual: Array, by_state: Array, by_entry: Array) -> tuple[Array, Array]:
+def solve(residual: Array, by_state: Array, by_entry: Array) -> tuple[Array, Array]:
     """Gauss-Newton step of the entries (8,) and of the initial states (W, 4)."""
     r, columns = _without_states(residual, by_state, by_entry)
     step = np.linalg.lstsq(columns, r, rcond=None)[0]
     windows = len(residual)
-    rest = residual.reshape(windows, -1) - by_entry.reshape(windows, -1, 8) @ step
+    rest = residual.reshape(windows, -1) - by_entry.reshape(windows, ROWS * 3, len(step)) @ step
     flat = by_state.reshape(windows, -1, 4)
     states = np.stack([np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(flat, rest, strict=True)])
     return step, states
