@@ -54,10 +54,7 @@ def run(options: LinearizeOptions) -> dict[str, Any]:
     inputs = linear.model.plant.inputs
     if options.sample_time_s is not None:
         system = held(system, options.sample_time_s, options.delay_samples * options.sample_time_s)
-    first = control.ss(
-        system.A, system.B[:, :1], system.C, system.D[:, :1], system.dt, states=system.state_labels,
-        inputs=system.input_labels[:1], outputs=system.output_labels, name=system.name,
-    )  # fmt: skip
+    first = first_input(system)
     notes = [f"{name} is not part of the linear model" for name in linear.left_out]
     if len(inputs) > 1:
         notes.append(f"margins, bandwidth and fractions are those of the input {inputs[0].name}")
@@ -80,6 +77,14 @@ def run(options: LinearizeOptions) -> dict[str, Any]:
 def asked_model(plant: str | None, model: Path | None) -> PlantModel:
     """The model of a file, or the plant with its nominal values."""
     return nominal_model(str(plant)) if model is None else load_plant_model(or_shipped(model), plant)
+
+
+def first_input(system: control.StateSpace) -> control.StateSpace:
+    """The same with its first input alone."""
+    return control.ss(
+        system.A, system.B[:, :1], system.C, system.D[:, :1], system.dt, states=system.state_labels,
+        inputs=system.input_labels[:1], outputs=system.output_labels, name=system.name,
+    )  # fmt: skip
 
 
 def linearized(found: PlantModel, at: str, outputs: tuple[str, ...] = ()) -> LinearizedPlant:

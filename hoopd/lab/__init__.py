@@ -19,6 +19,7 @@ from hoopd.lab.linear import Linear, linearize
 from hoopd.lab.loops import ClosedLoop, feedback
 from hoopd.lab.models import Model, model
 from hoopd.lab.pictures import Picture, plot
+from hoopd.lab.plant_controllers import DesignedPlant
 from hoopd.lab.plant_fits import FittedPlant, PlantRun, fit_plant, simulate_plant
 from hoopd.lab.plants import plant
 from hoopd.lab.recordings import daemon, experiment, load
@@ -29,6 +30,7 @@ __all__ = [
     "ClosedLoop",
     "Controller",
     "Design",
+    "DesignedPlant",
     "Diagnosed",
     "Fitted",
     "FittedPlant",

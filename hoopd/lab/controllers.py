@@ -5,7 +5,7 @@ Rules of this file: thin over `hoopd.design`; an unstable design can be looked a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,9 @@ from typing import Any
 
 import msgspec
 
+from hoopd.commands.options.declaration import from_python
+from hoopd.commands.options.design import DesignOptions
+from hoopd.commands.plant_design import designed
 from hoopd.design.arx_law import design_arx
 from hoopd.design.controller_text import controller_data, controller_text
 from hoopd.design.gang_of_four import gang_of_four
@@ -23,8 +26,12 @@ from hoopd.design.poles import Pole, closed_loop_poles, unstable
 from hoopd.files.controller import ControllerFile, load_controller, parse_controller
 from hoopd.files.shipped import defaults_folder, way_to
 from hoopd.files.whole_files import replace_file
-from hoopd.lab.models import Model, as_model, model, shipped
+from hoopd.lab.models import Model, as_model, model_of, shipped
+from hoopd.lab.models import model as load_model
 from hoopd.lab.pictures import Picture
+from hoopd.lab.plant_controllers import DesignedPlant
+from hoopd.plants.declaration import Plant
+from hoopd.plants.plant_model import PlantModel
 from hoopd.plots.loops import draw_gang_of_four
 from hoopd.recording.recording import Recording
 
@@ -117,26 +124,73 @@ class Design(Controller):
         return Picture(draw_gang_of_four({"": gang}, f"Gang of four: {self.name}"))
 
 
-def design(law: str, model: Model | str, *, recording: Recording | None = None, **specification: Any) -> Design:
-    """Design a law for a model.
+def design(
+    law: str,
+    model: Model | PlantModel | Path | str | None = None,
+    *,
+    plant: Plant | str | None = None,
+    at: Mapping[str, float] | None = None,
+    recording: Recording | None = None,
+    omega: float | None = None,
+    mt: float | None = None,
+    phase: float | None = None,
+    zeta: float | None = None,
+    filter_ratio: float | None = None,
+    lead: tuple[float, float] | None = None,
+    ratio: float | None = None,
+    gain: float | None = None,
+    poles: Sequence[complex] | None = None,
+    weights: Weights | Mapping[str, float] | None = None,
+    delay: float | None = None,
+    sample_time: float | None = None,
+    method: str | None = None,
+) -> Design | DesignedPlant:
+    """Design a law for a model of any plant.
 
     Parameters
     ----------
     law : {"lqg", "lqr", "placement", "pid", "pi", "lead", "lag", "arx"}
-        What kind; "arx" wants a recording.
-    model : Model or str
-        The plant, or a model by name or path.
+        What kind; "arx" wants a recording. Of another plant than the hoop "lqg" or "placement".
+    model : Model, str or Path, optional
+        A model, its name or its path; another plant's nominal values unless given.
+    plant : Plant or str, optional
+        A declaration, a registered name or a plant file; the model's unless given.
+    at : mapping of str to float, optional
+        Of another plant: inputs that are held, and states near which to look for the equilibrium.
     recording : Recording, optional
         Goes with the law arx, and only with it.
-    **specification : float, sequence or mapping
-        omega (rad/s), mt (largest |T|), phase (degrees), zeta, filter_ratio, lead (rad/s, N), ratio, gain, poles
-        (rad/s), weights ({"psi": 0.2}: deviations that cost one), delay (age of a picture at its tick, 0.05 s),
-        sample_time (0.02 s).
+    omega : float, optional
+        rad/s at which the loop is shaped, or the link acts.
+    mt : float, optional
+        pid: largest |T|.
+    phase : float, optional
+        Degrees; pid: angle of the touching point; pi: phase margin.
+    zeta : float, optional
+        pi: damping, poles placed instead.
+    filter_ratio : float, optional
+        pid: N of the derivative's filter Td/N; 15 unless given.
+    lead : (float, float), optional
+        pid: lead link in series, rad/s and N.
+    ratio : float, optional
+        lead: N; lag: M; 5 unless given.
+    gain : float, optional
+        lead, lag: N m/rad; 1 unless given.
+    poles : sequence of complex, optional
+        placement: in rad/s, one a state of the law.
+    weights : mapping of str to float, optional
+        lqg, arx: deviations that cost one, {"psi": 0.2, "torque": 0.05}; of another plant its states and inputs.
+    delay : float, optional
+        Age in s of a picture at its tick; 0.05 unless given.
+    sample_time : float, optional
+        Tick in s; 0.02 unless given, of another plant its usual sample time.
+    method : str, optional
+        pid, pi, lead, lag: how the law is sampled; "tustin" unless given.
 
     Returns
     -------
-    Design
-        The law as the daemon loads it, with its linear loop, `numbers`, `margins` and `poles`.
+    Design or DesignedPlant
+        The law as the daemon loads it, with its linear loop, `numbers`, `margins` and `poles`; of another plant as a
+        program of your own loads it, with the plant's own closed loop.
 
     Raises
     ------
@@ -149,7 +203,24 @@ def design(law: str, model: Model | str, *, recording: Recording | None = None, 
     >>> pid = lab.design("pid", "thesis", delay=0.0)
     >>> round(pid.numbers["kp"], 4), round(pid.numbers["peak_complementary"]["value"], 2), pid.stable
     (0.1967, 1.25, True)
+    >>> lab.design("placement", plant="axis", poles=(-20 + 10j, -20 - 10j))
+    DesignedPlant(placement for axis: F from x, every 0.001 s)
     """
+    given: dict[str, Any] = {
+        "omega": omega, "mt": mt, "phase": phase, "zeta": zeta, "filter_ratio": filter_ratio, "lead": lead,
+        "ratio": ratio, "gain": gain, "poles": poles, "weights": weights, "delay": delay, "sample_time": sample_time,
+    }  # fmt: skip
+    specification = {name: value for name, value in given.items() if value is not None}
+    if (other := model_of(plant, model)) is not None:
+        if recording is not None or method is not None:
+            raise ValueError("recording and method are of the hoop's laws")
+        asked = from_python(DesignOptions, law=law, at=at, **specification)
+        return DesignedPlant(designed(other, asked), Path(model) if isinstance(model, Path | str) else None)
+    if at:
+        raise ValueError("at is of other plants: a law of the hoop is for rest at the bottom")
+    if model is None or isinstance(model, PlantModel):
+        raise ValueError("design takes a model, or another plant than the hoop: design('lqg', plant='axis')")
+    specification |= {} if method is None else {"method": method}
     if law not in (*LAWS, "arx"):
         raise ValueError(f"unknown law {law!r}; known: {', '.join((*LAWS, 'arx'))}")
     if (law == "arx") != (recording is not None):
@@ -195,7 +266,7 @@ def controller(name: Path | str) -> Controller:
     path = shipped("controllers", name)
     file = load_controller(path)
     beside = path.parent / file.model
-    return Controller(file, model(beside if beside.exists() else defaults_folder() / file.model), path)
+    return Controller(file, load_model(beside if beside.exists() else defaults_folder() / file.model), path)
 
 
 def as_controller(law: Controller | Path | str) -> Controller:
@@ -206,9 +277,6 @@ def as_controller(law: Controller | Path | str) -> Controller:
 
 
 def _spec(given: Mapping[str, Any]) -> Spec:
-    unknown = [name for name in given if name not in SPEC]
-    if unknown:
-        raise ValueError(f"unknown {', '.join(unknown)}; known: {', '.join(SPEC)}")
     for name, value in given.items():
         if name not in LISTS and not isinstance(value, int | float | None):
             raise ValueError(f"{name} must be a number, not {value!r}")

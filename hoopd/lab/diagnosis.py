@@ -7,22 +7,22 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from hoopd.commands.diagnose import judged_model, searched, write_model
+from hoopd.commands.options.declaration import from_python
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.diagnose.inputs import Source, source_of
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.report.terminal import report_text
 from hoopd.diagnose.run import Outcome
 from hoopd.files.whole_files import replace_file
-from hoopd.lab.models import Model
+from hoopd.lab.models import Model, model_of, shipped
 from hoopd.plants.declaration import Plant
-from hoopd.plants.plant_model import PlantModel, declared_model, hoop_model
+from hoopd.plants.plant_model import PlantModel, hoop_model
 from hoopd.recording import Recording
 
 WIDTH = 100
@@ -78,9 +78,13 @@ def diagnose(
     recordings: Recording | Sequence[Recording],
     *,
     plant: Plant | str | None = None,
-    model: Model | Path | str | None = None,
+    model: Model | PlantModel | Path | str | None = None,
     holdout: Recording | Sequence[Recording] = (),
-    **options: Any,
+    effects: Path | str | None = None,
+    without: Sequence[str] | str = (),
+    seed: int = 0,
+    free_run: bool = True,
+    free_run_choice: bool = False,
 ) -> Diagnosed:
     """Say where recordings and a model differ, name the physics that was left out, prove it on data never fitted.
 
@@ -94,8 +98,16 @@ def diagnose(
         The model that is judged, or its file; the plant's nominal values (of the hoop the thesis's) unless given.
     holdout : Recording or sequence of Recording
         Recordings that prove the gain; the last third of each unless given.
-    **options : object
-        Those of `hoopd diagnose` with _ for -, without=("body.cogging",), free_run=False, seed=1 ...
+    effects : str or Path, optional
+        File with effects of your own beside the library.
+    without : sequence of str
+        Effects that are not to be looked for, ("body.cogging",).
+    seed : int
+        Of everything random in the search.
+    free_run : bool
+        Also refine and compare one run over whole recordings.
+    free_run_choice : bool
+        Look, too, for effects that make that run better (minutes).
 
     Returns
     -------
@@ -105,7 +117,7 @@ def diagnose(
     Raises
     ------
     ValueError
-        No recording, or an option that there is not.
+        No recording.
     InputError
         Nothing to judge a model by.
 
@@ -119,11 +131,16 @@ def diagnose(
     train, held = _several(recordings), _several(holdout)
     if not train:
         raise ValueError("diagnose takes a recording or several: diagnose([lab.load('a.mcap'), lab.load('b.mcap')])")
-    known = set(DiagnoseOptions.__dataclass_fields__) - {"recordings", "holdout", "plant", "model"}
-    if unknown := [name for name in options if name not in known]:
-        raise ValueError(f"unknown {', '.join(unknown)}; known: {', '.join(sorted(known))}")
-    base = _base(plant, model)
-    asked = replace(DiagnoseOptions(recordings=()), **options)
+    base = model_of(plant, model) or (hoop_model(model.file) if isinstance(model, Model) else _hoop(model))
+    asked = from_python(
+        DiagnoseOptions,
+        recordings=(),
+        effects=None if effects is None else Path(effects),
+        without=without,
+        seed=seed,
+        free_run=free_run,
+        free_run_choice=free_run_choice,
+    )
     outcome = searched(_sources(train, base.plant), _sources(held, base.plant, len(train)), base, asked)
     return Diagnosed(outcome, base)
 
@@ -143,11 +160,7 @@ def _sources(recordings: Sequence[Recording], plant: Plant, before: int = 0) -> 
     return [source_of(name, one, plant) for name, one in zip(named, recordings, strict=True)]
 
 
-def _base(plant: Plant | str | None, model: Model | Path | str | None) -> PlantModel:
-    if isinstance(model, Model):
-        return hoop_model(model.file)
-    if isinstance(plant, Plant):
-        if model is not None:
-            raise ValueError("model belongs to a plant by name or file: give one or the other")
-        return declared_model(plant)
-    return judged_model(plant, None if model is None else Path(model))
+def _hoop(model: PlantModel | Path | str | None) -> PlantModel:
+    if isinstance(model, PlantModel):
+        return model
+    return judged_model(None, None if model is None else shipped("models", model))

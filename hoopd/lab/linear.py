@@ -6,34 +6,46 @@ Rules of this file: thin over `hoopd.design`; systems are python-control's.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Unpack
 
 import control
 from numpy.typing import NDArray
 
+from hoopd.commands.options.declaration import from_python
+from hoopd.commands.options.linearize import LinearizeOptions
+from hoopd.commands.plant_linear import first_input, linearized
 from hoopd.design import analysis, margins, visibility
 from hoopd.design.delay import held
+from hoopd.design.linear_plant import Equilibrium
 from hoopd.design.speed import Bandwidth, bandwidth, step_info
 from hoopd.ident import transfer_functions
-from hoopd.lab.models import Model, as_model
+from hoopd.lab.models import Model, as_model, model_of
 from hoopd.lab.pictures import Picture
-from hoopd.plants.hoop.operating_points import OperatingPoint, operating_point
+from hoopd.lab.signatures import with_named_keywords
+from hoopd.plants.declaration import Plant
+from hoopd.plants.hoop.operating_points import HeldBall, OperatingPoint, operating_point, told
+from hoopd.plants.plant_model import PlantModel
 from hoopd.plots.linear import DRAWINGS
 
 
 @dataclass(frozen=True)
 class Linear:
-    """A linear model around an operating point; `.system` is python-control's, for all that it can do."""
+    """A linear model around an operating point; `.system` is python-control's, for all that it can do.
+
+    What is said of one input and one output is said of the first ones.
+    """
 
     system: control.StateSpace
-    point: OperatingPoint
+    point: OperatingPoint | Equilibrium
     name: str
+    notes: tuple[str, ...] = ()  # what the model leaves out
 
     @property
     def transfer_function(self) -> control.TransferFunction:
-        """Torque to the first output, in full."""
+        """The first input to the first output, in full."""
         return transfer_functions.transfer_function(self._first)
 
     @property
@@ -44,12 +56,12 @@ class Linear:
 
     @property
     def zeros(self) -> NDArray[Any]:
-        """Of torque to the first output."""
+        """Of the first input to the first output."""
         return transfer_functions.zeros(self._first)
 
     @property
     def controllability(self) -> visibility.Rank:
-        """What the torque steers."""
+        """What the inputs steer."""
         return visibility.controllability(self.system)
 
     @property
@@ -64,7 +76,7 @@ class Linear:
 
     @property
     def step_info(self) -> dict[str, float] | None:
-        """Of 1 N m; None when it does not settle."""
+        """Of one unit of the input; None when it does not settle."""
         return step_info(self._first)
 
     def margins(self, controller: Any = 1.0, delay: float = 0.0) -> margins.Margins:
@@ -75,45 +87,56 @@ class Linear:
         """overview, bode, nyquist, poles or step."""
         if kind not in DRAWINGS:
             raise ValueError(f"unknown {kind!r}; known: {', '.join(DRAWINGS)}")
-        output = self.system.output_labels[0]
-        return Picture(DRAWINGS[kind](self._first, title=f"{self.name}: {output} / torque"))
+        output, first = self.system.output_labels[0], self.system.input_labels[0]
+        return Picture(DRAWINGS[kind](self._first, title=f"{self.name}: {output} / {first}"))
 
     @property
     def _first(self) -> control.StateSpace:
-        return analysis.channel(self.system, self.system.output_labels[0])
+        return analysis.channel(first_input(self.system), self.system.output_labels[0])
 
 
 # What an operating point of the hoop is told by: where the ball is held, or how fast the hoop turns.
-POINT = ("psi", "hoop_speed")
+POINT = tuple(HeldBall.__annotations__)
+USUAL_OUTPUTS = ("psi",)
 
 
+@with_named_keywords
 def linearize(
-    model: Model | str,
-    outputs: Sequence[str] | str = ("psi",),
+    model: Model | PlantModel | Path | str | None = None,
+    outputs: Sequence[str] | str = (),
     *,
+    plant: Plant | str | None = None,
+    at: Mapping[str, float] | None = None,
     top: bool = False,
     sample_time: float | None = None,
     delay: int = 0,
-    **at: float | None,
+    **point: Unpack[HeldBall],
 ) -> Linear:
-    """Linearise a model about an operating point.
+    """Linearise a model of any plant about an operating point.
 
-    At rest at the bottom, at the `top`, or where `at` says.
+    The hoop is at rest at the bottom, at the `top`, or where `psi` or `hoop_speed` says; another plant where it stays
+    under the inputs of `at`, near its states.
 
     Parameters
     ----------
-    model : Model or str
-        The plant, or a model by name or path.
+    model : Model, str or Path, optional
+        A model, its name or its path; another plant's nominal values unless given.
     outputs : sequence of str
-        Of theta, dtheta, psi, dpsi.
+        Of the hoop theta, dtheta, psi (unless told) and dpsi; of another plant its channels, all unless told.
+    plant : Plant or str, optional
+        A declaration, a registered name or a plant file; the model's unless given.
+    at : mapping of str to float, optional
+        Of another plant: inputs that are held, and states near which to look.
     top : bool
         The ball at the top.
     sample_time : float, optional
-        Step in s over which the torque is held; continuous unless given.
+        Step in s over which the inputs are held; continuous unless given.
     delay : int
-        Samples by which the torque is late.
-    **at : float
-        Of the hoop: `psi`, the angle in rad at which the ball is held, or `hoop_speed`, in rad/s, at which it turns.
+        Samples by which the inputs are late.
+    psi : float, optional
+        Of the hoop: angle in rad at which the ball is held.
+    hoop_speed : float, optional
+        Of the hoop: speed in rad/s at which it turns.
 
     Returns
     -------
@@ -123,31 +146,46 @@ def linearize(
     Raises
     ------
     NoEquilibriumError
-        The plant cannot stay there (a ValueError).
+        The hoop cannot stay there (a ValueError).
     ValueError
-        Arguments that contradict each other.
+        Arguments that contradict each other, and another plant that stays nowhere near.
 
     Examples
     --------
     >>> import hoopd.lab as lab
     >>> [round(float(abs(pole)), 2) for pole in lab.linearize("thesis").poles if pole.imag > 0]
     [8.58]
+    >>> lab.linearize(plant="axis").poles.real.tolist()
+    [0.0, -2.0]
     """
-    if unknown := at.keys() - POINT:
+    if unknown := point.keys() - POINT:
         raise TypeError(f"linearize has no argument {', '.join(sorted(unknown))}; known: {', '.join(POINT)}")
-    angle, speed = (at.get(name) for name in POINT)
-    if top and (angle is not None or speed is not None):
-        raise ValueError("top fixes the ball's angle: give nothing beside it")
+    angle, speed = told(point)
     if delay and sample_time is None:
         raise ValueError("delay counts samples: give sample_time too")
     if sample_time is not None and not (sample_time > 0.0 and math.isfinite(sample_time)):
         raise ValueError(f"sample_time must be a positive time in s, not {sample_time}")
+    if (other := model_of(plant, model)) is not None:
+        if top or angle is not None or speed is not None:
+            raise ValueError(f"top, {', '.join(POINT)} are of the hoop: another plant's operating point is told by at")
+        asked = from_python(LinearizeOptions, outputs=outputs, at=at)
+        found = linearized(other, asked.at, asked.outputs)
+        return Linear(_sampled(found.system, sample_time, delay), found.point, other.name, found.left_out)
+    if at:
+        raise ValueError(f"at is of other plants: top, {', '.join(POINT)} say where the hoop is")
+    if model is None or isinstance(model, PlantModel):
+        raise ValueError("linearize takes a model, or another plant than the hoop: linearize(plant='axis')")
+    if top and (angle is not None or speed is not None):
+        raise ValueError("top fixes the ball's angle: give nothing beside it")
     own = as_model(model)
     limit = own.file.device.torque_limit_nm
     held_at = math.pi if top else angle
-    point = operating_point(own.plant, psi_rad=held_at, dtheta_rad_s=speed, torque_limit_nm=limit)
-    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
-    system = analysis.linear_model(own.plant, point.x, point.u, names)
-    if sample_time is not None:
-        system = held(system, sample_time, delay * sample_time)
-    return Linear(system, point, own.name)
+    here = operating_point(own.plant, psi_rad=held_at, dtheta_rad_s=speed, torque_limit_nm=limit)
+    names = (outputs,) if isinstance(outputs, str) else tuple(outputs) or USUAL_OUTPUTS
+    system = analysis.linear_model(own.plant, here.x, here.u, names)
+    return Linear(_sampled(system, sample_time, delay), here, own.name)
+
+
+def _sampled(system: control.StateSpace, sample_time: float | None, delay: int) -> control.StateSpace:
+    """With the inputs held over a step, and late; as it is without one."""
+    return system if sample_time is None else held(system, sample_time, delay * sample_time)

@@ -11,13 +11,16 @@ from pathlib import Path
 
 import msgspec
 
+from hoopd.commands.plant_inputs import other_model
 from hoopd.files.model import ModelFile, Parameter, model_text
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.whole_files import replace_file
+from hoopd.plants.declaration import Plant
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, parse_model, plant_of
+from hoopd.plants.plant_model import PlantModel, declared_model
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,6 +123,24 @@ def model(name: Path | str) -> Model:
             f"the lab takes models without effects, and this one has {names}: use `hoopd simulate`, `fit`, `design`",
         )
     return Model(file, path)
+
+
+def model_of(plant: Plant | str | None, model: Model | PlantModel | Path | str | None) -> PlantModel | None:
+    """The model of another plant than the hoop that is asked about; None for the hoop. ValueError for a plant that is
+    declared here and a model's file, which names its own."""
+    if isinstance(model, PlantModel | Model):
+        if plant is not None:
+            raise ValueError("a model knows its plant: give one or the other")
+        return None if isinstance(model, Model) or model.is_hoop else model
+    if isinstance(plant, Plant):
+        if model is not None:
+            raise ValueError("model belongs to a plant by name or file: give one or the other")
+        return declared_model(plant)
+    if model is not None and not isinstance(model, Path | str):
+        raise ValueError(f"expected a model, its name or its path, not {model!r}")
+    if plant is not None:
+        return other_model(plant, None if model is None else Path(model))
+    return None if model is None else other_model(None, shipped("models", model))
 
 
 def as_model(given: Model | Path | str) -> Model:

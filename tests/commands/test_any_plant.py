@@ -218,7 +218,7 @@ def test_the_lab_diagnoses_a_recording_in_memory(tmp_path: Path) -> None:
     assert found.effects == {}
     assert "parameters" in repr(found).lower()
     assert load_plant_model(found.save(tmp_path / "found.yaml")).plant.values["J"] == pytest.approx(INERTIA, rel=0.02)
-    with pytest.raises(ValueError, match="unknown colour"):
+    with pytest.raises(TypeError, match="colour"):
         lab.diagnose(swing, plant="pendulum", colour=1)
 
 

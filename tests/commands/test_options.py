@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from dataclasses import MISSING, FrozenInstanceError, dataclass, fields
 from pathlib import Path
 from typing import get_type_hints
@@ -10,9 +12,23 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from hoopd.commands.cli import COMMANDS
-from hoopd.commands.options.declaration import add_command, argument, command_of, names_of, option, option_name
+from hoopd import lab
+from hoopd.commands.cli import COMMANDS, app
+from hoopd.commands.design_options import poles_from
+from hoopd.commands.options.declaration import (
+    add_command,
+    argument,
+    command_of,
+    from_python,
+    names_of,
+    option,
+    option_name,
+    python_names,
+)
+from hoopd.commands.options.design import DesignOptions
+from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.options.fit import FitOptions
+from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.files.reading import InputError
 
 RECORDS = [record for commands in COMMANDS.values() for record, _ in commands]
@@ -38,17 +54,17 @@ def test_every_field_says_what_it_is(record: type) -> None:
 
 def said(*words: str) -> tuple[int, list[Asked]]:
     """Exit code and what the command was handed."""
-    app, heard = typer.Typer(), list[Asked]()
+    line, heard = typer.Typer(), list[Asked]()
 
-    @app.callback()
+    @line.callback()
     def program() -> None:
         """A program of several commands."""
 
     def say(options: Asked) -> None:
         heard.append(options)
 
-    add_command(app, Asked, say, panel="Words")
-    return CliRunner().invoke(app, ["say", *words]).exit_code, heard
+    add_command(line, Asked, say, panel="Words")
+    return CliRunner().invoke(line, ["say", *words]).exit_code, heard
 
 
 def test_a_command_is_handed_its_record() -> None:
@@ -106,3 +122,51 @@ def test_a_record_cannot_be_changed_and_needs_declared_fields() -> None:
         command_of(Bare, print)
     with pytest.raises(TypeError, match="no dataclass"):
         command_of(int, print)
+
+
+# ---------------------------------------------------------------------------------------------- three listings
+
+# What the Python interface has beside the options of the command: a setting of the hoop's laws that no option has.
+BESIDE = {"design": {"method"}}
+IN_PYTHON = {"linearize": LinearizeOptions, "design": DesignOptions, "diagnose": DiagnoseOptions}
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.__name__)
+def test_the_command_line_has_the_options_of_its_record(record: type) -> None:
+    name = next(run.__name__ for commands in COMMANDS.values() for one, run in commands if one is record)
+    command = typer.main.get_command(app).commands[name]  # type: ignore[attr-defined]
+    assert [one.name for one in command.params] == [one.name for one in fields(record)]
+    for one, parameter in zip(fields(record), command.params, strict=True):
+        assert parameter.opts[0] == (one.metadata["names"] or (one.name,))[0].partition("/")[0]
+        assert parameter.help == one.metadata["help"]
+
+
+@pytest.mark.parametrize("name", IN_PYTHON)
+def test_the_python_interface_has_the_options_of_the_record(name: str) -> None:
+    record, signature = IN_PYTHON[name], inspect.signature(getattr(lab, name))
+    names = python_names(record)
+    assert set(signature.parameters) == names.keys() | BESIDE.get(name, set())
+    assert all(one.kind is not inspect.Parameter.VAR_KEYWORD for one in signature.parameters.values())
+    usual = {one.name: one.default for one in fields(record)}
+    for called, parameter in signature.parameters.items():
+        assert parameter.annotation is not inspect.Parameter.empty, called
+        if called in names and parameter.default not in (None, inspect.Parameter.empty):
+            assert parameter.default == usual[names[called]], called
+
+
+def test_arguments_of_python_are_what_the_command_line_would_have_made() -> None:
+    given = from_python(
+        DesignOptions, law="lqg", poles=(-2 + 1j, -2 - 1j), weights={"x": 0.01, "F": 5.0}, at={"F": 0.5}
+    )
+    assert poles_from(given.poles) == (-2 + 1j, -2 - 1j)
+    assert (given.weights, given.at, given.filter_ratio) == (("x=0.01", "F=5.0"), "F=0.5", 15.0)
+    assert from_python(LinearizeOptions, outputs="x").outputs == ("x",)
+    assert from_python(DesignOptions, law="pid", lead=[3.0, 5.0]).lead == (3.0, 5.0)
+    with pytest.raises(KeyError):
+        from_python(DesignOptions, law="pid", out="law.yaml")
+
+
+@pytest.mark.parametrize("name", IN_PYTHON)
+def test_the_pages_tell_the_options_of_the_record(name: str) -> None:
+    told = inspect.getdoc(getattr(lab, name)) or ""
+    assert [one for one in python_names(IN_PYTHON[name]) if not re.search(rf"^{one} : ", told, re.MULTILINE)] == []

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hoopd import lab
 from hoopd.design.plant_loop import StateFeedback
 from hoopd.files.plant_controller import load_plant_controller
 from hoopd.plants.numeric_plant import NumericPlant
@@ -102,6 +104,27 @@ def test_the_daemon_refuses_it_in_one_line(folder: Path) -> None:
     code, _, error = hoopd("--sim", "--duration", "0.1", "--set", "control.file=law.yaml")
     assert (code, error.count("\n")) == (2, 1)
     assert "law.yaml: plant: a controller of 'axis': the daemon runs the hoop alone" in error
+
+
+def test_the_python_interface_designs_linearizes_and_saves_the_same(folder: Path) -> None:
+    result("placement", "--model", "dry.yaml", "--poles=-20+10j,-20-10j", "--out", "law.yaml")
+    made = lab.design("placement", "dry.yaml", poles=(-20 + 10j, -20 - 10j))
+    assert (
+        isinstance(made, lab.DesignedPlant)
+        and repr(made) == "DesignedPlant(placement for dry: F from x, every 0.001 s)"
+    )
+    made.save(folder / "again.yaml")
+    texts = [(folder / name).read_text().replace(name.split(".")[0], "") for name in ("law.yaml", "again.yaml")]
+    assert texts[0] == texts[1]
+    assert len(made.plot().figure.axes) == 2 and made.margins is not None
+    assert made.law().update({"x": 0.001})["F"] < 0.0
+    linear = lab.linearize(plant="pumps.yaml", at={"q1": 2e-5, "q2": 1e-5}, outputs="h2")
+    assert linear.system.input_labels == ["q1", "q2"]
+    assert sorted(linear.poles.real) == pytest.approx([-3e-4 / 0.015, -2e-4 / 0.015])
+    assert linear.plot("step").figure is not None and linear.point.x == pytest.approx([0.1, 0.1])
+    assert "actuator.delay" in lab.linearize("dry.yaml").notes
+    own = replace(lab.plant("axis"), values={"M": 50.0, "Fv": 200.0, "offset": 0.0})
+    assert lab.linearize(plant=own, sample_time=0.001).poles.real.min() == pytest.approx(np.exp(-0.004))
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import msgspec
 from docpages.markdown import code, sections, table
 from hoopd.core.health import Thresholds
 from hoopd.core.ticksettings import TickSettings
-from hoopd.files import controller, excitation, identified, model, plant
+from hoopd.files import controller, excitation, identified, model, plant, plant_controller
 from hoopd.shell import config
 
 NAMES = {float: "number", int: "whole number", str: "text", bool: "yes or no", Any: "anything"}
@@ -46,9 +46,11 @@ def files() -> str:
     """The records of the files, each with those that stand in it."""
     parts = [
         _record("## Model: `hoopd.model/1`", model.ModelFile),
+        _record("### of another plant", model.PlantModelFile),
         _record("## Plant: `hoopd.plant/1`", plant.PlantFile),
         _record("## Controller: `hoopd.controller/1`", controller.ControllerFile),
         _record("### `gains` of kind `excitation`", excitation.ExcitationEntry),
+        _record("### of another plant", plant_controller.PlantControllerFile),
         _record("## Identified model: `hoopd.identified/1`", identified.IdentifiedFile),
     ]
     return sections(FILES, *parts)

@@ -1,4 +1,5 @@
-"""Fields of an options record: names on the command line, help, limits; and the record as a command of typer.
+"""Fields of an options record: names on the command line, help, limits; the record as a command of typer, and from
+the arguments of the Python interface.
 
 Rules of this file: nothing here knows a command.
 """
@@ -6,7 +7,7 @@ Rules of this file: nothing here knows a command.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, field, fields, is_dataclass
 from math import isfinite
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
@@ -19,9 +20,10 @@ Record = TypeVar("Record")
 REQUIRED: Any = MISSING
 
 
-def argument(text: str, *, metavar: str | None = None, default: Any = REQUIRED) -> Any:
-    """A field that is given by its place; `text` is its help."""
-    return field(default=default, metadata={"names": (), "help": text, "more": {"metavar": metavar}})
+def argument(text: str, *, metavar: str | None = None, default: Any = REQUIRED, python: bool | str = True) -> Any:
+    """A field that is given by its place; `text` is its help, `python` as of an `option`."""
+    more = {"metavar": metavar}
+    return field(default=default, metadata={"names": (), "help": text, "more": more, "python": python})
 
 
 def option(
@@ -30,14 +32,18 @@ def option(
     default: Any = None,
     metavar: str | None = None,
     read: Callable[[str], Any] | None = None,
+    python: bool | str = True,
     **limits: float,
 ) -> Any:
     """A field that is given by name (`--name`); REQUIRED has no default.
 
     `read`: from the command line's text to the field's value (InputError), where the text is no value of its type; the
-    default is then given as text, too. `limits`: typer's min and max.
+    default is then given as text, too. `python`: what the Python interface calls it, unless that is the option's own
+    name; False where that has no such argument, because it is handed objects in place of files. `limits`: typer's min
+    and max.
     """
     metadata = {"names": names, "help": text, "more": {"metavar": metavar, **limits}, "read": read, "text": default}
+    metadata["python"] = python
     return field(default=default if read is None else read(default), metadata=metadata)
 
 
@@ -46,6 +52,36 @@ def option_name(record: type, name: str) -> str:
     known = {one.name: one for one in fields(record)}
     names = known[name].metadata["names"]
     return str(names[0]) if names else name.upper()
+
+
+def python_names(record: type) -> dict[str, str]:
+    """Fields of a record by what the Python interface calls them: `--sample-time` is `sample_time`."""
+    found = {}
+    for one in fields(record):
+        called, names = one.metadata["python"], one.metadata["names"]
+        if called is not False:
+            own = names[0].partition("/")[0].lstrip("-").replace("-", "_") if names else one.name
+            found[called if isinstance(called, str) else own] = one.name
+    return found
+
+
+def from_python(record: type[Record], **given: Any) -> Record:
+    """A record from arguments of the Python interface: None is the record's default, a mapping stands for
+    "NAME=VALUE,...", one name for a tuple of names."""
+    known, hints = python_names(record), get_type_hints(record)
+    told = {known[name]: value for name, value in given.items() if value is not None}
+    return record(**{name: _as_field(value, hints[name]) for name, value in told.items()})
+
+
+def _as_field(value: Any, hint: Any) -> Any:
+    """What the command line would have made of it."""
+    if isinstance(value, Mapping):
+        value = [f"{name}={one}" for name, one in value.items()]
+    if _is_list(hint):
+        return (value,) if isinstance(value, str) else tuple(value)
+    if hint is str and not isinstance(value, str):
+        return ",".join(map(str, value))
+    return tuple(value) if isinstance(value, list) else value
 
 
 def add_command(

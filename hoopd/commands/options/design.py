@@ -25,14 +25,18 @@ class DesignOptions:
         metavar="NAME=VALUE,...",
         default="",
     )
-    out: Path | None = option("--out", text="Write the controller file here.", metavar="CONTROLLER")
+    out: Path | None = option("--out", text="Write the controller file here.", metavar="CONTROLLER", python=False)
     recording: str | None = option("--recording", text="arx: the run that the model is fitted to.", metavar="REC")
-    identified: Path | None = option("--identified", text="identified: model file of `hoopd identify`.", metavar="FILE")
+    identified: Path | None = option(
+        "--identified", text="identified: model file of `hoopd identify`.", metavar="FILE", python=False
+    )
     omega_rad_s: float | None = option("--omega", "--bandwidth", text="rad/s: where the loop is shaped, the link acts.")
     mt: float | None = option("--mt", text="pid: largest |T| wanted, e.g. 1.25.")
     phase_deg: float | None = option("--phase", text="Degrees; pid: angle of the touching point; pi: phase margin.")
     zeta: float | None = option("--zeta", text="pi: damping, poles placed instead.")
-    filter_ratio: float = option("--filter", text="pid: N of the derivative's filter Td/N.", default=15.0)
+    filter_ratio: float = option(
+        "--filter", text="pid: N of the derivative's filter Td/N.", default=15.0, python="filter_ratio"
+    )
     lead: tuple[float, float] | None = option("--lead", text="pid: lead link in series, rad/s and N.")
     ratio: float = option("--ratio", text="lead: N; lag: M.", default=5.0)
     gain: float = option("--gain", text="lead, lag: N m/rad.", default=1.0)
@@ -56,7 +60,10 @@ class DesignOptions:
         "--sample-time", text="Tick in s: 0.02 unless told, of another plant its usual sample time."
     )
     disturbance_rad: float = option(
-        "--disturbance", text="Angle in rad of the trial's release and of its one wrong picture.", default=0.4
+        "--disturbance",
+        text="Angle in rad of the trial's release and of its one wrong picture.",
+        default=0.4,
+        python=False,
     )
     figure: Path | None = figure_option()
     json_path: Path | None = json_option()

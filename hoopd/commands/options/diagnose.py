@@ -37,8 +37,10 @@ class DiagnoseOptions:
     columns: str | None = columns_option()
     hold: str = hold_option()
     age: str = age_option()
-    report: Path | None = option("--report", text="Write the whole report as one page.", metavar="FILE.html")
-    write: Path | None = option("--write", text="Write a model with what was found.", metavar="MODEL")
+    report: Path | None = option(
+        "--report", text="Write the whole report as one page.", metavar="FILE.html", python=False
+    )
+    write: Path | None = option("--write", text="Write a model with what was found.", metavar="MODEL", python=False)
     seed: int = option("--seed", min=0, text="Seed of everything random in the search.", default=0)
     free_run: bool = option(
         "--free-run/--no-free-run", text="Also refine and compare one run over whole recordings.", default=True

@@ -23,6 +23,7 @@ class LinearizeOptions:
         text="Measured: psi (unless told), theta, dtheta or dpsi, or channels of another plant; repeatable.",
         metavar="NAME",
         default=(),
+        python="outputs",
     )
     at: str = option(
         "--at",
@@ -38,5 +39,7 @@ class LinearizeOptions:
     sample_time_s: float | None = option("--sample-time", text="Hold the torque over this time (s): the sampled plant.")
     delay_samples: int = option("--delay", text="Samples of delay in the sampled plant.", default=0)
     figure: Path | None = figure_option()
-    plot: str | None = option("--plot", text="What --figure shows: overview, bode, nyquist, poles or step.")
+    plot: str | None = option(
+        "--plot", text="What --figure shows: overview, bode, nyquist, poles or step.", python=False
+    )
     json_path: Path | None = json_option()

@@ -17,12 +17,12 @@ SLICE = "FILE[:EXPERIMENT][@START:END]"
 
 def json_option() -> Any:
     """Where the result goes as JSON."""
-    return option("--json", text="Write the result to this file.", metavar="FILE")
+    return option("--json", text="Write the result to this file.", metavar="FILE", python=False)
 
 
 def figure_option(text: str = "Draw into this file (.png, .svg or .pdf).") -> Any:
     """Where a figure goes."""
-    return option("--figure", text=text, metavar="FILE")
+    return option("--figure", text=text, metavar="FILE", python=False)
 
 
 def model_option(default: Any = REQUIRED) -> Any:
@@ -41,6 +41,7 @@ def columns_option() -> Any:
         "--columns",
         text="What a file's columns hold: in order, e.g. u,theta,dtheta,current, or by name, CHANNEL=COLUMN[:UNIT],...",
         metavar="NAMES",
+        python=False,
     )
 
 
@@ -52,7 +53,11 @@ def plant_option() -> Any:
 def hold_option() -> Any:
     """How inputs go on between their rows."""
     return option(
-        "--hold", text="Inputs between two rows: zero (held), or linear (straight).", metavar="HOLD", default="zero"
+        "--hold",
+        text="Inputs between two rows: zero (held), or linear (straight).",
+        metavar="HOLD",
+        default="zero",
+        python=False,
     )
 
 
@@ -63,6 +68,7 @@ def age_option() -> Any:
         text="Seconds by which samples are older than their row: the ball's angle, the board's readings.",
         metavar="psi=0.03,y=0.02",
         default="",
+        python=False,
     )
 
 

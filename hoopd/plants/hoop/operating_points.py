@@ -10,7 +10,7 @@ entries 7.4 rad/s and 6.2 mN m for each degree. Without rolling friction only a 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,18 @@ FASTEST_RAD_S = 1e6
 
 class NoEquilibriumError(ValueError):
     """The plant cannot stay where it is asked to."""
+
+
+class HeldBall(TypedDict, total=False):
+    """Where the hoop is linearised, as the Python interface is told it; neither: at rest."""
+
+    psi: float | None  # rad, at which the ball is held
+    hoop_speed: float | None  # rad/s, at which the hoop turns
+
+
+def told(point: HeldBall) -> tuple[float | None, float | None]:
+    """The ball's angle (rad) and the hoop's speed (rad/s)."""
+    return point.get("psi"), point.get("hoop_speed")
 
 
 class OperatingPoint(NamedTuple):
