@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +13,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tools" / "bench"))
 
-from realdata import axisforce, intervals, kept, pairs  # noqa: E402
+from realdata import axisforce, intervals, kept, pairs, starts  # noqa: E402
 
 from hoopd.plants.composite import Composite  # noqa: E402
 from hoopd.plants.effects.library import library  # noqa: E402
-from hoopd.plants.plant_model import PlantModel, load_plant_model  # noqa: E402
+from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model  # noqa: E402
 
 STEP_S, MASS_KG, VISCOUS, DRY_N = 1e-3, 95.0, 200.0, 20.0
 
@@ -39,9 +40,9 @@ def effect(name: str, **values: tuple[float, str]) -> str:
     return f"{{name: {name}, parameters: {{{numbers}}}}}"
 
 
-def moved(late_s: float = 0.0) -> axisforce.Motion:
-    """Nine seconds of a sine with the force that the law asks for; the force was demanded so much earlier."""
-    t = np.arange(0.0, 9.0, STEP_S)
+def moved(late_s: float = 0.0, seconds: float = 9.0) -> axisforce.Motion:
+    """A sine with the force that the law asks for; the force was demanded so much earlier."""
+    t = np.arange(0.0, seconds, STEP_S)
 
     def law(t: np.ndarray) -> np.ndarray:
         rate = 0.1 * np.sin(4.0 * t)
@@ -78,7 +79,7 @@ def test_a_late_drive_is_taken_back_and_one_that_is_not_late_is_seen(tmp_path: P
 
 
 def test_a_lag_of_the_drive_is_carried_from_sample_to_sample(tmp_path: Path) -> None:
-    motion, lag_s = moved(), 0.01
+    motion, lag_s = moved(seconds=3.0), 0.01
     # T tau' = u - tau, the other way round
     demanded = motion._replace(
         force=motion.force + lag_s * np.gradient(axisforce.low_passed(motion.force, STEP_S), STEP_S)
@@ -191,3 +192,32 @@ def test_a_result_is_used_again_while_data_and_program_are_the_same(tmp_path: Pa
     main.write_text(main.read_text() + "\n")
     assert ran("fit", one)[1] == 5
     assert not list(out.glob("running-*"))
+
+
+def test_a_fit_of_free_runs_is_worse_where_its_errors_are_larger() -> None:
+    def record(nominal: float, fitted: float, **other: float) -> dict[str, Any]:
+        one = {"nominal": nominal, "fitted": fitted, "samples": 100}
+        aside = {"nominal": 90.0, "fitted": 0.0, "samples": 100, **other}
+        constant = {"nominal": None, "fitted": None, "samples": 0}
+        train = {"a.csv": {"x": one, "column": aside, "still": constant}}
+        return {"channels": ["x", "still"], "fit": {"train": train}}
+
+    better, worse = starts.of_output(record(80.0, 90.0)), starts.of_output(record(80.0, 79.0))
+    assert better.end_nats - better.start_nats == pytest.approx(-100.0 * np.log(2.0))  # half the error
+    assert better.percent == {"x": (80.0, 90.0)}  # what was not compared does not count
+    assert (better.is_worse, worse.is_worse) == (False, True)
+    assert starts.Start(1.0, float("nan"), {}).is_worse
+
+
+def test_the_base_of_a_diagnosis_is_judged_where_it_starts_and_ends(tmp_path: Path) -> None:
+    plant, path = nominal_model("pendulum").plant, tmp_path / "swing.csv"
+    w = plant.values
+    t, rate = np.arange(0.0, 9.0, 0.02), np.sqrt(w["m"] * w["g"] * w["l"] / w["J"])
+    alpha = 0.05 * np.exp(-w["c"] / (2 * w["J"]) * t) * np.cos(rate * t) + 1e-3 * np.random.default_rng(0).normal(
+        size=t.size
+    )
+    np.savetxt(path, np.column_stack([t, alpha]), delimiter=",", header="t,alpha", comments="")
+    near, far = (starts.of_base(str(path), plant, {"J": share * w["J"]}, None) for share in (1.0, 1.1))
+    assert not near.is_worse
+    assert far.start_nats > near.start_nats + 10.0
+    assert far.end_nats == pytest.approx(near.end_nats, abs=5.0)

@@ -34,14 +34,14 @@ def _learnt(commands: Commands, hoops: Sequence[Hoop]) -> Models:
     """Fits and diagnoses."""
     found: Models = {kind: {} for kind in KINDS}
     for one in hoops:
-        what = (Data(one.path), *one.arguments, "--model", USERS)
+        what: tuple[str | Data, ...] = (Data(one.path), *one.arguments, "--model", USERS)
         found["re-fitted"][one.name] = commands.run(["fit", *what, "--structure", "rolling"], writes="--out")
         found["named"][one.name] = commands.run(["diagnose", *what, "--no-free-run"], writes="--write")
     return found
 
 
 def _simulated(commands: Commands, model: str | Data, target: Hoop, part: str) -> dict[str, Any] | None:
-    arguments = ("--input", Data(target.path, part), *target.arguments)
+    arguments: tuple[str | Data, ...] = ("--input", Data(target.path, part), *target.arguments)
     return commands.run(["simulate", "--model", model, *arguments]).result
 
 
