@@ -1,48 +1,65 @@
-"""How long the machine had others waiting while a test ran: a failure on the clock counts only where it did not.
+"""How much of the machine others had while a test ran: what came late counts only where they had less than half of it.
 
-Rules of this file: the kernel's own account is asked (the share of time in which something that could run had no core);
-where there is none, every failure counts. Only what is judged by the clock is excused, and it is said why.
+Rules of this file: others are all processes that are not of this run of the tests; what the run itself costs excuses
+nothing. The kernel's own account is asked; where there is none, every failure counts. Only what was asserted within
+`harness.timing.on_the_clock` is excused, and it is said why.
 """
 
 from __future__ import annotations
 
+import os
 import time
-from pathlib import Path
 from typing import NamedTuple
 
+import psutil
 import pytest
+from harness.timing import is_late
 
-PRESSURE = Path("/proc/pressure/cpu")
-# With three busy processes to a core the account says 85 to 100 %.
+# Of all processor time: from half on each of our processes may wait for as long as it runs.
 BUSY = 0.5
+ROOT = "HOOPD_TESTS_PID"  # the process that started this run, for its helpers too
+IDLE = ("idle", "iowait", "guest", "guest_nice")  # what guests took is in `user` and `nice` already
 
 
-class Waited(NamedTuple):
-    """Seconds of the monotonic clock, and of them those in which somebody waited for a core."""
+class Taken(NamedTuple):
+    """Seconds of the monotonic clock, and processor time since the machine's start: of all, and of this run."""
 
     t: float
-    waited_s: float
+    all_s: float
+    ours_s: float
 
-    def share_since(self, before: Waited) -> float:
-        """Of the time in between."""
-        return (self.waited_s - before.waited_s) / max(self.t - before.t, 1e-9)
+    def others_since(self, before: Taken) -> float:
+        """Share of all cores that others had in between."""
+        others = (self.all_s - before.all_s) - (self.ours_s - before.ours_s)
+        return others / max((self.t - before.t) * (psutil.cpu_count() or 1), 1e-9)
 
 
-def waited(path: Path = PRESSURE) -> Waited:
-    """The account until now; nobody waits where there is none."""
+def taken() -> Taken:
+    """The account until now; nobody takes anything where there is none."""
     try:
-        (some,) = (line for line in path.read_text(encoding="ascii").splitlines() if line.startswith("some "))
-        total_us = float(some.rpartition("total=")[2])
-    except (OSError, ValueError):
-        total_us = 0.0
-    return Waited(time.monotonic(), 1e-6 * total_us)
+        times = psutil.cpu_times()._asdict()
+        everyone = sum(value for name, value in times.items() if name not in IDLE)
+        return Taken(time.monotonic(), everyone, _of_family(psutil.Process(int(os.environ.get(ROOT, os.getpid())))))
+    except (OSError, psutil.Error):
+        return Taken(time.monotonic(), 0.0, 0.0)
 
 
-def excuse(report: pytest.TestReport, share: float) -> None:
-    """Make a failure a skip that tells of it, where others had the machine."""
-    if report.failed and report.when in ("setup", "call") and share >= BUSY:
-        first = str(report.longreprtext).strip().splitlines()
-        error = next((line for line in reversed(first) if line.startswith("E  ")), first[-1] if first else "")
+def _of_family(root: psutil.Process) -> float:
+    """Processor time of a process and its descendants, those that have ended included."""
+    total = 0.0
+    for one in (root, *root.children(recursive=True)):
+        try:
+            times = one.cpu_times()
+        except psutil.Error:  # ended since, and counted with its parent
+            continue
+        total += times.user + times.system + times.children_user + times.children_system
+    return total
+
+
+def excuse(report: pytest.TestReport, error: BaseException | None, share: float) -> None:
+    """Make a failure on the clock a skip that tells of it, where others had the machine."""
+    if report.failed and report.when in ("setup", "call") and is_late(error) and share >= BUSY:
         path, line, _ = report.location
-        told = f"failed, but for {share:.0%} of its time somebody waited for a core, so nothing can be judged: {error}"
+        first = str(error).partition("\n")[0]
+        told = f"late, but others had {share:.0%} of the machine meanwhile, so nothing can be judged: {first}"
         report.outcome, report.longrepr = "skipped", (path, line or 0, told)

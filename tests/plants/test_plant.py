@@ -242,3 +242,9 @@ def test_calls_take_microseconds() -> None:
             call(STATE, 0.1, 0.02)
             times.append(time.perf_counter() - start)
         assert np.median(times) < 60e-6
+
+
+def test_steps_of_plants_with_the_same_numbers_are_written_out_once() -> None:
+    plants = [HoopPlant("entries", {**THESIS, "J12": value}) for value in (1.0, 1.0, 2.0)]
+    first, again, other = (plant._stepped("step", 2, jacobian=True) for plant in plants)
+    assert first is again and first is not other

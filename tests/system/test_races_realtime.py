@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from harness.realrun import Daemon, fifo_granted
 from harness.runs import PERIOD_S, Run
+from harness.timing import on_the_clock
 from harness.witness import Witness, witnessed
 
 from hoopd.core.modes import Mode
@@ -52,22 +53,25 @@ def test_sigterm_after_an_arm_that_waits_for_the_board(after_s: float, tmp_path:
             never_energised(run, shutdowns[0] + 1.0 + PERIOD_S)
             return
         never_energised(run, shutdowns[0])
-        assert run.summary["start_monotonic_s"] + run.ticks[-1].t - sent < 0.5  # nothing was braked: it ends at once
+        with on_the_clock():
+            assert (
+                run.summary["start_monotonic_s"] + run.ticks[-1].t - sent < 0.5
+            )  # nothing was braked: it ends at once
 
     witnessed(tmp_path, check)
 
 
-@pytest.mark.parametrize(("name", "at_s"), [("disarm", 0.5), ("stop", 1.0), ("disarm", 1.0)])
+@pytest.mark.parametrize(("name", "at_s"), [("disarm", 0.5), ("stop", 1.0)])
 def test_a_rig_that_is_switched_off_before_it_arms_does_not_arm_itself(name: str, at_s: float, tmp_path: Path) -> None:
     script: list[dict[str, Any]] = [{"at_s": at_s, "name": name}]
 
     def check(folder: Path, witness: Witness) -> None:
         with Daemon(folder, fifo=fifo_granted(), commands=script) as daemon:
             daemon.wait_for(event="operator", command=name)
-            time.sleep(2.5)
+            time.sleep(2.0)
             assert daemon.stop() == 0
             run = daemon.result()
-        assert run.ticks[-1].t > at_s + 2.0
+        assert run.ticks[-1].t > at_s + 1.5  # an undisturbed rig arms itself at 1.5 s
         never_energised(run, at_s)
 
     witnessed(tmp_path, check)

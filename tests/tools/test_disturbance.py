@@ -1,14 +1,20 @@
-"""A test on the clock that fails while others have the machine is skipped, and says so; every other failure counts."""
+"""What comes late while others have the machine is skipped, and says so; every other failure counts."""
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
+import subprocess
+import sys
+from collections.abc import Callable
 from typing import Literal
 
+import psutil
 import pytest
-from disturbance import BUSY, Waited, excuse, waited
+from disturbance import BUSY, ROOT, Taken, excuse, taken
+from harness.timing import is_late, on_the_clock
 
 PLACE = ("shell/test_made_up.py", 3, "test_late")
+SPIN = "import time\nend = time.process_time() + 0.6\nwhile time.process_time() < end: pass"
 
 
 def report(
@@ -17,32 +23,64 @@ def report(
     return pytest.TestReport("made_up", PLACE, {}, outcome, ">   assert late\nE   assert 0.5 < 0.3", when)
 
 
-def test_a_failure_beside_others_is_a_skip_that_tells_of_both() -> None:
+def raised(judge: Callable[[], None]) -> AssertionError:
+    with pytest.raises(AssertionError) as caught:
+        judge()
+    return caught.value
+
+
+def late() -> None:
+    with on_the_clock():
+        raise AssertionError("assert 0.5 < 0.3")
+
+
+def wrong() -> None:
+    raise AssertionError("assert 'FAULT' == 'DISARMED'")
+
+
+def test_only_what_the_clock_judges_is_marked() -> None:
+    assert is_late(raised(late)) and not is_late(raised(wrong)) and not is_late(None)
+
+
+def test_what_is_late_beside_others_is_a_skip_that_tells_of_both() -> None:
     for when in ("setup", "call"):
-        late = report("failed", when)
-        excuse(late, 0.93)
-        assert late.skipped
-        path, line, told = late.longrepr
+        made = report("failed", when)
+        excuse(made, raised(late), 0.93)
+        assert made.skipped
+        path, line, told = made.longrepr
         assert (path, line) == PLACE[:2]
-        assert "for 93% of its time somebody waited" in told and "assert 0.5 < 0.3" in told
+        assert "others had 93% of the machine" in told and "assert 0.5 < 0.3" in told
 
 
-@pytest.mark.parametrize("share", [0.0, 0.99 * BUSY])
-def test_a_failure_on_a_machine_of_its_own_counts(share: float) -> None:
-    late = report("failed")
-    excuse(late, share)
-    assert late.failed and "assert 0.5 < 0.3" in late.longreprtext
+@pytest.mark.parametrize(
+    ("judge", "share"), [(late, 0.0), (late, 0.99 * BUSY), (wrong, 1.0)], ids=["alone", "nearly", "wrong"]
+)
+def test_every_other_failure_counts(judge: Callable[[], None], share: float) -> None:
+    made = report("failed")
+    excuse(made, raised(judge), share)
+    assert made.failed and "assert 0.5 < 0.3" in made.longreprtext
 
 
 def test_what_passes_passes() -> None:
     fine = report("passed")
-    excuse(fine, 1.0)
+    excuse(fine, raised(late), 1.0)
     assert fine.passed
 
 
-def test_the_share_is_that_of_the_kernels_account(tmp_path: Path) -> None:
-    account = tmp_path / "cpu"
-    account.write_text("some avg10=0.00 avg60=0.00 avg300=0.00 total=2500000\nfull avg10=0.00 total=7\n")
-    assert waited(account).waited_s == 2.5
-    assert Waited(12.0, 2.5).share_since(Waited(10.0, 1.0)) == 0.75
-    assert waited(tmp_path / "none").waited_s == 0.0
+def test_the_share_is_of_all_cores_and_without_our_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(psutil, "cpu_count", lambda: 2)
+    assert Taken(12.0, 7.0, 2.0).others_since(Taken(10.0, 3.0, 1.0)) == 0.75
+    assert Taken(12.0, 5.0, 2.0).others_since(Taken(10.0, 3.0, 0.0)) == 0.0
+
+
+def test_what_our_own_processes_take_is_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ROOT, str(os.getpid()))
+    before = taken()
+    subprocess.run([sys.executable, "-S", "-c", SPIN], check=True, timeout=100)
+    after = taken()
+    assert after.ours_s - before.ours_s >= 0.55 and after.all_s - before.all_s >= 0.5
+
+
+def test_without_an_account_nobody_took_anything(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(psutil, "cpu_times", lambda: (_ for _ in ()).throw(OSError("no account")))
+    assert taken()[1:] == (0.0, 0.0) and taken().others_since(taken()) == 0.0

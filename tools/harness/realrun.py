@@ -27,6 +27,7 @@ import psutil
 import yaml
 
 from harness.runs import Run, load
+from harness.timing import on_the_clock
 from harness.witness import Witness
 from hoopd.shell.operator import ask
 
@@ -140,7 +141,9 @@ class Daemon:
                 if fields.items() <= line.items():
                     return line
             time.sleep(0.02)
-        raise AssertionError(f"no {fields} within {timeout_s} s:\n{(self.folder / 'log.jsonl').read_text()[-2000:]}")
+        with on_the_clock():
+            log = (self.folder / "log.jsonl").read_text()
+            raise AssertionError(f"no {fields} within {timeout_s} s:\n{log[-2000:]}")
 
     def wait_running(self) -> None:
         """Until it controls, and the largest part of the release is over."""
@@ -158,7 +161,8 @@ class Daemon:
         try:
             return self.process.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            raise AssertionError(f"did not end within {timeout_s} s") from None
+            with on_the_clock():
+                raise AssertionError(f"did not end within {timeout_s} s") from None
 
     def stop(self) -> int:
         """SIGTERM and the exit code."""
@@ -204,7 +208,8 @@ def undelayed(run: Run, witness: Witness, start: float, stop: float) -> None:
     """No tick was missed but where the machine stood still."""
     zero = zero_of(run)
     alone = [(t, n) for t, n in gaps_in(run, start - zero, stop - zero) if not witness.gaps(zero + t - 0.2, zero + t)]
-    assert alone == []
+    with on_the_clock():
+        assert alone == []
 
 
 def free_port() -> int:

@@ -1,7 +1,7 @@
 """An independent witness of the machine: a process on each core that notes gaps of the clock longer than 50 ms.
 
 Rules of this file: it shares nothing with what it judges; a test in real time may be repeated only when the witness saw
-the machine stand still; one that fails every time while it stood still is skipped, and says for how long.
+the machine stand still; one that is late every time while it stood still is skipped, and says for how long.
 """
 
 from __future__ import annotations
@@ -57,6 +57,8 @@ class Witness:
 
 def witnessed(folder: Path, check: Callable[[Path, Witness], None]) -> None:
     """Run a check in a fresh folder; again, a few times, when it failed while the machine stood still."""
+    from harness.timing import is_late  # not of the process on each core, whose file this is too
+
     for attempt in range(ATTEMPTS):
         mine = folder / f"attempt-{attempt}"
         mine.mkdir(parents=True)
@@ -66,7 +68,7 @@ def witnessed(folder: Path, check: Callable[[Path, Witness], None]) -> None:
                 return
             except AssertionError as error:
                 gaps = witness.gaps()
-                if not gaps:
+                if not gaps or (attempt + 1 == ATTEMPTS and not is_late(error)):
                     raise
                 last = f"{standstill(gaps)}: {str(error).partition(chr(10))[0]}"
     raise SkipTest(f"the machine stood still in each of {ATTEMPTS} attempts, nothing can be judged; {last}")

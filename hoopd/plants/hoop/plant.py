@@ -6,6 +6,7 @@ Rules of this file: no equation is written here; what a call means stands in `nu
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
@@ -17,6 +18,8 @@ from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.equations import ExtraForce, symbols
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, check_parameters
 from hoopd.plants.numeric_plant import NumericPlant
+
+KEPT = 64  # functions, two of a plant
 
 
 class HoopPlant(NumericPlant):
@@ -46,6 +49,12 @@ class HoopPlant(NumericPlant):
         """The plant of a model file with effects that act on the state alone."""
         return cls(found.structure, found.base, effects=found)
 
+    def _stepped(self, name: str, substeps: int, *, jacobian: bool) -> ca.Function:
+        """As any plant's; of a plant without effects written out once for the same numbers."""
+        if self._effects:
+            return super()._stepped(name, substeps, jacobian=jacobian)
+        return _written_out(self._structure, tuple(self._values.items()), name, substeps, jacobian)
+
     @property
     def structure(self) -> str:
         """rolling, published or entries."""
@@ -66,6 +75,15 @@ class HoopPlant(NumericPlant):
     @property
     def _names(self) -> tuple[str, ...]:
         return tuple(name for name in self._parameters if name not in PARAMETER_UNITS[self._structure])
+
+
+@lru_cache(maxsize=KEPT)
+def _written_out(
+    structure: str, numbers: tuple[tuple[str, float], ...], name: str, substeps: int, jacobian: bool
+) -> ca.Function:
+    """The step of a hoop and its ball with these numbers."""
+    plant = NumericPlant(hoop_plant(structure, dict(numbers)), (), dict(numbers))
+    return plant._stepped(name, substeps, jacobian=jacobian)
 
 
 def force_effects(forces: tuple[ExtraForce, ...]) -> tuple[Effect, ...]:
