@@ -20,6 +20,10 @@ from hoopd.files.reading import InputError
 WEIGHT_NAMES = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s", "torque": "torque_nm"}
 
 
+# No drive of a laboratory moves as fast.
+FASTEST_RAD_S = 1e6
+
+
 def spec_from(options: DesignOptions) -> Spec:
     """A specification; InputError names the option whose number makes no sense."""
     read: dict[str, Any] = {"poles": poles_from(options.poles), "weights": weights_from(options.weights)}
@@ -52,9 +56,11 @@ def poles_from(text: str) -> tuple[complex, ...]:
         poles = tuple(complex(part.strip().replace("i", "j")) for part in text.split(","))
         if not all(isfinite(pole) for pole in poles):
             raise ValueError("no pole lies at infinity")
-        return poles
     except ValueError:
         raise InputError("--poles", "", f"expected complex numbers such as -6+6j,-6-6j,-1, not {text!r}") from None
+    if (fastest := max(abs(pole) for pole in poles)) > FASTEST_RAD_S:
+        raise InputError("--poles", "", f"at most {FASTEST_RAD_S:g} rad/s from 0, not {fastest:g}")
+    return poles
 
 
 def _number(text: str) -> float:

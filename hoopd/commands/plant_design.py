@@ -28,6 +28,7 @@ from hoopd.files.reading import InputError
 from hoopd.files.records import between
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
+from hoopd.plants.model_file import LARGEST, SMALLEST
 from hoopd.plants.plant_model import PlantModel
 
 Array = NDArray[np.float64]
@@ -132,8 +133,7 @@ def _sizes(linear: LinearizedPlant, options: DesignOptions) -> dict[str, float]:
     usual |= {one.name: one.limit for one in plant.inputs if one.name not in plant.scales and one.limit}
     told = read_values("--weights", ",".join(options.weights), names) if options.weights else {}
     for name, value in told.items():
-        if not value > 0.0:
-            raise InputError("--weights", name, f"must be above 0, not {value:g}")
+        between("--weights", name, value, SMALLEST, LARGEST)
     return usual | told
 
 

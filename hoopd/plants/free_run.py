@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hoopd.files.reading import InputError
 from hoopd.plants.compiled import Chunks, kept
 from hoopd.plants.composite import FRICTION_SUBSTEPS, Composite
 from hoopd.plants.declaration import Plant
@@ -27,6 +28,9 @@ from hoopd.plants.held_input import SAME_S, mean_inputs, node_axis
 from hoopd.plants.sensor_readings import SensorReadings, node_index
 
 Array = NDArray[np.float64]
+
+# Of a run, states and derivatives of all steps: 0.8 GB.
+MOST_NUMBERS = 10**8
 
 
 class SimulatedRun(NamedTuple):
@@ -158,7 +162,12 @@ class FreeRun:
     def _forward(self, values: Mapping[str, float], first: Array, nodes: Array, t: Array, u: Array) -> Array:
         """Rows at the nodes from the first of them: z alone, or z with its derivatives, as the first row is."""
         h = np.diff(nodes)
-        steps = np.maximum(1, np.ceil(h / self.step_s - 1e-6)).astype(int)
+        steps = np.maximum(1, np.ceil(h / self.step_s - 1e-6))
+        if not steps.sum() * len(first) <= MOST_NUMBERS:
+            reason = f"{nodes[-1] - nodes[0]:g} s in steps of {self.step_s:.3g} s are {steps.sum():.3g} steps"
+            name = self.composite.plant.name
+            raise InputError(name, "", f"{reason}, more than memory holds: cut it, or take longer steps")
+        steps = steps.astype(int)
         last = np.cumsum(steps)
         length = np.repeat(h / steps, steps)
         times: list[Array] = []

@@ -115,7 +115,8 @@ def _scaled(pick: Pick, arrays: Mapping[str, Array], rows: int) -> Array:
     if pick.column is None:
         return np.full(rows, pick.scale)
     column = arrays[pick.column]
-    return column if pick.scale == 1.0 else column * pick.scale
+    with np.errstate(over="ignore"):  # told where the columns are checked
+        return column if pick.scale == 1.0 else column * pick.scale
 
 
 def _split(fields: Mapping[str, NamedValues], rows: int, path: Path, key: str) -> dict[str, NamedValues]:

@@ -273,6 +273,7 @@ def test_command_writes_file_figure_and_result(tmp_path: Path, monkeypatch: pyte
         (["placement", "--poles", "-1,-2"], "3 poles are to be placed, not 2"),
         (["placement", "--poles", "1,-2,-3"], "--poles: a stable loop"),
         (["placement", "--poles", "fast"], "--poles: expected complex numbers"),
+        (["placement", "--poles", "-1e300,-1e300,-1"], "--poles: at most 1e+06 rad/s"),
         (["lqg", "--weights", "phi=1"], "--weights: expected dtheta="),
         (["lqg", "--figure", "x.bmp"], "unknown extension"),
         (["lqg", "--out", "nowhere/x.yaml"], "no such folder"),

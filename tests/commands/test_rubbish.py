@@ -140,3 +140,23 @@ def test_a_full_disk_and_a_pipe_without_reader(tmp_path: Path) -> None:
     for path, reason in (("/dev/full", "no space left"), (tmp_path / "pipe", "no such device")):
         with pytest.raises(InputError, match=reason):
             replace_file(Path(path), b"x")
+
+
+@pytest.mark.parametrize("words", [("fit", "slow.csv"), ("simulate", "--input", "slow.csv"), ("diagnose", "slow.csv")])
+def test_rows_far_rarer_than_the_plant_is_fast_are_refused_before_the_work(
+    words: tuple[str, ...], folder: Path
+) -> None:
+    t = 1e3 * np.arange(300)
+    rows = [",".join(map(repr, row)) for row in np.column_stack([t, np.sin(t), np.cos(t)]).tolist()]
+    Path("slow.csv").write_text("\n".join(["t,F,x", *rows]))
+    code, said = hoopd(*words, "--plant", "axis")
+    assert code == 2 and len(said.splitlines()) == 1
+    assert "300 rows 1000 s apart of a plant that is sampled every 0.001 s" in said
+
+
+def test_more_steps_than_memory_holds_are_one_line(folder: Path) -> None:
+    t = 1e-3 * np.arange(300)
+    rows = [",".join(map(repr, row)) for row in np.column_stack([t, np.sin(t), np.cos(t)]).tolist()]
+    Path("axis.csv").write_text("\n".join(["t,F,x", *rows]))
+    code, said = hoopd("simulate", "--input", "axis.csv", "--plant", "axis", "--step", "1e-9")
+    assert code == 2 and "2.99e+08 steps, more than memory holds" in said and len(said.splitlines()) == 1

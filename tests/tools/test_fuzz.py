@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -59,6 +61,28 @@ def test_a_sound_file_is_accepted(
     for arguments in cases.readings(kind, str(path), sounds):
         if arguments[0] not in ("status", "diagnose"):  # one wants a daemon, the other takes minutes
             assert inprocess.run(arguments)[0] == outcome.ACCEPTED, arguments
+
+
+def test_one_of_two_alarms_cuts_and_neither_kills_the_worker(monkeypatch: pytest.MonkeyPatch) -> None:
+    def twice(arguments: list[str]) -> tuple[str, str]:
+        try:
+            signal.raise_signal(signal.SIGPROF)
+        finally:
+            signal.raise_signal(signal.SIGPROF)
+        return outcome.REFUSED, "no alarm"
+
+    monkeypatch.setattr(inprocess, "run", twice)
+    assert inprocess._tried(1, cases.Case("mat", [])).verdict == outcome.ACCEPTED
+
+
+def test_who_reads_on_does_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inprocess, "_reading", lambda frame: "mat5.py:1")
+    with inprocess._alarms(time.process_time()):
+        end = time.process_time() + 5 * inprocess.WAITS_S
+        while time.process_time() < end:
+            pass
+        signal.raise_signal(signal.SIGPROF)  # both of them come after one long call
+        signal.raise_signal(signal.SIGALRM)
 
 
 def test_bounds_are_judged() -> None:

@@ -103,8 +103,11 @@ def try_case(seed: str, number: int, sounds: Path, kinds: tuple[str, ...]) -> Ou
 
 def _tried(number: int, case: cases.Case) -> Outcome:
     before, begun = _forget_peak(), time.process_time()
-    with _alarms(begun):
-        verdict, told = run(case.arguments)
+    try:
+        with _alarms(begun):
+            verdict, told = run(case.arguments)
+    except Cut as cut:  # it came between two of our own lines
+        verdict, told = _of_cut(cut)
     seconds = time.process_time() - begun
     added = max(0, _resident("VmHWM") - before) / 1e6
     return outcome.judged(Outcome(number, case.kind, verdict, seconds, added, told), outcome.MAX_ADDED_BYTES)
@@ -128,29 +131,42 @@ def run(arguments: list[str]) -> tuple[str, str]:
     except typer.Abort:
         return outcome.REFUSED, "aborted"
     except Cut as cut:
-        return (outcome.BEYOND, f"still reading: {cut.still}") if cut.still else (outcome.ACCEPTED, "cut")
+        return _of_cut(cut)
     except BaseException as error:
         return outcome.UNFORESEEN, _where(error)
     return (outcome.REFUSED if code == 2 else outcome.ACCEPTED), f"exit code {code or 0}"
 
 
+def _of_cut(cut: Cut) -> tuple[str, str]:
+    return (outcome.BEYOND, f"still reading: {cut.still}") if cut.still else (outcome.ACCEPTED, "cut")
+
+
 @contextlib.contextmanager
 def _alarms(begun: float) -> Iterator[None]:
-    """Look at what goes on once a second of the processor; what waits for ever is cut by the machine's clock."""
+    """Look at what goes on once a second of the processor; what waits for ever is cut by the machine's clock.
 
-    seen = begun
+    A long call of a library answers both alarms after it, one behind the other: each has a memory of its own, and one
+    alone cuts. Who waits for a processor does not wait for ever.
+    """
+    used, starved, cut = begun, _starved_s(), False
 
-    def look(number: int, frame: Any) -> None:
-        nonlocal seen
-        still, before, seen = _reading(frame), seen, time.process_time()
-        waits = number == signal.SIGALRM and seen - before < WAITS_S
-        if number == signal.SIGPROF and not still:
-            raise Cut("")
-        if waits or seen - begun > outcome.MAX_SECONDS:
-            raise Cut(still or "waits for ever")
+    def work(number: int, frame: Any) -> None:
+        nonlocal cut
+        still = _reading(frame)
+        if not cut and (not still or time.process_time() - begun > outcome.MAX_SECONDS):
+            cut = True
+            raise Cut(still)
 
-    signal.signal(signal.SIGPROF, look)
-    signal.signal(signal.SIGALRM, look)
+    def rest(number: int, frame: Any) -> None:
+        nonlocal used, starved, cut
+        was, used = used, time.process_time()
+        before, starved = starved, _starved_s()
+        if not cut and used - was < WAITS_S and starved - before < outcome.STILL_S / 2:
+            cut = True
+            raise Cut(_reading(frame) or "waits for ever")
+
+    signal.signal(signal.SIGPROF, work)
+    signal.signal(signal.SIGALRM, rest)
     signal.setitimer(signal.ITIMER_PROF, LOOK_S, LOOK_S)
     signal.setitimer(signal.ITIMER_REAL, outcome.STILL_S, outcome.STILL_S)
     try:
@@ -158,6 +174,13 @@ def _alarms(begun: float) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def _starved_s() -> float:
+    """Seconds that this process has waited for a processor; 0 where the kernel does not count them."""
+    with contextlib.suppress(OSError, IndexError, ValueError):
+        return int(Path("/proc/self/schedstat").read_text().split()[1]) * 1e-9
+    return 0.0
 
 
 def _reading(frame: Any) -> str:
