@@ -1,8 +1,8 @@
 """How a fit's log-likelihood answers to a force at every step: one pass back through the filter, for any force at once.
 
 The derivative of the log-likelihood by an addition to the one-step map is the filter's adjoint (Bryson and Frazier's
-smoother; `filtering.smoothed`). With it the score of any force is one inner product. The same pass over rows of white
-noise shows what the model itself expects of such scores, and so how large the best of many becomes by chance.
+smoother; `kalman_filter.adjoint`). With it the score of any force is one inner product. The same pass over rows of
+white noise shows what the model itself expects of such scores, and so how large the best of many becomes by chance.
 
 Rules of this file: numbers in, numbers out; what is made of the answers stands in `tones` and `pushes`.
 """
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hoopd.diagnose.search.screen import Screen
 from hoopd.diagnose.search.surprise import log_chance
 from hoopd.plants.effects.base import Effect, Values
-from hoopd.plants.likelihood.kalman_filter import Gains, LinearReference
+from hoopd.plants.likelihood.kalman_filter import adjoint
 from hoopd.plants.likelihood.reference_track import Track
 
 Array = NDArray[np.float64]
@@ -54,10 +54,10 @@ class Adjoint:
         ends = np.cumsum([len(one) for one in fit.rows])[:-1]
         self.by_force: list[Array] = []  # (n-1, nq, 1+DRAWS)
         for columns, gains, part in zip(fit.columns, fit.gains, np.split(rows, ends), strict=True):
-            n, nc, _ = columns.model.c.shape
-            push = adjoint(columns.model, gains, part.reshape(n, nc, -1))
+            n, nc, nz = columns.model.c.shape
             # what is added to the model is taken from the residual
-            self.by_force.append(-np.einsum("nzq,nzm->nqm", columns.model.w, push))
+            fall = adjoint(columns.model, gains, part.reshape(n, nc, -1))[1:, :nz]
+            self.by_force.append(np.einsum("nzq,nzm->nqm", columns.model.w, fall))
 
     def to_effect(self, effect: Effect, values: Mapping[str, float]) -> list[AdjointAnswer]:
         """By recording, to an effect's force at these values of its own parameters; none where its slot is not."""
@@ -67,20 +67,6 @@ class Adjoint:
                 force = force_along(track, self.screen.fit.values, effect, values)
                 parts.setdefault(track.stretch.recording, []).append((track, np.einsum("nq,nqm->nm", force, slopes)))
         return [_joined(recording, pieces) for recording, pieces in parts.items()]
-
-
-def adjoint(model: LinearReference, found: Gains, white: Array) -> Array:
-    """(n-1, nz, m) derivatives by f of the products of rows r (n, nc, m) with the whitened innovations of f."""
-    n, _, nz = model.c.shape
-    push, back = np.empty((n - 1, nz, white.shape[2])), np.zeros((model.size, white.shape[2]))
-    for k in range(n - 1, -1, -1):
-        if k < n - 1:
-            push[k] = back[:nz]
-            back = found.phi[k].T @ back
-        # e = -C d,  d+ = phi (d + K e) + f,  product r' V e:  l = phi' l+ - C' (V' r + K' phi' l+)
-        inner = found.whiten[k].T @ white[k] + found.gain[k].T @ back
-        back[:nz] -= model.c[k].T @ inner
-    return push
 
 
 def force_along(track: Track, fitted: Mapping[str, float], effect: Effect, values: Mapping[str, float]) -> Array:

@@ -11,6 +11,7 @@ Rules of this file: expressions only; every filter of this folder takes its cova
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import casadi as ca
@@ -40,6 +41,20 @@ def readings_taken(p: ca.SX, c: ca.SX, seen: ca.SX, r: ca.SX) -> ReadingsTaken:
         p = whole(ca.tril(p - ca.mtimes(gain, pc.T)))
         found = ReadingsTaken(p, [*found.gains, gain], [*found.variances, variance])
     return found
+
+
+def corrected(
+    taken: ReadingsTaken, c: ca.SX, error: ca.SX, pull: Callable[[ca.SX, ca.SX], ca.SX] = lambda e, s: e
+) -> tuple[ca.SX, list[ca.SX]]:
+    """What the readings move the state by (size, 1), and the innovation of each of them, those before it taken.
+
+    error: (nc,) what they miss of the state before them; pull: of an innovation and its variance, what counts of it.
+    """
+    moved, e = ca.SX(taken.after.size1(), 1), []
+    for i, (gain, s) in enumerate(zip(taken.gains, taken.variances, strict=True)):
+        e.append(error[i] - ca.mtimes(c[i, :], moved[: c.size2()]))
+        moved += gain * pull(e[i], s)
+    return moved, e
 
 
 def carried(p: ca.SX, phi: ca.SX, q: ca.SX) -> ca.SX:

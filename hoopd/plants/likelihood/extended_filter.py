@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.composite import Composite
 from hoopd.plants.fits.runs import Run
-from hoopd.plants.likelihood.covariance import carried, density, elements, from_elements, readings_taken
+from hoopd.plants.likelihood.covariance import carried, corrected, density, elements, from_elements, readings_taken
 from hoopd.plants.likelihood.recursion_derivatives import DifferentiableRecursion, RecursionRun
 
 Array = NDArray[np.float64]
@@ -136,13 +136,12 @@ class ExtendedKalmanFilter:
         expected = ca.vertcat(*(self.composite.reading(name, x, t, named) for name in self.channels))
         c = ca.jacobian(expected, x)
         taken = readings_taken(cov, c, seen, ca.vertcat(*(named[f"r_{name}"] for name in self.channels)))
-        moved, e = ca.SX(x.numel(), 1), []
-        for i, (gain, s) in enumerate(zip(taken.gains, taken.variances, strict=True)):
-            e.append(y[i] - expected[i] - ca.mtimes(c[i, :], moved))
-            # a gate without an edge, so that the search meets none: half at the gate, 1 % of a sample thrice as far
-            pull = e[i] if math.isinf(self._gate) else e[i] / (1 + (e[i] ** 2 / s / self._gate**2) ** 2)
-            moved += gain * pull
+        moved, e = corrected(taken, c, y - expected, self._pull)
         return x + moved, taken.after, e, taken.variances
+
+    def _pull(self, e: ca.SX, s: ca.SX) -> ca.SX:
+        """Without an edge, so that the search meets none: half at the gate, 1 % of a sample three times as far."""
+        return e if math.isinf(self._gate) else e / (1 + (e**2 / s / self._gate**2) ** 2)
 
     def _predicted(
         self, x: ca.SX, cov: ca.SX, u: ca.SX, h: ca.SX, t: ca.SX, named: Mapping[str, ca.SX], pieces: int

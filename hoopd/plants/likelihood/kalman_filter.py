@@ -15,9 +15,10 @@ Rules of this file: numbers in, numbers out; noise levels are given.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -110,7 +111,7 @@ class Noise(NamedTuple):
         (steps, nz, _), size = model.a.shape, model.size
         phi = np.zeros((steps, size, size))
         phi[:, :nz, :nz], phi[:, :nz, nz:] = model.a, model.w
-        phi[:, range(nz, size), range(nz, size)] = self._decay(model)
+        phi[:, range(nz, size), range(nz, size)] = disturbance(model.h[:, None], self.force, self.time_s)[0]
         return phi
 
     def added(self, model: LinearReference) -> Array:
@@ -118,11 +119,8 @@ class Noise(NamedTuple):
         (steps, nz, _), size = model.a.shape, model.size
         found = np.zeros((steps, size, size))
         found[:, range(nz), range(nz)] = rate_floor(nz, model.nx)
-        found[:, range(nz, size), range(nz, size)] = self.force**2 * (1.0 - self._decay(model) ** 2)
+        found[:, range(nz, size), range(nz, size)] = disturbance(model.h[:, None], self.force, self.time_s)[1]
         return found
-
-    def _decay(self, model: LinearReference) -> Array:
-        return np.asarray(np.exp(-model.h[:, None] / self.time_s))
 
 
 @dataclass(frozen=True)
@@ -185,6 +183,14 @@ def whitened(model: LinearReference, found: Gains, f: Array, eps: Array) -> Arra
     return np.asarray(found.whiten @ predicted(model, found, f, eps)[1])
 
 
+def adjoint(model: LinearReference, found: Gains, white: Array) -> Array:
+    """By how much products of rows (n, nc, m) with the whitened innovations fall with each deviation (n, size, m)."""
+    # r_k-1 = (phi (I - K C))' r_k + C' V' row
+    source = np.zeros((len(white), model.size, white.shape[2]))
+    source[:, : model.c.shape[2]] = (found.whiten @ model.c).transpose(0, 2, 1) @ white
+    return backward(found.bands, source)
+
+
 class SmoothedDeviation(NamedTuple):
     """Deviation and disturbance given all readings, and how the log-likelihood answers to a push at each step."""
 
@@ -196,17 +202,20 @@ class SmoothedDeviation(NamedTuple):
 
 def smoothed(model: LinearReference, found: Gains, f: Array, eps: Array) -> SmoothedDeviation:
     """Fixed-interval smoother of one column f (n-1, nz), eps (n, nc) (Bryson and Frazier's adjoint form)."""
-    n, _, nz = model.c.shape
+    nz = model.c.shape[2]
     d, e = predicted(model, found, f[:, :, None], eps[:, :, None])
-    # r_k-1 = (phi (I - K C))' r_k + C' S^-1 e
-    source = np.zeros((n, model.size, 1))
-    source[:, :nz] = (found.whiten @ model.c).transpose(0, 2, 1) @ (found.whiten @ e)
-    adjoint = backward(found.bands, source)
+    back = adjoint(model, found, found.whiten @ e)
     filtered = (d + found.gain @ e)[:, :, 0]
-    return SmoothedDeviation((d + found.before @ adjoint)[:, :, 0], adjoint[1:, :nz, 0], filtered, d[:, :, 0])
+    return SmoothedDeviation((d + found.before @ back)[:, :, 0], back[1:, :nz, 0], filtered, d[:, :, 0])
 
 
 # ---------------------------------------------------------------------------------------------- covariance
+
+
+def disturbance(h: Any, force: Any, time_s: Any, exp: Callable[[Any], Any] = np.exp) -> tuple[Any, Any]:
+    """Of a correlated disturbance over h seconds: the share that stays, and the variance that is added."""
+    decay = exp(-h / time_s)
+    return decay, force**2 * (1 - decay**2)
 
 
 def rate_floor(nz: int, nx: int) -> Array:

@@ -17,11 +17,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.likelihood.covariance import carried, elements, from_elements, readings_taken
+from hoopd.plants.likelihood.covariance import carried, corrected, elements, from_elements, readings_taken
 from hoopd.plants.likelihood.kalman_filter import (
     LinearReference,
     Noise,
     Pattern,
+    disturbance,
     nonzeros,
     pattern_of,
     rate_floor,
@@ -96,14 +97,13 @@ def _linear_filter(dynamic: Pattern, seen: Pattern, nx: int) -> DifferentiableRe
     scatter, levels = ca.SX.sym("scatter", nc), ca.SX.sym("levels", 2 * nq + nc)
     force, time_s, reading = ca.vertsplit(levels, [0, nq, 2 * nq, 2 * nq + nc])
     taken = readings_taken(from_elements(half, size), c, present, (reading * scatter) ** 2)
-    e, moved = [], d
-    for i, gain in enumerate(taken.gains):
-        e.append(eps[i] - ca.mtimes(c[i, :], moved[:nz]))
-        moved += gain * e[i]
-    decay = ca.exp(-h / time_s)
+    moved, e = corrected(taken, c, eps - ca.mtimes(c, d[:nz]))
+    decay, variance = disturbance(h, force, time_s, ca.exp)
     phi = ca.vertcat(moving, ca.horzcat(ca.SX(nq, nz), ca.diag(decay)))
-    added = ca.diag(ca.vertcat(rate_floor(nz, nx), force**2 * (1 - decay**2)))
-    after = ca.vertcat(*elements(carried(taken.after, phi, added)), ca.mtimes(phi, moved) + ca.vertcat(f, ca.SX(nq, 1)))
+    added = ca.diag(ca.vertcat(rate_floor(nz, nx), variance))
+    after = ca.vertcat(
+        *elements(carried(taken.after, phi, added)), ca.mtimes(phi, d + moved) + ca.vertcat(f, ca.SX(nq, 1))
+    )
     data = [moving, h, f, c, present, scatter, eps]
     out = ca.vertcat(*e, *taken.variances)
     return DifferentiableRecursion(
