@@ -9,15 +9,15 @@ import _signal
 
 _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
 
-from hoopd import failure  # noqa: E402
+from hoopd import uncaught_errors  # noqa: E402
 
 
 def main() -> None:
     """Run the command line; whatever nobody foresaw is one line and exit code 1."""
-    failure.watch()
+    uncaught_errors.watch()
     from hoopd.commands.cli import main as command_line
 
-    failure.run(command_line)
+    uncaught_errors.run(command_line)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from math import tau
 import numpy as np
 
 from hoopd.plants.fits.runs import Run
-from hoopd.plants.hoop.fit_data import prepare
+from hoopd.plants.hoop.recordings.fit_data import prepare
 from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.recording.recording import Recording, from_columns
 

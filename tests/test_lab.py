@@ -18,12 +18,12 @@ from hoopd.design.lqg import Weights
 from hoopd.design.margins import margins
 from hoopd.files.controller import load_controller
 from hoopd.files.shipped import defaults_folder
-from hoopd.plants.hoop.closed_loop import Scenario, picture_timing
-from hoopd.plants.hoop.fit import FitSettings
-from hoopd.plants.hoop.fit import fit as fit_parameters
-from hoopd.plants.hoop.fit_percent import score
-from hoopd.plants.hoop.recorded_runs import Subject
-from hoopd.plants.hoop.trial import run as closed
+from hoopd.plants.hoop.fitting.fit import FitSettings
+from hoopd.plants.hoop.fitting.fit import fit as fit_parameters
+from hoopd.plants.hoop.fitting.fit_percent import score
+from hoopd.plants.hoop.loop.closed_loop import Scenario, picture_timing
+from hoopd.plants.hoop.loop.trial import run as closed
+from hoopd.plants.hoop.recordings.recorded_runs import Subject
 from hoopd.plants.model_file import load_model
 from hoopd.recording.edit import between
 

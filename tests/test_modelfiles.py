@@ -13,7 +13,7 @@ from hoopd.core.late import LateEstimator
 from hoopd.files.controller import controller_of, estimator_of, limiter_of, load_controller, parse_controller
 from hoopd.files.model import model_text
 from hoopd.files.reading import InputError
-from hoopd.plants.hoop.writeback import cancelled, estimator_with, filter_effects, unused
+from hoopd.plants.hoop.loop.writeback import cancelled, estimator_with, filter_effects, unused
 from hoopd.plants.model_file import effects_of, load_model, parse_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"

@@ -45,7 +45,8 @@ from hoopd.commands.options.running import (
 )
 from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output import check_json, write_json
-from hoopd.files.reading import PORT_MISSING, InputError, PortMissingError
+from hoopd.exit_codes import DONE, FAILED, PORT_MISSING, UNUSABLE_INPUT
+from hoopd.files.reading import InputError, PortMissingError
 
 # Matrices of four by four gain nothing from threads, and lose milliseconds to them; before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -186,11 +187,11 @@ def main() -> None:
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or the interpreter tries again at its end
         sys.stderr.write(f"hoopd: standard output: {(error.strerror or '').lower()}\n")
-        sys.exit(1)
+        sys.exit(FAILED)
     else:
-        sys.exit(code or 0)
+        sys.exit(code or DONE)
 
 
-def _refuse(line: str, code: int = 2) -> NoReturn:
+def _refuse(line: str, code: int = UNUSABLE_INPUT) -> NoReturn:
     sys.stderr.write(f"hoopd: {line}\n")
     sys.exit(code)

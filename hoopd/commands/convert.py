@@ -13,7 +13,7 @@ import numpy as np
 
 from hoopd.commands.options.convert import ConvertOptions
 from hoopd.files.reading import InputError
-from hoopd.plants.hoop.suspicions import suspicions
+from hoopd.plants.hoop.recordings.suspicions import suspicions
 from hoopd.plants.layout import layout_of
 from hoopd.plants.registry import resolve_plant
 from hoopd.recording import Recording, load, save

@@ -34,10 +34,10 @@ from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped, way_to
 from hoopd.files.whole_files import replace_file
 from hoopd.plants.found_effects import FoundEffects
-from hoopd.plants.hoop.closed_loop import ClosedLoopRun
+from hoopd.plants.hoop.loop.closed_loop import ClosedLoopRun
+from hoopd.plants.hoop.loop.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
+from hoopd.plants.hoop.loop.writeback import cancelled, delays_of, filter_effects, limits_of, unused
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
-from hoopd.plants.hoop.writeback import cancelled, delays_of, filter_effects, limits_of, unused
 from hoopd.plants.model_file import effects_of, load_model, plant_of
 from hoopd.plots import style
 from hoopd.plots.loops import draw_design

@@ -30,7 +30,7 @@ def experiment(options: ExperimentOptions) -> None:
         raise InputError("--at", "", "goes with --plant, and only with it")
     from hoopd.daemon.app import Options
     from hoopd.daemon.experiment import Where, run
-    from hoopd.plants.hoop.experiment_plan import DURATION_S, DURATIONS_S, Plan
+    from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan
 
     asked = {name: getattr(options, name) for name in Plan._fields if name not in ("duration_s", "ball")}
     seconds = DURATIONS_S.get(options.kind, DURATION_S) if options.duration_s is None else options.duration_s

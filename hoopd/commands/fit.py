@@ -22,10 +22,10 @@ from hoopd.commands.plant_inputs import other_model, refuse_shared
 from hoopd.files.model import ModelFile, model_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
-from hoopd.plants.hoop.fit import FitSettings, FittedParameters, fit, model_file, nominal_values
-from hoopd.plants.hoop.fit_percent import score
+from hoopd.plants.hoop.fitting.fit import FitSettings, FittedParameters, fit, model_file, nominal_values
+from hoopd.plants.hoop.fitting.fit_percent import score
 from hoopd.plants.hoop.parameters import ParameterError
-from hoopd.plants.hoop.recorded_runs import Subject
+from hoopd.plants.hoop.recordings.recorded_runs import Subject
 from hoopd.plants.model_file import parse_model
 from hoopd.recording.recording import Recording
 

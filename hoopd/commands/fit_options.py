@@ -14,10 +14,10 @@ from hoopd.files.reading import InputError
 from hoopd.files.shipped import START_MODELS, defaults_folder, or_shipped
 from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.robust_least_squares import LOSSES
-from hoopd.plants.hoop.fit import METHODS, FitSettings, nominal_values
-from hoopd.plants.hoop.fit_data import CHANNELS
-from hoopd.plants.hoop.free_parameters import scale_of
+from hoopd.plants.hoop.fitting.fit import METHODS, FitSettings, nominal_values
+from hoopd.plants.hoop.fitting.free_parameters import scale_of
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
+from hoopd.plants.hoop.recordings.fit_data import CHANNELS
 from hoopd.plants.model_file import effects_of, load_model
 
 

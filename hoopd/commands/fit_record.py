@@ -19,18 +19,18 @@ from hoopd.files.shipped import START_MODELS, defaults_folder
 from hoopd.ident.normal import Z95
 from hoopd.plants.fits.plain_numbers import plain
 from hoopd.plants.hoop.entries import ENTRIES
-from hoopd.plants.hoop.entry_constraints import constraint_words
-from hoopd.plants.hoop.filter_noise import NOISE_UNITS
-from hoopd.plants.hoop.fit import FittedParameters, nominal_values
-from hoopd.plants.hoop.fit_data import UNITS, prepare
-from hoopd.plants.hoop.fit_percent import WINDOW_S, score
-from hoopd.plants.hoop.free_parameters import PRIOR
-from hoopd.plants.hoop.identifiability import determined
+from hoopd.plants.hoop.fitting.entry_constraints import constraint_words
+from hoopd.plants.hoop.fitting.filter_noise import NOISE_UNITS
+from hoopd.plants.hoop.fitting.fit import FittedParameters, nominal_values
+from hoopd.plants.hoop.fitting.fit_percent import WINDOW_S, score
+from hoopd.plants.hoop.fitting.free_parameters import PRIOR
+from hoopd.plants.hoop.fitting.identifiability import determined
+from hoopd.plants.hoop.fitting.physical_parameters import Known, physical_from_entries
 from hoopd.plants.hoop.kinematics import MEASURED, compare_kinematics, entries_covariance, known_from
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError
-from hoopd.plants.hoop.physical_parameters import Known, physical_from_entries
-from hoopd.plants.hoop.recorded_runs import Subject
-from hoopd.plants.hoop.suspicions import suspicions
+from hoopd.plants.hoop.recordings.fit_data import UNITS, prepare
+from hoopd.plants.hoop.recordings.recorded_runs import Subject
+from hoopd.plants.hoop.recordings.suspicions import suspicions
 from hoopd.plants.hoop.thesis import table_words
 from hoopd.plants.likelihood.prediction_error import PredictionSolution
 from hoopd.plants.model_file import load_model

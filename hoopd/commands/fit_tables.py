@@ -9,7 +9,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from hoopd.plants.hoop.fit_percent import WINDOW_S
+from hoopd.plants.hoop.fitting.fit_percent import WINDOW_S
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 
 MISSED_PERCENT = 0.1  # of an entry; what the positive parameters miss less is the rounding of a fit

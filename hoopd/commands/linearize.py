@@ -23,7 +23,7 @@ from hoopd.design.effects_near import Near, effects_near
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
-from hoopd.plants.hoop.operating_points import NoEquilibriumError, OperatingPoint, operating_point
+from hoopd.plants.hoop.loop.operating_points import NoEquilibriumError, OperatingPoint, operating_point
 from hoopd.plants.model_file import effects_of, load_model, plant_of
 
 USUAL_OUTPUTS = ("psi",)

@@ -20,7 +20,7 @@ from hoopd.design.margins import Margins, margins
 from hoopd.design.speed import Bandwidth, bandwidth, sampling_advice, step_info
 from hoopd.files.model import ModelFile
 from hoopd.ident.transfer_functions import numerator_and_denominator, transfer_function, zeros
-from hoopd.plants.hoop.operating_points import OperatingPoint
+from hoopd.plants.hoop.loop.operating_points import OperatingPoint
 
 # A pole and a zero this near to each other (beside the larger) leave next to nothing of the mode in the output.
 NEAR = 0.05

@@ -21,7 +21,7 @@ from hoopd.files.reading import InputError
 from hoopd.ident.signals import Signal as Table
 from hoopd.plants.declaration import Plant
 from hoopd.plants.free_run import FreeRun
-from hoopd.plants.hoop.experiment_plan import DURATION_S, DURATIONS_S, Plan, unit_table
+from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan, unit_table
 from hoopd.plants.plant_model import nominal_model
 from hoopd.recording import save
 from hoopd.recording.recording import Recording, Signal, from_signals

@@ -18,10 +18,10 @@ from hoopd.commands.simulate_plant import simulate_other_plant
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
-from hoopd.plants.hoop.fit_data import moving_of, was_measured
-from hoopd.plants.hoop.fit_percent import WINDOW_S, FitScore, score
-from hoopd.plants.hoop.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
-from hoopd.plants.hoop.suspicions import suspicions
+from hoopd.plants.hoop.fitting.fit_percent import WINDOW_S, FitScore, score
+from hoopd.plants.hoop.recordings.fit_data import moving_of, was_measured
+from hoopd.plants.hoop.recordings.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
+from hoopd.plants.hoop.recordings.suspicions import suspicions
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording import Recording, save
 from hoopd.recording.formats import extension_of

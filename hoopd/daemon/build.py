@@ -23,7 +23,7 @@ from hoopd.core.tick import Tick
 from hoopd.files.controller import ControllerFile, controller_of, levels_of, parse_controller, settings_of
 from hoopd.files.reading import InputError, read_text
 from hoopd.plants.found_effects import FoundEffects
-from hoopd.plants.hoop.writeback import Unused, ball_motion, estimator_with, feedforward_of, hoop_motion, unused
+from hoopd.plants.hoop.loop.writeback import Unused, ball_motion, estimator_with, feedforward_of, hoop_motion, unused
 from hoopd.plants.model_file import effects_of, parse_model
 from hoopd.shell.config import Config, dump, find
 

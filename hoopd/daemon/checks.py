@@ -17,7 +17,8 @@ from hoopd.core.health import Thresholds
 from hoopd.core.records import CameraSample, DriverSample
 from hoopd.core.slow_ticks import rows_off
 from hoopd.core.ticksettings import TickSettings
-from hoopd.files.reading import PORT_MISSING, InputError
+from hoopd.exit_codes import FAILED, PORT_MISSING
+from hoopd.files.reading import InputError
 
 
 class Verdict(StrEnum):
@@ -77,7 +78,7 @@ def serial_port(port: str, baud: int, failure: str, *, missing: bool = False) ->
     advice = (
         "stop the daemon first: systemctl stop hoopd" if busy else "see serial.port; user in group dialout? reboot?"
     )
-    return CheckResult("serial port", wanted, failure, Verdict.FAIL, advice, PORT_MISSING if missing else 1)
+    return CheckResult("serial port", wanted, failure, Verdict.FAIL, advice, PORT_MISSING if missing else FAILED)
 
 
 def board_answers(board: Board) -> CheckResult:

@@ -27,7 +27,7 @@ from hoopd.daemon.conductor import START_PATIENCE_S, Conductor
 from hoopd.files.controller import ControllerFile, parse_controller
 from hoopd.files.reading import InputError
 from hoopd.ident import signals
-from hoopd.plants.hoop.experiment_plan import FinishedPlan, Plan, write_score
+from hoopd.plants.hoop.loop.experiment_plan import FinishedPlan, Plan, write_score
 from hoopd.recording.mcap import read
 from hoopd.recording.recording import Recording
 from hoopd.shell import config as configuration

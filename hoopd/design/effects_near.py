@@ -14,8 +14,8 @@ import numpy as np
 
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.found_effects import FoundEffects
+from hoopd.plants.hoop.loop.writeback import delays_of
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.writeback import delays_of
 
 # Amplitude of a rate (rad/s) at which dry friction's describing function is told: a slow motion of hoop or ball.
 RATE_RAD_S = 1.0

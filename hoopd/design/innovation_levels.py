@@ -10,7 +10,7 @@ from hoopd.core.drift import BLOCK_S, CHANNELS, LEARNED_BLOCKS, SETTLE_S, Drift
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import SLEW_NM_PER_TICK, TORQUE_LIMIT_NM, Limiter
 from hoopd.design.lqg import Weights, lqg_gains
-from hoopd.plants.hoop.closed_loop import Scenario, picture_timing, simulate
+from hoopd.plants.hoop.loop.closed_loop import Scenario, picture_timing, simulate
 from hoopd.plants.hoop.plant import HoopPlant
 
 # Steps of the reference, so that the hoop turns and the ball swings: +-0.03 rad every three seconds.

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.design.linear_law import LinearLaw
 from hoopd.files.plant_controller import PlantControllerFile
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.numeric_plant import NumericPlant
+from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 

@@ -55,10 +55,6 @@ UNPACKED_FREE_BYTES = 8 * 2**20
 MAX_PART_CHARS = 300
 
 
-# Exit code of a run whose port was missing: the one failure that waiting mends, so a service tries again.
-PORT_MISSING = 3
-
-
 class InputError(ValueError):
     """Unusable input: file, key (or row and column) and reason in one line."""
 

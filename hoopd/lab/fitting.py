@@ -15,9 +15,9 @@ from hoopd.lab.pictures import Picture
 from hoopd.lab.simulation import simulate
 from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.robust_least_squares import LOSSES
-from hoopd.plants.hoop.fit import METHODS, FitSettings, FittedParameters, model_file, nominal_values
-from hoopd.plants.hoop.fit import fit as fit_parameters
-from hoopd.plants.hoop.identifiability import determined
+from hoopd.plants.hoop.fitting.fit import METHODS, FitSettings, FittedParameters, model_file, nominal_values
+from hoopd.plants.hoop.fitting.fit import fit as fit_parameters
+from hoopd.plants.hoop.fitting.identifiability import determined
 from hoopd.plants.hoop.parameters import STRUCTURES
 from hoopd.plots.parameters import draw_intervals
 from hoopd.recording.recording import Recording

@@ -26,7 +26,7 @@ from hoopd.lab.models import Model, as_model, model_of
 from hoopd.lab.pictures import Picture
 from hoopd.lab.signatures import with_named_keywords
 from hoopd.plants.declaration import Plant
-from hoopd.plants.hoop.operating_points import HeldBall, OperatingPoint, operating_point, told
+from hoopd.plants.hoop.loop.operating_points import HeldBall, OperatingPoint, operating_point, told
 from hoopd.plants.plant_model import PlantModel
 from hoopd.plots.linear import DRAWINGS
 

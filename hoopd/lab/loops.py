@@ -1,6 +1,6 @@
 """The closed loop against the nonlinear plant.
 
-Rules of this file: thin over `hoopd.plants.hoop.trial`.
+Rules of this file: thin over `hoopd.plants.hoop.loop.trial`.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from hoopd.core.records import PICTURE_AGE_S
 from hoopd.lab.controllers import Controller, as_controller
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
-from hoopd.plants.hoop.closed_loop import ClosedLoopRun, LinearPlant, Scenario, picture_timing
-from hoopd.plants.hoop.trial import figures_of
-from hoopd.plants.hoop.trial import run as closed
+from hoopd.plants.hoop.loop.closed_loop import ClosedLoopRun, LinearPlant, Scenario, picture_timing
+from hoopd.plants.hoop.loop.trial import figures_of
+from hoopd.plants.hoop.loop.trial import run as closed
 from hoopd.plots.loops import draw_runs
 
 Array = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """Free runs of a model.
 
-Rules of this file: thin over `hoopd.plants.hoop.recorded_runs` and `hoopd.plants.hoop.fit_percent`.
+Rules of this file: thin over `hoopd.plants.hoop.recordings.recorded_runs` and `hoopd.plants.hoop.fitting.fit_percent`.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
-from hoopd.plants.hoop.fit_data import moving_of, was_measured
-from hoopd.plants.hoop.fit_percent import FitScore, score
-from hoopd.plants.hoop.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
+from hoopd.plants.hoop.fitting.fit_percent import FitScore, score
+from hoopd.plants.hoop.recordings.fit_data import moving_of, was_measured
+from hoopd.plants.hoop.recordings.recorded_runs import RUNAWAY_RAD_S, STATES, Subject, ran_away, simulated
 from hoopd.plots.simulation import draw_simulation
 from hoopd.recording.recording import Recording, from_columns
 

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from hoopd.files.reading import InputError
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.free_run import readings
+from hoopd.plants.plant_with_effects import Composite
 from hoopd.plants.user_program import executed, line_of, reason_of, wrong_program
 
 NAME = re.compile(r"[a-z][a-z0-9_]*\.[a-z][a-z0-9_]*")

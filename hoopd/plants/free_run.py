@@ -2,7 +2,7 @@
 
 What comes back are states and readings: readings as the sensors give them (late, wrong, lagging), states as they are.
 
-Rules of this file: equations come from `composite`; parameters named `free` are told to each run anew, all others are
+Rules of this file: equations come from `plant_with_effects`; parameters named `free` are told to each run anew, all others are
 held and stand in the equations as numbers. No step crosses a change of an input, late as it may come, and every late
 reading has a node of its own. One object belongs to one thread.
 """
@@ -20,11 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.files.reading import InputError
 from hoopd.plants.compiled import Chunks, kept
-from hoopd.plants.composite import FRICTION_SUBSTEPS, Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.fingerprint import fingerprint
 from hoopd.plants.held_input import SAME_S, mean_inputs, node_axis
+from hoopd.plants.plant_with_effects import FRICTION_SUBSTEPS, Composite
 from hoopd.plants.sensor_readings import SensorReadings, node_index
 
 Array = NDArray[np.float64]
@@ -306,7 +306,7 @@ def run(
 
     Examples
     --------
-    >>> from hoopd.plants.composite import Composite
+    >>> from hoopd.plants.plant_with_effects import Composite
     >>> from hoopd.plants.free_run import run
     >>> from hoopd.plants.registry import plant_named
     >>> axis = Composite(plant_named("axis"))
@@ -343,7 +343,7 @@ def readings(
 
     Examples
     --------
-    >>> from hoopd.plants.composite import Composite
+    >>> from hoopd.plants.plant_with_effects import Composite
     >>> from hoopd.plants.free_run import readings
     >>> from hoopd.plants.registry import plant_named
     >>> axis = Composite(plant_named("axis"))

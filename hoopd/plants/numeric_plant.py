@@ -1,7 +1,7 @@
 """A plant with numbers, with or without effects: derivative, state from sample to sample, the filter's step, linear
 models.
 
-The state is that of `composite` (the plant's own, then what lags); inputs are a number where there is one, else a
+The state is that of `plant_with_effects` (the plant's own, then what lags); inputs are a number where there is one, else a
 sequence. Delays, latencies and sensors are not part of it: they are the free run's.
 
 Rules of this file: no equation is written here, only calls. Inputs are held over a step (zero-order hold). The call
@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hoopd.plants.compiled import Call, Matrix, Vector, zero_order_hold
-from hoopd.plants.composite import LONGEST_STEP_S, Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.motion import USUAL_S
+from hoopd.plants.integration_step import USUAL_S
+from hoopd.plants.plant_with_effects import LONGEST_STEP_S, Composite
 
 # Runge-Kutta steps a call of `advance`: up to the plant's usual sample time (20 ms), integrated at a 20th or finer.
 ADVANCE_STEPS = 20

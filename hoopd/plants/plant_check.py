@@ -15,9 +15,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.free_run import FreeRun
+from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 

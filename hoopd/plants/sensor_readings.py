@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.compiled import CHUNK, Chunks
-from hoopd.plants.composite import BACK_STEPS, Composite
 from hoopd.plants.held_input import SAME_S
+from hoopd.plants.plant_with_effects import BACK_STEPS, Composite
 
 Array = NDArray[np.float64]
 

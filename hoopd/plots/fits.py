@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from hoopd.plants.hoop.fit_percent import FitScore
+from hoopd.plants.hoop.fitting.fit_percent import FitScore
 from hoopd.plots import style
 from hoopd.recording.recording import Recording
 

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hoopd.design.gang_of_four import GangOfFour
-from hoopd.plants.hoop.closed_loop import ClosedLoopRun
-from hoopd.plants.hoop.trial import Trial
+from hoopd.plants.hoop.loop.closed_loop import ClosedLoopRun
+from hoopd.plants.hoop.loop.trial import Trial
 from hoopd.plots import style
 
 # Of each panel: attribute, title, unit on the axis.

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hoopd.plants.hoop.fit_percent import ChannelTrace, FitScore
-from hoopd.plants.hoop.recorded_runs import SimulatedStretch
+from hoopd.plants.hoop.fitting.fit_percent import ChannelTrace, FitScore
+from hoopd.plants.hoop.recordings.recorded_runs import SimulatedStretch
 from hoopd.plots.style import BLACK, BLUE, GREY, VERMILION, figure, legend
 from hoopd.recording.recording import Recording
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hoopd.plants.hoop.solver_comparison import RTOL, SolverCase, Study
+from hoopd.plants.hoop.fitting.solver_comparison import RTOL, SolverCase, Study
 from hoopd.plots.style import BLACK, BLUE, GREY, SKY, VERMILION, figure, legend
 
 LOOKS = {"RK45": (BLUE, "RK45 (ode45, as Tsit5)"), "Rosenbrock23": (VERMILION, "Rosenbrock23 (ode23s)")}

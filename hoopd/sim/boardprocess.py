@@ -28,7 +28,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from hoopd import failure
+from hoopd import uncaught_errors
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import layout_from_table
 from hoopd.shell.service import raise_thread_priority
@@ -287,5 +287,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    failure.watch()
+    uncaught_errors.watch()
     sys.exit(main())

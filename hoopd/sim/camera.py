@@ -21,7 +21,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from hoopd import failure
+from hoopd import uncaught_errors
 from hoopd.shell.service import raise_thread_priority
 from hoopd.sim import lies
 from hoopd.sim.faults import FaultScript, fault_from_table
@@ -217,5 +217,5 @@ def _end_with_parent() -> None:
 
 
 if __name__ == "__main__":
-    failure.watch()
+    uncaught_errors.watch()
     sys.exit(main())

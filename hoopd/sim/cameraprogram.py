@@ -13,8 +13,8 @@ from hoopd.shell.service import HELPER_PRIORITY, raise_thread_priority
 if __name__ == "__main__":
     if "--fifo" in sys.argv and sys.argv[sys.argv.index("--fifo") + 1 :][:1] != ["0"]:
         raise_thread_priority(HELPER_PRIORITY)
-    from hoopd import failure
+    from hoopd import uncaught_errors
     from hoopd.sim.camera import main
 
-    failure.watch()
+    uncaught_errors.watch()
     sys.exit(main())

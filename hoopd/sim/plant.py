@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from hoopd.core.records import Vector
 from hoopd.plants.compiled import Call
-from hoopd.plants.composite import Composite
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.numeric_plant import ADVANCE_STEPS, NumericPlant
+from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 State = tuple[float, float, float, float]

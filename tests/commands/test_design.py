@@ -25,7 +25,7 @@ from hoopd.design.lqg import Weights
 from hoopd.design.margins import margins
 from hoopd.files.controller import controller_of, load_controller
 from hoopd.files.reading import InputError
-from hoopd.plants.hoop.closed_loop import LinearPlant, Scenario, picture_timing
+from hoopd.plants.hoop.loop.closed_loop import LinearPlant, Scenario, picture_timing
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording.recording import from_columns
 from hoopd.shell.config import load as load_config

@@ -13,8 +13,8 @@ import pytest
 from shared import shared_path
 
 from hoopd.commands import cli, simulate
+from hoopd.plants.hoop.fitting.solver_comparison import two_level_torque
 from hoopd.plants.hoop.simulate import HoopModel
-from hoopd.plants.hoop.solver_comparison import two_level_torque
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording import load, load_all, save
 from hoopd.recording.recording import Recording, from_columns

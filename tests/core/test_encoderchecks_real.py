@@ -9,7 +9,7 @@ from hoopd.core.encoderchecks import EncoderChecks
 from hoopd.core.faulttable import BY_NAME
 from hoopd.core.records import DriverSample
 from hoopd.files.controller import load_controller, settings_of
-from hoopd.plants.hoop.writeback import hoop_motion
+from hoopd.plants.hoop.loop.writeback import hoop_motion
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording.slices import read_recording
 

@@ -9,7 +9,7 @@ from shared import ROOT, shared_path
 from hoopd.core.ballresponse import ENOUGH_S, BallResponse
 from hoopd.core.picturechecks import PictureChecks
 from hoopd.core.records import CameraSample, DriverSample, Inputs, LinkCounts, Vector
-from hoopd.plants.hoop.writeback import ball_motion
+from hoopd.plants.hoop.loop.writeback import ball_motion
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording.recording import Recording
 from hoopd.recording.slices import read_recording

@@ -20,7 +20,7 @@ from hoopd.design.response import response
 from hoopd.design.speed import bandwidth, sampling_advice, step_info
 from hoopd.design.visibility import controllability, detectability, in_words, observability
 from hoopd.ident.transfer_functions import numerator_and_denominator, transfer_function, zeros
-from hoopd.plants.hoop.operating_points import NoEquilibriumError, operating_point
+from hoopd.plants.hoop.loop.operating_points import NoEquilibriumError, operating_point
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, plant_of
 

@@ -11,13 +11,13 @@ import numpy as np
 from hoopd.diagnose.quality import recording_quality
 from hoopd.diagnose.quality.recording_quality import Quality
 from hoopd.files.shipped import or_shipped
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.stretches import Array, Held, Stretch
 from hoopd.plants.model_file import load_model
+from hoopd.plants.plant_with_effects import Composite
 from hoopd.recording.recording import Recording
 
 STEP_S = 0.02

@@ -29,7 +29,6 @@ from hoopd.diagnose.search.scan_score import scanned
 from hoopd.diagnose.search.screen import Column, Member, Screen
 from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain, surprise
 from hoopd.plants import free_run as freerun
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
@@ -37,6 +36,7 @@ from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Array, Held, Stretch
+from hoopd.plants.plant_with_effects import Composite
 from hoopd.plants.registry import plant_named
 
 PLANT = shipped_plant()

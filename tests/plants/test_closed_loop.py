@@ -12,7 +12,7 @@ import pytest
 from hoopd.core.controllers import Controller
 from hoopd.core.estimator import DelayedEkf
 from hoopd.files.controller import controller_of, limiter_of, load_controller, settings_of
-from hoopd.plants.hoop.closed_loop import ClosedLoopRun, Scenario, simulate
+from hoopd.plants.hoop.loop.closed_loop import ClosedLoopRun, Scenario, simulate
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, plant_of
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from hoopd.plants import effects
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Channel, DeclaredPlant, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import run
+from hoopd.plants.plant_with_effects import Composite
 
 MOTOR = Plant(
     name="motor",

@@ -10,7 +10,6 @@ import pytest
 from harness import effectcases
 from scipy.linalg import expm
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.library import library
@@ -18,6 +17,7 @@ from hoopd.plants.free_run import run
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.numeric_plant import NumericPlant
+from hoopd.plants.plant_with_effects import Composite
 
 # A DC motor: J q'' = k i - b q' + load,  L i' = v - R i - k q'.
 MOTOR = Plant(

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.free_run import readings, run
+from hoopd.plants.plant_with_effects import Composite
 
 # An RC low pass: R C y' = u - y.
 CIRCUIT = Plant(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from shared import shared_path
 
-from hoopd.plants.hoop.solver_comparison import (
+from hoopd.plants.hoop.fitting.solver_comparison import (
     SolverCase,
     Study,
     across_jumps,

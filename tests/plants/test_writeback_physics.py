@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from hoopd.plants.compensation import demand_of, in_order
-from hoopd.plants.composite import Composite
 from hoopd.plants.found_effects import EffectError, FoundEffect, FoundEffects, check_region, checked, weak_end
 from hoopd.plants.free_run import readings
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.sensor_correction import correction
+from hoopd.plants.hoop.recordings.sensor_correction import correction
 from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.plants.model_file import load_model
+from hoopd.plants.plant_with_effects import Composite
 
 FILE = load_model(Path(__file__).resolve().parents[2] / "config" / "models" / "hoop.yaml")
 BASE = HoopPlant(FILE.structure, FILE.values())

@@ -6,8 +6,8 @@ import control
 import numpy as np
 
 from hoopd.design.gang_of_four import gang_of_four
-from hoopd.plants.hoop.closed_loop import ClosedLoopRun
-from hoopd.plants.hoop.trial import Trial
+from hoopd.plants.hoop.loop.closed_loop import ClosedLoopRun
+from hoopd.plants.hoop.loop.trial import Trial
 from hoopd.plots.loops import draw_design, draw_gang_of_four, draw_responses
 from hoopd.plots.style import rendered
 

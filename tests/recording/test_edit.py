@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoopd.plants.hoop.suspicions import suspicions
+from hoopd.plants.hoop.recordings.suspicions import suspicions
 from hoopd.recording import Recording
 from hoopd.recording.edit import aged, between, joined, resampled, shifted, unwrapped, without
 from hoopd.recording.recording import UNITS, from_columns

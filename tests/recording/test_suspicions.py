@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoopd.plants.hoop.suspicions import COUNT_RAD, suspicions
+from hoopd.plants.hoop.recordings.suspicions import COUNT_RAD, suspicions
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording import Recording, load
 from hoopd.recording.edit import joined

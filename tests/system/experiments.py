@@ -11,7 +11,7 @@ from typing import Any
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
 from hoopd.daemon.experiment import Where
-from hoopd.plants.hoop.experiment_plan import Plan
+from hoopd.plants.hoop.loop.experiment_plan import Plan
 from hoopd.recording.mcap import RecordedRun, read_run
 from hoopd.sim import torque_log
 from hoopd.sim.torque_log import TorqueLog

@@ -19,7 +19,7 @@ from hoopd.daemon.app import Options
 from hoopd.daemon.experiment import Where
 from hoopd.daemon.replay import replay
 from hoopd.files.reading import InputError, parse_yaml
-from hoopd.plants.hoop.experiment_plan import AMPLITUDES_NM, DURATION_S, DURATIONS_S, Plan
+from hoopd.plants.hoop.loop.experiment_plan import AMPLITUDES_NM, DURATION_S, DURATIONS_S, Plan
 from hoopd.recording.mcap import read_run
 
 SHORT: dict[str, Plan] = {

@@ -21,8 +21,9 @@ from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
 from hoopd.daemon.conductor import ABORTED
 from hoopd.daemon.experiment import Where
-from hoopd.files.reading import PORT_MISSING, InputError
-from hoopd.plants.hoop.experiment_plan import Plan
+from hoopd.exit_codes import PORT_MISSING, UNUSABLE_INPUT
+from hoopd.files.reading import InputError
+from hoopd.plants.hoop.loop.experiment_plan import Plan
 from hoopd.recording.mcap import read_run
 from hoopd.sim import torque_log
 
@@ -84,7 +85,7 @@ def test_bad_input(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.chdir(tmp_path)
     for variable in ("INVOCATION_ID", "NOTIFY_SOCKET"):
         monkeypatch.delenv(variable, raising=False)
-    wanted = PORT_MISSING if name == "no port" else 2
+    wanted = PORT_MISSING if name == "no port" else UNUSABLE_INPUT
     one_line(*call(("experiment", *(word.replace("FOLDER", str(tmp_path)) for word in arguments))), expected, wanted)
     assert not list(tmp_path.iterdir())
 

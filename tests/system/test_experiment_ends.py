@@ -14,7 +14,7 @@ from system.experiments import ends_at_rest, perform
 
 from hoopd.daemon.conductor import ABORTED, Conductor
 from hoopd.daemon.replay import replay
-from hoopd.plants.hoop.experiment_plan import Plan
+from hoopd.plants.hoop.loop.experiment_plan import Plan
 from hoopd.shell import recorder
 from hoopd.sim import torque_log
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from hoopd.plants import free_run as freerun
-from hoopd.plants.composite import Composite
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
+from hoopd.plants.plant_with_effects import Composite
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tools"))

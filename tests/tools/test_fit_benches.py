@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from hoopd.plants.hoop.fit import fit
-from hoopd.plants.hoop.fit_data import prepare
-from hoopd.plants.hoop.output_error import fit_output_error
+from hoopd.plants.hoop.fitting.fit import fit
+from hoopd.plants.hoop.fitting.hoop_output_error import fit_output_error
+from hoopd.plants.hoop.recordings.fit_data import prepare
 from hoopd.plants.model_file import load_model
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -15,7 +15,6 @@ sys.path.append(str(ROOT / "tools" / "bench"))
 
 from realdata import axisforce, intervals, kept, pairs, starts  # noqa: E402
 
-from hoopd.plants.composite import Composite  # noqa: E402
 from hoopd.plants.effects.library import library  # noqa: E402
 from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model  # noqa: E402
 

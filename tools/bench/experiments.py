@@ -21,7 +21,7 @@ sys.path.insert(0, str(ROOT))
 
 from hoopd.daemon.app import Options  # noqa: E402
 from hoopd.daemon.experiment import KINDS, Where, run  # noqa: E402
-from hoopd.plants.hoop.experiment_plan import DURATION_S, DURATIONS_S, Plan  # noqa: E402
+from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan  # noqa: E402
 
 HOLDING = Path("controllers/lqg.yaml")
 

@@ -39,12 +39,12 @@ sys.path.insert(0, str(ROOT))
 from hoopd.plants.fits.output_error import Solution  # noqa: E402
 from hoopd.plants.fits.robust_least_squares import Array  # noqa: E402
 from hoopd.plants.fits.runs import Run  # noqa: E402
-from hoopd.plants.hoop.fit import FittedParameters, fit  # noqa: E402
-from hoopd.plants.hoop.fit_data import STATES, prepare  # noqa: E402
-from hoopd.plants.hoop.free_parameters import scale_of  # noqa: E402
-from hoopd.plants.hoop.output_error import fit_output_error, hoop_problem  # noqa: E402
+from hoopd.plants.hoop.fitting.fit import FittedParameters, fit  # noqa: E402
+from hoopd.plants.hoop.fitting.free_parameters import scale_of  # noqa: E402
+from hoopd.plants.hoop.fitting.hoop_output_error import fit_output_error, hoop_problem  # noqa: E402
+from hoopd.plants.hoop.fitting.solver_comparison import ATOL, RTOL, two_level_torque  # noqa: E402
+from hoopd.plants.hoop.recordings.fit_data import STATES, prepare  # noqa: E402
 from hoopd.plants.hoop.simulate import HoopModel  # noqa: E402
-from hoopd.plants.hoop.solver_comparison import ATOL, RTOL, two_level_torque  # noqa: E402
 from hoopd.plants.model_file import load_model  # noqa: E402
 from hoopd.recording import load  # noqa: E402
 from hoopd.recording.recording import Recording, from_columns  # noqa: E402

@@ -21,7 +21,7 @@ from hoopd.design.defaults import TICK_S
 from hoopd.design.lqg import Weights, feedback, lqg_gains, lqg_loop
 from hoopd.design.margins import margins
 from hoopd.files.controller import controller_of, estimator_of, limiter_of, load_controller
-from hoopd.plants.hoop.closed_loop import Scenario, simulate
+from hoopd.plants.hoop.loop.closed_loop import Scenario, simulate
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, plant_of
 

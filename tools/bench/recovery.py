@@ -41,8 +41,8 @@ from hoopd.core.controllers import DONE  # noqa: E402
 from hoopd.daemon.app import Options  # noqa: E402
 from hoopd.daemon.experiment import Where, run  # noqa: E402
 from hoopd.plants.fits.uncertainty import Z95  # noqa: E402
-from hoopd.plants.hoop.experiment_plan import Plan  # noqa: E402
-from hoopd.plants.hoop.fit import FitSettings, fit  # noqa: E402
+from hoopd.plants.hoop.fitting.fit import FitSettings, fit  # noqa: E402
+from hoopd.plants.hoop.loop.experiment_plan import Plan  # noqa: E402
 from hoopd.plants.model_file import load_model, plant_of  # noqa: E402
 from hoopd.recording.mcap import read  # noqa: E402
 from hoopd.recording.recording import Recording  # noqa: E402

@@ -23,8 +23,8 @@ import numpy as np
 from hoopd.plants.effects.library import library
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.hoop.declaration import hoop_plant
+from hoopd.plants.hoop.fitting.solver_comparison import SolverCase, across_jumps, sample_to_sample, two_level_torque
 from hoopd.plants.hoop.simulate import STEP_S, HoopModel
-from hoopd.plants.hoop.solver_comparison import SolverCase, across_jumps, sample_to_sample, two_level_torque
 from hoopd.plants.model_file import load_model, plant_of
 
 MODEL = Path(__file__).resolve().parents[2] / "config" / "models" / "thesis.yaml"

@@ -14,7 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.plants.hoop.solver_comparison import SolverCase, Study, sample_to_sample, stiffness, study, two_level_torque
+from hoopd.plants.hoop.fitting.solver_comparison import (
+    SolverCase,
+    Study,
+    sample_to_sample,
+    stiffness,
+    study,
+    two_level_torque,
+)
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.plots.solver import draw_solver_question
 from hoopd.plots.style import save

@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 
 from hoopd.files.shipped import defaults_folder
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.model_file import load_model
+from hoopd.plants.plant_with_effects import Composite
 
 VALUES = {
     "rolling": load_model(defaults_folder() / "models/hoop.yaml").values(),

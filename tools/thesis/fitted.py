@@ -15,7 +15,7 @@ from hoopd.commands import design, fit
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
 from hoopd.design.laws import Spec
-from hoopd.plants.hoop.experiment_plan import Plan
+from hoopd.plants.hoop.loop.experiment_plan import Plan
 from hoopd.plots import style
 from hoopd.plots.device import DeviceRun, draw_device
 from thesis.records import Bench

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoopd.plants.hoop.fit_percent import FitScore
-from hoopd.plants.hoop.solver_comparison import SolverCase, study
+from hoopd.plants.hoop.fitting.fit_percent import FitScore
+from hoopd.plants.hoop.fitting.solver_comparison import SolverCase, study
 from hoopd.plants.hoop.thesis import ENTRIES_PRINTED
 from hoopd.plots.fits import draw_fits
 from hoopd.plots.solver import draw_solver_question

@@ -14,9 +14,9 @@ from hoopd.design.margins import margins
 from hoopd.design.speed import bandwidth, step_info
 from hoopd.ident.transfer_functions import zeros
 from hoopd.plants.fits.nrmse import nrmse_percent
-from hoopd.plants.hoop.closed_loop import LinearPlant, Moving
+from hoopd.plants.hoop.loop.closed_loop import LinearPlant, Moving
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.recorded_runs import SimulatedStretch
+from hoopd.plants.hoop.recordings.recorded_runs import SimulatedStretch
 from hoopd.plots.linear import draw_nyquist, draw_poles, draw_step
 from hoopd.plots.linearity import ComparedRuns, draw_linearity
 from hoopd.plots.printed_margin import PrintedMargin, draw_bode_beside

@@ -19,8 +19,8 @@ from hoopd.design.pid import pid
 from hoopd.files.controller import load_controller
 from hoopd.files.shipped import defaults_folder
 from hoopd.ident.transfer_functions import transfer_function
-from hoopd.plants.hoop.closed_loop import ClosedLoopRun, LinearPlant, Scenario, picture_timing
-from hoopd.plants.hoop.trial import run
+from hoopd.plants.hoop.loop.closed_loop import ClosedLoopRun, LinearPlant, Scenario, picture_timing
+from hoopd.plants.hoop.loop.trial import run
 from hoopd.plots.loops import draw_gang_of_four, draw_responses
 from thesis.records import Bench, thesis_plant
 from thesis.results import Drawn, Row

@@ -16,11 +16,11 @@ from typing import NamedTuple
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
 from hoopd.files.shipped import defaults_folder
-from hoopd.plants.hoop.experiment_plan import Plan
-from hoopd.plants.hoop.fit import FitSettings, FittedParameters, fit
-from hoopd.plants.hoop.fit_percent import FitScore, score
+from hoopd.plants.hoop.fitting.fit import FitSettings, FittedParameters, fit
+from hoopd.plants.hoop.fitting.fit_percent import FitScore, score
+from hoopd.plants.hoop.loop.experiment_plan import Plan
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.recorded_runs import Subject
+from hoopd.plants.hoop.recordings.recorded_runs import Subject
 from hoopd.plants.hoop.thesis import ENTRIES_PRINTED
 from hoopd.plants.model_file import load_model
 from hoopd.recording import Recording, load

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Point
-from hoopd.plants.effects.slots import turns, units
+from hoopd.plants.effects.usual_sizes import turns, units
 
 
 class CurveVariable(NamedTuple):

@@ -20,7 +20,7 @@ from hoopd.diagnose.curves.curve import at_nodes
 from hoopd.diagnose.search.screen import Column, change_of
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.slots import turns, units
+from hoopd.plants.effects.usual_sizes import turns, units
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.reference_track import Track

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from hoopd.core.excitation import Excitation, ExcitationLimits
 from hoopd.plants import free_run as freerun
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.slots import force_scale, speed_scale
-from hoopd.plants.hoop.experiment_plan import (
+from hoopd.plants.effects.usual_sizes import force_scale, speed_scale
+from hoopd.plants.hoop.loop.experiment_plan import (
     AMPLITUDES_NM,
     COMFORT,
     DURATION_S,
@@ -26,6 +25,7 @@ from hoopd.plants.hoop.experiment_plan import (
     Plan,
     unit_table,
 )
+from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 

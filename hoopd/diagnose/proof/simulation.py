@@ -13,10 +13,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
 from hoopd.plants.likelihood.stretches import Held, Stretch
+from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 # Parameters of all columns, or of each.

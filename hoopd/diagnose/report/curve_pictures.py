@@ -32,7 +32,7 @@ from hoopd.diagnose.report_curves import (
 )
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.slots import units
+from hoopd.plants.effects.usual_sizes import units
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Array = NDArray[np.float64]

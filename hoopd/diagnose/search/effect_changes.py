@@ -18,13 +18,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.composite import SMOOTH_SUBSTEPS
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import composite_of, derivatives_of, fitting_effects, key_of
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.plant_with_effects import SMOOTH_SUBSTEPS
 
 Array = NDArray[np.float64]
 Values = tuple[tuple[str, float], ...]

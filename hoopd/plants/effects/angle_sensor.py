@@ -12,7 +12,7 @@ import casadi as ca
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values, geometric, phase
 from hoopd.plants.effects.image_sensor import latency
-from hoopd.plants.effects.slots import named, of_kind, scaled, time_scale, units
+from hoopd.plants.effects.usual_sizes import named, of_kind, scaled, time_scale, units
 
 # A disc that is no circle, poles and gaps of a magnetic scale, the gain and phase of its two tracks.
 UNEVEN_HARMONICS = tuple(float(n) for n in range(2, 13))

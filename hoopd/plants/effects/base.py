@@ -6,7 +6,7 @@ An effect sits at a slot of the plant and acts in one or more of these ways, in 
     sensor (a map of a reading), latency, sensor_lag
 
 Its functions get the point of the plant (`s.theta`, `s.dtheta`, `s.u`, `s.t`, `s.p["mb"]` ...) and the effect's own
-parameters (`e.Fc`), all CasADi symbols; `plants.composite` puts any set of them together with the plant.
+parameters (`e.Fc`), all CasADi symbols; `plants.plant_with_effects` puts any set of them together with the plant.
 
 Rules of this file: declarations only; nothing here knows a plant or a search.
 """

@@ -12,7 +12,7 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, geometric, phase
-from hoopd.plants.effects.slots import force_scale, named, of_kind, scaled, speed_scale, time_scale, units
+from hoopd.plants.effects.usual_sizes import force_scale, named, of_kind, scaled, speed_scale, time_scale, units
 
 # The curve is steep near rest: at 2 ms a run of 4 s misses the converged angle by 8e-4 rad, at 4 ms by 2e-3.
 STRIBECK_SUBSTEPS = 10

@@ -15,7 +15,7 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import NO_LIMIT, Effect, EffectParameter, geometric, phase
-from hoopd.plants.effects.slots import force_scale, named, of_kind, scaled, speed_scale, time_scale, turns, units
+from hoopd.plants.effects.usual_sizes import force_scale, named, of_kind, scaled, speed_scale, time_scale, turns, units
 
 # Harmonics of a turn that a motor's poles and slots may make; the first is the imbalance of what it turns.
 COGGING_HARMONICS = tuple(float(n) for n in range(2, 37))

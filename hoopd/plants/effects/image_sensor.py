@@ -11,7 +11,7 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values, geometric
-from hoopd.plants.effects.slots import named, of_kind, scaled, time_scale
+from hoopd.plants.effects.usual_sizes import named, of_kind, scaled, time_scale
 
 
 def effects(plant: Plant) -> tuple[Effect, ...]:

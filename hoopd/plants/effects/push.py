@@ -11,7 +11,7 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values
-from hoopd.plants.effects.slots import force_scale, of_kind, time_scale, units
+from hoopd.plants.effects.usual_sizes import force_scale, of_kind, time_scale, units
 
 # The edges of a pulse are ramps of this length (s, at the usual 20 ms) around t0 and t1: an integration step sees them,
 # a fit moves them.

@@ -13,12 +13,12 @@ import casadi as ca
 
 from hoopd.plants.declaration import Channel, Input, Judges, Plant, Slot
 from hoopd.plants.effects.base import Effect, Point
-from hoopd.plants.hoop import ball_effects, frame_effects
 from hoopd.plants.hoop.contact import contact_of
+from hoopd.plants.hoop.effects import ball_effects, frame_effects
 from hoopd.plants.hoop.equations import MOTIONS, lagrangian, symbols
-from hoopd.plants.hoop.fit_data import moving_of
 from hoopd.plants.hoop.parameters import KINEMATICS, LIMIT_NM, PARAMETER_UNITS
-from hoopd.plants.hoop.suspicions import ball_is_current, repeated_rows, suspicions
+from hoopd.plants.hoop.recordings.fit_data import moving_of
+from hoopd.plants.hoop.recordings.suspicions import ball_is_current, repeated_rows, suspicions
 from hoopd.recording.recording import Recording
 
 

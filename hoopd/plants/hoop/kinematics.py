@@ -29,11 +29,10 @@ from hoopd.plants.fits.output_error import Solution
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.fits.uncertainty import Uncertainty, prior_information, uncertainty
 from hoopd.plants.hoop.entries import ENTRIES, entries_of
-from hoopd.plants.hoop.free_parameters import PHYSICAL, PRIOR
-from hoopd.plants.hoop.output_error import fit_output_error
-from hoopd.plants.hoop.parameters import KINEMATICS
-from hoopd.plants.hoop.physical_parameters import Known, physical_from_entries, quantity, quantity_sd
-from hoopd.plants.hoop.separating_measurement import (
+from hoopd.plants.hoop.fitting.free_parameters import PHYSICAL, PRIOR
+from hoopd.plants.hoop.fitting.hoop_output_error import fit_output_error
+from hoopd.plants.hoop.fitting.physical_parameters import Known, physical_from_entries, quantity, quantity_sd
+from hoopd.plants.hoop.fitting.separating_measurement import (
     DECISIVE,
     STARTS,
     Predicted,
@@ -43,6 +42,7 @@ from hoopd.plants.hoop.separating_measurement import (
     separating,
     separating_words,
 )
+from hoopd.plants.hoop.parameters import KINEMATICS
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]

@@ -13,13 +13,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.hoop.plant import force_effects
+from hoopd.plants.plant_with_effects import Composite
 from hoopd.plants.trajectory import Trajectory
 
 Array = NDArray[np.float64]

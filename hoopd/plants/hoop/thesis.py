@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from hoopd.plants.hoop.entry_constraints import reproduces
-from hoopd.plants.hoop.physical_parameters import PhysicalFit, physical_from_entries
+from hoopd.plants.hoop.fitting.entry_constraints import reproduces
+from hoopd.plants.hoop.fitting.physical_parameters import PhysicalFit, physical_from_entries
 
 ENTRIES_PRINTED: Mapping[str, float] = MappingProxyType(
     {

@@ -12,12 +12,12 @@ from weakref import WeakKeyDictionary
 
 import casadi as ca
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.fingerprint import fingerprint
 from hoopd.plants.likelihood.batch_calls import KEPT, Recursion
+from hoopd.plants.plant_with_effects import Composite
 
 # Composites live as long as the process: there are as many as sets of effects are tried, some hundred.
 _libraries: dict[Hashable, dict[str, Effect]] = {}

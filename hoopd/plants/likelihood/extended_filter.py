@@ -20,10 +20,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.likelihood.covariance import carried, corrected, density, elements, from_elements, readings_taken
 from hoopd.plants.likelihood.recursion_derivatives import DifferentiableRecursion, RecursionRun
+from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 

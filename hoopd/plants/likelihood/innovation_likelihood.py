@@ -19,11 +19,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.fits.free_parameters import Prior, Scale
 from hoopd.plants.fits.output_error import prior_of
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.likelihood.extended_filter import Derivatives, ExtendedKalmanFilter, FilterInnovations, samples_of
+from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """One stretch of data with a model along it: the reference trajectory, and the model linear about it.
 
 Rules of this file: the reference comes from the smoother, so that what is left out of the model does not lead it away
-from the data; one-step maps and readings are those of `plants.composite`.
+from the data; one-step maps and readings are those of `plants.plant_with_effects`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import carrying, composite_of, derivatives_of, fitting_effects
@@ -29,6 +28,7 @@ from hoopd.plants.likelihood.kalman_filter import (
 )
 from hoopd.plants.likelihood.recording_parameters import names_of, values_of
 from hoopd.plants.likelihood.stretches import Held, Stretch, first_states
+from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.composite import BACK_STEPS, LONGEST_STEP_S
 from hoopd.plants.declaration import Plant
 from hoopd.plants.held_input import mean_torque
+from hoopd.plants.plant_with_effects import BACK_STEPS, LONGEST_STEP_S
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from harness.effectcases import NAMES, VALUES, composite, sizes, two_level
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import readings, run
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.entries import entries_of
 from hoopd.plants.hoop.plant import HoopPlant
+from hoopd.plants.plant_with_effects import Composite
 
 T, U = two_level(1.0)
 X0 = np.array([0.2, -1.0, 0.5, 2.0])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from harness.effectcases import NAMES, composite, effects, sizes
 
-from hoopd.plants.composite import BACK_STEPS, Composite
+from hoopd.plants.plant_with_effects import BACK_STEPS, Composite
 
 # Away from the kinks of limits and friction every effect is smooth.
 X0 = np.array([0.3, 3.0, 0.5, -2.0])

@@ -7,7 +7,7 @@ import pytest
 from harness.effectcases import VALUES, composite, two_level
 
 from hoopd.plants.free_run import readings, run
-from hoopd.plants.hoop.flight import PRESSED, FlightRun
+from hoopd.plants.hoop.effects.flight import PRESSED, FlightRun
 
 V = VALUES["rolling"]
 R = V["Ro"] - V["Rb"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from harness.effectcases import NAMES, SIZES, composite, effects, sizes, two_level
 
-from hoopd.plants.composite import BACK_STEPS, Composite
 from hoopd.plants.free_run import readings, run
+from hoopd.plants.plant_with_effects import BACK_STEPS, Composite
 
 # What only says where, how fast or how often: without its amplitude it changes nothing.
 SHAPES = {name: {p.key(q.name): SIZES[name][q.name] for q in p.parameters if q.role != "amplitude"} for name in NAMES

@@ -10,11 +10,11 @@ import pytest
 from harness.effectcases import plant, two_level
 
 from hoopd.files.reading import InputError
-from hoopd.plants.composite import Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.library import library
 from hoopd.plants.effects_file import load_effects
 from hoopd.plants.free_run import readings, run
+from hoopd.plants.plant_with_effects import Composite
 
 DOCS = Path(__file__).resolve().parents[3] / "docs/reference/effects.md"
 OWN, SLIDE = re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.DOTALL)

@@ -12,7 +12,7 @@ import pytest
 from hoopd.files.model import EffectEntry, Parameter, model_text
 from hoopd.files.reading import InputError
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
-from hoopd.plants.hoop.fit import FitSettings, fit, model_file
+from hoopd.plants.hoop.fitting.fit import FitSettings, fit, model_file
 from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.plants.model_file import effects_of, load_model, parse_model
 from hoopd.recording.recording import Recording, from_columns

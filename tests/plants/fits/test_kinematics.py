@@ -9,9 +9,9 @@ from shared import shared_path
 
 from hoopd.plants.fits.uncertainty import uncertainty
 from hoopd.plants.hoop.entries import entries_of, equivalent
-from hoopd.plants.hoop.fit_data import prepare
+from hoopd.plants.hoop.fitting.separating_measurement import DECISIVE, separating
 from hoopd.plants.hoop.kinematics import MEASURED, compare_kinematics, entries_covariance, fit_entries, known_from
-from hoopd.plants.hoop.separating_measurement import DECISIVE, separating
+from hoopd.plants.hoop.recordings.fit_data import prepare
 from hoopd.recording import load
 
 KINDS = ("rolling", "published")

@@ -16,11 +16,11 @@ from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.repeated_samples import not_stuck, once_at_rest
 from hoopd.plants.fits.robust_least_squares import Block, loss_value, minimise
 from hoopd.plants.fits.uncertainty import autocorrelation, correlate
-from hoopd.plants.hoop.fit import FitSettings, fit, model_file
-from hoopd.plants.hoop.fit_data import fresh_angles, moving_of, prepare
-from hoopd.plants.hoop.free_parameters import scale_of
-from hoopd.plants.hoop.output_error import fit_output_error, hoop_problem
+from hoopd.plants.hoop.fitting.fit import FitSettings, fit, model_file
+from hoopd.plants.hoop.fitting.free_parameters import scale_of
+from hoopd.plants.hoop.fitting.hoop_output_error import fit_output_error, hoop_problem
 from hoopd.plants.hoop.plant import HoopPlant
+from hoopd.plants.hoop.recordings.fit_data import fresh_angles, moving_of, prepare
 from hoopd.plants.hoop.simulate import HoopModel
 from hoopd.plants.model_file import load_model
 from hoopd.recording import load

@@ -9,8 +9,8 @@ import pytest
 from freeruns import DEVICE
 
 from hoopd.plants.hoop.entries import ENTRIES, combinations_of, constraint_misfit, entries_of
-from hoopd.plants.hoop.entry_constraints import constraint_sd, constraint_words, reproduces
-from hoopd.plants.hoop.physical_parameters import Known, physical_from_entries, quantity, quantity_sd
+from hoopd.plants.hoop.fitting.entry_constraints import constraint_sd, constraint_words, reproduces
+from hoopd.plants.hoop.fitting.physical_parameters import Known, physical_from_entries, quantity, quantity_sd
 from hoopd.plants.hoop.thesis import ENTRIES_PRINTED as THESIS
 from hoopd.plants.hoop.thesis import second_step, table_words
 

@@ -10,8 +10,8 @@ from freeruns import DEVICE
 
 from hoopd.plants.fits.plain_numbers import plain
 from hoopd.plants.hoop.entries import entries_of
-from hoopd.plants.hoop.identifiability import Direction
-from hoopd.plants.hoop.physical_parameters import Known, physical_from_entries
+from hoopd.plants.hoop.fitting.identifiability import Direction
+from hoopd.plants.hoop.fitting.physical_parameters import Known, physical_from_entries
 
 
 def test_judgements_become_json_without_infinities():

@@ -16,11 +16,11 @@ from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.records import CameraSample, DriverSample
 from hoopd.plants.fits.runs import ChannelSeries, Run
 from hoopd.plants.fits.uncertainty import intervals, uncertainty
-from hoopd.plants.hoop.filter_noise import NoiseModel, ekf_settings
-from hoopd.plants.hoop.fit_data import prepare
-from hoopd.plants.hoop.free_parameters import ENTRIES
-from hoopd.plants.hoop.output_error import HoopSystem, fit_output_error
-from hoopd.plants.hoop.prediction_error import fit_prediction_error
+from hoopd.plants.hoop.fitting.filter_noise import NoiseModel, ekf_settings
+from hoopd.plants.hoop.fitting.free_parameters import ENTRIES
+from hoopd.plants.hoop.fitting.hoop_output_error import HoopSystem, fit_output_error
+from hoopd.plants.hoop.fitting.hoop_prediction_error import fit_prediction_error
+from hoopd.plants.hoop.recordings.fit_data import prepare
 from hoopd.plants.likelihood.extended_filter import ExtendedKalmanFilter, samples_of
 from hoopd.plants.likelihood.innovation_likelihood import LOSSES, Likelihood
 from hoopd.plants.likelihood.innovation_tests import prediction_uncertainty

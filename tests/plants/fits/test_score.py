@@ -11,10 +11,10 @@ from shared import shared_path
 
 from hoopd.files.reading import InputError
 from hoopd.plants.fits.nrmse import nrmse_percent
-from hoopd.plants.hoop.fit_percent import score
-from hoopd.plants.hoop.recorded_runs import Subject, free_runs, simulated
+from hoopd.plants.hoop.fitting.fit_percent import score
+from hoopd.plants.hoop.fitting.solver_comparison import two_level_torque
+from hoopd.plants.hoop.recordings.recorded_runs import Subject, free_runs, simulated
 from hoopd.plants.hoop.simulate import HoopModel
-from hoopd.plants.hoop.solver_comparison import two_level_torque
 from hoopd.plants.model_file import load_model
 from hoopd.recording import Recording, load
 from hoopd.recording.recording import from_columns

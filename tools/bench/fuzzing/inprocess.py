@@ -34,7 +34,7 @@ LOADED = (
     "hoopd.commands.calibrate",
     "hoopd.daemon.experiment",
     "hoopd.daemon.replay",
-    "hoopd.plants.hoop.suspicions",
+    "hoopd.plants.hoop.recordings.suspicions",
     "hoopd.plots.style",
     "hoopd.recording.hdf5",
     "hoopd.recording.mat_file",

@@ -16,7 +16,7 @@ from lockstepruns import JUDGING, Raised, Watched, prepared, scratch, watch
 from honestrigs.rigs import effects, picture_faults, write_model
 from hoopd.daemon import experiment
 from hoopd.files.shipped import defaults_folder
-from hoopd.plants.hoop.experiment_plan import Plan
+from hoopd.plants.hoop.loop.experiment_plan import Plan
 
 WAYS = ("rest", "references", "signals")
 LAWS = ("lqg", "arx")  # the shipped ones that hold the ball

@@ -18,9 +18,9 @@ import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.effects.library import library
 from hoopd.plants.plant_model import PlantModel
+from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 

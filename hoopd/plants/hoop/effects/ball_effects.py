@@ -11,10 +11,10 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point
-from hoopd.plants.effects.slots import named, of_kind
-from hoopd.plants.hoop.lift_off import lift_off
-from hoopd.plants.hoop.normal_force import normal_force
-from hoopd.plants.hoop.slip import slip
+from hoopd.plants.effects.usual_sizes import named, of_kind
+from hoopd.plants.hoop.effects.lift_off import lift_off
+from hoopd.plants.hoop.effects.normal_force import normal_force
+from hoopd.plants.hoop.effects.slip import slip
 
 
 def effects(plant: Plant) -> tuple[Effect, ...]:

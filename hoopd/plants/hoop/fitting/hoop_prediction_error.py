@@ -10,8 +10,8 @@ from typing import Any
 
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.hoop.equations import ExtraForce
-from hoopd.plants.hoop.filter_noise import NoiseModel
-from hoopd.plants.hoop.output_error import HoopSystem
+from hoopd.plants.hoop.fitting.filter_noise import NoiseModel
+from hoopd.plants.hoop.fitting.hoop_output_error import HoopSystem
 from hoopd.plants.likelihood import prediction_error
 from hoopd.plants.likelihood.prediction_error import PredictionSolution
 

@@ -1,4 +1,4 @@
-"""What the files of the slots share: which slots a plant has, its units and the sizes that matter on it.
+"""Units and usual sizes of forces, rates and times on a plant, by its slots: what effects are scaled with.
 
 Rules of this file: nothing here knows an effect.
 """

@@ -17,11 +17,11 @@ from hoopd.plants.fits.output_error import Solution
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.equations import ExtraForce
-from hoopd.plants.hoop.fit_data import STATES as COLUMNS
-from hoopd.plants.hoop.fit_data import channels_of, pieces, run_of
-from hoopd.plants.hoop.output_error import fit_output_error
+from hoopd.plants.hoop.fitting.hoop_output_error import fit_output_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.hoop.plant import HoopPlant
+from hoopd.plants.hoop.recordings.fit_data import STATES as COLUMNS
+from hoopd.plants.hoop.recordings.fit_data import channels_of, pieces, run_of
 from hoopd.plants.hoop.simulate import STEP_S, HoopModel
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import SAME_S, TIMES, Timeline, timelines

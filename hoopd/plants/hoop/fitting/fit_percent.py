@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.fits.nrmse import nrmse_percent
-from hoopd.plants.hoop.fit_data import UNITS, channels_of, fresh_angles, moving_of
-from hoopd.plants.hoop.recorded_runs import SimulatedStretch, Subject, free_runs
+from hoopd.plants.hoop.recordings.fit_data import UNITS, channels_of, fresh_angles, moving_of
+from hoopd.plants.hoop.recordings.recorded_runs import SimulatedStretch, Subject, free_runs
 from hoopd.recording.recording import Recording
 
 Array = NDArray[np.float64]

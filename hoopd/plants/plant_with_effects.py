@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.motion import USUAL_S, Motion, joined, split_inputs
+from hoopd.plants.integration_step import USUAL_S, Motion, joined, split_inputs
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.hoop.contact import ContactOf
-from hoopd.plants.hoop.flight import FlightRun
-from hoopd.plants.hoop.flying_plant import FlyingPlant, in_the_air
-from hoopd.plants.hoop.normal_force import signed_normal_force
+from hoopd.plants.hoop.effects.flight import FlightRun
+from hoopd.plants.hoop.effects.flying_plant import FlyingPlant, in_the_air
+from hoopd.plants.hoop.effects.normal_force import signed_normal_force
 
 
 def lift_off(name: str, contact: ContactOf) -> Effect:

@@ -11,7 +11,7 @@ import casadi as ca
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values, geometric, phase
-from hoopd.plants.effects.slots import named, of_kind
+from hoopd.plants.effects.usual_sizes import named, of_kind
 
 
 def effects(plant: Plant) -> tuple[Effect, ...]:

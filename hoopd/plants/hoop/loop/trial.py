@@ -15,7 +15,7 @@ import numpy as np
 from hoopd.core.estimator import DelayedEkf
 from hoopd.files.controller import ControllerFile, controller_of, limiter_of, settings_of
 from hoopd.plants.found_effects import FoundEffects
-from hoopd.plants.hoop.closed_loop import (
+from hoopd.plants.hoop.loop.closed_loop import (
     WIRE_S,
     ClosedLoopRun,
     LateTorque,
@@ -25,8 +25,8 @@ from hoopd.plants.hoop.closed_loop import (
     picture_timing,
     simulate,
 )
+from hoopd.plants.hoop.loop.writeback import delays_of, estimator_with, feedforward_of, filter_plant
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.writeback import delays_of, estimator_with, feedforward_of, filter_plant
 
 # When the loop is at rest: the ball within 3 degrees, the hoop slower than a turn in six seconds.
 BALL_RAD, HOOP_RAD_S = 0.05, 1.0

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from hoopd.plants.hoop.entries import ENTRIES, combinations_of, entries_jacobian, entries_of, spin_ratio
-from hoopd.plants.hoop.identifiability import Direction, direction_words, simplified
+from hoopd.plants.hoop.fitting.identifiability import Direction, direction_words, simplified
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 
 Array = NDArray[np.float64]

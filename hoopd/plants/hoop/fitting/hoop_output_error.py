@@ -9,16 +9,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hoopd.plants.composite import Composite
 from hoopd.plants.fits import output_error
 from hoopd.plants.fits.free_parameters import Scale
 from hoopd.plants.fits.output_error import Problem, Solution
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.equations import ExtraForce
-from hoopd.plants.hoop.fit_data import STATES
-from hoopd.plants.hoop.free_parameters import scale_of
+from hoopd.plants.hoop.fitting.free_parameters import scale_of
+from hoopd.plants.hoop.recordings.fit_data import STATES
 from hoopd.plants.hoop.simulate import HoopModel
+from hoopd.plants.plant_with_effects import Composite
 
 
 @dataclass(frozen=True)

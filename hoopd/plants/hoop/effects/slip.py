@@ -19,7 +19,7 @@ import casadi as ca
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point, Values, geometric
 from hoopd.plants.hoop.contact import Contact, ContactOf
-from hoopd.plants.hoop.normal_force import normal_force
+from hoopd.plants.hoop.effects.normal_force import normal_force
 
 # A contact that never slips, and the least force (N) of a ball on the hoop: their product is beyond any force.
 NO_SLIP, LEAST_FORCE = 1e9, 1e-6

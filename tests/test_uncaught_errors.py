@@ -12,13 +12,13 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = re.compile(r"the traceback is in (\S+)$")
-BEGIN = "from hoopd import failure\nfailure.watch()\n"
+BEGIN = "from hoopd import uncaught_errors\nfailure.watch()\n"
 
 MISTAKES: dict[str, tuple[str, str]] = {
-    "in a command": ("failure.run(lambda: int('x'))", "ValueError"),
+    "in a command": ("uncaught_errors.run(lambda: int('x'))", "ValueError"),
     "while importing": ("import hoopd.no_such_module", "ModuleNotFoundError"),
     "recursion": ("def f(): f()\nfailure.run(f)", "RecursionError"),
-    "memory": ("failure.run(lambda: bytearray(2**62))", "MemoryError: the memory is full"),
+    "memory": ("uncaught_errors.run(lambda: bytearray(2**62))", "MemoryError: the memory is full"),
     "text of many lines": ("raise RuntimeError('a\\nb' * 9000)", "RuntimeError: a"),
     "a terminal's own codes": ("raise RuntimeError('\\x1b[2J')", r"RuntimeError: \?\[2J"),
     "in a thread": (
@@ -32,14 +32,14 @@ MISTAKES: dict[str, tuple[str, str]] = {
     "in a callback of asyncio": (
         "import asyncio\n"
         "async def main(): asyncio.get_running_loop().call_soon(lambda: 1 / 0); await asyncio.sleep(0.01)\n"
-        "failure.run(lambda: asyncio.run(main()))",
+        "uncaught_errors.run(lambda: asyncio.run(main()))",
         "ZeroDivisionError",
     ),
     "in a task that nobody awaits": (
         "import asyncio\n"
         "async def wrong(): raise KeyError('x')\n"
         "async def main(): kept = asyncio.create_task(wrong()); await asyncio.sleep(0.01)\n"
-        "failure.run(lambda: asyncio.run(main()))",
+        "uncaught_errors.run(lambda: asyncio.run(main()))",
         "KeyError",
     ),
     "in a destructor": (
@@ -105,7 +105,7 @@ def test_the_service_has_a_folder_of_its_own(tmp_path: Path) -> None:
 
 def test_an_exit_code_stays_what_it_is(tmp_path: Path) -> None:
     assert run(BEGIN + "import sys\nfailure.run(lambda: sys.exit(2))", tmp_path) == (2, [])
-    assert run(BEGIN + "failure.run(lambda: None)", tmp_path) == (0, [])
+    assert run(BEGIN + "uncaught_errors.run(lambda: None)", tmp_path) == (0, [])
 
 
 def test_a_library_that_only_warns_is_one_line(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.hoop.entries import ENTRIES, combinations_from, constraint_misfit, entries_of
-from hoopd.plants.hoop.physical_parameters import LARGE_RELATIVE, entry_weight
+from hoopd.plants.hoop.fitting.physical_parameters import LARGE_RELATIVE, entry_weight
 
 Array = NDArray[np.float64]
 

@@ -16,12 +16,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.composite import LONGEST_STEP_S, Composite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.held_input import mean_torque
-from hoopd.plants.hoop.flying_plant import FlyingPlant
+from hoopd.plants.hoop.effects.flying_plant import FlyingPlant
+from hoopd.plants.plant_with_effects import LONGEST_STEP_S, Composite
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.hoop.entries import ENTRIES, entries_of
+from hoopd.plants.hoop.fitting.physical_parameters import Known, physical_from_entries, quantity
 from hoopd.plants.hoop.parameters import KINEMATICS
-from hoopd.plants.hoop.physical_parameters import Known, physical_from_entries, quantity
 
 Array = NDArray[np.float64]
 

@@ -18,12 +18,12 @@ from hoopd.plants.fits.output_error import Progress, Solution
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.fits.uncertainty import Uncertainty, intervals, uncertainty
 from hoopd.plants.found_effects import FoundEffects
-from hoopd.plants.hoop.filter_noise import NoiseModel
-from hoopd.plants.hoop.fit_data import prepare
-from hoopd.plants.hoop.free_parameters import default_priors, determined_names
-from hoopd.plants.hoop.output_error import fit_output_error
+from hoopd.plants.hoop.fitting.filter_noise import NoiseModel
+from hoopd.plants.hoop.fitting.free_parameters import default_priors, determined_names
+from hoopd.plants.hoop.fitting.hoop_output_error import fit_output_error
+from hoopd.plants.hoop.fitting.hoop_prediction_error import fit_prediction_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
-from hoopd.plants.hoop.prediction_error import fit_prediction_error
+from hoopd.plants.hoop.recordings.fit_data import prepare
 from hoopd.plants.likelihood.innovation_tests import PredictionUncertainty, prediction_uncertainty
 from hoopd.recording.recording import Recording
 

@@ -18,7 +18,7 @@ from hoopd.plants.compensation import cancels, demand_of, in_order
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.found_effects import REGION_NAMES, FoundEffects, Region
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.sensor_correction import correction
+from hoopd.plants.hoop.recordings.sensor_correction import correction
 
 # A rate that comes through a filter of its own says what the angle says, later: it gets no weight.
 NO_WEIGHT = 1e6
