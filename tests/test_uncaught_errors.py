@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = re.compile(r"the traceback is in (\S+)$")
-BEGIN = "from hoopd import uncaught_errors\nfailure.watch()\n"
+BEGIN = "from hoopd import uncaught_errors\nuncaught_errors.watch()\n"
 
 MISTAKES: dict[str, tuple[str, str]] = {
     "in a command": ("uncaught_errors.run(lambda: int('x'))", "ValueError"),

@@ -2,9 +2,9 @@
 
 What comes back are states and readings: readings as the sensors give them (late, wrong, lagging), states as they are.
 
-Rules of this file: equations come from `plant_with_effects`; parameters named `free` are told to each run anew, all others are
-held and stand in the equations as numbers. No step crosses a change of an input, late as it may come, and every late
-reading has a node of its own. One object belongs to one thread.
+Rules of this file: equations come from `plant_with_effects`; parameters named `free` are told to each run anew, all
+others are held and stand in the equations as numbers. No step crosses a change of an input, late as it may come, and
+every late reading has a node of its own. One object belongs to one thread.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A plant with numbers, with or without effects: derivative, state from sample to sample, the filter's step, linear
 models.
 
-The state is that of `plant_with_effects` (the plant's own, then what lags); inputs are a number where there is one, else a
-sequence. Delays, latencies and sensors are not part of it: they are the free run's.
+The state is that of `plant_with_effects` (the plant's own, then what lags); inputs are a number where there is one,
+else a sequence. Delays, latencies and sensors are not part of it: they are the free run's.
 
 Rules of this file: no equation is written here, only calls. Inputs are held over a step (zero-order hold). The call
 buffers of one object are shared by its calls: one object belongs to one thread.
