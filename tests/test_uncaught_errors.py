@@ -17,7 +17,7 @@ BEGIN = "from hoopd import uncaught_errors\nuncaught_errors.watch()\n"
 MISTAKES: dict[str, tuple[str, str]] = {
     "in a command": ("uncaught_errors.run(lambda: int('x'))", "ValueError"),
     "while importing": ("import hoopd.no_such_module", "ModuleNotFoundError"),
-    "recursion": ("def f(): f()\nfailure.run(f)", "RecursionError"),
+    "recursion": ("def f(): f()\nuncaught_errors.run(f)", "RecursionError"),
     "memory": ("uncaught_errors.run(lambda: bytearray(2**62))", "MemoryError: the memory is full"),
     "text of many lines": ("raise RuntimeError('a\\nb' * 9000)", "RuntimeError: a"),
     "a terminal's own codes": ("raise RuntimeError('\\x1b[2J')", r"RuntimeError: \?\[2J"),
@@ -104,7 +104,7 @@ def test_the_service_has_a_folder_of_its_own(tmp_path: Path) -> None:
 
 
 def test_an_exit_code_stays_what_it_is(tmp_path: Path) -> None:
-    assert run(BEGIN + "import sys\nfailure.run(lambda: sys.exit(2))", tmp_path) == (2, [])
+    assert run(BEGIN + "import sys\nuncaught_errors.run(lambda: sys.exit(2))", tmp_path) == (2, [])
     assert run(BEGIN + "uncaught_errors.run(lambda: None)", tmp_path) == (0, [])
 
 
