@@ -17,6 +17,7 @@ from realdata import axisforce, intervals, kept, pairs, starts  # noqa: E402
 
 from hoopd.plants.effects.library import library  # noqa: E402
 from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model  # noqa: E402
+from hoopd.plants.plant_with_effects import Composite  # noqa: E402
 
 STEP_S, MASS_KG, VISCOUS, DRY_N = 1e-3, 95.0, 200.0, 20.0
 
