@@ -13,7 +13,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tools" / "bench"))
 
-from realdata import axisforce, intervals, kept, pairs, starts  # noqa: E402
+import real_delays  # noqa: E402
+from realdata import axisforce, delays, intervals, kept, pairs, starts  # noqa: E402
 
 from hoopd.plants.effects.library import library  # noqa: E402
 from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model  # noqa: E402
@@ -221,3 +222,16 @@ def test_the_base_of_a_diagnosis_is_judged_where_it_starts_and_ends(tmp_path: Pa
     assert not near.is_worse
     assert far.start_nats > near.start_nats + 10.0
     assert far.end_nats == pytest.approx(near.end_nats, abs=5.0)
+
+
+def test_a_late_drive_and_sensors_that_are_all_late_are_one_sum() -> None:
+    one, two, ten = (intervals.Estimate(1e-3 * x, (1e-3 * x - 3e-4, 1e-3 * x + 3e-4)) for x in (1.0, 2.0, 10.0))
+    drive = delays.sums({"actuator.delay.d": two, "camera.latency.d": ten})
+    sensors = delays.sums({"encoder.latency.d": two, "camera.latency.d": intervals.Estimate(12e-3, (11.7e-3, 12.3e-3))})
+    assert drive["hoop late by"].value == sensors["hoop late by"].value
+    assert drive["ball late by"].value == pytest.approx(12e-3)
+    low, high = drive["ball late by"].interval or (0.0, 0.0)
+    assert high - low == pytest.approx(2 * 3e-4 * np.sqrt(2.0))
+    assert real_delays.disagreeing({"a": drive, "b": sensors}) == []
+    assert len(real_delays.disagreeing({"a": drive, "b": delays.sums({"encoder.latency.d": one})})) == 2
+    assert len(real_delays.disagreeing({"a": drive, "camera alone": delays.sums({"camera.latency.d": ten})})) == 1
