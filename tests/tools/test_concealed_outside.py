@@ -287,6 +287,14 @@ def test_every_kind_is_told_and_graded() -> None:
     assert {wish.nats for wish in FAMILIES["outside"](1, np.random.default_rng(0))} == set(GRADES)
 
 
+def test_every_kind_stands_on_its_page() -> None:
+    page = (ROOT / "docs" / "explanations" / "outside.md").read_text(encoding="utf-8").replace("\\|", "|")
+    for name in OUTSIDE:
+        law = ALL[name].law
+        assert law is not None
+        assert f"| {name.removeprefix('outside.')} | {', '.join(law.slots)} | {law.formula} |" in page
+
+
 def test_the_truth_of_a_case_is_sealed_with_its_answer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name in recipes.RECORDINGS:
         monkeypatch.setitem(recipes.LENGTH_S, name, 4.0)

@@ -113,8 +113,9 @@ def _told(folder: RunFolder, kind: str, name: str) -> tuple[Any, ...]:
 
 
 def _concerned(folder: RunFolder, kind: str, name: str) -> bool:
-    """Is this one asked about the case? Rivals have no library to take an entry out of."""
-    return kind == DIAGNOSES or not folder.answer(name).get("left_out")
+    """Is this one asked about the case? Rivals have no library to take an entry out of, and none to be outside of."""
+    answer = folder.answer(name)
+    return kind == DIAGNOSES or not (answer.get("left_out") or answer["family"] == "outside")
 
 
 def _done(folder: RunFolder, kind: str, name: str, retry: bool) -> bool:
