@@ -298,7 +298,8 @@ def test_every_kind_stands_on_its_page() -> None:
 def test_the_truth_of_a_case_is_sealed_with_its_answer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name in recipes.RECORDINGS:
         monkeypatch.setitem(recipes.LENGTH_S, name, 4.0)
-    (case,) = cases.make([Wish("outside", ("outside.dahl",), nats=(20.0, 30.0))], 3)
+    wishes = [Wish("outside", (name,), nats=(20.0, 30.0)) for name in ("outside.dahl", "outside.play")]
+    case, _ = cases.make(recipes.numbered(wishes), 3)
     cases.write([case], tmp_path / "cases", tmp_path / "answers")
     assert sorted(path.name for path in (tmp_path / "cases" / case.identifier).iterdir()) == sorted(case.files)
     (effect,) = case.answer["effects"]

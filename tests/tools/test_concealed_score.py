@@ -175,6 +175,8 @@ def test_only_who_has_the_library_is_asked_about_what_is_left_out(tmp_path: Path
     assert score._told(folder, score.DIAGNOSES, "b") == (score.SEED, ())
     assert [score._concerned(folder, kind, "a") for kind in (score.DIAGNOSES, "sparse")] == [True, False]
     assert [score._concerned(folder, kind, "b") for kind in (score.DIAGNOSES, "sparse")] == [True, True]
+    folder.say("answers", "c", {"left_out": [], "family": "outside"})
+    assert [score._concerned(folder, kind, "c") for kind in (score.DIAGNOSES, "sparse")] == [True, False]
 
 
 def test_rivals_say_what_they_are_known_for(folder: runfolder.RunFolder) -> None:

@@ -7,7 +7,7 @@ rest. Same seed, same bytes.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 
 from concealed.batch import Column, columns_of, devices, scale_inputs
 from concealed.effects import ALL
+from concealed.outside import mechanisms
 from concealed.plant import SAMPLE_S, entries
 from concealed.recipes import LENGTH_S, RECORDINGS, TRAINING, Recipe, Wish, draw, equivalent
 from concealed.simulate import Trace, simulate
@@ -56,7 +57,7 @@ def _case(recipe: Recipe, own: Sequence[Trace]) -> Case:
     files = {f"{name}.csv": csv_bytes(trace) for name, trace in zip(RECORDINGS, own, strict=True)}
     if recipe.wish.family != OUTSIDE:
         return Case(recipe.identifier, files, answer(recipe, own))
-    signals = {f"{name}.csv": signal_bytes(trace) for name, trace in zip(RECORDINGS, own, strict=True)}
+    signals = {f"{name}.csv": signal_bytes(trace, recipe.sizes) for name, trace in zip(RECORDINGS, own, strict=True)}
     return Case(recipe.identifier, files, answer(recipe, own), signals)
 
 
@@ -126,10 +127,11 @@ def csv_bytes(trace: Trace) -> bytes:
     return ("\n".join(("t,u,theta,dtheta,psi", *lines)) + "\n").encode()
 
 
-def signal_bytes(trace: Trace) -> bytes:
+def signal_bytes(trace: Trace, names: Mapping[str, float]) -> bytes:
     """What a mechanism outside the library did in each sample: the mean forces on theta, psi and phi' in N m, what it
     added to each sensor, the true motion and its states at the sample's beginning; twelve digits."""
-    memory = {name: values[:-1, 0] for name, values in trace.memory.items()}
+    # those that were simulated beside it remember, too
+    memory = {name: trace.memory[name][:-1, 0] for name in mechanisms.states(names)}
     forces = np.zeros((len(trace.torque), 3)) if trace.forces is None else trace.forces[..., 0]
     added = (trace.clean - trace.states[:-1, :3])[..., 0]
     head = (

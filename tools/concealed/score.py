@@ -22,7 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from concealed import baselines, report, worker
 from concealed.calibrate import calibration
-from concealed.cases import make
+from concealed.cases import OUTSIDE, make
 from concealed.judged import Judged
 from concealed.metrics import summary
 from concealed.oracle import NoOracleError, oracle
@@ -115,7 +115,7 @@ def _told(folder: RunFolder, kind: str, name: str) -> tuple[Any, ...]:
 def _concerned(folder: RunFolder, kind: str, name: str) -> bool:
     """Is this one asked about the case? Rivals have no library to take an entry out of, and none to be outside of."""
     answer = folder.answer(name)
-    return kind == DIAGNOSES or not (answer.get("left_out") or answer["family"] == "outside")
+    return kind == DIAGNOSES or not (answer.get("left_out") or answer.get("family") == OUTSIDE)
 
 
 def _done(folder: RunFolder, kind: str, name: str, retry: bool) -> bool:
@@ -156,7 +156,7 @@ def _ask_oracle(folder: RunFolder, client: Client, console: Console) -> None:
         answer = folder.answer(name)
         if answer["family"] in ("single", "compound") and not folder.has(ORACLES, name):
             jobs.append((oracle, (folder.files(name), [effect["name"] for effect in answer["effects"]]), name))
-        if answer["family"] == "outside" and not folder.has(ORACLES, name):
+        if answer["family"] == OUTSIDE and not folder.has(ORACLES, name):
             jobs.append((told_the_truth, (folder.files(name), folder.signals(name), answer), name))
     try:
         with _progress(console) as progress:

@@ -5,7 +5,7 @@ Rules of this file: tables only.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
@@ -57,11 +57,14 @@ _STATES: Mapping[str, Mapping[str, float | str]] = {
 }
 
 
-def memory(names: Mapping[str, object], dtheta: Array) -> dict[str, Array]:
+def states(names: Iterable[str]) -> dict[str, float | str]:
+    """States of those of `names` that remember, and their first values."""
+    return {state: first for name in names for state, first in _STATES.get(name, {}).items()}
+
+
+def memory(names: Iterable[str], dtheta: Array) -> dict[str, Array]:
     """First states (B,) of those of `names` that remember."""
     return {
         state: dtheta.copy() if first == "theta'" else np.full(dtheta.shape, float(first))
-        for name, states in _STATES.items()
-        if name in names
-        for state, first in states.items()
+        for state, first in states(names).items()
     }
