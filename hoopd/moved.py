@@ -130,7 +130,7 @@ MOVED: dict[str, str] = {
     "ident.device.innovations": "plants.likelihood.extended_filter plants.hoop.fitting.filter_noise",
     "ident.device.kinematics": "plants.hoop.kinematics",
     "ident.device.likelihood": "plants.likelihood.innovation_likelihood",
-    "ident.device.noise": "plants.hoop.fitting.filter_noise plants.likelihood.innovation_likelihood",
+    "ident.device.noise": "plants.hoop.fitting.filter_noise plants.likelihood.noise_scale",
     "ident.device.outputerror": "plants.hoop.fitting.hoop_output_error plants.fits.output_error",
     "ident.device.parameters": "plants.hoop.fitting.free_parameters plants.fits.free_parameters",
     "ident.device.physical": "plants.hoop.fitting.physical_parameters",
@@ -282,6 +282,8 @@ RENAMED: dict[str, str] = {
     "plants.hoop.fitting.fit_percent.Score": "plants.hoop.fitting.fit_percent.FitScore",
     "plants.hoop.fitting.fit_percent.Trace": "plants.hoop.fitting.fit_percent.ChannelTrace",
     "plants.hoop.innovations.Innovations": "plants.likelihood.extended_filter.FilterInnovations",
+    "ident.device.innovations.Innovations": "plants.likelihood.extended_filter.FilterInnovations",
+    "ident.device.innovations.InnovationsFilter": "plants.likelihood.extended_filter.ExtendedKalmanFilter",
     "plants.hoop.innovations.InnovationsFilter": "plants.likelihood.extended_filter.ExtendedKalmanFilter",
     "plants.hoop.recordings.recorded_runs.FreeRun": "plants.hoop.recordings.recorded_runs.SimulatedStretch",
     "plants.hoop.fitting.separating_measurement.Candidate": "plants.hoop.fitting.separating_measurement.FurtherMeasurement",  # noqa: E501

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.output_error import Progress, Solution
 from hoopd.plants.fits.runs import Run
-from hoopd.plants.likelihood.innovation_likelihood import LOSSES, FilteredSystem, Likelihood, NoiseLevels
+from hoopd.plants.likelihood.innovation_likelihood import LOSSES, FilteredSystem, Likelihood
 from hoopd.plants.likelihood.likelihood_search import Search
+from hoopd.plants.likelihood.noise_scale import NoiseLevels
 
 Array = NDArray[np.float64]
 
