@@ -51,8 +51,6 @@ class Source:
 
 def source_of(name: str, recording: Recording, plant: Plant) -> Source:
     """A recording of a plant; InputError when there is nothing to judge a model by."""
-    if len(plant.inputs) > 1:
-        raise InputError(name, "--plant", f"{plant.name} has {len(plant.inputs)} inputs: one or none can be diagnosed")
     if missing := [one for one in (*(i.name for i in plant.inputs), *plant.channels) if one not in recording.signals]:
         raise InputError(name, missing[0], f"no signal of this name; {plant.name} has it (--columns)")
     quality = assess(recording, plant)

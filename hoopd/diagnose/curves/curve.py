@@ -155,8 +155,9 @@ def _made(want: Wanted, plant: Plant, fit: HypothesisFit) -> list[UnnamedCurve]:
 
 def at_nodes(track: Track, fit: HypothesisFit) -> Point:
     """Everything a variable may read, arrays (n,) at the nodes, as the filter predicts them."""
-    u = track.torques(track.local(fit.values)).mean(axis=0)
-    return track.stretch.plant.point(track.predicted.T, track.local(fit.values), np.append(u, u[-1]), track.stretch.t)
+    u = track.acting(track.local(fit.values)).mean(axis=-2)
+    held = np.concatenate([u, u[..., -1:]], axis=-1)
+    return track.stretch.plant.point(track.predicted.T, track.local(fit.values), held, track.stretch.t)
 
 
 def _knot_sets(variable: CurveVariable, x: Array) -> list[Array]:

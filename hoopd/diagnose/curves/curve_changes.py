@@ -36,9 +36,8 @@ def within(track: Track, fit: HypothesisFit) -> Point:
         # cubic through positions and rates at both ends
         states[q] = _hermite(x, v, h, share)
     names = track.composite.plant.states
-    return track.stretch.plant.point(
-        [states.get(name, np.zeros_like(torques)) for name in names], values, torques, track.stretch.t[:-1] + share * h
-    )
+    every = [states.get(name, np.zeros_like(torques)) for name in names]
+    return track.stretch.plant.point(every, values, track.acting(values), track.stretch.t[:-1] + share * h)
 
 
 def _hermite(x: tuple[Array, Array], v: tuple[Array, Array], h: Array, s: Array) -> Array:

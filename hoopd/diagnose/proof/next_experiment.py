@@ -104,6 +104,8 @@ def why_by_hand(plants: Sequence[Plant]) -> str:
     """Why no signal is proposed for the recorded plants."""
     if not any(plant.inputs for plant in plants):
         return "Nothing drives this plant: by hand."
+    if all(len(plant.inputs) > 1 for plant in plants):
+        return "Signals are proposed for plants with one input, and this one has several: by hand."
     if any(plant.driven is not None for plant in plants):
         return "No signal of the menu is safe and reaches both on the fitted model: by hand."
     if any(plant.coordinates for plant in plants):
@@ -159,7 +161,12 @@ def _stage(pair: Pair) -> Track | None:
     """The first track of a driven plant that has both slots."""
     slots = {pair.effect.slot, pair.rival.slot}
     plants = ((track.stretch.plant, track) for track in pair.final.tracks)
-    return next((t for plant, t in plants if plant.driven is not None and slots <= set(plant.slots)), None)
+    return next((t for plant, t in plants if _is_played(plant) and slots <= set(plant.slots)), None)
+
+
+def _is_played(plant: Plant) -> bool:
+    """Signals are for the one drive of a coordinate."""
+    return plant.driven is not None and len(plant.inputs) == 1
 
 
 def _values_of_next(pair: Pair) -> dict[str, float]:
@@ -179,7 +186,7 @@ def _usual_noise(final: HypothesisFit, like: Stretch) -> Noise:
 def _simulated(stretch: Stretch, rest: Sequence[Effect], entry: Entry) -> Track:
     """A model without the effect along the run of the model that has it."""
     composite = composite_of(stretch.plant, fitting_effects(stretch.plant, rest))
-    track = Track.of(stretch, Held(stretch.t, stretch.u), composite)
+    track = Track.of(stretch, Held.of(stretch), composite)
     nx, u = composite.nx, np.append(stretch.u, stretch.u[-1])
     own = min(nx, entry.z.shape[1])
     x = np.zeros((len(entry.t), nx))

@@ -75,7 +75,7 @@ class Simulator:
     def __init__(self, windows: Windows, effects: Sequence[Effect]) -> None:
         self.windows = windows
         self.composite: Composite = composite_of(windows.stretch.plant, fitting_effects(windows.stretch.plant, effects))
-        self.held = Held(windows.stretch.t, windows.stretch.u)
+        self.held = Held.of(windows.stretch)
 
     def run(self, values: Columns, start: Array) -> Array:
         """States (n, nz, b, k) from starts (nx, b, k); `values`: one for all k columns, or one for each."""
@@ -120,10 +120,10 @@ class Simulator:
         return y.reshape(len(c.channels), n, b, k).transpose(1, 0, 2, 3)
 
     def _back(self, values: Mapping[str, float]) -> Array:
-        """(steps, nc, nodes) torques on the way back to each channel's latency."""
+        """(steps inputs, nc, nodes) inputs on the way back to each channel's latency."""
         c = self.composite
         late = [max(float(values.get(c.latencies.get(name, ""), 0.0)), 0.0) for name in c.channels]
-        return self.held.back(late, c.delay_s(values))
+        return self.held.inputs_back(late, c.delay_s(values))
 
     def _nodes(self) -> NDArray[np.int64]:
         """(n, b) node of the stretch; past a window's end its last."""
@@ -132,13 +132,19 @@ class Simulator:
         return np.asarray(w.first + within)
 
     def _inputs(self, each: Sequence[Mapping[str, float]]) -> tuple[Array, Array, Array]:
-        """Torques (n-1, substeps, b k), steps (n-1, b), times (n-1, b); past a window's end steps of no length."""
-        w, nodes, c = self.windows, self._nodes(), self.composite
+        """Inputs (n-1, substeps inputs, b k), steps (n-1, b), times (n-1, b); no length past a window's end."""
+        w, nodes = self.windows, self._nodes()
         at = np.minimum(nodes[:-1], len(self.held.u) - 1)
-        torques = np.stack(_by_value(each, lambda one: self.held.substeps(c.substeps, c.delay_s(one))[:, at]), axis=-1)
+        torques = np.stack(_by_value(each, lambda one: self._flat_inputs(one)[:, at]), axis=-1)
         h = np.where(np.arange(w.length - 1)[:, None] < w.count - 1, w.stretch.h[at], 0.0)
-        wide = torques.transpose(1, 0, 2, 3).reshape(len(at), c.substeps, -1)
+        wide = torques.transpose(1, 0, 2, 3).reshape(len(at), len(torques), -1)
         return wide, h, w.stretch.t[nodes[:-1]]
+
+    def _flat_inputs(self, values: Mapping[str, float]) -> Array:
+        """(substeps inputs, steps), one input after the other."""
+        c = self.composite
+        every = self.held.inputs(c.substeps, c.delay_s(values))
+        return every.transpose(2, 0, 1).reshape(-1, every.shape[1])
 
 
 def _each(values: Columns, k: int) -> list[Mapping[str, float]]:
@@ -160,7 +166,7 @@ class _Mapped:
 
     def __init__(self, function: ca.Function, count: int) -> None:
         mapped = function.map(count)
-        self._args = [np.zeros((count, function.size1_in(i))) for i in range(function.n_in())]
+        self._args = [np.zeros((count, function.nnz_in(i))) for i in range(function.n_in())]
         self._out = np.zeros((count, function.size1_out(0)))
         self._buffer, self._trigger = mapped.buffer()
         for i, array in enumerate(self._args):

@@ -73,13 +73,14 @@ def force_along(track: Track, fitted: Mapping[str, float], effect: Effect, value
     """(n-1, nq) an effect's generalised forces in the middle of every step of a reference."""
     assert effect.force is not None
     plant, n = track.composite.plant, len(track.z) - 1
-    z, u, t = ca.SX.sym("z", track.composite.nz), ca.SX.sym("u"), ca.SX.sym("t")
+    inputs = np.column_stack([track.stretch.u, track.stretch.others])
+    z, u, t = ca.SX.sym("z", track.composite.nz), ca.SX.sym("u", inputs.shape[1]), ca.SX.sym("t")
     force = effect.force(plant.point(z, track.local(fitted), u, t), Values(**{**effect.neutral(), **values}))
     # disturbances act on the coordinates of the plant as declared
     expression = ca.vertcat(*(ca.SX(force.get(q, 0.0)) for q in track.stretch.plant.coordinates))
     middle, stretch = (track.z[1:] + track.z[:-1]) / 2, track.stretch
     function = ca.Function("force", [z, u, t], [ca.densify(expression)])
-    found = function.map(n)(middle.T, stretch.u[None], (stretch.t[:-1] + stretch.h / 2)[None])
+    found = function.map(n)(middle.T, inputs.T, (stretch.t[:-1] + stretch.h / 2)[None])
     return np.asarray(found.full()).T
 
 

@@ -40,7 +40,7 @@ class Inside(NamedTuple):
     """Where the model without the change is within its steps, m points in each, and what a force there does."""
 
     x: Array  # (n-1, m, states)
-    u: Array  # (n-1, m) demanded torque
+    u: Array  # (inputs, n-1, m) demanded
     t: Array  # (n-1, m) s
     push: Array  # (n-1, nz, coordinates, m): one-step map by a force on a coordinate at each point
 
@@ -93,11 +93,11 @@ class Changes:
     def _sampled_points(self, parts: int) -> Inside:
         c, track, n = self.track.composite, self.track, len(self.z) - 1
         call, d = mapped(derivatives_of(c, ())[0], n, (5,)), track.stretch.h / parts
-        torques, nothing = track.held.substeps(parts, c.delay_s(self._local)), np.zeros((n, c.nw))
+        inputs, nothing = track.held.inputs(parts, c.delay_s(self._local)), np.zeros((n, c.nw))
         starts, p = track.stretch.t[:-1] + np.arange(parts)[:, None] * d, c.vector(self._local)
         states, by = [self.z[:-1]], []
         for j in range(parts):
-            after, derivatives = call(states[-1], torques[j], nothing, d, starts[j], p)
+            after, derivatives = call(states[-1], inputs[j], nothing, d, starts[j], p)
             states.append(after[:, :, 0])
             by.append(derivatives)
         nq, points, onward = track.w.shape[1], len(GAUSS), np.broadcast_to(np.eye(c.nz), (n, c.nz, c.nz))
@@ -112,7 +112,7 @@ class Changes:
         x = np.stack([_between(a[:, : c.nx], b[:, : c.nx], d) for a, b in pairwise(states)], axis=1)
         times = starts.T[:, :, None] + GAUSS * d[:, None, None]
         return Inside(
-            x.reshape(n, -1, c.nx), np.repeat(torques.T, points, axis=1), times.reshape(n, -1),
+            x.reshape(n, -1, c.nx), np.repeat(inputs.transpose(2, 1, 0), points, axis=2), times.reshape(n, -1),
             push.reshape(n, c.nz, nq, parts * points),
         )  # fmt: skip
 
@@ -123,7 +123,7 @@ class Changes:
 
     def _pushes_at_once(self, effect: Effect, columns: Sequence[Values]) -> Array:
         inside = self._points(effect.substeps or SMOOTH_SUBSTEPS)
-        n, points = inside.u.shape
+        n, points = inside.t.shape
         function = _force_function(self.track.composite.plant, effect, n * points)
         assert function is not None
         names = _names(self.track.composite.plant, effect)
@@ -201,7 +201,7 @@ def _names(plant: Plant, effect: Effect) -> tuple[str, ...]:
 
 
 def _force_function(plant: Plant, effect: Effect, n: int = 1) -> ca.Function | None:
-    """(x (n, states), u (n,), t (n,), p by `_names`) -> what an effect adds to the forces (n, coordinates).
+    """(x (n, states), u (n, inputs), t (n,), p by `_names`) -> what an effect adds to the forces (n, coordinates).
 
     None for an effect whose functions do not take a whole column of points.
     """
@@ -216,12 +216,14 @@ def _force_function(plant: Plant, effect: Effect, n: int = 1) -> ca.Function | N
 
 def _made_force_function(plant: Plant, effect: Effect, n: int) -> ca.Function:
     names = _names(plant, effect)
-    sizes = {"x": (n, len(plant.states)), "u": (n, 1), "t": (n, 1), "p": (len(names), 1)}
+    sizes = {"x": (n, len(plant.states)), "u": (n, max(1, len(plant.inputs))), "t": (n, 1), "p": (len(names), 1)}
     # matrices take a function element by element, which is five times as fast as scalars point by point
     x, u, t, p = (ca.MX.sym(name, *size) for name, size in sizes.items())
     values = {name: p[i] for i, name in enumerate(names)}
-    demand = ca.fmin(ca.fmax(u, -plant.limit), plant.limit)
-    point, force = plant.point(ca.horzsplit(x), values, demand, t), dict.fromkeys(plant.coordinates, ca.MX.zeros(n))
+    first, *others = ca.horzsplit(u)
+    demand = ca.fmin(ca.fmax(first, -plant.limit), plant.limit)
+    every = [demand, *others] if others else demand
+    point, force = plant.point(ca.horzsplit(x), values, every, t), dict.fromkeys(plant.coordinates, ca.MX.zeros(n))
     if effect.torque is not None and plant.driven is not None:
         force[plant.driven] += effect.torque(point, effect.values(values)) - demand
     for q, more in (effect.force(point, effect.values(values)) if effect.force else {}).items():

@@ -89,11 +89,11 @@ def _touched(parameter: EffectParameter, fit: HypothesisFit, tracks: Sequence[Tr
     parts = []
     for track in tracks:
         plant, values = track.stretch.plant, track.local(fit.values)
-        x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u")
+        x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", max(1, len(plant.inputs)))
         assert parameter.touched is not None
         function = ca.Function("touched", [x, u], [parameter.touched(plant.point(x, values, u))])
-        demand = track.torques(values).mean(axis=0)
-        parts.append(function(track.filtered[:-1, : len(plant.states)].T, demand[None]).full().ravel())
+        demand = track.inputs(values).mean(axis=0).T
+        parts.append(function(track.filtered[:-1, : len(plant.states)].T, demand).full().ravel())
     found = np.quantile(np.concatenate(parts), 1.0 - np.array(TOUCHED))
     return sorted({float(v) for v in found if parameter.low < v < parameter.high})
 

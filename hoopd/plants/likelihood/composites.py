@@ -83,6 +83,6 @@ def carrying(composite: Composite, given: int) -> Recursion:
     symbols = {k: ca.SX.sym(k, composite.step_function.nnz_in(i)) for i, k in enumerate(("z", "u", "w", "h", "t", "p"))}
     x, own = symbols["z"][:given], symbols["z"][given:]
     ins = [own, x, *(symbols[k] for k in ("u", "h", "t", "p"))]
-    still = {"w": ca.SX.zeros(composite.nw)}
+    still = {"w": ca.SX.zeros(composite.nw), "u": ca.reshape(symbols["u"], composite.substeps, composite.nu)}
     after = composite.step_function(*(({**symbols, **still})[k] for k in ("z", "u", "w", "h", "t", "p")))
     return Recursion(ca.Function("carried", [ca.vertcat(own), ca.vertcat(x), *ins[2:]], [after[given:], after]))

@@ -49,7 +49,7 @@ class Track:
     """A stretch, a composite model and the reference along it."""
 
     def __init__(self, stretch: Stretch, effects: Sequence[Effect] = ()) -> None:
-        self.stretch, self.held = stretch, Held(stretch.t, stretch.u)
+        self.stretch, self.held = stretch, Held.of(stretch)
         self.composite = composite_of(stretch.plant, fitting_effects(stretch.plant, effects))
         x = first_states(stretch)
         self.z = np.zeros((len(stretch.t), self.composite.nz))
@@ -97,14 +97,26 @@ class Track:
         return {**self.composite.values, **values_of(self.stretch.recording, values)}
 
     def torques(self, values: Mapping[str, float]) -> Array:
-        """(substeps, n-1)"""
+        """(substeps, n-1) of the first input."""
         return self.held.substeps(self.composite.substeps, self.composite.delay_s(values))
+
+    def inputs(self, values: Mapping[str, float]) -> Array:
+        """(substeps, n-1, inputs)"""
+        return self.held.inputs(self.composite.substeps, self.composite.delay_s(values))
+
+    def acting(self, values: Mapping[str, float]) -> Array:
+        """(substeps, n-1), or (inputs, substeps, n-1) of several: as a plant's point takes them."""
+        return np.moveaxis(self.inputs(values), 2, 0) if self.stretch.others.shape[1] else self.torques(values)
+
+    def _flat_inputs(self, values: Mapping[str, float]) -> Array:
+        """(n-1, substeps inputs) as a compiled step takes them, one input after the other."""
+        return self.inputs(values).transpose(1, 2, 0).reshape(len(self.stretch.u), -1)
 
     def _back(self, values: Mapping[str, float]) -> Array:
         """(n, BACK_STEPS * channels)"""
         c = self.composite
         late = [max(float(values.get(c.latencies.get(name, ""), 0.0)), 0.0) for name in c.channels]
-        back = self.held.back(late, c.delay_s(values))
+        back = self.held.inputs_back(late, c.delay_s(values))
         return back.reshape(-1, back.shape[2]).T
 
     def _wide(self, w: Array) -> Array:
@@ -125,7 +137,7 @@ class Track:
             finer = Track.of(self.stretch, self.held, composite_of(c.declared, c.effects, substeps))
             return finer.after(values, z, w)
         call = mapped(c.step_function, len(z) - 1, (5,))
-        inputs = self.torques(values).T, self._wide(w)[:-1], self.stretch.h, self.stretch.t[:-1], c.vector(values)
+        inputs = self._flat_inputs(values), self._wide(w)[:-1], self.stretch.h, self.stretch.t[:-1], c.vector(values)
         return call(z[:-1], *inputs)[0][:, :, 0]
 
     def carried(self, values: Mapping[str, float], x: Array) -> tuple[Array, Array]:
@@ -137,7 +149,7 @@ class Track:
         begin = c.beginning(np.pad(x[0], (0, c.nx - x.shape[1])), float(self.stretch.u[0]))[x.shape[1] :]
         p = np.broadcast_to(c.vector(values), (n - 1, len(c.names)))
         run = carrying(c, x.shape[1])
-        own, after = run(begin, x[:-1], self.torques(values).T, self.stretch.h, self.stretch.t[:-1], p)
+        own, after = run(begin, x[:-1], self._flat_inputs(values), self.stretch.h, self.stretch.t[:-1], p)
         return np.hstack([x, np.vstack([begin, own[:, :, 0]])]), after[:, :, 0]
 
     def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
@@ -151,7 +163,9 @@ class Track:
         """(coordinates,) acceleration of each by a force on it at the first node; effects hold nothing."""
         plant, values = self.stretch.plant, self.local(values)
         force = ca.SX.sym("force", len(plant.coordinates))
-        point = plant.point(ca.SX(self.z[0]), values, float(self.stretch.u[0]), float(self.stretch.t[0]))
+        first = [float(self.stretch.u[0]), *map(float, self.stretch.others[0])]
+        held = first if len(first) > 1 else first[0]
+        point = plant.point(ca.SX(self.z[0]), values, held, float(self.stretch.t[0]))
         by_force = ca.jacobian(ca.densify(plant.accelerations(point, force)), force)
         here = ca.Function("mobility", [force], [ca.densify(by_force)])(0.0)
         return np.abs(np.diag(here.full()))
@@ -201,18 +215,18 @@ class Track:
         # a parameter that scales the disturbance would otherwise be fitted to what the smoother thinks of it
         c, n, z = self.composite, len(self.stretch.t) - 1, self.filtered[:-1]
         call, d = mapped(derivatives_of(c, free)[0], n, (5,)), self.stretch.h / c.substeps
-        torques, slope = self.torques(values), self.held.substeps_by_delay(c.substeps, c.delay_s(values))
+        inputs, slope = self.inputs(values), self.held.substeps_by_delay(c.substeps, c.delay_s(values))
         late = [c.nz + c.nw + free.index(name) for name in c.delays if name in free]
         nothing, p, nu = np.zeros((n, c.nw)), c.vector(values), c.nz + c.nw
         total = np.zeros((n, c.nz, nu + len(free)))
         total[:, range(c.nz), range(c.nz)] = 1.0
         for j in range(c.substeps):
-            z, by = call(z, torques[j], nothing, d, self.stretch.t[:-1] + j * d, p)
+            z, by = call(z, inputs[j], nothing, d, self.stretch.t[:-1] + j * d, p)
             z = z[:, :, 0]
             # the chain rule through the substeps: S+ = F_z S + [0, F_w, F_p]
             total = by[:, :, : c.nz] @ total
             total[:, :, c.nz : nu] += by[:, :, c.nz : nu]
-            total[:, :, nu:] += by[:, :, nu + 1 :]
+            total[:, :, nu:] += by[:, :, nu + c.nu :]
             total[:, :, late] += by[:, :, nu, None] * slope[j][:, None, None]
         return z, total[:, :, : c.nz], total[:, :, c.nz : c.nz + self.w.shape[1]], total[:, :, nu:]
 

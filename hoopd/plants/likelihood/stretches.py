@@ -30,12 +30,15 @@ class Stretch:
     recording: str
     plant: Plant
     t: Array  # (n,) s from the recording's start, steps of at most LONGEST_STEP_S
-    u: Array  # (n-1,) torque held between the nodes
+    u: Array  # (n-1,) the first input, held between the nodes
     y: Array  # (n, channels) readings in the plant's order, NaN: none
     # (n, channels) a reading's noise over its channel's level; not given: 1
     scatter: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    others: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (n-1, inputs - 1); not given: there are none
 
     def __post_init__(self) -> None:
+        if len(self.others) != len(self.u):
+            object.__setattr__(self, "others", np.zeros((len(self.u), 0)))
         if self.scatter.shape != self.y.shape:
             object.__setattr__(self, "scatter", np.ones(self.y.shape))
 
@@ -52,7 +55,8 @@ class Stretch:
     def seconds(self, first_s: float, last_s: float) -> Stretch:
         """The nodes within these times."""
         a, b = np.searchsorted(self.t, [first_s - 1e-9, last_s + 1e-9])
-        return replace(self, t=self.t[a:b], u=self.u[a : max(b - 1, a)], y=self.y[a:b], scatter=self.scatter[a:b])
+        held, u, others = slice(a, max(b - 1, a)), self.u, self.others
+        return replace(self, u=u[held], others=others[held], t=self.t[a:b], y=self.y[a:b], scatter=self.scatter[a:b])
 
     def unevenly_sampled(self, channel: str, jitter_s: float, sigma: float) -> Stretch:
         """The same with a channel whose instants are uneven: s^2 = sigma^2 + (jitter rate)^2."""
@@ -75,7 +79,7 @@ class Stretch:
 def stretch_of(
     recording: str, plant: Plant, t: Array, u: Array, readings: Mapping[str, tuple[NDArray[np.int_], Array]]
 ) -> Stretch:
-    """From nodes t (n,), torque held between them (n-1,) and (nodes, values) of every channel."""
+    """From nodes t (n,), inputs held between them (n-1,) or (n-1, inputs) and (nodes, values) of every channel."""
     cut = _cut(t)
     where = np.searchsorted(cut, t)
     y = np.full((len(cut), len(plant.channels)), np.nan)
@@ -84,7 +88,8 @@ def stretch_of(
             nodes, values = readings[channel]
             y[where[nodes], column] = values
     held = u[np.clip(np.searchsorted(t, cut[:-1], side="right") - 1, 0, len(u) - 1)]
-    return Stretch(recording, plant, cut, held, y)
+    first, others = (held, np.zeros((len(held), 0))) if held.ndim == 1 else (held[:, 0], held[:, 1:])
+    return Stretch(recording, plant, cut, first, y, others=others)
 
 
 def _cut(t: Array) -> Array:
@@ -98,10 +103,29 @@ def _cut(t: Array) -> Array:
 
 
 class Held:
-    """The torque held between the nodes of a stretch, in the parts of its steps and on the way to its readings."""
+    """The inputs held between the nodes of a stretch, in the parts of its steps and on the way to its readings.
 
-    def __init__(self, t: Array, u: Array) -> None:
+    What says torque is the first input's, which alone may be late; `others` (n-1, inputs - 1) act at once.
+    """
+
+    def __init__(self, t: Array, u: Array, others: Array | None = None) -> None:
         self.t, self.u = t, u
+        self.others = np.zeros((len(u), 0)) if others is None else others
+
+    @classmethod
+    def of(cls, stretch: Stretch) -> Held:
+        """Of all inputs of a stretch."""
+        return cls(stretch.t, stretch.u, stretch.others)
+
+    def inputs(self, count: int, delay: float = 0.0) -> Array:
+        """(count, n-1, inputs) what `substeps` says of every input."""
+        others = np.broadcast_to(self.others, (count, *self.others.shape))
+        return np.concatenate([self.substeps(count, delay)[:, :, None], others], axis=2)
+
+    def inputs_back(self, late: Sequence[float], delay: float = 0.0) -> Array:
+        """(BACK_STEPS inputs, channels, n) what `back` says of every input, side by side in each step."""
+        every = [self.back(late, delay), *(Held(self.t, one).back(late) for one in self.others.T)]
+        return np.stack(every, axis=1).reshape(-1, *every[0].shape[1:])
 
     def at(self, when: Array) -> Array:
         """Just after these instants."""
