@@ -218,7 +218,7 @@ def child(tmp_path: Path, body: str, **options: Any) -> subprocess.Popen[str]:
     folder = tmp_path / "runs"
     folder.mkdir(exist_ok=True)
     code = CHILD.format(root=str(ROOT), folder=str(folder)) + textwrap.dedent(body)
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (ROOT, ROOT / "tools", tmp_path)))}
     return subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment, cwd=tmp_path, **options
     )

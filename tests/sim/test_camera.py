@@ -105,7 +105,8 @@ def test_pictures_come_on_the_cameras_grid_after_its_delay(rig: Any, opened: Any
     assert np.all(np.diff(times) > 0.019)
     ages = np.array([frame.t_arrival - frame.t for frame in taken])
     assert ages.min() > DELAY_S - 0.002
-    assert np.median(ages) < DELAY_S + 0.02
+    with on_the_clock():
+        assert np.median(ages) < DELAY_S + 0.02
 
 
 def test_metadata_follow_the_pixels_and_their_brace_comes_late(rig: Any, tmp_path: Path) -> None:
@@ -140,6 +141,8 @@ def test_a_stalled_camera_leaves_a_gap_and_no_late_pictures(rig: Any, opened: An
     command, start = rig(faults=[{"kind": "camera_stall", "at_s": 1.0, "for_s": 0.4}])
     backend = opened(command, start)
     times = [frame.t for frame in frames(backend, 3)]
+    with on_the_clock():  # it has begun before the stall
+        assert times[0] < 1.0
     while times[-1] < 1.5:
         times += [frame.t for frame in frames(backend, 1)]
     assert not [t for t in times if 1.0 <= t < 1.39]
