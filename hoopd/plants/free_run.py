@@ -29,6 +29,9 @@ from hoopd.plants.sensor_readings import SensorReadings, node_index
 
 Array = NDArray[np.float64]
 
+# Steps that are written out in one function: more would take longer to be made than to be run.
+MOST_AT_ONCE = 10
+
 # Of a run, states and derivatives of all steps: 0.8 GB.
 MOST_NUMBERS = 10**8
 
@@ -104,6 +107,7 @@ class FreeRun:
             fingerprint(held),
         )
         self._sensors = SensorReadings(c, self.free)
+        self._runners: dict[int, Chunks] = {}
 
     def run(self, p: ArrayLike, x0: ArrayLike, t: ArrayLike, u: ArrayLike | None = None) -> SimulatedRun:
         """From x0 (nx,) at the first of the nodes t (n,) s with the inputs u held between them.
@@ -167,9 +171,12 @@ class FreeRun:
             reason = f"{nodes[-1] - nodes[0]:g} s in steps of {self.step_s:.3g} s are {steps.sum():.3g} steps"
             name = self.composite.plant.name
             raise InputError(name, "", f"{reason}, more than memory holds: cut it, or take longer steps")
-        steps = steps.astype(int)
-        last = np.cumsum(steps)
-        length = np.repeat(h / steps, steps)
+        steps, plain = steps.astype(int), len(first) == self.composite.nz
+        # rows of as many steps as divide those of every interval
+        at_once = _steps_at_once(steps) if plain else 1
+        step = h / steps
+        steps //= at_once
+        last, length = np.cumsum(steps), np.repeat(h / steps, steps)
         times: list[Array] = []
         delay, simple = self.composite.delay_s(values), nodes is t and not self._timed
         if not simple:
@@ -179,8 +186,8 @@ class FreeRun:
             held = np.repeat(u, steps, axis=0)
         else:
             held = mean_inputs(np.column_stack([begin, begin + length]), t, u, delay)
-        runner = self._plain if len(first) == self.composite.nz else self._with_derivatives
-        rows = runner(first, (held, length, *times), self._vector(values))
+        runner = self._plain(at_once) if plain else self._with_derivatives
+        rows = runner(first, (held, np.repeat(step, steps), *times), self._vector(values))
         return np.concatenate([first[None], rows[last - 1]])
 
     def _start(self, x0: Array, u: Array) -> Array:
@@ -222,13 +229,19 @@ class FreeRun:
         u = ca.SX.sym("u", c.nu)
         return ca.SX.sym("z", c.nz), u, ca.SX.sym("h"), ca.SX.sym("t"), ca.SX.sym("p", len(c.names))
 
-    @cached_property
-    def _plain(self) -> Chunks:
-        return Chunks(kept(("run", *self._key), self._plain_step), accumulates=True)
+    def _plain(self, at_once: int) -> Chunks:
+        if at_once not in self._runners:
+            made = kept(("run", at_once, *self._key), lambda: self._plain_steps(at_once))
+            self._runners[at_once] = Chunks(made, accumulates=True)
+        return self._runners[at_once]
 
-    def _plain_step(self) -> ca.Function:
+    def _plain_steps(self, count: int) -> ca.Function:
+        """So many steps of h seconds each."""
         z, u, h, t, p = self._symbols
-        return ca.Function("step", self._told_to(z, u, h, t, p), [self._after(z, u, h, t, p)])
+        after = z
+        for index in range(count):
+            after = self._after(after, u, h, t + index * h, p)
+        return ca.Function("steps", self._told_to(z, u, h, t, p), [after])
 
     @cached_property
     def _with_derivatives(self) -> Chunks:
@@ -257,6 +270,12 @@ def _longest_step_s(composite: Composite) -> float:
     wishes = [effect.substeps for effect in composite.effects if effect.delay is None]
     dry = any(effect.friction is not None for effect in composite.effects)
     return composite.longest_step_s / max(1, FRICTION_SUBSTEPS if dry else 0, *wishes, 0)
+
+
+def _steps_at_once(steps: NDArray[np.int64]) -> int:
+    """The largest number up to `MOST_AT_ONCE` that divides the steps of every interval."""
+    common = int(np.gcd.reduce(steps))
+    return max(count for count in range(1, MOST_AT_ONCE + 1) if common % count == 0)
 
 
 def _union(t: Array, u: Array, delay_s: float, late: Sequence[float]) -> Array:

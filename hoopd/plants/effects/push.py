@@ -14,8 +14,8 @@ from hoopd.plants.effects.base import Effect, EffectParameter, Point, Values
 from hoopd.plants.effects.usual_sizes import force_scale, of_kind, time_scale, units
 
 # The edges of a pulse are ramps of this length (s, at the usual 20 ms) around t0 and t1: an integration step sees them,
-# a fit moves them.
-EDGE_S = 0.010
+# a fit moves them. Steps of 5 ms see both of its ends.
+EDGE_S, SUBSTEPS = 0.010, 4
 
 
 def effects(plant: Plant) -> tuple[Effect, ...]:
@@ -44,6 +44,7 @@ def _disturbance(plant: Plant, name: str, slot: Slot) -> Effect:
             ),
         ),
         force=pulse,
+        substeps=SUBSTEPS,
         found_by="scan",
         depends_on=("t",),
         statement="somebody or something pushed for a while",

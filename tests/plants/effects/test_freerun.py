@@ -6,11 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from harness.effectcases import VALUES, composite, sizes, two_level
+from harness.effectcases import SIZES, VALUES, composite, sizes, two_level
 
+from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.free_run import readings, run
 from hoopd.plants.held_input import mean_torque
-from hoopd.plants.hoop.simulate import HoopModel
+from hoopd.plants.hoop.simulate import STEP_S, HoopModel
 
 X0 = np.array([0.2, -1.0, 0.5, 2.0])
 
@@ -21,6 +22,34 @@ def test_without_effects_it_is_the_model_s_free_run() -> None:
     u = rng.normal(size=120) * 0.1
     expected = HoopModel("rolling", VALUES["rolling"], step_s=0.005).run([], X0, t, u)
     assert np.abs(run(composite("rolling"), {}, X0, t, u) - expected).max() < 1e-4
+
+
+def model_with(name: str, **changes: float) -> HoopModel:
+    found = FoundEffects("entries", VALUES["entries"], (FoundEffect(name, {**SIZES[name], **changes}),))
+    return HoopModel.with_effects(found)
+
+
+def test_an_effect_that_needs_no_shorter_steps_has_those_of_the_plant() -> None:
+    base = HoopModel("entries", VALUES["entries"])
+    for name in ("actuator.torque_gain", "actuator.delay", "hoop.quadratic_drag", "encoder.harmonic", "camera.latency"):
+        assert model_with(name).step_s == base.step_s == STEP_S, name
+    for name in ("hoop.coulomb_friction", "actuator.cogging", "actuator.lag", "external.disturbance"):
+        assert model_with(name).step_s <= STEP_S / 2, name
+
+
+def test_an_effect_of_nothing_leaves_the_plant_s_own_run() -> None:
+    t, u = two_level(2.0)
+    base = HoopModel("entries", VALUES["entries"]).run([], X0, t, u)
+    assert np.array_equal(model_with("actuator.torque_gain", k=1.0).run([], X0, t, u), base)
+
+
+def test_several_steps_at_once_are_the_same_steps() -> None:
+    # an interval of another length leaves rows of one step each
+    t, u = two_level(1.0)
+    uneven_t, uneven_u = np.append(t, t[-1] + 0.033), np.append(u, 0.05)
+    for name in ("hoop.coulomb_friction", "frame.vibration", "actuator.lag"):
+        c, values = composite("rolling", name), sizes(name)
+        assert np.abs(run(c, values, X0, uneven_t, uneven_u)[:-1] - run(c, values, X0, t, u)).max() < 1e-12, name
 
 
 def test_more_nodes_change_nothing() -> None:
