@@ -116,9 +116,9 @@ def test_unusable_input_is_one_clear_line(tmp_path: Path, still: Path) -> None:
         ({"picture": None, "positions": write("g.npy", b"no array")}, "not a numeric npy array"),
         ({"picture": None, "positions": write("h.npy", array_file(f"({10**40}, 2)"))}, "not a numeric npy array"),
         ({"picture": None, "positions": write("i.npy", array_file("(3, 2"))}, "not a numeric npy array"),
-        ({"picture": still, "json_path": tmp_path / "no" / "x.json"}, "no such file"),
-        ({"picture": still, "figure_path": still}, "overwrite"),
-        ({"picture": still, "json_path": tmp_path / "x", "save_path": tmp_path / "x"}, "overwrite"),
+        ({"picture": still, "json_path": tmp_path / "no" / "x.json"}, "--json: no such folder"),
+        ({"picture": still, "figure_path": still}, "is never overwritten"),
+        ({"picture": still, "json_path": tmp_path / "x", "save_path": tmp_path / "x"}, "is already where --json goes"),
     ]
     for arguments, reason in cases:
         with pytest.raises(InputError) as caught:

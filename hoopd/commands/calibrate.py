@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.commands.output_files import check_targets
 from hoopd.files.reading import InputError, read_bytes
 from hoopd.files.yaml_text import text_of
 from hoopd.recording.mcap import read_run
@@ -48,8 +49,9 @@ def run(
     if picture is None and positions is None:
         raise InputError("", "", "calibrate needs a picture or a run of positions")
     if figure_path is None and json_path is not None:
-        figure_path = json_path.with_name(f"{json_path.stem}_calibration.png")
-    refuse_overwriting((picture, positions), (json_path, figure_path, save_path))
+        figure_path = json_path.parent / f"{json_path.stem}_calibration.png"
+    outputs = {"--json": json_path, "--figure": figure_path, "--save": save_path}
+    check_targets([one for one in (picture, positions) if one is not None], outputs)
     image = None if picture is None else read_picture(picture)
     points = None if positions is None else read_positions(positions)
     if points is not None and np.nanmax(np.abs(points), initial=0.0, where=np.isfinite(points)) > LARGEST_POSITION_PX:
@@ -258,15 +260,3 @@ def write_figure(
         path.write_bytes(cv2.imencode(".png", drawn)[1].tobytes())
     except OSError as error:
         raise InputError(path, "", (error.strerror or "cannot be written").lower()) from None
-
-
-def refuse_overwriting(inputs: tuple[Path | None, ...], outputs: tuple[Path | None, ...]) -> None:
-    """InputError when an output is one of the inputs or two outputs are one file."""
-    # realpath, since Path.resolve raises RuntimeError for a link that leads to itself
-    taken = {os.path.realpath(path) for path in inputs if path is not None}
-    for path in outputs:
-        if path is None:
-            continue
-        if os.path.realpath(path) in taken:
-            raise InputError(path, "", "would overwrite another file of this command")
-        taken.add(os.path.realpath(path))

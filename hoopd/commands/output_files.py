@@ -16,8 +16,9 @@ from hoopd.recording.slices import split_slice
 
 
 def check_targets(inputs: Sequence[Path | str], outputs: Mapping[str, Path | None]) -> None:
-    """InputError unless every output, by its option, can be a file of its own and is none of the inputs."""
-    sources = [split_path(split_slice(str(one))[0])[0] for one in inputs]
+    """InputError unless every output, by its option, can be a file of its own and is none of the inputs: files, or
+    texts of recordings."""
+    sources = [_file_of(one) for one in inputs]
     taken: dict[str, Path] = {}
     for option, path in outputs.items():
         if path is None:
@@ -40,6 +41,14 @@ def check_results(out: Path | None, figure: Path | None) -> None:
         from hoopd.plots.style import check_path
 
         check_path(figure)
+
+
+def _file_of(text: Path | str) -> Path:
+    """A file of this name, else the file of a recording's text."""
+    with contextlib.suppress(OSError):  # a name too long
+        if Path(text).exists():
+            return Path(text)
+    return split_path(split_slice(str(text))[0])[0]
 
 
 def _same(one: Path, other: Path) -> bool:

@@ -41,7 +41,7 @@ def shown(result: Mapping[str, Any]) -> dict[str, Any]:
 
 def _new(options: PlantOptions) -> dict[str, Any]:
     path = Path(options.plant)
-    path = path if path.suffix else path.with_name(f"{path.name}.yaml")
+    path = path if path.suffix else Path(f"{path}.yaml")
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(path, "", "a new plant file is a .yaml")
     if not NAME.fullmatch(path.stem):

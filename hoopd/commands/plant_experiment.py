@@ -35,6 +35,7 @@ OF_A_DEVICE = ("config", "sets", "arm", "around", "camera", "sim", "centring_nm_
 KINDS = ("prbs", "chirp", "multisine", "steps", "decay")
 # Of a limit, what a signal uses where nobody says an amplitude.
 USUAL_SHARE = 0.1
+FEWEST_ROWS = 2
 
 
 def run(options: ExperimentOptions) -> dict[str, Any]:
@@ -119,6 +120,11 @@ def _usual_amplitude(plant: Plant) -> float:
 def _signal(plan: Plan, plant: Plant, told: dict[str, float], seed: int) -> tuple[Array, Array]:
     """Rows t (n,) and inputs (n, inputs): the first one moves about where it is held, the others stay."""
     step = plant.time_scale_s
+    if round(plan.duration_s / step) < FEWEST_ROWS:
+        reason = (
+            f"{plan.duration_s:g} s are no {FEWEST_ROWS} samples of {plant.name}, which is sampled every {step:g} s"
+        )
+        raise InputError("--duration", "", reason)
     if not plant.inputs:
         if plan.kind != "decay":
             raise InputError("KIND", "", f"{plant.name} has no input: decay from --at alone can be simulated")

@@ -203,6 +203,8 @@ def test_without_an_input_only_a_decay_can_be_simulated_and_nothing_identified(t
         plant_experiment.run(
             ExperimentOptions(kind="prbs", plant="axis", amplitude_nm=2000.0, out=tmp_path / "axis.csv")
         )
+    with pytest.raises(InputError, match="no 2 samples of tanks, which is sampled every 1 s"):
+        plant_experiment.run(ExperimentOptions(kind="prbs", plant="tanks", duration_s=0.2, out=tmp_path / "t.csv"))
     with pytest.raises(InputError, match="pendulum: has no input"):
         identify.run(IdentifyOptions(recordings=(str(tmp_path / "run.csv"),), plant="pendulum"))
 

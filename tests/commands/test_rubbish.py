@@ -160,3 +160,14 @@ def test_more_steps_than_memory_holds_are_one_line(folder: Path) -> None:
     Path("axis.csv").write_text("\n".join(["t,F,x", *rows]))
     code, said = hoopd("simulate", "--input", "axis.csv", "--plant", "axis", "--step", "1e-9")
     assert code == 2 and "2.99e+08 steps, more than memory holds" in said and len(said.splitlines()) == 1
+
+
+def test_a_folder_in_place_of_a_file_is_one_line_before_anything_is_written(folder: Path) -> None:
+    angle = np.linspace(-0.9, 0.9, 300)
+    rows = np.column_stack([240.0 - 182.0 * np.sin(angle), 240.0 + 182.0 * np.cos(angle)]).tolist()
+    Path("run.csv").write_text("\n".join(["x_px,y_px", *(f"{x:.3f},{y:.3f}" for x, y in rows)]))
+    before = contents(folder)
+    for words in (("plant", "new", "."), ("calibrate", "--positions", "run.csv", "--json", ".")):
+        code, said = hoopd(*words)
+        assert code == 2 and len(said.splitlines()) == 1 and "mistake of this program" not in said
+    assert contents(folder) == before
