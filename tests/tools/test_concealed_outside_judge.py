@@ -112,6 +112,7 @@ def test_what_counts_as_found_and_what_as_wrong() -> None:
 def test_a_share_counts_where_there_is_a_point_to_keep() -> None:
     assert judge.share(outside(UNKNOWN)) == pytest.approx(0.95)
     assert judge.share(outside(UNKNOWN, gain=0.9)) is None
+    assert judge.share(outside(UNKNOWN, gain=0.9, kept=0.45), judge.GAINS_LITTLE) == pytest.approx(0.5)
     assert judge.share(outside(UNKNOWN, gain=None)) is None
 
 

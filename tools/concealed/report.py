@@ -49,6 +49,7 @@ OUTSIDE: Mapping[str, str] = {
     "found_anywhere": "declared unknown or given a formula, at any slot",
     "formula": "given a formula, at the right slot",
     "kept": "80 % of the oracle's held-out gain kept, where it gains over 1 point",
+    "kept_little": "the same, where it gains over 0.1 points",
     "sure_wrong": "a name of the library said with more than 50 %, or without a probability",
     "sure_wrong_tellable": "the same, where the nearest name of the library leaves 10 nats or more",
     "named": "a name of the library said at all",
@@ -148,7 +149,9 @@ def _effects(rows: list[dict[str, Any]], title: str) -> str:
 def _outside(found: Mapping[str, Any]) -> list[str]:
     """Tables of the family outside the library."""
     rows = [[title, percent(found["rates"][key])] for key, title in OUTSIDE.items() if found["rates"][key]["n"]]
-    rows.append(["share of the oracle's held-out gain, median", _number(found["share"]["median"])])
+    rows.append(
+        ["share of the oracle's held-out gain, median where it gains over 1 point", _number(found["share"]["median"])]
+    )
     nats = [
         [row["nats"], *(percent(row[key]) for key in ("found", "sure_wrong", "silent"))] for row in found["by_nats"]
     ]

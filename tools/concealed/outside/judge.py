@@ -19,7 +19,7 @@ from concealed.proportions import rate
 # The table's names; the last two are no cases of the proof, but names that can be said.
 LIBRARY = frozenset((*SINGLES, "ball.lift_off", "encoder.harmonic"))
 SURE = 0.5  # probability beyond which a name is taken for said
-GAINS = 1.0  # percent points that the oracle must gain on held-out data for its share to count
+GAINS, GAINS_LITTLE = 1.0, 0.1  # percent points that the oracle must gain on held-out data for its share to count
 KEPT = 0.8  # share of the oracle's gain
 TELLABLE = 10.0  # nats that the nearest name of the library leaves: below, a recording does not tell the two apart
 BINS = (0.0, 15.0, 45.0, 134.0)  # nats, the last one open
@@ -77,10 +77,10 @@ def gained(case: Judged) -> float:
     return heldout_gain((case.said or {}).get("fit", {})) or 0.0
 
 
-def share(case: Judged) -> float | None:
-    """Part of the oracle's gain that is kept; None where there is too little to keep."""
+def share(case: Judged, least: float = GAINS) -> float | None:
+    """Part of the oracle's gain that is kept; None where there are no `least` percent points to keep."""
     gain = oracle_gain(case)
-    return gained(case) / gain if gain is not None and gain > GAINS else None
+    return gained(case) / gain if gain is not None and gain > least else None
 
 
 def left_nats(case: Judged) -> float | None:
@@ -115,6 +115,7 @@ def _rates(mine: Sequence[Judged]) -> dict[str, Any]:
         "found_anywhere": rate(bool(open_ones(case)) for case in mine),
         "formula": rate(formula(case) for case in mine),
         "kept": rate(kept >= KEPT for case in mine if (kept := share(case)) is not None),
+        "kept_little": rate(kept >= KEPT for case in mine if (kept := share(case, GAINS_LITTLE)) is not None),
         "sure_wrong": rate(bool(sure_names(case)) for case in mine),
         "sure_wrong_tellable": rate(bool(sure_names(case)) for case in told),
         "named": rate(bool(case.known_names) and any(name in LIBRARY for name in case.names) for case in mine),
