@@ -9,10 +9,11 @@ import pytest
 from freeruns import DEVICE, runs_of
 
 from hoopd.plants.fits.uncertainty import intervals, uncertainty
+from hoopd.plants.fits.undetermined import Direction, close_pairs, simplified
 from hoopd.plants.hoop.entries import entries_jacobian, entries_of
 from hoopd.plants.hoop.fitting.free_parameters import PHYSICAL, default_priors
 from hoopd.plants.hoop.fitting.hoop_output_error import fit_output_error
-from hoopd.plants.hoop.fitting.identifiability import Direction, close_pairs, determined, direction_words, simplified
+from hoopd.plants.hoop.fitting.identifiability import determined, direction_words
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 
 ALL = PHYSICAL["both"]

@@ -9,8 +9,8 @@ import numpy as np
 from freeruns import DEVICE
 
 from hoopd.plants.fits.plain_numbers import plain
+from hoopd.plants.fits.undetermined import Direction
 from hoopd.plants.hoop.entries import entries_of
-from hoopd.plants.hoop.fitting.identifiability import Direction
 from hoopd.plants.hoop.fitting.physical_parameters import Known, physical_from_entries
 
 

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from hoopd.plants.fits.undetermined import Direction, simplified
 from hoopd.plants.hoop.entries import ENTRIES, combinations_of, entries_jacobian, entries_of, spin_ratio
-from hoopd.plants.hoop.fitting.identifiability import Direction, direction_words, simplified
+from hoopd.plants.hoop.fitting.identifiability import direction_words
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 
 Array = NDArray[np.float64]
