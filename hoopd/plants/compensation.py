@@ -1,4 +1,4 @@
-"""What cancels an effect: the torque to demand so that the hoop moves as if the effect were not there.
+"""What cancels an effect: the torque to demand so that the driven body moves as if the effect were not there.
 
 A force on the driven body is taken off the torque, dry friction is added in the direction of the motion (at rest: of
 the torque), a map of the torque is undone by its declared inverse. Everything is a mean over the tick for which the
@@ -22,7 +22,7 @@ from hoopd.plants.effects.base import DryFriction, Effect, Point
 from hoopd.plants.found_effects import FoundEffects
 
 Array = NDArray[np.float64]
-# (x (4,), wanted torque N m, 1 or 0 for every effect: it is cancelled or not) -> torque to demand, N m
+# (x (nx,), wanted torque N m, 1 or 0 for every effect: it is cancelled or not) -> torque to demand, N m
 Demand = Callable[[Array, float, Sequence[float]], float]
 
 # Beyond the order of any map of the torque.
@@ -30,7 +30,7 @@ LAST_ORDER = 100
 # Points of the mean over a tick: 7 times a turn at 20 rad/s, 2.8 rad a tick, is met within 4 %.
 POINTS = 3
 # Of a friction's level, the wanted torque at rest at which three quarters of it are given: less would turn a law's
-# noise into a rattle, more would leave the hoop stuck.
+# noise into a rattle, more would leave the body stuck.
 REST_SHARE = 0.5
 # So many standard deviations of the estimated speed are a motion: at rest its noise must not rattle the drive.
 MOTION_SIGMAS = 3.0
@@ -57,9 +57,10 @@ def in_order(found: FoundEffects) -> tuple[Effect, ...]:
 
 def demand_of(found: FoundEffects, tick_s: float, wire_s: float, speed_noise_rad_s: float) -> Demand:
     """All effects of `in_order` in one call; `speed_noise_rad_s`: of the estimate that it is given."""
-    effects, x, wanted = in_order(found), ca.SX.sym("x", 4), ca.SX.sym("wanted")
+    effects, wanted = in_order(found), ca.SX.sym("wanted")
+    x = ca.SX.sym("x", len(found.plant.states))
     ages = [wire_s + tick_s * (index + 0.5) / POINTS for index in range(POINTS)]
-    states, constants = [_moved(x, age) for age in ages], _constants(found)
+    states, constants = [_moved(found.plant, x, age) for age in ages], _constants(found)
     flags, torque = [ca.SX.sym(f"on{index}") for index in range(len(effects))], wanted
     for effect, on in zip(effects, flags, strict=True):
         points = [found.plant.point(state, constants, torque) for state in states]
@@ -88,8 +89,11 @@ def _friction(plant: Plant, friction: DryFriction, s: Point, e: Any, noise_rad_s
     return level * (motion + (1 - ca.fabs(motion)) * torque)
 
 
-def _moved(x: Any, age_s: float) -> Any:
-    return ca.vertcat(x[0] + age_s * x[1], x[1], x[2] + age_s * x[3], x[3])
+def _moved(plant: Plant, x: Any, age_s: float) -> Any:
+    """The state when every coordinate has gone on at its rate."""
+    places = range(0, 2 * len(plant.coordinates), 2)
+    moved = [part for i in places for part in (x[i] + age_s * x[i + 1], x[i + 1])]
+    return ca.vertcat(*moved, x[2 * len(plant.coordinates) :])
 
 
 def _constants(found: FoundEffects) -> dict[str, Any]:
@@ -97,4 +101,4 @@ def _constants(found: FoundEffects) -> dict[str, Any]:
 
 
 def _anywhere(found: FoundEffects) -> Point:
-    return found.plant.point(np.zeros(4), found.base)
+    return found.plant.point(np.zeros(len(found.plant.states)), found.base)
