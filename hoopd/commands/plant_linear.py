@@ -61,6 +61,8 @@ def run(options: LinearizeOptions) -> dict[str, Any]:
     if not inputs:
         notes.append(f"{linear.model.name} has no input: nothing to steer, and no fractions, margins or bandwidth")
     result = record_of(_head(linear), first, sampling, notes, matrices=system)
+    if not inputs:  # python-control's one input stands for none
+        result["notes"] = [note for note in result["notes"] if not note.endswith("is not moved by nothing")]
     if options.figure is not None and inputs:
         from hoopd.plots import linear as drawings
         from hoopd.plots import style

@@ -25,11 +25,11 @@ def sample_delay(samples: int, h: float) -> control.TransferFunction:
 
 
 def held(plant: Lti, h: float, delay_s: float = 0.0) -> control.StateSpace:
-    """Plant of one input under a zero-order hold whose input arrives `delay_s` late, exact for any delay.
+    """Plant under a zero-order hold whose inputs arrive `delay_s` late, exact for any delay.
 
     With delay = d h + r, 0 <= r < h, the sample k -> k + 1 sees u_(k-d-1) for r seconds and u_(k-d) for h - r:
     x_(k+1) = F(h) x_k + F(h - r) G(r) u_(k-d-1) + G(h - r) u_(k-d)   (Astrom, Wittenmark, Computer-Controlled
-    Systems, 2.3). The late inputs are states of the result, named after the input, the oldest first; the plant's own
+    Systems, 2.3). The late inputs are states of the result, named after the inputs, the oldest first; the plant's own
     come before them.
     """
     if delay_s < 0.0:
@@ -39,22 +39,22 @@ def held(plant: Lti, h: float, delay_s: float = 0.0) -> control.StateSpace:
     rest = max(delay_s - whole * h, 0.0)
     f, g_rest = _held_over(ss, rest)
     f_after, g_after = _held_over(ss, h - rest)
-    n, line = ss.nstates, whole + (rest > 1e-12)
-    a, b = np.zeros((n + line, n + line)), np.zeros((n + line, 1))
+    n, m, line = ss.nstates, ss.ninputs, whole + (rest > 1e-12)
+    a, b = np.zeros((n + line * m, n + line * m)), np.zeros((n + line * m, m))
     a[:n, :n] = f_after @ f
     inputs = np.hstack([a[:, n:], b])  # columns: u_(k-line) ... u_(k-1), u_k
-    late = np.zeros((n + line, line + 1))
-    late[:n, line - whole] = g_after[:, 0]
+    late = np.zeros((n + line * m, (line + 1) * m))
+    late[:n, (line - whole) * m : (line - whole + 1) * m] = g_after
     if line > whole:
-        late[:n, 0] += (f_after @ g_rest)[:, 0]
-    late[n:, 1:] = np.eye(line)
+        late[:n, :m] += f_after @ g_rest
+    late[n:, m:] = np.eye(line * m)
     inputs += late
-    a[:, n:], b = inputs[:, :line], inputs[:, line:]
+    a[:, n:], b = inputs[:, : line * m], inputs[:, line * m :]
     if np.any(ss.D):
         raise ValueError("the plant must not answer at once")
-    names = [*ss.state_labels, *(f"{ss.input_labels[0]}_{k}" for k in range(line, 0, -1))]
+    names = [*ss.state_labels, *(f"{one}_{k}" for k in range(line, 0, -1) for one in ss.input_labels)]
     labels = {"states": names, "inputs": ss.input_labels, "outputs": ss.output_labels, "name": ss.name}
-    return control.ss(a, b, np.hstack([ss.C, np.zeros((ss.noutputs, line))]), 0, h, **labels)
+    return control.ss(a, b, np.hstack([ss.C, np.zeros((ss.noutputs, line * m))]), 0, h, **labels)
 
 
 def _held_over(ss: control.StateSpace, h: float) -> tuple[Any, Any]:

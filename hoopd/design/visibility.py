@@ -1,4 +1,4 @@
-"""What the torque can steer and what the measured outputs can see: ranks, singular values, and in words.
+"""What the inputs can steer and what the measured outputs can see: ranks, singular values, and in words.
 
 Rules of this file: every yes or no comes with the numbers and the tolerance that it was decided by.
 """
@@ -91,13 +91,14 @@ def in_words(system: control.StateSpace) -> list[str]:
     """Sentences about what is not steered, not seen, or hardly."""
     outputs = ", ".join(system.output_labels)
     steered, seen, filtered = controllability(system), observability(system), detectability(system)
-    notes = [f"{named(name)} is not moved by the torque" for name in steered.lost]
+    moving = "the torque" if system.input_labels == [INPUT] else " or ".join(system.input_labels)
+    notes = [f"{named(name)} is not moved by {moving}" for name in steered.lost]
     notes += [f"{named(name)} is not seen from {outputs}: no output depends on it" for name in seen.lost]
     notes += [
         f"{named(name)} is hardly seen from {outputs}: singular value {_weakest(seen):.2g} beside "
         f"{seen.singular_values[0]:.3g}"
         for name in seen.weak
-        if not name.startswith(f"{INPUT}_")
+        if not name.startswith(tuple(f"{one}_" for one in system.input_labels))
     ]
     if not filtered.detectable:
         what = ", ".join(map(named, filtered.states))

@@ -151,6 +151,7 @@ def test_a_pendulum_without_a_drive_has_poles_and_no_margins() -> None:
     assert max(one["re"] for one in found["poles"]) > 9.0
     assert "margins" not in found
     assert any("no input" in note for note in found["notes"])
+    assert "alpha is not moved by nothing" not in found["notes"] and "torque" not in " ".join(found["notes"])
 
 
 def test_what_never_rests_has_no_operating_point() -> None:

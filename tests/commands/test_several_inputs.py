@@ -102,3 +102,14 @@ def test_only_the_first_input_is_late_and_every_one_is_held() -> None:
     assert held.inputs(2, 0.005)[:, 1].tolist() == [[1.0, 30.0], [3.0, 30.0]]
     back = held.inputs_back([0.006], 0.0)
     assert back.shape == (6, 1, 3) and back[:2, 0, 2].tolist() == [3.0, 30.0]
+
+
+def test_several_inputs_are_held_and_late_in_a_sampled_model(folder: Path) -> None:
+    words = ("linearize", "--plant", "pumps.yaml", "--at", "q1=2e-5,q2=1e-5", "--sample-time", "1")
+    system = result(folder, *words, "--delay", "2")["state_space"]
+    now = result(folder, *words)["state_space"]
+    assert system["states"] == ["h1", "h2", "q1_2", "q2_2", "q1_1", "q2_1"] and system["inputs"] == ["q1", "q2"]
+    a, b, c = (np.array(system[name]) for name in "ABC")
+    # what an input does two samples later is what it does at once without a delay
+    assert c @ a @ a @ b == pytest.approx(np.array(now["C"]) @ np.array(now["B"]))
+    assert not (c @ b).any() and not (c @ a @ b).any()

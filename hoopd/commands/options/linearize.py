@@ -36,7 +36,7 @@ class LinearizeOptions:
         "--hoop-speed", text="Hoop turning at this speed (rad/s), ball held up its side."
     )
     top: bool = option("--top", text="Ball at rest at the top.", default=False)
-    sample_time_s: float | None = option("--sample-time", text="Hold the torque over this time (s): the sampled plant.")
+    sample_time_s: float | None = option("--sample-time", text="Hold the inputs over this time (s): the sampled plant.")
     delay_samples: int = option("--delay", text="Samples of delay in the sampled plant.", default=0)
     figure: Path | None = figure_option()
     plot: str | None = option(
