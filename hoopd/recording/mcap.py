@@ -31,6 +31,7 @@ from hoopd.recording.schemas import CHANNELS, DESCRIBED, TOPIC_PREFIX, LogEvent,
 PROFILE = "hoopd"  # in the file's own header: how a run of ours is told from other MCAP files
 HEADER = "hoopd.header/1"
 MAX_FILE_BYTES = 2**31  # two days in one file; the quota of all of them is as large
+SHOWN_CHARS = 40  # of a number that is none
 FLUSH_S = 0.25  # a killed daemon loses at most what came since the last flush
 _SECRET = re.compile(r"""(\bpassword["']?\s*:\s*)("[^"]*"|'[^']*'|[^\s,}#]+)""")
 
@@ -143,13 +144,22 @@ def header_texts(header: Header) -> dict[str, str]:
 
 def header_of(texts: dict[str, str]) -> Header:
     plain = {name: texts.get(name, "") for name in ("device", "config", "model", "controller", "law", "converted")}
-    seed, versions = texts.get("seed", ""), texts.get("versions") or "{}"
+    versions = texts.get("versions") or "{}"
     return Header(
         **plain,
         versions=msgspec.json.decode(versions, type=dict[str, str]),
-        seed=int(seed) if seed else None,
-        part=int(texts.get("part") or 0),
+        seed=_whole(texts, "seed"),
+        part=_whole(texts, "part") or 0,
     )
+
+
+def _whole(texts: dict[str, str], key: str) -> int | None:
+    """A whole number of the header; None where it tells none."""
+    text = texts.get(key, "")
+    try:
+        return int(text) if text else None
+    except ValueError:
+        raise ValueError(f"header: {key}: expected a whole number, got {text[:SHOWN_CHARS]!r}") from None
 
 
 _DECODE: dict[str, Any] = {"tick": rows.decode_tick, "input": rows.decode_input, "event": rows.decode_event}

@@ -260,3 +260,10 @@ def test_schemas_describe_every_field() -> None:
 def test_secrets_stay_out(tmp_path: Path) -> None:
     text = "zenoh: {user: me, password: abc}\n  password: 'x y'\n"
     assert mcap.without_secrets(text) == "zenoh: {user: me, password: '***'}\n  password: '***'\n"
+
+
+@pytest.mark.parametrize("key", ["seed", "part"])
+@pytest.mark.parametrize("text", ["x", "9" * 5000])
+def test_a_number_of_the_header_that_is_none_is_told_with_its_key(key: str, text: str) -> None:
+    with pytest.raises(ValueError, match=f"header: {key}: expected a whole number, got '.{{1,40}}'$"):
+        mcap.header_of({key: text})
