@@ -35,6 +35,23 @@ def test_only_the_hoop_names_the_hoops_angles() -> None:
     assert not {name for name in found if not name.startswith(OF_THE_HOOP)}
 
 
+# Where the drive's limit is a number: the hoop's own, the daemon's safety limit, the drive that sizes are meant for.
+OF_THE_LIMIT = {"plants/hoop/parameters.py", "core/limits.py", "plants/effects/usual_sizes.py"}
+# The same numbers, and no torque: a share, a radius of a drawing, a ring about a ball, widths of lines.
+NO_TORQUE = ("diagnose/quality/turns.py", "vision/", "plots/", "ident/")
+
+
+def test_the_drives_limit_is_typed_where_it_is_decided() -> None:
+    """Everything else reads it from the plant, from a model file or from `core.limits`."""
+    found = {
+        path.relative_to(ROOT).as_posix()
+        for path in ROOT.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, float) and node.value in (0.7, 1.4)
+    }
+    assert {name for name in found if not name.startswith(NO_TORQUE)} == OF_THE_LIMIT
+
+
 def test_no_modules_import_each_other_in_a_circle() -> None:
     graph = grimp.build_graph("hoopd", exclude_type_checking_imports=True)
     order = TopologicalSorter({name: graph.find_modules_directly_imported_by(name) for name in graph.modules})

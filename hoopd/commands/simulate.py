@@ -153,7 +153,7 @@ def fits(found: FitScore) -> dict[str, Any]:
 
 
 def _notes(file: ModelFile, recording: Recording, whole: FitScore, *, without_effects: bool) -> list[str]:
-    notes = [*suspicions(recording), *off_words(recording)]
+    notes = [*suspicions(recording, file.device.torque_limit_nm), *off_words(recording)]
     for name, one in whole.channels.items():
         if one.set_aside:
             notes.append(f"{name}: {one.set_aside} samples that repeat the last value do not count")

@@ -14,14 +14,12 @@ from hoopd.diagnose.quality.sensors import ENCODER
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.repeated_samples import once_at_rest
-from hoopd.plants.likelihood.stretches import SHORTEST_S, Stretch, stretch_of
+from hoopd.plants.likelihood.stretches import Stretch, is_long_enough, stretch_of
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines
 
 # Fewer readings than this are no recording to judge a model by.
 FEWEST_READINGS, LEAST_READINGS = 50, 15
-# Of a fast plant, fewer steps than these are no stretch.
-SHORTEST_STEPS = 25
 
 
 @dataclass(frozen=True)
@@ -92,5 +90,4 @@ def _stretch(name: str, part: Timeline, begin: float, quality: Quality) -> Stret
 
 
 def _enough(stretch: Stretch) -> bool:
-    long = stretch.t[-1] - stretch.t[0] >= min(SHORTEST_S, SHORTEST_STEPS * stretch.plant.time_scale_s)
-    return len(stretch.t) > 2 and long and stretch.samples >= fewest_readings(stretch.plant) // 2
+    return len(stretch.t) > 2 and is_long_enough(stretch) and stretch.samples >= fewest_readings(stretch.plant) // 2

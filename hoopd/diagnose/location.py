@@ -20,6 +20,7 @@ from hoopd.diagnose.record import EffectFinding, Location, Verdict
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Column, whitened_changes
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
@@ -95,14 +96,15 @@ def change_by(effect: Effect, named: Named) -> Array:
 def segments_of(vector: Array, base: Survey) -> list[tuple[float, float]] | None:
     """Seconds of the recording in which a change (rows,) shows most; None when it is there most of the time."""
     energy, seconds = _by_bin(vector, base)
+    bin_s = _bin_s(base)
     order = np.argsort([-one for one in energy.values()], kind="stable")
     total, names = sum(energy.values()), list(energy)
     upto = np.searchsorted(np.cumsum(np.array([*energy.values()])[order]), MOST_ENERGY * total) + 1
-    if total <= 0.0 or upto * BIN_S >= SELDOM * seconds:
+    if total <= 0.0 or upto * bin_s >= SELDOM * seconds:
         return None
     chosen = [names[i] for i in order[:upto]]
     first = chosen[0][0]
-    return _joined(sorted(number for recording, number in chosen if recording == first))
+    return _joined(sorted(number for recording, number in chosen if recording == first), bin_s)
 
 
 def _by_bin(vector: Array, base: Survey) -> tuple[dict[tuple[str, int], float], float]:
@@ -114,18 +116,23 @@ def _by_bin(vector: Array, base: Survey) -> tuple[dict[tuple[str, int], float], 
         t = track.stretch.t
         seconds += float(t[-1] - t[0])
         each = np.sum(part.reshape(len(t), -1) ** 2, axis=1)
-        for number, one in zip(np.floor(t / BIN_S).astype(int), each, strict=True):
+        for number, one in zip(np.floor(t / _bin_s(base)).astype(int), each, strict=True):
             key = (track.stretch.recording, int(number))
             energy[key] = energy.get(key, 0.0) + float(one)
     return energy, seconds
 
 
-def _joined(numbers: list[int]) -> list[tuple[float, float]]:
+def _bin_s(base: Survey) -> float:
+    """A bin of time, s."""
+    return BIN_S * min(motion_scale(track.stretch.plant) for track in base.fit.tracks)
+
+
+def _joined(numbers: list[int], bin_s: float) -> list[tuple[float, float]]:
     """Bins that touch, or have one between them, as one segment."""
     found: list[tuple[float, float]] = []
     for number in numbers:
-        begin, end = number * BIN_S, (number + 1) * BIN_S
-        if found and begin - found[-1][1] <= BIN_S:
+        begin, end = number * bin_s, (number + 1) * bin_s
+        if found and begin - found[-1][1] <= bin_s:
             found[-1] = (found[-1][0], end)
         else:
             found.append((begin, end))

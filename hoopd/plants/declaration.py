@@ -189,14 +189,16 @@ class Plant:
         Size of the forces on the first coordinate, for a plant without inputs.
     time_scale_s : float
         Usual time in s between two samples: integration steps and searched delays follow it.
+    least_size : float, optional
+        Least usual size of a parameter, in its unit; None: as it is declared.
     energy : callable, optional
         In J, of a point, where the plant has one.
     own_effects : callable, optional
         Effects of its own kinds of slot.
     judges : Judges
         What it knows of the quality of its recordings.
-    experiments : callable, optional
-        Menu of experiments that tell effects apart.
+    plays : str
+        The command that plays a signal on the device; empty: there is none.
     modes : tuple of Mode
         One for now.
 
@@ -229,10 +231,11 @@ class Plant:
     scales: Mapping[str, float] = field(default_factory=dict)  # usual sizes of states and inputs; empty: from the data
     usual_force: float = 1.0  # size of the forces on the first coordinate, for a plant without inputs
     time_scale_s: float = 0.02  # usual time between two samples: integration steps and searched delays follow it
+    least_size: float | None = None  # of a parameter, in its unit; None: as it is declared
     energy: Callable[[Point], Any] | None = None  # J, where the plant has one
     own_effects: Callable[[Plant], Iterable[Effect]] | None = None  # of its own kinds of slot
     judges: Judges = field(default_factory=Judges)
-    experiments: Callable[[Plant], Any] | None = None  # menu of experiments that tell effects apart
+    plays: str = ""  # the command that plays a signal on the device; empty: there is none
     modes: tuple[MotionMode, ...] = ()
 
     def __post_init__(self) -> None:

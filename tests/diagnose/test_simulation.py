@@ -10,6 +10,7 @@ import pytest
 from hoopd.diagnose.proof import simulation
 from hoopd.diagnose.proof.fit_tables import channel_source, nrmse, start_weights
 from hoopd.diagnose.proof.simulation import Simulator, Windows, fitted_starts, windows_of
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.reference_track import Track
 from tests.diagnose.madeup import shipped_plant, stretch_with
@@ -53,7 +54,7 @@ class Bent:
     """One state that is read as its arc tangent: a full step from beyond 1.4 leads further away."""
 
     def __init__(self, windows: Windows, effects: object) -> None:
-        self.composite = SimpleNamespace(nx=1)
+        self.composite = SimpleNamespace(nx=1, plant=Plant("bent", first_order=("x",), rates=lambda s: s.x))
 
     def run(self, values: object, start: np.ndarray) -> np.ndarray:
         return start[None]

@@ -25,6 +25,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter, Point
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
@@ -149,7 +150,7 @@ def _made(want: Wanted, plant: Plant, fit: HypothesisFit) -> list[UnnamedCurve]:
     own = (False, True) if several and variable.own_zero else (several and variable.name == "t",)
     return [
         replace(first, knots=knots, per_recording=per_recording)
-        for knots in _knot_sets(variable, x) for per_recording in own
+        for knots in _knot_sets(variable, x, motion_scale(plant)) for per_recording in own
     ]  # fmt: skip
 
 
@@ -160,9 +161,9 @@ def at_nodes(track: Track, fit: HypothesisFit) -> Point:
     return track.stretch.plant.point(track.predicted.T, track.local(fit.values), held, track.stretch.t)
 
 
-def _knot_sets(variable: CurveVariable, x: Array) -> list[Array]:
+def _knot_sets(variable: CurveVariable, x: Array, slower: float = 1.0) -> list[Array]:
     if variable.name == "t":
-        count = min(max(4, 1 + round(float(np.ptp(x)) / SECONDS_A_KNOT)), MOST_OVER_TIME)
+        count = min(max(4, 1 + round(float(np.ptp(x)) / (SECONDS_A_KNOT * slower))), MOST_OVER_TIME)
         found = [np.linspace(x.min(), x.max(), count)]
     elif variable.period is not None:
         found = [turn_knots(count, variable.period) for count in (TURN_COARSE, TURN_FINE)]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hoopd.core.excitation import Excitation, ExcitationLimits
 from hoopd.plants import free_run as freerun
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.usual_sizes import force_scale, speed_scale
+from hoopd.plants.effects.usual_sizes import force_scale, speed_scale, time_scale
 from hoopd.plants.hoop.loop.experiment_plan import (
     AMPLITUDES_NM,
     COMFORT,
@@ -43,6 +43,9 @@ MENU: tuple[tuple[str, Plan], ...] = (
     ("kicks and free decay", Plan("decay", DURATIONS_S["decay"])),
     ("long kicks and coasting down", Plan("decay", DURATIONS_S["decay"], kick_s=0.6)),
 )
+# What of a plan is a time, and a frequency.
+TIMES = ("duration_s", "hold_s", "kick_s", "rest_s", "soft_start_s", "soft_end_s")
+FREQUENCIES = ("low_hz", "high_hz")
 # Effects at rest and near rest show at small torques: each signal is tried as large as it may be, and at this share.
 SMALL_SHARE = 0.3
 # Of a signal's random variants; the command itself looks at more of them when it is played.
@@ -67,7 +70,7 @@ def entries(composite: Composite, values: Mapping[str, float], period_s: float, 
     if composite.declared.driven is None:
         return
     for words, usual in MENU:
-        plan = usual._replace(seed=seed, ball=_ball(composite.declared) is not None)
+        plan = in_times_of(composite.declared, usual)._replace(seed=seed, ball=_ball(composite.declared) is not None)
         large = _largest(words, plan, composite, values, period_s)
         if large is None:
             continue
@@ -78,8 +81,18 @@ def entries(composite: Composite, values: Mapping[str, float], period_s: float, 
             yield quiet
 
 
-def command(plan: Plan) -> str:
-    """The line that plays it."""
+def in_times_of(plant: Plant, plan: Plan) -> Plan:
+    """A plan of as many samples and as many periods a sample on a plant that is sampled at another rate."""
+    by = time_scale(plant)
+    if by == 1.0:
+        return plan
+    changes = {name: getattr(plan, name) * by for name in TIMES}
+    changes |= {name: getattr(plan, name) / by for name in FREQUENCIES}
+    return plan._replace(**changes)
+
+
+def command(plan: Plan, program: str = "hoopd experiment") -> str:
+    """The line with which a program plays it."""
     default = Plan(plan.kind, DURATIONS_S.get(plan.kind, DURATION_S))
     options = {
         "--amplitude": "amplitude_nm", "--duration": "duration_s", "--clock": "clock_ticks", "--low": "low_hz",
@@ -89,12 +102,7 @@ def command(plan: Plan) -> str:
         f"{option} {getattr(plan, name):g}" for option, name in options.items()
         if getattr(plan, name) != getattr(default, name)
     ]  # fmt: skip
-    return " ".join(["hoopd experiment", plan.kind, *parts, *(() if plan.ball else ("--no-ball",))])
-
-
-def is_hoop(plant: Plant) -> bool:
-    """Whether `hoopd experiment` can play on it."""
-    return plant.driven == "theta" and {"hoop", "encoder"} <= set(plant.slots)
+    return " ".join([program, plan.kind, *parts, *(() if plan.ball else ("--no-ball",))])
 
 
 # ---------------------------------------------------------------------------------------------- inside

@@ -16,11 +16,14 @@ from hoopd.diagnose.proof.simulation import WINDOW_S, Simulated, fitted_starts, 
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.stretches import Stretch
+from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
 # What starts are weighted by: this share of a channel's spread, and of a rate's for an angle that turns on and on.
 SPREAD_SHARE, RATE_S = 0.02, 0.3
+# A stretch of fewer usual samples, and less than half a window, is not simulated.
+SHORTEST_STEPS = 50
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,9 @@ def run_windows(found: HypothesisFit, window_s: float | None = WINDOW_S) -> list
     """Every stretch of a fit, simulated from fitted starts."""
     out = []
     for track in found.tracks:
-        if (track.stretch.t[-1] - track.stretch.t[0]) < (window_s or 0.0) / 2.0:
+        plant = track.stretch.plant
+        shortest = min((window_s or 0.0) * motion_scale(plant) / 2.0, SHORTEST_STEPS * plant.time_scale_s)
+        if (track.stretch.t[-1] - track.stretch.t[0]) < shortest:
             continue
         windows = windows_of(track.stretch, window_s)
         sigma = start_weights(track.stretch)
@@ -66,11 +71,11 @@ def start_weights(stretch: Stretch) -> Array:
         spread = float(np.std(y[seen])) if seen.any() else 1.0
         if state in plant.coordinates and seen.sum() > 2:
             rate = np.diff(y[seen]) / np.diff(stretch.t[seen])
-            spread = min(spread, RATE_S * float(np.std(rate)))
+            spread = min(spread, RATE_S * motion_scale(plant) * float(np.std(rate)))
         judged = state.removeprefix("d") in plant.coordinates and state not in plant.coordinates
         # a measured rate beside its angle is data to be judged and gets no vote
         out.append(np.inf if judged and state.removeprefix("d") in plant.states_read else SPREAD_SHARE * spread)
-    weights: Array = np.maximum(np.array(out), 1e-12)
+    weights: Array = np.maximum(np.array(out), 1e-300)
     return weights
 
 

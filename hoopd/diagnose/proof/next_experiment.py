@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hoopd.diagnose.proof.experiment_menu import Entry, command, entries, is_hoop
+from hoopd.diagnose.proof.experiment_menu import Entry, command, entries
 from hoopd.diagnose.proof.not_excluded import Separation
 from hoopd.diagnose.proof.separation import Rows, linear, nats_apart, rows_beside, rows_of, without_effect
 from hoopd.diagnose.record import NextExperiment, Quantity
@@ -217,7 +217,7 @@ def _told(pair: Pair, best: Expected) -> NextExperiment:
         tells_apart=(pair.effect.name, pair.rival.name),
         expected_nats=best.nats,
         reason=_reason(pair.apart, best.nats),
-        command=command(plan) if is_hoop(plant) else "",
+        command=command(plan, plant.plays) if plant.plays else "",
     )
 
 

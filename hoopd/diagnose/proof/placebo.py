@@ -23,6 +23,7 @@ from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import whitened
 from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ def shuffled(about: HypothesisFit, changes: Changes, random: np.random.Generator
 def _order(track: Track, random: np.random.Generator) -> tuple[NDArray[np.intp], Array]:
     """(n,) node that each node takes its change from, and the sign of it."""
     n, h = len(track.stretch.t), float(np.median(track.stretch.h))
-    starts = np.arange(0, n, max(1, round(BLOCK_S / h)))
+    starts = np.arange(0, n, max(1, round(BLOCK_S * motion_scale(track.stretch.plant) / h)))
     blocks = np.split(np.arange(n), starts[1:])
     blocks = [blocks[k] for k in random.permutation(len(blocks))]
     signs = random.choice((-1.0, 1.0), len(blocks))

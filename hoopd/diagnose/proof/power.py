@@ -23,6 +23,7 @@ from hoopd.diagnose.search.scan_score import Scanned
 from hoopd.diagnose.search.screen import Column, Member, Screen, members_of, touched_grids
 from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain
 from hoopd.plants.effects.base import Effect, EffectParameter
+from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
@@ -93,7 +94,8 @@ def _members(screen: Screen, effect: Effect) -> list[Member]:
     longest = max((track.stretch for track in screen.fit.tracks), key=lambda s: float(s.t[-1] - s.t[0]))
     middle = float(longest.t[0] + longest.t[-1]) / 2.0
     a = next(p for p in effect.parameters if p.role == "amplitude")
-    shape = {"t0": middle - PUSH_S / 2.0, "t1": middle + PUSH_S / 2.0}
+    half = PUSH_S * motion_scale(longest.plant) / 2.0
+    shape = {"t0": middle - half, "t1": middle + half}
     values = (*shape.items(), (a.name, a.neutral + a.size))
     return [Member(effect, shape, (Column(values, longest.recording),))]
 

@@ -25,11 +25,14 @@ from hoopd.diagnose.proof.window_comparison import (
     part_of,
     simulated,
     start_spread,
+    usual_sizes,
 )
 from hoopd.ident.damped_least_squares import Damping, Ends, Starts, StartsEliminated, minimise
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.recording_parameters import plain
 from hoopd.plants.likelihood.stretches import Stretch
+from hoopd.plants.scales import LEAST_SIZE, parameter_size
 
 Array = NDArray[np.float64]
 
@@ -94,7 +97,7 @@ def _search(
     parts: list[Part], values: dict[str, float], free: tuple[str, ...], effects: Sequence[Effect], settled: float
 ) -> tuple[dict[str, float], float]:
     """Parameters and starts of least cost; the parts keep the starts."""
-    scale = sizes(values, free, effects)
+    scale = sizes(values, free, effects, [part.stretch.plant for part in parts])
     centre = np.array([values[name] for name in free])
 
     def at(values: dict[str, float], starts: list[Array]) -> _Point:
@@ -123,13 +126,16 @@ def _search(
     return found.point.values, found.point.cost
 
 
-def sizes(values: Mapping[str, float], free: Sequence[str], effects: Sequence[Effect]) -> Array:
+def sizes(
+    values: Mapping[str, float], free: Sequence[str], effects: Sequence[Effect], plants: Sequence[Plant]
+) -> Array:
     """(m,) usual size of each free parameter."""
     own = {e.key(p.name): p for e in effects for p in e.parameters}
+    usual = {name: parameter_size(plant, name) for plant in plants for name in plant.values}
     out = []
     for name in free:
         p = own.get(plain(name))
-        size = 0.3 if p is None else (1.0 if p.role == "phase" else abs(p.size))
+        size = usual.get(name, LEAST_SIZE) if p is None else (1.0 if p.role == "phase" else abs(p.size))
         out.append(max(abs(values[name]), size))
     return np.array(out)
 
@@ -169,7 +175,7 @@ def _equations(
     mine = [(i, part.names[name]) for i, name in enumerate(free) if name in part.names]
     columns = [local] * (1 + nx) + [{**local, own: local[own] + DIFFERENCE * scale[i]} for i, own in mine]
     start = np.repeat(begin[:, :, None], len(columns), axis=2)
-    steps = DIFFERENCE * np.maximum(np.abs(begin), 1.0)
+    steps = DIFFERENCE * np.maximum(np.abs(begin), usual_sizes(part))
     for i in range(nx):
         start[i, :, 1 + i] += steps[i]
     y = part.simulator.readings(columns, part.simulator.run(columns, start))

@@ -21,8 +21,10 @@ from hoopd.diagnose.proof.refinement import DIFFERENCE, Refined, sizes
 from hoopd.diagnose.proof.simulation import Simulated, Simulator
 from hoopd.diagnose.proof.window_comparison import channel_weights, errors_of
 from hoopd.diagnose.search.screen import Column, Member, Score, members_of, orthonormal, score_of
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.recording_parameters import values_of
+from hoopd.plants.scales import state_scales
 
 Array = NDArray[np.float64]
 
@@ -66,7 +68,7 @@ class Sensitivity:
         weights = np.linalg.lstsq(self.vectors[:, columns], score.vector, rcond=None)[0]
         moves = np.linalg.lstsq(self._by_free, -self._raw[:, columns] @ weights, rcond=KNOWN)[0]
         free = self.found.free
-        scale = sizes(self.found.values, free, self.effects)
+        scale = sizes(self.found.values, free, self.effects, self._plants())
         return {name: float(move * size) for name, move, size in zip(free, moves, scale, strict=False)}
 
     def chance(self, effect: str, gain: float) -> float:
@@ -87,6 +89,9 @@ class Sensitivity:
     def _projected(self, x: Array) -> Array:
         return np.asarray(x - self._basis @ (self._basis.T @ x))
 
+    def _plants(self) -> list[Plant]:
+        return [run.windows.stretch.plant for run in self.found.runs]
+
     def _errors(self) -> list[Array]:
         """(n, nc, 1) of every run."""
         return [errors_of(run.windows, w, run.y) for run, w in zip(self.found.runs, self.weights, strict=True)]
@@ -96,7 +101,7 @@ class Sensitivity:
     def _tangent(self) -> Array:
         """(rows, free parameters and starts) what they change, in units of their size."""
         free = self.found.free
-        scale = dict(zip(free, sizes(self.found.values, free, self.effects), strict=True))
+        scale = dict(zip(free, sizes(self.found.values, free, self.effects, self._plants()), strict=True))
         parts = [self._tangent_of(i, scale) for i in range(len(self.found.runs))]
         shared = np.concatenate([a for a, _ in parts])
         starts = np.zeros((len(shared), sum(b.shape[1] for _, b in parts)))
@@ -110,11 +115,11 @@ class Sensitivity:
         run, values = self.found.runs[i], self.found.values
         simulator = Simulator(run.windows, self.effects)
         moved = [{**values, name: values[name] + DIFFERENCE * size} for name, size in scale.items()]
-        nx = len(run.start)
+        nx, usual = len(run.start), state_scales(simulator.composite.plant)
         columns = [local_values(simulator, one) for one in [*moved, *([values] * nx)]]
         start = np.repeat(run.start[:, :, None], len(columns), axis=2)
         for k in range(nx):
-            start[k, :, len(moved) + k] += DIFFERENCE
+            start[k, :, len(moved) + k] += DIFFERENCE * usual[k]
         change = self._change(i, simulator, columns, start) / DIFFERENCE
         return change[:, : len(moved)], change[:, len(moved) :]
 

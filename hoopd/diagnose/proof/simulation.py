@@ -17,6 +17,7 @@ from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
 from hoopd.plants.likelihood.stretches import Held, Stretch
 from hoopd.plants.plant_with_effects import Composite
+from hoopd.plants.scales import motion_scale, state_scales
 
 Array = NDArray[np.float64]
 # Parameters of all columns, or of each.
@@ -55,7 +56,8 @@ def bounded(y: Array) -> Array:
 
 
 def windows_of(stretch: Stretch, window_s: float | None = WINDOW_S) -> Windows:
-    """Windows of about this length; None: one over the whole stretch."""
+    """Windows of about this length, of a motion of usual times; None: one over the whole stretch."""
+    window_s = None if window_s is None else window_s * motion_scale(stretch.plant)
     span = stretch.t[-1] - stretch.t[0]
     pieces = 1 if window_s is None else max(1, round(span / window_s))
     edges = np.searchsorted(stretch.t, np.linspace(stretch.t[0], stretch.t[-1], pieces + 1) - 1e-9)
@@ -197,16 +199,16 @@ def fitted_starts(
 ) -> Simulated:
     """Free runs from the starts that fit each window's readings, weighted by 1/sigma (nc,); reference (nodes, nx)."""
     simulator = Simulator(windows, effects)
-    nx = simulator.composite.nx
+    nx, usual = simulator.composite.nx, state_scales(simulator.composite.plant)[:, None]
     start = reference[windows.first, :nx].T.copy()
     best, cost, step = start, np.full(start.shape[1], np.inf), np.zeros_like(start)
     for _ in range(START_STEPS):
-        y = simulator.readings(values, simulator.run(values, _perturbed(start)))
+        y = simulator.readings(values, simulator.run(values, _perturbed(start, usual)))
         e = _errors(windows, y[..., 0], sigma)
         now = np.sum(e**2, axis=(0, 1))
         better = now < cost
         best, cost = np.where(better, start, best), np.minimum(now, cost)
-        jacobian = np.nan_to_num((y[..., 1:] - y[..., :1]) / _steps(start)[None, None].transpose(0, 1, 3, 2))
+        jacobian = np.nan_to_num((y[..., 1:] - y[..., :1]) / _steps(start, usual)[None, None].transpose(0, 1, 3, 2))
         jacobian = np.where(np.isfinite(windows.y)[..., None], jacobian, 0.0) / sigma[None, :, None, None]
         # from a start that is worse no step is taken: half of the one that led there, from the best
         step = np.where(better, _newton(e, jacobian), step / 2.0)
@@ -218,16 +220,16 @@ def fitted_starts(
     return Simulated(windows, start, simulator.readings(values, states)[..., 0], states[..., 0])
 
 
-def _steps(start: Array) -> Array:
-    """(nx, b)"""
-    return DIFFERENCE * np.maximum(np.abs(start), 1.0)
+def _steps(start: Array, usual: Array) -> Array:
+    """(nx, b) of starts, and their usual sizes (nx, 1)."""
+    return DIFFERENCE * np.maximum(np.abs(start), usual)
 
 
-def _perturbed(start: Array) -> Array:
+def _perturbed(start: Array, usual: Array) -> Array:
     """(nx, b, 1 + nx): as it is, then with each component moved."""
     nx, b = start.shape
     out = np.repeat(start[:, :, None], nx + 1, axis=2)
-    steps = _steps(start)
+    steps = _steps(start, usual)
     for i in range(nx):
         out[i, :, i + 1] += steps[i]
     assert out.shape == (nx, b, nx + 1)

@@ -18,10 +18,11 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.recording_parameters import names_of, values_of
 from hoopd.plants.likelihood.stretches import Stretch
+from hoopd.plants.scales import state_scales
 
 Array = NDArray[np.float64]
 
-# Starts stay near what the smoother says, within these (rad or m, rad/s or m/s).
+# Starts stay near what the smoother says, within these shares of usual sizes.
 START_SPREAD = (0.1, 2.0)
 
 
@@ -65,7 +66,12 @@ def part_of(
 def start_spread(part: Part) -> Array:
     """(nx, 1)"""
     nx = len(part.start)
-    return np.array([START_SPREAD[i % 2] for i in range(nx)])[:, None]
+    return np.array([START_SPREAD[i % 2] for i in range(nx)])[:, None] * usual_sizes(part)
+
+
+def usual_sizes(part: Part) -> Array:
+    """(nx, 1) of the starts."""
+    return state_scales(part.simulator.composite.plant)[:, None]
 
 
 def node_states(part: Part, values: Mapping[str, float]) -> Array:

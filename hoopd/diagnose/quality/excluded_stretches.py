@@ -15,7 +15,8 @@ import numpy as np
 from hoopd.diagnose.quality.unusual_energy import CANDIDATE
 from hoopd.diagnose.quality.unusual_intervals import END_S, Interval, intervals, levels_of, signals_by_name, strongest
 from hoopd.plants.likelihood.fitting import HypothesisFit
-from hoopd.plants.likelihood.stretches import SHORTEST_S, Stretch
+from hoopd.plants.likelihood.stretches import Stretch, is_long_enough
+from hoopd.plants.scales import motion_scale
 
 # A candidate that is less beyond the usual level once it does not bend the fit any more belongs to the tails that
 # disturbances and laws left out have without a hand (measured on tuning cases).
@@ -123,11 +124,12 @@ def _seconds(stretches: Sequence[Stretch]) -> float:
 
 
 def _cut(stretch: Stretch, out: Sequence[Interval]) -> list[Stretch]:
-    pieces = [stretch]
+    pieces, slower = [stretch], motion_scale(stretch.plant)
+    margin, end = MARGIN_S * slower, END_S * slower
     for one in out:
         if one.recording == stretch.recording:
             # what is unusual right from the start has been so before
-            begin = one.t0 - MARGIN_S if one.t0 > stretch.t[0] + 2 * END_S else -np.inf
-            ends = (-np.inf, begin), (one.t1 + MARGIN_S, np.inf)
-            pieces = [piece.seconds(*end) for piece in pieces for end in ends]
-    return [piece for piece in pieces if len(piece.t) > 1 and piece.t[-1] - piece.t[0] >= SHORTEST_S]
+            begin = one.t0 - margin if one.t0 > stretch.t[0] + 2 * end else -np.inf
+            ends = (-np.inf, begin), (one.t1 + margin, np.inf)
+            pieces = [piece.seconds(*span) for piece in pieces for span in ends]
+    return [piece for piece in pieces if is_long_enough(piece)]

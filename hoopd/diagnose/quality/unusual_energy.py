@@ -30,20 +30,25 @@ FEWEST = 50
 MAD = 1.4826
 
 
-def unusual(pieces: Sequence[tuple[Array, Array]], chance_a_minute: float) -> list[tuple[float, float]]:
-    """(t0, t1) of one signal in pieces (t (n,), x (n,)) of one recording."""
+def unusual(
+    pieces: Sequence[tuple[Array, Array]], chance_a_minute: float, slower: float = 1.0
+) -> list[tuple[float, float]]:
+    """(t0, t1) of one signal in pieces (t (n,), x (n,)) of one recording.
+
+    `slower`: times of the motion over usual ones; a window and a minute are so many times as long.
+    """
     level = level_of(pieces)
     if level <= 0.0:
         return []
     step = float(np.median(np.concatenate([np.diff(t) for t, _ in pieces])))
-    width = width_of(pieces[0][0])
+    width, step = width_of(pieces[0][0], slower), step / slower
     needed = max(CANDIDATE**2, threshold([x / level for _, x in pieces], width, step, chance_a_minute))
     return [one for t, x in pieces for one in _found(t, x / level, width, needed)]
 
 
-def width_of(t: Array) -> int:
+def width_of(t: Array, slower: float = 1.0) -> int:
     """Samples of a window."""
-    return max(3, round(WINDOW_S / float(np.median(np.diff(t)))))
+    return max(3, round(WINDOW_S * slower / float(np.median(np.diff(t)))))
 
 
 def level_of(pieces: Sequence[tuple[Array, Array]]) -> float:
@@ -101,11 +106,11 @@ def _trimmed(x: Array, a: int, b: int) -> tuple[int, int]:
     return (a, b - 1) if len(loud) == 0 else (a + int(loud[0]), a + int(loud[-1]))
 
 
-def merged(intervals: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+def merged(intervals: Sequence[tuple[float, float]], slower: float = 1.0) -> list[tuple[float, float]]:
     """Intervals nearer than a window are one."""
     kept: list[tuple[float, float]] = []
     for t0, t1 in sorted(intervals):
-        if kept and t0 <= kept[-1][1] + WINDOW_S:
+        if kept and t0 <= kept[-1][1] + WINDOW_S * slower:
             kept[-1] = (kept[-1][0], max(kept[-1][1], t1))
         else:
             kept.append((t0, t1))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from hoopd.diagnose.quality.unusual_energy import level_of, mean_squares, merged, unusual, width_of
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import smoothed
+from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
@@ -68,8 +69,8 @@ def intervals(fit: HypothesisFit) -> list[Interval]:
     found: list[Interval] = []
     for recording in dict.fromkeys(track.stretch.recording for track in fit.tracks):
         every = signals_by_name(fit, recording)
-        chance = CHANCE_A_MINUTE / len(every)
-        spans = merged([span for one in every.values() for span in unusual(one, chance)])
+        chance, slower = CHANCE_A_MINUTE / len(every), _slower(fit, recording)
+        spans = merged([span for one in every.values() for span in unusual(one, chance, slower)], slower)
         found += [Interval(recording, *span, strongest(fit, recording, every, span)) for span in spans]
     return found
 
@@ -105,31 +106,36 @@ def strongest(
     fit: HypothesisFit, recording: str, every: Mapping[tuple[str, str], Pieces], span: tuple[float, float]
 ) -> tuple[UnusualSignal, ...]:
     """How a span looks in every signal, the strongest first."""
-    found = []
+    found, slower = [], _slower(fit, recording)
     for (where, kind), pieces in every.items():
         level = level_of(pieces)
-        within = [_peak(t, x / max(level, 1e-300), *span) for t, x in pieces]
+        within = [_peak(t, x / max(level, 1e-300), *span, slower) for t, x in pieces]
         found.append(UnusualSignal(where, kind, max(within), level * _unit(fit, recording, where, kind)))
     return tuple(sorted(found, key=lambda one: -one.strength))
 
 
-def _peak(t: Array, x: Array, t0: float, t1: float) -> float:
+def _slower(fit: HypothesisFit, recording: str) -> float:
+    """Times of the motion over usual ones."""
+    return min(motion_scale(track.stretch.plant) for track in fit.tracks if track.stretch.recording == recording)
+
+
+def _peak(t: Array, x: Array, t0: float, t1: float, slower: float) -> float:
     inside = (t >= t0) & (t <= t1)
-    return float(np.sqrt(mean_squares(x, width_of(t))[inside].max(initial=0.0)))
+    return float(np.sqrt(mean_squares(x, width_of(t, slower))[inside].max(initial=0.0)))
 
 
 def signals_of(fit: HypothesisFit, index: int) -> Iterator[tuple[str, str, Array]]:
     """Name, kind and values (n,) of every signal of one track; NaN where nothing was read."""
     track, columns, found = fit.tracks[index], fit.columns[index], fit.gains[index]
     w = disturbance(fit, index)
-    t = track.stretch.t
-    inner = (t >= t[0] + END_S) & (t <= t[-1] - END_S)
+    t, end = track.stretch.t, END_S * motion_scale(track.stretch.plant)
+    inner = (t >= t[0] + end) & (t <= t[-1] - end)
     for j, q in enumerate(track.stretch.plant.coordinates):
         yield q, "force", np.where(inner, w[:, j], np.nan)
     innovations = fit.rows[index][:, 0].reshape(len(track.z), -1)
     for j, channel in enumerate(track.composite.channels):
         seen = columns.model.seen[:, j] & (np.abs(found.whiten[:, j, j]) > 0.0)
-        yield channel, "channel", np.where(seen & (t >= t[0] + END_S), innovations[:, j], np.nan)
+        yield channel, "channel", np.where(seen & (t >= t[0] + end), innovations[:, j], np.nan)
 
 
 def disturbance(fit: HypothesisFit, index: int) -> Array:

@@ -18,6 +18,7 @@ from hoopd.diagnose.search.candidates import free_of_recordings, surprise_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
+from hoopd.plants.scales import motion_scale
 
 # A disturbance of the drive's coordinate that began within these seconds is a start-up. Named as a push it is one that
 # is over within so long, and takes as long at least.
@@ -68,7 +69,7 @@ def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:
     """A hand, a lost camera, a start-up: a push on the driven coordinate later than that is an effect."""
     mine = [s for s in stretches if s.recording == one.recording]
     if one.kind == "force" and mine and one.where == mine[0].plant.driven:
-        return one.t0 < float(mine[0].t[0]) + START_UP_S
+        return one.t0 < float(mine[0].t[0]) + START_UP_S * motion_scale(mine[0].plant)
     return True
 
 
@@ -81,8 +82,9 @@ def start_ups(named: Named, starts: Mapping[str, float]) -> list[Interval]:
             t0, t1 = (named.final.values.get(f"{effect.key(name)}@{recording}", 0.0) for name in ("t0", "t1"))
             if slot is None or (slot.kind, slot.coordinate) != ("push", plant.driven):
                 continue
-            if t0 < min(t1, first + START_UP_S) and first < t1 <= first + LONGEST_START_UP_S:
-                until = max(t1, first + SHORTEST_START_UP_S)
+            slower = motion_scale(plant)
+            if t0 < min(t1, first + START_UP_S * slower) and first < t1 <= first + LONGEST_START_UP_S * slower:
+                until = max(t1, first + SHORTEST_START_UP_S * slower)
                 found.append(Interval(recording, first, until, (UnusualSignal(slot.coordinate, "force", 0.0, 0.0),)))
     return leaving_enough([track.stretch for track in named.final.tracks], found)
 

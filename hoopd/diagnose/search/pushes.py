@@ -18,6 +18,8 @@ from hoopd.diagnose.search.adjoint import Adjoint, AdjointAnswer, independent
 from hoopd.diagnose.search.scan_score import Place, Scanned, scanned, usual_size
 from hoopd.diagnose.search.screen import Column, Member, Score, Screen, score_of
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.usual_sizes import time_scale
+from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
@@ -40,15 +42,23 @@ ALWAYS_S = 1e6
 def pushes(screen: Screen, effect: Effect) -> list[Scanned]:
     """The best few; none where no recording has the effect's slot."""
     name, usual, _ = usual_size(effect)
-    always = {name: usual, "t0": -ALWAYS_S, "t1": ALWAYS_S}
+    slower = _slower(screen)
+    always = {name: usual, "t0": -ALWAYS_S * slower, "t1": ALWAYS_S * slower}
     answers = Adjoint(screen).to_effect(effect, always)
     if not answers:
         return []
-    found, candidates = best_windows(answers, lengths(SHORTEST_S, LONGEST_S), MOST_PUSHES)
+    found, candidates = best_windows(
+        answers, lengths(SHORTEST_S * slower, LONGEST_S * slower), MOST_PUSHES, LATEST_S * slower
+    )
     members = [_member(effect, str(one.recording), one.shape) for one in found]
     best = sorted(zip(_exact(screen, members), found, strict=True), key=lambda pair: -pair[0].gain)
-    every = [_edges_moved(screen, one) for one, _ in best[:REFINED]] + [one for one, _ in best[REFINED:]]
-    return [scanned(one, 1, candidates) for one in every]
+    placed = [_edges_moved(screen, one) for one, _ in best[:REFINED]] + [one for one, _ in best[REFINED:]]
+    return [scanned(one, 1, candidates) for one in placed]
+
+
+def _slower(screen: Screen) -> float:
+    """Times of the motion over usual ones."""
+    return min(motion_scale(track.stretch.plant) for track in screen.fit.tracks)
 
 
 def lengths(shortest_s: float, longest_s: float) -> Array:
@@ -57,13 +67,15 @@ def lengths(shortest_s: float, longest_s: float) -> Array:
     return np.geomspace(shortest_s, longest_s, count)
 
 
-def best_windows(answers: Sequence[AdjointAnswer], lengths_s: Array, most: int) -> tuple[list[Place], float]:
+def best_windows(
+    answers: Sequence[AdjointAnswer], lengths_s: Array, most: int, latest_s: float = LATEST_S
+) -> tuple[list[Place], float]:
     """The windows of largest gain, apart in place or length, and how many independent ones were looked at."""
     found: list[Place] = []
     largest = np.zeros(answers[0].slope.shape[1] - 1)
     for one in answers:
         for length in lengths_s[lengths_s < one.length_s / 2]:
-            t0, t1, gain = _windows(one, float(length))
+            t0, t1, gain = _windows(one, float(length), latest_s)
             largest = np.maximum(largest, gain[:, 1:].max(axis=0))
             spread = max(float(np.median(gain[:, 0])) / max(float(np.median(gain[:, 1:])), 1e-12), 1.0)
             top = np.argsort(-gain[:, 0])[: 50 * most]
@@ -73,11 +85,11 @@ def best_windows(answers: Sequence[AdjointAnswer], lengths_s: Array, most: int) 
     return _apart(found, most), independent(largest, 1)
 
 
-def _windows(one: AdjointAnswer, length: float) -> tuple[Array, Array, Array]:
+def _windows(one: AdjointAnswer, length: float, latest_s: float) -> tuple[Array, Array, Array]:
     """Starts and ends (n,) of all windows of this length, and their gains (n, 1+draws)."""
     total = np.concatenate([np.zeros((1, one.slope.shape[1])), np.cumsum(one.slope, axis=0)])
     edges = np.append(one.t, one.t[-1] + one.h[-1])
-    first = np.arange(np.searchsorted(edges, edges[-1] - max(length, LATEST_S)) + 1)
+    first = np.arange(np.searchsorted(edges, edges[-1] - max(length, latest_s)) + 1)
     # the edge nearest to the end of the window
     last = np.searchsorted(edges, edges[first] + length - float(np.median(one.h)) / 2)
     first, last = first[last < len(edges)], last[last < len(edges)]
@@ -135,21 +147,23 @@ def _placed(screen: Screen, score: Score) -> Score:
 def _edges_moved(screen: Screen, best: Score) -> Score:
     """Gauss-Newton on both edges: r = a z + a d0 dz/dt0 + a d1 dz/dt1."""
     effect, recording, shape = best.member.effect, str(best.member.columns[0].recording), best.member.shape
+    later = EDGE_SLOPE_S * time_scale(screen.fit.tracks[0].stretch.plant)
     for _ in range(EDGE_STEPS):
-        varied = [{**shape, name: shape[name] + EDGE_SLOPE_S} for name in ("t0", "t1")]
+        varied = [{**shape, name: shape[name] + later} for name in ("t0", "t1")]
         members = [_member(effect, recording, one) for one in (shape, *varied)]
         z = _whitened(screen, members)
         score = _placed(screen, score_of(members[0], z[:, :1], screen.residual))
         if score.gain < best.gain - ROUNDING_NATS:
             break
-        best, shape = score, _moved(shape, z, screen.residual)
+        best, shape = score, _moved(shape, z, screen.residual, later)
     return best
 
 
-def _moved(shape: Mapping[str, float], z: Array, residual: Array) -> dict[str, float]:
-    """Times after a step; z (rows, 3): the push, and the same with either edge EDGE_SLOPE_S later."""
-    slopes = np.column_stack([z[:, 0], (z[:, 1:] - z[:, :1]) / EDGE_SLOPE_S])
+def _moved(shape: Mapping[str, float], z: Array, residual: Array, later: float) -> dict[str, float]:
+    """Times after a step; z (rows, 3): the push, and the same with either edge `later` seconds later."""
+    slopes = np.column_stack([z[:, 0], (z[:, 1:] - z[:, :1]) / later])
+    most = EDGE_STEP_S / EDGE_SLOPE_S * later
     a, *moves = np.linalg.lstsq(slopes, residual, rcond=None)[0]
-    d0, d1 = (float(np.clip(move / a, -EDGE_STEP_S, EDGE_STEP_S)) if a else 0.0 for move in moves)
+    d0, d1 = (float(np.clip(move / a, -most, most)) if a else 0.0 for move in moves)
     t0 = max(shape["t0"] + d0, 0.0)
-    return {"t0": t0, "t1": max(shape["t1"] + d1, t0 + EDGE_SLOPE_S)}
+    return {"t0": t0, "t1": max(shape["t1"] + d1, t0 + later)}

@@ -39,9 +39,10 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
     if rates:
         found.append(_speed_lag(plant, name, rates))
     if angles and not slot.turns:
-        found.append(_offset(name, angles, units(plant, q).coordinate))
+        found.append(_offset(name, angles, units(plant, q).coordinate, plant.scales.get(q, 1.0)))
     elif not q and slot.channels:  # of a level, a temperature
-        found.append(_offset(name, slot.channels, plant.channels[slot.channels[0]].unit))
+        channel = plant.channels[slot.channels[0]]
+        found.append(_offset(name, slot.channels, channel.unit, plant.scales.get(channel.state, 1.0)))
     return tuple(found)
 
 
@@ -116,10 +117,10 @@ def _speed_lag(plant: Plant, name: str, rates: tuple[str, ...]) -> Effect:
     )
 
 
-def _offset(name: str, readings: tuple[str, ...], unit: str) -> Effect:
+def _offset(name: str, readings: tuple[str, ...], unit: str, size: float) -> Effect:
     return Effect(
         f"{name}.offset",
-        (EffectParameter("d", unit, 0.0, -1.0, 1.0, grid=(0.01,)),),
+        (EffectParameter("d", unit, 0.0, -1.0 * size, 1.0 * size, grid=(0.01 * size,)),),
         # q + d
         sensor=lambda s, e: dict.fromkeys(readings, e.d),
         statement="the sensor's zero is wrong by d",

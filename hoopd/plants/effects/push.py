@@ -16,6 +16,8 @@ from hoopd.plants.effects.usual_sizes import force_scale, of_kind, time_scale, u
 # The edges of a pulse are ramps of this length (s, at the usual 20 ms) around t0 and t1: an integration step sees them,
 # a fit moves them. Steps of 5 ms see both of its ends.
 EDGE_S, SUBSTEPS = 0.010, 4
+# No recording is longer, s at the usual 20 ms: half a million samples.
+LATEST_S = 1e4
 
 
 def effects(plant: Plant) -> tuple[Effect, ...]:
@@ -29,6 +31,7 @@ def _edge(t: Any, length_s: float) -> Any:
 
 def _disturbance(plant: Plant, name: str, slot: Slot) -> Effect:
     size, edge = force_scale(plant), EDGE_S * time_scale(plant)
+    latest = LATEST_S * time_scale(plant)
 
     def pulse(s: Point, e: Values) -> dict[str, Any]:
         # A between t0 and t1
@@ -37,8 +40,8 @@ def _disturbance(plant: Plant, name: str, slot: Slot) -> Effect:
     return Effect(
         f"{name}.disturbance",
         (
-            EffectParameter("t0", "s", 0.0, 0.0, 1e4, "shape", per_recording=True),
-            EffectParameter("t1", "s", 0.0, 0.0, 1e4, "shape", per_recording=True),
+            EffectParameter("t0", "s", 0.0, 0.0, latest, "shape", per_recording=True),
+            EffectParameter("t1", "s", 0.0, 0.0, latest, "shape", per_recording=True),
             EffectParameter(
                 "A", units(plant, slot.coordinate).force, 0.0, -1.0 * size, 1.0 * size, grid=(0.01 * size,)
             ),

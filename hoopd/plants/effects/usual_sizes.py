@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 from hoopd.plants.declaration import Plant, Slot
 
-# The sizes in the files of the slots are those of the hoop: a drive of 0.7 N m at rates of 10 rad/s, sampled each
-# 20 ms. On another plant they follow its limit, its slot's usual rate and its time scale.
+# What the sizes in the files of the slots are meant for: a drive of this many N m at this many rad/s, sampled each so
+# many seconds (the hoop as it was when they were written). On a plant they follow its limit, its slot's usual rate and
+# its time scale.
 USUAL_LIMIT, USUAL_SPEED, USUAL_S = 0.7, 10.0, 0.02
 
 

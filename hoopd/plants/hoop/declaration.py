@@ -19,6 +19,7 @@ from hoopd.plants.hoop.equations import MOTIONS, lagrangian, symbols
 from hoopd.plants.hoop.parameters import KINEMATICS, LIMIT_NM, PARAMETER_UNITS
 from hoopd.plants.hoop.recordings.fit_data import moving_of
 from hoopd.plants.hoop.recordings.suspicions import ball_is_current, repeated_rows, suspicions
+from hoopd.plants.scales import LEAST_SIZE
 from hoopd.recording.recording import Recording
 
 
@@ -50,6 +51,9 @@ def hoop_plant(
         free=_free(structure, moving),
         inputs=(Input("u", "N m", limit, "theta" if moving != "ball" else None),),
         channels=channels,
+        scales=dict.fromkeys(coordinates, 1.0),
+        least_size=LEAST_SIZE,
+        plays="hoopd experiment" if moving != "ball" else "",
         slots=_slots(structure, moving),
         held={"theta": 0.0, "dtheta": 0.0} if moving == "ball" else {},
         units=PARAMETER_UNITS[structure],

@@ -22,6 +22,7 @@ from hoopd.plants.likelihood.priors import inverse, leaving, prior, ranges
 from hoopd.plants.likelihood.recording_parameters import plain
 from hoopd.plants.likelihood.reference_track import Columns, Track
 from hoopd.plants.likelihood.stretches import Stretch
+from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
@@ -244,6 +245,7 @@ def tuned_noise(found: HypothesisFit, *, near: bool = False) -> None:
         parts = [
             one for one, track in zip(found.columns, found.tracks, strict=True) if track.stretch.recording == recording
         ]
+        slower = min(motion_scale(t.stretch.plant) for t in found.tracks if t.stretch.recording == recording)
         criteria = [Criterion(one.model, one.f[:, :, 0], one.eps[:, :, 0]) for one in parts]
-        found.noise[recording] = tuned(criteria, found.noise[recording], first[recording], near=near)
+        found.noise[recording] = tuned(criteria, found.noise[recording], first[recording], near=near, slower=slower)
     _whiten(found)

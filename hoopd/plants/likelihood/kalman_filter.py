@@ -56,6 +56,7 @@ class LinearReference(NamedTuple):
     nx: int  # how many of the nz are positions and rates, alternating
     scatter: Array  # (n, nc) a reading's noise over its channel's level
     lagged: tuple[Lagged, ...] = ()  # the other nz
+    sizes: tuple[float, ...] = ()  # usual sizes of the nx (`plants.scales`); not given: 1
 
     @property
     def size(self) -> int:
@@ -96,6 +97,7 @@ class Noise(NamedTuple):
         nz, nx = model.a.shape[1], model.nx
         spread = np.full(nx, START_RATE)
         spread[::2] = START_POSITION
+        spread *= np.array(model.sizes or 1.0)
         follows = np.vstack([np.eye(nx), np.zeros((nz - nx, nx))])
         for row, one in enumerate(model.lagged, start=nx):
             if one.state is not None:
@@ -118,7 +120,7 @@ class Noise(NamedTuple):
         """On the diagonal."""
         (steps, nz, _), size = model.a.shape, model.size
         found = np.zeros((steps, size, size))
-        found[:, range(nz), range(nz)] = rate_floor(nz, model.nx)
+        found[:, range(nz), range(nz)] = rate_floor(nz, model.nx, model.sizes)
         found[:, range(nz, size), range(nz, size)] = disturbance(model.h[:, None], self.force, self.time_s)[1]
         return found
 
@@ -218,10 +220,11 @@ def disturbance(h: Any, force: Any, time_s: Any, exp: Callable[[Any], Any] = np.
     return decay, force**2 * (1 - decay**2)
 
 
-def rate_floor(nz: int, nx: int) -> Array:
-    """(nz,) variances that each step adds to the states of the plant."""
+def rate_floor(nz: int, nx: int, sizes: tuple[float, ...] = ()) -> Array:
+    """(nz,) variances that each step adds to the states of the plant, of usual sizes (nx,)."""
     found = np.zeros(nz)
     found[1:nx:2] = RATE_FLOOR**2
+    found[:nx] *= np.square(sizes or 1.0)
     return found
 
 

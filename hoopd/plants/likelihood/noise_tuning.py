@@ -14,6 +14,7 @@ from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.noise_levels import Criterion
 from hoopd.plants.likelihood.quasi_newton import SearchEnds, lowest, positive
 from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.scales import motion_scale, rate_scale
 
 Array = NDArray[np.float64]
 
@@ -27,18 +28,23 @@ LONGEST_STEP = 2.0
 ENDS = SearchEnds(LAST_GAIN, steps=40, longest=LONGEST_STEP)
 DIFFERENCE, LEAST_CURVATURE = 1e-4, 1.0
 FIRST_TIME_S = 0.15
-# First guess of a disturbance: so many rad/s^2 (m/s^2) on every coordinate.
+# First guess of a disturbance: so many rad/s^2 on a coordinate that moves at 10 rad/s within 0.1 s (`plants.scales`).
 FIRST_ACCELERATION = 1.0
+# Of what a reading does over a recording, steps that are none and noise that is none.
+NOTHING = 1e-9
 
 
-def tuned(criteria: Sequence[Criterion], start: Noise, first: Noise, *, near: bool = False) -> Noise:
+def tuned(
+    criteria: Sequence[Criterion], start: Noise, first: Noise, *, near: bool = False, slower: float = 1.0
+) -> Noise:
     """Levels of highest likelihood for all criteria together, from `start`, within the bounds about a first guess.
 
-    `near`: the start is close to them already; otherwise a part of the data brings it there.
+    `near`: the start is close to them already; otherwise a part of the data brings it there. `slower`: times of the
+    plant's motion over usual ones.
     """
     nq = len(start.force)
-    low = np.log([*first.force / FORCE_FACTOR, *[TIMES_S[0]] * nq, *first.reading * READING_FACTOR[0]])
-    high = np.log([*first.force * FORCE_FACTOR, *[TIMES_S[1]] * nq, *first.reading * READING_FACTOR[1]])
+    low = np.log([*first.force / FORCE_FACTOR, *[TIMES_S[0] * slower] * nq, *first.reading * READING_FACTOR[0]])
+    high = np.log([*first.force * FORCE_FACTOR, *[TIMES_S[1] * slower] * nq, *first.reading * READING_FACTOR[1]])
     parts = [part for one in criteria for part in one.parts()]
     share = sum(len(one.model.c) for one in parts) / sum(len(one.model.c) for one in criteria)
     begin = np.clip(np.log(np.concatenate(start)), low, high)
@@ -88,8 +94,10 @@ def first_noise(tracks: Sequence[Track], values: Mapping[str, float]) -> dict[st
                     for i in range(same[0].y.shape[1])
                 ]
             )
-            force = FIRST_ACCELERATION / track.mobility(values)
-            found[track.stretch.recording] = Noise(force, np.full(len(force), FIRST_TIME_S), reading)
+            plant, slower = track.stretch.plant, motion_scale(track.stretch.plant)
+            usual = np.array([rate_scale(plant, q) for q in plant.coordinates]) / slower
+            force = FIRST_ACCELERATION * usual / track.mobility(values)
+            found[track.stretch.recording] = Noise(force, np.full(len(force), FIRST_TIME_S * slower), reading)
     return found
 
 
@@ -106,7 +114,8 @@ def roughness(parts: Sequence[Array], scatter: Sequence[Array] | None = None) ->
     each = [np.diff(part, 4) / one[2:-2] for part, one in zip(seen, wide, strict=True) if len(part) > 4]
     fourth = np.concatenate(each or [np.zeros(1)])
     steps = np.concatenate([np.abs(np.diff(part)) for part in seen if len(part) > 1] or [np.zeros(1)])
-    count = float(np.min(steps[steps > 1e-9], initial=np.inf))
+    nothing = NOTHING * max((float(np.ptp(part)) for part in seen if len(part)), default=0.0) or NOTHING
+    count = float(np.min(steps[steps > nothing], initial=np.inf))
     spread = float(1.4826 * np.median(np.abs(fourth)) / np.sqrt(70.0))
-    least = count / np.sqrt(12.0) if np.isfinite(count) and np.mean(steps < 1e-9) > 0.02 else 1e-9
-    return max(spread, least, 1e-9)
+    least = count / np.sqrt(12.0) if np.isfinite(count) and np.mean(steps < nothing) > 0.02 else nothing
+    return max(spread, least, nothing)

@@ -14,13 +14,12 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.recording_parameters import plain
 from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.scales import LEAST_SIZE, parameter_size
 
 Array = NDArray[np.float64]
 
 # Prior of a base parameter: this many times its nominal size, so that data without information leave it there.
 PRIOR_SIZE = 3.0
-# Size of one that is declared as next to nothing, in its own unit; a force's, as a share of the usual input.
-LEAST_SIZE = 0.3
 
 
 def ranges(effects: Sequence[Effect], tracks: Sequence[Track]) -> dict[str, tuple[float, float]]:
@@ -36,20 +35,19 @@ def prior(
     weight, centre = np.zeros(len(free)), np.zeros(len(free))
     declared = {name: value for track in tracks for name, value in track.stretch.plant.values.items()}
     widths = {e.key(p.name): p.high - p.low for e in effects for p in e.parameters}
-    least = {name: size for track in tracks for name, size in _least_sizes(track.stretch.plant).items()}
+    usual = {name: size for track in tracks for name, size in _usual_sizes(track.stretch.plant).items()}
     for i, name in enumerate(free):
         middle = declared.get(name, 0.0)
-        width = PRIOR_SIZE * max(abs(middle), least.get(name, LEAST_SIZE))
+        width = PRIOR_SIZE * usual.get(name, LEAST_SIZE)
         if (known := plain(name)) in widths:
             width, middle = widths[known], values[name]
         weight[i], centre[i] = 1.0 / width**2, middle - values[name]
     return weight, centre
 
 
-def _least_sizes(plant: Plant) -> dict[str, float]:
-    """Of parameters that are forces."""
-    forces = [name for name in plant.free if plant.inputs and plant.units.get(name) == plant.force_unit]
-    return dict.fromkeys(forces, LEAST_SIZE * plant.usual_input)
+def _usual_sizes(plant: Plant) -> dict[str, float]:
+    """Of the parameters that a plant leaves free."""
+    return {name: parameter_size(plant, name) for name in plant.free}
 
 
 def leaving(

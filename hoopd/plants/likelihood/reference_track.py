@@ -29,6 +29,7 @@ from hoopd.plants.likelihood.kalman_filter import (
 from hoopd.plants.likelihood.recording_parameters import names_of, values_of
 from hoopd.plants.likelihood.stretches import Held, Stretch, first_states
 from hoopd.plants.plant_with_effects import Composite
+from hoopd.plants.scales import state_scales
 
 Array = NDArray[np.float64]
 
@@ -192,7 +193,15 @@ class Track:
         f[:, :, where], eps[:, :, where] = by_p, -of_p
         seen = np.isfinite(self.stretch.y)
         model = LinearReference(
-            by_z, by_w, of_z, self.stretch.h, seen, c.nx, self.stretch.scatter, self._behind(values)
+            by_z,
+            by_w,
+            of_z,
+            self.stretch.h,
+            seen,
+            c.nx,
+            self.stretch.scatter,
+            self._behind(values),
+            tuple(state_scales(c.plant).tolist()),
         )
         return Columns(model, f, eps)
 

@@ -12,13 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.usual_sizes import time_scale
 from hoopd.plants.held_input import mean_torque
 from hoopd.plants.plant_with_effects import BACK_STEPS, LONGEST_STEP_S
+from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
-# A stretch shorter than this says nothing beyond its own start.
-SHORTEST_S = 0.5
+# A stretch shorter than this, and than so many usual samples, says nothing beyond its own start.
+SHORTEST_S, SHORTEST_STEPS = 0.5, 25
+# Usual samples between two nodes, of a plant that is sampled often.
+MOST_SAMPLES = 20.0
 # Samples of the local parabola that gives a first idea of positions and rates.
 PARABOLA = 7
 
@@ -29,7 +33,7 @@ class Stretch:
 
     recording: str
     plant: Plant
-    t: Array  # (n,) s from the recording's start, steps of at most LONGEST_STEP_S
+    t: Array  # (n,) s from the recording's start, steps of at most `longest_node_s`
     u: Array  # (n-1,) the first input, held between the nodes
     y: Array  # (n, channels) readings in the plant's order, NaN: none
     # (n, channels) a reading's noise over its channel's level; not given: 1
@@ -76,11 +80,18 @@ class Stretch:
         return replace(self, y=y)
 
 
+def is_long_enough(stretch: Stretch) -> bool:
+    """Whether it says anything beyond its own start."""
+    plant = stretch.plant
+    shortest = min(SHORTEST_S * motion_scale(plant), SHORTEST_STEPS * plant.time_scale_s)
+    return len(stretch.t) > 1 and bool(stretch.t[-1] - stretch.t[0] >= shortest)
+
+
 def stretch_of(
     recording: str, plant: Plant, t: Array, u: Array, readings: Mapping[str, tuple[NDArray[np.int_], Array]]
 ) -> Stretch:
     """From nodes t (n,), inputs held between them (n-1,) or (n-1, inputs) and (nodes, values) of every channel."""
-    cut = _cut(t)
+    cut = _cut(t, longest_node_s(plant))
     where = np.searchsorted(cut, t)
     y = np.full((len(cut), len(plant.channels)), np.nan)
     for column, channel in enumerate(plant.channels):
@@ -92,9 +103,15 @@ def stretch_of(
     return Stretch(recording, plant, cut, first, y, others=others)
 
 
-def _cut(t: Array) -> Array:
+def longest_node_s(plant: Plant) -> float:
+    """From node to node: as the motion is slow, but no more than so many usual samples, nor less than one."""
+    sample = time_scale(plant)
+    return LONGEST_STEP_S * max(sample, min(motion_scale(plant), MOST_SAMPLES * sample))
+
+
+def _cut(t: Array, longest_s: float) -> Array:
     """Nodes added where two are further apart than a step may be."""
-    pieces = np.maximum(1, np.ceil(np.diff(t) / LONGEST_STEP_S - 1e-6)).astype(int)
+    pieces = np.maximum(1, np.ceil(np.diff(t) / longest_s - 1e-6)).astype(int)
     parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(t[:-1], t[1:], pieces, strict=True)]
     return np.concatenate([*parts, t[-1:]])
 
