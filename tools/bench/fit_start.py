@@ -101,6 +101,9 @@ def _shown(what: str, found: starts.Start | str, *, judged: bool) -> bool:
     if isinstance(found, str):
         print(f"  {what:12} FAILED: {found}", flush=True)
         return False
+    if not (judged or found.percent):
+        print(f"  {what:12} its record has no free runs", flush=True)
+        return True
     told = "  ".join(f"{name} {one:.1f} -> {other:.1f} %" for name, (one, other) in found.percent.items())
     mark = "  WORSE" if found.is_worse else ""
     mark += "" if judged or not mark else " (not what it minimises)"
