@@ -106,6 +106,5 @@ def theirs(name: str, mine: Trace) -> np.ndarray:
     composite = Composite(hoop, [effect])
     values = {effect.key(parameter.name): LARGE[name][parameter.name] for parameter in effect.parameters}
     t, u = np.arange(SAMPLES + 1) * plant.SAMPLE_S, torques()[WARM:]
-    z = freerun.run(composite, values, mine.states[0, :, 0], t, u)
-    found = freerun.readings(composite, values, t, u, z)
+    found = freerun.readings(composite, values, mine.states[0, :, 0], t, u)
     return np.stack([found[channel][:SAMPLES] for channel in ("theta", "dtheta", "psi")], axis=1)[..., None]
