@@ -137,6 +137,7 @@ def _effect(
         ),
         not_excluded=apart.not_excluded,
         statement=effect.statement,
+        formula=effect.formula,
         alternatives=list(apart.alternatives),
         ablation=ablation,
         placebo=placebo,

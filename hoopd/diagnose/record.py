@@ -16,6 +16,12 @@ SCHEMA: Literal["hoopd.diagnosis/1"] = "hoopd.diagnosis/1"
 Verdict = Literal["consistent", "parameters", "missing_physics", "unknown_physics"]
 # A number that may not be determined; NaN and infinities become None on the way out.
 Number = float | None
+# Among the candidates: what no name explains.
+NONE_OF_THESE = "none of these"
+
+
+def _not_determined() -> None:
+    """Written as null: a default that is left out while it says nothing would be no contract."""
 
 
 class _Part(msgspec.Struct, kw_only=True, frozen=True, omit_defaults=True):
@@ -86,7 +92,12 @@ class Alternative(_Part, frozen=True):
 
 
 class EffectFinding(_Part, frozen=True):
-    """A named effect."""
+    """A named effect.
+
+    `probability`: of the name, and of what is the same as it, among all candidates and "none of these"; `formula`: its
+    law; `nearest`: of what is no name of the library, the library's name that changes most alike; `explained`: the
+    share of what the re-fitted base leaves that goes with it.
+    """
 
     name: str
     slot: str
@@ -94,6 +105,10 @@ class EffectFinding(_Part, frozen=True):
     evidence: Evidence
     not_excluded: list[str]
     statement: str
+    probability: Number = msgspec.field(default_factory=_not_determined)
+    formula: str = msgspec.field(default_factory=str)
+    nearest: str | None = msgspec.field(default_factory=_not_determined)
+    explained: Number = msgspec.field(default_factory=_not_determined)
     alternatives: list[Alternative] = []
     ablation: Ablation | None = None
     placebo: Placebo | None = None
@@ -210,10 +225,14 @@ class DataQuality(_Part, frozen=True):
 
 
 class Candidate(_Part, frozen=True):
-    """One explanation that was tried on its own, over the re-fitted base; its surprise is what meets the threshold."""
+    """One explanation that was tried on its own, over the re-fitted base; its surprise is what meets the threshold.
+
+    `probability`: that it is among what acts; "none of these" is a candidate, too.
+    """
 
     name: str
     log_likelihood_gain: Number
+    probability: Number = None
     surprise: Number = None  # nats: the gain less what chance gives an effect with as many columns and choices
     threshold: Number = None
     heldout_gain_percent: Number = None

@@ -229,7 +229,7 @@ def coulomb() -> tuple[Diagnosis, Shown]:
     named = finding(
         "hoop.coulomb_friction", 1342.0, size, "Fc",
         "Dry friction holds the hoop back with a constant torque of 5.1 mN m against its motion.",
-        not_excluded=["hoop.stribeck_friction"],
+        not_excluded=["hoop.stribeck_friction"], probability=0.93, formula="-Fc sign(theta')", explained=0.98,
         alternatives=[Alternative(name="hoop.stribeck_friction", behind_nats=1.7, reason="contains the named law")],
         ablation=Ablation(
             log_likelihood_loss=1319.0, heldout_with={"theta_rate": 97.7}, heldout_without={"theta_rate": 87.4}

@@ -20,7 +20,10 @@ KEYS = {
     "schema", "verdict", "base", "location", "effects", "fit", "unexplained", "next_experiment", "data_quality", "seed"
 }  # fmt: skip
 QUANTITY = {"value", "unit", "ci95", "nominal"}
-EFFECT = {"name", "slot", "parameters", "evidence", "not_excluded", "statement"}
+EFFECT = {
+    "name", "slot", "parameters", "evidence", "not_excluded", "statement", "probability", "formula", "nearest",
+    "explained",
+}  # fmt: skip
 
 
 def written(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from rich.console import Console
 
 from hoopd.diagnose.record import DataQuality, Diagnosis, FitTable, FreeRunChoice, FreeRunEffect, Quantity
 from hoopd.diagnose.report import sentences as words
+from hoopd.diagnose.report import tables
 from hoopd.diagnose.report.page import page
 from hoopd.diagnose.report.terminal import report_text, write_html
 from hoopd.diagnose.report_curves import Comparison, MissingForce, Regressor, Shown, Strip, Trace
@@ -187,9 +188,19 @@ def test_the_terminal_s_report_has_every_part_of_a_finding() -> None:
         "4.87 to 5.33 mN m", "1342", "31", "0.8 nats: no gain", "1319 nats lost", "+61.0 %", "prbs_b.mcap",
         "windows of 2 s", "One free run", "Not excluded", "hoop.stribeck_friction", "Next experiment",
         "hoopd experiment --signal ramp --amplitude 0.02 --duration 30", "late frames", "a hand moved the ball",
-        "97.7 87.4",
+        "97.7 87.4", "93 %", "[-Fc sign(theta')]",
     ):  # fmt: skip
         assert part in squeezed(text), part
+
+
+def test_how_likely_a_finding_is_stands_beside_it_and_what_comes_nearest_to_what_has_no_name() -> None:
+    diagnosis, _ = coulomb()
+    first = diagnosis.effects[0]
+    assert tables.effects(diagnosis).head[-1] == "likely" and tables.effects(diagnosis).rows[0][-1] == "93 %"
+    odd = msgspec.structs.replace(first, probability=None, nearest="hoop.quadratic_drag")
+    unsaid = msgspec.structs.replace(diagnosis, effects=[odd])
+    assert tables.effects(unsaid).head[-1] == "needed"
+    assert "nearest in the library: hoop.quadratic_drag" in words.statements(unsaid)[0]
 
 
 def test_intervals_set_aside_and_notes_on_the_data_are_printed() -> None:

@@ -133,7 +133,14 @@ def experiment_sentence(planned: NextExperiment) -> str:
 
 def statements(diagnosis: Diagnosis) -> list[str]:
     """What each finding is, in plain words."""
-    return [f"{safe(one.name)}: {one.statement}" for one in diagnosis.effects]
+    return [f"{safe(one.name)}: {one.statement}{_law(one)}" for one in diagnosis.effects]
+
+
+def _law(effect: EffectFinding) -> str:
+    """Its formula, and the library's name that comes nearest; empty without either."""
+    near = f"nearest in the library: {safe(effect.nearest)}" if effect.nearest else ""
+    said = "; ".join(one for one in (effect.formula, near) if one)
+    return f" [{said}]" if said else ""
 
 
 def numbers_of(fit: FitTable) -> dict[str, str]:

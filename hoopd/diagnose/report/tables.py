@@ -53,10 +53,11 @@ class Table:
 
 
 def effects(diagnosis: Diagnosis) -> Table:
-    """One row a parameter of each named effect."""
-    head = ("effect", "parameter", "value", "95 % interval", "nats", "needed")
+    """One row a parameter of each named effect; how likely each is where that is known."""
+    head = ("effect", "parameter", "value", "95 % interval", "nats", "needed", "likely")
     rows = [row for effect in diagnosis.effects for row in _effect_rows(effect, numbers_of(diagnosis.fit))]
-    return Table("What the model leaves out", head, "llrrrr", rows)
+    last = len(head) - all(one.probability is None for one in diagnosis.effects)
+    return Table("What the model leaves out", head[:last], "llrrrrr"[:last], [row[:last] for row in rows])
 
 
 def _effect_rows(effect: EffectFinding, numbers: Mapping[str, str]) -> list[Row]:
@@ -64,7 +65,8 @@ def _effect_rows(effect: EffectFinding, numbers: Mapping[str, str]) -> list[Row]
     gain, needed = nats(evidence.log_likelihood_gain), nats(evidence.threshold)
     sizes = [(label, value_text(one), interval_text(one)) for label, one in _labelled(effect.parameters, numbers)]
     first, *others = sizes or [(NOTHING, NOTHING, NOTHING)]
-    return [(name, *first, gain, needed), *(("", *size, "", "") for size in others)]
+    likely = NOTHING if effect.probability is None else f"{100.0 * effect.probability:.0f} %"
+    return [(name, *first, gain, needed, likely), *(("", *size, *[""] * 3) for size in others)]
 
 
 def _labelled(parameters: Mapping[str, Quantity], numbers: Mapping[str, str]) -> list[tuple[str, Quantity]]:

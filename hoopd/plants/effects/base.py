@@ -133,6 +133,8 @@ class Effect:
     sign: str = ""  # the rule its parameters obey
     best_experiment: str = ""
     write_back: str = ""
+    formula: str = ""  # its law, as a page shows it
+    cost_nats: float = 0.0  # evidence that it costs beside the names of the library: what takes longer to say
 
     @property
     def slot(self) -> str:

@@ -50,6 +50,7 @@ def _disturbance(plant: Plant, name: str, slot: Slot) -> Effect:
         substeps=SUBSTEPS,
         found_by="scan",
         depends_on=("t",),
+        formula="A for t0 <= t <= t1",
         statement="somebody or something pushed for a while",
         signature="the missing force is there between two times only",
         sign="either; t from each recording's start, t1 >= t0",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 from harness.effectcases import NAMES, effects, plant, slide
@@ -52,6 +53,13 @@ FOUND_BY = {
     "camera.outliers": "quality",
 }
 EVERY = list(effects("rolling").values())
+
+
+@pytest.mark.parametrize("effect", EVERY, ids=lambda one: one.name)
+def test_a_formula_is_one_line_with_every_number_of_the_effect(effect: Effect) -> None:
+    assert effect.formula and "\n" not in effect.formula
+    words = re.findall(r"[A-Za-z]\w*", effect.formula)
+    assert {p.name for p in effect.parameters} - {"follows"} <= {*words}
 
 
 @pytest.mark.parametrize("structure", ["rolling", "published", "entries"])

@@ -23,6 +23,7 @@ def lift_off(name: str, contact: ContactOf) -> Effect:
         found_by="switch",
         depends_on=("psi", "dpsi"),
         near=(f"{name}.slip",),
+        formula="no contact while N < 0",
         statement="the ball leaves the hoop where the normal force would be negative, and flies until it touches again",
         signature="above the axis at low speed the ball falls faster than it could roll",
         sign="on or off",

@@ -34,6 +34,7 @@ def slip(name: str, contact: ContactOf) -> Effect:
         # |f| <= mu N
         friction=DryFriction(_limit, lambda s: {"slip": 1.0}, lambda s, a: _holding_force(s, contact(s), a)),
         depends_on=("u", "psi", "dpsi"),
+        formula="|f| <= mu N",
         statement="the ball slips where the contact would need more than mu times the normal force",
         signature="the ball is left behind only where the torque is high or the normal force low",
         sign="mu > 0",
