@@ -26,7 +26,9 @@ from hoopd.files.shipped import or_shipped
 from hoopd.files.whole_files import replace_file
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
+from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.effects_file import load_effects
 from hoopd.plants.model_file import HOOP
 from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model, plant_model_text
@@ -87,7 +89,7 @@ def searched(
     without = [name for text in options.without for name in text.split(",")]
     whole = () if held else tuple(train)
     train, held, how = _parts(train, held, base.plant)
-    known = _library([*train, *held], options.effects, without)
+    known = _library([*train, *held], options.effects, without, [entry.name for entry in base.effects])
     own = [known[entry.name] for entry in base.effects if entry.name in known and known[entry.name].is_simulated]
     return diagnose(
         Case(
@@ -103,7 +105,8 @@ def searched(
             seed=options.seed,
             held_out_how=how,
             progress=progress,
-            settings=Settings(progress=progress),
+            settings=Settings(progress=progress, grammar=options.grammar),
+            without=without,
         )
     )
 
@@ -120,17 +123,23 @@ def _parts(train: Sequence[Source], held: Sequence[Source], plant: Plant) -> tup
     return train, held, how
 
 
-def _library(sources: Sequence[Source], effects: Path | None, without: Sequence[str]) -> dict[str, Effect]:
-    """Effects of all that moves in any recording, by name; a user's file may add some and replace none."""
+def _library(
+    sources: Sequence[Source], effects: Path | None, without: Sequence[str], named: Sequence[str]
+) -> dict[str, Effect]:
+    """Effects of all that moves in any recording, by name, and the mechanisms that a model has `named`; a user's file
+    may add some and replace none."""
     known: dict[str, Effect] = {}
+    grammar: set[str] = set()
     for plant in plants(sources):
         extra = () if effects is None else load_effects(effects, plant)
         try:
             known |= library(plant, extra)
         except ValueError as error:
             raise InputError(effects, "", str(error)) from None
+        known |= {name: effect for name, effect in known_effects(plant, named).items() if name not in known}
+        grammar |= {*mechanisms(plant)} if without else set()
     for name in without:
-        if name not in known:
+        if name not in known and name not in grammar:
             raise InputError("--without", name, f"is none of {', '.join(sorted(known))}")
     return {name: effect for name, effect in known.items() if name not in without}
 
@@ -141,9 +150,7 @@ def _written(
     """The diagnosis; every file is made before the first one is written."""
     diagnosis, files = outcome.diagnosis, list[tuple[Path, bytes]]()
     if write is not None:
-        own = [
-            f"{name} is not in the model: a model file holds effects of the library only" for name in left_out(outcome)
-        ]
+        own = [f"{name} is not in the model: a model file holds no effects of your own" for name in left_out(outcome)]
         diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *own])
         files.append((write, _model_text(outcome, base, write).encode()))
     if report is not None:

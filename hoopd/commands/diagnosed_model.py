@@ -12,15 +12,15 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from hoopd.diagnose.curves.curve import at_nodes
 from hoopd.diagnose.findings import parameters_of
 from hoopd.diagnose.record import Quantity
 from hoopd.diagnose.record_file import to_digits
 from hoopd.diagnose.run import Outcome
+from hoopd.diagnose.search.effect_changes import at_nodes
 from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile
 from hoopd.ident.normal import Z95
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.library import library
+from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Model = TypeVar("Model", bound=ModelFile | PlantModelFile)
@@ -54,7 +54,8 @@ def _known(final: HypothesisFit) -> Iterable[Effect]:
 
 
 def _is_known(name: str, final: HypothesisFit) -> bool:
-    return any(name in library(plant) for plant in {id(p): p for p in (t.stretch.plant for t in final.tracks)}.values())
+    plants = {id(one): one for one in (track.stretch.plant for track in final.tracks)}.values()
+    return any(name in known_effects(plant, [name]) for plant in plants)
 
 
 def entry_of(effect: Effect, final: HypothesisFit, old: EffectEntry | None = None) -> EffectEntry:

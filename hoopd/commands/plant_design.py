@@ -27,7 +27,6 @@ from hoopd.files.plant_controller import PlantControllerFile, PlantGains
 from hoopd.files.reading import InputError
 from hoopd.files.records import between
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.library import library
 from hoopd.plants.model_file import LARGEST, SMALLEST
 from hoopd.plants.plant_model import PlantModel
 
@@ -114,7 +113,7 @@ def _poles(options: DesignOptions, model: Any) -> tuple[complex, ...]:
 
 def _acting(model: PlantModel) -> tuple[list[Effect], list[str]]:
     """Effects that the loop's run has, those on forces and drives; of the others that it is without them."""
-    known = library(model.plant) if model.effects else {}
+    known = model.known_effects
     late = [
         one.name
         for one in model.effects

@@ -21,7 +21,6 @@ from hoopd.design.linear_plant import Equilibrium, EquilibriumNotFoundError, equ
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.library import library
 from hoopd.plants.model_file import HOOP
 from hoopd.plants.plant_model import PlantModel, is_of_another_plant, load_plant_model, nominal_model
 
@@ -111,9 +110,10 @@ def linearized(found: PlantModel, at: str, outputs: tuple[str, ...] = ()) -> Lin
 
 def _effects(model: PlantModel) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
     """Effects on forces that are smooth, and the names of all others."""
-    known = library(model.plant) if model.effects else {}
+    known = model.known_effects
     own = [known[one.name] for one in model.effects]
-    smooth = tuple(e for e in own if e.force is not None and e.friction is None and e.lag is None and not e.delay)
+    at_once = [e for e in own if e.force is not None and e.acts_now]
+    smooth = tuple(e for e in at_once if e.friction is None and e.lag is None and not e.delay)
     return smooth, tuple(one.name for one in own if one not in smooth)
 
 

@@ -5,7 +5,7 @@ Rules of this file: it calls the steps in their order and fills the record; noth
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -40,10 +40,12 @@ from hoopd.diagnose.record_file import rounded
 from hoopd.diagnose.report.curve_pictures import shown_of
 from hoopd.diagnose.report_curves import Shown
 from hoopd.diagnose.search.bounded_disturbance import likeliest
-from hoopd.diagnose.search.candidates import Settings, free_of_recordings
+from hoopd.diagnose.search.candidates import Judge, Settings, free_of_recordings
 from hoopd.diagnose.search.excluded_intervals import CountedData, looked_at_again, start_ups, without_events
+from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.step_halving import step_nats, step_sentence
 from hoopd.plants.likelihood.stretches import Stretch
@@ -68,6 +70,7 @@ class Case:
     whole: Sequence[Source] = ()  # recordings whose parts are fitted and held out
     seed: int = 0
     held_out_how: str = ""
+    without: Collection[str] = ()  # names that are not looked for
     progress: Progress = lambda text: None
     settings: Settings = field(default_factory=Settings)
 
@@ -110,9 +113,10 @@ def diagnose(case: Case) -> Outcome:
     named = name_effects(data.kept, data_held.kept, case.library, nominal, base, case.settings)
     named, data, data_held = _started(case, named, data, data_held)
     named, data = looked_at_again(named, data, case.settings.threshold)
+    library = _with_mechanisms(case, named, data, data_held)
     data_held, runs = _heldout_again(named, data_held, HeldOut(data_held.kept))
     case.progress("what no name explains")
-    missing = missing_of(named, runs, list(case.library.values()), case.seed)
+    missing = missing_of(named, runs, list(library.values()), case.seed)
     unknown = missing.unknown
     case.progress("proof on held-out data")
     fits = played(heldout_fits(named, runs, missing.base, missing.proof))
@@ -126,7 +130,7 @@ def diagnose(case: Case) -> Outcome:
         channel_source=channel_source([*train, *held]),
     )
     case.progress("what else could explain it")
-    threshold, apart = case.settings.threshold, separations(named, case.library)
+    threshold, apart = case.settings.threshold, separations(named, library)
     proofs = placebos(named, case.seed, threshold)
     faults = camera_faults([one.quality for one in case.train], threshold)
     effects = effects_of(named, fits, threshold, faults, apart, proofs)
@@ -143,7 +147,7 @@ def diagnose(case: Case) -> Outcome:
         effects=effects,
         fit=table,
         unexplained=unexplained_of(unknown),
-        next_experiment=next_experiment(named, apart, case.library, case.seed),
+        next_experiment=next_experiment(named, apart, library, case.seed),
         data_quality=quality_of(
             [*case.train, *case.heldout], [*data.ignored, *data_held.ignored], [step_sentence(step_nats(named.final))]
         ),
@@ -153,6 +157,17 @@ def diagnose(case: Case) -> Outcome:
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )
     return Outcome(rounded(diagnosis), named, fits, unknown)
+
+
+def _with_mechanisms(case: Case, named: Named, data: CountedData, held: CountedData) -> Mapping[str, Effect]:
+    """The library with the mechanisms beyond it that the recordings ask for, put among the names."""
+    if not case.settings.grammar:
+        return case.library
+    plant = max((one.plant for one in data.kept), key=lambda one: len(one.coordinates))
+    wanted = [one for one in mechanisms(plant).values() if one.name not in case.without]
+    judge = Judge(data.kept, held.kept, case.library, case.settings)
+    name_mechanisms(named, judge, wanted)
+    return {**case.library, **{one.effect.name: one.effect for one in named.accepted}}
 
 
 def training(

@@ -195,6 +195,8 @@ class Plant:
         In J, of a point, where the plant has one.
     own_effects : callable, optional
         Effects of its own kinds of slot.
+    own_axes : callable, optional
+        Of the plant and a slot: variables that mechanisms there may depend on, beside those of every plant.
     judges : Judges
         What it knows of the quality of its recordings.
     plays : str
@@ -234,6 +236,7 @@ class Plant:
     least_size: float | None = None  # of a parameter, in its unit; None: as it is declared
     energy: Callable[[Point], Any] | None = None  # J, where the plant has one
     own_effects: Callable[[Plant], Iterable[Effect]] | None = None  # of its own kinds of slot
+    own_axes: Callable[[Plant, str], Iterable[Any]] | None = None  # further variables of a slot's mechanisms
     judges: Judges = field(default_factory=Judges)
     plays: str = ""  # the command that plays a signal on the device; empty: there is none
     modes: tuple[MotionMode, ...] = ()

@@ -13,6 +13,7 @@ from math import isfinite
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.library import library
+from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.parameters import LIMIT_NM, PARAMETER_UNITS
 
@@ -72,7 +73,7 @@ class FoundEffects:
 
     def effects(self, plant: Plant | None = None) -> tuple[Effect, ...]:
         """Declarations of those that can act on the plant, in the library's order."""
-        known = library(plant or self.plant)
+        known = known_effects(plant or self.plant, self.names)
         return tuple(effect for name, effect in known.items() if name in self.names)
 
     @property
@@ -113,7 +114,7 @@ class FoundEffects:
 
 def checked(plant: Plant, name: str, parameters: Mapping[str, float]) -> dict[str, float]:
     """All parameters of an effect of the plant (those left out neutral); EffectError."""
-    effect = library(plant).get(name)
+    effect = known_effects(plant, [name]).get(name)
     if effect is None:
         known = [one for one in library(plant) if one.split(".")[0] == name.split(".", maxsplit=1)[0]] or [
             *library(plant)

@@ -12,7 +12,7 @@ from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
 from hoopd.files.records import between
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.library import library
+from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.found_effects import EffectError, FoundEffect, FoundEffects, check_region, checked, weak_end
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError, check_parameters
@@ -60,7 +60,7 @@ def parse_model(text: str, path: object) -> ModelFile:
 
 def _check_effects(path: object, model: ModelFile) -> None:
     """InputError for an effect that the plant does not know, twice, or with numbers that cannot be meant."""
-    known = library(effects_plant(model))
+    known = known_effects(effects_plant(model), [one.name for one in model.effects])
     seen: set[str] = set()
     for index, entry in enumerate(model.effects):
         key = f"effects[{index}]"
@@ -91,7 +91,7 @@ def effects_plant(model: ModelFile) -> Plant:
 
 def effects_of(model: ModelFile) -> FoundEffects:
     """The effects of a model file with their numbers, and what is sure of them."""
-    known = library(effects_plant(model))
+    known = known_effects(effects_plant(model), [one.name for one in model.effects])
     entries = tuple(_found(known[entry.name], entry) for entry in model.effects)
     return FoundEffects(model.structure, model.values(), entries, model.device.torque_limit_nm)
 

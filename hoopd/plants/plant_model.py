@@ -17,7 +17,7 @@ from hoopd.files.records import between
 from hoopd.files.shipped import way_to
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.library import library
+from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.found_effects import EffectError, checked
 from hoopd.plants.model_file import HOOP, check_parameter, effects_plant, parse_model
 from hoopd.plants.registry import REGISTERED, SUFFIXES, resolve_plant
@@ -49,15 +49,20 @@ class PlantModel:
         return self.file.effects
 
     @property
+    def known_effects(self) -> dict[str, Effect]:
+        """Declarations by name, those of the model among them; none where it has none."""
+        return known_effects(self.plant, [one.name for one in self.effects]) if self.effects else {}
+
+    @property
     def simulated_effects(self) -> tuple[Effect, ...]:
         """Declarations of those that a free run has."""
-        known = library(self.plant) if self.effects else {}
+        known = self.known_effects
         return tuple(known[one.name] for one in self.effects if known[one.name].is_simulated)
 
     @property
     def values(self) -> dict[str, float]:
         """Parameters of the plant by name, and the effects' by `slot.effect.parameter`."""
-        known, found = library(self.plant) if self.effects else {}, dict(self.plant.values)
+        known, found = self.known_effects, dict(self.plant.values)
         for one in self.effects:
             own = {**known[one.name].neutral(), **{key: p.value for key, p in one.parameters.items()}}
             found |= {f"{one.name}.{key}": value for key, value in own.items()}
@@ -121,7 +126,7 @@ def with_parameters(
 ) -> PlantModel:
     """The model of another plant than the hoop with other numbers, those of effects by `slot.effect.parameter`."""
     assert isinstance(model.file, PlantModelFile)
-    before, units, known = model.values, model.plant.units, library(model.plant) if model.effects else {}
+    before, units, known = model.values, model.plant.units, model.known_effects
 
     def entry(key: str, unit: str, old: Parameter | None) -> Parameter:
         if key not in intervals and values.get(key, before[key]) == before[key] and old is not None:
@@ -222,7 +227,7 @@ def _check(path: Path, file: PlantModelFile, plant: Plant) -> None:
         if not low <= entry.value <= high:
             raise InputError(path, f"parameters.{name}.value", f"{entry.value:g} is outside of {low:g} to {high:g}")
     between(path, "sample_time_s", file.sample_time_s, 0.0, 3600.0)
-    known_effects, seen = library(plant), set[str]()
+    effects, seen = known_effects(plant, [one.name for one in file.effects]), set[str]()
     for index, one in enumerate(file.effects):
         key = f"effects[{index}]"
         if one.name in seen:
@@ -233,4 +238,4 @@ def _check(path: Path, file: PlantModelFile, plant: Plant) -> None:
         except EffectError as error:
             raise InputError(path, f"{key}.{error.key}", error.reason) from None
         for name, p in one.parameters.items():
-            check_parameter(path, f"{key}.parameters.{name}", p, known_effects[one.name].parameter(name).unit)
+            check_parameter(path, f"{key}.parameters.{name}", p, effects[one.name].parameter(name).unit)

@@ -15,7 +15,7 @@ import msgspec
 from hoopd.core.layout import Layout, layout_to_table
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
-from hoopd.plants.effects.library import library
+from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.found_effects import EffectError, checked
 from hoopd.plants.hoop.equations import without_ball
 from hoopd.plants.model_file import effects_of, effects_plant
@@ -58,7 +58,7 @@ def rig_effects(config: Config, model: ModelFile) -> dict[str, dict[str, float]]
             told[entry.name] = checked(plant, entry.name, entry.parameters)
         except EffectError as error:
             raise InputError("configuration", f"{key}.{error.key}", error.reason) from None
-    known = library(plant)
+    known = known_effects(plant, told)
     for name in told:
         if known[name].found_by == "quality":
             raise InputError("configuration", "sim.effects", f"{name} is no physics of a plant: see sim.faults")

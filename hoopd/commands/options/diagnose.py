@@ -48,4 +48,7 @@ class DiagnoseOptions:
     free_run_choice: bool = option(
         "--free-run-choice", text="Look, too, for effects that make that run better (minutes).", default=False
     )
+    grammar: bool = option(
+        "--grammar/--library-only", text="Also look for mechanisms that the library has no name for.", default=True
+    )
     json_path: Path | None = json_option()

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from hoopd.diagnose.curves.curve_sites import CurveVariable, Factor, Site, Wanted, reads, wanted
 from hoopd.diagnose.curves.hats import curve_expression, spread_knots, turn_knots
+from hoopd.diagnose.search.effect_changes import at_nodes
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter, Point
 from hoopd.plants.likelihood.fitting import HypothesisFit
-from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
@@ -152,13 +152,6 @@ def _made(want: Wanted, plant: Plant, fit: HypothesisFit) -> list[UnnamedCurve]:
         replace(first, knots=knots, per_recording=per_recording)
         for knots in _knot_sets(variable, x, motion_scale(plant)) for per_recording in own
     ]  # fmt: skip
-
-
-def at_nodes(track: Track, fit: HypothesisFit) -> Point:
-    """Everything a variable may read, arrays (n,) at the nodes, as the filter predicts them."""
-    u = track.acting(track.local(fit.values)).mean(axis=-2)
-    held = np.concatenate([u, u[..., -1:]], axis=-1)
-    return track.stretch.plant.point(track.predicted.T, track.local(fit.values), held, track.stretch.t)
 
 
 def _knot_sets(variable: CurveVariable, x: Array, slower: float = 1.0) -> list[Array]:

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve import UnnamedCurve, at_nodes, curves
+from hoopd.diagnose.curves.curve import UnnamedCurve, curves
 from hoopd.diagnose.curves.curve_changes import add_change, within
 from hoopd.diagnose.search.chance import Group, Null, colour, independent, null_of
+from hoopd.diagnose.search.effect_changes import at_nodes
 from hoopd.diagnose.search.screen import Screen, orthonormal
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.likelihood.fitting import HypothesisFit

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve import at_nodes
+from hoopd.diagnose.search.effect_changes import at_nodes
 from hoopd.diagnose.search.screen import Column, change_of
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect

@@ -10,11 +10,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.curve import UnnamedCurve, at_nodes
+from hoopd.diagnose.curves.curve import UnnamedCurve
 from hoopd.diagnose.curves.curve_fits import Shape
 from hoopd.diagnose.curves.curve_sites import CurveVariable, wanted
 from hoopd.diagnose.quality.unusual_intervals import disturbance
 from hoopd.diagnose.report_curves import Binned, LawCurve, MissingForce, Regressor
+from hoopd.diagnose.search.effect_changes import at_nodes
 from hoopd.ident.normal import Z95
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Point

@@ -33,6 +33,7 @@ class Settings:
 
     threshold: float = THRESHOLD
     most: int = MOST_EFFECTS
+    grammar: bool = True  # mechanisms beyond the library are looked for, too
     progress: Progress = lambda text: None
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import composite_of, derivatives_of, fitting_effects, key_of
 from hoopd.plants.likelihood.fitting import HypothesisFit
@@ -85,7 +85,8 @@ class Changes:
 
     # ------------------------------------------------------------------------------------------ a sampled force
 
-    def _points(self, parts: int) -> Inside:
+    def inside(self, parts: int) -> Inside:
+        """The model without the change inside its steps; evaluated once."""
         if parts not in self._inside:
             self._inside[parts] = self._sampled_points(parts)
         return self._inside[parts]
@@ -109,7 +110,7 @@ class Changes:
                 held[:, : 2 * c.nq : 2] += early * d[:, None, None] * held[:, 1 : 2 * c.nq : 2]
                 push[:, :, :, j, k] = onward @ held / points
             onward = onward @ by[j][:, :, : c.nz]
-        x = np.stack([_between(a[:, : c.nx], b[:, : c.nx], d) for a, b in pairwise(states)], axis=1)
+        x = np.stack([_between(a[:, : c.nx], b[:, : c.nx], d, c.nq) for a, b in pairwise(states)], axis=1)
         times = starts.T[:, :, None] + GAUSS * d[:, None, None]
         return Inside(
             x.reshape(n, -1, c.nx), np.repeat(inputs.transpose(2, 1, 0), points, axis=2), times.reshape(n, -1),
@@ -122,7 +123,7 @@ class Changes:
         return np.concatenate(parts, axis=2)
 
     def _pushes_at_once(self, effect: Effect, columns: Sequence[Values]) -> Array:
-        inside = self._points(effect.substeps or SMOOTH_SUBSTEPS)
+        inside = self.inside(effect.substeps or SMOOTH_SUBSTEPS)
         n, points = inside.t.shape
         function = _force_function(self.track.composite.plant, effect, n * points)
         assert function is not None
@@ -175,6 +176,13 @@ def changes_of(track: Track, fit: HypothesisFit) -> Changes:
     return kept
 
 
+def at_nodes(track: Track, fit: HypothesisFit) -> Point:
+    """Everything a variable may read, arrays (n,) at the nodes, as the filter predicts them."""
+    u = track.acting(track.local(fit.values)).mean(axis=-2)
+    held = np.concatenate([u, u[..., -1:]], axis=-1)
+    return track.stretch.plant.point(track.predicted.T, track.local(fit.values), held, track.stretch.t)
+
+
 def _reads(effect: Effect) -> bool:
     return bool(effect.sensor or effect.latency or effect.sensor_lag)
 
@@ -184,15 +192,16 @@ def _moves(effect: Effect) -> bool:
     return any((effect.delay, effect.torque, effect.lag, effect.force, effect.friction, effect.shift, effect.plant))
 
 
-def _between(begin: Array, end: Array, d: Array) -> Array:
+def _between(begin: Array, end: Array, d: Array, coordinates: int) -> Array:
     """States (n, points, nx) at the points of GAUSS between two that are d (n,) seconds apart."""
     s, d = GAUSS[:, None], d[:, None, None]
     begin, end = begin[:, None], end[:, None]
     x = np.asarray(begin + s * (end - begin))
-    # cubic through positions and rates at both ends
-    v0, v1 = begin[:, :, 1::2], end[:, :, 1::2]
-    by_position = begin[:, :, ::2] * (1 + 2 * s) * (1 - s) ** 2 + end[:, :, ::2] * s**2 * (3 - 2 * s)
-    x[:, :, ::2] = by_position + d * s * (1 - s) * (v0 * (1 - s) - v1 * s)
+    # cubic through positions and rates at both ends; first-order states stand behind them
+    q, v = slice(0, 2 * coordinates, 2), slice(1, 2 * coordinates, 2)
+    v0, v1 = begin[:, :, v], end[:, :, v]
+    by_position = begin[:, :, q] * (1 + 2 * s) * (1 - s) ** 2 + end[:, :, q] * s**2 * (3 - 2 * s)
+    x[:, :, q] = by_position + d * s * (1 - s) * (v0 * (1 - s) - v1 * s)
     return x
 
 

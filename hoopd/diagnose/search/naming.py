@@ -71,8 +71,8 @@ def name_effects(
         found.accepted.append(best)
         found.final = best.fit
         if len(found.accepted) > 1:
-            _reconsider(found, judge)
-    _ablate(found, judge)
+            reconsider(found, judge)
+    taken_out(found, judge)
     found.screens = {id(one): judge.screens[id(one)] for one in (base, found.final) if id(one) in judge.screens}
     return found
 
@@ -159,8 +159,8 @@ def _in_order(tried: Sequence[Tried]) -> list[Tried]:
 # ---------------------------------------------------------------------------------------------- backward, swap
 
 
-def _reconsider(found: Named, judge: Judge) -> None:
-    """Each earlier effect against being left out, and against another in its place."""
+def reconsider(found: Named, judge: Judge, *, swaps: bool = True) -> None:
+    """Each earlier effect against being left out, and (`swaps`) against another in its place."""
     for one in list(found.accepted[:-1]):
         rest = _others(found, one)
         judge.settings.progress(f"reconsidering {one.effect.name}")
@@ -170,7 +170,7 @@ def _reconsider(found: Named, judge: Judge) -> None:
             found.accepted.remove(one)
             found.final = without
             continue
-        rival = _better(found, judge, one, without, loss)
+        rival = _better(found, judge, one, without, loss) if swaps else None
         if rival is not None:
             found.accepted[found.accepted.index(one)] = rival
             found.final = rival.fit
@@ -194,8 +194,10 @@ def _better(found: Named, judge: Judge, one: Tried, without: HypothesisFit, loss
     return None
 
 
-def _ablate(found: Named, judge: Judge) -> None:
+def taken_out(found: Named, judge: Judge) -> None:
     """What each accepted effect is worth beside the others."""
+    found.losses.clear()
+    found.without.clear()
     for one in found.accepted:
         rest = _others(found, one)
         if len(found.accepted) == 1:

@@ -14,7 +14,7 @@ import casadi as ca
 from hoopd.plants.declaration import Channel, Input, Judges, Plant, Slot
 from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.hoop.contact import contact_of
-from hoopd.plants.hoop.effects import ball_effects, frame_effects
+from hoopd.plants.hoop.effects import ball_axes, ball_effects, frame_effects
 from hoopd.plants.hoop.equations import MOTIONS, lagrangian, symbols
 from hoopd.plants.hoop.parameters import KINEMATICS, LIMIT_NM, PARAMETER_UNITS
 from hoopd.plants.hoop.recordings.fit_data import moving_of
@@ -60,6 +60,7 @@ def hoop_plant(
         bounds=_bounds(structure, moving, values),
         energy=_energy(structure) if structure in KINEMATICS else None,
         own_effects=own_effects,
+        own_axes=ball_axes.axes,
         judges=Judges(
             moving=lambda recording: hoop_plant(
                 structure, values, what_moves(recording, encoder_counts), limit, encoder_counts

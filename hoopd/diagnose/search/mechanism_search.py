@@ -1,0 +1,84 @@
+"""Beyond the library: which mechanism of the grammar is still asked for beside the names that were accepted.
+
+A library's name that explains most of a mismatch leaves a rest. When a mechanism explains more of that rest than the
+best of all of them would by chance, and than it costs to say which it is, it is fitted with everything that is there;
+what was accepted before goes when it is worth nothing beside it.
+
+Rules of this file: proposals come from `mechanism_screen`, fits and held-out data from `candidates`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import exp
+
+from hoopd.diagnose.search.candidates import Judge, Tried, surprise_of
+from hoopd.diagnose.search.mechanism_screen import MechanismScreen, Proposal
+from hoopd.diagnose.search.naming import NEAR_SHARE, Named, reconsider, taken_out
+from hoopd.diagnose.search.scan_score import scanned
+from hoopd.diagnose.search.screen import Member, Score
+from hoopd.diagnose.search.surprise import log_chance
+from hoopd.plants.effects.grammar.mechanisms import Mechanism
+from hoopd.plants.likelihood.fitting import HypothesisFit
+
+# Mechanisms in one explanation; proposals of a screen that are refitted.
+MOST_MECHANISMS, MOST_REFITS = 2, 3
+# How often the best of all mechanisms may be as surprising by chance.
+CHANCE = 0.01
+
+
+def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> bool:
+    """Mechanisms that the recordings ask for beside what was found, put into it; False when they ask for none."""
+    any_found = False
+    for _ in range(MOST_MECHANISMS):
+        best = _next(found, judge, [one for one in mechanisms if one.name not in found.final.names])
+        if best is None:
+            break
+        any_found = True
+        found.accepted.append(best)
+        found.final = best.fit
+        if len(found.accepted) > 1:
+            reconsider(found, judge, swaps=False)
+    if any_found:
+        taken_out(found, judge)
+    return any_found
+
+
+def _next(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> Tried | None:
+    judge.settings.progress("screening mechanisms")
+    screen = MechanismScreen(found.final, mechanisms)
+    level = max(judge.settings.threshold, screen.null.threshold(CHANCE))
+    proposals = [one for one in _scores(screen, found.final) if _worth(one) >= level / 2.0]
+    if not proposals:
+        return None
+    best = _worth(proposals[0])
+    tried: list[Tried] = []
+    for score in [one for one in proposals if _worth(one) >= NEAR_SHARE * best][:MOST_REFITS]:
+        judge.settings.progress(f"fitting {score.member.effect.name}")
+        tried.append(judge.tried(found.final, score))
+    tried.sort(key=lambda one: -one.surprise)
+    for one in tried:
+        if one.surprise >= level and not judge.refused(found.final, one.fit, one.gain):
+            gaps = [(other.effect.name, one.gain - other.gain) for other in tried if other is not one]
+            found.rivals[one.effect.name] = gaps
+            return one
+    return None
+
+
+def _worth(score: Score) -> float:
+    return surprise_of(score, score.gain, ())
+
+
+def _scores(screen: MechanismScreen, about: HypothesisFit) -> list[Score]:
+    """Proposals as scores: what they cost, and the residual's colour, are so many more places looked at."""
+    found = [_score(one, screen.cost, about) for one in screen.proposals()]
+    return sorted(found, key=lambda one: -_worth(one))
+
+
+def _score(one: Proposal, cost: float, about: HypothesisFit) -> Score:
+    member = Member(one.effect, dict(one.constants), ())
+    worth = one.surprise - one.effect.cost_nats - cost
+    places = exp(min(-log_chance(one.gain, one.columns) - worth, 600.0))
+    score = Score(member, one.gain, one.start, one.vector)
+    return replace(scanned(score, one.columns, places), origin=about)

@@ -1,0 +1,251 @@
+"""What a mechanism remembers of its variable: hysteresis, play, a lag, a way, a reversal, a vibration.
+
+A memory is one or two states beside the plant's. Each is given twice: as rates for the model, and as a recursion over
+samples for a screen that tries many constants at once. Both are the same law; a test compares them.
+
+    dahl       z' = (x' - |x'| z) / xs                     friction that is a spring first (Dahl 1968), -1..1
+    play       z' = x' / b inside of -1..1                 backlash, or a spring that yields (Jenkin's element)
+    lag        z' = (v - z) / T                            a relaxation, and what warms up and cools down
+    wear       z' = (1 - z) |x'| / W                       what changes with the way that was gone, 0..1
+    reversal   z' = (sign x' - z) |x'| / W, from 0 at a reversal; 1 - |z| is 1 there and dies out over the way W
+    resonance  z'' = w^2 (v - z) - 2 zeta w z'             something that swings on it; z - v is what it adds
+
+Rules of this file: no plant; laws only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from hoopd.plants.effects.grammar.axes import INPUT, LOSS, POSITION, RATE, STATE, Axis
+
+Array = NDArray[np.float64]
+Constants = Mapping[str, Any]
+
+# Lags that a search tries, in sample times; ways in mean ways a second; frequencies below half of Nyquist's.
+LAG_SAMPLES = (3.0, 8.0, 20.0, 60.0, 200.0, 600.0)
+HEAT_SAMPLES = (50.0, 150.0, 500.0, 1500.0)
+WAY_S = (0.01, 0.03, 0.1, 0.3, 1.0)
+WEAR_SHARES = (0.05, 0.15, 0.4, 1.0)
+RESONANCES = 12
+SLOWEST_SAMPLES = 100.0  # of a period
+DAMPING, LARGEST_DAMPING = 0.1, 0.99
+
+
+@dataclass(frozen=True)
+class Memory:
+    """One law of this file.
+
+    Attributes
+    ----------
+    name : str
+        As it stands in a name.
+    kinds : tuple of str
+        Axes that it may remember.
+    rates : callable
+        (ops, z, v, dv, constants, shortest_s) -> rates of the states z; dv is the rate of the way.
+    value : callable
+        (ops, z, v) -> what the mechanism follows.
+    along : callable
+        (v (n,), way (n,), t (n,), constants) -> that value (n,) at samples.
+    constant : str
+        Its constant beside `zeta`.
+    unit : callable
+        Of an axis, the constant's.
+    grid : callable
+        (way (n,), t (n,)) -> values of the constant that a search tries.
+    text, words : str
+        As a formula and a sentence say it.
+    states : int
+        How many states it has.
+    dissipates : bool
+        As a force on what moves, it takes energy away: its amplitude has a sign.
+    """
+
+    name: str
+    kinds: tuple[str, ...]
+    rates: Callable[[Any, Sequence[Any], Any, Any, Constants, float], Sequence[Any]]
+    value: Callable[[Any, Sequence[Any], Any], Any]
+    along: Callable[[Array, Array, Array, Constants], Array]
+    constant: str
+    unit: Callable[[Axis], str]
+    grid: Callable[[Array, Array], Sequence[float]]
+    text: str
+    words: str
+    states: int = 1
+    dissipates: bool = False
+    scaled: bool = False  # its value has the unit of the variable; else it is a number
+
+
+def _steps(x: Array) -> Array:
+    return np.diff(x, prepend=x[:1])
+
+
+def _recursion(step: Callable[[float, int], float], n: int) -> Array:
+    z, out = 0.0, np.zeros(n)
+    for k in range(1, n):
+        z = out[k] = step(z, k)
+    return out
+
+
+# ---------------------------------------------------------------------------------------------- dahl
+
+
+def _dahl_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
+    # no faster than a step of integration can follow
+    return [(dv - ops.fabs(dv) * z[0]) / ops.fmax(c["xs"], ops.fabs(dv) * shortest_s)]
+
+
+def _dahl_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+    d = _steps(v)
+    way, left = np.sign(d), np.exp(-np.abs(d) / c["xs"])
+    return _recursion(lambda z, k: float(way[k] + (z - way[k]) * left[k]), len(v))
+
+
+def _ways(v: Array, t: Array) -> list[float]:
+    """Lengths that the mean speed takes WAY_S for."""
+    speed = float(np.sum(np.abs(np.diff(v))) / max(t[-1] - t[0], 1e-12))
+    return [share * speed for share in WAY_S] if speed > 0.0 else []
+
+
+# ---------------------------------------------------------------------------------------------- play
+
+
+def _play_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
+    inside = ops.fmin(ops.fmax(z[0], -1.0), 1.0)
+    return [dv / c["b"] - (z[0] - inside) / shortest_s]
+
+
+def _play_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+    d = _steps(v) / c["b"]
+    return _recursion(lambda z, k: min(max(z + float(d[k]), -1.0), 1.0), len(v))
+
+
+# ---------------------------------------------------------------------------------------------- lag
+
+
+def _lag_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
+    return [(v - z[0]) / ops.fmax(c["T"], shortest_s)]
+
+
+def _lag_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+    left = np.exp(-_steps(t) / c["T"])
+    middle = (v + np.concatenate([v[:1], v[:-1]])) / 2.0
+    return _recursion(lambda z, k: float(middle[k] + (z - middle[k]) * left[k]), len(v))
+
+
+def _lags(samples: Sequence[float]) -> Callable[[Array, Array], list[float]]:
+    def grid(v: Array, t: Array) -> list[float]:
+        h, length = float(np.median(np.diff(t))), float(t[-1] - t[0])
+        return [h * one for one in samples if h * one < length]
+
+    return grid
+
+
+# ---------------------------------------------------------------------------------------------- wear, reversal
+
+
+def _wear_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
+    return [(1.0 - z[0]) * ops.fabs(dv) / c["W"]]
+
+
+def _wear_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+    return np.asarray(1.0 - np.exp(-np.cumsum(np.abs(_steps(v))) / c["W"]))
+
+
+def _wear_grid(v: Array, t: Array) -> list[float]:
+    way = float(np.sum(np.abs(np.diff(v))))
+    return [share * way for share in WEAR_SHARES] if way > 0.0 else []
+
+
+def _sign_of(kind: str) -> Callable[[Any, Any, Any], Any]:
+    """What turns back: the way itself, or the input that drives it."""
+    return (lambda ops, v, dv: ops.sign(dv)) if kind == POSITION else (lambda ops, v, dv: ops.sign(v))
+
+
+def _reversal(kind: str) -> Memory:
+    side = _sign_of(kind)
+
+    def rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
+        way = side(ops, v, dv)
+        onward = (way - z[0]) * ops.fabs(dv) / ops.fmax(c["W"], ops.fabs(dv) * shortest_s)
+        # the other way: forgotten within a step
+        return [onward - ops.fmin(way * z[0], 0.0) * way / shortest_s]
+
+    def along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+        d = _steps(way)
+        sign, left = side(np, v, d), np.exp(-np.abs(d) / c["W"])
+
+        def step(z: float, k: int) -> float:
+            begin = z if z * sign[k] >= 0.0 else 0.0
+            return float(sign[k] + (begin - sign[k]) * left[k]) if sign[k] else z
+
+        return np.asarray(1.0 - np.abs(_recursion(step, len(v))))
+
+    turn = "changed its sign" if kind == INPUT else "turned back"
+    return Memory(
+        "reversal", (kind,), rates, lambda ops, z, v: 1.0 - ops.fabs(z[0]), along, "W", lambda axis: axis.way_unit,
+        _ways, f"exp(-s/W), s the way since {{v}} {turn}", "dies out after each reversal of",
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------- resonance
+
+
+def _resonance_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
+    return [z[1], c["w"] ** 2 * (v - z[0]) - 2.0 * c["zeta"] * c["w"] * z[1]]
+
+
+def _resonance_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+    # the impulse response is w^2/wd Im(e^(p t)),  p = w (-zeta + i sqrt(1 - zeta^2)),  wd = Im p
+    zeta, h = min(c.get("zeta", DAMPING), LARGEST_DAMPING), float(np.median(np.diff(t)))
+    p = c["w"] * complex(-zeta, np.sqrt(1.0 - zeta**2))
+    left = np.exp(p * h)
+    middle = (v[1:] + v[:-1]) / 2.0
+    after, _ = lfilter([1.0], [1.0, -left], middle * (left - 1.0) / p, zi=[-v[0] / p * left])
+    return np.asarray(np.append(v[:1], c["w"] ** 2 / p.imag * after.imag) - v)
+
+
+def _resonance_grid(v: Array, t: Array) -> list[float]:
+    h = float(np.median(np.diff(t)))
+    return [float(one) for one in np.geomspace(2 * np.pi / (SLOWEST_SAMPLES * h), np.pi / (2 * h), RESONANCES)]
+
+
+MEMORIES: tuple[Memory, ...] = (
+    Memory(
+        "dahl", (POSITION,), _dahl_rates, lambda ops, z, v: z[0], _dahl_along, "xs", lambda axis: axis.unit, _ways,
+        "z, z' = ({v}' - |{v}'| z)/xs", "friction that gives way like a spring before it slides, along",
+        dissipates=True,
+    ),
+    Memory(
+        "play", (POSITION,), _play_rates, lambda ops, z, v: ops.fmin(ops.fmax(z[0], -1.0), 1.0), _play_along, "b",
+        lambda axis: axis.unit, _ways, "z, z' = {v}'/b within -1..1", "play, or a spring that yields, along",
+        dissipates=True,
+    ),
+    Memory(
+        "lag", (RATE, INPUT, STATE), _lag_rates, lambda ops, z, v: z[0], _lag_along, "T", lambda axis: "s",
+        _lags(LAG_SAMPLES), "z, T z' = {v} - z", "follows, with a lag,", scaled=True,
+    ),
+    Memory(
+        "heat", (LOSS,), _lag_rates, lambda ops, z, v: z[0], _lag_along, "T", lambda axis: "s",
+        _lags(HEAT_SAMPLES), "z, T z' = {v} - z", "warms up with, and cools down from,", scaled=True,
+    ),
+    Memory(
+        "wear", (POSITION,), _wear_rates, lambda ops, z, v: z[0], _wear_along, "W", lambda axis: axis.unit, _wear_grid,
+        "(1 - exp(-s/W)), s the way of {v}", "changes with the way that was gone along",
+    ),
+    _reversal(POSITION),
+    _reversal(INPUT),
+    Memory(
+        "resonance", (RATE, INPUT, POSITION, STATE), _resonance_rates, lambda ops, z, v: z[0] - v, _resonance_along,
+        "w", lambda axis: "rad/s", _resonance_grid,
+        "(z - {v}), z'' = w^2 ({v} - z) - 2 zeta w z'",
+        "swings, elastically driven by,", states=2, scaled=True,
+    ),
+)  # fmt: skip

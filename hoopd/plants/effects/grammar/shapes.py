@@ -1,0 +1,167 @@
+"""How a mechanism follows its variable: straight, bent, from a threshold on, up to a limit, in waves, at one place.
+
+A shape is a function of the variable v and its constants; it takes a module of functions (`casadi` or `numpy`), so that
+symbols and arrays get the same formula. What multiplies the whole is an amplitude; constants are in the unit of v.
+
+Rules of this file: one entry a shape, its formula in words beside its code; no plant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.plants.effects.grammar.axes import FORCE, INPUT, POSITION, POWER, RATE, STATE, TIME, Axis
+
+Array = NDArray[np.float64]
+Constants = Mapping[str, Any]
+
+# Constants that are places or levels are tried where these shares of the samples lie.
+LEVELS = (0.15, 0.35, 0.55, 0.75, 0.9)
+PLACES = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
+PLACES_A_TURN = 16
+# A well is so wide, as a share of the range that the variable has (of a turn: of a radian).
+WIDTHS, WIDTHS_RAD = (0.05, 0.15), (0.12, 0.3)
+# Times of what settles with time, as shares of the longest.
+SETTLING = (0.05, 0.15, 0.4)
+WAVES = tuple(float(n) for n in range(1, 37))
+# Waves over what does not turn: so many in the range of the variable.
+WAVES_IN_RANGE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A function of one variable.
+
+    Attributes
+    ----------
+    name : str
+        As it stands in a name.
+    of : callable
+        (ops, v, constants) -> value.
+    text : str
+        The formula; {v} stands for the variable.
+    words : str
+        As a sentence says it.
+    constants : tuple of str
+        Names; `n` of a wave has no unit on a turning axis.
+    kinds : tuple of str
+        Axes that it may follow.
+    power : int
+        Of the unit of v in the amplitude's: the amplitude is the site's unit over unit^power.
+    grid : callable
+        (axis, samples) -> values of the constants that a search tries.
+    odd : bool
+        It changes sign with its variable.
+    phased : bool
+        A wave: it has a phase.
+    """
+
+    name: str
+    of: Callable[[Any, Any, Constants], Any]
+    text: str
+    words: str
+    kinds: tuple[str, ...]
+    power: int = 0
+    constants: tuple[str, ...] = ()
+    grid: Callable[[Axis, Array], Sequence[Constants]] = lambda axis, v: ({},)
+    odd: bool = False
+    phased: bool = False
+
+
+def _levels(axis: Axis, v: Array) -> list[Constants]:
+    size = np.abs(v)
+    return [{"v0": float(one)} for one in np.unique(np.quantile(size, LEVELS)) if 0.0 < one < size.max()]
+
+
+def _places(axis: Axis, v: Array) -> list[Constants]:
+    return [{"v0": float(one)} for one in np.unique(np.quantile(v, PLACES))]
+
+
+def _wells(axis: Axis, v: Array) -> list[Constants]:
+    if axis.turning:
+        places = np.linspace(-np.pi, np.pi, PLACES_A_TURN, endpoint=False)
+        return [{"v0": float(p), "w": w} for w in WIDTHS_RAD for p in places]
+    low, high = np.quantile(v, (0.02, 0.98))
+    places = np.linspace(low, high, PLACES_A_TURN // 2)
+    return [{"v0": float(p), "w": float(w * (high - low))} for w in WIDTHS for p in places if high > low]
+
+
+def _waves(axis: Axis, v: Array) -> list[Constants]:
+    if axis.turning:
+        return [{"n": n} for n in WAVES]
+    reach = float(np.ptp(v))
+    return [{"n": float(2 * np.pi * n / reach)} for n in WAVES_IN_RANGE] if reach > 0.0 else []
+
+
+def _times(axis: Axis, v: Array) -> list[Constants]:
+    return [{"v0": float(one * np.max(v))} for one in SETTLING if np.max(v) > 0.0]
+
+
+def _apart(ops: Any, v: Any, v0: Any, turning: bool) -> Any:
+    """v - v0, on a turn the shorter way."""
+    return 2.0 * ops.sin((v - v0) / 2.0) if turning else v - v0
+
+
+SIGNED, ANY = (RATE, INPUT, STATE, POSITION, POWER), (POSITION, RATE, INPUT, STATE, POWER, FORCE)
+
+SHAPES: tuple[Shape, ...] = (
+    Shape("linear", lambda ops, v, c: v, "{v}", "grows with", (*ANY, TIME), 1, odd=True),
+    Shape("quadratic", lambda ops, v, c: v * ops.fabs(v), "{v} |{v}|", "grows with the square, and the sign, of",
+          (RATE, INPUT, STATE), 2, odd=True),
+    Shape("square", lambda ops, v, c: v**2, "{v}^2", "grows with the square of", (*ANY, TIME), 2),
+    Shape("cubic", lambda ops, v, c: v**3, "{v}^3", "grows with the cube of", (RATE, INPUT, POSITION, STATE), 3,
+          odd=True),
+    Shape("magnitude", lambda ops, v, c: ops.fabs(v), "|{v}|", "grows with the size of", ANY, 1),
+    Shape("threshold", lambda ops, v, c: v - ops.fmin(ops.fmax(v, -c["v0"]), c["v0"]),
+          "sign({v}) max(|{v}| - v0, 0)", "begins where its size passes a threshold: it follows", SIGNED, 1, ("v0",),
+          _levels, odd=True),
+    Shape("saturation", lambda ops, v, c: ops.fmin(ops.fmax(v / c["v0"], -1.0), 1.0),
+          "min(max({v}/v0, -1), 1)", "grows up to a limit with", SIGNED, 0, ("v0",), _levels, odd=True),
+    Shape("peak", lambda ops, v, c: 2.0 * (v / c["v0"]) / (1.0 + (v / c["v0"]) ** 2),
+          "2 ({v}/v0) / (1 + ({v}/v0)^2)", "rises to a peak and falls again with", (RATE, INPUT, STATE), 0, ("v0",),
+          _levels, odd=True),
+    Shape("above", lambda ops, v, c: ops.fmax(v - c["v0"], 0.0), "max({v} - v0, 0)",
+          "begins above a value of", (*ANY, TIME), 1, ("v0",), _places),
+    Shape("below", lambda ops, v, c: ops.fmax(c["v0"] - v, 0.0), "max(v0 - {v}, 0)",
+          "begins below a value of", ANY, 1, ("v0",), _places),
+    Shape("settling", lambda ops, v, c: 1.0 - ops.exp(-v / c["v0"]), "(1 - exp(-{v}/v0))", "settles with", (TIME,), 0,
+          ("v0",), _times),
+)  # fmt: skip
+
+
+def _well_of(turning: bool) -> Shape:
+    return Shape(
+        "well",
+        lambda ops, v, c: ops.exp(-((_apart(ops, v, c["v0"], turning) / c["w"]) ** 2) / 2.0),
+        "exp(-(({v} - v0)/w)^2/2)", "sits at one value of", (POSITION, RATE, STATE, INPUT), 0, ("v0", "w"), _wells,
+    )  # fmt: skip
+
+
+def _detent_of(turning: bool) -> Shape:
+    """The force of a well in the potential: it pulls from both sides."""
+
+    def force(ops: Any, v: Any, c: Constants) -> Any:
+        x = _apart(ops, v, c["v0"], turning) / c["w"]
+        return -x * ops.exp((1.0 - x**2) / 2.0)
+
+    return Shape("detent", force, "x exp((1 - x^2)/2), x = (v0 - {v})/w", "pulls to one value of", (POSITION,), 0,
+                 ("v0", "w"), _wells)  # fmt: skip
+
+
+WELLS = {turning: _well_of(turning) for turning in (False, True)}
+DETENTS = {turning: _detent_of(turning) for turning in (False, True)}
+WAVE = Shape("wave", lambda ops, v, c: ops.sin(c["n"] * v + c["phi"]), "sin(n {v} + phi)", "comes back in waves of",
+             (POSITION, TIME), 0, ("n",), _waves, phased=True)  # fmt: skip
+
+
+def shapes_of(axis: Axis) -> list[Shape]:
+    """Those that may follow an axis."""
+    own = (*SHAPES, WELLS[axis.turning], DETENTS[axis.turning], WAVE)
+    # a turning angle has no size and no direction: what follows it comes back after a turn
+    plain = [one for one in own if axis.kind in one.kinds]
+    return [one for one in plain if one.name in ("well", "detent", "wave")] if axis.turning else plain

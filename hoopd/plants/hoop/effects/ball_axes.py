@@ -1,0 +1,38 @@
+"""What mechanisms at a rolling ball may depend on beside its angle: the turning of the ball, and the normal force.
+
+Rules of this file: axes only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.base import Point
+from hoopd.plants.effects.grammar.axes import FORCE, POSITION, Axis
+
+
+def axes(plant: Plant, slot: str) -> Iterable[Axis]:
+    """Of the slot of a rolling ball."""
+    if plant.slots[slot].kind != "rolling_ball":
+        return
+    yield Axis(
+        "load", "N", "N", FORCE, _load, "the normal force of the ball", coordinates=("psi",)
+    )  # fmt: skip
+    if "theta" in plant.coordinates:
+        # phi = (Ro/Rb) (theta - psi): where on the ball the contact is
+        yield Axis(
+            "phi", "phi", "rad", POSITION, lambda s: s.p["Ro"] / s.p["Rb"] * (s.theta - s.psi),
+            "the turning of the ball", True, ("theta", "psi"),
+            lambda s: s.p["Ro"] / s.p["Rb"] * (s.dtheta - s.dpsi),
+        )  # fmt: skip
+
+
+def _load(s: Point) -> Any:
+    # N = m ((Ro-Rb) psi'^2 + g cos psi), of arrays, too
+    cos = np.cos if isinstance(s.psi, np.ndarray) else ca.cos
+    return s.p["mb"] * ((s.p["Ro"] - s.p["Rb"]) * s.dpsi**2 + s.p["g"] * cos(s.psi))

@@ -1,0 +1,124 @@
+"""Mechanisms beyond the library: what no name explains is found with its formula, and nothing where nothing is hidden.
+
+The plant is a slide; what is recorded comes from a simulator of this file, which shares no code with the grammar.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hoopd.diagnose.search.candidates import Judge, Settings
+from hoopd.diagnose.search.mechanism_screen import MechanismScreen
+from hoopd.diagnose.search.mechanism_search import name_mechanisms
+from hoopd.diagnose.search.naming import Named, name_effects
+from hoopd.plants.declaration import Channel, Input, Plant, Slot
+from hoopd.plants.effects.grammar.mechanisms import mechanisms
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import fit
+from hoopd.plants.likelihood.stretches import Stretch, stretch_of
+
+STEP_S, SUBSTEP_S = 0.02, 1e-3
+PUSH_N, PUSH_S, RULER_M = 0.2, 0.15, 2e-4
+SLIDE = Plant(
+    name="slide",
+    coordinates=("x",),
+    accelerations=lambda s, force: (force - s.p["c"] * s.dx) / s.p["m"],
+    inputs=(Input("F", "N", 10.0, "x"),),
+    values={"m": 2.0, "c": 3.0},
+    free=("m", "c"),
+    bounds={"m": (0.1, 10.0), "c": (0.0, 100.0)},
+    channels={"x": Channel("x", "m", "ruler")},
+    slots={
+        "drive": Slot("actuator", "x"),
+        "slide": Slot("body", "x", speed=1.0, viscous=lambda s: s.p["c"]),
+        "ruler": Slot("sensor", "x", ("x",)),
+    },
+    units={"m": "kg", "c": "N s/m", "x": "m"},
+)
+Law = Callable[[float, float, float, dict[str, float]], float]
+
+
+def nothing(x: float, v: float, u: float, memory: dict[str, float]) -> float:
+    return 0.0
+
+
+def bumper(x: float, v: float, u: float, memory: dict[str, float]) -> float:
+    """A spring that begins at 0.35 m."""
+    return -8.0 * max(x - 0.35, 0.0)
+
+
+def bristles(x: float, v: float, u: float, memory: dict[str, float]) -> float:
+    """Dahl's friction, 0.9 N after some 60 mm."""
+    memory["z"] = memory.get("z", 0.0) + SUBSTEP_S * (v - abs(v) * memory.get("z", 0.0)) / 0.06
+    return -0.9 * memory["z"]
+
+
+def warming(x: float, v: float, u: float, memory: dict[str, float]) -> float:
+    """A drive whose force fades with the heat of the last 3 s."""
+    memory["T"] = memory.get("T", 0.0) + SUBSTEP_S * (u**2 - memory.get("T", 0.0)) / 3.0
+    return -0.012 * memory["T"] * u
+
+
+def recorded(name: str, seed: int, law: Law, seconds: float = 16.0) -> Stretch:
+    """A mass of 2.1 kg on 3.2 N s/m under a force of several levels that takes it back to the middle."""
+    random, n = np.random.default_rng(seed), round(seconds / STEP_S)
+    levels = np.repeat(random.choice([-5.0, -2.0, 2.0, 5.0], n // 15 + 1), 15)[:n]
+    force, x, v, push, seen = np.zeros(n), 0.0, 0.0, 0.0, [0.0]
+    keep, memory = np.exp(-STEP_S / PUSH_S), dict[str, float]()
+    for k in range(n):
+        force[k] = np.clip(levels[k] - 4.0 * x, -9.0, 9.0)
+        push = keep * push + np.sqrt(1.0 - keep**2) * PUSH_N * random.normal()
+        for _ in range(round(STEP_S / SUBSTEP_S)):
+            v += SUBSTEP_S / 2.1 * (force[k] + push - 3.2 * v + law(x, v, force[k], memory))
+            x += SUBSTEP_S * v
+        seen.append(x)
+    y = np.array(seen) + RULER_M * random.normal(size=n + 1)
+    return stretch_of(name, SLIDE, np.arange(n + 1) * STEP_S, force, {"x": (np.arange(n + 1), y)})
+
+
+def searched(law: Law) -> Named:
+    """Library first, then the grammar."""
+    train, held = [recorded("day1", 1, law), recorded("day2", 2, law)], [recorded("day3", 3, law, 10.0)]
+    known = {name: one for name, one in library(SLIDE).items() if one.found_by == "screen"}
+    settings = Settings()
+    nominal = fit(train, (), SLIDE.values, move=False)
+    base = fit(train, (), SLIDE.values, like=nominal, noise=nominal.noise)
+    found = name_effects(train, held, known, nominal, base, settings)
+    name_mechanisms(found, Judge(train, held, known, settings), [*mechanisms(SLIDE).values()])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("law", "names", "sizes"),
+    [
+        (bumper, ("slide.above_of_x",), {"A": (-10.0, -6.0), "v0": (0.31, 0.38)}),
+        (bristles, ("slide.dahl_of_x",), {"A": (0.7, 1.1), "xs": (0.04, 0.08)}),
+        (warming, ("drive.heat_of_f_squared_on_f",), {"A": (-0.016, -0.008), "T": (1.5, 5.0)}),
+    ],
+    ids=lambda one: getattr(one, "__name__", ""),
+)
+def test_what_no_name_explains_is_found_with_its_law(
+    law: Law, names: tuple[str, ...], sizes: dict[str, tuple[float, float]]
+) -> None:
+    found = searched(law)
+    assert found.final.names == names, found.losses
+    assert found.losses[names[0]] > 20.0
+    for name, (low, high) in sizes.items():
+        assert low < found.final.values[f"{names[0]}.{name}"] < high, name
+
+
+def test_where_nothing_is_hidden_nothing_is_found() -> None:
+    assert searched(nothing).final.names == ()
+
+
+def test_levels_of_a_screen_come_from_its_own_columns() -> None:
+    """The best of all mechanisms on white rows is as surprising as the drawn level says."""
+    train = [recorded("day1", 1, nothing)]
+    screen = MechanismScreen(fit(train, (), SLIDE.values), [*mechanisms(SLIDE).values()])
+    assert 10.0 < screen.null.tries < 1e4
+    assert screen.null.threshold(0.01) > screen.null.threshold(0.1)
+    best = max((one.surprise for one in screen.proposals()), default=0.0)
+    assert best < screen.null.threshold(0.001)

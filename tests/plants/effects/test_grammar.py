@@ -1,0 +1,127 @@
+"""The grammar of mechanisms: names, formulas, memories, and models that have them."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hoopd.plants.composite import Composite
+from scipy.integrate import solve_ivp
+
+from hoopd.plants.effects.grammar.axes import INPUT, POSITION
+from hoopd.plants.effects.grammar.mechanisms import READING, mechanism_named, mechanisms
+from hoopd.plants.effects.grammar.memories import MEMORIES, Memory
+from hoopd.plants.effects.library import library
+from hoopd.plants.free_run import run
+from hoopd.plants.registry import plant_named
+
+PLANTS = ("hoop", "axis", "pendulum", "falling", "tanks")
+CONSTANTS = {"xs": 0.2, "b": 0.15, "T": 0.3, "W": 0.8, "w": 12.0}
+
+
+def sweep(t: np.ndarray) -> np.ndarray:
+    """A way that goes to and fro."""
+    return np.sin(2.0 * t) + 0.4 * np.sin(5.3 * t)
+
+
+@pytest.mark.parametrize("memory", MEMORIES, ids=lambda one: f"{one.name}-{one.kinds[0]}")
+def test_memory_follows_its_rates(memory: Memory) -> None:
+    """The recursion over samples is the law that the model integrates."""
+    constants = {memory.constant: CONSTANTS[memory.constant], "zeta": 0.1}
+    shortest = 1e-4
+    # an input that turns back at other times than the way
+    driven = memory.kinds == (INPUT,)
+    v_of = (lambda t: np.cos(3.1 * t)) if driven else sweep
+
+    def slope(t: float) -> float:
+        return float((sweep(t + 1e-5) - sweep(t - 1e-5)) / 2e-5)
+
+    def rates(t: float, z: np.ndarray) -> np.ndarray:
+        return np.array(memory.rates(np, z, float(v_of(t)), slope(t), constants, shortest), dtype=float)
+
+    t = np.arange(0.0, 6.0, 0.002)
+    begin = [float(v_of(0.0)), 0.0] if memory.states == 2 else [0.0]
+    states = solve_ivp(rates, (0.0, t[-1]), begin, t_eval=t, max_step=0.002, rtol=1e-6, atol=1e-8, method="LSODA").y
+    expected = np.array([memory.value(np, states[:, k], float(v_of(t[k]))) for k in range(len(t))])
+    found = memory.along(v_of(t), sweep(t), t, constants)
+    # a reversal may fall a sample earlier or later
+    assert np.quantile(np.abs(found - expected), 0.99) < 0.02 * max(1.0, float(np.ptp(expected)))
+    assert np.ptp(expected) > 0.05
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_names_are_of_one_form_and_give_the_same_effect_again(plant: str) -> None:
+    declared = plant_named(plant)
+    every = mechanisms(declared)
+    assert not set(every) & set(library(declared))
+    for name, one in every.items():
+        slot, _, law = name.partition(".")
+        assert slot in declared.slots
+        assert "_of_" in law
+        assert one.effect.formula
+        assert "{" not in one.effect.formula
+    for name in [*every][::25]:
+        again = mechanism_named(declared, name)
+        assert again is not None
+        assert (again.name, again.parameters) == (every[name].effect.name, every[name].effect.parameters)
+    assert mechanism_named(declared, "hoop.nothing_of_theta") is None
+
+
+@pytest.mark.parametrize("plant", ["hoop", "axis", "pendulum"])
+def test_a_mechanism_of_no_size_leaves_the_model_as_it_is(plant: str) -> None:
+    declared = plant_named(plant)
+    t = np.arange(8) * declared.time_scale_s
+    start = [0.2 * (i % 2 + 0.5) for i in range(len(declared.states))]
+    inputs = max(1, len(declared.inputs))
+    u = np.full(7, 0.1 * declared.usual_input) if inputs == 1 else np.zeros((7, inputs))
+    # one of each law, memory and way of acting
+    kinds = {
+        (m.site.acts, m.site.slot, (m.shape or m.memory), bool(m.factor)): m for m in mechanisms(declared).values()
+    }
+    for one in [*kinds.values()][::5]:
+        effect = one.effect
+        with_it = Composite(declared, (effect,))
+        plain = Composite(declared, (), with_it.substeps)
+        z = run(with_it, {}, start, t, u)[:, : len(declared.states)]
+        assert np.array_equal(z, run(plain, {}, start, t, u)), one.name
+        sizes = {effect.key("A"): 1e-3 * declared.usual_input}
+        assert np.isfinite(run(with_it, sizes, start, t, u)).all(), one.name
+
+
+def test_what_takes_energy_never_gives_any() -> None:
+    """Mechanisms that say so act against the motion; their amplitude has no other sign."""
+    plant = plant_named("axis")
+    x = np.linspace(-0.4, 0.4, 41)
+    for one in mechanisms(plant).values():
+        if not one.dissipates or one.memory is not None or one.site.acts == READING:
+            continue
+        assert one.effect.parameter("A").low == 0.0
+        constants = dict.fromkeys(one.constants, 0.1)
+        point = plant.point([np.full(41, 0.05), x], dict(plant.values), 0.0, 0.0)
+        law = np.asarray(one.shape.of(np, np.asarray(one.axis.of(point), dtype=float), constants))  # type: ignore[union-attr]
+        factor = 1.0 if one.factor is None else np.asarray(one.factor.of(point))
+        assert np.all(one.sign * law * factor * x <= 1e-12), one.name
+
+
+def test_symbols_and_arrays_get_the_same_formula() -> None:
+    plant = plant_named("hoop")
+    v = np.linspace(-2.0, 2.0, 31)
+    for one in mechanisms(plant).values():
+        if one.shape is None:
+            continue
+        constants = dict.fromkeys(one.constants, 0.7) | ({"phi": 0.3} if one.shape.phased else {})
+        x = ca.SX.sym("x")
+        symbolic = ca.Function("f", [x], [one.shape.of(ca, x, constants)])
+        found = np.array([float(symbolic(value)) for value in v[::6]])
+        assert np.allclose(found, one.shape.of(np, v[::6], constants), atol=1e-12), one.name
+
+
+def test_a_tilted_axis_has_both_positions_and_their_difference() -> None:
+    names = mechanisms(plant_named("hoop"))
+    for wanted in (
+        "hoop.detent_of_theta", "ball.cubic_of_psi", "ball.dahl_of_psi_less_theta_pair", "hoop.dahl_of_theta",
+        "actuator.reversal_of_u_on_u", "actuator.heat_of_u_squared_on_u", "encoder.play_of_theta_in_theta",
+        "ball.well_of_phi", "ball.square_of_load", "hoop.wear_of_theta_on_dtheta", "camera.quadratic_of_dpsi_in_psi",
+    ):  # fmt: skip
+        assert wanted in names, wanted
+    assert names["hoop.dahl_of_theta"].axis.kind == POSITION
