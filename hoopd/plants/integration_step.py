@@ -196,6 +196,7 @@ class Motion:
         their drives, and what is added to the rates of first-order states."""
         torque = self._torque_inside(x, u, t, p)
         s = self._plant.point(x, p, torque, t)
+        s.demand = split_inputs(u, len(self._plant.inputs))[0]
         force = {q: w[i] for i, q in enumerate(self._disturbed)}
         for one in self._plant.inputs:
             if one.coordinate is not None:

@@ -26,13 +26,17 @@ ROLES = ("amplitude", "phase", "shape")
 
 
 class Point:
-    """Named view of where the plant is: states and inputs by name, `u` (first input), `t` (s), parameters `p`."""
+    """Named view of where the plant is: states and inputs by name, `u` (first input), `t` (s), parameters `p`.
+
+    `demand` is the first input as demanded; where effects of its drive have changed it, `u` is what they made of it.
+    """
 
     def __init__(
         self, names: Mapping[str, Any], p: Mapping[str, Any], u: Any = 0.0, t: Any = 0.0, first_input: str = ""
     ) -> None:
         """`first_input`: the name under which `names` has `u`, too."""
         self._names, self.p, self.u, self.t, self._first_input = dict(names), p, u, t, first_input
+        self.demand = u
 
     def __getattr__(self, name: str) -> Any:
         try:
@@ -47,7 +51,9 @@ class Point:
         """The same point with some names changed."""
         if u is not None and self._first_input:
             names = {self._first_input: u, **names}
-        return Point({**self._names, **names}, self.p, self.u if u is None else u, self.t, self._first_input)
+        found = Point({**self._names, **names}, self.p, self.u if u is None else u, self.t, self._first_input)
+        found.demand = self.demand
+        return found
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Point
-from hoopd.plants.effects.slots import turns, units
+from hoopd.plants.effects.usual_sizes import turns, units
 
 # Kinds of axes: what a shape needs to know of its variable.
 POSITION, RATE, INPUT, POWER, TIME = "position", "rate", "input", "power", "time"
@@ -111,7 +111,7 @@ def state(plant: Plant, name: str) -> Axis:
 def demand(plant: Plant) -> Axis:
     """The first input, as demanded."""
     name = plant.inputs[0].name
-    return Axis(name, name, plant.inputs[0].unit, INPUT, lambda s: s.u, "the demand")
+    return Axis(name, name, plant.inputs[0].unit, INPUT, lambda s: s.demand, "the demand")
 
 
 def driving(plant: Plant, q: str) -> Axis:
@@ -131,7 +131,9 @@ def power(plant: Plant, q: str) -> Axis:
 def losses(plant: Plant, q: str) -> Iterator[Axis]:
     """What warms a drive or a bearing: the square of the input, and the size of the power."""
     first, name = demand(plant), plant.inputs[0].name
-    yield Axis(f"{name}_squared", f"{name}^2", f"({first.unit})^2", LOSS, lambda s: s.u**2, "the square of the demand")
+    yield Axis(
+        f"{name}_squared", f"{name}^2", f"({first.unit})^2", LOSS, lambda s: s.demand**2, "the square of the demand"
+    )
     if q:
         speed = rate(plant, q)
         yield Axis(f"d{q}_squared", f"{q}'^2", f"({speed.unit})^2", LOSS, lambda s: getattr(s, f"d{q}") ** 2,

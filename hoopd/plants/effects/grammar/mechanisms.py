@@ -40,7 +40,7 @@ from hoopd.plants.effects.grammar.axes import (
 )
 from hoopd.plants.effects.grammar.memories import DAMPING, MEMORIES, Memory
 from hoopd.plants.effects.grammar.shapes import Shape, shapes_of
-from hoopd.plants.effects.slots import units
+from hoopd.plants.effects.usual_sizes import units
 
 Array = NDArray[np.float64]
 
