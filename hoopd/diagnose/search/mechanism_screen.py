@@ -41,7 +41,7 @@ COLOURED = 40
 
 
 @dataclass(frozen=True)
-class Proposal:
+class ProposedMechanism:
     """A mechanism at its best constants beside a fit."""
 
     mechanism: Mechanism
@@ -147,7 +147,7 @@ class MechanismScreen:
     def _projected(self, x: Array) -> Array:
         return np.asarray(x - self._basis @ (self._basis.T @ x))
 
-    def proposals(self, least: float = 0.0) -> list[Proposal]:
+    def proposals(self, least: float = 0.0) -> list[ProposedMechanism]:
         """The best of each mechanism, most surprising first; those above `least` nats of gain."""
         order: dict[str, int] = {}
         counts: dict[str, int] = {}
@@ -160,7 +160,7 @@ class MechanismScreen:
         found = [self._proposal(i, counts[self._choices[i].mechanism.name]) for i in chosen]
         return sorted(found, key=lambda one: -(one.surprise - one.effect.cost_nats))
 
-    def _proposal(self, index: int, looked_at: int) -> Proposal:
+    def _proposal(self, index: int, looked_at: int) -> ProposedMechanism:
         choice = self._choices[index]
         raw, _ = self._raw([choice])
         z = self._projected(raw)
@@ -172,7 +172,7 @@ class MechanismScreen:
         shapes = [(len(t.z), len(t.composite.channels)) for t in self.fit.tracks]
         inflated = colour(unit, self.residual, shapes) if unit.shape[1] else 1.0
         beyond = surprise(gain / inflated, choice.columns, looked_at)
-        return Proposal(
+        return ProposedMechanism(
             choice.mechanism, choice.constants, gain, choice.columns, looked_at, beyond, _start(choice, weights),
             z @ weights,
         )  # fmt: skip

@@ -14,7 +14,7 @@ from dataclasses import replace
 from math import exp
 
 from hoopd.diagnose.search.candidates import Judge, Tried, surprise_of
-from hoopd.diagnose.search.mechanism_screen import MechanismScreen, Proposal
+from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMechanism
 from hoopd.diagnose.search.naming import NEAR_SHARE, Named, reconsider, taken_out
 from hoopd.diagnose.search.scan_score import scanned
 from hoopd.diagnose.search.screen import Member, Score
@@ -76,7 +76,7 @@ def _scores(screen: MechanismScreen, about: HypothesisFit) -> list[Score]:
     return sorted(found, key=lambda one: -_worth(one))
 
 
-def _score(one: Proposal, cost: float, about: HypothesisFit) -> Score:
+def _score(one: ProposedMechanism, cost: float, about: HypothesisFit) -> Score:
     member = Member(one.effect, dict(one.constants), ())
     worth = one.surprise - one.effect.cost_nats - cost
     places = exp(min(-log_chance(one.gain, one.columns) - worth, 600.0))

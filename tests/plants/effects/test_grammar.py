@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from hoopd.plants.effects.grammar.axes import INPUT, POSITION
 from hoopd.plants.effects.grammar.mechanisms import READING, mechanism_named, mechanisms
-from hoopd.plants.effects.grammar.memories import MEMORIES, Memory
+from hoopd.plants.effects.grammar.memories import MEMORIES, MemoryLaw
 from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import run
 from hoopd.plants.registry import plant_named
@@ -25,7 +25,7 @@ def sweep(t: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("memory", MEMORIES, ids=lambda one: f"{one.name}-{one.kinds[0]}")
-def test_memory_follows_its_rates(memory: Memory) -> None:
+def test_memory_follows_its_rates(memory: MemoryLaw) -> None:
     """The recursion over samples is the law that the model integrates."""
     constants = {memory.constant: CONSTANTS[memory.constant], "zeta": 0.1}
     shortest = 1e-4

@@ -38,8 +38,8 @@ from hoopd.plants.effects.grammar.axes import (
     relative,
     state,
 )
-from hoopd.plants.effects.grammar.memories import DAMPING, MEMORIES, Memory
-from hoopd.plants.effects.grammar.shapes import Shape, shapes_of
+from hoopd.plants.effects.grammar.memories import DAMPING, MEMORIES, MemoryLaw
+from hoopd.plants.effects.grammar.shapes import ShapeLaw, shapes_of
 from hoopd.plants.effects.usual_sizes import units
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ TAKING = ("square", "magnitude", "well")
 
 
 @dataclass(frozen=True)
-class Site:
+class ActingPlace:
     """Where a mechanism acts: its slot, the way, and with which weight on which coordinate or channel."""
 
     slot: str
@@ -73,13 +73,13 @@ class Mechanism:
 
     Attributes
     ----------
-    site : Site
+    site : ActingPlace
         Where it acts.
     axis : Axis
         The variable.
-    shape : Shape, optional
+    shape : ShapeLaw, optional
         How it follows the variable; None where a memory does.
-    memory : Memory, optional
+    memory : MemoryLaw, optional
         What it remembers of the variable.
     factor : Axis, optional
         What the whole multiplies.
@@ -87,15 +87,15 @@ class Mechanism:
         It takes energy away: -A with A >= 0.
     """
 
-    site: Site
+    site: ActingPlace
     axis: Axis
-    shape: Shape | None = None
-    memory: Memory | None = None
+    shape: ShapeLaw | None = None
+    memory: MemoryLaw | None = None
     factor: Axis | None = None
     dissipates: bool = False
 
     @property
-    def _law(self) -> Shape | Memory:
+    def _law(self) -> ShapeLaw | MemoryLaw:
         found = self.shape or self.memory
         assert found is not None
         return found
@@ -283,7 +283,7 @@ def code_nats(count: int) -> float:
 
 def _of_slot(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
     if slot.kind == "body" and slot.coordinate:
-        yield from _of_body(plant, Site(name, FORCE, {slot.coordinate: 1.0}, plant.force_unit), slot.coordinate)
+        yield from _of_body(plant, ActingPlace(name, FORCE, {slot.coordinate: 1.0}, plant.force_unit), slot.coordinate)
     elif slot.kind == "rolling_ball":
         yield from _of_rolling(plant, name, slot.coordinate)
     elif slot.kind == "actuator" and plant.inputs:
@@ -292,7 +292,7 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
         yield from _of_sensor(plant, name, slot)
 
 
-def _of_body(plant: Plant, site: Site, q: str) -> Iterator[Mechanism]:
+def _of_body(plant: Plant, site: ActingPlace, q: str) -> Iterator[Mechanism]:
     own = rate(plant, q)
     for axis in (*motions(plant, q), *_own_axes(plant, site.slot)):
         yield from _followed(site, axis, own)
@@ -308,7 +308,7 @@ def _of_body(plant: Plant, site: Site, q: str) -> Iterator[Mechanism]:
             yield from (Mechanism(site, axis, memory=memory, factor=own) for memory in _memories("heat"))
 
 
-def _followed(site: Site, axis: Axis, own: Axis) -> Iterator[Mechanism]:
+def _followed(site: ActingPlace, axis: Axis, own: Axis) -> Iterator[Mechanism]:
     """Forces that follow one axis."""
     for shape in shapes_of(axis):
         mine = axis.coordinates == own.coordinates and axis.kind == RATE
@@ -322,14 +322,14 @@ def _followed(site: Site, axis: Axis, own: Axis) -> Iterator[Mechanism]:
 
 def _of_rolling(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
     """Forces on the ball alone, and those between it and what it rolls in."""
-    yield from _of_body(plant, Site(name, FORCE, {q: 1.0}, plant.force_unit), q)
+    yield from _of_body(plant, ActingPlace(name, FORCE, {q: 1.0}, plant.force_unit), q)
     others = [one for one in plant.coordinates if one != q]
-    pair = Site(name, FORCE, {q: 1.0, **dict.fromkeys(others, -1.0)}, plant.force_unit)
+    pair = ActingPlace(name, FORCE, {q: 1.0, **dict.fromkeys(others, -1.0)}, plant.force_unit)
     for other in others:
         yield from _between(plant, pair, q, other)
 
 
-def _between(plant: Plant, site: Site, q: str, other: str) -> Iterator[Mechanism]:
+def _between(plant: Plant, site: ActingPlace, q: str, other: str) -> Iterator[Mechanism]:
     place, speed = relative(plant, q, other)
     mine, its = _paired(place), _paired(speed)
     for shape in shapes_of(mine):
@@ -355,7 +355,7 @@ def _own_axes(plant: Plant, slot: str) -> Sequence[Axis]:
     return () if plant.own_axes is None else tuple(plant.own_axes(plant, slot))
 
 
-def _coefficients(axis: Axis) -> list[Shape]:
+def _coefficients(axis: Axis) -> list[ShapeLaw]:
     """Shapes that a friction's coefficient may have."""
     names = (*TAKING, "threshold", "above", "below", "wave", "linear")
     return [one for one in shapes_of(axis) if one.name in names]
@@ -363,7 +363,7 @@ def _coefficients(axis: Axis) -> list[Shape]:
 
 def _of_actuator(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
     first = demand(plant)
-    site = Site(name, TORQUE, {q: 1.0}, first.unit)
+    site = ActingPlace(name, TORQUE, {q: 1.0}, first.unit)
     if not q:
         return
     for shape in shapes_of(first):
@@ -393,7 +393,7 @@ def _of_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
             continue
         q = read.removeprefix("d") if read.removeprefix("d") in plant.coordinates else ""
         own = [position(plant, q), rate(plant, q)] if q else [state(plant, read)]
-        site = Site(name, READING, {channel: 1.0}, plant.channels[channel].unit or units(plant, q).coordinate)
+        site = ActingPlace(name, READING, {channel: 1.0}, plant.channels[channel].unit or units(plant, q).coordinate)
         for axis in (*own, CLOCK):
             for shape in shapes_of(axis):
                 if not (axis.kind == POSITION and axis.turning and shape.name == "wave"):
@@ -403,5 +403,5 @@ def _of_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
                     yield Mechanism(site, axis, memory=memory)
 
 
-def _memories(*names: str) -> Sequence[Memory]:
+def _memories(*names: str) -> Sequence[MemoryLaw]:
     return [one for one in MEMORIES if one.name in names]

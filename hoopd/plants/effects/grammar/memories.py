@@ -39,7 +39,7 @@ DAMPING, LARGEST_DAMPING = 0.1, 0.99
 
 
 @dataclass(frozen=True)
-class Memory:
+class MemoryLaw:
     """One law of this file.
 
     Attributes
@@ -169,7 +169,7 @@ def _sign_of(kind: str) -> Callable[[Any, Any, Any], Any]:
     return (lambda ops, v, dv: ops.sign(dv)) if kind == POSITION else (lambda ops, v, dv: ops.sign(v))
 
 
-def _reversal(kind: str) -> Memory:
+def _reversal(kind: str) -> MemoryLaw:
     side = _sign_of(kind)
 
     def rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
@@ -189,7 +189,7 @@ def _reversal(kind: str) -> Memory:
         return np.asarray(1.0 - np.abs(_recursion(step, len(v))))
 
     turn = "changed its sign" if kind == INPUT else "turned back"
-    return Memory(
+    return MemoryLaw(
         "reversal", (kind,), rates, lambda ops, z, v: 1.0 - ops.fabs(z[0]), along, "W", lambda axis: axis.way_unit,
         _ways, f"exp(-s/W), s the way since {{v}} {turn}", "dies out after each reversal of",
     )  # fmt: skip
@@ -217,32 +217,32 @@ def _resonance_grid(v: Array, t: Array) -> list[float]:
     return [float(one) for one in np.geomspace(2 * np.pi / (SLOWEST_SAMPLES * h), np.pi / (2 * h), RESONANCES)]
 
 
-MEMORIES: tuple[Memory, ...] = (
-    Memory(
+MEMORIES: tuple[MemoryLaw, ...] = (
+    MemoryLaw(
         "dahl", (POSITION,), _dahl_rates, lambda ops, z, v: z[0], _dahl_along, "xs", lambda axis: axis.unit, _ways,
         "z, z' = ({v}' - |{v}'| z)/xs", "friction that gives way like a spring before it slides, along",
         dissipates=True,
     ),
-    Memory(
+    MemoryLaw(
         "play", (POSITION,), _play_rates, lambda ops, z, v: ops.fmin(ops.fmax(z[0], -1.0), 1.0), _play_along, "b",
         lambda axis: axis.unit, _ways, "z, z' = {v}'/b within -1..1", "play, or a spring that yields, along",
         dissipates=True,
     ),
-    Memory(
+    MemoryLaw(
         "lag", (RATE, INPUT, STATE), _lag_rates, lambda ops, z, v: z[0], _lag_along, "T", lambda axis: "s",
         _lags(LAG_SAMPLES), "z, T z' = {v} - z", "follows, with a lag,", scaled=True,
     ),
-    Memory(
+    MemoryLaw(
         "heat", (LOSS,), _lag_rates, lambda ops, z, v: z[0], _lag_along, "T", lambda axis: "s",
         _lags(HEAT_SAMPLES), "z, T z' = {v} - z", "warms up with, and cools down from,", scaled=True,
     ),
-    Memory(
+    MemoryLaw(
         "wear", (POSITION,), _wear_rates, lambda ops, z, v: z[0], _wear_along, "W", lambda axis: axis.unit, _wear_grid,
         "(1 - exp(-s/W)), s the way of {v}", "changes with the way that was gone along",
     ),
     _reversal(POSITION),
     _reversal(INPUT),
-    Memory(
+    MemoryLaw(
         "resonance", (RATE, INPUT, POSITION, STATE), _resonance_rates, lambda ops, z, v: z[0] - v, _resonance_along,
         "w", lambda axis: "rad/s", _resonance_grid,
         "(z - {v}), z'' = w^2 ({v} - z) - 2 zeta w z'",

@@ -34,7 +34,7 @@ WAVES_IN_RANGE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
 
 
 @dataclass(frozen=True)
-class Shape:
+class ShapeLaw:
     """A function of one variable.
 
     Attributes
@@ -109,57 +109,57 @@ def _apart(ops: Any, v: Any, v0: Any, turning: bool) -> Any:
 
 SIGNED, ANY = (RATE, INPUT, STATE, POSITION, POWER), (POSITION, RATE, INPUT, STATE, POWER, FORCE)
 
-SHAPES: tuple[Shape, ...] = (
-    Shape("linear", lambda ops, v, c: v, "{v}", "grows with", (*ANY, TIME), 1, odd=True),
-    Shape("quadratic", lambda ops, v, c: v * ops.fabs(v), "{v} |{v}|", "grows with the square, and the sign, of",
-          (RATE, INPUT, STATE), 2, odd=True),
-    Shape("square", lambda ops, v, c: v**2, "{v}^2", "grows with the square of", (*ANY, TIME), 2),
-    Shape("cubic", lambda ops, v, c: v**3, "{v}^3", "grows with the cube of", (RATE, INPUT, POSITION, STATE), 3,
-          odd=True),
-    Shape("magnitude", lambda ops, v, c: ops.fabs(v), "|{v}|", "grows with the size of", ANY, 1),
-    Shape("threshold", lambda ops, v, c: v - ops.fmin(ops.fmax(v, -c["v0"]), c["v0"]),
-          "sign({v}) max(|{v}| - v0, 0)", "begins where its size passes a threshold: it follows", SIGNED, 1, ("v0",),
-          _levels, odd=True),
-    Shape("saturation", lambda ops, v, c: ops.fmin(ops.fmax(v / c["v0"], -1.0), 1.0),
-          "min(max({v}/v0, -1), 1)", "grows up to a limit with", SIGNED, 0, ("v0",), _levels, odd=True),
-    Shape("peak", lambda ops, v, c: 2.0 * (v / c["v0"]) / (1.0 + (v / c["v0"]) ** 2),
-          "2 ({v}/v0) / (1 + ({v}/v0)^2)", "rises to a peak and falls again with", (RATE, INPUT, STATE), 0, ("v0",),
-          _levels, odd=True),
-    Shape("above", lambda ops, v, c: ops.fmax(v - c["v0"], 0.0), "max({v} - v0, 0)",
-          "begins above a value of", (*ANY, TIME), 1, ("v0",), _places),
-    Shape("below", lambda ops, v, c: ops.fmax(c["v0"] - v, 0.0), "max(v0 - {v}, 0)",
-          "begins below a value of", ANY, 1, ("v0",), _places),
-    Shape("settling", lambda ops, v, c: 1.0 - ops.exp(-v / c["v0"]), "(1 - exp(-{v}/v0))", "settles with", (TIME,), 0,
-          ("v0",), _times),
+SHAPES: tuple[ShapeLaw, ...] = (
+    ShapeLaw("linear", lambda ops, v, c: v, "{v}", "grows with", (*ANY, TIME), 1, odd=True),
+    ShapeLaw("quadratic", lambda ops, v, c: v * ops.fabs(v), "{v} |{v}|", "grows with the square, and the sign, of",
+             (RATE, INPUT, STATE), 2, odd=True),
+    ShapeLaw("square", lambda ops, v, c: v**2, "{v}^2", "grows with the square of", (*ANY, TIME), 2),
+    ShapeLaw("cubic", lambda ops, v, c: v**3, "{v}^3", "grows with the cube of", (RATE, INPUT, POSITION, STATE), 3,
+             odd=True),
+    ShapeLaw("magnitude", lambda ops, v, c: ops.fabs(v), "|{v}|", "grows with the size of", ANY, 1),
+    ShapeLaw("threshold", lambda ops, v, c: v - ops.fmin(ops.fmax(v, -c["v0"]), c["v0"]),
+             "sign({v}) max(|{v}| - v0, 0)", "begins where its size passes a threshold: it follows", SIGNED, 1, ("v0",),
+             _levels, odd=True),
+    ShapeLaw("saturation", lambda ops, v, c: ops.fmin(ops.fmax(v / c["v0"], -1.0), 1.0),
+             "min(max({v}/v0, -1), 1)", "grows up to a limit with", SIGNED, 0, ("v0",), _levels, odd=True),
+    ShapeLaw("peak", lambda ops, v, c: 2.0 * (v / c["v0"]) / (1.0 + (v / c["v0"]) ** 2),
+             "2 ({v}/v0) / (1 + ({v}/v0)^2)", "rises to a peak and falls again with", (RATE, INPUT, STATE), 0, ("v0",),
+             _levels, odd=True),
+    ShapeLaw("above", lambda ops, v, c: ops.fmax(v - c["v0"], 0.0), "max({v} - v0, 0)",
+             "begins above a value of", (*ANY, TIME), 1, ("v0",), _places),
+    ShapeLaw("below", lambda ops, v, c: ops.fmax(c["v0"] - v, 0.0), "max(v0 - {v}, 0)",
+             "begins below a value of", ANY, 1, ("v0",), _places),
+    ShapeLaw("settling", lambda ops, v, c: 1.0 - ops.exp(-v / c["v0"]), "(1 - exp(-{v}/v0))", "settles with",
+             (TIME,), 0, ("v0",), _times),
 )  # fmt: skip
 
 
-def _well_of(turning: bool) -> Shape:
-    return Shape(
+def _well_of(turning: bool) -> ShapeLaw:
+    return ShapeLaw(
         "well",
         lambda ops, v, c: ops.exp(-((_apart(ops, v, c["v0"], turning) / c["w"]) ** 2) / 2.0),
         "exp(-(({v} - v0)/w)^2/2)", "sits at one value of", (POSITION, RATE, STATE, INPUT), 0, ("v0", "w"), _wells,
     )  # fmt: skip
 
 
-def _detent_of(turning: bool) -> Shape:
+def _detent_of(turning: bool) -> ShapeLaw:
     """The force of a well in the potential: it pulls from both sides."""
 
     def force(ops: Any, v: Any, c: Constants) -> Any:
         x = _apart(ops, v, c["v0"], turning) / c["w"]
         return -x * ops.exp((1.0 - x**2) / 2.0)
 
-    return Shape("detent", force, "x exp((1 - x^2)/2), x = (v0 - {v})/w", "pulls to one value of", (POSITION,), 0,
+    return ShapeLaw("detent", force, "x exp((1 - x^2)/2), x = (v0 - {v})/w", "pulls to one value of", (POSITION,), 0,
                  ("v0", "w"), _wells)  # fmt: skip
 
 
 WELLS = {turning: _well_of(turning) for turning in (False, True)}
 DETENTS = {turning: _detent_of(turning) for turning in (False, True)}
-WAVE = Shape("wave", lambda ops, v, c: ops.sin(c["n"] * v + c["phi"]), "sin(n {v} + phi)", "comes back in waves of",
+WAVE = ShapeLaw("wave", lambda ops, v, c: ops.sin(c["n"] * v + c["phi"]), "sin(n {v} + phi)", "comes back in waves of",
              (POSITION, TIME), 0, ("n",), _waves, phased=True)  # fmt: skip
 
 
-def shapes_of(axis: Axis) -> list[Shape]:
+def shapes_of(axis: Axis) -> list[ShapeLaw]:
     """Those that may follow an axis."""
     own = (*SHAPES, WELLS[axis.turning], DETENTS[axis.turning], WAVE)
     # a turning angle has no size and no direction: what follows it comes back after a turn
