@@ -85,6 +85,7 @@ def diagnose(
     seed: int = 0,
     free_run: bool = True,
     free_run_choice: bool = False,
+    grammar: bool = True,
 ) -> Diagnosed:
     """Say where recordings and a model differ, name the physics that was left out, prove it on data never fitted.
 
@@ -108,6 +109,8 @@ def diagnose(
         Also refine and compare one run over whole recordings.
     free_run_choice : bool
         Look, too, for effects that make that run better (minutes).
+    grammar : bool
+        Also look for mechanisms that the library has no name for.
 
     Returns
     -------
@@ -140,6 +143,7 @@ def diagnose(
         seed=seed,
         free_run=free_run,
         free_run_choice=free_run_choice,
+        grammar=grammar,
     )
     outcome = searched(_sources(train, base.plant), _sources(held, base.plant, len(train)), base, asked)
     return Diagnosed(outcome, base)
