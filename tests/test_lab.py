@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import importlib
 import pkgutil
+from dataclasses import replace
 from pathlib import Path
 
 import control
@@ -27,6 +28,7 @@ from hoopd.plants.hoop.recordings.recorded_runs import Subject
 from hoopd.plants.model_file import load_model
 from hoopd.recording.edit import between
 
+PUMPED = lab.simulate(plant="tanks", input=(np.arange(60.0), 5e-5)).recorded
 TABLE = {"mb": 0.0608, "Ro": 0.0957, "Rb": 0.0104}  # weighed and measured
 
 
@@ -79,6 +81,17 @@ def test_a_changed_model_is_another_one_and_comes_back_from_its_file(thesis, tmp
         (lambda: lab.simulate(lab.model("hoop"), ([0, 1], 0.0), x0=[1, 2]), "x0 must be"),
         (lambda: lab.fit([]), "a recording or several"),
         (lambda: lab.fit("run.mcap"), "a recording or several"),
+        (lambda: lab.fit(PUMPED, plant="tanks", structure="rolling"), "--structure: belongs to the hoop"),
+        (lambda: lab.fit(PUMPED, plant="tanks", free="a3"), "a3"),
+        (lambda: lab.fit(PUMPED, "rollling"), "--structure: unknown 'rollling'; known: rolling"),
+        (lab.simulate, "simulate takes a model, or another plant"),
+        (lambda: lab.simulate(plant="tanks", input=PUMPED, window=1.0), "window is of the hoop"),
+        (lambda: lab.simulate(plant="tanks", input=PUMPED, moving="ball"), "--moving: belongs to the hoop"),
+        (lambda: lab.simulate(plant="tanks", input=PUMPED, x0={"h3": 1.0}), "x0: unknown h3; known: h1, h2"),
+        (lambda: lab.simulate(plant="tanks", input=([0, 1], {"v": 0.0})), "u of tanks is a mapping of q"),
+        (lambda: lab.simulate("hoop", ([0, 1], 0.0), step=3.0), "--step: must be"),
+        (lambda: lab.simulate("hoop", ([0, 1], 0.0), moving="all"), "--moving: unknown 'all'"),
+        (lambda: lab.experiment("steps", plant="axis", centring=0.01), "--centring: is of the device"),
         (lambda: lab.linearize(lab.model("hoop"), "phi"), "outputs must be"),
         (lambda: lab.linearize(lab.model("hoop"), delay=2), "give sample_time too"),
         (lambda: lab.linearize(lab.model("hoop"), top=True, psi=0.1), "nothing beside it"),
@@ -146,7 +159,7 @@ def test_the_same_seed_gives_the_same_experiment(recording):
 
 
 def test_an_option_that_the_command_does_not_have_is_refused():
-    with pytest.raises(ValueError, match="--colour"):
+    with pytest.raises(TypeError, match="colour"):
         lab.experiment("prbs", colour="red")
 
 
@@ -187,6 +200,36 @@ def test_fit_is_the_fit_of_the_room(recording):
     assert fitted.intervals == plain.intervals
     assert any("mb" in text for text in fitted.words)
     assert all(name in fitted.table() for name in ("Ih", "bh", "["))
+
+
+# ---------------------------------------------------------------------------------------------- another plant
+
+
+def test_another_plant_is_played_fitted_and_simulated_by_the_same_names(tmp_path):
+    run = lab.experiment("steps", plant="axis", duration=2, amplitude=60.0, file=tmp_path / "steps.mcap")
+    plant = lab.plant("axis")
+    start = replace(plant, values={**plant.values, "M": 1.3 * plant.values["M"]})
+    fitted = lab.fit(run, plant=start, free="M")
+    assert fitted.values["M"] == pytest.approx(plant.values["M"], rel=1e-6)
+    assert fitted.model.values["M"] == fitted.values["M"] == fitted.model.file.parameters["M"].value
+    again = lab.simulate(fitted.model, run)
+    assert again.percent["x"] == pytest.approx(100.0, abs=1e-3)
+    assert lab.linearize(fitted.model).poles == pytest.approx(lab.linearize(plant="axis").poles, abs=1e-6)
+    coarse = lab.simulate(plant="axis", input=run, x0=[0.0, 0.0], step=0.05)
+    assert coarse.run.percent != lab.simulate(plant="axis", input=run, x0={}).run.percent
+    known = lab.fit(run, plant="axis", free="M", prior={"M": (80.0, 1e-9)})
+    assert known.values["M"] == pytest.approx(80.0, rel=1e-6)
+
+
+def test_former_names_do_as_the_new_ones_and_say_so():
+    with pytest.warns(DeprecationWarning, match=r"lab.fit\(..., plant=PLANT\)"):
+        fitted = lab.fit_plant("tanks", PUMPED, free=())
+    assert fitted.intervals == {} and fitted.values == lab.plant("tanks").values
+    with pytest.warns(DeprecationWarning, match="lab.simulate"):
+        run = lab.simulate_plant("tanks", PUMPED, {"h1": 0.1})
+    assert run.percent == lab.simulate(plant="tanks", input=PUMPED, x0={"h1": 0.1}).percent
+    with pytest.warns(DeprecationWarning, match="torque is now input"):
+        lab.simulate("hoop", torque=([0, 1], 0.0))
 
 
 # ---------------------------------------------------------------------------------------------- linear, design

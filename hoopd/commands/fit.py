@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.commands.fit_options import settings_of
+from hoopd.commands.fit_options import settings_of, start_model
 from hoopd.commands.fit_plant import fit_other_plant
 from hoopd.commands.fit_record import record
 from hoopd.commands.inputs import read_ages, read_recording
@@ -26,7 +26,7 @@ from hoopd.plants.hoop.fitting.fit import FitSettings, FittedParameters, fit, mo
 from hoopd.plants.hoop.fitting.fit_percent import score
 from hoopd.plants.hoop.parameters import ParameterError
 from hoopd.plants.hoop.recordings.recorded_runs import Subject
-from hoopd.plants.model_file import parse_model
+from hoopd.plants.model_file import load_model, parse_model
 from hoopd.recording.recording import Recording
 
 Progress = Callable[[str], None]
@@ -40,12 +40,13 @@ def run(options: FitOptions, *, progress: Progress = lambda text: None) -> dict[
         return fit_other_plant(other, options, progress)
     recordings, holdout, out, figure = options.recordings, options.holdout, options.out, options.figure
     check_results(out, figure)
-    base, settings = settings_of(options)
+    base = load_model(start_model(options))
+    settings = settings_of(options, base)
     nominal = nominal_values(base, options.structure)
     train = [read_recording(text, options.columns, options.age, hold=options.hold) for text in recordings]
     held = [read_recording(text, options.columns, options.age, hold=options.hold) for text in holdout]
     refuse_shared([*zip(recordings, train, strict=True)], [*zip(holdout, held, strict=True)])
-    found = _fitted(train, nominal, settings, progress)
+    found = fitted(train, nominal, settings, progress)
     named = dict(zip(recordings, train, strict=True)), dict(zip(holdout, held, strict=True))
     result = record(found, base, options, *named, progress)
     result |= {"age_s": read_ages(options.age)} if options.age else {}
@@ -53,8 +54,11 @@ def run(options: FitOptions, *, progress: Progress = lambda text: None) -> dict[
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
 
 
-def _fitted(
-    train: Sequence[Recording], nominal: Mapping[str, float], settings: FitSettings, progress: Progress
+def fitted(
+    train: Sequence[Recording],
+    nominal: Mapping[str, float],
+    settings: FitSettings,
+    progress: Progress = lambda text: None,
 ) -> FittedParameters:
     """The fit; InputError when the numbers leave the computer's range on the way."""
     try:

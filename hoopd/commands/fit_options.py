@@ -6,6 +6,7 @@ Rules of this file: everything unusable is one `InputError` that names the optio
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 from hoopd.commands.inputs import read_values
 from hoopd.commands.options.fit import FitOptions
@@ -18,22 +19,27 @@ from hoopd.plants.hoop.fitting.fit import METHODS, FitSettings, nominal_values
 from hoopd.plants.hoop.fitting.free_parameters import scale_of
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, STRUCTURES, ParameterError, check_parameters
 from hoopd.plants.hoop.recordings.fit_data import CHANNELS
-from hoopd.plants.model_file import effects_of, load_model
+from hoopd.plants.model_file import effects_of
 
 
-def settings_of(options: FitOptions) -> tuple[ModelFile, FitSettings]:
-    """The model that a fit starts from, and its settings."""
+def start_model(options: FitOptions) -> Path:
+    """The file of the model that a fit of the hoop starts from."""
+    _one_of("--structure", options.structure, STRUCTURES)
+    return or_shipped(options.model or defaults_folder() / START_MODELS[options.structure])
+
+
+def settings_of(options: FitOptions, base: ModelFile) -> FitSettings:
+    """The settings of a fit that starts from a model."""
     _one_of("--structure", options.structure, STRUCTURES)
     _one_of("--loss", options.loss, LOSSES)
     _one_of("--method", options.method, METHODS)
-    base = load_model(or_shipped(options.model or defaults_folder() / START_MODELS[options.structure]))
     if options.kinematics and base.effects:
         raise InputError("--kinematics", "", "compares models without effects, and this one has some")
     nominal = nominal_values(base, options.structure)
     names = tuple(PARAMETER_UNITS[options.structure])
     if options.window_s is not None and not 0.2 <= options.window_s <= 1e4:
         raise InputError("--window", "", f"must be 0.2 to 10000 s, not {options.window_s:g}")
-    return base, FitSettings(
+    return FitSettings(
         structure=options.structure,
         free=_known("--free", options.free, names),
         fixed=_possible("--fix", options.structure, nominal, fixed_values(options.fix, nominal, names)),

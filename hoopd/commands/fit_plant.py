@@ -34,24 +34,35 @@ SHORTEST_WINDOW_SAMPLES = 10
 def fit_other_plant(model: PlantModel, options: FitOptions, progress: Callable[[str], None]) -> dict[str, Any]:
     """Fit, judge, write; the result as a record. InputError when anything cannot be used or written."""
     check_results(options.out, options.figure)
-    _refuse_hoops_own(options)
-    system, said = system_of(model)
-    plant, names = model.plant, tuple(system.nominal)
-    train, held = _read(plant, options, options.recordings), _read(plant, options, options.holdout)
+    train, held = _read(model.plant, options, options.recordings), _read(model.plant, options, options.holdout)
     refuse_shared(train, held)
-    fixed = fixed_values(options.fix, system.values, names)
-    free = [name for name in (options.free or plant.free) if name not in fixed]
-    priors = priors_of(options.prior, names, lambda name: system.bounds.get(name, (-1.0, 0.0))[0] >= 0.0)
-    found = fit_plant(
-        plant, [one for _, one in train], free, options.method, effects=system.effects,
-        values={**system.changed, **fixed}, priors=priors, channels=_channels(plant, options),
-        window_s=_window(plant, options), loss=options.loss, progress=progress,
-    )  # fmt: skip
+    found = fitted_plant(model, [one for _, one in train], options, progress)
+    start, said = system_of(model)
     progress("scoring")
-    result = _record(found, system, dict(train), dict(held), said)
+    result = _record(found, start, dict(train), dict(held), said)
     _write(found, model, train[0][1], options)
     paths = {"out": options.out, "figure": options.figure}
     return {**result, **{key: str(path) for key, path in paths.items() if path is not None}}
+
+
+def fitted_plant(
+    model: PlantModel,
+    recordings: Sequence[Recording],
+    options: FitOptions,
+    progress: Callable[[str], None] = lambda text: None,
+) -> PlantFit:
+    """The fit of a model to recordings; InputError for what is asked and cannot be."""
+    _refuse_hoops_own(options)
+    system, _ = system_of(model)
+    plant, names = model.plant, tuple(system.nominal)
+    fixed = fixed_values(options.fix, system.values, names)
+    free = [name for name in (options.free or plant.free) if name not in fixed]
+    priors = priors_of(options.prior, names, lambda name: system.bounds.get(name, (-1.0, 0.0))[0] >= 0.0)
+    return fit_plant(
+        plant, recordings, free, options.method, effects=system.effects,
+        values={**system.changed, **fixed}, priors=priors, channels=_channels(plant, options),
+        window_s=_window(plant, options), loss=options.loss, progress=progress,
+    )  # fmt: skip
 
 
 def _read(plant: Plant, options: FitOptions, texts: Sequence[str]) -> list[tuple[str, Recording]]:

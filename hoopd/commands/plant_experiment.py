@@ -39,10 +39,14 @@ FEWEST_ROWS = 2
 
 
 def run(options: ExperimentOptions) -> dict[str, Any]:
-    """Simulate and write; what was recorded. InputError: a signal that cannot be, a run that leaves all bounds."""
+    """Simulate the plant that is named, and write; what was recorded."""
+    return simulate(options, nominal_model(str(options.plant)).plant)
+
+
+def simulate(options: ExperimentOptions, plant: Plant) -> dict[str, Any]:
+    """Simulate a plant and write. InputError: a signal that cannot be, a run that leaves all bounds."""
     _refuse_device(options)
     check_results(options.out, options.figure)
-    plant = nominal_model(str(options.plant)).plant
     out, told = _target(options, plant), _operating_point(plant, options.at)
     plan = _plan(options, plant)
     t, u = _signal(plan, plant, told, options.seed)

@@ -46,11 +46,11 @@ def run(options: SimulateOptions) -> dict[str, Any]:
     check_results(out, figure)
     file = load_model(or_shipped(model))
     effects = None if options.without_effects or not file.effects else effects_of(file)
-    _check_step(step_s)
+    check_step(step_s)
     found = read_recording(options.recording, options.columns, options.age, hold=options.hold)
     start = None if options.x0 is None else read_values("--x0", options.x0, STATES)
     subject = Subject(file.structure, file.values(), step_s=step_s, effects=effects)
-    what = _moving(found, options.moving, file.device.encoder_counts)
+    what = moved(found, options.moving, file.device.encoder_counts)
     _check_start(what, start)
     whole = score(subject, found, start=start if start is not None else _rest(found), moving=what)
     windows = score(subject, found, window_s=WINDOW_S, moving=what) if whole.traces else None
@@ -66,13 +66,14 @@ def run(options: SimulateOptions) -> dict[str, Any]:
 # ---------------------------------------------------------------------------------------------- checks
 
 
-def _check_step(step_s: float) -> None:
+def check_step(step_s: float) -> None:
+    """InputError for a step with which no run of the hoop is made."""
     low, high = STEP_RANGE_S
     if not low <= step_s <= high:
         raise InputError("--step", "", f"must be {low:g} to {high:g} s, not {step_s:g}")
 
 
-def _moving(recording: Recording, moving: str, encoder_counts: int) -> str:
+def moved(recording: Recording, moving: str, encoder_counts: int) -> str:
     """What moves: as told; a recording of nothing but torque moves both."""
     if moving not in MOVING:
         raise InputError("--moving", "", f"unknown {moving!r}; known: {', '.join(MOVING)}")

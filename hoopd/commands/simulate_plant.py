@@ -13,6 +13,7 @@ from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
 from hoopd.commands.plant_inputs import number, system_of
 from hoopd.files.reading import InputError
+from hoopd.plants.fits.plant_runs import PlantSystem
 from hoopd.plants.fits.plant_simulation import simulate_plant
 from hoopd.plants.plant_model import PlantModel
 from hoopd.recording import save
@@ -26,17 +27,12 @@ NOTHING_MEASURED = "the recording has inputs and no measurement: nothing to comp
 def simulate_other_plant(model: PlantModel, options: SimulateOptions) -> dict[str, Any]:
     """Simulate, compare, write; the result as a record. InputError when anything cannot be used or written."""
     plant = model.plant
-    if options.moving != "auto":
-        raise InputError("--moving", "", "belongs to the hoop")
     if options.out is not None:
         extension_of(options.out)  # said before the work, not after it
     check_results(options.out, options.figure)
-    if not 0.0 < options.step_s <= 1e6:
-        raise InputError("--step", "", f"must be above 0, not {options.step_s:g}")
+    system, said = asked_system(model, options)
     recording = read_recording(options.recording, options.columns, options.age, plant=plant, hold=options.hold)
     start = None if options.x0 is None else read_values("--x0", options.x0, plant.states)
-    step_s = None if options.step_s == USUAL_STEP_S else options.step_s
-    system, said = system_of(model, step_s=step_s, effects=not options.without_effects)
     run = simulate_plant(system, recording, start)
     if options.out is not None:
         save(run.simulated, options.out)
@@ -65,3 +61,13 @@ def simulate_other_plant(model: PlantModel, options: SimulateOptions) -> dict[st
     }
     paths = {"out": options.out, "figure": options.figure}
     return {**result, **{key: str(path) for key, path in paths.items() if path is not None}}
+
+
+def asked_system(model: PlantModel, options: SimulateOptions) -> tuple[PlantSystem, list[str]]:
+    """The model as it is to be run, and what has to be said; InputError for options that no such plant has."""
+    if options.moving != "auto":
+        raise InputError("--moving", "", "belongs to the hoop")
+    if not 0.0 < options.step_s <= 1e6:
+        raise InputError("--step", "", f"must be above 0, not {options.step_s:g}")
+    step_s = None if options.step_s == USUAL_STEP_S else options.step_s
+    return system_of(model, step_s=step_s, effects=not options.without_effects)

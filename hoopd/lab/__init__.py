@@ -15,12 +15,13 @@ the same way; the ball's angle psi is 0 at the bottom. A lesson with it: `docs/l
 from hoopd.lab.controllers import Controller, Design, controller, design
 from hoopd.lab.diagnosis import Diagnosed, diagnose
 from hoopd.lab.fitting import Fitted, fit
+from hoopd.lab.former_names import fit_plant, simulate_plant
 from hoopd.lab.linear import Linear, linearize
 from hoopd.lab.loops import ClosedLoop, feedback
 from hoopd.lab.models import Model, model
 from hoopd.lab.pictures import Picture, plot
 from hoopd.lab.plant_controllers import DesignedPlant
-from hoopd.lab.plant_fits import FittedPlant, PlantRun, fit_plant, simulate_plant
+from hoopd.lab.plant_fits import FittedPlant, PlantRun
 from hoopd.lab.plants import plant
 from hoopd.lab.recordings import daemon, experiment, load
 from hoopd.lab.simulation import Simulation, simulate

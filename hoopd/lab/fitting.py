@@ -1,6 +1,6 @@
 """Fits: from recordings to a model with intervals.
 
-Rules of this file: thin over `hoopd.ident`.
+Rules of this file: `hoopd fit` on recordings in memory; nothing is computed here.
 """
 
 from __future__ import annotations
@@ -8,17 +8,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
-from hoopd.files.shipped import START_MODELS, defaults_folder
-from hoopd.lab.models import Model, as_model
+from hoopd.commands.fit import fitted
+from hoopd.commands.fit_options import settings_of, start_model
+from hoopd.commands.fit_plant import fitted_plant
+from hoopd.commands.options.declaration import from_python
+from hoopd.commands.options.fit import FitOptions
+from hoopd.lab.models import Model, as_model, model_of
 from hoopd.lab.pictures import Picture
+from hoopd.lab.plant_fits import FittedPlant
 from hoopd.lab.simulation import simulate
-from hoopd.plants.fits.free_parameters import Prior
-from hoopd.plants.fits.robust_least_squares import LOSSES
-from hoopd.plants.hoop.fitting.fit import METHODS, FitSettings, FittedParameters, model_file, nominal_values
-from hoopd.plants.hoop.fitting.fit import fit as fit_parameters
+from hoopd.plants.declaration import Plant
+from hoopd.plants.hoop.fitting.fit import FittedParameters, model_file, nominal_values
 from hoopd.plants.hoop.fitting.identifiability import determined
-from hoopd.plants.hoop.parameters import STRUCTURES
+from hoopd.plants.plant_model import PlantModel
 from hoopd.plots.parameters import draw_intervals
 from hoopd.recording.recording import Recording
 
@@ -67,7 +71,8 @@ def fit(
     recordings: Recording | Sequence[Recording],
     structure: str = "entries",
     *,
-    model: Model | str | None = None,
+    plant: Plant | str | None = None,
+    model: Model | PlantModel | Path | str | None = None,
     fix: Mapping[str, float] | Sequence[str] | str = (),
     free: Sequence[str] | str = (),
     prior: Mapping[str, tuple[float, float]] | None = None,
@@ -75,25 +80,28 @@ def fit(
     window: float | None = None,
     loss: str = "linear",
     method: str = "output",
-) -> Fitted:
-    """Fit the parameters of a structure to one recording or several.
+) -> Fitted | FittedPlant:
+    """Fit the parameters of any plant to one recording or several.
 
     Parameters
     ----------
     recordings : Recording or sequence of Recording
         What was measured.
     structure : {"entries", "rolling", "published"}
-        Of the model.
-    model : Model or str, optional
-        What it starts from; the shipped one of the structure unless given.
+        Of the hoop's model.
+    plant : Plant or str, optional
+        A declaration, a registered name or a plant file; the model's unless given.
+    model : Model, str or Path, optional
+        What it starts from; the plant's nominal values (of the hoop the shipped model of the structure) unless given.
     fix : sequence of str, or mapping of str to float
         What is not fitted: by name at the start's value, or by {"mb": 0.06}.
     free : sequence of str
-        What is fitted; all on which the recordings bear unless given.
+        What is fitted; of the hoop all on which the recordings bear, of another plant its own choice unless given.
     prior : mapping of str to (float, float), optional
-        {name: (value, relative standard deviation)}.
+        {name: (value, standard deviation)}; relative where the parameter is positive.
     channels : sequence of str
-        What is fitted to; psi and theta, or its rate where the model cannot follow theta, unless given.
+        What is fitted to; of the hoop psi and theta, or its rate where the model cannot follow theta, of another plant
+        all of its channels unless given.
     window : float, optional
         Length of the free runs in s; one over each recording unless given.
     loss : {"linear", "huber", "soft_l1", "cauchy"}
@@ -103,8 +111,8 @@ def fit(
 
     Returns
     -------
-    Fitted
-        The `model` with its 95 % `intervals`, and in `words` what the recordings do not determine.
+    Fitted or FittedPlant
+        The `model` with its 95 % `intervals`; of the hoop in `words` what the recordings do not determine.
 
     Raises
     ------
@@ -120,45 +128,33 @@ def fit(
     >>> low, high = fitted.intervals["K2"]
     >>> low < fitted.model.parameters["K2"] < high
     True
+    >>> import numpy as np
+    >>> from hoopd.recording import from_signals
+    >>> t = np.arange(0.0, 2.0, 0.02)
+    >>> fall = from_signals(t, {}, {"h": 40.0 - 9.81 / 2 * t**2})
+    >>> found = lab.fit(fall, plant="falling", free="g")
+    >>> round(found.values["g"], 4), found.plant.values["m"]
+    (9.81, 1.0)
     """
     together = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
     if not together or not all(isinstance(one, Recording) for one in together):
         raise ValueError("fit takes a recording or several: fit([lab.load('a.mcap'), lab.load('b.mcap')])")
-    for value, known in ((structure, STRUCTURES), (loss, LOSSES), (method, METHODS)):
-        if value not in known:
-            raise ValueError(f"unknown {value!r}; known: {', '.join(known)}")
-    base = as_model(model or defaults_folder() / START_MODELS[structure])
+    asked = from_python(
+        FitOptions, recordings=(), structure=structure, fix=fix, free=free, prior=_priors(prior or {}),
+        channels=channels, window=window, loss=loss, method=method,
+    )  # fmt: skip
+    if (other := model_of(plant, model)) is not None:
+        return FittedPlant(fitted_plant(other, together, asked), other, together)
+    if isinstance(model, PlantModel):
+        raise ValueError("fit starts from a model of the hoop by name or path: lab.model('hoop')")
+    base = as_model(start_model(asked) if model is None else model)
     nominal = nominal_values(base.file, structure)
-    settings = FitSettings(
-        structure=structure,
-        free=_names(free),
-        fixed=_fixed(fix, nominal),
-        priors={name: _prior(name, one) for name, one in (prior or {}).items()},
-        channels=_names(channels),
-        window_s=window,
-        loss=loss,
-        method=method,
-        encoder_counts=base.file.device.encoder_counts,
-    )
-    return Fitted(fit_parameters(together, nominal, settings), base, together)
+    return Fitted(fitted(together, nominal, settings_of(asked, base.file)), base, together)
 
 
-def _names(given: Sequence[str] | str) -> tuple[str, ...]:
-    """One name or several; a text is one name, not its letters."""
-    return (given,) if isinstance(given, str) else tuple(given)
-
-
-def _prior(name: str, given: tuple[float, float]) -> Prior:
-    if not isinstance(given, tuple | list) or len(given) != 2 or not given[1] > 0.0:
-        raise ValueError(f"prior: {name} needs (value, relative standard deviation above 0), not {given!r}")
-    return Prior(*given)
-
-
-def _fixed(fix: Mapping[str, float] | Sequence[str] | str, nominal: Mapping[str, float]) -> dict[str, float]:
-    if isinstance(fix, Mapping):
-        return {name: float(value) for name, value in fix.items()}
-    names = _names(fix)
-    unknown = [name for name in names if name not in nominal]
-    if unknown:
-        raise ValueError(f"fix: unknown {', '.join(unknown)}; known: {', '.join(nominal)}")
-    return {name: nominal[name] for name in names}
+def _priors(given: Mapping[str, tuple[float, float]]) -> list[str]:
+    """As the command line says them."""
+    for name, one in given.items():
+        if not isinstance(one, tuple | list) or len(one) != 2 or not one[1] > 0.0:
+            raise ValueError(f"prior: {name} needs (value, standard deviation above 0), not {one!r}")
+    return [f"{name}={value}:{sigma}" for name, (value, sigma) in given.items()]

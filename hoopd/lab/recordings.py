@@ -11,14 +11,19 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hoopd.commands.options.declaration import from_python, words_of
+from hoopd.commands.options.experiment import ExperimentOptions
+from hoopd.commands.plant_experiment import simulate as simulate_experiment
 from hoopd.lab.controllers import Controller, as_controller
 from hoopd.lab.models import Model, as_model
 from hoopd.plants.declaration import Plant
 from hoopd.plants.layout import layout_of
+from hoopd.plants.model_file import HOOP
 from hoopd.plants.registry import resolve_plant
 from hoopd.recording import Recording
 from hoopd.recording.edit import aged
@@ -85,27 +90,80 @@ def load(
 
 
 def experiment(
-    kind: str, *, rig: Model | str = "hoop", file: Path | str | None = None, seed: int = 0, **options: Any
+    kind: str,
+    *,
+    rig: Model | str = "hoop",
+    plant: Plant | str | None = None,
+    at: Mapping[str, float] | None = None,
+    file: Path | str | None = None,
+    seed: int = 0,
+    duration: float | None = None,
+    amplitude: float | None = None,
+    clock: int = 1,
+    low: float = 0.3,
+    high: float = 5.0,
+    hold: float = 0.4,
+    kick: float = 0.2,
+    rest: float = 8.0,
+    max_torque: float = 0.3,
+    max_speed: float = 45.0,
+    max_angle: float = 1.25,
+    soft_start: float = 1.0,
+    soft_end: float = 0.5,
+    centring: float = 0.0,
+    around: Path | str | None = None,
+    no_ball: bool = False,
+    sets: Mapping[str, Any] | Sequence[str] = (),
 ) -> Recording:
-    """Play a test signal on the simulated rig and record it.
+    """Play a test signal on the simulated rig, or on the model of another plant, and record it.
 
     Parameters
     ----------
     kind : {"prbs", "chirp", "multisine", "steps", "decay"}
         The signal.
     rig : Model or str
-        The model that the rig's plant follows, which nobody else is told.
+        Of the hoop: the model that the rig's plant follows, which nobody else is told.
+    plant : Plant or str, optional
+        Another plant, which is simulated: a declaration, a registered name or a plant file.
+    at : mapping of str to float, optional
+        Of another plant: inputs about which to move, and states at the start.
     file : str or Path, optional
         Where the recording is kept (.mcap).
     seed : int
         Of signal and noise.
-    **options : object
-        Those of `hoopd experiment` with _ for -: duration (s), amplitude (N m), low and high (Hz), no_ball ...
+    duration : float, optional
+        Seconds of signal; 20, for decay 34 (of another plant by its usual sample time) unless given.
+    amplitude : float, optional
+        Of the input, for the hoop in N m; what the model lets through unless given.
+    clock : int
+        prbs: ticks that a value is held.
+    low, high : float
+        chirp, multisine: lowest and highest frequency in Hz.
+    hold : float
+        steps: s of each.
+    kick, rest : float
+        decay: s of input, and without after each kick.
+    max_torque : float
+        Limit in N m.
+    max_speed : float
+        Hoop speed in rad/s that ends the experiment.
+    max_angle : float
+        Ball angle in rad that ends the experiment.
+    soft_start, soft_end : float
+        s in which the amplitude rises, and falls.
+    centring : float
+        Feedback that slows the hoop, N m per rad/s.
+    around : str or Path, optional
+        Controller that holds the ball meanwhile.
+    no_ball : bool
+        There is no ball in the hoop.
+    sets : mapping of str to object
+        Keys of the configuration, {"sim.delay_frames": 3}.
 
     Returns
     -------
     Recording
-        What the daemon recorded.
+        What the daemon recorded; of another plant what its sensors would have shown.
 
     Raises
     ------
@@ -118,12 +176,24 @@ def experiment(
     >>> recording = lab.experiment("prbs", duration=4, seed=1)
     >>> round(recording.sample_time_s, 3), len(recording) > 200
     (0.02, True)
+    >>> steps = lab.experiment("steps", plant="axis", duration=2)
+    >>> list(steps.inputs), list(steps.channels)
+    (['F'], ['x'])
     """
+    asked = from_python(
+        ExperimentOptions, kind=kind, at=at, seed=seed, duration=duration, amplitude=amplitude, clock=clock, low=low,
+        high=high, hold=hold, kick=kick, rest=rest, max_torque=max_torque, max_speed=max_speed, max_angle=max_angle,
+        soft_start=soft_start, soft_end=soft_end, centring=centring, around=around, no_ball=no_ball, sets=sets,
+    )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{kind}.mcap" if file is None else Path(file)
+        if plant is not None and plant != HOOP:
+            declared = resolve_plant(plant) if isinstance(plant, str) else plant
+            simulate_experiment(replace(asked, out=path), declared)
+            return load(path, plant=declared)
         told = Path(folder) / "told.json"
-        flags = [*_flags(options), "--seed", str(seed), *_rig(rig, folder), "--out", str(path), "--json", str(told)]
-        _daemon("experiment", kind, *RIG, *flags, told=told)
+        flags = [*_rig(rig, folder), "--out", str(path), "--json", str(told)]
+        _daemon("experiment", *words_of(asked), *RIG, *flags, told=told)
         return load(path)
 
 
@@ -193,16 +263,6 @@ def _asked(reference: float) -> str:
 def _rig(rig: Model | str, folder: str) -> tuple[str, str]:
     """The rig's own plant."""
     return "--set", f"sim.model={as_model(rig).save(Path(folder) / 'rig.yaml').path}"
-
-
-def _flags(options: dict[str, Any]) -> list[str]:
-    """Options of the command line: True switches one on."""
-    flags: list[str] = []
-    for name, value in options.items():
-        if value is None or value is False:
-            continue
-        flags += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
-    return flags
 
 
 def _daemon(*arguments: str, told: Path | None = None) -> None:

@@ -79,9 +79,24 @@ def _as_field(value: Any, hint: Any) -> Any:
         value = [f"{name}={one}" for name, one in value.items()]
     if _is_list(hint):
         return (value,) if isinstance(value, str) else tuple(value)
-    if hint is str and not isinstance(value, str):
+    if hint in (str, str | None) and not isinstance(value, str):
         return ",".join(map(str, value))
     return tuple(value) if isinstance(value, list) else value
+
+
+def words_of(options: Any) -> list[str]:
+    """A record as words of the command line; what has its default is left out."""
+    words: list[str] = []
+    for one in fields(options):
+        value = getattr(options, one.name)
+        if value == one.default:
+            continue
+        name = one.metadata["names"][:1]
+        if isinstance(value, bool):
+            words += name
+        else:
+            words += [word for each in (value if isinstance(value, tuple) else (value,)) for word in (*name, str(each))]
+    return words
 
 
 def add_command(

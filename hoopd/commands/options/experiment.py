@@ -25,7 +25,7 @@ class ExperimentOptions:
     """Play a test signal within limits of torque, hoop speed and ball angle, and record it."""
 
     kind: str = argument("prbs, chirp, multisine, steps or decay.", metavar="KIND")
-    sim: bool = option("--sim", text="On the simulated rig.", default=False)
+    sim: bool = option("--sim", text="On the simulated rig.", default=False, python=False)
     plant: str | None = option(
         "--plant", text="Simulate it on another plant: a registered name, or a plant file; sizes in its units."
     )
@@ -62,8 +62,8 @@ class ExperimentOptions:
     )
     around: Path | None = option("--around", text="On top of this holding law.", metavar="CONTROLLER")
     no_ball: bool = option("--no-ball", text="There is no ball in the hoop; no camera needed.", default=False)
-    record: Path | None = option("--record", text="Existing folder for the recording.")
-    out: Path | None = option("--out", text="The recording's file (.mcap).", metavar="FILE")
+    record: Path | None = option("--record", text="Existing folder for the recording.", python=False)
+    out: Path | None = option("--out", text="The recording's file (.mcap).", metavar="FILE", python="file")
     figure: Path | None = figure_option("Draw what was recorded.")
     speed: str = speed_option()
     camera: str | None = camera_option()

@@ -26,7 +26,9 @@ class FitOptions:
     """Fit the plant's parameters to recordings, with 95 % intervals (docs/guides/fit.md)."""
 
     recordings: tuple[str, ...] = argument(f"Recordings to fit: {SLICE}.", metavar="REC...")
-    holdout: tuple[str, ...] = holdout_option("Recording that judges the model, never fitted; repeatable.")
+    holdout: tuple[str, ...] = holdout_option(
+        "Recording that judges the model, never fitted; repeatable.", python=False
+    )
     structure: str = option(
         "--structure",
         text="entries: eight coefficients; rolling, published: masses, radii, inertias, frictions.",
@@ -71,8 +73,8 @@ class FitOptions:
     hold: str = hold_option()
     age: str = age_option()
     kinematics: bool = option(
-        "--kinematics", text="Which kinematics the recordings support (several fits).", default=False
+        "--kinematics", text="Which kinematics the recordings support (several fits).", default=False, python=False
     )
-    out: Path | None = option("--out", text="Write the model here.", metavar="MODEL")
+    out: Path | None = option("--out", text="Write the model here.", metavar="MODEL", python=False)
     figure: Path | None = figure_option()
     json_path: Path | None = json_option()

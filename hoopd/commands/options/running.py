@@ -16,27 +16,27 @@ from hoopd.files.reading import InputError
 
 def config_option() -> Any:
     """The configuration."""
-    return option("--config", text="Configuration file (YAML).", metavar="FILE")
+    return option("--config", text="Configuration file (YAML).", metavar="FILE", python=False)
 
 
 def sets_option() -> Any:
     """Single keys that go over the configuration."""
-    return option("--set", text="Override one key: a.b=value.", metavar="KEY=VALUE", default=())
+    return option("--set", text="Override one key: a.b=value.", metavar="KEY=VALUE", default=(), python="sets")
 
 
 def speed_option() -> Any:
     """Real time or not."""
-    return option("--speed", text="1: real time; max: lock-step virtual time (--sim).", default="1")
+    return option("--speed", text="1: real time; max: lock-step virtual time (--sim).", default="1", python=False)
 
 
 def camera_option() -> Any:
     """Pictures or not."""
-    return option("--camera", text="direct: the rig's ball angle without pictures (--sim).")
+    return option("--camera", text="direct: the rig's ball angle without pictures (--sim).", python=False)
 
 
 def arm_option() -> Any:
     """Whether it arms by itself."""
-    return option("--arm", text="Arm by itself once everything is well (terminal only).", default=False)
+    return option("--arm", text="Arm by itself once everything is well (terminal only).", default=False, python=False)
 
 
 def checked_speed(text: str) -> Literal["1", "max"]:

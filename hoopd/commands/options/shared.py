@@ -72,9 +72,9 @@ def age_option() -> Any:
     )
 
 
-def holdout_option(text: str) -> Any:
+def holdout_option(text: str, *, python: bool = True) -> Any:
     """Recordings that judge."""
-    return option("--holdout", text=text, metavar="REC", default=())
+    return option("--holdout", text=text, metavar="REC", default=(), python=python)
 
 
 def check_files(inputs: Sequence[Path | str | None], **outputs: Path | None) -> None:

@@ -47,5 +47,7 @@ class SimulateOptions:
         "--moving", text="What moves: both, hoop, ball, or auto: as the recording shows.", default="auto"
     )
     without_effects: bool = option("--without-effects", text="Leave the model's effects out.", default=False)
-    out: Path | None = option("--out", text="Write the simulated run (.csv, .mcap, .mat or .h5).", metavar="FILE")
+    out: Path | None = option(
+        "--out", text="Write the simulated run (.csv, .mcap, .mat or .h5).", metavar="FILE", python=False
+    )
     json_path: Path | None = json_option()
