@@ -18,10 +18,12 @@ from hoopd.commands.inputs import read_recording
 from hoopd.diagnose.inputs import Source, source_of
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
+from hoopd.plants.likelihood.stretches import fewest_readings
 from hoopd.recording.formats import EXTENSIONS, HDF5, split_path
 from hoopd.recording.slices import split_slice
 
-# Of a fast plant, so many of its usual sample times are enough to fit, and to prove with.
+# What a plant says to be enough to fit, and to prove with, is told for its usual sampling: where it is faster, so many
+# samples are.
 TRAIN_STEPS, HELD_STEPS = 200, 100
 
 # Characters of an impossible name that a message repeats.
@@ -107,10 +109,7 @@ def read_source(text: str, plant: Plant, columns: str | None, age: str, hold: st
 def check_lengths(train: Sequence[Source], held: Sequence[Source], plant: Plant, *, given: bool) -> None:
     """InputError when there is too little to fit or to prove with; `given`: what is held out was given."""
     fitted, proves = (sum(one.seconds for one in part) for part in (train, held))
-    steps = TRAIN_STEPS, HELD_STEPS
-    least_train, least_held = (
-        min(seconds, count * plant.time_scale_s) for seconds, count in zip(plant.judges.least_s, steps, strict=True)
-    )
+    least_train, least_held = _least_s(plant)
     if given:
         for sources, seconds, least in ((train, fitted, least_train), (held, proves, least_held)):
             if seconds < least:
@@ -121,6 +120,15 @@ def check_lengths(train: Sequence[Source], held: Sequence[Source], plant: Plant,
         least = least_train + least_held
         reason = f"too short to hold a third out: {total:.1f} s of usable samples, {least:g} s are needed"
         raise InputError(name, "", reason)
+
+
+def _least_s(plant: Plant) -> tuple[float, float]:
+    """Seconds that are enough to fit, and to prove with; of a plant that does not say it, as many readings are."""
+    sample_s, readings = plant.time_scale_s, fewest_readings(plant)
+    if plant.judges.least_s is None:
+        return readings * sample_s, readings // 2 * sample_s
+    train, held = plant.judges.least_s
+    return min(train, TRAIN_STEPS * sample_s), min(held, HELD_STEPS * sample_s)
 
 
 def check_motion(train: Sequence[Source], held: Sequence[Source], structure: str = "") -> None:

@@ -14,12 +14,9 @@ from hoopd.diagnose.quality.sensors import ENCODER
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.repeated_samples import once_at_rest
-from hoopd.plants.likelihood.stretches import Stretch, is_long_enough, stretch_of
+from hoopd.plants.likelihood.stretches import Stretch, fewest_readings, is_long_enough, stretch_of
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines
-
-# Fewer readings than this are no recording to judge a model by.
-FEWEST_READINGS, LEAST_READINGS = 50, 15
 
 
 @dataclass(frozen=True)
@@ -62,11 +59,6 @@ def source_of(name: str, recording: Recording, plant: Plant) -> Source:
     if sum(one.samples for one in stretches) < (fewest := fewest_readings(plant)):
         raise InputError(name, ", ".join(quality.plant.channels), f"fewer than {fewest} readings to judge a model by")
     return Source(name, recording, quality, stretches)
-
-
-def fewest_readings(plant: Plant) -> int:
-    """Fewer readings than these are no recording to judge a model by: those of a second, where samples are rare."""
-    return min(FEWEST_READINGS, max(LEAST_READINGS, round(1.0 / plant.time_scale_s)))
 
 
 def _stretch(name: str, part: Timeline, begin: float, quality: Quality) -> Stretch:

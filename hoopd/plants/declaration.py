@@ -125,7 +125,7 @@ class Judges:
     moving: Callable[[Any], Plant] | None = None  # the plant with what moves in a recording; None: all of it does
     doubts: Callable[[Any], list[str]] | None = None  # sentences; None: those that hold for every recording
     repeated: Callable[[Any], Any] | None = None  # rows in which counting sensors repeat the row before
-    least_s: tuple[float, float] = (2.0, 1.0)  # seconds of data to fit, and to prove with; of a fast plant fewer do
+    least_s: tuple[float, float] | None = None  # seconds of data to fit, and to prove with; None: from its sampling
     stops: bool = False  # the drive may switch itself off: where it does not answer, nothing counts
     words: Mapping[str, str] = field(default_factory=dict)  # coordinates as a person calls them
 

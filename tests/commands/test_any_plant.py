@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from hoopd import lab
-from hoopd.commands import design, diagnose, identify, linearize, plant_experiment
+from hoopd.commands import design, diagnose, fit, identify, linearize, plant_experiment
 from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.options.experiment import ExperimentOptions
+from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.files.identified import load_identified
@@ -112,6 +113,31 @@ def test_two_seconds_of_a_fast_axis_are_enough(tmp_path: Path) -> None:
     mass = found.base.parameters["M"]
     assert mass.value == pytest.approx(90.0, rel=0.01)
     assert found.verdict == "parameters"
+
+
+def drop(path: Path, seconds: float) -> str:
+    """A body that falls, seen 15 times a second to 5 cm."""
+    t = np.arange(0.0, seconds, 1.0 / 15.0)
+    h = 46.0 - 9.81 * t**2 / 2.0 + 0.05 * np.random.default_rng(2).normal(size=len(t))
+    return str(written(path, {"t": t, "h": h}))
+
+
+def test_two_seconds_of_a_fall_are_enough_and_half_of_one_is_not(tmp_path: Path) -> None:
+    path = drop(tmp_path / "fall.csv", 2.0)
+    found = diagnose.run(DiagnoseOptions(recordings=(path,), plant="falling", free_run=False))
+    assert found.verdict == "consistent"
+    held = drop(tmp_path / "held.csv", 2.0)
+    found = diagnose.run(DiagnoseOptions(recordings=(path,), holdout=(held,), plant="falling", free_run=False))
+    assert found.verdict == "consistent"
+    with pytest.raises(InputError, match="h: fewer than 15 readings to judge a model by"):
+        diagnose.run(DiagnoseOptions(recordings=(drop(tmp_path / "short.csv", 0.5),), plant="falling"))
+
+
+def test_without_free_parameters_a_fit_is_of_the_start(tmp_path: Path) -> None:
+    path = drop(tmp_path / "fall.csv", 2.0)
+    found = fit.run(FitOptions(recordings=(path,), plant="falling"))
+    assert found["notes"] == ["no parameter is free: the start alone was fitted"]
+    assert found["fit"]["train"][path]["h"]["fitted"] > 99.0
 
 
 def test_tanks_of_first_order_states_are_diagnosed(tmp_path: Path) -> None:

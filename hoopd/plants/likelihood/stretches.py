@@ -19,8 +19,10 @@ from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
-# A stretch shorter than this, and than so many usual samples, says nothing beyond its own start.
-SHORTEST_S, SHORTEST_STEPS = 0.5, 25
+# A stretch shorter than this, and than half the readings of a recording, says nothing beyond its own start.
+SHORTEST_S = 0.5
+# Fewer readings than this are no recording to judge a model by; fewer do where a second has not so many.
+FEWEST_READINGS, LEAST_READINGS = 50, 15
 # Usual samples between two nodes, of a plant that is sampled often.
 MOST_SAMPLES = 20.0
 # Samples of the local parabola that gives a first idea of positions and rates.
@@ -83,8 +85,13 @@ class Stretch:
 def is_long_enough(stretch: Stretch) -> bool:
     """Whether it says anything beyond its own start."""
     plant = stretch.plant
-    shortest = min(SHORTEST_S * motion_scale(plant), SHORTEST_STEPS * plant.time_scale_s)
+    shortest = min(SHORTEST_S * motion_scale(plant), fewest_readings(plant) // 2 * plant.time_scale_s)
     return len(stretch.t) > 1 and bool(stretch.t[-1] - stretch.t[0] >= shortest)
+
+
+def fewest_readings(plant: Plant) -> int:
+    """Fewer readings than these are no recording to judge a model by: those of a second, where samples are rare."""
+    return min(FEWEST_READINGS, max(LEAST_READINGS, round(1.0 / plant.time_scale_s)))
 
 
 def stretch_of(
