@@ -42,7 +42,7 @@ def oracle(recordings: Sequence[Recording], holdout: Recording, names: Sequence[
     told = {name: known[name] for name in names if known[name].found_by in FITTED}
     case = Case(model.name, model.values(), train, [source_of(holdout.source, holdout, plant)], told)
     stretches, held, nominal, base = prepared(case)
-    frozen = {"nominal": nominal, "base": base, "final": told_fit(stretches, held, told, base)}
+    frozen = {"nominal": nominal, "base": base, "final": told_fit(stretches, told, base)}
     on_held = {k: fit(held, f.effects, f.values, free=free_of_recordings(f.effects, held)) for k, f in frozen.items()}
     tables = {"train": fits_of(played(frozen)), "heldout": fits_of(played(on_held))}
     return {name: to_plain(msgspec.to_builtins(one, enc_hook=unwrapped)) for name, one in tables.items()}
@@ -55,12 +55,10 @@ def prepared(case: Case) -> tuple[Sequence[Stretch], Sequence[Stretch], Hypothes
     return data.kept, proving(stretches_of(case.heldout), base).kept, nominal, base
 
 
-def told_fit(
-    train: Sequence[Stretch], held: Sequence[Stretch], told: Mapping[str, Effect], base: HypothesisFit
-) -> HypothesisFit:
+def told_fit(train: Sequence[Stretch], told: Mapping[str, Effect], base: HypothesisFit) -> HypothesisFit:
     """All effects that gain something, each from where screens and scans see it beside the ones before: the most
     surprising first."""
-    judge, final, left = Judge(train, held, told, Settings()), base, set(told)
+    judge, final, left = Judge(train, told, Settings()), base, set(told)
     while left:
         scores = [one for one in judge.proposals(final, final.names) if one.member.effect.name in left]
         if not scores:

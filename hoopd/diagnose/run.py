@@ -110,10 +110,10 @@ def diagnose(case: Case) -> Outcome:
     nominal = fit(train, case.effects, case.values, move=False)
     data, nominal, base = training(case, train, nominal)
     data_held = proving(held, base)
-    named = name_effects(data.kept, data_held.kept, case.library, nominal, base, case.settings)
+    named = name_effects(data.kept, case.library, nominal, base, case.settings)
     named, data, data_held = _started(case, named, data, data_held)
     named, data = looked_at_again(named, data, case.settings.threshold)
-    library = _with_mechanisms(case, named, data, data_held)
+    library = _with_mechanisms(case, named, data)
     data_held, runs = _heldout_again(named, data_held, HeldOut(data_held.kept))
     case.progress("what no name explains")
     missing = missing_of(named, runs, list(library.values()), case.seed)
@@ -159,13 +159,13 @@ def diagnose(case: Case) -> Outcome:
     return Outcome(rounded(diagnosis), named, fits, unknown)
 
 
-def _with_mechanisms(case: Case, named: Named, data: CountedData, held: CountedData) -> Mapping[str, Effect]:
+def _with_mechanisms(case: Case, named: Named, data: CountedData) -> Mapping[str, Effect]:
     """The library with the mechanisms beyond it that the recordings ask for, put among the names."""
     if not case.settings.grammar:
         return case.library
     plant = max((one.plant for one in data.kept), key=lambda one: len(one.coordinates))
     wanted = [one for one in mechanisms(plant).values() if one.name not in case.without]
-    judge = Judge(data.kept, held.kept, case.library, case.settings)
+    judge = Judge(data.kept, case.library, case.settings)
     name_mechanisms(named, judge, wanted)
     return {**case.library, **{one.effect.name: one.effect for one in named.accepted}}
 
@@ -195,7 +195,7 @@ def _started(case: Case, named: Named, data: CountedData, held: CountedData) -> 
     base = likeliest(fit(data.kept, case.effects, case.values))
     nominal = fit(data.kept, case.effects, case.values, move=False)
     held = proving(list(held.whole), base)
-    return name_effects(data.kept, held.kept, case.library, nominal, base, case.settings), data, held
+    return name_effects(data.kept, case.library, nominal, base, case.settings), data, held
 
 
 def proving(held: list[Stretch], base: HypothesisFit) -> CountedData:

@@ -1,4 +1,4 @@
-"""The order in which effects that were tried are accepted, and what held-out data refuse."""
+"""The order in which effects that were tried are accepted, and what folds of the training data refuse."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hoopd.diagnose.search import naming
+from hoopd.diagnose.search import candidates, naming
 from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.naming import _in_order
 
@@ -30,15 +30,14 @@ def test_the_best_effect_stays_first_when_a_richer_form_of_it_comes_last() -> No
     assert found == ["simple", "other", "rich"]
 
 
-class HeldOut(Judge):
-    """A judge whose held-out criterion is written down, by the criterion of the fit."""
+class Written(Judge):
+    """A judge whose criterion in folds is written down, by the criterion of the fit."""
 
-    def __init__(self, heldout: dict[float, float], other: Any = None) -> None:
-        super().__init__([], [SimpleNamespace()], {}, Settings())  # type: ignore[list-item]
-        self.written, self.other = heldout, other
-
-    def on_heldout(self, found: Any) -> float:
-        return self.written[found.criterion]
+    def __init__(self, folds: dict[float, float], monkeypatch: pytest.MonkeyPatch, other: Any = None) -> None:
+        super().__init__([], {}, Settings())
+        self.other = other
+        gain = lambda before, after: folds[before.criterion] - folds[after.criterion]  # noqa: E731
+        monkeypatch.setattr(candidates, "fold_gain", gain)
 
     def proposals(self, about: Any, taken: Any) -> Any:
         return [SimpleNamespace(gain=1e3)]
@@ -48,7 +47,7 @@ class HeldOut(Judge):
 
 
 @pytest.mark.parametrize(("lost", "swapped"), [(2.0, True), (40.0, False)])
-def test_a_swap_that_gains_little_may_lose_little_on_held_out_data(
+def test_a_swap_that_gains_little_may_lose_little_in_folds(
     lost: float, swapped: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without either 500 nats more; of the two the other gains 8, and may not lose a tenth of 508."""
@@ -56,16 +55,17 @@ def test_a_swap_that_gains_little_may_lose_little_on_held_out_data(
     other = SimpleNamespace(fit=fit, gain=508.0, surprise=505.0)
     one = SimpleNamespace(effect=SimpleNamespace(name="one"), score=None)
     monkeypatch.setattr(naming, "surprise_of", lambda score, gain, stretches: gain - 3.0)
-    judge = HeldOut({100.0: 50.0, 92.0: 50.0 + lost}, other)
+    judge = Written({100.0: 50.0, 92.0: 50.0 + lost}, monkeypatch, other)
     found: Any = SimpleNamespace(final=final)
     better = naming._better(found, judge, one, without, 500.0)  # type: ignore[arg-type]
     assert (better is other) is swapped
 
 
-def test_who_was_refused_by_held_out_data_is_remembered() -> None:
+def test_who_was_refused_by_folds_is_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = tried("first", 90.0), tried("second", 60.0)
     first.fit, second.fit = SimpleNamespace(criterion=10.0), SimpleNamespace(criterion=40.0)
-    judge = HeldOut({100.0: 50.0, 10.0: 80.0, 40.0: 30.0})
-    found: Any = SimpleNamespace(final=SimpleNamespace(criterion=100.0), rivals={}, refused={})
+    judge = Written({100.0: 50.0, 10.0: 80.0, 40.0: 30.0}, monkeypatch)
+    found: Any = SimpleNamespace(final=SimpleNamespace(criterion=100.0), rivals={}, refused={}, refusals={})
     assert naming._taken(found, judge, [first, second]) is second
     assert found.rivals == {"second": [("first", -30.0)]} and found.refused == {"second": ("first",)}
+    assert found.refusals == {"first": naming.Refusal(90.0, 30.0)}

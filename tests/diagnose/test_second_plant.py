@@ -14,8 +14,8 @@ import pytest
 
 from hoopd.diagnose.curves.location_evidence import locate
 from hoopd.diagnose.curves.unknown_effects import judge_unknown, survey
+from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.report.curve_pictures import shown_of
-from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.ident.normal import Z95
 from hoopd.plants.declaration import Plant
@@ -63,11 +63,11 @@ def pushed(name: str, seed: int, seconds: float, friction_n: float) -> Stretch:
 
 
 def searched(friction_n: float, effects: tuple[Effect, ...] = (), values: dict[str, float] | None = None) -> Named:
-    train, held = [pushed("a", 1, 20.0, friction_n)], [pushed("b", 2, 10.0, friction_n)]
+    train = [pushed("a", 1, 20.0, friction_n)]
     start = {**SLIDE.values, **(values or {})}
     nominal = fit(train, effects, start, move=False)
     base = fit(train, effects, start, like=nominal, noise=nominal.noise)
-    return name_effects(train, held, LIBRARY, nominal, base)
+    return name_effects(train, LIBRARY, nominal, base)
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +83,9 @@ def test_its_dry_friction_is_named_with_its_value(rubbing: Named) -> None:
     (found,) = rubbing.accepted
     final = rubbing.final
     assert found.effect.name == NAME
-    judge = Judge([], [pushed("b", 2, 10.0, FRICTION_N)], LIBRARY, Settings())
-    assert judge.heldout_gain(rubbing.base, final) > 10.0
+    held = HeldOut([pushed("b", 2, 10.0, FRICTION_N)])
+    before, after = held.of(rubbing.base), held.of(final)
+    assert before is not None and after is not None and before.criterion - after.criterion > 10.0
     for name, truth in ((f"{NAME}.Fc", FRICTION_N), ("m", MASS_KG), ("b", VISCOUS_N_S_M)):
         assert final.values[name] == pytest.approx(truth, abs=Z95 * final.deviation(name))
         assert final.deviation(name) < 0.2 * truth

@@ -17,7 +17,7 @@ PUSH = library(PLANT)["external.disturbance"]
 
 def named_in(stretch: Stretch) -> Named:
     nominal = fit([stretch], (), PLANT.values, move=False)
-    return name_effects([stretch], [], {PUSH.name: PUSH}, nominal, fit([stretch], (), PLANT.values))
+    return name_effects([stretch], {PUSH.name: PUSH}, nominal, fit([stretch], (), PLANT.values))
 
 
 def test_a_drive_that_is_off_at_first_is_a_start_up() -> None:

@@ -12,7 +12,7 @@ from hoopd.diagnose.curves.curve_screen import CurveScore
 from hoopd.diagnose.curves.unknown_effects import Survey, Unknown, best_curves
 from hoopd.diagnose.proof.held_out import HeldOut, on_heldout
 from hoopd.diagnose.proof.unknown_proof import Proven
-from hoopd.diagnose.search.candidates import HELD_OUT_LOSS
+from hoopd.diagnose.search.candidates import UNSEEN_LOSS
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.stretches import Stretch
@@ -44,7 +44,7 @@ def ceiling(base: Survey, heldout: Sequence[Stretch], proof: Proven | None, noth
         return proof.heldout
     found, again = on_heldout(together(chosen, base.fit)[0], heldout, base.fit)
     # what the held-out data refuse is no ceiling
-    return found if found.criterion + again / 2.0 < nothing.criterion + HELD_OUT_LOSS else nothing
+    return found if found.criterion + again / 2.0 < nothing.criterion + UNSEEN_LOSS else nothing
 
 
 def _is(unknown: Unknown, chosen: Sequence[CurveScore], beside: HypothesisFit) -> bool:

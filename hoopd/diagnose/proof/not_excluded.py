@@ -1,8 +1,8 @@
 """What the recordings do not exclude beside each effect that was named, and why.
 
 Three reasons: the two are the same for every sensor; the other was refitted and is hardly behind; the other was not
-refitted, but on these data its change is so parallel that no fit could be far behind. A rival that held-out data
-refused is excluded by them, however much it explains of what it was fitted to.
+refitted, but on these data its change is so parallel that no fit could be far behind. A rival that folds of the
+training data refused is excluded by them, however much it explains of what it was fitted to.
 
 Rules of this file: no name of an effect is written here; what is equal or near stands in the effects.
 """

@@ -5,7 +5,7 @@ had to be fitted again to a new recording pays half a nat a value: so much would
 refuse the values may still ask for a curve of the same variable at the same place: they reach beyond its knots, or it
 stands for a law of more variables than one. Then something is there, and no model of it is kept.
 
-Rules of this file: the held-out data refuse a curve by the rule that refuses a name.
+Rules of this file: the held-out data refuse the values of a curve by the rule by which folds refuse a name.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, toget
 from hoopd.diagnose.curves.curve_screen import CurveScreen, null_quantiles
 from hoopd.diagnose.curves.unknown_effects import DETECTION_CHANCE, Survey, Unknown, judge_unknown, survey
 from hoopd.diagnose.proof.held_out import HeldOut, on_heldout
-from hoopd.diagnose.search.candidates import HELD_OUT_LOSS, HELD_OUT_SHARE
+from hoopd.diagnose.search.candidates import UNSEEN_LOSS, UNSEEN_SHARE
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Score
 from hoopd.diagnose.search.surprise import surprise
@@ -49,7 +49,7 @@ def proven(unknown: Unknown, held: HeldOut, seed: int = 0) -> Proven | None:
         return Proven(found, joint)
     after, again = on_heldout(joint, held.stretches, unknown.beside)
     better = without.criterion - after.criterion - again / 2.0
-    if better > -max(HELD_OUT_LOSS, HELD_OUT_SHARE * gain):
+    if better > -max(UNSEEN_LOSS, UNSEEN_SHARE * gain):
         return Proven(replace(found, carries_over=True), joint, after)
     if not asked_for(unknown.curve, without, seed):
         return None

@@ -1,4 +1,4 @@
-"""How an effect is tried: proposed by screens and scans, fitted jointly, asked of data held out; how surprising it is.
+"""How an effect is tried: proposed by screens and scans, fitted jointly, asked of folds of the training data.
 
 Rules of this file: one effect beside one fit; which of them is taken is decided in naming.py.
 """
@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hoopd.diagnose.search.folds import fold_gain
 from hoopd.diagnose.search.scan import scan
 from hoopd.diagnose.search.scan_score import Scanned
 from hoopd.diagnose.search.screen import TOUCHED, Score, Screen
@@ -22,9 +23,9 @@ Progress = Callable[[str], None]
 
 # Effects in one explanation.
 MOST_EFFECTS = 3
-# Held-out data may lose so many nats, or this share of the gain, before an effect is refused: by chance, or by another
-# effect that is not found yet. What is no effect loses a good part of what it gained.
-HELD_OUT_LOSS, HELD_OUT_SHARE = 3.0, 0.1
+# Data that were not fitted may lose so many nats, or this share of the gain, before an effect is refused: by chance, or
+# by another effect that is not found yet. What is no effect loses a good part of what it gained.
+UNSEEN_LOSS, UNSEEN_SHARE = 3.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,8 @@ class Tried:
 class Judge:
     """The data, and how an effect is tried on them."""
 
-    def __init__(
-        self, train: Sequence[Stretch], heldout: Sequence[Stretch], library: Mapping[str, Effect], settings: Settings
-    ) -> None:
-        self.train, self.heldout, self.library, self.settings = list(train), list(heldout), library, settings
-        # with the fits themselves: the address of one that is gone is soon another's
-        self._held: dict[int, tuple[HypothesisFit, float]] = {}
+    def __init__(self, train: Sequence[Stretch], library: Mapping[str, Effect], settings: Settings) -> None:
+        self.train, self.library, self.settings = list(train), library, settings
         self.screens: dict[int, Screen] = {}
 
     def proposals(self, about: HypothesisFit, taken: Sequence[str]) -> list[Score]:
@@ -80,22 +77,11 @@ class Judge:
         gain = before.criterion - new.criterion
         return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
 
-    def on_heldout(self, found: HypothesisFit) -> float:
-        """Criterion on the held-out data: parameters frozen, what belongs to a recording fitted again."""
-        if not self.heldout:
-            return float("nan")
-        if id(found) not in self._held:
-            own = tuple(n for n in free_of_recordings(found.effects, self.heldout))
-            self._held[id(found)] = found, fit(self.heldout, found.effects, found.values, free=own).criterion
-        return self._held[id(found)][1]
-
-    def heldout_gain(self, before: HypothesisFit, after: HypothesisFit) -> float:
-        """Nats on the held-out data; NaN without any."""
-        return self.on_heldout(before) - self.on_heldout(after)
-
-    def refused(self, before: HypothesisFit, after: HypothesisFit, gain: float) -> bool:
-        """Whether the held-out data lose more than chance, or another effect that is still missing, explains."""
-        return bool(self.heldout) and not self.heldout_gain(before, after) > -max(HELD_OUT_LOSS, HELD_OUT_SHARE * gain)
+    def fold_loss(self, before: HypothesisFit, after: HypothesisFit, gain: float) -> float | None:
+        """Nats that folds of the training data lose where that refuses an effect: more than chance, or another effect
+        that is still missing, explains; else None."""
+        found = fold_gain(before, after)
+        return None if found is None or found > -max(UNSEEN_LOSS, UNSEEN_SHARE * gain) else -found
 
 
 def before_effects(found: HypothesisFit) -> dict[str, float]:

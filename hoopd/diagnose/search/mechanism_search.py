@@ -4,7 +4,7 @@ A library's name that explains most of a mismatch leaves a rest. When a mechanis
 best of all of them would by chance, and than it costs to say which it is, it is fitted with everything that is there;
 what was accepted before goes when it is worth nothing beside it.
 
-Rules of this file: proposals come from `mechanism_screen`, fits and held-out data from `candidates`.
+Rules of this file: proposals come from `mechanism_screen`, fits and folds from `candidates`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from math import exp
 
 from hoopd.diagnose.search.candidates import Judge, Tried, surprise_of
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMechanism
-from hoopd.diagnose.search.naming import NEAR_SHARE, Named, reconsider, taken_out
+from hoopd.diagnose.search.naming import NEAR_SHARE, Named, Refusal, reconsider, taken_out
 from hoopd.diagnose.search.scan_score import scanned
 from hoopd.diagnose.search.screen import Member, Score
 from hoopd.diagnose.search.surprise import log_chance
@@ -59,10 +59,13 @@ def _next(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> Tried 
         tried.append(judge.tried(found.final, score))
     tried.sort(key=lambda one: -one.surprise)
     for one in tried:
-        if one.surprise >= level and not judge.refused(found.final, one.fit, one.gain):
+        if one.surprise < level:
+            continue
+        if (loss := judge.fold_loss(found.final, one.fit, one.gain)) is None:
             gaps = [(other.effect.name, one.gain - other.gain) for other in tried if other is not one]
             found.rivals[one.effect.name] = gaps
             return one
+        found.refusals[one.effect.name] = Refusal(one.gain, loss)
     return None
 
 

@@ -1,6 +1,6 @@
-"""Which effects of a library a set of recordings asks for: screened, refitted, and tested on data held out.
+"""Which effects of a library a set of recordings asks for: screened, refitted, and tested on folds.
 
-Forward: screens propose, joint fits of base and effect decide, the held-out recordings may refuse. Then backward and
+Forward: screens propose, joint fits of base and effect decide, folds of the training data may refuse. Then backward and
 swap: each accepted effect is taken out again; it goes when that costs nothing, and another takes its place where that
 explains more.
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from hoopd.diagnose.search.bounded_disturbance import deflated, far_beyond, stiffened
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried, surprise_of
@@ -32,6 +33,13 @@ NOT_EXCLUDED_NATS = 3.0
 OCCAM_NATS, OCCAM_SHARE = 4.0, 0.02
 
 
+class Refusal(NamedTuple):
+    """An effect that was beyond the threshold and that folds refused."""
+
+    gain: float  # nats
+    loss: float  # nats in blocks that were not fitted
+
+
 @dataclass
 class Named:
     """What the search found."""
@@ -47,12 +55,12 @@ class Named:
     screens: dict[int, Screen] = field(default_factory=dict)  # by the fit they are about (its id)
     left: list[Score] = field(default_factory=list)  # screen of the final fit
     rivals: dict[str, list[tuple[str, float]]] = field(default_factory=dict)  # accepted -> (name, nats behind)
-    refused: dict[str, tuple[str, ...]] = field(default_factory=dict)  # accepted -> rivals that held-out data refused
+    refused: dict[str, tuple[str, ...]] = field(default_factory=dict)  # accepted -> rivals that folds refused
+    refusals: dict[str, Refusal] = field(default_factory=dict)  # beyond the threshold, and refused; the last of each
 
 
 def name_effects(
     train: Sequence[Stretch],
-    heldout: Sequence[Stretch],
     library: Mapping[str, Effect],
     nominal: HypothesisFit,
     base: HypothesisFit,
@@ -61,7 +69,7 @@ def name_effects(
     """The search; `nominal`, `base`: fits of the training stretches with parameters as given and re-estimated."""
     settings = settings or Settings()
     found = Named(nominal, base, base)
-    judge = Judge(train, heldout, library, settings)
+    judge = Judge(train, library, settings)
     for _ in range(MOST_ROUNDS):
         if len(found.accepted) >= (MOST_WHERE_FAR if far_beyond(found.final) else settings.most):
             break
@@ -73,6 +81,7 @@ def name_effects(
         if len(found.accepted) > 1:
             reconsider(found, judge)
     taken_out(found, judge)
+    found.refusals = {name: one for name, one in found.refusals.items() if name not in found.final.names}
     found.screens = {id(one): judge.screens[id(one)] for one in (base, found.final) if id(one) in judge.screens}
     return found
 
@@ -107,16 +116,18 @@ def _next(found: Named, judge: Judge) -> Tried | None:
 
 
 def _taken(found: Named, judge: Judge, tried: Sequence[Tried]) -> Tried | None:
-    """The first that the held-out data do not refuse, with its rivals."""
+    """The first that the folds do not refuse, with its rivals."""
     refused: list[str] = []
     for one in _in_order(tried):
         if one.surprise < judge.settings.threshold:
             continue
-        if not judge.refused(found.final, one.fit, one.gain):
+        loss = judge.fold_loss(found.final, one.fit, one.gain)
+        if loss is None:
             gap = [(other.effect.name, one.gain - other.gain) for other in tried if other is not one]
             found.rivals[one.effect.name], found.refused[one.effect.name] = gap, tuple(refused)
             return one
         refused.append(one.effect.name)
+        found.refusals[one.effect.name] = Refusal(one.gain, loss)
     return None
 
 
@@ -188,8 +199,8 @@ def _better(found: Named, judge: Judge, one: Tried, without: HypothesisFit, loss
             return None
         other = judge.tried(without, score)
         ahead = other.surprise > surprise_of(one.score, loss, judge.train) + OCCAM_NATS
-        # what the held-out data may lose is a share of what the swap gains, not of all that the other explains
-        if ahead and not judge.refused(found.final, other.fit, found.final.criterion - other.fit.criterion):
+        # what folds may lose is a share of what the swap gains, not of all that the other explains
+        if ahead and judge.fold_loss(found.final, other.fit, found.final.criterion - other.fit.criterion) is None:
             return other
     return None
 
