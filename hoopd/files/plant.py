@@ -63,8 +63,8 @@ class ChannelEntry(Strict, frozen=True):
 class SlotEntry(Strict, frozen=True):
     """A place where physics may be missing."""
 
-    kind: Literal["actuator", "body", "sensor", "push"]
-    coordinate: str
+    kind: Literal["actuator", "body", "store", "sensor", "push"]
+    coordinate: str  # of a store its first-order state
     channels: tuple[str, ...] = ()  # of a sensor
     device: str = ""  # of a sensor: encoder, camera or anything else
 

@@ -85,9 +85,9 @@ class Slot(NamedTuple):
     Attributes
     ----------
     kind : str
-        `actuator`, `body`, `sensor`, `push`, or a kind that a plant's own effects know.
+        `actuator`, `body`, `store`, `sensor`, `push`, or a kind that a plant's own effects know.
     coordinate : str
-        Of the body.
+        Of the body; of a store its first-order state.
     channels : tuple of str
         Of the sensor.
     turns : bool
@@ -248,6 +248,15 @@ class Plant:
     def states(self) -> tuple[str, ...]:
         """Names of the state in its order."""
         return (*(name for q in self.coordinates for name in (q, f"d{q}")), *self.first_order)
+
+    @property
+    def disturbed(self) -> tuple[str, ...]:
+        """What a disturbance acts on: a force on every coordinate, a rate of every first-order state."""
+        return (*self.coordinates, *self.first_order)
+
+    def disturbance_unit(self, name: str) -> str:
+        """Of what acts on one of `disturbed`."""
+        return self.force_unit if name in self.coordinates else f"{self.units.get(name, '-')}/s"
 
     @property
     def driven(self) -> str | None:

@@ -51,7 +51,7 @@ class Motion:
         self._plant, self._effects, self._names, self._inner = plant, effects, names, inner_torque
         self._limited, self._numbers = limited, numbers or {}
         self._nq, self._nx = len(plant.coordinates), len(plant.states)
-        self._disturbed = (*plant.coordinates, *plant.first_order)
+        self._disturbed = plant.disturbed
         self.shortest_s = SHORTEST_S * (plant.time_scale_s / USUAL_S)
         self._maps = [one for one in sorted(effects, key=lambda one: one.order) if one.torque is not None]
         frictions = [(one, one.friction) for one in effects if one.friction is not None]

@@ -262,21 +262,26 @@ class _Maker:
     def _given_slots(self) -> Iterator[tuple[str, Slot]]:
         for name, one in self._file.slots.items():
             key = f"slots.{name}"
-            if one.coordinate not in self._coordinates:
-                raise InputError(self._path, f"{key}.coordinate", f"{one.coordinate!r} is no coordinate")
+            known, word = (self._states, "state") if one.kind == "store" else (self._coordinates, "coordinate")
+            if one.coordinate not in known:
+                raise InputError(self._path, f"{key}.coordinate", f"{one.coordinate!r} is no {word}")
             for channel in one.channels:
                 if self._file.channels and channel not in self._file.channels:
                     raise InputError(self._path, f"{key}.channels", f"{channel!r} is no channel")
             yield name, self._slot(one.kind, one.coordinate, one.channels, one.device)
 
     def _usual_slots(self, channels: Mapping[str, Channel]) -> Iterator[tuple[str, Slot]]:
-        """The drive of the first input, a body and whoever pushes for each coordinate, and the sensors."""
+        """The drive of the first input, a body and whoever pushes for each coordinate, a store for each
+        first-order state, and the sensors."""
         for name in [*self._inputs][:1]:
             yield "actuator", self._slot("actuator", self._equations.acting.get(name, ""))
         for q in self._coordinates:
             before = "" if len(self._coordinates) == 1 else f"{q.lower()}_"
             yield f"{before}body", self._slot("body", q)
             yield f"{before}external", self._slot("push", q)
+        for name in self._states:
+            alone = len(self._states) == 1 and not self._coordinates
+            yield "store" if alone else f"{name.lower()}_store", Slot("store", name)
         for sensor in dict.fromkeys(one.sensor for one in channels.values()):
             read = tuple(name for name, one in channels.items() if one.sensor == sensor)
             q = next((q for name in read for q in self._coordinates if channels[name].state in (q, f"d{q}")), "")
@@ -284,8 +289,8 @@ class _Maker:
             yield sensor, self._slot("sensor", q, read, device)
 
     def _slot(self, kind: str, q: str, channels: tuple[str, ...] = (), device: str = "") -> Slot:
-        if not q:  # of first-order states
-            return Slot(kind, "", channels, device=device)
+        if not q or kind == "store":  # of first-order states
+            return Slot(kind, q, channels, device=device)
         one = self._coordinates[q]
         viscous = self._equations.viscous(q) if kind == "body" else None
         return Slot(

@@ -60,7 +60,7 @@ class Composite:
         self.delays = tuple(e.key(e.delay) for e in self.effects if e.delay)
         self.nx, self.nq = len(plant.states), len(plant.coordinates)
         # disturbances: a force on every coordinate, a rate of every first-order state
-        self.nw, self.nu = self.nq + len(plant.first_order), max(1, len(plant.inputs))
+        self.nw, self.nu = len(plant.disturbed), max(1, len(plant.inputs))
         self.longest_step_s = LONGEST_STEP_S * (plant.time_scale_s / USUAL_S)
         self.nz = self.nx + bool(self._torque_lags) + len(self._sensor_lags)
         self.channels = tuple(plant.channels)

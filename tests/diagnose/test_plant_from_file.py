@@ -72,8 +72,24 @@ def test_a_motor_with_its_current_is_searched() -> None:
     assert found.final.values[f"{effect}.Fc"] == pytest.approx(0.02, rel=0.1)
 
 
-def test_a_level_sensor_of_the_tanks_is_searched() -> None:
-    effect = "h1_sensor.offset"
-    found = searched(plant_named("tanks"), effect, {"d": 0.02}, 1e-4, 150)
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("h1_sensor.offset", {"d": 0.02}),
+        ("h1_store.leak", {"k": 2e-3}),
+        ("h1_store.varying_section", {"b": 1.0}),
+        ("h2_store.overflow", {"k": 0.05, "x0": 0.08}),
+        ("h2_store.constant_flow", {"c": -3e-4}),
+        ("actuator.deadzone", {"d": 4e-6}),
+    ],
+)
+def test_what_the_tanks_leave_out_is_named(effect: str, values: dict[str, float]) -> None:
+    found = searched(plant_named("tanks"), effect, values, 1e-4, 400)
     assert [one.effect.name for one in found.accepted] == [effect]
-    assert found.final.values[f"{effect}.d"] == pytest.approx(0.02, rel=0.05)
+    for name, value in values.items():
+        assert found.final.values[f"{effect}.{name}"] == pytest.approx(value, rel=0.1)
+
+
+def test_nothing_is_named_where_nothing_is_missing() -> None:
+    found = searched(plant_named("tanks"), "h1_store.leak", {"k": 0.0}, 1e-4, 400)
+    assert not found.accepted

@@ -35,6 +35,10 @@ def within(track: Track, fit: HypothesisFit) -> Point:
         states[f"d{q}"] = v[0] + share * (v[1] - v[0])
         # cubic through positions and rates at both ends
         states[q] = _hermite(x, v, h, share)
+    # of a first-order state the rate at both ends is not known: a straight line
+    for i, name in enumerate(track.composite.plant.states):
+        if name not in states:
+            states[name] = begin[:, i] + share * (end[:, i] - begin[:, i])
     names = track.composite.plant.states
     every = [states.get(name, np.zeros_like(torques)) for name in names]
     return track.stretch.plant.point(every, values, track.acting(values), track.stretch.t[:-1] + share * h)
@@ -59,9 +63,9 @@ def add_change(
         return
     # W: one-step map by a force held on a coordinate
     pushed = sum(
-        weight * own_columns(track, fit).model.w[:, :, track.composite.plant.coordinates.index(q)]
+        weight * own_columns(track, fit).model.w[:, :, track.stretch.plant.disturbed.index(q)]
         for q, weight in curve.site.on.items()
-        if q in track.composite.plant.coordinates
+        if q in track.stretch.plant.disturbed
     )
     _push(np.asarray(pushed), _shape(curve, points[0]), track, f)
 

@@ -47,7 +47,8 @@ Wanted = tuple[Site, CurveVariable, Factor | None]
 def wanted(plant: Plant) -> Iterator[Wanted]:
     """Sites, variables and factors of a plant."""
     kinds: dict[str, Callable[[Plant, str, Slot], Iterator[Wanted]]] = {
-        "body": _of_body, "rolling_ball": _of_ball, "actuator": _of_actuator, "push": _of_push, "sensor": _of_sensor
+        "body": _of_body, "rolling_ball": _of_ball, "actuator": _of_actuator, "push": _of_push, "store": _of_store,
+        "sensor": _of_sensor,
     }  # fmt: skip
     for name, slot in plant.slots.items():
         if not slot.coordinate:
@@ -145,6 +146,14 @@ def _power(plant: Plant, q: str) -> CurveVariable:
 
 def _of_push(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
     yield Site(name, "force", {slot.coordinate: 1.0}, plant.force_unit), TIME, None
+
+
+def _of_store(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
+    """What is missing in the rate of a first-order state: over itself, the others, the input and the time."""
+    site = Site(name, "force", {slot.coordinate: 1.0}, plant.disturbance_unit(slot.coordinate))
+    others = [state(plant, one) for one in plant.states if one != slot.coordinate]
+    for one in (state(plant, slot.coordinate), *others, *([_demand(plant)] if plant.inputs else ()), TIME):
+        yield site, one, None
 
 
 def _of_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:

@@ -92,7 +92,7 @@ def _own_values(effect: Effect, final: HypothesisFit, track: Track) -> Column:
 
 def _force(effect: Effect, final: HypothesisFit, without: HypothesisFit, old: Track, new: Track) -> MissingForceSamples:
     plant = new.stretch.plant
-    column = plant.coordinates.index(plant.slots[effect.slot].coordinate)
+    column = plant.disturbed.index(plant.slots[effect.slot].coordinate)
     change, _ = change_of(new, without, effect, _own_values(effect, final, old))
     law = _as_force(new, without, change)[:, column]
     return MissingForceSamples(

@@ -59,8 +59,8 @@ def _value(fit: HypothesisFit, index: int, slot: str) -> tuple[Array, str]:
         column = list(plant.channels).index(channel)
         left = np.where(columns.model.seen[:, column], columns.eps[:, column, 0], np.nan)
         return left, next(s.unit for s, _, _ in wanted(plant) if s.acts == "reading" and channel in s.on)
-    q = own.coordinate if own.coordinate in plant.coordinates else plant.coordinates[0]
-    return disturbance(fit, index)[:, plant.coordinates.index(q)], plant.force_unit
+    q = own.coordinate if own.coordinate in plant.disturbed else plant.disturbed[0]
+    return disturbance(fit, index)[:, plant.disturbed.index(q)], plant.disturbance_unit(q)
 
 
 def variables(plant: Plant) -> dict[str, CurveVariable]:

@@ -193,7 +193,7 @@ def _simulated(stretch: Stretch, rest: Sequence[Effect], entry: Entry) -> Track:
     x[:, :own] = entry.z[:, :own]
     # what lags is taken as settled
     z = np.array([composite.beginning(x[k], float(u[k])) for k in range(len(x))])
-    track.moved(z, np.zeros((len(x), len(stretch.plant.coordinates))), z, z)
+    track.moved(z, np.zeros((len(x), len(stretch.plant.disturbed))), z, z)
     return track
 
 

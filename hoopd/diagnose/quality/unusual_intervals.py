@@ -130,7 +130,7 @@ def signals_of(fit: HypothesisFit, index: int) -> Iterator[tuple[str, str, Array
     w = disturbance(fit, index)
     t, end = track.stretch.t, END_S * motion_scale(track.stretch.plant)
     inner = (t >= t[0] + end) & (t <= t[-1] - end)
-    for j, q in enumerate(track.stretch.plant.coordinates):
+    for j, q in enumerate(track.stretch.plant.disturbed):
         yield q, "force", np.where(inner, w[:, j], np.nan)
     innovations = fit.rows[index][:, 0].reshape(len(track.z), -1)
     for j, channel in enumerate(track.composite.channels):

@@ -202,7 +202,7 @@ def strips(base: HypothesisFit, final: HypothesisFit, ignored: Ignoreds) -> Iter
         before, after = _disturbances(base, name), _disturbances(final, name)
         plant = next(track.stretch.plant for track in base.tracks if track.stretch.recording == name)
         t = _times(base, name)
-        for column, q in enumerate(plant.coordinates):
+        for column, q in enumerate(plant.disturbed):
             level = max(robust_level(after[:, column]), 1e-300)
             strength = np.abs(before[:, column]) / level
             yield Strip(name, body_on(plant, q), t, strength, ignored.get(name, ()))

@@ -76,8 +76,8 @@ def force_along(track: Track, fitted: Mapping[str, float], effect: Effect, value
     inputs = np.column_stack([track.stretch.u, track.stretch.others])
     z, u, t = ca.SX.sym("z", track.composite.nz), ca.SX.sym("u", inputs.shape[1]), ca.SX.sym("t")
     force = effect.force(plant.point(z, track.local(fitted), u, t), Values(**{**effect.neutral(), **values}))
-    # disturbances act on the coordinates of the plant as declared
-    expression = ca.vertcat(*(ca.SX(force.get(q, 0.0)) for q in track.stretch.plant.coordinates))
+    # disturbances act on what the plant as declared has
+    expression = ca.vertcat(*(ca.SX(force.get(q, 0.0)) for q in track.stretch.plant.disturbed))
     middle, stretch = (track.z[1:] + track.z[:-1]) / 2, track.stretch
     function = ca.Function("force", [z, u, t], [ca.densify(expression)])
     found = function.map(n)(middle.T, inputs.T, (stretch.t[:-1] + stretch.h / 2)[None])

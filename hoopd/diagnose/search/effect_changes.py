@@ -77,10 +77,12 @@ class Changes:
             return False
         if effect.torque is not None and any(one.torque or one.lag for one in self.track.composite.effects):
             return False
+        if effect.torque is not None and self.track.composite.plant.driven is None:
+            return False  # no force: the equations have the input where they like
         if effect.torque is None and effect.force is None:
             return False
         small = any(one.role == "amplitude" for one in effect.parameters)
-        function = _force_function(self.track.composite.plant, effect)
+        function = _force_function(self.track.composite.plant, effect, 2)
         return function is not None and (small or not function.jac_sparsity(0, 0).nnz())
 
     # ------------------------------------------------------------------------------------------ a sampled force
@@ -105,7 +107,7 @@ class Changes:
         push = np.empty((n, c.nz, nq, parts, points))
         for j in range(parts - 1, -1, -1):
             for k, early in enumerate(0.5 - GAUSS):
-                held = by[j][:, :, c.nz : c.nz + nq].copy()
+                held = by[j][:, :, [c.nz + i for i in track.disturbed]]
                 # early in its part a force moves a position more than late: dq = dq' (d - s)
                 held[:, : 2 * c.nq : 2] += early * d[:, None, None] * held[:, 1 : 2 * c.nq : 2]
                 push[:, :, :, j, k] = onward @ held / points
@@ -133,7 +135,7 @@ class Changes:
         for i, column in enumerate(columns):
             values = {**self._local, **{effect.key(name): value for name, value in column}}
             found = call(states, u, t, np.array([[values[name] for name in names]]))[0]
-            forces[..., i] = found[0].T[: len(forces)].reshape(-1, n, points)
+            forces[..., i] = found[0].T[self.track.disturbed].reshape(-1, n, points)
         pushed = [inside.push[:, :, q] @ one for q, one in enumerate(forces) if np.any(one)]
         return np.sum(pushed, axis=0) if pushed else np.zeros((n, inside.push.shape[1], len(columns)))
 
@@ -210,7 +212,7 @@ def _names(plant: Plant, effect: Effect) -> tuple[str, ...]:
 
 
 def _force_function(plant: Plant, effect: Effect, n: int = 1) -> ca.Function | None:
-    """(x (n, states), u (n, inputs), t (n,), p by `_names`) -> what an effect adds to the forces (n, coordinates).
+    """(x (n, states), u (n, inputs), t (n,), p by `_names`) -> what an effect adds to forces and rates (n, nw).
 
     None for an effect whose functions do not take a whole column of points.
     """
@@ -232,7 +234,7 @@ def _made_force_function(plant: Plant, effect: Effect, n: int) -> ca.Function:
     first, *others = ca.horzsplit(u)
     demand = ca.fmin(ca.fmax(first, -plant.limit), plant.limit)
     every = [demand, *others] if others else demand
-    point, force = plant.point(ca.horzsplit(x), values, every, t), dict.fromkeys(plant.coordinates, ca.MX.zeros(n))
+    point, force = plant.point(ca.horzsplit(x), values, every, t), dict.fromkeys(plant.disturbed, ca.MX.zeros(n))
     if effect.torque is not None and plant.driven is not None:
         force[plant.driven] += effect.torque(point, effect.values(values)) - demand
     for q, more in (effect.force(point, effect.values(values)) if effect.force else {}).items():

@@ -259,8 +259,9 @@ class _Followed:
                         if name in c.channels:
                             # innovations lose what the readings gain
                             eps[:, c.channels.index(name), column] -= weight * value
-                    elif name in c.plant.coordinates:
-                        pushed.setdefault(c.plant.coordinates.index(name), []).append((column, weight, value))
+                    elif name in self.track.stretch.plant.disturbed:
+                        place = self.track.stretch.plant.disturbed.index(name)
+                        pushed.setdefault(place, []).append((column, weight, value))
         for q, parts in pushed.items():
             forces = np.stack([weight * np.broadcast_to(value, self._push.shape[::3]) for _, weight, value in parts], 2)
             f[:, :, [column for column, _, _ in parts]] += self._push[:, :, q] @ forces

@@ -43,6 +43,8 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
     elif not q and slot.channels:  # of a level, a temperature
         channel = plant.channels[slot.channels[0]]
         found.append(_offset(name, slot.channels, channel.unit, plant.scales.get(channel.state, 1.0)))
+        if channel.state:
+            found.append(_scale(name, slot.channels[0], channel.state))
     return tuple(found)
 
 
@@ -117,6 +119,23 @@ def _speed_lag(plant: Plant, name: str, rates: tuple[str, ...]) -> Effect:
         sign="T >= 0",
         best_experiment="fast two-level torque",
         write_back="the estimator takes the angle, or carries the filter as a state",
+    )
+
+
+def _scale(name: str, channel: str, state: str) -> Effect:
+    return Effect(
+        f"{name}.scale",
+        (EffectParameter("a", "-", 0.0, -0.5, 1.0, grid=(0.02,)),),
+        # x (1 + a)
+        sensor=lambda s, e: {channel: e.a * getattr(s, state)},
+        depends_on=(state,),
+        near=(f"{name}.offset",),
+        formula=f"{channel} (1 + a)",
+        statement="the sensor shows 1 + a times what there is",
+        signature="the reading's error is proportional to what is read",
+        sign="a > -1",
+        best_experiment="rest at two known contents",
+        write_back="divide the reading by 1 + a",
     )
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects import angle_sensor, body, drive, image_sensor, push
+from hoopd.plants.effects import angle_sensor, body, drive, image_sensor, push, store
 from hoopd.plants.effects.base import Effect
 
 # A user's effects: ready ones, or what makes them for a plant.
 Extra = Effect | Callable[[Plant], Iterable[Effect]]
 # Along the signal path; a plant's own kinds of slot come between the bodies and what pushes and reads them.
-FORCES, READINGS = (drive, body), (push, image_sensor, angle_sensor)
+FORCES, READINGS = (drive, body, store), (push, image_sensor, angle_sensor)
 
 
 def library(plant: Plant, extra: Iterable[Extra] = ()) -> dict[str, Effect]:

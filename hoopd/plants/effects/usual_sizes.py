@@ -6,9 +6,13 @@ Rules of this file: nothing here knows an effect.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 from typing import NamedTuple
 
-from hoopd.plants.declaration import Plant, Slot
+import casadi as ca
+import numpy as np
+
+from hoopd.plants.declaration import Input, Plant, Slot
 
 # What the sizes in the files of the slots are meant for: a drive of this many N m at this many rad/s, sampled each so
 # many seconds (the hoop as it was when they were written). On a plant they follow its limit, its slot's usual rate and
@@ -67,6 +71,26 @@ def speed_scale(slot: Slot) -> float:
 def time_scale(plant: Plant) -> float:
     """Times of this plant over the hoop's."""
     return plant.time_scale_s / USUAL_S
+
+
+def store_rate(plant: Plant, name: str) -> float:
+    """Usual rate of a first-order state: what its usual size, or an input's, changes in it."""
+    x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", max(1, len(plant.inputs)))
+    usual = [plant.scales.get(one, 1.0) for one in plant.states]
+    driven = [usual_of(plant, one) for one in plant.inputs] or [0.0]
+    point = plant.point(x, plant.values, u if len(plant.inputs) > 1 else u[0])
+    here = plant.rates(point)[plant.first_order.index(name)]
+    slopes = ca.Function("slopes", [x, u], [ca.densify(ca.jacobian(here, ca.vertcat(x, u)))])(usual, driven)
+    change = np.abs(slopes.full().ravel()) * np.abs([*usual, *driven])
+    return (
+        float(np.max(change[np.isfinite(change)], initial=0.0)) or usual[plant.states.index(name)] / plant.time_scale_s
+    )
+
+
+def usual_of(plant: Plant, one: Input) -> float:
+    """Usual size of an input: its scale, else its limit, else one."""
+    limit = inf if one.limit is None else one.limit
+    return plant.scales.get(one.name, limit if limit < inf else 1.0)
 
 
 def scaled(grid: tuple[float, ...], by: float) -> tuple[float, ...]:

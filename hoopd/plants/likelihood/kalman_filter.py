@@ -1,7 +1,7 @@
 """The Kalman filter along a trajectory that whitens what a model leaves, and its smoother.
 
-About a reference trajectory the model is linear in the deviation d = (z - z_ref, w): a disturbance force w on every
-coordinate is an Ornstein-Uhlenbeck process, so that
+About a reference trajectory the model is linear in the deviation d = (z - z_ref, w): a disturbance w (a force on every
+coordinate, a rate of every first-order state) is an Ornstein-Uhlenbeck process, so that
 
     d_k+1 = [[A, W], [0, exp(-h/T)]] d_k + (f_k, 0) + noise,     e_k = eps_k - C d_k
 
@@ -34,8 +34,12 @@ Pattern = tuple[tuple[bool, ...], ...]
 
 # Standard deviations of the first deviation from the reference: wide against what a first idea of a state misses.
 START_POSITION, START_RATE = 0.3, 5.0
+# Of a first-order state, in usual sizes: one that nobody reads may be anywhere.
+START_FIRST_ORDER = 1.0
 # Process noise beside the disturbance, standard deviation of a rate over one step: the rounding of a linearisation.
 RATE_FLOOR = 1e-5
+# Of a first-order state over one step, in usual sizes: as much as that of a rate, whose usual size is ten.
+FIRST_ORDER_FLOOR = 1e-6
 
 
 class Lagged(NamedTuple):
@@ -53,10 +57,11 @@ class LinearReference(NamedTuple):
     c: Array  # (n, nc, nz)
     h: Array  # (n-1,)
     seen: NDArray[np.bool_]  # (n, nc)
-    nx: int  # how many of the nz are positions and rates, alternating
+    nx: int  # how many of the nz are the plant's: positions and rates, alternating, but for `first_order`
     scatter: Array  # (n, nc) a reading's noise over its channel's level
     lagged: tuple[Lagged, ...] = ()  # the other nz
     sizes: tuple[float, ...] = ()  # usual sizes of the nx (`plants.scales`); not given: 1
+    first_order: tuple[int, ...] = ()  # which of the nx are declared states of first order
 
     @property
     def size(self) -> int:
@@ -97,6 +102,7 @@ class Noise(NamedTuple):
         nz, nx = model.a.shape[1], model.nx
         spread = np.full(nx, START_RATE)
         spread[::2] = START_POSITION
+        spread[list(model.first_order)] = START_FIRST_ORDER
         spread *= np.array(model.sizes or 1.0)
         follows = np.vstack([np.eye(nx), np.zeros((nz - nx, nx))])
         for row, one in enumerate(model.lagged, start=nx):
@@ -120,7 +126,7 @@ class Noise(NamedTuple):
         """On the diagonal."""
         (steps, nz, _), size = model.a.shape, model.size
         found = np.zeros((steps, size, size))
-        found[:, range(nz), range(nz)] = rate_floor(nz, model.nx, model.sizes)
+        found[:, range(nz), range(nz)] = rate_floor(nz, model.nx, model.sizes, model.first_order)
         found[:, range(nz, size), range(nz, size)] = disturbance(model.h[:, None], self.force, self.time_s)[1]
         return found
 
@@ -220,10 +226,11 @@ def disturbance(h: Any, force: Any, time_s: Any, exp: Callable[[Any], Any] = np.
     return decay, force**2 * (1 - decay**2)
 
 
-def rate_floor(nz: int, nx: int, sizes: tuple[float, ...] = ()) -> Array:
+def rate_floor(nz: int, nx: int, sizes: tuple[float, ...] = (), first_order: tuple[int, ...] = ()) -> Array:
     """(nz,) variances that each step adds to the states of the plant, of usual sizes (nx,)."""
     found = np.zeros(nz)
     found[1:nx:2] = RATE_FLOOR**2
+    found[list(first_order)] = FIRST_ORDER_FLOOR**2
     found[:nx] *= np.square(sizes or 1.0)
     return found
 

@@ -43,7 +43,7 @@ class Criterion:
         self.model, self._f, self._eps = model, f, np.where(model.seen, eps, 0.0)
         moving = np.concatenate([model.a, model.w], axis=2)
         dynamic, seen = pattern_of(moving), pattern_of(model.c)
-        self._filter = _linear_filter(dynamic, seen, model.nx, model.sizes)
+        self._filter = _linear_filter(dynamic, seen, model.nx, model.sizes, model.first_order)
         # the way from the last node leads nowhere
         parts = [nonzeros(moving, dynamic), model.h[:, None], f]
         onward = [np.concatenate([part, np.zeros((1, part.shape[1]))]) for part in parts]
@@ -56,7 +56,16 @@ class Criterion:
         for first in range(0, n - min(BLOCK, n) + 1, BLOCK * EVERY):
             nodes, steps = slice(first, first + BLOCK), slice(first, first + BLOCK - 1)
             model = LinearReference(
-                m.a[steps], m.w[steps], m.c[nodes], m.h[steps], m.seen[nodes], m.nx, m.scatter[nodes], m.lagged, m.sizes
+                m.a[steps],
+                m.w[steps],
+                m.c[nodes],
+                m.h[steps],
+                m.seen[nodes],
+                m.nx,
+                m.scatter[nodes],
+                m.lagged,
+                m.sizes,
+                m.first_order,
             )
             found.append(Criterion(model, self._f[steps], self._eps[nodes]))
         return found
@@ -88,7 +97,9 @@ class Criterion:
 
 
 @lru_cache(maxsize=16)
-def _linear_filter(dynamic: Pattern, seen: Pattern, nx: int, sizes: tuple[float, ...]) -> DifferentiableRecursion:
+def _linear_filter(
+    dynamic: Pattern, seen: Pattern, nx: int, sizes: tuple[float, ...], first_order: tuple[int, ...]
+) -> DifferentiableRecursion:
     """(P and d, [A W], h, f, C, seen, scatter, eps, levels) -> P and d at the next node, e and S of every reading."""
     moving, c = symbol("moving", dynamic), symbol("c", seen)
     (nz, size), nc, nq = moving.shape, c.size1(), moving.size2() - moving.size1()
@@ -100,7 +111,7 @@ def _linear_filter(dynamic: Pattern, seen: Pattern, nx: int, sizes: tuple[float,
     moved, e = corrected(taken, c, eps - ca.mtimes(c, d[:nz]))
     decay, variance = disturbance(h, force, time_s, ca.exp)
     phi = ca.vertcat(moving, ca.horzcat(ca.SX(nq, nz), ca.diag(decay)))
-    added = ca.diag(ca.vertcat(rate_floor(nz, nx, sizes), variance))
+    added = ca.diag(ca.vertcat(rate_floor(nz, nx, sizes, first_order), variance))
     after = ca.vertcat(
         *elements(carried(taken.after, phi, added)), ca.mtimes(phi, d + moved) + ca.vertcat(f, ca.SX(nq, 1))
     )

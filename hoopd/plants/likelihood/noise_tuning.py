@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.plants.effects.usual_sizes import store_rate
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.noise_levels import Criterion
 from hoopd.plants.likelihood.quasi_newton import SearchEnds, lowest, positive
@@ -30,6 +31,8 @@ DIFFERENCE, LEAST_CURVATURE = 1e-4, 1.0
 FIRST_TIME_S = 0.15
 # First guess of a disturbance: so many rad/s^2 on a coordinate that moves at 10 rad/s within 0.1 s (`plants.scales`).
 FIRST_ACCELERATION = 1.0
+# The same of a first-order state: this share of its usual rate.
+FIRST_SHARE = 0.01
 # Of what a reading does over a recording, steps that are none and noise that is none.
 NOTHING = 1e-9
 
@@ -96,7 +99,8 @@ def first_noise(tracks: Sequence[Track], values: Mapping[str, float]) -> dict[st
             )
             plant, slower = track.stretch.plant, motion_scale(track.stretch.plant)
             usual = np.array([rate_scale(plant, q) for q in plant.coordinates]) / slower
-            force = FIRST_ACCELERATION * usual / track.mobility(values)
+            rates = np.array([store_rate(plant, name) for name in plant.first_order])
+            force = np.concatenate([FIRST_ACCELERATION * usual / track.mobility(values), FIRST_SHARE * rates])
             found[track.stretch.recording] = Noise(force, np.full(len(force), FIRST_TIME_S * slower), reading)
     return found
 

@@ -54,8 +54,8 @@ class Track:
         self.composite = composite_of(stretch.plant, fitting_effects(stretch.plant, effects))
         x = first_states(stretch)
         self.z = np.zeros((len(stretch.t), self.composite.nz))
-        # disturbances act on the coordinates of the plant as declared, not on those that an effect adds
-        self.w = np.zeros((len(stretch.t), len(stretch.plant.coordinates)))
+        # disturbances act on what the plant as declared has, not on what an effect adds
+        self.w = np.zeros((len(stretch.t), len(stretch.plant.disturbed)))
         self.z[:, : x.shape[1]] = x
         for k, state in enumerate(self.composite.plant.states[x.shape[1] :], start=x.shape[1]):
             self.z[:, k] = self.composite.plant.held.get(state, 0.0)
@@ -121,8 +121,16 @@ class Track:
         return back.reshape(-1, back.shape[2]).T
 
     def _wide(self, w: Array) -> Array:
-        """Disturbances with a column for every coordinate of the composite."""
-        return np.pad(w, ((0, 0), (0, self.composite.nw - w.shape[1])))
+        """Disturbances with a column for all that the composite has, whatever effects add."""
+        found = np.zeros((len(w), self.composite.nw))
+        found[:, self.disturbed[: w.shape[1]]] = w
+        return found
+
+    @property
+    def disturbed(self) -> list[int]:
+        """Places of the declared plant's disturbances among the composite's."""
+        every = self.composite.plant.disturbed
+        return [every.index(name) for name in self.stretch.plant.disturbed]
 
     def _output_inputs(self, values: Mapping[str, float], z: Array, w: Array) -> list[Array]:
         return [z, self._back(values), self._wide(w), self.stretch.t, self.composite.vector(values)]
@@ -132,7 +140,7 @@ class Track:
     ) -> Array:
         """(n-1, nz) one-step map from the filter's state at every node."""
         values = self.local(values)
-        z, w = (self.filtered if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
+        z, w = (self.filtered if z is None else z), (np.zeros((len(self.stretch.t), 0)) if w is None else w)
         c = self.composite
         if substeps not in (0, c.substeps):
             finer = Track.of(self.stretch, self.held, composite_of(c.declared, c.effects, substeps))
@@ -156,7 +164,7 @@ class Track:
     def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
         """(n, nc) what the sensors would show of the filter's prediction at every node."""
         values = self.local(values)
-        z, w = (self.predicted if z is None else z), (np.zeros((len(self.stretch.t), 1)) if w is None else w)
+        z, w = (self.predicted if z is None else z), (np.zeros((len(self.stretch.t), 0)) if w is None else w)
         call = mapped(self.composite.output_function, len(z), (4,))
         return call(*self._output_inputs(values, z, w))[0][:, :, 0]
 
@@ -202,6 +210,7 @@ class Track:
             self.stretch.scatter,
             self._behind(values),
             tuple(state_scales(c.plant).tolist()),
+            tuple(c.plant.states.index(name) for name in self.stretch.plant.first_order),
         )
         return Columns(model, f, eps)
 
@@ -237,7 +246,7 @@ class Track:
             total[:, :, c.nz : nu] += by[:, :, c.nz : nu]
             total[:, :, nu:] += by[:, :, nu + c.nu :]
             total[:, :, late] += by[:, :, nu, None] * slope[j][:, None, None]
-        return z, total[:, :, : c.nz], total[:, :, c.nz : c.nz + self.w.shape[1]], total[:, :, nu:]
+        return z, total[:, :, : c.nz], total[:, :, [c.nz + i for i in self.disturbed]], total[:, :, nu:]
 
     def _reading_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> list[Array]:
         """Readings (n, nc) and their derivatives (n, nc, ...) by z and parameters."""

@@ -65,6 +65,7 @@ class ActingPlace:
     acts: str
     on: Mapping[str, float]
     unit: str
+    words: str = "a force"
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ class Mechanism:
     def unit(self) -> str:
         """Of the amplitude."""
         power = self.shape.power if self.shape is not None else int(bool(self.memory and self.memory.scaled))
-        below = [self.axis.unit + (f"^{power}" if power > 1 else "")] if power else []
+        below = [self.axis.unit + ("" if power == 1 else f"^{power:g}")] if power else []
         below += [self.factor.unit] if self.factor else []
         return self.site.unit if not below else f"{self.site.unit}/({' '.join(below)})"
 
@@ -182,7 +183,9 @@ class Mechanism:
     @property
     def sentence(self) -> str:
         """In plain words."""
-        kind = {FORCE: "a force", TORQUE: "a torque of the drive", READING: "an error of the reading"}[self.site.acts]
+        kind = {FORCE: self.site.words, TORQUE: "a torque of the drive", READING: "an error of the reading"}[
+            self.site.acts
+        ]
         times = f" in proportion to {self.factor.words}, with a factor" if self.factor is not None else ""
         return f"{kind}{times} that {self._law.words} {self.axis.words}"
 
@@ -284,6 +287,8 @@ def code_nats(count: int) -> float:
 def _of_slot(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
     if slot.kind == "body" and slot.coordinate:
         yield from _of_body(plant, ActingPlace(name, FORCE, {slot.coordinate: 1.0}, plant.force_unit), slot.coordinate)
+    elif slot.kind == "store":
+        yield from _of_store(plant, name, slot.coordinate)
     elif slot.kind == "rolling_ball":
         yield from _of_rolling(plant, name, slot.coordinate)
     elif slot.kind == "actuator" and plant.inputs:
@@ -384,6 +389,18 @@ def _of_actuator(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
         yield Mechanism(site, axis, memory=memory, factor=first)
     for axis in losses(plant, q):
         yield from (Mechanism(site, axis, memory=memory, factor=first) for memory in _memories("heat"))
+
+
+def _of_store(plant: Plant, name: str, own: str) -> Iterator[Mechanism]:
+    """What is missing in the rate of a first-order state."""
+    site = ActingPlace(name, FORCE, {own: 1.0}, plant.disturbance_unit(own), f"a flow into {own}")
+    others = [state(plant, one) for one in plant.first_order if one != own]
+    moving = [axis for q in plant.coordinates for axis in (position(plant, q), rate(plant, q))]
+    for axis in (state(plant, own), *others, *moving, *([demand(plant)] if plant.inputs else ()), CLOCK):
+        for shape in shapes_of(axis):
+            # its own loss is in the library
+            if not (axis.name == own and shape.name == "linear"):
+                yield Mechanism(site, axis, shape)
 
 
 def _of_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:

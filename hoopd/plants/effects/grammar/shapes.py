@@ -29,6 +29,8 @@ WIDTHS, WIDTHS_RAD = (0.05, 0.15), (0.12, 0.3)
 # Times of what settles with time, as shares of the longest.
 SETTLING = (0.05, 0.15, 0.4)
 WAVES = tuple(float(n) for n in range(1, 37))
+# Below, a root is a straight line: its slope has no end.
+LEAST = 1e-12
 # Waves over what does not turn: so many in the range of the variable.
 WAVES_IN_RANGE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
 
@@ -51,7 +53,7 @@ class ShapeLaw:
         Names; `n` of a wave has no unit on a turning axis.
     kinds : tuple of str
         Axes that it may follow.
-    power : int
+    power : float
         Of the unit of v in the amplitude's: the amplitude is the site's unit over unit^power.
     grid : callable
         (axis, samples) -> values of the constants that a search tries.
@@ -66,7 +68,7 @@ class ShapeLaw:
     text: str
     words: str
     kinds: tuple[str, ...]
-    power: int = 0
+    power: float = 0
     constants: tuple[str, ...] = ()
     grid: Callable[[Axis, Array], Sequence[Constants]] = lambda axis, v: ({},)
     odd: bool = False
@@ -113,6 +115,8 @@ SHAPES: tuple[ShapeLaw, ...] = (
     ShapeLaw("linear", lambda ops, v, c: v, "{v}", "grows with", (*ANY, TIME), 1, odd=True),
     ShapeLaw("quadratic", lambda ops, v, c: v * ops.fabs(v), "{v} |{v}|", "grows with the square, and the sign, of",
              (RATE, INPUT, STATE), 2, odd=True),
+    ShapeLaw("root", lambda ops, v, c: v / ops.sqrt(ops.fmax(ops.fabs(v), LEAST)), "sign({v}) sqrt(|{v}|)",
+             "grows with the root of", (STATE,), 0.5, odd=True),
     ShapeLaw("square", lambda ops, v, c: v**2, "{v}^2", "grows with the square of", (*ANY, TIME), 2),
     ShapeLaw("cubic", lambda ops, v, c: v**3, "{v}^3", "grows with the cube of", (RATE, INPUT, POSITION, STATE), 3,
              odd=True),
