@@ -13,8 +13,9 @@ from hoopd.core.late import LateEstimator
 from hoopd.files.controller import controller_of, estimator_of, limiter_of, load_controller, parse_controller
 from hoopd.files.model import model_text
 from hoopd.files.reading import InputError
+from hoopd.plants.found_effects import EffectError, checked
 from hoopd.plants.hoop.loop.writeback import cancelled, estimator_with, filter_effects, unused
-from hoopd.plants.model_file import effects_of, load_model, parse_model, plant_of
+from hoopd.plants.model_file import effects_of, effects_plant, load_model, parse_model, plant_of
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 
@@ -206,3 +207,11 @@ def test_an_encoder_whose_eccentricity_has_no_common_phase_is_believed_as_it_rea
         kept[label] = estimator_with(effects_of(parse_model(yaml.safe_dump(file), "m.yaml")), EkfSettings())
     assert isinstance(kept["lost"], DelayedEkf)
     assert isinstance(kept["known"], LateEstimator)
+
+
+def test_a_wave_of_any_whole_number_is_read_back() -> None:
+    """A mechanism has no list of numbers, as an effect of the library has."""
+    plant = effects_plant(load_model(CONFIG / "models/thesis.yaml"))
+    assert checked(plant, "hoop.wave_of_theta", {"A": 0.005, "n": 33.0, "phi": 0.1})["n"] == 33.0
+    with pytest.raises(EffectError, match=r"whole number, not 33\.5"):
+        checked(plant, "hoop.wave_of_theta", {"A": 0.005, "n": 33.5, "phi": 0.1})

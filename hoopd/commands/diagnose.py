@@ -150,8 +150,7 @@ def _written(
     """The diagnosis; every file is made before the first one is written."""
     diagnosis, files = outcome.diagnosis, list[tuple[Path, bytes]]()
     if write is not None:
-        own = [f"{name} is not in the model: a model file holds no effects of your own" for name in left_out(outcome)]
-        diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *own])
+        diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *left_out(outcome)])
         files.append((write, _model_text(outcome, base, write).encode()))
     if report is not None:
         from hoopd.diagnose.report.page import page

@@ -34,9 +34,11 @@ def found_model(outcome: Outcome, base: Model, name: str) -> Model:
     """The base with re-estimated parameters, and its effects and the named ones, where the library knows them."""
     quantities = outcome.diagnosis.base.parameters
     parameters = {key: _parameter(one) for key, one in quantities.items() if "." not in key}
-    final, old = outcome.named.final, {entry.name: entry for entry in base.effects}
+    final, old = outcome.kept, {entry.name: entry for entry in base.effects}
     entries = {**old, **{effect.name: entry_of(effect, final, old.get(effect.name)) for effect in _known(final)}}
     for one in outcome.diagnosis.effects:  # faults of a sensor are in no fit
+        if one.status == "not_confirmed":
+            continue
         if one.slot in final.tracks[0].stretch.plant.slots and one.name not in entries and _is_known(one.name, final):
             entries[one.name] = EffectEntry(name=one.name, parameters=_parameters(one.parameters))
     return msgspec.structs.replace(
@@ -45,8 +47,13 @@ def found_model(outcome: Outcome, base: Model, name: str) -> Model:
 
 
 def left_out(outcome: Outcome) -> list[str]:
-    """Named effects that no model file can hold: a user's own."""
-    return [one.name for one in outcome.named.final.effects if not _is_known(one.name, outcome.named.final)]
+    """Why named effects are not in the model: a user's own, and what held-out data deny."""
+    own = [one.name for one in outcome.kept.effects if not _is_known(one.name, outcome.kept)]
+    denied = [one.name for one in outcome.diagnosis.effects if one.status == "not_confirmed" and not one.is_unknown]
+    return [
+        *(f"{name} is not in the model: a model file holds no effects of your own" for name in own),
+        *(f"{name} is not in the model: held-out data do not confirm it" for name in denied),
+    ]
 
 
 def _known(final: HypothesisFit) -> Iterable[Effect]:

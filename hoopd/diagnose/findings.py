@@ -11,6 +11,7 @@ import numpy as np
 
 from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import Unknown
+from hoopd.diagnose.proof.confirmation import Confirmation, status_of
 from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
 from hoopd.diagnose.proof.not_excluded import Separation
 from hoopd.diagnose.record import (
@@ -23,6 +24,8 @@ from hoopd.diagnose.record import (
     Fits,
     Placebo,
     Quantity,
+    Refused,
+    Status,
     Unexplained,
     Verdict,
 )
@@ -48,9 +51,8 @@ def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown 
     return "parameters" if surprise(gain, len(named.base.free)) > threshold else "consistent"
 
 
-def base_of(model: str, named: Named) -> Base:
-    """Re-estimated base parameters, beside the effects; those of effects that the base has as `slot.effect.name`."""
-    final = named.final
+def base_of(model: str, named: Named, final: HypothesisFit) -> Base:
+    """Re-estimated base parameters beside the effects of `final`; of effects that the base has: `slot.effect.name`."""
     units = _units(final) | {e.key(p.name): p.unit for e in named.base.effects for p in e.parameters}
     return Base(
         model=model,
@@ -102,14 +104,15 @@ def effects_of(
     faults: Sequence[CameraFault],
     apart: Mapping[str, Separation],
     placebos: Mapping[str, Placebo],
+    said: Confirmation,
 ) -> list[EffectFinding]:
     """Named effects and faults of the camera, most evidence first."""
     percents = {name: _mean_nrmse(one) for name, one in heldout.items()}
     found = [
-        _effect(named, name, percents, threshold, apart[name], placebos.get(name))
+        _effect(named, name, percents, threshold, apart[name], placebos.get(name), said)
         for name in (one.effect.name for one in named.accepted)
     ]
-    found += [_fault(one) for one in faults]
+    found += [_fault(one, threshold) for one in faults]
     return sorted(found, key=lambda one: -(one.evidence.log_likelihood_gain or 0.0))
 
 
@@ -120,6 +123,7 @@ def _effect(
     threshold: float,
     apart: Separation,
     placebo: Placebo | None,
+    said: Confirmation,
 ) -> EffectFinding:
     tried = next(one for one in named.accepted if one.effect.name == name)
     effect, loss = tried.effect, named.losses[name]
@@ -129,7 +133,7 @@ def _effect(
     return EffectFinding(
         name=name,
         slot=effect.slot,
-        parameters=parameters_of(effect, named.final),
+        parameters=parameters_of(effect, said.kept if name in said.kept.names else named.final),
         evidence=Evidence(
             log_likelihood_gain=loss,
             threshold=needed_of(tried.score, threshold, [track.stretch for track in named.base.tracks]),
@@ -141,6 +145,7 @@ def _effect(
         alternatives=list(apart.alternatives),
         ablation=ablation,
         placebo=placebo,
+        status=said.statuses[name],
     )
 
 
@@ -150,7 +155,7 @@ def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, 
     return gain, Ablation(log_likelihood_loss=loss, heldout_with={**with_it}, heldout_without={**without})
 
 
-def _fault(fault: CameraFault) -> EffectFinding:
+def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
     words = {"late_frames": "repeats the picture before", "outliers": "is a false detection"}
     slot, _, kind = fault.name.partition(".")
     return EffectFinding(
@@ -160,7 +165,36 @@ def _fault(fault: CameraFault) -> EffectFinding:
         evidence=Evidence(log_likelihood_gain=fault.gain, threshold=fault.needed, heldout_gain_percent=None),
         not_excluded=[],
         statement=f"a share of the {slot}'s samples {words[kind]}",
+        status=status_of(fault.surprise, threshold),
     )
+
+
+def refused_of(named: Named, said: Confirmation) -> list[Refused]:
+    """What was beyond the threshold: names that folds refused, and those of which nothing is left but a loss."""
+    folds = [
+        Refused(
+            name=name, log_likelihood_gain=one.gain,
+            reason=f"fitted to two thirds of the data it loses {one.loss:.1f} nats in the other third",
+        )
+        for name, one in named.refusals.items()
+    ]  # fmt: skip
+    denied = [] if is_any_left(named, said) else said.denied
+    lowered = [
+        Refused(name=name, log_likelihood_gain=named.losses[name], reason=lowers(said.lost[name]))
+        for name in denied if name in named.losses
+    ]  # fmt: skip
+    return sorted([*folds, *lowered], key=lambda one: -(one.log_likelihood_gain or 0.0))
+
+
+def lowers(lost: Mapping[str, float]) -> str:
+    """In words."""
+    told = " and ".join(f"{channel} by {points:.1f} points" for channel, points in lost.items())
+    return f"with it the simulation of the held-out data is worse: {told}"
+
+
+def is_any_left(named: Named, said: Confirmation) -> bool:
+    """Whether any of the names is kept, or none was there."""
+    return not named.accepted or any(one.effect.name in said.kept.names for one in named.accepted)
 
 
 def candidates_of(named: Named, threshold: float) -> list[Candidate]:
@@ -174,7 +208,7 @@ def candidates_of(named: Named, threshold: float) -> list[Candidate]:
     ]
 
 
-def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played]) -> EffectFinding:
+def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], status: Status | None = None) -> EffectFinding:
     """As an effect without a name; taken out again it leaves what it stands beside."""
     gain, ablation, without = None, None, heldout.get(f"without {unknown.name}")
     if without is not None:
@@ -189,6 +223,7 @@ def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played]) -> EffectFi
         f"follows {' and '.join(unknown.curve.depends_on)}"
         f"{', by another curve in the held-out recordings' if unknown.carries_over is False else ''}",
         ablation=ablation,
+        status=status,
     )
 
 

@@ -14,6 +14,9 @@ import msgspec
 SCHEMA: Literal["hoopd.diagnosis/1"] = "hoopd.diagnosis/1"
 
 Verdict = Literal["consistent", "parameters", "missing_physics", "unknown_physics"]
+# What held-out data say of a name: they bear it out; they do, and it barely passes; they never reach what it acts on; a
+# simulation of them is worse with it.
+Status = Literal["confirmed", "weak", "untested", "not_confirmed"]
 # A number that may not be determined; NaN and infinities become None on the way out.
 Number = float | None
 # Among the candidates: what no name explains.
@@ -112,6 +115,12 @@ class EffectFinding(_Part, frozen=True):
     alternatives: list[Alternative] = []
     ablation: Ablation | None = None
     placebo: Placebo | None = None
+    status: Status | None = None  # null in files that are older than it
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether it has no name: a slot and a curve."""
+        return self.name.startswith("unknown.")
 
 
 class Fit(_Part, frozen=True):
@@ -238,6 +247,14 @@ class Candidate(_Part, frozen=True):
     heldout_gain_percent: Number = None
 
 
+class Refused(_Part, frozen=True):
+    """An effect that was beyond the threshold and is not named; `reason`: why, in words."""
+
+    name: str
+    log_likelihood_gain: Number
+    reason: str
+
+
 class Visible(_Part, frozen=True):
     """Power: the smallest size of an effect that this data set would have shown; `largest`: end of its prior range."""
 
@@ -261,5 +278,6 @@ class Diagnosis(_Part, frozen=True):
     data_quality: DataQuality
     seed: int
     candidates: list[Candidate] = []
+    refused: list[Refused] = []
     power: dict[str, Visible] = {}
     notes: list[str] = []

@@ -18,12 +18,15 @@ from hoopd.diagnose.findings import (
     candidates_of,
     effects_of,
     fits_of,
+    is_any_left,
+    refused_of,
     unexplained_of,
     unknown_finding,
     verdict_of,
 )
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.location import location_of
+from hoopd.diagnose.proof.confirmation import confirmation
 from hoopd.diagnose.proof.fit_tables import Played, channel_source, played
 from hoopd.diagnose.proof.free_run_record import free_choice
 from hoopd.diagnose.proof.free_runs import free_runs
@@ -33,7 +36,7 @@ from hoopd.diagnose.proof.next_experiment import next_experiment
 from hoopd.diagnose.proof.not_excluded import parameter_notes, separations
 from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.power import visible
-from hoopd.diagnose.proof.unknown_proof import missing_of
+from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
 from hoopd.diagnose.quality.unusual_intervals import Interval
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, FreeRunChoice, RecordingQuality
 from hoopd.diagnose.record_file import rounded
@@ -81,6 +84,7 @@ class Outcome:
 
     diagnosis: Diagnosis
     named: Named
+    kept: HypothesisFit  # with the names that the held-out data do not deny: what a model is written from
     heldout: Mapping[str, Played]
     unknown: Unknown | None = None
 
@@ -120,11 +124,14 @@ def diagnose(case: Case) -> Outcome:
     unknown = missing.unknown
     case.progress("proof on held-out data")
     fits = played(heldout_fits(named, runs, missing.base, missing.proof))
-    final = missing.joint or named.final
+    said = confirmation(named, runs, fits, missing.proof, case.settings.threshold, case.seed)
+    refused = refused_of(named, said)
+    if unknown is None and not is_any_left(named, said):
+        drop_names(named)
     table = FitTable(
-        train=fits_of(played({"nominal": named.nominal, "base": named.base, "final": final})),
-        heldout=fits_of(fits) if fits else {},
-        free_run=free_runs(named.nominal, named.base, named.final, data_held.kept) if case.free_run else {},
+        train=fits_of(played({"nominal": named.nominal, "base": named.base, "final": said.final})),
+        heldout=fits_of(said.fits) if fits else {},
+        free_run=free_runs(named.nominal, named.base, said.kept, data_held.kept) if case.free_run else {},
         free_run_choice=_choice(case, named, data, data_held),
         how_heldout=case.held_out_how,
         channel_source=channel_source([*train, *held]),
@@ -133,16 +140,17 @@ def diagnose(case: Case) -> Outcome:
     threshold, apart = case.settings.threshold, separations(named, library)
     proofs = placebos(named, case.seed, threshold)
     faults = camera_faults([one.quality for one in case.train], threshold)
-    effects = effects_of(named, fits, threshold, faults, apart, proofs)
+    effects = effects_of(named, fits, threshold, faults, apart, proofs, said)
     if unknown is not None:
         effects = sorted(
-            [*effects, unknown_finding(unknown, fits)], key=lambda e: -(e.evidence.log_likelihood_gain or 0.0)
+            [*effects, unknown_finding(unknown, fits, said.statuses[unknown.name])],
+            key=lambda e: -(e.evidence.log_likelihood_gain or 0.0),
         )
     verdict = verdict_of(named, effects, unknown, threshold)
     diagnosis = Diagnosis(
         schema=SCHEMA,
         verdict=verdict,
-        base=base_of(case.model, named),
+        base=base_of(case.model, named, said.kept),
         location=location_of(named, missing.base, unknown, verdict, effects),
         effects=effects,
         fit=table,
@@ -153,10 +161,11 @@ def diagnose(case: Case) -> Outcome:
         ),
         seed=case.seed,
         candidates=candidates_of(named, threshold),
+        refused=refused,
         power=visible(named, case.library, threshold),
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )
-    return Outcome(rounded(diagnosis), named, fits, unknown)
+    return Outcome(rounded(diagnosis), named, said.kept, said.fits, unknown)
 
 
 def _with_mechanisms(case: Case, named: Named, data: CountedData) -> Mapping[str, Effect]:

@@ -141,7 +141,9 @@ def _check(effect: Effect, key: str, value: float) -> None:
         return
     if not isfinite(value) or not (one.role == "phase" or one.low <= value <= one.high):
         raise EffectError(f"parameters.{key}", f"must be {one.low:g} to {one.high:g} {one.unit}, not {value:g}")
-    if one.discrete and one.grid and value not in one.grid:
+    if one.discrete and len(one.grid) == 1 and value != round(value):
+        raise EffectError(f"parameters.{key}", f"must be a whole number, not {value:g}")
+    if one.discrete and len(one.grid) > 1 and value not in one.grid:
         raise EffectError(f"parameters.{key}", f"must be one of {one.grid[0]:g} to {one.grid[-1]:g}, not {value:g}")
 
 

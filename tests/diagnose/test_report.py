@@ -17,7 +17,7 @@ import pytest
 from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, made, renamed, unknown
 from rich.console import Console
 
-from hoopd.diagnose.record import DataQuality, Diagnosis, FitTable, FreeRunChoice, FreeRunEffect, Quantity
+from hoopd.diagnose.record import DataQuality, Diagnosis, Fit, FitTable, FreeRunChoice, FreeRunEffect, Quantity, Refused
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report import tables
 from hoopd.diagnose.report.page import page
@@ -126,7 +126,31 @@ def test_a_fit_that_did_not_rise_is_not_called_a_gain() -> None:
         for recording, channels in diagnosis.fit.heldout.items()
     }
     fit = msgspec.structs.replace(diagnosis.fit, heldout=worse)
-    assert "held-out" not in words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    told = words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    assert "goes from" not in told and "on held-out data worse than the re-fitted model: " in told
+
+
+def test_the_headline_compares_with_the_better_of_both_models() -> None:
+    """The user's own model had 74, the re-fitted one 31: 48 is no gain."""
+    diagnosis, _ = coulomb()
+    row = Fit(nominal=74.1, base_refit=31.1, with_effects=48.1, noise_floor=99.0)
+    fit = msgspec.structs.replace(diagnosis.fit, heldout={HELDOUT: {"psi": row}})
+    told = words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    assert "goes from" not in told and told.endswith("worse than your model: psi (48.1 against 74.1 %).")
+    fit = msgspec.structs.replace(diagnosis.fit, heldout={HELDOUT: {"psi": msgspec.structs.replace(row, nominal=31.0)}})
+    assert "psi goes from 31.1 to 48.1 %." in words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+
+
+def test_what_held_out_data_deny_is_in_the_table_and_not_in_the_headline() -> None:
+    diagnosis, shown = coulomb()
+    first = msgspec.structs.replace(diagnosis.effects[0], status="confirmed")
+    denied = msgspec.structs.replace(first, name="actuator.cogging", status="not_confirmed")
+    refused = [Refused(name="frame.tilt", log_likelihood_gain=33.0, reason="it loses 9.0 nats")]
+    told = msgspec.structs.replace(diagnosis, effects=[first, denied], refused=refused)
+    assert "cogging" not in words.verdict_sentence(told) and first.name in words.verdict_sentence(told)
+    for text in (printed(told), Page(page(told, shown)).text):
+        assert "actuator.cogging" in text and "deny it" in text and "confirm it" in text
+        assert "frame.tilt" in text and "it loses 9.0 nats" in text
 
 
 def test_an_unknown_effect_has_its_slot_and_what_it_follows() -> None:

@@ -61,7 +61,7 @@ def _effects(diagnosis: Diagnosis, shown: Shown) -> str:
     """The names, their sizes, and how each was tested."""
     said = "".join(map(paragraph, words.statements(diagnosis)))
     numbers = paragraph(words.numbers_sentence(diagnosis))
-    tested = table(tables.checks(diagnosis)) + table(tables.ablations(diagnosis))
+    tested = table(tables.checks(diagnosis)) + table(tables.ablations(diagnosis)) + table(tables.refused(diagnosis))
     return said + table(tables.effects(diagnosis), caption=False) + numbers + tested
 
 

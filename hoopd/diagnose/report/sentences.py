@@ -17,6 +17,7 @@ from hoopd.diagnose.record import (
     FitTable,
     Location,
     NextExperiment,
+    Number,
     Visible,
 )
 from hoopd.plots.number_format import listed, nats, safe, share, short_names, value_text
@@ -29,6 +30,8 @@ TITLES = {
 }
 # Above this many characters a list of names is no longer read.
 MANY = 6
+# Points of fit that a figure with one decimal shows.
+SHOWN = 0.1
 
 
 def each_fit(fits: Fits) -> Iterator[tuple[str, str, Fit]]:
@@ -46,10 +49,15 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "parameters":
         return f"The physics is complete but its parameters are off: re-estimating them removes the mismatch{gained}."
     if diagnosis.verdict == "unknown_physics":
-        known = [one for one in diagnosis.effects if not one.name.startswith("unknown.")]
+        known = [one for one in kept(diagnosis) if not one.is_unknown]
         beside = f" beside {listed(map(_finding, known))}" if known else ""
         return f"Something that is not in the library acts {_unknown_place(diagnosis)}{beside}{gained}."
-    return f"The model leaves out {listed(map(_finding, diagnosis.effects))}{gained}."
+    return f"The model leaves out {listed(map(_finding, kept(diagnosis)))}{gained}."
+
+
+def kept(diagnosis: Diagnosis) -> list[EffectFinding]:
+    """Findings that held-out data do not deny."""
+    return [one for one in diagnosis.effects if one.status != "not_confirmed"]
 
 
 def _finding(effect: EffectFinding) -> str:
@@ -69,24 +77,44 @@ def _unknown_place(diagnosis: Diagnosis) -> str:
 
 
 def _gain_clause(fits: Fits) -> str:
-    """What the held-out data gained in the channel that gained most, means over the recordings."""
-    means = [(channel, *pair) for channel, pair in _channel_means(fits).items()]
+    """What the held-out data gained over the better of the user's and the re-fitted model in the channel that gained
+    most, and every channel that lost; means over the recordings."""
+    means = _channel_means(fits)
     if not means:
         return ""
-    channel, before, after = max(means, key=lambda one: one[2] - one[1])
-    return f"; the fit of held-out {channel} goes from {before:.1f} to {after:.1f} %" if after > before else ""
+    channel, (before, after, _) = max(means.items(), key=lambda one: one[1][1] - one[1][0])
+    gain = f"; the fit of held-out {channel} goes from {before:.1f} to {after:.1f} %" if after > before else ""
+    lost = [f"{name} ({one:.1f} against {best:.1f} %)" for name, (best, one, _) in means.items() if best - one > SHOWN]
+    whose = {of for best, one, of in means.values() if best - one > SHOWN}
+    return gain + (f"; on held-out data worse than {' and '.join(sorted(whose))}: {listed(lost)}" if lost else "")
 
 
-def _channel_means(fits: Fits) -> dict[str, tuple[float, float]]:
-    """Fit before and after by channel: the re-fitted base, or the nominal one when that is the last word."""
-    pairs: dict[str, list[tuple[float, float]]] = {}
+def _channel_means(fits: Fits) -> dict[str, tuple[float, float, str]]:
+    """By channel: fit of the better of the user's and the re-fitted model, of what is told, and which the better is.
+
+    What is told are the effects, or the re-fitted model where there are none.
+    """
+    each: dict[str, list[Fit]] = {}
     for _, channel, fit in each_fit(fits):
-        before, after = (
-            (fit.nominal, fit.base_refit) if fit.with_effects is None else (fit.base_refit, fit.with_effects)
+        each.setdefault(channel, []).append(fit)
+    found = {}
+    for channel, rows in each.items():
+        nominal, base, final = (
+            _mean_known([getattr(one, name) for one in rows]) for name in ("nominal", "base_refit", "with_effects")
         )
-        if before is not None and after is not None:
-            pairs.setdefault(channel, []).append((before, after))
-    return {name: (_mean([p[0] for p in many]), _mean([p[1] for p in many])) for name, many in pairs.items()}
+        last = base if final is None else final
+        before = {"your model": nominal} if final is None else {"your model": nominal, "the re-fitted model": base}
+        known = {name: value for name, value in before.items() if value is not None}
+        if known and last is not None:
+            best = max(known, key=lambda name: known[name])
+            found[channel] = known[best], last, best
+    return found
+
+
+def _mean_known(values: Sequence[Number]) -> float | None:
+    """None where any is not known."""
+    known = [one for one in values if one is not None]
+    return _mean(known) if known and len(known) == len(values) else None
 
 
 def _mean(values: Sequence[float]) -> float:

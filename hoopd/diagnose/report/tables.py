@@ -37,6 +37,8 @@ from hoopd.plots.number_format import (
 )
 
 Row = tuple[str, ...]
+STATUSES = {"confirmed": "confirm it", "weak": "confirm it, barely", "untested": "never test it",
+            "not_confirmed": "deny it"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,10 @@ def _labelled(parameters: Mapping[str, Quantity], numbers: Mapping[str, str]) ->
 
 def checks(diagnosis: Diagnosis) -> Table:
     """What became of each finding when it was put to the test."""
-    head = ("effect", "held-out gain", "taken out again", "shuffled (placebo)")
+    head = ("effect", "held-out gain", "taken out again", "shuffled (placebo)", "held-out data")
     rows = [_check(one) for one in diagnosis.effects]
     tested = [row for row in rows if any(cell != NOTHING for cell in row[1:])]
-    return _without_empty(Table("How each finding was tested", head, "lrrr", tested))
+    return _without_empty(Table("How each finding was tested", head, "lrrrl", tested))
 
 
 def _check(effect: EffectFinding) -> Row:
@@ -93,7 +95,13 @@ def _check(effect: EffectFinding) -> Row:
     better = NOTHING if gain is None else f"{gain:+.1f} %"
     loss = NOTHING if without is None else f"{nats(without.log_likelihood_loss)} nats lost"
     held = NOTHING if placebo is None else f"{nats(placebo.log_likelihood_gain)} nats: {_held(placebo.held)}"
-    return (safe(effect.name), better, loss, held)
+    return (safe(effect.name), better, loss, held, NOTHING if effect.status is None else STATUSES[effect.status])
+
+
+def refused(diagnosis: Diagnosis) -> Table:
+    """What was beyond the threshold, and why it is not named."""
+    rows: list[Row] = [(safe(one.name), nats(one.log_likelihood_gain), safe(one.reason)) for one in diagnosis.refused]
+    return Table("Beyond the threshold, and refused", ("effect", "nats", "because"), "lrl", rows)
 
 
 def ablations(diagnosis: Diagnosis) -> Table:

@@ -32,6 +32,7 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
     _sentences([words.numbers_sentence(diagnosis), *words.statements(diagnosis)], console)
     _table(tables.checks(diagnosis), console)
     _table(tables.ablations(diagnosis), console)
+    _table(tables.refused(diagnosis), console)
     _fits(diagnosis, console)
     if diagnosis.verdict == "parameters":
         _table(tables.parameters(diagnosis), console)

@@ -1,0 +1,155 @@
+"""What held-out data say about each named effect: confirmed, weak, untested or not confirmed; and which are kept.
+
+Where neither a name nor all of them together lower the held-out simulation of any channel, all are kept. Else they are
+taken up again one after the other, the one with the most evidence first, beside the re-fitted base: one that lowers a
+channel beyond noise is not confirmed, and is in no model that is written.
+
+Rules of this file: the search is over; nothing is named here, and nothing is refused but by simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hoopd.diagnose.proof.fit_tables import Played, played
+from hoopd.diagnose.proof.held_out import HeldOut
+from hoopd.diagnose.proof.lowered import lowered
+from hoopd.diagnose.proof.separation import own_columns
+from hoopd.diagnose.proof.unknown_proof import Proven
+from hoopd.diagnose.record import Status
+from hoopd.diagnose.search.candidates import UNSEEN_LOSS, Tried, surprise_of
+from hoopd.diagnose.search.naming import Named
+from hoopd.diagnose.search.screen import whitened_changes
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
+
+# A name whose surprise is less than this above the threshold barely passes, nats.
+WEAK_NATS = 3.0
+# Of an effect that changes the held-out data by less, they say nothing, nats.
+LEAST_REACH = UNSEEN_LOSS
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Names by what held-out data say about them."""
+
+    kept: HypothesisFit  # of the training data, with the names that are not denied
+    final: HypothesisFit  # the same with what has no name, where that is not denied
+    fits: Mapping[str, Played]  # on the held-out data, `final` among them; none without any
+    statuses: Mapping[str, Status]  # what has no name among them
+    lost: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # not confirmed -> channel -> points of fit
+
+    @property
+    def denied(self) -> list[str]:
+        """Names that are not confirmed."""
+        return [name for name in self.lost if name not in self.kept.names]
+
+
+def confirmation(
+    named: Named, held: HeldOut, fits: Mapping[str, Played], proof: Proven | None, threshold: float, seed: int = 0
+) -> Confirmation:
+    """Of every accepted effect; `fits`: as of `heldout_fits`; `proof`: of what has no name."""
+    own: dict[str, Status] = {one.effect.name: _status(named, one, fits, threshold) for one in named.accepted}
+    names = _of_names(named, held, fits, seed)
+    lost: dict[str, Mapping[str, float]] = {**names.lost}
+    own |= dict.fromkeys(names.lost, "not_confirmed")
+    final = names.kept
+    if proof is not None:
+        own[proof.unknown.name], by_curve = _of_curve(proof, fits, seed)
+        lost |= {proof.unknown.name: by_curve} if by_curve else {}
+        if proof.joint is not None and not by_curve and names.kept is named.final:
+            final = proof.joint
+    shown = fits if final is not names.kept or not fits else {**fits, "final": names.heldout or fits["named"]}
+    return Confirmation(names.kept, final, shown, own, lost)
+
+
+@dataclass(frozen=True)
+class _Names:
+    """Names that are kept, and what the others lower."""
+
+    kept: HypothesisFit
+    heldout: Played | None
+    lost: dict[str, dict[str, float]]
+
+
+def _of_names(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int) -> _Names:
+    if not fits or not named.accepted:
+        return _Names(named.final, fits.get("named"), {})
+    alone = [lowered(fits[f"without {one.effect.name}"], fits["named"], seed) for one in named.accepted]
+    if not any(alone) and not lowered(fits["base"], fits["named"], seed):
+        return _Names(named.final, fits["named"], {})
+    return _taken_up(named, held, fits, seed)
+
+
+def _of_curve(proof: Proven, fits: Mapping[str, Played], seed: int) -> tuple[Status, dict[str, float]]:
+    """What has no name: its values carry over to the held-out data, or they do not."""
+    without = fits.get(f"without {proof.unknown.name}")
+    lost = {} if without is None else lowered(without, fits["final"], seed)
+    if lost or proof.unknown.carries_over is False:
+        return "not_confirmed", lost
+    if without is None:
+        return "untested", {}
+    return status_of(proof.unknown.surprise, proof.unknown.threshold), {}
+
+
+def _taken_up(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int) -> _Names:
+    """Names one after the other."""
+    kept, on_held, lost = named.base, fits["base"], dict[str, dict[str, float]]()
+    order = sorted(named.accepted, key=lambda one: -named.losses[one.effect.name])
+    for one in order:
+        more = _with(named, kept, one.effect, [*lost])
+        run = held.of(more)
+        assert run is not None
+        after = fits["named"] if more is named.final else played({"": run})[""]
+        worse = lowered(on_held, after, seed)
+        if worse:
+            lost[one.effect.name] = worse
+        else:
+            kept, on_held = more, after
+    return _Names(kept, on_held, lost)
+
+
+def _with(named: Named, kept: HypothesisFit, effect: Effect, dropped: list[str]) -> HypothesisFit:
+    """One more effect fitted beside those that are kept; a fit that was made already is taken."""
+    effects = (*kept.effects, effect)
+    known = [named.final, *named.without.values()]
+    names = {one.name for one in effects}
+    for found in known:
+        if {*found.names} == names:
+            return found
+    start = {**named.final.values, **kept.values, **_of(effect, named.final.values)}
+    start = {name: value for name, value in start.items() if not name.startswith(tuple(f"{one}." for one in dropped))}
+    stretches = [track.stretch for track in kept.tracks]
+    return fit(stretches, effects, start, like=kept, noise=kept.noise)
+
+
+def _of(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if name.startswith(f"{effect.name}.")}
+
+
+# ---------------------------------------------------------------------------------------------- one name
+
+
+def _status(named: Named, one: Tried, fits: Mapping[str, Played], threshold: float) -> Status:
+    """As long as nothing is lowered by it."""
+    name = one.effect.name
+    if not fits or reach(one.effect, fits[f"without {name}"].fit, fits["named"].fit) < LEAST_REACH:
+        return "untested"
+    stretches = [track.stretch for track in named.base.tracks]
+    return status_of(surprise_of(one.score, named.losses[name], stretches), threshold)
+
+
+def status_of(surprise: float, threshold: float) -> Status:
+    """Of what held-out data do not speak against."""
+    return "weak" if surprise < threshold + WEAK_NATS else "confirmed"
+
+
+def reach(effect: Effect, without: HypothesisFit, with_it: HypothesisFit) -> float:
+    """Nats by which the held-out data would differ without the effect, parameters frozen: none, where they never reach
+    what it acts on."""
+    columns = own_columns(without, effect, with_it.values)
+    change = whitened_changes(without, [(effect, column) for column in columns]).sum(axis=1)
+    return float(np.nan_to_num(change @ change)) / 2.0

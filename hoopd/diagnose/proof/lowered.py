@@ -1,0 +1,81 @@
+"""Which channels of held-out data a hypothesis simulates worse than another, beyond what blocks of windows leave open.
+
+Both simulate the same windows; their squared errors are summed over half windows, and the loss in points of fit is
+drawn again from these blocks, pair by pair (block bootstrap; Kuensch 1989). A channel is lowered when the loss is
+positive in all but a few of the draws, and larger than a table shows.
+
+Rules of this file: simulations in, points of fit out; what follows from them is decided in `confirmation`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.proof.fit_tables import Played, series
+from hoopd.diagnose.proof.simulation import BOUND
+
+Array = NDArray[np.float64]
+
+DRAWS = 2000
+# How often chance alone may make a channel worse.
+CHANCE = 0.025
+# Points of fit: what a table of one decimal shows.
+LEAST_POINTS = 0.1
+# Blocks of a window.
+PIECES = 2
+
+
+def lowered(before: Played, after: Played, seed: int = 0) -> dict[str, float]:
+    """Points of fit lost by the second hypothesis, by channel; only channels in which it is worse beyond noise."""
+    own = {name: one.by_recording() for name, one in (("before", before), ("after", after))}
+    blocks = {
+        recording: (_blocks(series(runs)), _blocks(series(own["after"][recording])))
+        for recording, runs in own["before"].items()
+    }
+    channels = dict.fromkeys(channel for pair in blocks.values() for channel in pair[0])
+    found = {}
+    for channel in channels:
+        pairs = [(one[channel], two[channel]) for one, two in blocks.values() if channel in one]
+        lost, sure = _loss(pairs, np.random.default_rng(seed))
+        if lost > LEAST_POINTS and sure > 0.0:
+            found[channel] = lost
+    return found
+
+
+# Squared errors (blocks,) over |y - mean y|^2.
+Blocks = Mapping[str, Array]
+
+
+def _blocks(parts: Mapping[str, list[tuple[Array, Array, Array]]]) -> Blocks:
+    """By channel of one recording; none of a channel that never moves."""
+    found = {}
+    for channel, windows in parts.items():
+        y = np.concatenate([one[1] for one in windows])
+        spread = float(np.sum((y - y.mean()) ** 2)) if len(y) else 0.0
+        if spread > 1e-18:
+            halves = [half for one in windows for half in np.array_split(_squared(one), PIECES)]
+            found[channel] = np.array([float(half.sum()) for half in halves]) / spread
+    return found
+
+
+def _squared(window: tuple[Array, Array, Array]) -> Array:
+    _, y, yhat = window
+    return np.asarray(np.minimum(np.abs(y - yhat), BOUND) ** 2)
+
+
+def _loss(pairs: list[tuple[Array, Array]], random: np.random.Generator) -> tuple[float, float]:
+    """Points lost, and what is lost in all but `CHANCE` of the draws; means over the recordings."""
+    draws, lost = np.zeros(DRAWS), 0.0
+    for before, after in pairs:
+        pick = random.integers(len(before), size=(DRAWS, len(before)))
+        draws += _points(after[pick]) - _points(before[pick])
+        lost += float(_points(after) - _points(before))
+    return lost / len(pairs), float(np.quantile(draws / len(pairs), CHANCE))
+
+
+def _points(blocks: Array) -> Array:
+    """Of fit that errors (..., blocks) take: 100 |y - yhat| / |y - mean y|."""
+    return np.asarray(100.0 * np.sqrt(blocks.sum(axis=-1)))
