@@ -14,6 +14,7 @@ from hoopd.diagnose.quality.sensors import ENCODER
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.repeated_samples import once_at_rest
+from hoopd.plants.likelihood.reading_interval import spaced
 from hoopd.plants.likelihood.stretches import Stretch, fewest_readings, is_long_enough, stretch_of
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines
@@ -78,7 +79,7 @@ def _stretch(name: str, part: Timeline, begin: float, quality: Quality) -> Stret
     for channel, one in quality.channels.items():
         if channel in plant.channels and np.isfinite(one.quantum):
             found = found.unevenly_sampled(channel, one.jitter_s, one.quantum / np.sqrt(12.0))
-    return found
+    return spaced(found)
 
 
 def _enough(stretch: Stretch) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hoopd.core.excitation import Excitation, ExcitationLimits
 from hoopd.plants import free_run as freerun
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.usual_sizes import force_scale, speed_scale, time_scale
+from hoopd.plants.effects.usual_sizes import USUAL_S, force_scale, speed_scale, time_scale
 from hoopd.plants.hoop.loop.experiment_plan import (
     AMPLITUDES_NM,
     COMFORT,
@@ -50,6 +50,8 @@ FREQUENCIES = ("low_hz", "high_hz")
 SMALL_SHARE = 0.3
 # Of a signal's random variants; the command itself looks at more of them when it is played.
 MOST_VARIANTS = 4
+# A recording with so many times the plant's usual sample time is another rate, and no jitter of it.
+MUCH_SLOWER = 2.0
 # The model is run to its end: its speed is judged afterwards.
 NO_SPEED_LIMIT = 1e9
 
@@ -70,7 +72,9 @@ def entries(composite: Composite, values: Mapping[str, float], period_s: float, 
     if composite.declared.driven is None:
         return
     for words, usual in MENU:
-        plan = in_times_of(composite.declared, usual)._replace(seed=seed, ball=_ball(composite.declared) is not None)
+        plan = in_times_of(composite.declared, usual, period_s)._replace(
+            seed=seed, ball=_ball(composite.declared) is not None
+        )
         large = _largest(words, plan, composite, values, period_s)
         if large is None:
             continue
@@ -81,9 +85,12 @@ def entries(composite: Composite, values: Mapping[str, float], period_s: float, 
             yield quiet
 
 
-def in_times_of(plant: Plant, plan: Plan) -> Plan:
-    """A plan of as many samples and as many periods a sample on a plant that is sampled at another rate."""
-    by = time_scale(plant)
+def in_times_of(plant: Plant, plan: Plan, period_s: float = 0.0) -> Plan:
+    """A plan of as many samples and as many periods a sample on a plant, or a recording, of another sample time.
+
+    A recording that is sampled less often than its plant usually is cannot show the usual frequencies.
+    """
+    by = period_s / USUAL_S if period_s > MUCH_SLOWER * plant.time_scale_s else time_scale(plant)
     if by == 1.0:
         return plan
     changes = {name: getattr(plan, name) * by for name in TIMES}

@@ -93,7 +93,7 @@ def first_noise(tracks: Sequence[Track], values: Mapping[str, float]) -> dict[st
             same = [t.stretch for t in tracks if t.stretch.recording == track.stretch.recording]
             reading = np.array(
                 [
-                    roughness([s.y[:, i] for s in same], [s.scatter[:, i] for s in same])
+                    roughness([s.every[:, i] for s in same], [s.scatter[:, i] for s in same])
                     for i in range(same[0].y.shape[1])
                 ]
             )

@@ -41,12 +41,16 @@ class Stretch:
     # (n, channels) a reading's noise over its channel's level; not given: 1
     scatter: Array = field(default_factory=lambda: np.zeros((0, 0)))
     others: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (n-1, inputs - 1); not given: there are none
+    # (n, channels) readings with those that are left out because the last one tells the same; not given: there are none
+    every: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         if len(self.others) != len(self.u):
             object.__setattr__(self, "others", np.zeros((len(self.u), 0)))
         if self.scatter.shape != self.y.shape:
             object.__setattr__(self, "scatter", np.ones(self.y.shape))
+        if self.every.shape != self.y.shape:
+            object.__setattr__(self, "every", self.y)
 
     @property
     def h(self) -> Array:
@@ -62,7 +66,9 @@ class Stretch:
         """The nodes within these times."""
         a, b = np.searchsorted(self.t, [first_s - 1e-9, last_s + 1e-9])
         held, u, others = slice(a, max(b - 1, a)), self.u, self.others
-        return replace(self, u=u[held], others=others[held], t=self.t[a:b], y=self.y[a:b], scatter=self.scatter[a:b])
+        u, others, nodes = u[held], others[held], slice(a, b)
+        y, scatter, every = self.y[nodes], self.scatter[nodes], self.every[nodes]
+        return replace(self, u=u, others=others, t=self.t[nodes], y=y, scatter=scatter, every=every)
 
     def unevenly_sampled(self, channel: str, jitter_s: float, sigma: float) -> Stretch:
         """The same with a channel whose instants are uneven: s^2 = sigma^2 + (jitter rate)^2."""
@@ -76,10 +82,11 @@ class Stretch:
 
     def without(self, rows: NDArray[np.bool_], channels: Sequence[str] | None = None) -> Stretch:
         """The same with some readings set aside."""
-        y = self.y.copy()
+        y, every = self.y.copy(), self.every.copy()
         for channel in channels or self.plant.channels:
-            y[rows, list(self.plant.channels).index(channel)] = np.nan
-        return replace(self, y=y)
+            column = list(self.plant.channels).index(channel)
+            y[rows, column] = every[rows, column] = np.nan
+        return replace(self, y=y, every=every)
 
 
 def is_long_enough(stretch: Stretch) -> bool:
@@ -204,8 +211,8 @@ def first_states(stretch: Stretch) -> Array:
 
 def _reading(stretch: Stretch, state: str) -> Array | None:
     for column, read in enumerate(stretch.plant.states_read):
-        if read == state and np.isfinite(stretch.y[:, column]).sum() >= PARABOLA:
-            return stretch.y[:, column]
+        if read == state and np.isfinite(stretch.every[:, column]).sum() >= PARABOLA:
+            return stretch.every[:, column]
     return None
 
 
