@@ -17,7 +17,7 @@ from concealed.batch import scale_inputs  # noqa: E402
 from concealed.judged import Judged  # noqa: E402
 from concealed.metrics import summary  # noqa: E402
 from concealed.outside import judge  # noqa: E402
-from concealed.outside.nearest import fine  # noqa: E402
+from concealed.outside.nearest import fine, nearest  # noqa: E402
 from concealed.outside.oracle import oracle  # noqa: E402
 from concealed.recipes import Wish, draw  # noqa: E402
 
@@ -57,7 +57,8 @@ def test_the_oracle_gains_by_the_truth_and_by_nothing_gains_nothing(short: None)
 
 def test_the_nearest_name_is_the_limit_of_a_mechanism(short: None) -> None:
     """Presliding over a way of next to nothing is Coulomb's friction; over a long one it is not."""
-    near, far = (told(made("outside.dahl", 4e-3, q=q))["nearest"] for q in (1e-3, 2.0))
+    made_up = [made("outside.dahl", 4e-3, q=q) for q in (1e-3, 2.0)]
+    near, far = (nearest(case.files, case.signals, case.answer) for case in made_up)
     assert near["name"] in ("hoop.coulomb_friction", "hoop.stribeck_friction")
     assert near["left_nats"] < 0.1 * near["nats"]
     assert near["left"]["camera.latency"] > 0.5 * near["nats"]
