@@ -36,7 +36,11 @@ TIMED = (
     "sim/test_boardprocess.py",
     "sim/test_camera.py",
     "system/test_check_device.py",
+    "system/test_experiment_command.py",
+    "system/test_operators.py",
+    "system/test_unit.py",
     "tools/test_benches.py",
+    "tools/test_soak.py",
 )
 BEGUN = pytest.StashKey[Taken]()
 

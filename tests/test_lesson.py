@@ -1,7 +1,12 @@
-"""The lesson runs as a plain script, without a screen, and draws every figure that its questions name."""
+"""The lesson runs as a plain script, without a screen, and draws every figure that its questions name (`make proof`).
+
+`make test` holds its form, and that every call of it is one that `hoopd.lab` takes; `test_lab.py` holds what they do.
+"""
 
 from __future__ import annotations
 
+import ast
+import inspect
 import os
 import re
 import subprocess
@@ -12,8 +17,12 @@ from shared import ROOT
 
 import hoopd.lab as lab
 
-pytestmark = pytest.mark.timeout(300)  # half a minute on a machine of its own
 LESSON = ROOT / "docs" / "lesson.py"
+
+
+def run_whole(test):
+    """Half a minute on a machine of its own."""
+    return pytest.mark.proof(pytest.mark.timeout(300)(test))
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +41,7 @@ def lesson(tmp_path_factory):
     return folder, made.stdout
 
 
+@run_whole
 def test_every_figure_of_a_question_is_there(lesson):
     folder, _ = lesson
     named = set(re.findall(r"\b[1-8]_[a-z_]+", LESSON.read_text()))
@@ -40,9 +50,26 @@ def test_every_figure_of_a_question_is_there(lesson):
     assert {name[0] for name in drawn} == set("12345678")
 
 
+@run_whole
 def test_nothing_is_written_elsewhere(lesson):
     folder, _ = lesson
     assert [one.name for one in folder.iterdir()] == ["figures"]
+
+
+def lab_calls():
+    """Every call of a function of the lab."""
+    for node in ast.walk(ast.parse(LESSON.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and re.fullmatch(r"lab\.\w+", ast.unparse(node.func)):
+            yield node
+
+
+def test_every_call_is_one_that_the_lab_takes():
+    names = set()
+    for node in lab_calls():
+        keywords = {one.arg: one.value for one in node.keywords if one.arg is not None}
+        inspect.signature(getattr(lab, node.func.attr)).bind(*node.args, **keywords)
+        names.add(node.func.attr)
+    assert {"model", "simulate", "experiment", "fit", "linearize", "design", "feedback"} <= names
 
 
 def test_every_step_ends_with_a_question():
@@ -54,6 +81,7 @@ def test_every_step_ends_with_a_question():
         assert "Figure" in cells[-1]
 
 
+@run_whole
 def test_the_numbers_say_what_the_text_says(lesson):
     _, said = lesson
     psi = re.search(r"psi: thesis +([\d.]+), fitted +([\d.]+)", said)
@@ -65,6 +93,7 @@ def test_the_numbers_say_what_the_text_says(lesson):
     assert stays < 0.6
 
 
+@run_whole
 def test_the_files_are_those_that_the_daemon_takes(lesson):
     folder, _ = lesson
     law = lab.controller(folder / "figures" / "lqg.yaml")

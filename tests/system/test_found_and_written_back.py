@@ -18,7 +18,8 @@ from hoopd.plants.model_file import load_model
 from tests.shellblocks import ROOT, below
 from tests.system.test_writeback import HIDDEN, hide
 
-pytestmark = pytest.mark.timeout(900)  # half a minute of a processor, which other work may share
+# Half a minute of a processor, which other work may share.
+pytestmark = [pytest.mark.timeout(900), pytest.mark.proof]
 HEADING = "## From a mismatch to better control"
 NAME = "hoop.coulomb_friction"
 TOLD = (ROOT / "README.md").read_text(encoding="utf-8").partition(HEADING)[2].partition("\n## ")[0]

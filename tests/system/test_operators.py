@@ -81,7 +81,6 @@ def listening(daemon: Daemon) -> None:
     raise AssertionError("no command socket")
 
 
-@pytest.mark.realtime
 def test_an_operator_is_told_what_the_log_says(tmp_path: Path) -> None:
     with Daemon(tmp_path, fifo=fifo_granted()) as daemon:
         listening(daemon)
@@ -108,7 +107,6 @@ def test_an_operator_is_told_what_the_log_says(tmp_path: Path) -> None:
         assert not daemon.socket.exists()
 
 
-@pytest.mark.realtime
 def test_a_killed_daemons_socket_is_taken_over(tmp_path: Path) -> None:
     with Daemon(tmp_path) as daemon:
         listening(daemon)
@@ -126,7 +124,6 @@ def test_a_killed_daemons_socket_is_taken_over(tmp_path: Path) -> None:
             assert following.command("status")["ok"]
 
 
-@pytest.mark.realtime
 def test_a_second_daemon_of_a_device_is_refused_in_one_line(tmp_path: Path) -> None:
     master, slave = os.openpty()
     first = listening_socket("hoop", str(tmp_path / "hoop.sock"))
@@ -155,7 +152,6 @@ def test_a_configuration_of_before_is_told_what_to_change(tmp_path: Path) -> Non
         assert done.stderr.count("\n") == 1 and "take the key away" in done.stderr
 
 
-@pytest.mark.realtime
 def test_4000_idle_connections_keep_no_operator_out(tmp_path: Path) -> None:
     with Daemon(tmp_path, fifo=fifo_granted()) as daemon:
         listening(daemon)
@@ -220,7 +216,6 @@ def test_messages_of_40_mb_cost_neither_ticks_nor_memory(tmp_path: Path) -> None
     witnessed(tmp_path, check)
 
 
-@pytest.mark.realtime
 def test_a_refused_arm_is_told_with_the_reason_of_the_log(tmp_path: Path) -> None:
     with Daemon(tmp_path, fifo=fifo_granted()) as daemon:
         listening(daemon)

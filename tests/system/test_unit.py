@@ -133,7 +133,6 @@ def test_libraries_live_inside_the_sandbox():
 
 
 @needs_analyze
-@pytest.mark.realtime
 def test_the_whole_daemon_lives_inside_the_sandbox(tmp_path):
     command = [sys.executable, "-m", "hoopd", "--sim", "--camera", "direct", "--duration", "2", "--record", tmp_path]
     result = subprocess.run(

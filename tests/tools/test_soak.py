@@ -85,7 +85,6 @@ def test_asleep_past_the_deadline(call: str, helpers: float, part: str, owner: s
     assert parts.owner == owner
 
 
-@pytest.mark.realtime
 def test_follower_sees_who_runs_and_who_is_stopped(tmp_path: Path, attribution: ModuleType) -> None:
     from soaking import accounts as kept
 
@@ -110,7 +109,6 @@ def test_follower_sees_who_runs_and_who_is_stopped(tmp_path: Path, attribution: 
         assert found.grown("loop_run_s", stopped + 0.2, end) < 0.05  # it is told when it next runs
 
 
-@pytest.mark.realtime
 def test_soak_prints_every_owner(tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     command = [sys.executable, str(BENCH / "soak.py"), "--minutes", "0.1", "--load", "2", "--direct"]
