@@ -51,7 +51,7 @@ def test_what_is_named_within_a_sentence_exists() -> None:
     """There a command may stand without what it needs, so that names are all that can be held."""
     wrong = []
     for row in shown("hoopd"):
-        words = [word for word in usage(row.words[1:]) if word not in GLOBAL]
+        words = [word.partition("=")[0] for word in usage(row.words[1:]) if word not in GLOBAL]
         name = words[0] if words and not words[0].startswith("-") else ""
         command = PROGRAM.commands.get(name) if name else PROGRAM
         known = {option for parameter in command.params for option in parameter.opts} if command else set()

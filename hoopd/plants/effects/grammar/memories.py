@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from hoopd.plants.effects.grammar.axes import INPUT, LOSS, POSITION, RATE, STATE, Axis
 
@@ -208,6 +207,8 @@ def _resonance_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
     p = c["w"] * complex(-zeta, np.sqrt(1.0 - zeta**2))
     left = np.exp(p * h)
     middle = (v[1:] + v[:-1]) / 2.0
+    from scipy.signal import lfilter  # the daemon, which never asks for it, starts without scipy
+
     after, _ = lfilter([1.0], [1.0, -left], middle * (left - 1.0) / p, zi=[-v[0] / p * left])
     return np.asarray(np.append(v[:1], c["w"] ** 2 / p.imag * after.imag) - v)
 
