@@ -17,12 +17,8 @@ from shared import ROOT
 
 import hoopd.lab as lab
 
+pytestmark = pytest.mark.timeout(300)  # half a minute on a machine of its own
 LESSON = ROOT / "docs" / "lesson.py"
-
-
-def run_whole(test):
-    """Half a minute on a machine of its own."""
-    return pytest.mark.proof(pytest.mark.timeout(300)(test))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +37,7 @@ def lesson(tmp_path_factory):
     return folder, made.stdout
 
 
-@run_whole
+@pytest.mark.proof
 def test_every_figure_of_a_question_is_there(lesson):
     folder, _ = lesson
     named = set(re.findall(r"\b[1-8]_[a-z_]+", LESSON.read_text()))
@@ -50,7 +46,7 @@ def test_every_figure_of_a_question_is_there(lesson):
     assert {name[0] for name in drawn} == set("12345678")
 
 
-@run_whole
+@pytest.mark.proof
 def test_nothing_is_written_elsewhere(lesson):
     folder, _ = lesson
     assert [one.name for one in folder.iterdir()] == ["figures"]
@@ -81,7 +77,7 @@ def test_every_step_ends_with_a_question():
         assert "Figure" in cells[-1]
 
 
-@run_whole
+@pytest.mark.proof
 def test_the_numbers_say_what_the_text_says(lesson):
     _, said = lesson
     psi = re.search(r"psi: thesis +([\d.]+), fitted +([\d.]+)", said)
@@ -93,7 +89,7 @@ def test_the_numbers_say_what_the_text_says(lesson):
     assert stays < 0.6
 
 
-@run_whole
+@pytest.mark.proof
 def test_the_files_are_those_that_the_daemon_takes(lesson):
     folder, _ = lesson
     law = lab.controller(folder / "figures" / "lqg.yaml")

@@ -1,4 +1,7 @@
-"""The site is built without a warning (links and anchors included), and what it shows is all in its own folder."""
+"""The site is built without a warning (links and anchors included), and what it shows is all in its own folder.
+
+The whole site is for `make proof`; the check of every change runs `make docs`, which takes a warning for an error, too.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +27,6 @@ def build(source: Path, site: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=110, check=False)
 
 
-# The check of every change runs `make docs`, which fails for the same reasons; tests of the site's parts are proofs.
-whole_site = pytest.mark.proof
-
-
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
@@ -36,13 +35,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@whole_site
+@pytest.mark.proof
 def test_every_page_is_on_the_site(site: Path) -> None:
     pages = [path for kind in KINDS for path in (ROOT / "docs" / kind).glob("*.md")]
     assert pages and [page for page in pages if not (site / page.parent.name / f"{page.stem}.html").is_file()] == []
 
 
-@whole_site
+@pytest.mark.proof
 def test_nothing_is_fetched(site: Path) -> None:
     """Whatever a page asks for is a file of the site: no fonts, scripts or pictures of somebody else."""
     away = []
@@ -54,7 +53,7 @@ def test_nothing_is_fetched(site: Path) -> None:
     assert away == []
 
 
-@whole_site
+@pytest.mark.proof
 def test_search_knows_the_pages(site: Path) -> None:
     index = (site / "searchindex.js").read_text(encoding="utf-8")
     assert '"guides/install"' in index and "coulomb" in index

@@ -18,8 +18,7 @@ from hoopd.plants.model_file import load_model
 from tests.shellblocks import ROOT, below
 from tests.system.test_writeback import HIDDEN, hide
 
-# Half a minute of a processor, which other work may share.
-pytestmark = [pytest.mark.timeout(900), pytest.mark.proof]
+pytestmark = pytest.mark.timeout(900)  # half a minute of a processor, which other work may share
 HEADING = "## From a mismatch to better control"
 NAME = "hoop.coulomb_friction"
 TOLD = (ROOT / "README.md").read_text(encoding="utf-8").partition(HEADING)[2].partition("\n## ")[0]
@@ -60,6 +59,7 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Loop:
         return Loop(folder, before, after, " ".join(command(*words) for words in between))
 
 
+@pytest.mark.proof
 def test_the_effect_is_named_with_its_number(loop: Loop) -> None:
     folder, before = loop.folder, loop.before
     assert hide(NAME) in before and b"coulomb" not in (folder / "hidden.mcap").read_bytes()
@@ -71,12 +71,14 @@ def test_the_effect_is_named_with_its_number(loop: Loop) -> None:
     assert f"`{NAME}`, {1e3 * found.value:.3f} mN m with an interval of +-{5e2 * (high - low):.3f}" in TOLD
 
 
+@pytest.mark.proof
 def test_the_fit_is_the_one_that_the_readme_tells(loop: Loop) -> None:
     share = re.search(r"falls from ([\d.]+) to\s+([\d.]+) %", TOLD)
     assert share is not None
     assert f"the fit of held-out theta_rate goes from {share[2]} to {share[1]} %" in loop.said
 
 
+@pytest.mark.proof
 def test_the_gain_is_the_one_that_the_readme_tells(loop: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(loop.folder)
     for name, words in (("before", loop.before), ("after", loop.after)):
@@ -86,6 +88,7 @@ def test_the_gain_is_the_one_that_the_readme_tells(loop: Loop, monkeypatch: pyte
         assert [error[by]["rms_rad"] for by in ("measured", "true")] == pytest.approx(told, abs=ROUNDED_RAD)
 
 
+@pytest.mark.proof
 @pytest.mark.parametrize(("seed", "value"), [(1, 0.04), (2, -0.04), (3, 0.02)])
 def test_the_controller_written_back_is_better_than_the_one_it_replaces(
     loop: Loop, monkeypatch: pytest.MonkeyPatch, seed: int, value: float
