@@ -17,7 +17,8 @@ def plant(name: Path | str) -> Plant:
     Parameters
     ----------
     name : str or Path
-        A registered name ("hoop", "pendulum", "axis", "tanks", "falling"), or the path of a plant file (.yaml, .py).
+        A registered name ("hoop", "pendulum", "axis", "tanks", "falling", "circuit",
+        "drives"), or the path of a plant file (.yaml, .py).
 
     Returns
     -------

@@ -28,7 +28,7 @@ def _shipped(name: str) -> Callable[[], Plant]:
     return lambda: load_plant(FOLDER / f"{name}.yaml")
 
 
-FILES = ("pendulum", "axis", "tanks", "falling")
+FILES = ("pendulum", "axis", "tanks", "falling", "circuit", "drives")
 REGISTERED: Mapping[str, Callable[[], Plant]] = MappingProxyType(
     {"hoop": _hoop, **{name: _shipped(name) for name in FILES}}
 )
@@ -40,7 +40,7 @@ def plant_named(name: str) -> Plant:
     Parameters
     ----------
     name : str
-        hoop, pendulum, axis, tanks or falling.
+        hoop, pendulum, axis, tanks, falling, circuit or drives.
 
     Returns
     -------
@@ -71,8 +71,8 @@ def resolve_plant(text: str) -> Plant:
     Parameters
     ----------
     text : str
-        hoop, pendulum, axis, tanks or falling; or a path that ends in .yaml, .yml or .py or holds a /: a file of a
-        registered name in the folder is meant by ./NAME.
+        hoop, pendulum, axis, tanks, falling, circuit or drives; or a path that ends in .yaml, .yml or .py or holds a /:
+        a file of a registered name in the folder is meant by ./NAME.
 
     Returns
     -------

@@ -38,10 +38,13 @@ sample_time_s: 2e-3
 def recorded(plant: Plant, effect: str, values: dict[str, float], seed: int, size: float, count: int) -> Stretch:
     """Levels of the input held for 20 samples, and what the sensors show of a plant that has the effect."""
     random, t = np.random.default_rng(seed), np.arange(count) * plant.time_scale_s
-    u = size * np.repeat(random.choice([-1.0, -0.5, 0.0, 0.5, 1.0], count // 20 + 1), 20)[: count - 1]
+    levels = random.choice([-1.0, -0.5, 0.0, 0.5, 1.0], (count // 20 + 1, len(plant.inputs)))
+    u = size * np.repeat(levels, 20, axis=0)[: count - 1]
     keys = {f"{effect}.{name}": value for name, value in values.items()}
-    if plant.first_order == plant.states:  # levels: what fills them never flows back
+    if plant.name == "tanks":  # what fills them never flows back
         u = np.abs(u)
+    if len(plant.inputs) == 1:
+        u = u[:, 0]
     start = [0.5 * plant.scales.get(name, 0.0) if name in plant.first_order else 0.0 for name in plant.states]
     y = FreeRun(plant, (library(plant)[effect],), values=keys).run([], start, t, u).readings
     y = y + NOISE * np.ptp(y, axis=0) * random.normal(size=y.shape)
@@ -93,3 +96,23 @@ def test_what_the_tanks_leave_out_is_named(effect: str, values: dict[str, float]
 def test_nothing_is_named_where_nothing_is_missing() -> None:
     found = searched(plant_named("tanks"), "h1_store.leak", {"k": 0.0}, 1e-4, 400)
     assert not found.accepted
+
+
+@pytest.mark.parametrize("value", [60.0, 0.0])
+def test_a_coil_that_saturates_is_named_from_the_voltage_of_the_capacitor(value: float) -> None:
+    """The current is a state that nobody reads."""
+    effect = "i_store.inductor_saturation"
+    found = searched(plant_named("circuit"), effect, {"b": value}, 8.0, 600)
+    assert [one.effect.name for one in found.accepted] == [effect] * (value > 0.0)
+    if value > 0.0:
+        assert found.final.values[f"{effect}.b"] == pytest.approx(value, rel=0.1)
+
+
+@pytest.mark.parametrize("value", [0.01, 0.0])
+def test_dry_friction_of_one_of_two_coupled_drives_is_named(value: float) -> None:
+    """Two inputs; the angle of both together is read by nobody."""
+    effect = "a_body.coulomb_friction"
+    found = searched(plant_named("drives"), effect, {"Fc": value}, 0.2, 400)
+    assert [one.effect.name for one in found.accepted] == [effect] * (value > 0.0)
+    if value > 0.0:
+        assert found.final.values[f"{effect}.Fc"] == pytest.approx(value, rel=0.1)

@@ -10,13 +10,15 @@ from hoopd.files.shipped import defaults_folder
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.model_file import load_model
+from hoopd.plants.registry import plant_named
 
 INTRODUCTION = """# The library of effects
 
 Every effect that `hoopd diagnose` knows of the hoop, by the slot at which it acts, with its parameters: the value at
 which the effect vanishes, the range that a search stays in, and how the parameter enters. *amplitude*:
 proportionally; *phase*: of an amplitude; *shape*: it is tried on a grid. Equations: [effects](../effects.md). Of
-another plant the same effects are known wherever a slot of it fits."""
+another plant the same effects are known wherever a slot of it fits; those of stores stand below as the tanks
+and the circuit have them."""
 ENDS = {
     "screen": "",
     "quality": "the recording alone",
@@ -29,9 +31,13 @@ ENDS = {
 def page() -> str:
     """The whole page."""
     shipped = load_model(defaults_folder() / "models" / "hoop.yaml")
+    stores = [effect for name in ("tanks", "circuit") for effect in library(plant_named(name)).values()]
     found: dict[str, list[Any]] = {}
     for effect in library(hoop_plant(shipped.structure, shipped.values())).values():
         found.setdefault(effect.slot, []).append(effect)
+    for effect in stores:
+        if effect.slot.endswith("store") and effect.slot != "h2_store":  # the second tank is as the first one
+            found.setdefault(effect.slot, []).append(effect)
     parts = [part for slot, effects in found.items() for part in (f"## {slot}", *map(_effect, effects))]
     return sections(INTRODUCTION, *parts)
 

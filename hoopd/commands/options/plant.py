@@ -18,7 +18,8 @@ class PlantOptions:
 
     action: str = argument("new, check or show.", metavar="ACTION")
     plant: str = argument(
-        "Plant file (.yaml, or .py, which is run as code); to check or show also hoop, pendulum, axis, tanks, falling.",
+        "Plant file (.yaml, or .py, which is run as code); to check or show also hoop, pendulum, axis, tanks, falling, "
+        "circuit, drives.",
         metavar="FILE",
     )
     kind: str = option("--kind", text="new: mechanical or first-order.", default="mechanical", metavar="KIND")

@@ -63,7 +63,10 @@ LOSSES = {
 def _loss(plant: Plant, name: str, slot: Slot, field: str) -> Effect:
     x, _, size, rate = _sizes(plant, slot)
     own, statement = LOSSES[field]
-    partner = {LIQUID: (f"{name}.orifice_leak", f"{name}.constant_flow")}.get(field, ())
+    partner = {
+        LIQUID: (f"{name}.orifice_leak", f"{name}.constant_flow"),
+        VOLTAGE: _scales(plant, x, own=True),  # of a network whose resistance and coil are free
+    }.get(field, ())
     return Effect(
         f"{name}.{own}",
         (EffectParameter("k", "1/s", 0.0, 0.0, 10.0 * rate / size, grid=(0.05 * rate / size,)),),
@@ -121,7 +124,7 @@ def _orifice(plant: Plant, name: str, slot: Slot) -> Effect:
         force=flow,
         depends_on=(x,),
         # a hole before a further tank looks like another scale of that tank's sensor
-        near=(f"{name}.leak", f"{name}.constant_flow", *_scales(plant, x)),
+        near=(f"{name}.leak", f"{name}.constant_flow", *_scales(plant, x, own=False)),
         formula=f"-c sqrt({x})",
         statement="a hole near its bottom: what leaks grows with the root of the level",
         signature="the missing rate takes from the content and follows its root, whatever the input",
@@ -131,11 +134,11 @@ def _orifice(plant: Plant, name: str, slot: Slot) -> Effect:
     )
 
 
-def _scales(plant: Plant, own: str) -> tuple[str, ...]:
-    """Scales of the sensors of other stores."""
+def _scales(plant: Plant, state: str, *, own: bool) -> tuple[str, ...]:
+    """Scales of the sensors of this store, or of the others."""
     every = ((name, slot) for name, slot in of_kind(plant, "sensor") if slot.channels and slot.device != "camera")
     reads = ((name, plant.state_of(slot.channels[0])) for name, slot in every)
-    return tuple(f"{name}.scale" for name, read in reads if read in plant.first_order and read != own)
+    return tuple(f"{name}.scale" for name, read in reads if read in plant.first_order and (read == state) == own)
 
 
 def _above(plant: Plant, name: str, slot: Slot, own: str) -> Effect:
@@ -192,7 +195,7 @@ def _saturation(plant: Plant, name: str, slot: Slot) -> Effect:
     x, unit, size, _ = _sizes(plant, slot)
     return Effect(
         f"{name}.inductor_saturation",
-        (EffectParameter("b", f"1/{unit}2", 0.0, 0.0, 10.0 / size**2, grid=(0.05 / size**2,)),),
+        (EffectParameter("b", f"1/{unit}2", 0.0, 0.0, 2.0 / size**2, grid=(0.05 / size**2,)),),
         # L = L0/(1 + b i^2), so that i' = (1 + b i^2) what the equation says
         force=lambda s, e: {x: _own_rate(plant, x, s) * e.b * getattr(s, x) ** 2},
         depends_on=(x, "u"),
