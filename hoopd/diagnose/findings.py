@@ -8,13 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.confirmation import Confirmation, status_of
 from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
 from hoopd.diagnose.proof.not_excluded import Separation
+from hoopd.diagnose.proof.standing import Standing, Standings
 from hoopd.diagnose.record import (
+    NONE_OF_THESE,
     Ablation,
     Base,
     Candidate,
@@ -39,6 +42,8 @@ from hoopd.plants.likelihood.fitting import HypothesisFit
 
 # Hypotheses that a table of fits has a column for.
 SHOWN = ("nominal", "base", "final", "ceiling")
+# Candidates that were not tried on their own are told of when they are this likely.
+LEAST_TOLD = 0.01
 
 
 def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown | None, threshold: float) -> Verdict:
@@ -197,15 +202,35 @@ def is_any_left(named: Named, said: Confirmation) -> bool:
     return not named.accepted or any(one.effect.name in said.kept.names for one in named.accepted)
 
 
-def candidates_of(named: Named, threshold: float) -> list[Candidate]:
-    """Every effect on its own over the base: refitted where it was, else as the screen saw it."""
+def told(findings: Sequence[EffectFinding], standings: Standings) -> list[EffectFinding]:
+    """Findings with how each of them stands."""
+    return [_told(one, standings.of(one.name)) for one in findings]
+
+
+def _told(finding: EffectFinding, standing: Standing) -> EffectFinding:
+    return replace(
+        finding,
+        probability=standing.probability,
+        nearest=standing.nearest,
+        explained=standing.explained,
+        statement=f"{standing.caveat}. Its law: {finding.statement}" if standing.caveat else finding.statement,
+    )
+
+
+def candidates_of(named: Named, threshold: float, likely: Mapping[str, float]) -> list[Candidate]:
+    """Every effect on its own over the base: refitted where it was, else as the screen saw it; and whatever else is
+    likely."""
     stretches = [track.stretch for track in named.base.tracks]
     found = {s.member.effect.name: (s.gain, surprise_of(s, s.gain, stretches)) for s in named.scores}
     found |= {one.effect.name: (one.gain, one.surprise) for one in named.tried}
-    return [
-        Candidate(name=name, log_likelihood_gain=gain, surprise=beyond, threshold=threshold)
+    known = [
+        Candidate(
+            name=name, log_likelihood_gain=gain, surprise=beyond, threshold=threshold, probability=likely.get(name, 0.0)
+        )
         for name, (gain, beyond) in found.items()
     ]
+    more = [name for name, one in likely.items() if name not in found and (one >= LEAST_TOLD or name == NONE_OF_THESE)]
+    return [*known, *(Candidate(name=name, log_likelihood_gain=None, probability=likely[name]) for name in more)]
 
 
 def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], status: Status | None = None) -> EffectFinding:

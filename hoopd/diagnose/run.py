@@ -20,6 +20,7 @@ from hoopd.diagnose.findings import (
     fits_of,
     is_any_left,
     refused_of,
+    told,
     unexplained_of,
     unknown_finding,
     verdict_of,
@@ -36,6 +37,7 @@ from hoopd.diagnose.proof.next_experiment import next_experiment
 from hoopd.diagnose.proof.not_excluded import parameter_notes, separations
 from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.power import visible
+from hoopd.diagnose.proof.standing import Asked, standings
 from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
 from hoopd.diagnose.quality.unusual_intervals import Interval
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, FreeRunChoice, RecordingQuality
@@ -48,7 +50,7 @@ from hoopd.diagnose.search.excluded_intervals import CountedData, looked_at_agai
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.grammar.mechanisms import mechanisms
+from hoopd.plants.effects.grammar.mechanisms import Mechanism, mechanisms
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.step_halving import step_nats, step_sentence
 from hoopd.plants.likelihood.stretches import Stretch
@@ -117,7 +119,8 @@ def diagnose(case: Case) -> Outcome:
     named = name_effects(data.kept, case.library, nominal, base, case.settings)
     named, data, data_held = _started(case, named, data, data_held)
     named, data = looked_at_again(named, data, case.settings.threshold)
-    library = _with_mechanisms(case, named, data)
+    grammar = _mechanisms(case, data)
+    library = _with_mechanisms(case, named, data, grammar)
     data_held, runs = _heldout_again(named, data_held, HeldOut(data_held.kept))
     case.progress("what no name explains")
     missing = missing_of(named, runs, list(library.values()), case.seed)
@@ -140,12 +143,14 @@ def diagnose(case: Case) -> Outcome:
     threshold, apart = case.settings.threshold, separations(named, library)
     proofs = placebos(named, case.seed, threshold)
     faults = camera_faults([one.quality for one in case.train], threshold)
+    stand = standings(Asked(named, case.library, grammar, missing.base, missing.beside, unknown, threshold))
     effects = effects_of(named, fits, threshold, faults, apart, proofs, said)
     if unknown is not None:
         effects = sorted(
             [*effects, unknown_finding(unknown, fits, said.statuses[unknown.name])],
             key=lambda e: -(e.evidence.log_likelihood_gain or 0.0),
         )
+    effects = told(effects, stand)
     verdict = verdict_of(named, effects, unknown, threshold)
     diagnosis = Diagnosis(
         schema=SCHEMA,
@@ -160,7 +165,7 @@ def diagnose(case: Case) -> Outcome:
             [*case.train, *case.heldout], [*data.ignored, *data_held.ignored], [step_sentence(step_nats(named.final))]
         ),
         seed=case.seed,
-        candidates=candidates_of(named, threshold),
+        candidates=candidates_of(named, threshold, stand.candidates),
         refused=refused,
         power=visible(named, case.library, threshold),
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
@@ -168,14 +173,18 @@ def diagnose(case: Case) -> Outcome:
     return Outcome(rounded(diagnosis), named, said.kept, said.fits, unknown)
 
 
-def _with_mechanisms(case: Case, named: Named, data: CountedData) -> Mapping[str, Effect]:
-    """The library with the mechanisms beyond it that the recordings ask for, put among the names."""
+def _mechanisms(case: Case, data: CountedData) -> list[Mechanism]:
+    """Of the grammar, those that are looked for."""
     if not case.settings.grammar:
-        return case.library
+        return []
     plant = max((one.plant for one in data.kept), key=lambda one: len(one.coordinates))
-    wanted = [one for one in mechanisms(plant).values() if one.name not in case.without]
-    judge = Judge(data.kept, case.library, case.settings)
-    name_mechanisms(named, judge, wanted)
+    return [one for one in mechanisms(plant).values() if one.name not in case.without]
+
+
+def _with_mechanisms(case: Case, named: Named, data: CountedData, wanted: Sequence[Mechanism]) -> Mapping[str, Effect]:
+    """The library with the mechanisms beyond it that the recordings ask for, put among the names."""
+    if wanted:
+        name_mechanisms(named, Judge(data.kept, case.library, case.settings), wanted)
     return {**case.library, **{one.effect.name: one.effect for one in named.accepted}}
 
 

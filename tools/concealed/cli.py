@@ -6,6 +6,7 @@ python tools/concealed --family outside                       physics that no li
 python tools/concealed calibrate [--nulls 60] [--tuning SEED] [--resume DIR]                  threshold, tuning seeds
 python tools/concealed generate DIR --family single,null --per-effect 1 --seed N               cases and answers
 python tools/concealed report DIR                                                              figures of a run so far
+python tools/concealed reliability DIR                                                   whether probabilities are kept
 """
 
 from __future__ import annotations
@@ -104,6 +105,19 @@ def report(options: argparse.Namespace) -> None:
     publish(RunFolder(options.dir), Console())
 
 
+def reliability(options: argparse.Namespace) -> None:
+    """Of the answers and diagnoses of a folder; diagnoses may be JSON of `hoopd diagnose` as it is."""
+    from concealed.judged import Judged
+    from concealed.reliability import markdown, reliability
+
+    folder = RunFolder(options.dir)
+    told = [(folder.answer(name), folder.said("diagnoses", name)) for name in folder.identifiers()]
+    cases = [Judged(answer, said.get("diagnosis", said)) for answer, said in told if said is not None]
+    if not cases:
+        raise FolderError(f"{options.dir}: no answers with diagnoses in this folder")
+    Console().print(markdown(reliability(cases)), markup=False, highlight=False, soft_wrap=True)
+
+
 def asked(options: argparse.Namespace, seed: int) -> Asked:
     """The counts of each family."""
     usual = FULL if options.full else options.usual
@@ -189,10 +203,19 @@ def _reporting() -> argparse.ArgumentParser:
     return parser
 
 
+def _keeping() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="concealed reliability", description="Whether probabilities are kept.")
+    parser.add_argument("dir", type=Path)
+    parser.set_defaults(run=reliability)
+    return parser
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Command line."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    parsers = {"generate": _generating, "report": _reporting, "calibrate": _calibrating}
+    parsers = {
+        "generate": _generating, "report": _reporting, "calibrate": _calibrating, "reliability": _keeping
+    }  # fmt: skip
     parser = parsers[words.pop(0)]() if words and words[0] in parsers else _scored()
     options = parser.parse_args(words)
     try:

@@ -76,6 +76,7 @@ class Missing:
 
     base: Survey
     proof: Proven | None
+    beside: Survey | None = None  # beside the accepted names
 
     @property
     def unknown(self) -> Unknown | None:
@@ -100,7 +101,7 @@ def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int
     proof = None if unknown is None else proven(unknown, held, seed)
     if proof is not None and proof.joint is not None and not proof.unknown.beside_names:
         drop_names(named)
-    return Missing(first, proof)
+    return Missing(first, proof, second)
 
 
 def drop_names(named: Named) -> None:

@@ -40,7 +40,7 @@ def fold_gain(before: HypothesisFit, after: HypothesisFit) -> float | None:
 
 def _losses(found: HypothesisFit, own: Collection[str]) -> Iterator[float | None]:
     """Of each fold; None where the rest does not know the effects `own`."""
-    rows, log_s, fold = found.stacked(), _log_s(found), _fold(found)
+    rows, log_s, fold = found.stacked(), _log_s(found), fold_of_rows(found)
     r, x = rows[:, 0], -rows[:, 1:]
     weight, centre = prior(found.effects, found.tracks, found.free, found.values)
     asked = [i for i, name in enumerate(found.free) if plain(name).rpartition(".")[0] in own]
@@ -65,7 +65,7 @@ def _log_s(found: HypothesisFit) -> Array:
     return np.concatenate(parts)
 
 
-def _fold(found: HypothesisFit) -> NDArray[np.int64]:
+def fold_of_rows(found: HypothesisFit) -> NDArray[np.int64]:
     """(rows,) which block of its recording each row belongs to: as many seconds in each."""
     spans: dict[str, tuple[float, float]] = {}
     for t, name in ((track.stretch.t, track.stretch.recording) for track in found.tracks):

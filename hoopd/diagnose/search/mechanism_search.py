@@ -47,7 +47,7 @@ def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
 
 def _next(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> Tried | None:
     judge.settings.progress("screening mechanisms")
-    screen = MechanismScreen(found.final, mechanisms)
+    screen = found.grammar = MechanismScreen(found.final, mechanisms)
     level = max(judge.settings.threshold, screen.null.threshold(CHANCE))
     proposals = [one for one in _scores(screen, found.final) if _worth(one) >= level / 2.0]
     if not proposals:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from hoopd.diagnose.search.bounded_disturbance import deflated, far_beyond, stiffened
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried, surprise_of
+from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.screen import Score, Screen
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -54,6 +55,7 @@ class Named:
     scores: list[Score] = field(default_factory=list)  # first screen, best first
     screens: dict[int, Screen] = field(default_factory=dict)  # by the fit they are about (its id)
     left: list[Score] = field(default_factory=list)  # screen of the final fit
+    grammar: MechanismScreen | None = None  # the last screen of mechanisms
     rivals: dict[str, list[tuple[str, float]]] = field(default_factory=dict)  # accepted -> (name, nats behind)
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)  # accepted -> rivals that folds refused
     refusals: dict[str, Refusal] = field(default_factory=dict)  # beyond the threshold, and refused; the last of each

@@ -1,0 +1,173 @@
+"""What could stand in the place of a named effect, and how likely each of it is.
+
+Beside everything else that was named, along the final fit's trajectories, the whole library and the whole grammar are
+screened in the effect's place; what was refitted there counts as it was fitted. Gains are told the colour that the
+residual has along the named effect's own change. Screens keep the final fit's noise, where a refit without the effect
+takes more of it: their gains are scaled so that the named effect gains in them what it lost when it was taken out.
+What lies less than a nat apart from it is no rival but another word.
+
+Rules of this file: screens and their geometry; how gains become probabilities stands in `probabilities`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.curves.unknown_effects import Survey
+from hoopd.diagnose.proof.not_excluded import late_together
+from hoopd.diagnose.proof.probabilities import PARAMETERS, Option
+from hoopd.diagnose.proof.separation import own_columns, without_effect
+from hoopd.diagnose.record import NONE_OF_THESE
+from hoopd.diagnose.search.candidates import Tried, columns_of, surprise_of
+from hoopd.diagnose.search.chance import colour
+from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMechanism
+from hoopd.diagnose.search.naming import Named
+from hoopd.diagnose.search.screen import Screen, orthonormal, score_of, whitened_changes
+from hoopd.diagnose.search.surprise import surprise
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.grammar.mechanisms import Mechanism
+from hoopd.plants.likelihood.fitting import HypothesisFit
+
+Array = NDArray[np.float64]
+
+# Less than this between two explanations, and nothing tells them apart.
+ALIKE_NATS = 1.0
+# A name of the library is near when it makes this share of the squared change.
+NEAR_COSINE = 0.5
+
+
+class Place:
+    """One named effect, taken out, and what was screened in its place."""
+
+    def __init__(
+        self, named: Named, one: Tried, library: Mapping[str, Effect], mechanisms: Sequence[Mechanism]
+    ) -> None:
+        self.named, self.one, self.library = named, one, library
+        self.about = without_effect(named.final, one.effect, named.without[one.effect.name])
+        self.stretches = [track.stretch for track in self.about.tracks]
+        others = [name for name in named.final.names if name != one.effect.name]
+        self.screen = Screen(self.about, [e for e in library.values() if e.name not in others])
+        self.grammar = MechanismScreen(self.about, [m for m in mechanisms if m.name not in others])
+        columns = own_columns(self.about, one.effect, named.final.values)
+        change = whitened_changes(self.about, [(one.effect, column) for column in columns]).sum(axis=1)
+        self.change: Array = self.screen.projected(change[:, None])[:, 0]
+        self.colour = _colour_along(self.change, named.final)
+        self.scale = min(1.0, named.losses[one.effect.name] / max(self._screened, 1e-12))
+
+    def options(self, threshold: float, beside_base: Survey | None = None) -> list[Option]:
+        """Everything that could stand there; `beside_base`: curves, where nothing else was named."""
+        found = [*self._own(), *self._refitted(), *self._library(), *self._mechanisms()]
+        seen: dict[str, Option] = {}
+        for option in found:
+            seen.setdefault(option.name, option)
+        # without any evidence, parameters are as likely as a name that just passes
+        curves = beside_base.curves[:1] if beside_base is not None else []
+        return [*seen.values(), Option(PARAMETERS, threshold), *(Option(NONE_OF_THESE, c.surprise) for c in curves)]
+
+    def nearest(self) -> str | None:
+        """The library's name whose change is most parallel; None where none is near."""
+        return nearest(self.screen, self.change, (self.one.effect.name,))
+
+    # ------------------------------------------------------------------------------------------ what there is
+
+    @property
+    def _screened(self) -> float:
+        """Nats that the effect gains as it is in the screens, whose noise is that of the final fit."""
+        along, size = float(self.change @ self.screen.residual), float(self.change @ self.change)
+        return along**2 / (2.0 * size) if along > 0.0 and size > 0.0 else 0.0
+
+    def _own(self) -> Iterator[Option]:
+        name, loss = self.one.effect.name, self.named.losses[self.one.effect.name]
+        mine = self._proposed.get(name)
+        if mine is not None:
+            worth = self._worth(mine, loss)
+        elif name in self.library:
+            worth = surprise_of(self.one.score, loss / self.colour, self.stretches)
+        else:
+            worth = surprise_of(self.one.score, loss, self.stretches)
+        yield Option(name, worth, True)
+
+    def _refitted(self) -> Iterator[Option]:
+        """What was fitted in its place: by how much it was behind."""
+        loss = self.named.losses[self.one.effect.name]
+        refused = self.named.refused.get(self.one.effect.name, ())
+        for name, behind in self.named.rivals.get(self.one.effect.name, []):
+            if name in self.named.final.names:
+                continue
+            gain = max(loss - behind, 0.0)
+            if name in refused:
+                # held-out data say no
+                yield Option(name, 0.0)
+            elif name in self.library:
+                columns, looked_at = columns_of(self.library[name], self.stretches)
+                worth = surprise(gain / self.colour, columns, looked_at)
+                yield Option(name, worth, self._same(self.library[name], abs(behind)))
+            elif (proposed := self._proposed.get(name)) is not None:
+                yield Option(name, self._worth(proposed, gain), abs(behind) < ALIKE_NATS)
+
+    def _library(self) -> Iterator[Option]:
+        for score in self.screen.scores():
+            effect = score.member.effect
+            worth = surprise_of(score, self.scale * score.gain / self.colour, self.stretches)
+            yield Option(effect.name, worth, self._same(effect, self._apart(score.vector)))
+
+    def _mechanisms(self) -> Iterator[Option]:
+        for one in self._proposed.values():
+            yield Option(one.effect.name, self._worth(one, self.scale * one.gain), self._apart(one.vector) < ALIKE_NATS)
+
+    @property
+    def _proposed(self) -> Mapping[str, ProposedMechanism]:
+        if not hasattr(self, "_found"):
+            self._found = {one.effect.name: one for one in self.grammar.proposals()}
+        return self._found
+
+    def _worth(self, one: ProposedMechanism, gain: float) -> float:
+        costs = one.effect.cost_nats + self.grammar.cost
+        return surprise(gain / self.colour, one.columns, one.looked_at) - costs
+
+    def _same(self, other: Effect, apart: float) -> bool:
+        """Whether nothing tells a name of the library from the effect."""
+        mine = self.one.effect
+        if other.name in mine.same_as or other.name in self._late:
+            return True
+        return (other.name in mine.near or mine.name in other.near) and apart < ALIKE_NATS
+
+    @property
+    def _late(self) -> frozenset[str]:
+        found = late_together(self.named.final, self.one.effect, self.library)
+        return frozenset(one.name for one in found)
+
+    def _apart(self, vector: Array) -> float:
+        """Nats by which a change of this direction (rows,) misses the effect's."""
+        size = float(vector @ vector)
+        along = float(self.change @ vector) ** 2 / size if size > 0.0 else 0.0
+        return self.scale * (float(self.change @ self.change) - along) / 2.0
+
+
+def _colour_along(change: Array, final: HypothesisFit) -> float:
+    """What the final residual's colour makes of gains along a change (rows,)."""
+    size = float(np.sqrt(change @ change))
+    if size <= 0.0:
+        return 1.0
+    rows = final.stacked()
+    known = orthonormal(rows[:, 1:])
+    residual = rows[:, 0] - known @ (known.T @ rows[:, 0])
+    return colour(change[:, None] / size, residual, [(len(t.z), len(t.composite.channels)) for t in final.tracks])
+
+
+def nearest(screen: Screen, change: Array, but: Sequence[str] = ()) -> str | None:
+    """The library's name that makes most of a change (rows,), if it makes more than half of it."""
+    best, most = None, NEAR_COSINE * float(change @ change) / 2.0
+    first = 0
+    for member in screen.members:
+        z = screen.vectors[:, first : first + len(member.columns)]
+        first += len(member.columns)
+        if member.effect.name in but or not np.any(z):
+            continue
+        gain = score_of(member, z, change).gain
+        if gain > most:
+            best, most = member.effect.name, gain
+    return best

@@ -1,0 +1,69 @@
+"""How likely each explanation is that could stand in one place: shares of what their evidence and costs leave.
+
+    p_i = exp(w_i) / sum_j exp(w_j)
+
+with w in nats, told how much was looked at, how coloured the residual is, and what a mechanism's code costs.
+
+What nothing tells from the named one counts with it. What still follows a law beside everything that was named takes
+its part first: as much as the names where chance would reach it in one of a hundred recordings.
+
+Rules of this file: numbers in, numbers out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+
+from hoopd.diagnose.record import NONE_OF_THESE
+
+# Re-estimated parameters and nothing else: as an explanation, called so.
+PARAMETERS = "parameters"
+# Odds beyond this are certainty.
+MOST_NATS = 50.0
+
+
+class Option(NamedTuple):
+    """One explanation; `alike`: nothing tells it from the one that was named."""
+
+    name: str
+    worth: float  # nats
+    alike: bool = False
+
+
+@dataclass(frozen=True)
+class Likely:
+    """Probabilities of what could stand in one place."""
+
+    shares: Mapping[str, float] = field(default_factory=dict)  # by name, "none of these" among them; the sum is 1
+    named: float = 0.0  # of the named one and what is alike
+
+    @property
+    def none(self) -> float:
+        """That it is nothing which has a name."""
+        return self.shares.get(NONE_OF_THESE, 0.0)
+
+
+def likely(options: Sequence[Option], left: float = -MOST_NATS) -> Likely:
+    """Of one place; `left`: log odds that what remains beside all names is more than chance."""
+    worths: dict[str, float] = {}
+    for one in options:
+        worths[one.name] = max(one.worth, worths.get(one.name, -np.inf))
+    known = 1.0 / (1.0 + exp(min(max(left, -MOST_NATS), MOST_NATS)))
+    most = max(worths.values(), default=0.0)
+    weights = {name: exp(worth - most) for name, worth in worths.items()}
+    total = sum(weights.values())
+    shares = {name: known * weight / total for name, weight in weights.items()} if total else {}
+    shares[NONE_OF_THESE] = shares.get(NONE_OF_THESE, 0.0) + 1.0 - known if shares else 1.0
+    alike = {one.name for one in options if one.alike}
+    return Likely(shares, sum(share for name, share in shares.items() if name in alike))
+
+
+def among_what_acts(places: Sequence[Likely]) -> dict[str, float]:
+    """That a name is in one of several places."""
+    names = dict.fromkeys(name for one in places for name in one.shares)
+    return {name: float(1.0 - np.prod([1.0 - one.shares.get(name, 0.0) for one in places])) for name in names}

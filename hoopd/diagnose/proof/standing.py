@@ -1,0 +1,130 @@
+"""How each finding stands: its probability, the nearest name, its share of the mismatch, and what remains beside it.
+
+Rules of this file: it puts together what `in_place`, `remainder` and `probabilities` say; verdicts stay what they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from hoopd.diagnose.curves.unknown_effects import Survey, Unknown
+from hoopd.diagnose.proof.in_place import Place, nearest
+from hoopd.diagnose.proof.probabilities import MOST_NATS, PARAMETERS, Likely, Option, among_what_acts, likely
+from hoopd.diagnose.proof.remainder import Remainder, explained, remainder
+from hoopd.diagnose.record import NONE_OF_THESE
+from hoopd.diagnose.search.candidates import surprise_of
+from hoopd.diagnose.search.mechanism_screen import MechanismScreen
+from hoopd.diagnose.search.naming import Named
+from hoopd.diagnose.search.screen import Screen
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.grammar.mechanisms import Mechanism
+from hoopd.plants.likelihood.fitting import HypothesisFit
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Of one finding."""
+
+    probability: float | None = None
+    nearest: str | None = None
+    explained: float | None = None
+    caveat: str = ""  # what is said before its statement
+
+
+@dataclass(frozen=True)
+class Standings:
+    """Of all findings, and of every candidate."""
+
+    findings: Mapping[str, Standing] = field(default_factory=dict)
+    candidates: Mapping[str, float] = field(default_factory=dict)
+    rest: Remainder | None = None
+
+    def of(self, name: str) -> Standing:
+        """One of them; of a fault that was counted nothing is known."""
+        return self.findings.get(name, Standing())
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of: the names that were accepted, and the grammar (empty: it was not looked at)."""
+
+    named: Named
+    library: Mapping[str, Effect]
+    mechanisms: Sequence[Mechanism]
+    base: Survey
+    beside: Survey | None  # of curves, beside the final fit
+    unknown: Unknown | None
+    threshold: float
+
+
+def standings(asked: Asked) -> Standings:
+    """Of every finding of a diagnosis."""
+    named, unknown = asked.named, asked.unknown
+    screen = _grammar_beside(asked)
+    rest = remainder(screen, asked.beside if named.accepted else None)
+    left = _left(rest, unknown) if named.accepted else -MOST_NATS
+    findings: dict[str, Standing] = {}
+    likelies: list[Likely] = []
+    total = named.base.criterion - named.final.criterion
+    shares = explained([named.losses[one.effect.name] for one in named.accepted], total, rest)
+    if unknown is not None:
+        shares = [share * (1.0 - unknown.share) for share in shares]
+    for one, share in zip(named.accepted, shares, strict=True):
+        place = Place(named, one, asked.library, asked.mechanisms)
+        found = likely(place.options(asked.threshold, asked.base if len(named.accepted) == 1 else None), left)
+        near = place.nearest() if one.effect.name not in asked.library else None
+        caveat = _caveat(one.effect.name, share, rest) if rest is not None and rest.fires else ""
+        findings[one.effect.name] = Standing(found.named, near, share, caveat)
+        likelies.append(found)
+    if not likelies:
+        likelies.append(likely(_unnamed(asked, screen), _left(None, unknown)))
+    if unknown is not None:
+        none = 1.0 - _product([1.0 - one.none for one in likelies])
+        near = nearest(_library_beside(unknown.beside, asked), unknown.score.vector)
+        findings[unknown.name] = Standing(none, near, unknown.share)
+    return Standings(findings, among_what_acts(likelies), rest)
+
+
+def _grammar_beside(asked: Asked) -> MechanismScreen:
+    """All mechanisms beside the final fit."""
+    final, known = asked.named.final, asked.named.grammar
+    if known is not None and known.fit is final:
+        return known
+    return MechanismScreen(final, [one for one in asked.mechanisms if one.name not in final.names])
+
+
+def _left(rest: Remainder | None, unknown: Unknown | None) -> float:
+    """Log odds that something acts beside the names which has none."""
+    found = [-MOST_NATS] if rest is None else [rest.log_odds]
+    if unknown is not None:
+        found.append(unknown.surprise - unknown.threshold)
+    return max(found)
+
+
+def _unnamed(asked: Asked, screen: MechanismScreen) -> list[Option]:
+    """Where nothing was accepted: everything beside the re-fitted base."""
+    stretches = [track.stretch for track in asked.named.base.tracks]
+    gains = {s.member.effect.name: surprise_of(s, s.gain, stretches) for s in asked.named.scores}
+    gains |= {one.effect.name: one.surprise for one in asked.named.tried}
+    costs = {one.effect.name: one.surprise - one.effect.cost_nats - screen.cost for one in screen.proposals()}
+    curves = [Option(NONE_OF_THESE, asked.base.curves[0].surprise)] if asked.base.curves else []
+    names = [Option(name, worth) for name, worth in {**costs, **gains}.items()]
+    return [*names, Option(PARAMETERS, asked.threshold), *curves]
+
+
+def _library_beside(fit: HypothesisFit, asked: Asked) -> Screen:
+    known = asked.named.screens.get(id(fit))
+    return known if known is not None else Screen(fit, [*asked.library.values()])
+
+
+def _product(values: Sequence[float]) -> float:
+    found = 1.0
+    for one in values:
+        found *= one
+    return found
+
+
+def _caveat(name: str, share: float, rest: Remainder) -> str:
+    """The name is the nearest known one and not the whole answer."""
+    return f"nearest known: {name}, explains {share:.0%} of the mismatch; what remains follows {rest.follows}"

@@ -1,0 +1,143 @@
+"""How likely each finding is: shares of evidence, what nothing tells apart, and what remains beside a name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnose.madeup import shipped_plant, stretch_with
+
+from hoopd.diagnose.curves.unknown_effects import survey
+from hoopd.diagnose.proof.in_place import nearest
+from hoopd.diagnose.proof.probabilities import PARAMETERS, Option, among_what_acts, likely
+from hoopd.diagnose.proof.remainder import Remainder, explained, held_back
+from hoopd.diagnose.proof.standing import Asked, Standings, standings
+from hoopd.diagnose.record import NONE_OF_THESE
+from hoopd.diagnose.search.candidates import Judge, Settings
+from hoopd.diagnose.search.naming import Named, name_effects
+from hoopd.diagnose.search.screen import Screen
+from hoopd.plants.effects.grammar.mechanisms import mechanisms
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
+from hoopd.plants.likelihood.stretches import Stretch
+
+
+def test_probabilities_are_shares_of_the_evidence_and_sum_to_one() -> None:
+    found = likely([Option("a", 20.0, True), Option("b", 20.0 - np.log(3.0)), Option(PARAMETERS, -30.0)])
+    assert found.named == pytest.approx(0.75) and found.shares["b"] == pytest.approx(0.25)
+    assert sum(found.shares.values()) == pytest.approx(1.0) and found.none < 1e-6
+
+
+def test_what_nothing_tells_apart_counts_together() -> None:
+    found = likely([Option("a", 10.0, True), Option("b", 10.0, True), Option("c", 10.0)])
+    assert found.named == pytest.approx(2.0 / 3.0) and found.shares["a"] == pytest.approx(1.0 / 3.0)
+
+
+def test_what_remains_takes_its_part_first() -> None:
+    for left, low, high in ((-10.0, 0.0, 1e-3), (0.0, 0.49, 0.51), (3.0, 0.9, 1.0)):
+        found = likely([Option("a", 50.0, True)], left)
+        assert low <= found.none <= high and found.named == pytest.approx(1.0 - found.none)
+
+
+def test_a_name_is_among_what_acts_when_it_is_in_any_place() -> None:
+    places = [likely([Option("a", 1.0, True), Option("b", 1.0)]), likely([Option("c", 1.0, True), Option("b", 1.0)])]
+    assert among_what_acts(places)["b"] == pytest.approx(0.75, abs=1e-6)
+
+
+def remaining(surprise: float, held: float) -> Remainder:
+    return Remainder("hoop", "theta", surprise, 9.0, 5.0, held)
+
+
+def test_a_remainder_fires_above_its_level_and_only_where_other_blocks_bear_it_out() -> None:
+    assert remaining(9.5, 1.0).fires and remaining(9.5, 1.0).log_odds > 0.0
+    assert not remaining(8.5, 1.0).fires and not remaining(30.0, -1.0).fires
+    assert remaining(30.0, -1.0).log_odds < 0.0
+
+
+def test_shares_are_of_names_and_remainder_together() -> None:
+    assert explained([20.0], 20.0, None) == [1.0]
+    assert explained([20.0], 20.0, remaining(25.0, 5.0)) == [pytest.approx(0.5)]
+    assert explained([20.0, 10.0], 40.0, remaining(6.0, 1.0)) == [pytest.approx(0.5), pytest.approx(0.25)]
+
+
+def test_a_direction_must_hold_in_blocks_that_its_size_was_not_estimated_on() -> None:
+    n = 300
+    track = SimpleNamespace(stretch=SimpleNamespace(t=np.arange(n) * 0.02, recording="day", y=np.zeros((n, 1))))
+    made: Any = SimpleNamespace(tracks=[track], rows=[np.zeros((n, 1))])
+    direction = np.tile([1.0, -1.0], n // 2)
+    assert held_back(made, direction, direction) == pytest.approx(n / 2.0)
+    odd = direction * np.repeat([3.0, -1.0, -1.0], n // 3)
+    assert direction @ odd > 0.0 and held_back(made, direction, odd) < 0.0
+
+
+# ---------------------------------------------------------------------------------------------- on recordings made up
+
+PLANT = shipped_plant()
+EFFECTS = library(PLANT)
+FRICTION = EFFECTS["hoop.coulomb_friction"]
+
+
+@cache
+def fits() -> tuple[list[Stretch], HypothesisFit, HypothesisFit]:
+    """Dry friction of 2 mN m: recordings, and what is fitted to them without any effect."""
+    train = [stretch_with(PLANT, f"day{k}", k, 8.0, [FRICTION], {FRICTION.key("Fc"): 2e-3}) for k in (1, 2)]
+    nominal = fit(train, (), PLANT.values, move=False)
+    return train, nominal, fit(train, (), PLANT.values, like=nominal, noise=nominal.noise)
+
+
+def named(*names: str) -> Named:
+    """Looked for among some names."""
+    train, nominal, base = fits()
+    return name_effects(train, {name: EFFECTS[name] for name in names}, nominal, base, Settings())
+
+
+def taken_for(name: str) -> Named:
+    """Whatever the recordings say, this name and no other."""
+    train, nominal, base = fits()
+    judge = Judge(train, {name: EFFECTS[name]}, Settings())
+    one = judge.tried(base, judge.proposals(base, ())[0])
+    found = Named(nominal, base, one.fit, [one], without={name: base})
+    found.losses[name] = base.criterion - one.fit.criterion
+    return found
+
+
+def standing(found: Named, names: Sequence[str], grammar: Sequence[str]) -> Standings:
+    known = {name: EFFECTS[name] for name in names}
+    laws = [one for name, one in mechanisms(PLANT).items() if name in grammar]
+    about = survey(found.base, [*known.values()])
+    beside = survey(found.final, [*known.values()])
+    return standings(Asked(found, known, laws, about, beside, None, Settings().threshold))
+
+
+LAWS = ("hoop.threshold_of_dtheta", "hoop.saturation_of_dtheta", "hoop.cubic_of_dtheta", "hoop.linear_of_theta")
+
+
+def test_the_right_name_is_likely_and_explains_nearly_all() -> None:
+    names = ("hoop.coulomb_friction", "hoop.quadratic_drag", "camera.latency")
+    found = standing(named(*names), names, LAWS)
+    mine = found.of("hoop.coulomb_friction")
+    assert mine.probability is not None and mine.probability > 0.8
+    assert mine.explained is not None and mine.explained > 0.9
+    assert mine.nearest is None and mine.caveat == ""
+    assert found.candidates["hoop.coulomb_friction"] > found.candidates.get("camera.latency", 0.0)
+
+
+def test_a_wrong_name_is_the_nearest_known_one_at_most() -> None:
+    found = standing(taken_for("hoop.quadratic_drag"), ("hoop.quadratic_drag", "camera.latency"), LAWS)
+    mine = found.of("hoop.quadratic_drag")
+    assert mine.probability is not None and mine.probability < 0.5
+    assert found.rest is not None and found.rest.fires and found.candidates[NONE_OF_THESE] > 0.5
+    assert mine.explained is not None and mine.explained < 1.0
+    assert mine.caveat.startswith("nearest known: hoop.quadratic_drag, explains ")
+
+
+def test_the_nearest_name_is_that_of_the_most_parallel_change() -> None:
+    base = fits()[2]
+    screen = Screen(base, [EFFECTS["hoop.coulomb_friction"], EFFECTS["camera.latency"]])
+    first = screen.vectors[:, 0]
+    assert nearest(screen, 3.0 * first) == "hoop.coulomb_friction"
+    assert nearest(screen, 3.0 * first, ("hoop.coulomb_friction",)) is None
