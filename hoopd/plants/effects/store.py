@@ -100,7 +100,7 @@ def _constant(plant: Plant, name: str, slot: Slot, field: str) -> Effect:
         # x' += c
         force=lambda s, e: {x: e.c},
         depends_on=("t",),
-        near=(f"{name}.{LOSSES[field][0]}",),
+        near=(f"{name}.{LOSSES[field][0]}", *_biases(plant)),
         formula="c",
         statement=statement,
         signature="the missing rate is one and the same, whatever content and input",
@@ -108,6 +108,11 @@ def _constant(plant: Plant, name: str, slot: Slot, field: str) -> Effect:
         best_experiment="no input, at a high and at a low content",
         write_back="subtract c from what is fed in",
     )
+
+
+def _biases(plant: Plant) -> tuple[str, ...]:
+    """Of drives that feed first-order states: what is added to the demand is added to a rate."""
+    return () if plant.driven else tuple(f"{name}.torque_bias" for name, _ in of_kind(plant, "actuator"))
 
 
 def _orifice(plant: Plant, name: str, slot: Slot) -> Effect:

@@ -153,7 +153,8 @@ def _stepped(found: HypothesisFit, delta: Array) -> bool:
         _move_references(found, np.array([found.values[n] - before[n] for n in found.free]))
         found.columns = _columns(found)
         if _is_finite([part for one in found.columns for part in (one.f, one.eps, one.model.a, one.model.c)]):
-            _whiten(found)
+            with np.errstate(all="ignore"):  # a step too far may leave all numbers: it is not taken
+                _whiten(found)
             if _is_finite(found.rows) and _value(found) <= worst:
                 return True
         found.values, found.columns, found.gains, found.rows = dict(before), columns, whitening, rows

@@ -99,3 +99,11 @@ def test_the_grammar_has_flows_of_a_store() -> None:
     assert missing(tank(), root.effect, {"A": -1e-3}, 0.25, 0.0) == pytest.approx(-5e-4)
     assert missing(tank(), found["store.above_of_h"].effect, {"A": -0.2, "v0": 0.2}, 0.25, 0.0) == pytest.approx(-0.01)
     assert "store.linear_of_h" not in found
+
+
+def test_a_drive_is_told_in_words_of_what_it_gives() -> None:
+    coil, pump = library(parse_plant(COIL, "coil.yaml")), library(tank())
+    assert coil["actuator.deadzone"].statement == "small demanded voltages do nothing, larger ones are smaller by d"
+    assert pump["actuator.torque_bias"].statement == "the drive adds a constant input to what is demanded"
+    assert "actuator.torque_bias" in pump["store.constant_flow"].near
+    assert not any("torque" in effect.statement + effect.write_back for effect in (*coil.values(), *pump.values()))
