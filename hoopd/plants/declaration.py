@@ -282,6 +282,11 @@ class Plant:
             return self.inputs[0].unit
         return "N" if self.units.get("".join(self.coordinates[:1])) == "m" else "N m"
 
+    @property
+    def input_word(self) -> str:
+        """What the first input is: torque, force, or its own name."""
+        return {"N m": "torque", "N": "force"}.get(self.force_unit, self.inputs[0].name if self.inputs else "input")
+
     def state_of(self, channel: str) -> str:
         """The state that a channel reads; empty where it reads an expression, or is none of this plant."""
         return self.channels[channel].state if channel in self.channels else ""

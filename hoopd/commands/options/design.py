@@ -14,7 +14,7 @@ from hoopd.commands.options.shared import figure_option, json_option, model_opti
 
 @dataclass(frozen=True, kw_only=True)
 class DesignOptions:
-    """Design a control law for a model and write the file that the daemon loads."""
+    """Design a control law for a model of any plant and write its file: of the hoop the one that the daemon loads."""
 
     law: str = argument("lqg, lqr, placement, pid, pi, lead, lag, arx or identified.", metavar="LAW")
     model: Path | None = model_option(default=None)
@@ -39,10 +39,10 @@ class DesignOptions:
     )
     lead: tuple[float, float] | None = option("--lead", text="pid: lead link in series, rad/s and N.")
     ratio: float = option("--ratio", text="lead: N; lag: M.", default=5.0)
-    gain: float = option("--gain", text="lead, lag: N m/rad.", default=1.0)
+    gain: float = option("--gain", text="lead, lag, of the hoop: N m/rad.", default=1.0)
     poles: str = option(
         "--poles",
-        text="placement: three poles in rad/s, for hoop speed and ball; of another plant one a state.",
+        text="placement: poles in rad/s, one a state; of the hoop three, for its speed and the ball.",
         default="-5+7j,-5-7j,-4",
     )
     weights: tuple[str, ...] = option(
@@ -53,7 +53,7 @@ class DesignOptions:
     )
     delay_s: float = option(
         "--delay",
-        text="Age of a picture in s when a tick uses it: the camera's delay and half a tick.",
+        text="Of the hoop: age of a picture in s when a tick uses it, the camera's delay and half a tick.",
         default=0.05,
     )
     sample_time_s: float | None = option(
@@ -61,7 +61,7 @@ class DesignOptions:
     )
     disturbance_rad: float = option(
         "--disturbance",
-        text="Angle in rad of the trial's release and of its one wrong picture.",
+        text="Of the hoop: angle in rad of the trial's release and of its one wrong picture.",
         default=0.4,
         python=False,
     )

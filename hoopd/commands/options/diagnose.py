@@ -27,7 +27,9 @@ class DiagnoseOptions:
     recordings: tuple[str, ...] = argument(f"Recordings, or folders of them: {SLICE}.", metavar="REC...")
     holdout: tuple[str, ...] = holdout_option("Recording that proves the gain, never fitted; repeatable.")
     model: Path | None = option(
-        "--model", text="Model that is judged; without one the thesis's entries.", metavar="MODEL"
+        "--model",
+        text="Model that is judged; without one the plant's nominal values (of the hoop the thesis's entries).",
+        metavar="MODEL",
     )
     effects: Path | None = option("--effects", text="Effects of your own beside the library.", metavar="FILE.py")
     without: tuple[str, ...] = option(

@@ -22,7 +22,7 @@ from hoopd.core.limits import TORQUE_LIMIT_NM
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentOptions:
-    """Play a test signal within limits of torque, hoop speed and ball angle, and record it."""
+    """Play a test signal within the limits of the hoop, or simulate it on another plant, and record it."""
 
     kind: str = argument("prbs, chirp, multisine, steps or decay.", metavar="KIND")
     sim: bool = option("--sim", text="On the simulated rig.", default=False, python=False)
@@ -38,13 +38,16 @@ class ExperimentOptions:
     config: Path | None = config_option()
     sets: tuple[str, ...] = sets_option()
     duration_s: float | None = option("--duration", text="Seconds of signal; 20, for decay 34.", min=0.5, max=1200.0)
-    amplitude_nm: float | None = option("--amplitude", text="Torque in N m; without it what the model lets through.")
+    amplitude_nm: float | None = option(
+        "--amplitude",
+        text="Torque in N m, of another plant its first input in its unit; what the model lets through else.",
+    )
     seed: int = option("--seed", min=0, text="Seed of the signal, and of the rig.", default=0)
     clock_ticks: int = option("--clock", min=1, max=1000, text="prbs: ticks that a value is held.", default=1)
     low_hz: float = option("--low", text="chirp, multisine: lowest frequency in Hz.", default=0.3)
     high_hz: float = option("--high", text="chirp, multisine: highest frequency in Hz.", default=5.0)
     hold_s: float = option("--hold", min=0.02, max=600.0, text="steps: seconds of each.", default=0.4)
-    kick_s: float = option("--kick", min=0.02, max=600.0, text="decay: seconds of torque.", default=0.2)
+    kick_s: float = option("--kick", min=0.02, max=600.0, text="decay: seconds of input.", default=0.2)
     rest_s: float = option("--rest", min=0.02, max=600.0, text="decay: seconds without, after each kick.", default=8.0)
     torque_limit_nm: float = option("--max-torque", min=0.001, max=TORQUE_LIMIT_NM, text="Limit in N m.", default=0.3)
     speed_limit_rad_s: float = option(

@@ -65,7 +65,8 @@ def age_option() -> Any:
     """How old samples are at their row."""
     return option(
         "--age",
-        text="Seconds by which samples are older than their row: the ball's angle, the board's readings.",
+        text="Seconds by which samples are older than their row: the ball's angle, the board's readings; of another "
+        "plant by channel.",
         metavar="psi=0.03,y=0.02",
         default="",
         python=False,

@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 
 # What tells effects apart differs: many sizes, many frequencies, slow reversals, swings that die away.
 MENU: tuple[tuple[str, Plan], ...] = (
-    ("a fast random two-level torque", Plan("prbs")),
-    ("a slow random two-level torque", Plan("prbs", clock_ticks=10)),
+    ("a fast random two-level {input}", Plan("prbs")),
+    ("a slow random two-level {input}", Plan("prbs", clock_ticks=10)),
     ("a chirp", Plan("chirp")),
     ("a slow chirp", Plan("chirp", low_hz=0.1, high_hz=1.0)),
     ("a multisine", Plan("multisine")),
@@ -71,7 +71,8 @@ def entries(composite: Composite, values: Mapping[str, float], period_s: float, 
     """The menu for a plant with effects, sizes chosen; none for a plant without a drive."""
     if composite.declared.driven is None:
         return
-    for words, usual in MENU:
+    for called, usual in MENU:
+        words = called.format(input=composite.declared.input_word)
         plan = in_times_of(composite.declared, usual, period_s)._replace(
             seed=seed, ball=_ball(composite.declared) is not None
         )

@@ -242,6 +242,6 @@ def _change_of_hardware(found: Mapping[str, Separation], library: Mapping[str, E
         for name in one.never:
             return NextExperiment(
                 signal=library[name].best_experiment, parameters={}, tells_apart=(one.effect.name, name),
-                expected_nats=None, reason="No torque tells these two apart: something has to be changed by hand.",
+                expected_nats=None, reason="No input tells these two apart: something has to be changed by hand.",
             )  # fmt: skip
     return None

@@ -93,11 +93,11 @@ def _equals_of(found: Sequence[Alternative], library: Mapping[str, Effect]) -> l
 
 
 def late_together(final: HypothesisFit, effect: Effect, library: Mapping[str, Effect]) -> list[Alternative]:
-    """A late torque is all sensors late by the same time."""
+    """A late input is all sensors late by the same time."""
     channels = {channel for track in final.tracks for channel in track.composite.channels}
     late = [one for one in library.values() if one.latency]
     for group in _covering(late, channels):
-        reason = "a late torque and every sensor late by the same time are one and the same"
+        reason = "a late input and every sensor late by the same time are one and the same"
         if effect.delay:
             names = [one.name for one in group if one.name not in final.names]
             return [Alternative(name=name, behind_nats=0.0, reason=f"{_with(name, group)}: {reason}") for name in names]

@@ -86,7 +86,7 @@ def assess(recording: Recording, plant: Plant) -> Quality:
     moving = plant if judges.moving is None else judges.moving(whole)
     sensors = sensors_of(plant, moving)
     silent = _silent(whole, plant, moving, sensors) if judges.stops else []
-    body, force = _body(plant), _force(plant)
+    body, force = _body(plant), plant.input_word
     segments = [(*_span(whole, a, b), f"the {body} does not answer the {force}") for a, b in silent]
     judged = _judged(whole, plant, sensors, inside(len(whole), silent))
     channels = {name: _without_bursts(whole, channel, segments) for name, channel in judged.items()}
@@ -120,11 +120,6 @@ def _body(plant: Plant) -> str:
     """What the drive moves, in a word."""
     named = (name for name, one in plant.slots.items() if one.kind == "body" and one.coordinate == plant.driven)
     return next(named, plant.name)
-
-
-def _force(plant: Plant) -> str:
-    """What the first input is, in a word."""
-    return {"N m": "torque", "N": "force"}.get(plant.force_unit, plant.inputs[0].name if plant.inputs else "input")
 
 
 def _silent(recording: Recording, plant: Plant, moving: Plant, sensors: Mapping[str, Sensor]) -> list[tuple[int, int]]:
@@ -242,7 +237,7 @@ def _told(found: Clock) -> list[str]:
 def _limited(recording: Recording, plant: Plant) -> list[str]:
     """An input that stays at its largest value says nothing of what was asked for."""
     shares = {one.name: saturated_share(recording.column(one.name)) for one in plant.inputs}
-    words = {one.name: f"the {_force(plant)}" if one is plant.inputs[0] else one.name for one in plant.inputs}
+    words = {one.name: f"the {plant.input_word}" if one is plant.inputs[0] else one.name for one in plant.inputs}
     return [f"{words[name]} stays at its limit in {share:.0%} of the rows" for name, share in shares.items() if share]
 
 

@@ -117,7 +117,7 @@ def _speed_lag(plant: Plant, name: str, rates: tuple[str, ...]) -> Effect:
         statement="the measured rate is low-passed with a time constant T",
         signature="the measured rate is behind the derivative of the measured angle",
         sign="T >= 0",
-        best_experiment="fast two-level torque",
+        best_experiment="fast two-level input",
         write_back="the estimator takes the angle, or carries the filter as a state",
     )
 

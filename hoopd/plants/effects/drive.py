@@ -184,7 +184,7 @@ def _lag(plant: Plant, slot: str) -> Effect:
         statement="the torque follows the demand with a time constant T",
         signature="a missing force against each change of u that dies away within T",
         sign="T >= 0",
-        best_experiment="fast two-level torque or a chirp up to the highest frequency",
+        best_experiment="fast two-level input or a chirp up to the highest frequency",
         write_back="a torque state in the estimator; the controller leads by T",
     )
 
@@ -203,7 +203,7 @@ def _delay(plant: Plant, slot: str) -> Effect:
         statement="the torque comes d seconds after its demand",
         signature="a missing force against each change of u for d seconds",
         sign="d >= 0",
-        best_experiment="fast two-level torque, in the open loop",
+        best_experiment="fast two-level input, in the open loop",
         write_back="the estimator predicts over d with the torques that are on their way",
     )
 
