@@ -1,11 +1,12 @@
 """All effects that fit a plant, in a fixed order.
 
-Rules of this file: it only collects.
+Rules of this file: it only collects, and says what the plant's input is: effects are declared with the word torque.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects import angle_sensor, body, drive, image_sensor, push, store
@@ -15,6 +16,7 @@ from hoopd.plants.effects.base import Effect
 Extra = Effect | Callable[[Plant], Iterable[Effect]]
 # Along the signal path; a plant's own kinds of slot come between the bodies and what pushes and reads them.
 FORCES, READINGS = (drive, body, store), (push, image_sensor, angle_sensor)
+TORQUE, TEXTS = "torque", ("statement", "signature", "best_experiment", "write_back")
 
 
 def library(plant: Plant, extra: Iterable[Extra] = ()) -> dict[str, Effect]:
@@ -44,12 +46,21 @@ def library(plant: Plant, extra: Iterable[Extra] = ()) -> dict[str, Effect]:
     >>> [name for name in library(plant_named("pendulum")) if "friction" in name]
     ['body.coulomb_friction', 'body.stribeck_friction', 'body.friction_drift']
     """
-    own = [effect for module in FORCES for effect in module.effects(plant)]
+    own = [_in_words_of(plant, effect) for module in FORCES for effect in module.effects(plant)]
     own += plant.own_effects(plant) if plant.own_effects is not None else ()
-    own += [effect for module in READINGS for effect in module.effects(plant)]
+    own += [_in_words_of(plant, effect) for module in READINGS for effect in module.effects(plant)]
     found: dict[str, Effect] = {}
     for effect in (*own, *(one for more in extra for one in ((more,) if isinstance(more, Effect) else more(plant)))):
         if effect.name in found:
             raise ValueError(f"{effect.name}: there is an effect of this name already")
         found[effect.name] = effect
     return found
+
+
+def _in_words_of(plant: Plant, effect: Effect) -> Effect:
+    """The same where the plant's input is no torque: a force, or the input."""
+    if plant.input_word == TORQUE:
+        return effect
+    word, one = ("force", "a force") if plant.input_word == "force" else ("input", "an input")
+    told = {name: getattr(effect, name).replace(f"a {TORQUE}", one).replace(TORQUE, word) for name in TEXTS}
+    return replace(effect, **told)

@@ -10,6 +10,7 @@ from harness.effectcases import NAMES, effects, plant, slide
 
 from hoopd.plants.effects.base import ROLES, Effect, EffectParameter
 from hoopd.plants.effects.library import library
+from hoopd.plants.registry import plant_named
 
 TABLE = {
     "actuator.torque_gain": {"k": "-"},
@@ -157,3 +158,10 @@ def test_a_name_stands_once() -> None:
     with pytest.raises(ValueError, match=r"hoop\.imbalance"):
         library(plant("rolling"), (more,))
     assert "hoop.wind" in library(plant("rolling"), (lambda p: (Effect("hoop.wind", ()),),))
+
+
+@pytest.mark.parametrize("name", ["axis", "tanks", "falling"])
+def test_a_plant_without_a_torque_is_told_of_none(name: str) -> None:
+    for effect in library(plant_named(name)).values():
+        said = f"{effect.statement} {effect.signature} {effect.best_experiment} {effect.write_back}"
+        assert "torque" not in said, effect.name
