@@ -5,7 +5,6 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from hoopd.plants.composite import Composite
 from scipy.integrate import solve_ivp
 
 from hoopd.plants.effects.grammar.axes import INPUT, POSITION
@@ -13,6 +12,7 @@ from hoopd.plants.effects.grammar.mechanisms import READING, mechanism_named, me
 from hoopd.plants.effects.grammar.memories import MEMORIES, MemoryLaw
 from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import run
+from hoopd.plants.plant_with_effects import Composite
 from hoopd.plants.registry import plant_named
 
 PLANTS = ("hoop", "axis", "pendulum", "falling", "tanks")
