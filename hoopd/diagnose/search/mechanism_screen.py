@@ -243,6 +243,8 @@ class _Followed:
         if mechanism.factor is not None:
             factor = np.asarray(mechanism.factor.of(where), dtype=float)
             laws = [law * factor for law in laws]
+        if mechanism.dry is not None:
+            laws = [law * np.sign(np.asarray(mechanism.dry.of(where), dtype=float)) for law in laws]
         return [mechanism.sign * law for law in laws]
 
     def changes(self, block: Sequence[_Choice], ranges: Sequence[slice], count: int) -> tuple[Array, Array]:

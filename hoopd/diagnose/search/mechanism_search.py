@@ -2,7 +2,8 @@
 
 A library's name that explains most of a mismatch leaves a rest. When a mechanism explains more of that rest than the
 best of all of them would by chance, and than it costs to say which it is, it is fitted with everything that is there;
-what was accepted before goes when it is worth nothing beside it.
+what was accepted before goes when it is worth nothing beside it. Where a name stands for another law, a mechanism that
+explains clearly more takes its place.
 
 Rules of this file: proposals come from `mechanism_screen`, fits and folds from `candidates`.
 """
@@ -15,15 +16,17 @@ from math import exp
 
 from hoopd.diagnose.search.candidates import Judge, Tried, surprise_of
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMechanism
-from hoopd.diagnose.search.naming import NEAR_SHARE, Named, Refusal, reconsider, taken_out
+from hoopd.diagnose.search.naming import NEAR_SHARE, OCCAM_NATS, Named, Refusal, reconsider, taken_out
 from hoopd.diagnose.search.scan_score import scanned
-from hoopd.diagnose.search.screen import Member, Score
+from hoopd.diagnose.search.screen import Member, Score, Screen
 from hoopd.diagnose.search.surprise import log_chance
 from hoopd.plants.effects.grammar.mechanisms import Mechanism
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
 # Mechanisms in one explanation; proposals of a screen that are refitted.
 MOST_MECHANISMS, MOST_REFITS = 2, 3
+# Names in whose place mechanisms are tried, those that explain most, and mechanisms that are fitted there.
+MOST_SWAPS = 2
 # How often the best of all mechanisms may be as surprising by chance.
 CHANCE = 0.01
 
@@ -42,7 +45,34 @@ def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
             reconsider(found, judge, swaps=False)
     if any_found:
         taken_out(found, judge)
+    for one in sorted(found.accepted, key=lambda one: -found.losses[one.effect.name])[:MOST_SWAPS]:
+        rival = _in_its_place(found, judge, one, mechanisms)
+        if rival is not None:
+            any_found = True
+            found.accepted[found.accepted.index(one)] = rival
+            found.final = rival.fit
+            taken_out(found, judge)
     return any_found
+
+
+def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[Mechanism]) -> Tried | None:
+    """A mechanism that explains what a name does, and clearly more: the name stands for another law."""
+    judge.settings.progress(f"mechanisms in place of {one.effect.name}")
+    without, loss = found.without[one.effect.name], found.losses[one.effect.name]
+    screen = MechanismScreen(without, [m for m in mechanisms if m.name not in found.final.names])
+    # to first order, as the mechanisms are: a fit finds more of either
+    own = max((score.gain for score in Screen(without, [one.effect]).scores()), default=loss)
+    ahead = [score for score in _scores(screen, without) if score.gain > own + OCCAM_NATS]
+    for score in ahead[:MOST_SWAPS]:
+        judge.settings.progress(f"fitting {score.member.effect.name}")
+        other = judge.tried(without, score)
+        more = found.final.criterion - other.fit.criterion
+        if other.surprise < surprise_of(one.score, loss, judge.train) + OCCAM_NATS:
+            continue
+        if judge.fold_loss(found.final, other.fit, more) is None:
+            found.rivals[other.effect.name] = [(one.effect.name, more)]
+            return other
+    return None
 
 
 def _next(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> Tried | None:

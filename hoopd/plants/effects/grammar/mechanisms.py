@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant, Slot
-from hoopd.plants.effects.base import Effect, EffectParameter, Point, phase
+from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point, phase
 from hoopd.plants.effects.grammar.axes import (
     CLOCK,
     POSITION,
@@ -38,6 +38,7 @@ from hoopd.plants.effects.grammar.axes import (
     relative,
     state,
 )
+from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
 from hoopd.plants.effects.grammar.memories import DAMPING, MEMORIES, MemoryLaw
 from hoopd.plants.effects.grammar.shapes import ShapeLaw, shapes_of
 from hoopd.plants.effects.usual_sizes import units
@@ -55,6 +56,8 @@ NAMED, NATS_A_CONSTANT = 40.0, 1.5
 
 # Shapes that are never negative: a friction with such a factor takes energy away.
 TAKING = ("square", "magnitude", "well")
+# Shapes that a level of dry friction may have.
+LEVELS = (*TAKING, "above", "below", "settling", "fading")
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,8 @@ class Mechanism:
         What the whole multiplies.
     dissipates : bool
         It takes energy away: -A with A >= 0.
+    dry : Axis, optional
+        The rate that it opposes as dry friction, whose level it is; it sticks exactly.
     """
 
     site: ActingPlace
@@ -94,6 +99,7 @@ class Mechanism:
     memory: MemoryLaw | None = None
     factor: Axis | None = None
     dissipates: bool = False
+    dry: Axis | None = None
 
     @property
     def _law(self) -> ShapeLaw | MemoryLaw:
@@ -104,7 +110,7 @@ class Mechanism:
     @cached_property
     def name(self) -> str:
         """`slot.law_of_variable`, with `_on_factor` where it multiplies something."""
-        more = f"_on_{self.factor.name}" if self.factor else ""
+        more = f"_on_{self.factor.name}" if self.factor else f"_on_sign_{self.dry.name}" if self.dry else ""
         channel = f"_in_{next(iter(self.site.on))}" if self.site.acts == READING and len(self.site.on) == 1 else ""
         return f"{self.site.slot}.{self._law.name}_of_{self.axis.name}{more}{channel}".lower()
 
@@ -121,7 +127,7 @@ class Mechanism:
         """With its amplitude, as a page shows it."""
         text = self._law.text.format(v=self.axis.text)
         law, _, where = text.partition(", ")
-        times = f" {self.factor.text}" if self.factor else ""
+        times = f" {self.factor.text}" if self.factor else f" sign({self.dry.text})" if self.dry else ""
         sign = "-A" if self.dissipates else "A"
         body = f"{sign}{times} {law}" if law else f"{sign}{times}"
         return f"{body}, {where}" if where else body
@@ -145,9 +151,11 @@ class Mechanism:
     def along(self, v: Array, way: Array, t: Array, constants: Mapping[str, float]) -> Array:
         """What is multiplied with amplitude and factor at samples, (n,); of a wave at phase zero."""
         if self.shape is not None:
-            return np.asarray(self.shape.of(np, v, constants))
-        assert self.memory is not None
-        return self.memory.along(v, way, t, constants)
+            found = np.asarray(self.shape.of(np, v, constants))
+        else:
+            assert self.memory is not None
+            found = self.memory.along(v, way, t, constants)
+        return found if self.dry is None else np.maximum(found, 0.0)
 
     @property
     def sign(self) -> float:
@@ -164,7 +172,9 @@ class Mechanism:
             TORQUE: {"torque": lambda s, e: s.u + self._value(s, e), "order": TORQUE_ORDER},
             READING: {"sensor": lambda s, e: self._spread(self._value(s, e))},
         }
-        follows = [one.name for one in (self.axis, self.factor) if one is not None]
+        if self.dry is not None:
+            acts[FORCE] = {"friction": DryFriction(self._level, lambda s: dict(self.site.on))}
+        follows = [one.name for one in (self.axis, self.factor, self.dry) if one is not None]
         return Effect(
             self.name,
             tuple(self._parameters()),
@@ -172,7 +182,7 @@ class Mechanism:
             plant=self._with_memory if self.memory is not None else None,
             substeps=MEMORY_SUBSTEPS if self.memory is not None else 0,
             depends_on=tuple(follows),
-            needs=tuple(dict.fromkeys(q for one in (self.axis, self.factor) if one for q in one.coordinates)),
+            needs=tuple(dict.fromkeys(q for one in (self.axis, self.factor, self.dry) if one for q in one.coordinates)),
             statement=self.sentence,
             sign="A >= 0: it takes energy away" if self.dissipates else "either sign",
             write_back="feed forward the formula where its variable is known; the estimator knows it",
@@ -183,6 +193,8 @@ class Mechanism:
     @property
     def sentence(self) -> str:
         """In plain words."""
+        if self.dry is not None:
+            return f"dry friction whose level {self._law.words} {self.axis.words}"
         kind = {FORCE: self.site.words, TORQUE: "a torque of the drive", READING: "an error of the reading"}[
             self.site.acts
         ]
@@ -210,16 +222,20 @@ class Mechanism:
     def _spread(self, value: Any) -> dict[str, Any]:
         return {name: weight * value for name, weight in self.site.on.items()}
 
-    def _value(self, s: Point, e: Any) -> Any:
+    def _law_at(self, s: Point, e: Any) -> Any:
         v = self.axis.of(s)
         if self.shape is not None:
-            law = self.shape.of(ca, v, e.__dict__)
-        else:
-            assert self.memory is not None
-            # where the plant is without the memory it is at rest
-            states = [getattr(s, name) if name in s else 0.0 for name in self._states]
-            law = self.memory.value(ca, states, v)
-        found = self.sign * e.A * law
+            return self.shape.of(ca, v, e.__dict__)
+        assert self.memory is not None
+        # where the plant is without the memory it is at rest
+        states = [getattr(s, name) if name in s else 0.0 for name in self._states]
+        return self.memory.value(ca, states, v)
+
+    def _level(self, s: Point, e: Any) -> Any:
+        return e.A * ca.fmax(self._law_at(s, e), 0.0)
+
+    def _value(self, s: Point, e: Any) -> Any:
+        found = self.sign * e.A * self._law_at(s, e)
         return found if self.factor is None else found * self.factor.of(s)
 
     @property
@@ -304,13 +320,34 @@ def _of_body(plant: Plant, site: ActingPlace, q: str) -> Iterator[Mechanism]:
         # friction whose coefficient follows it
         for shape in _coefficients(axis):
             yield Mechanism(site, axis, shape, factor=own, dissipates=shape.name in TAKING)
+    yield from _dry(plant, site, q, (*motions(plant, q), *_own_axes(plant, site.slot)), own)
     yield from (Mechanism(site, CLOCK, shape) for shape in shapes_of(CLOCK))
-    yield from (Mechanism(site, CLOCK, shape, factor=own) for shape in shapes_of(CLOCK) if shape.name != "settling")
+    yield from (
+        Mechanism(site, CLOCK, shape, factor=own)
+        for shape in shapes_of(CLOCK)
+        if shape.name not in ("settling", "fading")
+    )
     for memory in _memories("wear"):
         yield Mechanism(site, position(plant, q), memory=memory, factor=own)
     if plant.inputs:
         for axis in losses(plant, q):
             yield from (Mechanism(site, axis, memory=memory, factor=own) for memory in _memories("heat"))
+
+
+def _dry(plant: Plant, site: ActingPlace, q: str, axes: Sequence[Axis], own: Axis) -> Iterator[Mechanism]:
+    """Dry friction whose level follows something else than the rate that it opposes."""
+    for axis in (*axes, CLOCK):
+        if axis.name != own.name:
+            names = LEVELS if axis.kind != FORCE_KIND else (*LEVELS, "linear")
+            for shape in shapes_of(axis):
+                if shape.name in names or (axis is CLOCK and shape.name == "linear"):
+                    yield Mechanism(site, axis, shape, dissipates=True, dry=own)
+    memories = _memories("wear", "fading", "reversal")
+    place = position(plant, q)
+    yield from (Mechanism(site, place, memory=m, dissipates=True, dry=own) for m in memories if POSITION in m.kinds)
+    if plant.inputs:
+        for axis in losses(plant, q):
+            yield from (Mechanism(site, axis, memory=m, dissipates=True, dry=own) for m in _memories("heat"))
 
 
 def _followed(site: ActingPlace, axis: Axis, own: Axis) -> Iterator[Mechanism]:

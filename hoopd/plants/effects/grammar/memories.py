@@ -7,6 +7,7 @@ samples for a screen that tries many constants at once. Both are the same law; a
     play       z' = x' / b inside of -1..1                 backlash, or a spring that yields (Jenkin's element)
     lag        z' = (v - z) / T                            a relaxation, and what warms up and cools down
     wear       z' = (1 - z) |x'| / W                       what changes with the way that was gone, 0..1
+    fading     1 - z of the same                           what was there at first and wears off
     reversal   z' = (sign x' - z) |x'| / W, from 0 at a reversal; 1 - |z| is 1 there and dies out over the way W
     resonance  z'' = w^2 (v - z) - 2 zeta w z'             something that swings on it; z - v is what it adds
 
@@ -240,6 +241,11 @@ MEMORIES: tuple[MemoryLaw, ...] = (
     MemoryLaw(
         "wear", (POSITION,), _wear_rates, lambda ops, z, v: z[0], _wear_along, "W", lambda axis: axis.unit, _wear_grid,
         "(1 - exp(-s/W)), s the way of {v}", "changes with the way that was gone along",
+    ),
+    MemoryLaw(
+        "fading", (POSITION,), _wear_rates, lambda ops, z, v: 1.0 - z[0],
+        lambda v, way, t, c: 1.0 - _wear_along(v, way, t, c), "W", lambda axis: axis.unit, _wear_grid,
+        "exp(-s/W), s the way of {v}", "dies out with the way that was gone along",
     ),
     _reversal(POSITION),
     _reversal(INPUT),

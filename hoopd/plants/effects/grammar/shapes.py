@@ -135,6 +135,8 @@ SHAPES: tuple[ShapeLaw, ...] = (
              "begins below a value of", ANY, 1, ("v0",), _places),
     ShapeLaw("settling", lambda ops, v, c: 1.0 - ops.exp(-v / c["v0"]), "(1 - exp(-{v}/v0))", "settles with",
              (TIME,), 0, ("v0",), _times),
+    ShapeLaw("fading", lambda ops, v, c: ops.exp(-v / c["v0"]), "exp(-{v}/v0)", "dies out with", (TIME,), 0, ("v0",),
+             _times),
 )  # fmt: skip
 
 

@@ -17,13 +17,14 @@ from hoopd.plants.effects.grammar.axes import FORCE, POSITION, Axis
 
 
 def axes(plant: Plant, slot: str) -> Iterable[Axis]:
-    """Of the slot of a rolling ball."""
-    if plant.slots[slot].kind != "rolling_ball":
+    """Of the slot of a rolling ball; of the hoop, which bears it, its load."""
+    ball = plant.slots[slot].kind == "rolling_ball"
+    if "psi" not in plant.coordinates or not (ball or plant.slots[slot].kind == "body"):
         return
     yield Axis(
         "load", "N", "N", FORCE, _load, "the normal force of the ball", coordinates=("psi",)
     )  # fmt: skip
-    if "theta" in plant.coordinates:
+    if ball and "theta" in plant.coordinates:
         # phi = (Ro/Rb) (theta - psi): where on the ball the contact is
         yield Axis(
             "phi", "phi", "rad", POSITION, lambda s: s.p["Ro"] / s.p["Rb"] * (s.theta - s.psi),
