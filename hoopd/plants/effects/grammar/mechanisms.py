@@ -51,6 +51,8 @@ FORCE, TORQUE, READING = "force", "torque", "reading"
 TORQUE_ORDER = 3
 # A memory follows its variable within a substep: so many are at least taken in a usual sample time.
 MEMORY_SUBSTEPS = 5
+# Usual size of a memory where a recording begins: known to be none.
+NOTHING = 1e-6
 # A library has some forty names; more mechanisms than these cost evidence, and so does each constant of theirs.
 NAMED, NATS_A_CONSTANT = 40.0, 1.5
 
@@ -256,7 +258,9 @@ class Mechanism:
             found = memory.rates(ca, [getattr(s, name) for name in names], v, dv, own, shortest)
             return ca.vertcat(plant.rates(s), *found)
 
-        return replace(plant, first_order=(*plant.first_order, *names), rates=rates)
+        # every recording begins with nothing remembered, whatever the readings say
+        scales = {**plant.scales, **dict.fromkeys(names, NOTHING)}
+        return replace(plant, first_order=(*plant.first_order, *names), rates=rates, scales=scales)
 
 
 # ---------------------------------------------------------------------------------------------- which there are
