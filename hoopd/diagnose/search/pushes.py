@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from hoopd.diagnose.search.adjoint import Adjoint, AdjointAnswer, independent
-from hoopd.diagnose.search.scan_score import Place, Scanned, scanned, usual_size
+from hoopd.diagnose.search.scan_score import Scanned, ScanPlace, scanned, usual_size
 from hoopd.diagnose.search.screen import Column, Member, Score, Screen, score_of
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.usual_sizes import time_scale
@@ -69,9 +69,9 @@ def lengths(shortest_s: float, longest_s: float) -> Array:
 
 def best_windows(
     answers: Sequence[AdjointAnswer], lengths_s: Array, most: int, latest_s: float = LATEST_S
-) -> tuple[list[Place], float]:
+) -> tuple[list[ScanPlace], float]:
     """The windows of largest gain, apart in place or length, and how many independent ones were looked at."""
-    found: list[Place] = []
+    found: list[ScanPlace] = []
     largest = np.zeros(answers[0].slope.shape[1] - 1)
     for one in answers:
         for length in lengths_s[lengths_s < one.length_s / 2]:
@@ -80,7 +80,8 @@ def best_windows(
             spread = max(float(np.median(gain[:, 0])) / max(float(np.median(gain[:, 1:])), 1e-12), 1.0)
             top = np.argsort(-gain[:, 0])[: 50 * most]
             found += [
-                Place(float(gain[i, 0]), spread, {"t0": float(t0[i]), "t1": float(t1[i])}, one.recording) for i in top
+                ScanPlace(float(gain[i, 0]), spread, {"t0": float(t0[i]), "t1": float(t1[i])}, one.recording)
+                for i in top
             ]
     return _apart(found, most), independent(largest, 1)
 
@@ -101,15 +102,15 @@ def _windows(one: AdjointAnswer, length: float, latest_s: float) -> tuple[Array,
     return edges[first], edges[last], s**2 / np.maximum(2 * level, 1e-300)[:, None]
 
 
-def _apart(found: Sequence[Place], most: int) -> list[Place]:
-    chosen: list[Place] = []
+def _apart(found: Sequence[ScanPlace], most: int) -> list[ScanPlace]:
+    chosen: list[ScanPlace] = []
     for one in sorted(found, key=lambda place: -place.gain / place.spread):
         if len(chosen) < most and all(_shared(one, other) < MOST_SHARED for other in chosen):
             chosen.append(one)
     return chosen
 
 
-def _shared(a: Place, b: Place) -> float:
+def _shared(a: ScanPlace, b: ScanPlace) -> float:
     """Time in both windows over the time in either."""
     if a.recording != b.recording:
         return 0.0

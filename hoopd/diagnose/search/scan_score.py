@@ -32,7 +32,7 @@ class Scanned(Score):
         return exp(self.gain - self.threshold_equivalent)
 
 
-class Place(NamedTuple):
+class ScanPlace(NamedTuple):
     """A candidate before it is scored exactly."""
 
     gain: float

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from hoopd.diagnose.search.adjoint import Adjoint, AdjointAnswer, independent
-from hoopd.diagnose.search.scan_score import Place, Scanned, scanned, usual_size
+from hoopd.diagnose.search.scan_score import Scanned, ScanPlace, scanned, usual_size
 from hoopd.diagnose.search.screen import Column, Member, Score, Screen
 from hoopd.plants.effects.base import Effect
 
@@ -97,7 +97,7 @@ def _transform(w: Array, t: Array, x: Array) -> Array:
     return out
 
 
-def _peaks(s: GainSpectrum, name: str) -> list[Place]:
+def _peaks(s: GainSpectrum, name: str) -> list[ScanPlace]:
     """The largest local maxima against their surroundings, apart from each other."""
     height = s.gain[:, 0] / s.spread
     padded = np.concatenate([[-inf], height, [-inf]])
@@ -106,7 +106,7 @@ def _peaks(s: GainSpectrum, name: str) -> list[Place]:
     for i in tops[np.argsort(-height[tops])]:
         if len(chosen) < MOST_PEAKS and all(abs(s.w[i] - s.w[j]) > CELLS_APART * s.cell for j in chosen):
             chosen.append(int(i))
-    return [Place(float(s.gain[i, 0]), float(s.spread[i]), {name: float(s.w[i])}) for i in chosen]
+    return [ScanPlace(float(s.gain[i, 0]), float(s.spread[i]), {name: float(s.w[i])}) for i in chosen]
 
 
 def _exact(screen: Screen, effect: Effect, frequencies: Sequence[float]) -> list[Score]:
