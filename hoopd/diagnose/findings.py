@@ -15,6 +15,7 @@ from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.confirmation import Confirmation, status_of
 from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
 from hoopd.diagnose.proof.not_excluded import Separation
+from hoopd.diagnose.proof.probabilities import PARAMETERS, Option, likely
 from hoopd.diagnose.proof.standing import Standing, Standings
 from hoopd.diagnose.record import (
     NONE_OF_THESE,
@@ -163,6 +164,7 @@ def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, 
 def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
     words = {"late_frames": "repeats the picture before", "outliers": "is a false detection"}
     slot, _, kind = fault.name.partition(".")
+    known = likely([Option(fault.name, fault.surprise, True), Option(PARAMETERS, threshold)])
     return EffectFinding(
         name=fault.name,
         slot=slot,
@@ -170,6 +172,8 @@ def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
         evidence=Evidence(log_likelihood_gain=fault.gain, threshold=fault.needed, heldout_gain_percent=None),
         not_excluded=[],
         statement=f"a share of the {slot}'s samples {words[kind]}",
+        formula=f"a share of the samples {words[kind]}",
+        probability=known.named,
         status=status_of(fault.surprise, threshold),
     )
 
@@ -203,8 +207,8 @@ def is_any_left(named: Named, said: Confirmation) -> bool:
 
 
 def told(findings: Sequence[EffectFinding], standings: Standings) -> list[EffectFinding]:
-    """Findings with how each of them stands."""
-    return [_told(one, standings.of(one.name)) for one in findings]
+    """Findings with how each of them stands; faults that were counted before any model stand by themselves."""
+    return [_told(one, standings.findings[one.name]) if one.name in standings.findings else one for one in findings]
 
 
 def _told(finding: EffectFinding, standing: Standing) -> EffectFinding:
@@ -217,7 +221,7 @@ def _told(finding: EffectFinding, standing: Standing) -> EffectFinding:
     )
 
 
-def candidates_of(named: Named, threshold: float, likely: Mapping[str, float]) -> list[Candidate]:
+def candidates_of(named: Named, threshold: float, shares: Mapping[str, float]) -> list[Candidate]:
     """Every effect on its own over the base: refitted where it was, else as the screen saw it; and whatever else is
     likely."""
     stretches = [track.stretch for track in named.base.tracks]
@@ -225,12 +229,12 @@ def candidates_of(named: Named, threshold: float, likely: Mapping[str, float]) -
     found |= {one.effect.name: (one.gain, one.surprise) for one in named.tried}
     known = [
         Candidate(
-            name=name, log_likelihood_gain=gain, surprise=beyond, threshold=threshold, probability=likely.get(name, 0.0)
+            name=name, log_likelihood_gain=gain, surprise=beyond, threshold=threshold, probability=shares.get(name, 0.0)
         )
         for name, (gain, beyond) in found.items()
     ]
-    more = [name for name, one in likely.items() if name not in found and (one >= LEAST_TOLD or name == NONE_OF_THESE)]
-    return [*known, *(Candidate(name=name, log_likelihood_gain=None, probability=likely[name]) for name in more)]
+    more = [name for name, one in shares.items() if name not in found and (one >= LEAST_TOLD or name == NONE_OF_THESE)]
+    return [*known, *(Candidate(name=name, log_likelihood_gain=None, probability=shares[name]) for name in more)]
 
 
 def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], status: Status | None = None) -> EffectFinding:

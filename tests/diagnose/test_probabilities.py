@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 
+from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import survey
+from hoopd.diagnose.findings import _fault, told
 from hoopd.diagnose.proof.in_place import nearest
 from hoopd.diagnose.proof.probabilities import PARAMETERS, Option, among_what_acts, likely
 from hoopd.diagnose.proof.remainder import Remainder, explained, held_back
@@ -46,6 +48,13 @@ def test_what_remains_takes_its_part_first() -> None:
 def test_a_name_is_among_what_acts_when_it_is_in_any_place() -> None:
     places = [likely([Option("a", 1.0, True), Option("b", 1.0)]), likely([Option("c", 1.0, True), Option("b", 1.0)])]
     assert among_what_acts(places)["b"] == pytest.approx(0.75, abs=1e-6)
+
+
+def test_a_fault_of_the_camera_is_as_likely_as_it_is_beyond_the_threshold() -> None:
+    faults = [CameraFault("camera.outliers", 0.05, (0.04, 0.06), 40.0, surprise, 14.0) for surprise in (12.0, 30.0)]
+    found = [_fault(one, 12.0) for one in faults]
+    assert [one.probability for one in found] == [pytest.approx(0.5), pytest.approx(1.0, abs=1e-6)]
+    assert told(found, Standings()) == found and found[0].formula == "a share of the samples is a false detection"
 
 
 def remaining(surprise: float, held: float) -> Remainder:
@@ -119,7 +128,7 @@ LAWS = ("hoop.threshold_of_dtheta", "hoop.saturation_of_dtheta", "hoop.cubic_of_
 def test_the_right_name_is_likely_and_explains_nearly_all() -> None:
     names = ("hoop.coulomb_friction", "hoop.quadratic_drag", "camera.latency")
     found = standing(named(*names), names, LAWS)
-    mine = found.of("hoop.coulomb_friction")
+    mine = found.findings["hoop.coulomb_friction"]
     assert mine.probability is not None and mine.probability > 0.8
     assert mine.explained is not None and mine.explained > 0.9
     assert mine.nearest is None and mine.caveat == ""
@@ -128,7 +137,7 @@ def test_the_right_name_is_likely_and_explains_nearly_all() -> None:
 
 def test_a_wrong_name_is_the_nearest_known_one_at_most() -> None:
     found = standing(taken_for("hoop.quadratic_drag"), ("hoop.quadratic_drag", "camera.latency"), LAWS)
-    mine = found.of("hoop.quadratic_drag")
+    mine = found.findings["hoop.quadratic_drag"]
     assert mine.probability is not None and mine.probability < 0.5
     assert found.rest is not None and found.rest.fires and found.candidates[NONE_OF_THESE] > 0.5
     assert mine.explained is not None and mine.explained < 1.0

@@ -12,6 +12,7 @@ Rules of this file: screens and their geometry; how gains become probabilities s
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,11 +119,9 @@ class Place:
         for one in self._proposed.values():
             yield Option(one.effect.name, self._worth(one, self.scale * one.gain), self._apart(one.vector) < ALIKE_NATS)
 
-    @property
+    @cached_property
     def _proposed(self) -> Mapping[str, ProposedMechanism]:
-        if not hasattr(self, "_found"):
-            self._found = {one.effect.name: one for one in self.grammar.proposals()}
-        return self._found
+        return {one.effect.name: one for one in self.grammar.proposals()}
 
     def _worth(self, one: ProposedMechanism, gain: float) -> float:
         costs = one.effect.cost_nats + self.grammar.cost
@@ -135,7 +134,7 @@ class Place:
             return True
         return (other.name in mine.near or mine.name in other.near) and apart < ALIKE_NATS
 
-    @property
+    @cached_property
     def _late(self) -> frozenset[str]:
         found = late_together(self.named.final, self.one.effect, self.library)
         return frozenset(one.name for one in found)

@@ -40,10 +40,6 @@ class Standings:
     candidates: Mapping[str, float] = field(default_factory=dict)
     rest: Remainder | None = None
 
-    def of(self, name: str) -> Standing:
-        """One of them; of a fault that was counted nothing is known."""
-        return self.findings.get(name, Standing())
-
 
 @dataclass(frozen=True)
 class Asked:
