@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hoopd.diagnose.curves.effect_force import missing_of
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.library import library
@@ -91,6 +92,10 @@ def test_what_the_tanks_leave_out_is_named(effect: str, values: dict[str, float]
     assert [one.effect.name for one in found.accepted] == [effect]
     for name, value in values.items():
         assert found.final.values[f"{effect}.{name}"] == pytest.approx(value, rel=0.1)
+    # what is drawn has the state's units, wherever the effect sits
+    shown = missing_of(library(plant_named("tanks"))[effect], found.final, found.base.noise, "made")
+    assert shown is not None and shown.unit == ("m" if "sensor" in effect else "m/s")
+    assert {one.unit for one in shown.variables} <= {"m", "m3/s"}
 
 
 def test_nothing_is_named_where_nothing_is_missing() -> None:

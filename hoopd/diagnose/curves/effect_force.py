@@ -20,7 +20,7 @@ from hoopd.diagnose.search.effect_changes import at_nodes
 from hoopd.diagnose.search.screen import Column, change_of
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.usual_sizes import turns, units
+from hoopd.plants.effects.usual_sizes import channel_unit, state_unit, store_rate, turns, units
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.reference_track import Track
@@ -92,13 +92,19 @@ def _own_values(effect: Effect, final: HypothesisFit, track: Track) -> Column:
 
 def _force(effect: Effect, final: HypothesisFit, without: HypothesisFit, old: Track, new: Track) -> MissingForceSamples:
     plant = new.stretch.plant
-    column = plant.disturbed.index(plant.slots[effect.slot].coordinate)
     change, _ = change_of(new, without, effect, _own_values(effect, final, old))
-    law = _as_force(new, without, change)[:, column]
-    return MissingForceSamples(
-        new.stretch.recording, plant.force_unit, new.stretch.t, new.w[:, column], np.append(law, np.nan),
-        variables_of(effect, new, without),
-    )  # fmt: skip
+    every, moved = _as_force(new, without, change), plant.slots[effect.slot].coordinate
+    # a drive that feeds first-order states shows in the one that it moves most
+    column = plant.disturbed.index(moved) if moved in plant.disturbed else int(np.argmax(_norms(every, plant)))
+    law, unit = np.append(every[:, column], np.nan), plant.disturbance_unit(plant.disturbed[column])
+    variables = variables_of(effect, new, without)
+    return MissingForceSamples(new.stretch.recording, unit, new.stretch.t, new.w[:, column], law, variables)
+
+
+def _norms(forces: Array, plant: Plant) -> Array:
+    """Of first-order states' rates (n-1, nw) over their usual ones."""
+    usual = [store_rate(plant, name) if name in plant.first_order else np.inf for name in plant.disturbed]
+    return np.asarray(np.linalg.norm(forces, axis=0) / usual)
 
 
 def _as_force(track: Track, found: HypothesisFit, change: Array) -> Array:
@@ -118,7 +124,7 @@ def _reading(
     error = new.stretch.y - along.readings(final.values)
     column = _most_changed(effect, loss, without.noise[new.stretch.recording], along)
     channel, plant = along.composite.channels[column], new.stretch.plant
-    unit = units(plant).coordinate if plant.state_of(channel) in plant.coordinates else units(plant).rate
+    unit = channel_unit(plant, channel)
     variables = variables_of(effect, along, fit)
     if effect.latency or effect.sensor_lag:
         variables = (_rate_of(along, channel),)
@@ -137,8 +143,12 @@ def _rate_of(track: Track, channel: str) -> Variable:
     """How fast a channel's true value changes: what is late is wrong in proportion to it."""
     plant, t = track.stretch.plant, track.stretch.t
     name = plant.state_of(channel)
+    if not name:  # an expression: what it reads itself
+        read = track.stretch.y[:, list(plant.channels).index(channel)]
+        return Variable(f"{channel}'", f"{channel_unit(plant, channel)}/s", np.gradient(read, t))
     value = np.gradient(track.z[:, plant.states.index(name)], t)
-    unit = units(plant).rate if name in plant.coordinates else f"{units(plant).coordinate}/s2"
+    second = name not in (*plant.coordinates, *plant.first_order)
+    unit = f"{units(plant).coordinate}/s2" if second else f"{state_unit(plant, name)}/s"
     return Variable(f"d{name}", unit, value)
 
 
@@ -164,7 +174,7 @@ def _variable(plant: Plant, name: str, value: Array) -> Variable:
     if name == "u":
         return Variable(name, plant.force_unit, value)
     if name not in plant.coordinates:
-        return Variable(name, units(plant).rate, value)
+        return Variable(name, state_unit(plant, name), value)
     turning = turns(plant, name)
     return Variable(name, units(plant).coordinate, np.mod(value, 2 * np.pi) if turning else value, turning)
 

@@ -32,7 +32,7 @@ from hoopd.diagnose.report_curves import (
 )
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.usual_sizes import units
+from hoopd.plants.effects.usual_sizes import channel_unit
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Array = NDArray[np.float64]
@@ -85,12 +85,6 @@ def _trace(name: str, plant: Plant, before: Sequence[Sequence[Array]], after: Se
     # the pen is lifted by values; the axis of time goes on
     t = np.interp(np.arange(len(t)), np.flatnonzero(np.isfinite(t)), t[np.isfinite(t)]) if len(t) else t
     return Trace(name, channel_unit(plant, name), t, measured, first, last)
-
-
-def channel_unit(plant: Plant, name: str) -> str:
-    """Of a channel, or of the rate of one."""
-    angle = plant.state_of(name) in plant.coordinates
-    return units(plant).coordinate if angle else units(plant).rate
 
 
 # ---------------------------------------------------------------------------------------------- missing forces

@@ -125,7 +125,7 @@ def _orifice(plant: Plant, name: str, slot: Slot) -> Effect:
 
     return Effect(
         f"{name}.orifice_leak",
-        (EffectParameter("c", f"{unit}^0.5/s", 0.0, 0.0, 10.0 * rate / size**0.5, grid=(0.05 * rate / size**0.5,)),),
+        (EffectParameter("c", f"sqrt({unit})/s", 0.0, 0.0, 10.0 * rate / size**0.5, grid=(0.05 * rate / size**0.5,)),),
         force=flow,
         depends_on=(x,),
         # a hole before a further tank looks like another scale of that tank's sensor

@@ -39,6 +39,20 @@ def units(plant: Plant, coordinate: str = "") -> Units:
     return LENGTHS if known == "m" or (known is None and plant.force_unit != "N m") else ANGLES
 
 
+def state_unit(plant: Plant, name: str) -> str:
+    """Of a coordinate, a rate or a first-order state."""
+    if name in plant.first_order:
+        return plant.units.get(name, "-")
+    return units(plant).coordinate if name in plant.coordinates else units(plant).rate
+
+
+def channel_unit(plant: Plant, name: str) -> str:
+    """Of a channel, or of the rate of one."""
+    if state := plant.state_of(name):
+        return state_unit(plant, state)
+    return plant.channels[name].unit if name in plant.channels else units(plant).rate
+
+
 def of_kind(plant: Plant, kind: str) -> Iterator[tuple[str, Slot]]:
     """Names and slots of a kind, in the plant's order."""
     return ((name, slot) for name, slot in plant.slots.items() if slot.kind == kind)

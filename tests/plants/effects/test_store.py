@@ -71,7 +71,7 @@ def test_a_coil() -> None:
 
 def test_sizes_are_those_of_the_state_whatever_its_unit() -> None:
     """The same tank in metres and in millimetres: every number of the unit's power is 1000 times as large."""
-    powers = {"1/s": 0.0, "-": 0.0, "s": 0.0, "m": 1.0, "m/s": 1.0, "m^0.5/s": 0.5, "1/m": -1.0}
+    powers = {"1/s": 0.0, "-": 0.0, "s": 0.0, "m": 1.0, "m/s": 1.0, "sqrt(m)/s": 0.5, "1/m": -1.0}
     small, large = library(tank()), library(tank("mm", 200.0, 10.0))
     assert [*small] == [*large]
     for name, effect in small.items():
@@ -94,7 +94,7 @@ def test_every_effect_says_what_it_is(name: str) -> None:
 def test_the_grammar_has_flows_of_a_store() -> None:
     found = mechanisms(tank())
     root = found["store.root_of_h"]
-    assert (root.formula, root.unit) == ("A sign(h) sqrt(|h|)", "m/s/(m^0.5)")
+    assert (root.formula, root.unit) == ("A sign(h) sqrt(|h|)", "m/s/(sqrt(m))")
     assert root.sentence == "a flow into h that grows with the root of h"
     assert missing(tank(), root.effect, {"A": -1e-3}, 0.25, 0.0) == pytest.approx(-5e-4)
     assert missing(tank(), found["store.above_of_h"].effect, {"A": -0.2, "v0": 0.2}, 0.25, 0.0) == pytest.approx(-0.01)

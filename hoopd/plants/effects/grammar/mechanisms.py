@@ -138,7 +138,7 @@ class Mechanism:
     def unit(self) -> str:
         """Of the amplitude."""
         power = self.shape.power if self.shape is not None else int(bool(self.memory and self.memory.scaled))
-        below = [self.axis.unit + ("" if power == 1 else f"^{power:g}")] if power else []
+        below = [_to_the(power, self.axis.unit)] if power else []
         below += [self.factor.unit] if self.factor else []
         return self.site.unit if not below else f"{self.site.unit}/({' '.join(below)})"
 
@@ -297,6 +297,12 @@ def mechanism_named(plant: Plant, name: str) -> Effect | None:
     """The effect of a name of the grammar; None where the plant has none of this name."""
     found = mechanisms(plant).get(name)
     return None if found is None else found.effect
+
+
+def _to_the(power: float, unit: str) -> str:
+    if power == 0.5:
+        return f"sqrt({unit})"
+    return unit if power == 1 else f"{unit}^{power:g}"
 
 
 def code_nats(count: int) -> float:
