@@ -116,19 +116,21 @@ class _Run:
     def _wire(self, k: int, j: int, demanded: Array) -> Array:
         """Torque that has come through the delay, mean over substep j."""
         if self.delays is None:
-            return self._opened(k, j, demanded)
+            return self._opened(k, j, demanded, demanded[k])
         back, weight = self.delays[j]
         column = np.arange(len(weight))
         newer, older = np.maximum(k - back, 0), np.maximum(k - back - 1, 0)
-        return weight * demanded[newer, column] + (1 - weight) * demanded[older, column]
+        arrived = weight * demanded[newer, column] + (1 - weight) * demanded[older, column]
+        return self._opened(k, j, demanded, arrived)
 
-    def _opened(self, k: int, j: int, demanded: Array) -> Array:
+    def _opened(self, k: int, j: int, demanded: Array, arrived: Array) -> Array:
+        """What has arrived, but in columns with a dead time what that lets through."""
         if mechanisms.DEAD_TIME not in self.effects:
-            return demanded[k]
+            return arrived
         p = self.effects[mechanisms.DEAD_TIME]
         told = drive.dead_time(p, demanded[k], demanded[max(k - 1, 0)], (j + 1) * self.h, self.h)
-        self.share[0] += (told - demanded[k]) / self.substeps
-        return told
+        self.share[0] += np.where(p["d"] > 0.0, told - demanded[k], 0.0) / self.substeps
+        return np.where(p["d"] > 0.0, told, arrived)
 
     def substep(self, torque: Array, demanded: Array, push: Array, t: float) -> None:
         """Drift, kick, drift."""
