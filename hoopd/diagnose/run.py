@@ -44,7 +44,7 @@ from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, Free
 from hoopd.diagnose.record_file import rounded
 from hoopd.diagnose.report.curve_pictures import shown_of
 from hoopd.diagnose.report_curves import Shown
-from hoopd.diagnose.search.bounded_disturbance import likeliest
+from hoopd.diagnose.search.bounded_disturbance import likeliest, unexplained_sentences
 from hoopd.diagnose.search.candidates import Judge, Settings, free_of_recordings
 from hoopd.diagnose.search.excluded_intervals import CountedData, looked_at_again, start_ups, without_events
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
@@ -162,7 +162,9 @@ def diagnose(case: Case) -> Outcome:
         unexplained=unexplained_of(unknown),
         next_experiment=next_experiment(named, apart, library, case.seed),
         data_quality=quality_of(
-            [*case.train, *case.heldout], [*data.ignored, *data_held.ignored], [step_sentence(step_nats(named.final))]
+            [*case.train, *case.heldout],
+            [*data.ignored, *data_held.ignored],
+            [step_sentence(step_nats(named.final)), *unexplained_sentences(said.final)],
         ),
         seed=case.seed,
         candidates=candidates_of(named, threshold, stand.candidates),
@@ -196,7 +198,7 @@ def training(
     def refit(stretches: Sequence[Stretch]) -> HypothesisFit:
         return likeliest(fit(stretches, case.effects, case.values))
 
-    base = likeliest(fit(train, case.effects, case.values, like=nominal, noise=nominal.noise))
+    base = likeliest(fit(train, case.effects, case.values, like=nominal, noise=nominal.noise), nominal)
     data, base = without_events(train, refit, base)
     if data.aside:
         nominal = fit(data.kept, case.effects, case.values, move=False)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.diagnose.proof.experiment_menu import in_times_of
+from hoopd.diagnose.search.bounded_disturbance import likeliest, unexplained_sentences
+from hoopd.diagnose.search.naming import name_effects
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.loop.experiment_plan import Plan
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -75,3 +79,32 @@ def test_slow_samples_ask_for_slow_experiments() -> None:
     chirp = Plan("chirp")
     assert in_times_of(AXIS, chirp) == in_times_of(AXIS, chirp, 1.5 * STEP_S)
     assert in_times_of(AXIS, chirp, 40 * STEP_S).high_hz == pytest.approx(chirp.high_hz / 2.0)
+
+
+def test_rounding_of_the_data_changes_no_name_and_what_is_left_over_is_told() -> None:
+    given, library_of = spaced(driven_axis()), library(AXIS)
+    tried = {name: library_of[name] for name in ("body.coulomb_friction", "body.quadratic_drag")}
+    ends = []
+    for seed in (None, 1):
+        rounded = 1.0 if seed is None else 1.0 + 1e-9 * np.random.default_rng(seed).normal(size=given.y.shape)
+        stretch = replace(given, y=given.y * rounded, every=given.every * rounded)
+        start = fit([stretch], (), AXIS.values, move=False)
+        base = likeliest(fit([stretch], (), AXIS.values), start)
+        assert base.criterion < start.criterion
+        named = name_effects([stretch], tried, start, base)
+        ends.append(named.final.criterion)
+        assert [one.effect.name for one in named.accepted] == ["body.coulomb_friction"]
+        (sentence,) = unexplained_sentences(base)
+        assert "swings: a disturbance of" in sentence and " N " in sentence and "moves x" in sentence
+    assert ends[0] == pytest.approx(ends[1], abs=0.5)
+
+
+def test_no_fit_of_a_base_ends_less_likely_than_it_started() -> None:
+    stretch = stretch_with(shipped_plant(), "hoop", 1, 10.0)
+    start = fit([stretch], (), stretch.plant.values, move=False)
+    off = {name: 3.0 * value if name in stretch.plant.free else value for name, value in stretch.plant.values.items()}
+    worse = fit([stretch], (), off, move=False)
+    assert worse.criterion > start.criterion
+    found = likeliest(worse, start)
+    assert found.criterion <= start.criterion and found.free == start.free
+    assert unexplained_sentences(found) == []

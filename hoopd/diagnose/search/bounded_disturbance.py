@@ -38,14 +38,40 @@ def stiffened(found: HypothesisFit) -> HypothesisFit:
     return fit(stretches, found.effects, found.values, like=found, noise=noise, free=found.free, tune_noise=False)
 
 
-def likeliest(found: HypothesisFit) -> HypothesisFit:
-    """The fit, or one that starts from where usual disturbances lead, whichever is likelier."""
-    if not far_beyond(found):
-        return found
-    held = stiffened(found)
-    stretches = [track.stretch for track in found.tracks]
-    other = fit(stretches, found.effects, held.values, like=held, noise=held.noise, free=found.free)
-    return other if other.criterion < found.criterion else found
+def likeliest(found: HypothesisFit, start: HypothesisFit | None = None) -> HypothesisFit:
+    """The fit, or one that starts from where usual disturbances lead, or `start` itself, whichever is likeliest.
+
+    `start`: parameters as given, with the same effects on the same stretches; no fit is to end less likely than there.
+    """
+    every = [found]
+    if far_beyond(found):
+        every.append(_again(stiffened(found), found.free))
+    if start is not None and not min(one.criterion for one in every) <= start.criterion:
+        every += [_again(start, found.free), start]
+    return min(every, key=lambda one: one.criterion)
+
+
+def _again(origin: HypothesisFit, free: Sequence[str]) -> HypothesisFit:
+    """Everything fitted from another fit's end."""
+    stretches = [track.stretch for track in origin.tracks]
+    return fit(stretches, origin.effects, origin.values, like=origin, noise=origin.noise, free=free)
+
+
+def unexplained_sentences(found: HypothesisFit) -> list[str]:
+    """A line for each disturbance that is far beyond the usual: so much force is explained by nothing."""
+    usual, out = first_noise(found.tracks, found.values), []
+    plants = {track.stretch.recording: track.stretch.plant for track in found.tracks}
+    for recording, noise in found.noise.items():
+        plant = plants[recording]
+        moved = (*plant.coordinates, *plant.first_order)
+        for name, size, time_s, known in zip(moved, noise.force, noise.time_s, usual[recording].force, strict=True):
+            if size > FAR_BEYOND * known:
+                unit = f" {plant.force_unit}" if name == plant.driven and plant.force_unit else ""
+                out.append(
+                    f"{recording}: a disturbance of {size:.3g}{unit} that lasts {time_s:.2g} s moves {name}, "
+                    f"{size / known:.0f} times the usual: so much is explained by nothing that was named."
+                )
+    return out
 
 
 def _no_more(noise: Noise, usual: Noise) -> Noise:

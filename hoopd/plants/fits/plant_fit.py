@@ -23,6 +23,7 @@ from hoopd.plants.fits.robust_least_squares import LOSSES
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.fits.uncertainty import Uncertainty, intervals, uncertainty
 from hoopd.plants.likelihood.fitting import fit as fit_likelihood
+from hoopd.plants.likelihood.reading_interval import spaced
 from hoopd.plants.likelihood.stretches import stretch_of
 from hoopd.recording.recording import Recording
 
@@ -236,7 +237,7 @@ def _by_likelihood(
 ) -> PlantFit:
     """The diagnosis's engine: parameters, trajectory and the sizes of noise and disturbances together."""
     stretches = [
-        stretch_of(f"{index}", system.plant, part.t, _inputs(part.u), part.channels)
+        spaced(stretch_of(f"{index}", system.plant, part.t, _inputs(part.u), part.channels))
         for index, recording in enumerate(recordings)
         for part in stretches_of(system.plant, recording)
     ]

@@ -9,7 +9,8 @@ Rules of this file: numbers in, numbers out; a hypothesis is judged elsewhere.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,9 +106,19 @@ def fit(
         tuned_noise(found, near=noise is not None)
     _search(found, MOST_STEPS)
     if tune_noise:
+        before = _kept(found)
         tuned_noise(found, near=True)
         _search(found, LAST_STEPS)
+        if before.criterion < found.criterion:
+            # where the model bends (a friction turns round between two readings) a step may lead away again
+            return before
     return found
+
+
+def _kept(found: HypothesisFit) -> HypothesisFit:
+    """The fit as it is now, whatever is done with it afterwards."""
+    tracks = [copy(track) for track in found.tracks]
+    return replace(found, values=dict(found.values), tracks=tracks, noise=dict(found.noise))
 
 
 def free_names(tracks: Sequence[Track], values: Mapping[str, float]) -> tuple[str, ...]:
