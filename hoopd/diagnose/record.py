@@ -79,11 +79,16 @@ class Ablation(_Part, frozen=True):
 
 
 class Placebo(_Part, frozen=True):
-    """The same effect driven by a shuffled regressor: its gain in nats should be none. `held`: it was none."""
+    """The same effect driven by a shuffled regressor: its gain in nats should be none. `held`: it was none.
+
+    `most`: of the best shuffle; `limit`: what the best of as many may gain by chance.
+    """
 
     log_likelihood_gain: Number
     held: bool
     shuffles: int = 1
+    most: Number = None
+    limit: Number = None
 
 
 class Alternative(_Part, frozen=True):

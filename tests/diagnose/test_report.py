@@ -17,7 +17,17 @@ import pytest
 from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, made, renamed, unknown
 from rich.console import Console
 
-from hoopd.diagnose.record import DataQuality, Diagnosis, Fit, FitTable, FreeRunChoice, FreeRunEffect, Quantity, Refused
+from hoopd.diagnose.record import (
+    DataQuality,
+    Diagnosis,
+    Fit,
+    FitTable,
+    FreeRunChoice,
+    FreeRunEffect,
+    Placebo,
+    Quantity,
+    Refused,
+)
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report import tables
 from hoopd.diagnose.report.page import page
@@ -374,3 +384,19 @@ def test_the_same_diagnosis_gives_the_same_bytes_in_another_process(tmp_path: Pa
 def test_a_page_of_a_usual_case_can_be_sent_by_mail() -> None:
     assert len(made("coulomb")) < 2_000_000
     assert TRAIN in made("coulomb").decode()
+
+
+def test_a_placebo_is_told_by_the_gain_that_was_judged() -> None:
+    """The best of the shuffles, and what it may be: a mean of 1 nat beside GAINS TOO says nothing."""
+    diagnosis, _ = coulomb()
+    for most, held, told in ((2.5, True, "2.5 of 3.7 nats: no gain"), (6.0, False, "6.0 of 3.7 nats: GAINS TOO")):
+        placebo = Placebo(log_likelihood_gain=1.0, held=held, shuffles=8, most=most, limit=3.7)
+        effect = msgspec.structs.replace(diagnosis.effects[0], placebo=placebo)
+        rows = tables.checks(msgspec.structs.replace(diagnosis, effects=[effect])).rows
+        assert any(told in row for row in rows), rows
+
+
+def test_the_words_of_the_page_are_explained_on_it() -> None:
+    text = Page(page(*coulomb())).text
+    for word in ("Nats:", "Needed:", "Slot:", "Shuffled (placebo):", "Held-out data confirm", "Ceiling:"):
+        assert word in text

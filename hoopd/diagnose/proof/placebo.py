@@ -18,7 +18,7 @@ from hoopd.diagnose.proof.separation import own_columns, without_effect
 from hoopd.diagnose.record import Placebo
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Screen, change_of
-from hoopd.diagnose.search.surprise import THRESHOLD, surprise
+from hoopd.diagnose.search.surprise import THRESHOLD, needed_gain
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import whitened
@@ -44,8 +44,9 @@ def _placebo(named: Named, effect: Effect, seed: int, threshold: float) -> Place
     changes = changes_along(about, effect, named.final.values)
     random = np.random.default_rng(seed)
     gains = [gain_of(named.final, shuffled(about, changes, random)) for _ in range(SHUFFLES)]
-    held = surprise(max(gains), 1, SHUFFLES) < min(-log(CHANCE), threshold)
-    return Placebo(log_likelihood_gain=float(np.mean(gains)), held=held, shuffles=SHUFFLES)
+    most, limit = float(max(gains)), needed_gain(min(-log(CHANCE), threshold), 1, SHUFFLES)
+    mean = float(np.mean(gains))
+    return Placebo(log_likelihood_gain=mean, held=most < limit, shuffles=SHUFFLES, most=most, limit=limit)
 
 
 Changes = list[tuple[Array, Array]]  # by track: of the one-step map (n-1, nz), of the innovations (n, nc)

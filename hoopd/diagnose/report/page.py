@@ -200,6 +200,14 @@ def _footer(diagnosis: Diagnosis) -> str:
     lines = (
         "Nats: gain in log-likelihood over the base model with its parameters re-estimated; an effect is named only "
         "above the gain that chance would reach.",
+        "Needed: the gain that chance reaches once in some hundred thousand looks, more for an effect with more "
+        "numbers; the figure of explanations takes from each gain what chance gives it, so that one line serves all.",
+        "Slot: the place in the device where an effect acts. Shuffled (placebo): the effect with its cause put in "
+        "another order, the best of several shuffles and what such a best one may gain by chance; what gains more says "
+        "GAINS TOO.",
+        "Held-out data confirm an effect, never test it where they do not reach what it acts on, or deny it where a "
+        "simulation of them is worse with it by more than their own scatter: then it is in no model that is written.",
+        "Ceiling: the fit that free curves in place of laws reach.",
         "The noise floor is the fit that a perfect model would have; a finding has to beat the re-fitted base, not the "
         "nominal one.",
         f"Schema {diagnosis.schema}, seed {diagnosis.seed}.",

@@ -17,6 +17,7 @@ from hoopd.diagnose.record import (
     Fits,
     FitTable,
     FreeRunEffect,
+    Placebo,
     Quantity,
     RecordingQuality,
     Visible,
@@ -94,7 +95,7 @@ def _check(effect: EffectFinding) -> Row:
     gain, without, placebo = effect.evidence.heldout_gain_percent, effect.ablation, effect.placebo
     better = NOTHING if gain is None else f"{gain:+.1f} %"
     loss = NOTHING if without is None else f"{nats(without.log_likelihood_loss)} nats lost"
-    held = NOTHING if placebo is None else f"{nats(placebo.log_likelihood_gain)} nats: {_held(placebo.held)}"
+    held = NOTHING if placebo is None else _placebo(placebo)
     return (safe(effect.name), better, loss, held, NOTHING if effect.status is None else STATUSES[effect.status])
 
 
@@ -114,6 +115,13 @@ def ablations(diagnosis: Diagnosis) -> Table:
     known = [row for row in rows if NOTHING not in row[2:]]
     title = "Fit of held-out data with each finding and without it (NRMSE %)"
     return Table(title, ("effect", "channel", "with", "without"), "llrr", _without_repeats(known))
+
+
+def _placebo(one: Placebo) -> str:
+    """The gain that was judged, and by what: of the best shuffle where that is known."""
+    if one.most is None or one.limit is None:
+        return f"{nats(one.log_likelihood_gain)} nats: {_held(one.held)}"
+    return f"{nats(one.most)} of {nats(one.limit)} nats: {_held(one.held)}"
 
 
 def _held(held: bool) -> str:
