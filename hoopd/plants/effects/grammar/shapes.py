@@ -120,7 +120,7 @@ SHAPES: tuple[ShapeLaw, ...] = (
     ShapeLaw("square", lambda ops, v, c: v**2, "{v}^2", "grows with the square of", (*ANY, TIME), 2),
     ShapeLaw("cubic", lambda ops, v, c: v**3, "{v}^3", "grows with the cube of", (RATE, INPUT, POSITION, STATE), 3,
              odd=True),
-    ShapeLaw("magnitude", lambda ops, v, c: ops.fabs(v), "|{v}|", "grows with the size of", ANY, 1),
+    ShapeLaw("magnitude", lambda ops, v, c: ops.fabs(v), "|{v}|", "grows with the size of", SIGNED, 1),
     ShapeLaw("threshold", lambda ops, v, c: v - ops.fmin(ops.fmax(v, -c["v0"]), c["v0"]),
              "sign({v}) max(|{v}| - v0, 0)", "begins where its size passes a threshold: it follows", SIGNED, 1, ("v0",),
              _levels, odd=True),
