@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from hoopd.commands.diagnose_inputs import check_distinct, check_lengths, check_motion, expanded, plants, read_source
-from hoopd.commands.diagnosed_model import found_model, left_out
+from hoopd.commands.diagnosed_model import flipped, found_model, left_out
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.output_files import check_targets
 from hoopd.diagnose.inputs import Source
@@ -150,7 +150,9 @@ def _written(
     """The diagnosis; every file is made before the first one is written."""
     diagnosis, files = outcome.diagnosis, list[tuple[Path, bytes]]()
     if write is not None:
-        diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *left_out(outcome)])
+        diagnosis = msgspec.structs.replace(
+            diagnosis, notes=[*diagnosis.notes, *left_out(outcome), *flipped(diagnosis)]
+        )
         files.append((write, _model_text(outcome, base, write).encode()))
     if report is not None:
         from hoopd.diagnose.report.page import page

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from hoopd.diagnose.findings import parameters_of
-from hoopd.diagnose.record import Quantity
+from hoopd.diagnose.record import Diagnosis, Quantity
 from hoopd.diagnose.record_file import to_digits
 from hoopd.diagnose.run import Outcome
 from hoopd.diagnose.search.effect_changes import at_nodes
@@ -53,6 +53,15 @@ def left_out(outcome: Outcome) -> list[str]:
     return [
         *(f"{name} is not in the model: a model file holds no effects of your own" for name in own),
         *(f"{name} is not in the model: held-out data do not confirm it" for name in denied),
+    ]
+
+
+def flipped(diagnosis: Diagnosis) -> list[str]:
+    """Parameters that are written with another sign than the judged model has."""
+    return [
+        f"{name} is written with the other sign: {one.value:g} {one.unit}, {one.nominal:g} before"
+        for name, one in diagnosis.base.parameters.items()
+        if one.value is not None and one.nominal is not None and one.value * one.nominal < 0.0
     ]
 
 

@@ -6,10 +6,13 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from diagnose.examples import consistent
 from diagnose.madeup import shipped_plant, stretch_with
 
+from hoopd.commands.diagnosed_model import flipped
 from hoopd.diagnose.findings import is_any_left, refused_of
 from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, reach, status_of
 from hoopd.diagnose.proof.fit_tables import Played, played
@@ -123,3 +126,13 @@ def test_what_folds_refused_is_told_with_the_reason(fits: tuple[HypothesisFit, H
     told = refused_of(named, Confirmation(fits[1], fits[1], {}, {FRICTION.name: "confirmed"}))
     assert [(one.name, one.log_likelihood_gain) for one in told] == [("actuator.cogging", 33.0)]
     assert "7.2 nats" in told[0].reason
+
+
+def test_a_parameter_that_changed_its_sign_is_told() -> None:
+    diagnosis, _ = consistent()
+    (name, one), *_ = diagnosis.base.parameters.items()
+    other = msgspec.structs.replace(one, value=-2.5, nominal=1.5)
+    base = msgspec.structs.replace(diagnosis.base, parameters={**diagnosis.base.parameters, name: other})
+    assert flipped(diagnosis) == []
+    (told,) = flipped(msgspec.structs.replace(diagnosis, base=base))
+    assert told.startswith(f"{name} is written with the other sign: -2.5 ") and told.endswith("1.5 before")
