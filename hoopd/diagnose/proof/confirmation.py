@@ -1,15 +1,15 @@
 """What held-out data say about each named effect: confirmed, weak, untested or not confirmed; and which are kept.
 
-Where neither a name nor all of them together lower the held-out simulation of any channel, all are kept. Else they are
-taken up again one after the other, the one with the most evidence first, beside the re-fitted base: one that lowers a
-channel beyond noise is not confirmed, and is in no model that is written.
+A name beside the others that lowers the held-out simulation of any channel beyond noise is not confirmed, and is in no
+model that is written. Where the others together are still worse than the re-fitted base, all are taken up again one
+after the other, the one with the most evidence first, and those that lower a channel are not confirmed.
 
 Rules of this file: the search is over; nothing is named here, and nothing is refused but by simulation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -78,10 +78,26 @@ class _Names:
 def _of_names(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int) -> _Names:
     if not fits or not named.accepted:
         return _Names(named.final, fits.get("named"), {})
-    alone = [lowered(fits[f"without {one.effect.name}"], fits["named"], seed) for one in named.accepted]
-    if not any(alone) and not lowered(fits["base"], fits["named"], seed):
-        return _Names(named.final, fits["named"], {})
+    names = [one.effect.name for one in named.accepted]
+    lost = {name: worse for name in names if (worse := lowered(fits[f"without {name}"], fits["named"], seed))}
+    kept = _without(named, [*lost])
+    run = held.of(kept)
+    assert run is not None
+    on_held = played({"": run})[""] if lost else fits["named"]
+    if not lowered(fits["base"], on_held, seed):
+        return _Names(kept, on_held, lost)
     return _taken_up(named, held, fits, seed)
+
+
+def _without(named: Named, dropped: Sequence[str]) -> HypothesisFit:
+    """The others fitted again; a fit that was made already is taken."""
+    if len(dropped) < 2:
+        return named.without[dropped[0]] if dropped else named.final
+    own = [one.effect for one in named.accepted if one.effect.name not in dropped]
+    if not own:
+        return named.base
+    stretches = [track.stretch for track in named.final.tracks]
+    return fit(stretches, (*named.base.effects, *own), named.final.values, like=named.final, noise=named.final.noise)
 
 
 def _of_curve(proof: Proven, fits: Mapping[str, Played], seed: int) -> tuple[Status, dict[str, float]]:
