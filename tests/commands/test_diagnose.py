@@ -336,10 +336,18 @@ def test_a_bare_hoop_and_hoop_with_ball_are_diagnosed_together(of_two_kinds: Pat
 def test_what_is_not_to_be_looked_for_is_called_unknown(of_two_kinds: Path) -> None:
     train, held = [str(of_two_kinds / name) for name in ("bare.csv", "run.csv")], [str(of_two_kinds / "held.csv")]
     rubs = (*KEPT[:4], *LEFT_OUT)
-    found = run(train, held, model=MODELS / "hoop.yaml", free_run=False, without=rubs)
+    found = run(train, held, model=MODELS / "hoop.yaml", free_run=False, without=rubs, grammar=False)
     assert found.verdict == "unknown_physics"
     assert found.effects[0].name == "unknown.hoop"
     assert (found.location.slot, found.location.depends_on) == ("hoop", ["dtheta"])
+
+
+def test_what_the_library_lacks_has_a_formula_at_its_place(of_two_kinds: Path) -> None:
+    train, held = [str(of_two_kinds / name) for name in ("bare.csv", "run.csv")], [str(of_two_kinds / "held.csv")]
+    found = run(train, held, model=MODELS / "hoop.yaml", free_run=False, without=(*KEPT[:4], *LEFT_OUT))
+    first = found.effects[0]
+    assert (first.slot, found.location.slot) == ("hoop", "hoop")
+    assert "dtheta" in first.name and first.formula
 
 
 def test_an_effect_that_is_not_in_the_library_cannot_be_left_out(
