@@ -119,6 +119,11 @@ def test_equal_simulations_lower_nothing_and_noise_is_no_loss(fits: tuple[Hypoth
     noisy = [replace(run, y=run.y + 1e-6 * np.random.default_rng(3).normal(size=run.y.shape)) for run in one.runs]
     assert lowered(one, replace(one, runs=noisy)) == {}
     assert lowered(played({"final": final})["final"], one)
+    # one window that carries a loss of more than a point leaves the draws undecided: a gain is not proven either
+    runs = [replace(run, y=run.y.copy()) for run in one.runs]
+    runs[0].y[:, -1, 0] += 0.5 * np.nanstd(one.runs[0].y[:, -1])
+    worse = lowered(one, replace(one, runs=runs))
+    assert worse and max(worse.values()) > 1.0
 
 
 def test_what_folds_refused_is_told_with_the_reason(fits: tuple[HypothesisFit, HypothesisFit]) -> None:

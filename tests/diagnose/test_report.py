@@ -161,6 +161,8 @@ def test_what_held_out_data_deny_is_in_the_table_and_not_in_the_headline() -> No
     for text in (printed(told), Page(page(told, shown)).text):
         assert "actuator.cogging" in text and "deny it" in text and "confirm it" in text
         assert "frame.tilt" in text and "it loses 9.0 nats" in text
+    alone = words.verdict_sentence(msgspec.structs.replace(told, verdict="parameters", effects=[]))
+    assert "frame.tilt" in alone and "not confirmed" in alone and "complete" not in alone
 
 
 def test_an_unknown_effect_has_its_slot_and_what_it_follows() -> None:

@@ -2,7 +2,7 @@
 
 Both simulate the same windows; their squared errors are summed over half windows, and the loss in points of fit is
 drawn again from these blocks, pair by pair (block bootstrap; Kuensch 1989). A channel is lowered when the loss is
-positive in all but a few of the draws, and larger than a table shows.
+positive in all but a few of the draws, and larger than a table shows; or when it is more than a point, sure or not.
 
 Rules of this file: simulations in, points of fit out; what follows from them is decided in `confirmation`.
 """
@@ -24,12 +24,15 @@ DRAWS = 2000
 CHANCE = 0.025
 # Points of fit: what a table of one decimal shows.
 LEAST_POINTS = 0.1
+# More than this is no proof of a gain, however few windows carry it.
+MOST_POINTS = 1.0
 # Blocks of a window.
 PIECES = 2
 
 
 def lowered(before: Played, after: Played, seed: int = 0) -> dict[str, float]:
-    """Points of fit lost by the second hypothesis, by channel; only channels in which it is worse beyond noise."""
+    """Points of fit lost by the second hypothesis, by channel; only channels in which it is worse beyond noise, or by more
+    than a point."""
     own = {name: one.by_recording() for name, one in (("before", before), ("after", after))}
     blocks = {
         recording: (_blocks(series(runs)), _blocks(series(own["after"][recording])))
@@ -40,7 +43,7 @@ def lowered(before: Played, after: Played, seed: int = 0) -> dict[str, float]:
     for channel in channels:
         pairs = [(one[channel], two[channel]) for one, two in blocks.values() if channel in one]
         lost, sure = _loss(pairs, np.random.default_rng(seed))
-        if lost > LEAST_POINTS and sure > 0.0:
+        if lost > MOST_POINTS or (lost > LEAST_POINTS and sure > 0.0):
             found[channel] = lost
     return found
 

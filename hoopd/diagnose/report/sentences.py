@@ -46,6 +46,12 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     gained = _gain_clause(diagnosis.fit.heldout)
     if diagnosis.verdict == "consistent":
         return "The model explains these recordings: nothing is missing that they could show."
+    if diagnosis.verdict == "parameters" and diagnosis.refused:
+        found = listed(one.name for one in diagnosis.refused)
+        return (
+            f"The parameters are off, and re-estimating them is as much as held-out data bear out{gained}: "
+            f"more was found ({found}), and not confirmed."
+        )
     if diagnosis.verdict == "parameters":
         return f"The physics is complete but its parameters are off: re-estimating them removes the mismatch{gained}."
     if diagnosis.verdict == "unknown_physics":
