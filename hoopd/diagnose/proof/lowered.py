@@ -31,8 +31,8 @@ PIECES = 2
 
 
 def lowered(before: Played, after: Played, seed: int = 0) -> dict[str, float]:
-    """Points of fit lost by the second hypothesis, by channel; only channels in which it is worse beyond noise, or by more
-    than a point."""
+    """Points of fit lost by the second hypothesis, by channel; only channels in which it is worse beyond noise, or by
+    more than a point."""
     own = {name: one.by_recording() for name, one in (("before", before), ("after", after))}
     blocks = {
         recording: (_blocks(series(runs)), _blocks(series(own["after"][recording])))
