@@ -50,7 +50,8 @@ from hoopd.diagnose.search.excluded_intervals import CountedData, looked_at_agai
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.grammar.mechanisms import Mechanism, mechanisms
+from hoopd.plants.effects.grammar.mechanism import Mechanism
+from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.step_halving import step_nats, step_sentence
 from hoopd.plants.likelihood.stretches import Stretch

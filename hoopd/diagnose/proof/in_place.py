@@ -29,7 +29,7 @@ from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Screen, orthonormal, score_of, whitened_changes
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.grammar.mechanisms import Mechanism
+from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Array = NDArray[np.float64]

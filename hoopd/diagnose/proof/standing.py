@@ -18,7 +18,7 @@ from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Screen
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.grammar.mechanisms import Mechanism
+from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
 

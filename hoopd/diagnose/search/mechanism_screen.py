@@ -22,7 +22,8 @@ from hoopd.diagnose.search.effect_changes import GAUSS, Inside, at_nodes, change
 from hoopd.diagnose.search.screen import orthonormal
 from hoopd.diagnose.search.surprise import log_chances, surprise
 from hoopd.plants.effects.base import Effect, Point
-from hoopd.plants.effects.grammar.mechanisms import READING, Mechanism, code_nats
+from hoopd.plants.effects.grammar.mechanism import READING, Mechanism
+from hoopd.plants.effects.grammar.mechanisms import code_nats
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import whitened
 from hoopd.plants.likelihood.reference_track import Track

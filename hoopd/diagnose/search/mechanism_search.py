@@ -20,7 +20,7 @@ from hoopd.diagnose.search.naming import NEAR_SHARE, OCCAM_NATS, Named, Refusal,
 from hoopd.diagnose.search.scan_score import scanned
 from hoopd.diagnose.search.screen import Member, Score, Screen
 from hoopd.diagnose.search.surprise import log_chance
-from hoopd.plants.effects.grammar.mechanisms import Mechanism
+from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
 # Mechanisms in one explanation; proposals of a screen that are refitted.

@@ -8,7 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hoopd.plants.effects.grammar.axes import INPUT, POSITION
-from hoopd.plants.effects.grammar.mechanisms import READING, mechanism_named, mechanisms
+from hoopd.plants.effects.grammar.mechanism import READING
+from hoopd.plants.effects.grammar.mechanisms import mechanism_named, mechanisms
 from hoopd.plants.effects.grammar.memories import MEMORIES, MemoryLaw
 from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import run
