@@ -90,8 +90,7 @@ class MechanismScreen:
         if not np.all(np.isfinite(v)) or np.ptp(v) <= 1e-9 * max(float(np.abs(v).max()), 1e-300):
             return
         way = v if mechanism.axis.way is None else np.concatenate([one.nodes(mechanism.axis.way) for one in own])
-        # times run on from stretch to stretch
-        t = np.concatenate([one.track.stretch.t for one in own]) if len(own) == 1 else _joined_times(own)
+        t = _joined_times(own)
         phased = mechanism.shape is not None and mechanism.shape.phased
         for constants in mechanism.grid(v if mechanism.memory is None else way, t):
             yield _Choice(mechanism, constants, 2 if phased else 1)
@@ -203,6 +202,7 @@ def _start(choice: _Choice, weights: Array) -> dict[str, float]:
 
 
 def _joined_times(own: Sequence[_Followed]) -> Array:
+    """Times that run on from stretch to stretch, from zero; grids of constants ask for differences only."""
     parts, end = [], 0.0
     for one in own:
         t = one.track.stretch.t

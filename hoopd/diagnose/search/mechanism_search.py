@@ -31,28 +31,25 @@ MOST_SWAPS = 2
 CHANCE = 0.01
 
 
-def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> bool:
-    """Mechanisms that the recordings ask for beside what was found, put into it; False when they ask for none."""
-    any_found = False
+def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> None:
+    """Mechanisms that the recordings ask for beside what was found, put into it."""
+    before = found.final
     for _ in range(MOST_MECHANISMS):
         best = _next(found, judge, [one for one in mechanisms if one.name not in found.final.names])
         if best is None:
             break
-        any_found = True
         found.accepted.append(best)
         found.final = best.fit
         if len(found.accepted) > 1:
             reconsider(found, judge, swaps=False)
-    if any_found:
+    if found.final is not before:
         taken_out(found, judge)
     for one in sorted(found.accepted, key=lambda one: -found.losses[one.effect.name])[:MOST_SWAPS]:
         rival = _in_its_place(found, judge, one, mechanisms)
         if rival is not None:
-            any_found = True
             found.accepted[found.accepted.index(one)] = rival
             found.final = rival.fit
             taken_out(found, judge)
-    return any_found
 
 
 def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[Mechanism]) -> Tried | None:

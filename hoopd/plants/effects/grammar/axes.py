@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from math import pi
 from typing import Any
 
 from hoopd.plants.declaration import Plant
@@ -65,11 +64,6 @@ class Axis:
     def way_unit(self) -> str:
         """Of the way that a memory goes by."""
         return self.unit if self.way is None else self.way_of
-
-    @property
-    def period(self) -> float | None:
-        """After which it comes back."""
-        return 2 * pi if self.turning else None
 
 
 def position(plant: Plant, q: str) -> Axis:

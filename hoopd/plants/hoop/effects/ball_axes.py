@@ -6,14 +6,10 @@ Rules of this file: axes only.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
-
-import casadi as ca
-import numpy as np
 
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.base import Point
 from hoopd.plants.effects.grammar.axes import FORCE, POSITION, Axis
+from hoopd.plants.hoop.effects.normal_force import signed_normal_force
 
 
 def axes(plant: Plant, slot: str) -> Iterable[Axis]:
@@ -22,7 +18,7 @@ def axes(plant: Plant, slot: str) -> Iterable[Axis]:
     if "psi" not in plant.coordinates or not (ball or plant.slots[slot].kind == "body"):
         return
     yield Axis(
-        "load", "N", "N", FORCE, _load, "the normal force of the ball", coordinates=("psi",)
+        "load", "N", "N", FORCE, signed_normal_force, "the normal force of the ball", coordinates=("psi",)
     )  # fmt: skip
     if ball and "theta" in plant.coordinates:
         # phi = (Ro/Rb) (theta - psi): where on the ball the contact is
@@ -31,9 +27,3 @@ def axes(plant: Plant, slot: str) -> Iterable[Axis]:
             "the turning of the ball", True, ("theta", "psi"),
             lambda s: s.p["Ro"] / s.p["Rb"] * (s.dtheta - s.dpsi),
         )  # fmt: skip
-
-
-def _load(s: Point) -> Any:
-    # N = m ((Ro-Rb) psi'^2 + g cos psi), of arrays, too
-    cos = np.cos if isinstance(s.psi, np.ndarray) else ca.cos
-    return s.p["mb"] * ((s.p["Ro"] - s.p["Rb"]) * s.dpsi**2 + s.p["g"] * cos(s.psi))

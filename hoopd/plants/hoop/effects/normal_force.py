@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from hoopd.plants.effects.base import Point
 
@@ -15,7 +16,9 @@ from hoopd.plants.effects.base import Point
 def signed_normal_force(s: Point) -> Any:
     """N = m ((Ro-Rb) psi'^2 + g cos psi), N; below zero the hoop would have to hold the ball back."""
     p = s.p
-    return p["mb"] * ((p["Ro"] - p["Rb"]) * s.dpsi**2 + p["g"] * ca.cos(s.psi))
+    # of symbols, and of arrays along a recording
+    cos = np.cos if isinstance(s.psi, np.ndarray) else ca.cos
+    return p["mb"] * ((p["Ro"] - p["Rb"]) * s.dpsi**2 + p["g"] * cos(s.psi))
 
 
 def normal_force(s: Point) -> Any:
