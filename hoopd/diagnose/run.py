@@ -165,7 +165,7 @@ def diagnose(case: Case) -> Outcome:
         data_quality=quality_of(
             [*case.train, *case.heldout],
             [*data.ignored, *data_held.ignored],
-            [step_sentence(step_nats(named.final)), *unexplained_sentences(said.final)],
+            [*data.notes, *data_held.notes, step_sentence(step_nats(named.final)), *unexplained_sentences(said.final)],
         ),
         seed=case.seed,
         candidates=candidates_of(named, threshold, stand.candidates),
@@ -201,7 +201,7 @@ def training(
 
     base = likeliest(fit(train, case.effects, case.values, like=nominal, noise=nominal.noise), nominal)
     data, base = without_events(train, refit, base)
-    if data.aside:
+    if data.ignored:
         nominal = fit(data.kept, case.effects, case.values, move=False)
     return data, nominal, base
 
@@ -249,7 +249,7 @@ def quality_of(sources: Sequence[Source], aside: Sequence[Interval], notes: Sequ
     each: dict[str, RecordingQuality] = {}
     for source in {source.name: source for source in sources}.values():
         counts = source.quality.data_quality()
-        own = [(i.t0, i.t1, f"{i.where}: does not belong to the rest") for i in aside if i.recording == source.name]
+        own = [(i.t0, i.t1, i.reason) for i in aside if i.recording == source.name]
         segments = [(a - source.start_s, b - source.start_s, why) for a, b, why in counts["segments_ignored"]]
         each[source.name] = RecordingQuality(
             missing=counts["missing"],

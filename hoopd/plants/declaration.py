@@ -131,7 +131,18 @@ class Judges:
 
 
 class MotionMode(NamedTuple):
-    """A mode of motion; more than one, with guards and resets, is reserved."""
+    """A mode of motion that the plant's equations describe; more than one, with resets, is reserved.
+
+    Attributes
+    ----------
+    name : str
+        As a person calls the motion.
+    guard : callable, optional
+        Of a point without inputs: how far inside the mode it is, in shares of what holds it at rest (1 there); the
+        mode ends where it falls to zero. None: it never ends.
+    reset : callable, optional
+        Reserved.
+    """
 
     name: str
     guard: Callable[[Point], Any] | None = None
@@ -201,7 +212,7 @@ class Plant:
         What it knows of the quality of its recordings.
     plays : str
         The command that plays a signal on the device; empty: there is none.
-    modes : tuple of Mode
+    modes : tuple of MotionMode
         One for now.
 
     Examples

@@ -30,11 +30,15 @@ CHANCE_A_MINUTE = 0.005
 END_S = 0.3
 
 
+# Kind of a signal that is no energy: the plant nears the end of the mode that its equations describe.
+MODE = "mode"
+
+
 class UnusualSignal(NamedTuple):
-    """How a stretch of time looks in one signal: `where` is a coordinate (a force on it) or a channel."""
+    """How a stretch of time looks in one signal: `where` is a coordinate (a force on it), a channel or a mode."""
 
     where: str
-    kind: str  # "force", "channel"
+    kind: str  # "force", "channel", MODE
     strength: float  # root of the largest mean square over the usual one
     level: float  # the usual one, in the unit of the force or the channel
 
@@ -50,18 +54,25 @@ class Interval:
 
     @property
     def where(self) -> str:
-        """Coordinate or channel."""
+        """Coordinate, channel or mode."""
         return self.signals[0].where
 
     @property
     def kind(self) -> str:
-        """ "force" or "channel"."""
+        """ "force", "channel" or MODE."""
         return self.signals[0].kind
 
     @property
     def strength(self) -> float:
         """Over the usual level."""
         return self.signals[0].strength
+
+    @property
+    def reason(self) -> str:
+        """Why it is set aside."""
+        if self.kind == MODE:
+            return f"{self.where} nears its end ({max(self.strength, 0.0):.0%} of what holds it at rest is left)"
+        return f"{self.where}: does not belong to the rest"
 
 
 def intervals(fit: HypothesisFit) -> list[Interval]:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hoopd.diagnose.quality.excluded_stretches import leaving_enough, set_aside, still_unusual, without
+from hoopd.diagnose.quality.left_modes import left_modes
 from hoopd.diagnose.quality.unusual_intervals import Interval, UnusualSignal
 from hoopd.diagnose.search.bounded_disturbance import likeliest
 from hoopd.diagnose.search.candidates import free_of_recordings, surprise_of
@@ -32,12 +33,13 @@ class CountedData:
     whole: Sequence[Stretch]
     kept: Sequence[Stretch]
     aside: Sequence[Interval] = field(default_factory=tuple)
-    begun: Sequence[Interval] = field(default_factory=tuple)  # start-ups: in none of them any more
+    removed: Sequence[Interval] = field(default_factory=tuple)  # start-ups, modes that end: in none of them any more
+    notes: Sequence[str] = field(default_factory=tuple)  # what could not be removed
 
     @property
     def ignored(self) -> list[Interval]:
         """All that does not count."""
-        return [*self.begun, *self.aside]
+        return [*self.removed, *self.aside]
 
     def brought_back(self, found: HypothesisFit) -> CountedData:
         """With the intervals that a hypothesis, as it is fitted, explains."""
@@ -51,7 +53,7 @@ class CountedData:
     def begun_later(self, early: Sequence[Interval]) -> CountedData:
         """Without these start-ups."""
         return replace(
-            self, whole=without(self.whole, early), kept=without(self.kept, early), begun=[*self.begun, *early]
+            self, whole=without(self.whole, early), kept=without(self.kept, early), removed=[*self.removed, *early]
         )
 
 
@@ -60,9 +62,15 @@ def without_events(
     refit: Callable[[Sequence[Stretch]], HypothesisFit],
     first: HypothesisFit | None = None,
 ) -> tuple[CountedData, HypothesisFit]:
-    """The data without what does not belong to them, and the fit of the rest."""
-    kept, aside, found = set_aside(stretches, refit, first, lambda one: does_not_belong(one, stretches))
-    return CountedData(stretches, kept, aside), found
+    """The data without what does not belong to them, and the fit of the rest.
+
+    First go the intervals in which the plant's equations end: what looks unusual there is not judged.
+    """
+    found = refit(stretches) if first is None else first
+    removed, notes = left_modes(found)
+    whole = without(stretches, removed) if removed else stretches
+    kept, aside, found = set_aside(whole, refit, None if removed else found, lambda one: does_not_belong(one, whole))
+    return CountedData(whole, kept, aside, removed, notes), found
 
 
 def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:

@@ -11,10 +11,11 @@ from typing import Any
 
 import casadi as ca
 
-from hoopd.plants.declaration import Channel, Input, Judges, Plant, Slot
+from hoopd.plants.declaration import Channel, Input, Judges, MotionMode, Plant, Slot
 from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.hoop.contact import contact_of
 from hoopd.plants.hoop.effects import ball_axes, ball_effects, frame_effects
+from hoopd.plants.hoop.effects.normal_force import signed_normal_force
 from hoopd.plants.hoop.equations import MOTIONS, lagrangian, symbols
 from hoopd.plants.hoop.parameters import KINEMATICS, LIMIT_NM, PARAMETER_UNITS
 from hoopd.plants.hoop.recordings.fit_data import moving_of
@@ -61,6 +62,7 @@ def hoop_plant(
         energy=_energy(structure) if structure in KINEMATICS else None,
         own_effects=own_effects,
         own_axes=ball_axes.axes,
+        modes=() if moving == "hoop" else (ROLLING,),
         judges=Judges(
             moving=lambda recording: hoop_plant(
                 structure, values, what_moves(recording, encoder_counts), limit, encoder_counts
@@ -72,6 +74,14 @@ def hoop_plant(
             words={"theta": "the hoop", "psi": "the ball"},
         ),
     )
+
+
+def pressed(s: Point) -> Any:
+    """The normal force between hoop and ball over the ball's weight, N / (m g)."""
+    return signed_normal_force(s) / (s.p["mb"] * s.p["g"])
+
+
+ROLLING = MotionMode("the ball's rolling", guard=pressed)
 
 
 # Seconds of usable data: two windows of a fit and one of what is held out; less says nothing about a model.
