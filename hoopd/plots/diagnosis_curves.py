@@ -113,13 +113,18 @@ def draw_comparison(comparison: Comparison) -> Figure:
 def cut_s(comparison: Comparison) -> float | None:
     """Seconds that are drawn of a comparison that is too long to be drawn whole; None for all others."""
     longest = max((one.t_s for one in comparison.traces), key=len)
-    return float(longest[MOST_POINTS] - longest[0]) if len(longest) > MOST_POINTS else None
+    return _last(longest) - float(longest[0]) if len(longest) > MOST_POINTS else None
+
+
+def _last(t: Array) -> float:
+    """Where a trace (n,) ends as far as it is drawn: a pen that is lifted there has no time."""
+    return float(np.nanmax(t[:MOST_POINTS]))
 
 
 def _span(comparison: Comparison) -> tuple[float, float]:
     """Start and end of what is drawn [s]."""
     times = [one.t_s for one in comparison.traces if len(one.t_s)]
-    start, end = min(float(t[0]) for t in times), max(float(t[min(len(t), MOST_POINTS) - 1]) for t in times)
+    start, end = min(float(t[0]) for t in times), max(map(_last, times))
     return start, max(end, start + LEAST_TIME_S)
 
 

@@ -50,9 +50,19 @@ def test_a_simulation_that_runs_away_does_not_squeeze_the_data() -> None:
 def test_of_a_long_recording_the_beginning_is_drawn_and_its_length_known() -> None:
     t = 0.02 * np.arange(2 * curves.MOST_POINTS)
     comparison = Comparison("a", [Trace("psi", "rad", t, t, t)])
-    assert curves.cut_s(comparison) == pytest.approx(0.02 * curves.MOST_POINTS)
+    assert curves.cut_s(comparison) == pytest.approx(0.02 * (curves.MOST_POINTS - 1))
     assert curves.draw_comparison(comparison).axes[0].get_xlim()[1] == pytest.approx(0.02 * (curves.MOST_POINTS - 1))
     assert curves.cut_s(Comparison("a", [Trace("psi", "rad", t[:9], t[:9], t[:9])])) is None
+
+
+@pytest.mark.parametrize("lifted", [-1, 0])
+def test_a_pen_that_is_lifted_where_the_drawing_ends_ends_it_all_the_same(lifted: int) -> None:
+    t = 0.02 * np.arange(2 * curves.MOST_POINTS)
+    t[curves.MOST_POINTS + lifted] = np.nan
+    comparison = Comparison("a", [Trace("psi", "rad", t, t, t)])
+    told = curves.cut_s(comparison)
+    assert told == pytest.approx(0.02 * curves.MOST_POINTS, abs=0.05)
+    assert curves.draw_comparison(comparison).axes[0].get_xlim()[1] == told
 
 
 def test_a_strip_has_the_size_of_the_disturbance_in_its_place() -> None:
