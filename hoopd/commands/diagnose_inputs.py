@@ -114,11 +114,11 @@ def check_lengths(train: Sequence[Source], held: Sequence[Source], plant: Plant,
         for sources, seconds, least in ((train, fitted, least_train), (held, proves, least_held)):
             if seconds < least:
                 name = sources[0].name if sources else "--holdout"
-                raise InputError(name, "", f"too short: {seconds:.1f} s of usable samples, {least:g} s are needed")
+                raise InputError(name, "", f"too short: {seconds:.3g} s of usable samples, {least:.3g} s are needed")
     elif fitted < least_train or proves < least_held:
         name, total = (train or held)[0].name if train or held else "recordings", fitted + proves
         least = least_train + least_held
-        reason = f"too short to hold a third out: {total:.1f} s of usable samples, {least:g} s are needed"
+        reason = f"too short to hold a third out: {total:.3g} s of usable samples, {least:.3g} s are needed"
         raise InputError(name, "", reason)
 
 

@@ -256,8 +256,8 @@ def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], status: Sta
     )
 
 
-def unexplained_of(unknown: Unknown | None) -> Unexplained | None:
-    """The curve of what has no name."""
+def unexplained_of(unknown: Unknown | None, standings: Standings) -> Unexplained | None:
+    """The curve of what has no name, and how likely it is."""
     if unknown is None:
         return None
     shape, curve = unknown.shapes[0], unknown.curve
@@ -270,6 +270,7 @@ def unexplained_of(unknown: Unknown | None) -> Unexplained | None:
         ),
         share=unknown.share,
         carries_over=unknown.carries_over,
+        probability=standings.findings[unknown.name].probability,
     )  # fmt: skip
 
 

@@ -162,10 +162,12 @@ class FreeRunChoice(_Part, frozen=True):
 
 
 class FitTable(_Part, frozen=True):
-    """Fits over windows of 2 s; additions: one free run, what it is better with, how it was held out, sources."""
+    """Fits over windows of about `window_s`, s; additions: one free run, what it is better with, how it was held out,
+    sources."""
 
     train: Fits
     heldout: Fits
+    window_s: Number = None  # null in files that are older than it
     free_run: Fits = {}
     free_run_choice: FreeRunChoice | None = None
     how_heldout: str = ""
@@ -196,6 +198,7 @@ class Unexplained(_Part, frozen=True):
     curve: Curve | None
     share: Number = None
     carries_over: bool | None = None
+    probability: Number = None
 
 
 class NextExperiment(_Part, frozen=True):

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 class Trace:
     """One channel: measured, simulated by the re-fitted base (`before`) and with the effects (`after`), all (n,).
 
-    NaN lifts the pen: between windows of 2 s, or where a sample is missing.
+    NaN lifts the pen: between windows, or where a sample is missing.
     """
 
     name: str  # "theta_rate", "psi"
@@ -38,7 +38,7 @@ class Comparison:
 
     recording: str
     traces: Sequence[Trace]
-    how: str = "windows of 2 s"  # or "one free run"
+    how: str = "windows"  # "windows of 2 s", or "one free run"
     ignored: Sequence[Ignored] = ()
 
 

@@ -28,7 +28,7 @@ from hoopd.diagnose.findings import (
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.location import location_of
 from hoopd.diagnose.proof.confirmation import confirmation
-from hoopd.diagnose.proof.fit_tables import Played, channel_source, played
+from hoopd.diagnose.proof.fit_tables import Played, channel_source, played, window_of
 from hoopd.diagnose.proof.free_run_record import free_choice
 from hoopd.diagnose.proof.free_runs import free_runs
 from hoopd.diagnose.proof.held_out import HeldOut
@@ -135,6 +135,7 @@ def diagnose(case: Case) -> Outcome:
     table = FitTable(
         train=fits_of(played({"nominal": named.nominal, "base": named.base, "final": said.final})),
         heldout=fits_of(said.fits) if fits else {},
+        window_s=window_of([one.plant for one in data.kept]),
         free_run=free_runs(named.nominal, named.base, said.kept, data_held.kept) if case.free_run else {},
         free_run_choice=_choice(case, named, data, data_held),
         how_heldout=case.held_out_how,
@@ -160,7 +161,7 @@ def diagnose(case: Case) -> Outcome:
         location=location_of(named, missing.base, unknown, verdict, effects),
         effects=effects,
         fit=table,
-        unexplained=unexplained_of(unknown),
+        unexplained=unexplained_of(unknown, stand),
         next_experiment=next_experiment(named, apart, library, case.seed),
         data_quality=quality_of(
             [*case.train, *case.heldout],

@@ -12,6 +12,7 @@ import pytest
 from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.registry import plant_named
+from hoopd.plants.scales import motion_scale
 from tests.commands.test_plant import hoopd
 
 # What the plant is in truth, and the effect that its recording may have.
@@ -67,6 +68,7 @@ def test_what_is_hidden_is_named_and_the_simulation_gains(name: str) -> None:
     assert (found["verdict"], [one["name"] for one in found["effects"]]) == ("missing_physics", [effect])
     for key, true in values.items():
         assert found["effects"][0]["parameters"][key]["value"] == pytest.approx(true, rel=0.1)
+    assert found["fit"]["window_s"] == pytest.approx(2.0 * motion_scale(plant_named(name)))
     for channel in found["fit"]["heldout"]["held.csv"].values():
         assert channel["with_effects"] > channel["base_refit"]
     run = result("simulate", "--model", "found.yaml", "--input", "held.csv")

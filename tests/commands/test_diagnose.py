@@ -340,6 +340,8 @@ def test_what_is_not_to_be_looked_for_is_called_unknown(of_two_kinds: Path) -> N
     assert found.verdict == "unknown_physics"
     assert found.effects[0].name == "unknown.hoop"
     assert (found.location.slot, found.location.depends_on) == ("hoop", ["dtheta"])
+    assert found.unexplained is not None and found.unexplained.probability == found.effects[0].probability
+    assert found.effects[0].probability is not None and found.effects[0].probability > 0.5
 
 
 def test_what_the_library_lacks_has_a_formula_at_its_place(of_two_kinds: Path) -> None:

@@ -100,7 +100,7 @@ def comparison(missing: Callable[[Array], float], recording: str = HELDOUT, seco
         measured = truth[:, column] + noise * random.standard_normal(len(u))
         after = np.where(np.isnan(without[:, column]), np.nan, truth[:, column])
         traces.append(Trace(name, unit, np.arange(len(u)) * STEP_S, measured, without[:, column], after))
-    return Comparison(recording, traces, ignored=[(12.0, 12.6, "a hand moved the ball")])
+    return Comparison(recording, traces, "windows of 2 s", [(12.0, 12.6, "a hand moved the ball")])
 
 
 def force(missing: Callable[[Array], float], of: int, name: str, unit: str, law: str | None) -> MissingForce:
@@ -164,6 +164,7 @@ def table(nominal: float, refit: float, effects: float | None) -> FitTable:
         train=fits(nominal, refit + 0.6, effects, TRAIN),
         heldout=fits(nominal - 1.0, refit, effects, HELDOUT),
         free_run=fits(nominal - 9.0, refit - 7.0, None if effects is None else effects - 2.0, HELDOUT),
+        window_s=2.0,
         how_heldout="Held out: prbs_b.mcap, another signal than the one fitted to.",
         channel_source={"dtheta": "the measured column", "theta_rate": "derivative of theta"},
     )

@@ -229,6 +229,33 @@ def test_the_terminal_s_report_has_every_part_of_a_finding() -> None:
         assert part in squeezed(text), part
 
 
+def test_windows_are_as_long_as_the_plant_s_motion_asks_for() -> None:
+    diagnosis, shown = coulomb()
+    for window_s, said in ((0.05, "windows of 0.05 s"), (None, "windows")):
+        other = msgspec.structs.replace(diagnosis, fit=msgspec.structs.replace(diagnosis.fit, window_s=window_s))
+        text = squeezed(printed(other))
+        assert f"Fit of held-out data, {said} (NRMSE %)" in text and "2 s" not in text.partition("Next experiment")[0]
+        assert f"in {said}; each starts" in squeezed(Page(page(other, shown)).text)
+
+
+def test_times_are_told_to_a_share_of_a_window() -> None:
+    """Of a circuit that moves within milliseconds, and of a tank that moves within minutes."""
+    diagnosis, _ = bad_data()
+    location = msgspec.structs.replace(diagnosis.location, slot="hoop", segments=[(0.01234, 0.02345)])
+    part = msgspec.structs.replace(
+        diagnosis.data_quality, recordings={}, segments_ignored=[(0.01234, 123.45, "a spark")]
+    )
+    for window_s, said, rows in (
+        (0.02, "at 0.012 to 0.023 s", ("0.0123", "123.4500")),
+        (2.0, "at 0.0 to 0.0 s", ("0.01", "123.45")),
+        (200.0, "at 0 to 0 s", ("0", "123")),
+    ):
+        assert said in words.location_sentence(location, window_s)
+        fit = msgspec.structs.replace(diagnosis.fit, window_s=window_s)
+        other = msgspec.structs.replace(diagnosis, data_quality=part, fit=fit)
+        assert tables.ignored(other).rows[0][:2] == rows
+
+
 def test_how_likely_a_finding_is_stands_beside_it_and_what_comes_nearest_to_what_has_no_name() -> None:
     diagnosis, _ = coulomb()
     first = diagnosis.effects[0]

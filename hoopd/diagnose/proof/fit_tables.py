@@ -1,4 +1,4 @@
-"""How well each hypothesis repeats a recording: NRMSE of free runs over windows of two seconds, channel by channel.
+"""How well each hypothesis repeats a recording: NRMSE of free runs over windows, channel by channel.
 
 Rules of this file: one measure for every hypothesis; what was set aside does not count; a channel that never moves has
 no figure.
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.proof.simulation import WINDOW_S, Simulated, fitted_starts, windows_of
+from hoopd.plants.declaration import Plant
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.stretches import Stretch
@@ -33,6 +34,11 @@ class Played:
     fit: HypothesisFit
     runs: list[Simulated]
 
+    @property
+    def window_s(self) -> float:
+        """About as long as each window is."""
+        return window_of([track.stretch.plant for track in self.fit.tracks])
+
     def by_recording(self) -> dict[str, list[Simulated]]:
         """The runs of each recording."""
         found: dict[str, list[Simulated]] = {}
@@ -48,15 +54,20 @@ def played(fits: Mapping[str, HypothesisFit]) -> dict[str, Played]:
     return {name: found[id(one)] for name, one in fits.items()}
 
 
-def run_windows(found: HypothesisFit, window_s: float | None = WINDOW_S) -> list[Simulated]:
+def window_of(plants: Sequence[Plant]) -> float:
+    """Seconds of a window: that of the fastest of several plants."""
+    return WINDOW_S * min(motion_scale(plant) for plant in plants)
+
+
+def run_windows(found: HypothesisFit) -> list[Simulated]:
     """Every stretch of a fit, simulated from fitted starts."""
     out = []
     for track in found.tracks:
         plant = track.stretch.plant
-        shortest = min((window_s or 0.0) * motion_scale(plant) / 2.0, SHORTEST_STEPS * plant.time_scale_s)
+        shortest = min(window_of([plant]) / 2.0, SHORTEST_STEPS * plant.time_scale_s)
         if (track.stretch.t[-1] - track.stretch.t[0]) < shortest:
             continue
-        windows = windows_of(track.stretch, window_s)
+        windows = windows_of(track.stretch)
         sigma = start_weights(track.stretch)
         out.append(fitted_starts(windows, found.effects, track.local(found.values), track.z, sigma))
     return out

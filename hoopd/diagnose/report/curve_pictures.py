@@ -19,6 +19,7 @@ from hoopd.diagnose.proof.fit_tables import Played, series
 from hoopd.diagnose.quality.unusual_energy import robust_level
 from hoopd.diagnose.quality.unusual_intervals import disturbance
 from hoopd.diagnose.record import Ignored
+from hoopd.diagnose.report.sentences import windows
 from hoopd.diagnose.report_curves import (
     Binned,
     Comparison,
@@ -66,9 +67,11 @@ def shown_of(named: Named, heldout: Mapping[str, Played], unknown: Unknown | Non
 
 
 def comparisons(base: Played, final: Played, ignored: Ignoreds) -> list[Comparison]:
-    """Measured, before and after over windows of 2 s, by recording."""
+    """Measured, before and after over windows, by recording."""
     names = list(dict.fromkeys(track.stretch.recording for track in base.fit.tracks))[:MOST_RECORDINGS]
-    return [Comparison(name, traces(base, final, name), ignored=ignored.get(name, ())) for name in names]
+    return [
+        Comparison(name, traces(base, final, name), windows(base.window_s), ignored.get(name, ())) for name in names
+    ]
 
 
 def traces(base: Played, final: Played, recording: str) -> list[Trace]:

@@ -18,7 +18,7 @@ from hoopd.plots import diagnosis as figures
 from hoopd.plots import diagnosis_curves as curves
 from hoopd.plots.number_format import listed, nats
 
-FITS = "NRMSE percent, 100 is perfect; each window of 2 s starts from its own estimated state."
+FITS = "NRMSE percent, 100 is perfect, in {windows}; each starts from its own estimated state."
 MOST_COMPARISONS = 6  # a page that is sent by mail has no room for more
 Part = Callable[[Diagnosis, Shown], str]
 
@@ -67,7 +67,7 @@ def _effects(diagnosis: Diagnosis, shown: Shown) -> str:
 
 def _where(diagnosis: Diagnosis, shown: Shown) -> str:
     """Slots and times."""
-    body = paragraph(words.location_sentence(diagnosis.location) or "No slot stands out.")
+    body = paragraph(words.location_sentence(diagnosis.location, diagnosis.fit.window_s) or "No slot stands out.")
     if any(gain is not None for gain in diagnosis.location.evidence.values()):
         drawn = figures.draw_evidence_by_slot(diagnosis.location.evidence)
         title = f"Evidence by slot: {_pairs(diagnosis.location.evidence)}"
@@ -119,7 +119,7 @@ def _proof(diagnosis: Diagnosis, shown: Shown) -> str:
     """Before and after, on data that no parameter was fitted to."""
     fit = diagnosis.fit
     body = paragraph(fit.how_heldout) + table(tables.fit("Held-out data", fit.heldout))
-    body += paragraph(FITS, "note") if body else ""
+    body += paragraph(FITS.format(windows=words.windows(fit.window_s)), "note") if body else ""
     body += paragraph(words.source_sentence(fit), "note")
     drawn = [one for one in shown.comparisons if any(len(trace.t_s) for trace in one.traces)]
     body += "".join(_one_comparison(index, one) for index, one in enumerate(drawn[:MOST_COMPARISONS]))
@@ -206,7 +206,8 @@ def _footer(diagnosis: Diagnosis) -> str:
         "another order, the best of several shuffles and what such a best one may gain by chance; what gains more says "
         "GAINS TOO.",
         "Held-out data confirm an effect, never test it where they do not reach what it acts on, or deny it where a "
-        "simulation of them is worse with it by more than their own scatter: then it is in no model that is written.",
+        "simulation of them is worse with it, by more than their own scatter or by more than a point: then it is in no "
+        "model that is written.",
         "Ceiling: the fit that free curves in place of laws reach.",
         "The noise floor is the fit that a perfect model would have; a finding has to beat the re-fitted base, not the "
         "nominal one.",

@@ -32,6 +32,8 @@ TITLES = {
 MANY = 6
 # Points of fit that a figure with one decimal shows.
 SHOWN = 0.1
+# Times in sentences: to this share of a window; of files that do not tell theirs it is the hoop's.
+OF_A_WINDOW, HOOP_WINDOW_S = 0.05, 2.0
 
 
 def each_fit(fits: Fits) -> Iterator[tuple[str, str, Fit]]:
@@ -39,6 +41,16 @@ def each_fit(fits: Fits) -> Iterator[tuple[str, str, Fit]]:
     for recording, channels in fits.items():
         for channel, fit in channels.items():
             yield recording, channel, fit
+
+
+def windows(window_s: Number) -> str:
+    """In what a model is simulated: as long as the plant's motion asks for."""
+    return "windows" if window_s is None else f"windows of {window_s:.3g} s"
+
+
+def decimals(window_s: Number, share: float) -> int:
+    """With how many a time in s is told to a share of a window."""
+    return max(0, math.ceil(-math.log10(share * (window_s or HOOP_WINDOW_S))))
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
@@ -127,19 +139,20 @@ def _mean(values: Sequence[float]) -> float:
     return math.fsum(values) / len(values)
 
 
-def location_sentence(location: Location) -> str:
+def location_sentence(location: Location, window_s: Number = None) -> str:
     """Where the mismatch sits; empty when there is none."""
     if location.slot is None:
         return ""
     channel = f", most visible in {location.channel}" if location.channel else ""
     follows = f" It follows {listed(location.depends_on)}." if location.depends_on else ""
-    return f"The mismatch sits in slot {location.slot}{channel}, {_when(location)}.{follows}"
+    return f"The mismatch sits in slot {location.slot}{channel}, {_when(location, window_s)}.{follows}"
 
 
-def _when(location: Location) -> str:
+def _when(location: Location, window_s: Number) -> str:
     if location.segments is None:
         return "throughout the recordings"
-    spans = [f"{start:.1f} to {end:.1f} s" for start, end in location.segments]
+    places = decimals(window_s, OF_A_WINDOW)
+    spans = [f"{start:.{places}f} to {end:.{places}f} s" for start, end in location.segments]
     more = f" and {len(spans) - MANY} more intervals" if len(spans) > MANY else ""
     return f"at {listed(spans[:MANY])}{more}" if spans else "in no interval of its own"
 

@@ -22,7 +22,7 @@ from hoopd.diagnose.record import (
     RecordingQuality,
     Visible,
 )
-from hoopd.diagnose.report.sentences import each_fit, numbers_of
+from hoopd.diagnose.report.sentences import decimals, each_fit, numbers_of
 from hoopd.plots.number_format import (
     NOTHING,
     amount,
@@ -38,6 +38,8 @@ from hoopd.plots.number_format import (
 )
 
 Row = tuple[str, ...]
+# Times in tables: to this share of a window.
+OF_A_WINDOW = 0.01
 STATUSES = {"confirmed": "confirm it", "weak": "confirm it, barely", "untested": "never test it",
             "not_confirmed": "deny it"}  # fmt: skip
 
@@ -232,5 +234,8 @@ def ignored(diagnosis: Diagnosis) -> Table:
     names = short_names(whole.recordings)
     parts = [(names[name], one) for name, part in whole.recordings.items() for one in part.segments_ignored]
     spans = parts or [("", one) for one in whole.segments_ignored]
-    rows: list[Row] = [(f"{start:.2f}", f"{end:.2f}", safe(reason), name) for name, (start, end, reason) in spans]
+    places = decimals(diagnosis.fit.window_s, OF_A_WINDOW)
+    rows: list[Row] = [
+        (f"{start:.{places}f}", f"{end:.{places}f}", safe(reason), name) for name, (start, end, reason) in spans
+    ]
     return Table("Set aside", ("from (s)", "to (s)", "because", "recording"), "rrll", rows)

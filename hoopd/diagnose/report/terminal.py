@@ -55,15 +55,16 @@ def _verdict(diagnosis: Diagnosis, console: Console) -> None:
     style = COLOURS[diagnosis.verdict]
     console.print(Text(words.TITLES[diagnosis.verdict], style=f"bold {style}"))
     console.print(Text(words.verdict_sentence(diagnosis)))
-    _sentences([words.location_sentence(diagnosis.location), words.unexplained_sentence(diagnosis)], console)
+    where = words.location_sentence(diagnosis.location, diagnosis.fit.window_s)
+    _sentences([where, words.unexplained_sentence(diagnosis)], console)
 
 
 def _fits(diagnosis: Diagnosis, console: Console) -> None:
     """Held-out first, then what was fitted, then the harder measure."""
     fit = diagnosis.fit
-    _table(tables.fit("Fit of held-out data, windows of 2 s (NRMSE %)", fit.heldout), console)
+    _table(tables.fit(f"Fit of held-out data, {words.windows(fit.window_s)} (NRMSE %)", fit.heldout), console)
     _sentences([fit.how_heldout, words.source_sentence(fit)], console)
-    _table(tables.fit("Fit of the data fitted to, windows of 2 s (NRMSE %)", fit.train), console)
+    _table(tables.fit(f"Fit of the data fitted to, {words.windows(fit.window_s)} (NRMSE %)", fit.train), console)
     _table(tables.fit("One free run over all (NRMSE %)", fit.free_run), console)
     _table(tables.free_run_choice(fit), console)
     if fit.free_run_choice is not None:
