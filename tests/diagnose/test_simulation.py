@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hoopd.diagnose.proof import simulation
 from hoopd.diagnose.proof.fit_tables import channel_source, nrmse, start_weights
-from hoopd.diagnose.proof.simulation import Simulator, Windows, fitted_starts, windows_of
+from hoopd.diagnose.proof.lowered import lowered
+from hoopd.diagnose.proof.simulation import Simulator, Windows, bounded, fitted_starts, windows_of
+from hoopd.diagnose.proof.window_comparison import channel_weights
+from hoopd.diagnose.quality.sensor_samples import _constant
+from hoopd.diagnose.search.screen import orthonormal
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.library import library
+from hoopd.plants.free_run import FreeRun
 from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.likelihood.stretches import Stretch
+from hoopd.plants.plant_file import parse_plant
 from tests.diagnose.madeup import shipped_plant, stretch_with
 
 PLANT = shipped_plant()
@@ -69,6 +78,46 @@ def test_a_step_that_led_away_is_halved_from_the_best_start(monkeypatch: pytest.
     reference = np.array([[1.5], [0.5]])  # the second window's step does not lead away
     found = fitted_starts(windows, (), PLANT.values, reference, np.ones(1))
     assert np.abs(found.start).max() < 0.01
+
+
+VESSEL = """
+schema: hoopd.plant/1
+name: vessel
+states: {P: {unit: Pa}}
+inputs: {q: {unit: Pa/s}}
+parameters: {k: 0.2 1/s}
+equations: {P: P' = q - k*P}
+sample_time_s: 0.1
+"""
+
+
+@pytest.mark.parametrize("size", [1.0, 3e6, 1e-12])
+def test_the_true_model_of_a_vessel_repeats_its_data_however_large_its_numbers_are(size: float) -> None:
+    """A few million pascal are a vessel like others, and a few picoampere a current."""
+    plant, t = parse_plant(VESSEL, "vessel.yaml"), 0.1 * np.arange(300)
+    inflow = size * np.repeat(np.random.default_rng(1).uniform(0.0, 1.0, 15), 20)[:-1]
+    y = FreeRun(plant).run([], [0.0], t, inflow).readings
+    stretch = Stretch("a", plant, t, inflow, y)
+    run = fitted_starts(windows_of(stretch), (), plant.values, y.copy(), start_weights(stretch))
+    assert nrmse([run])["P"] == pytest.approx(100.0, abs=1e-3)
+    assert channel_weights([stretch])[0] > 0.0
+    base: Any = SimpleNamespace(by_recording=lambda: {"a": [run]})
+    worse: Any = SimpleNamespace(by_recording=lambda: {"a": [replace(run, y=run.y + 0.1 * size)]})
+    gone: Any = SimpleNamespace(by_recording=lambda: {"a": [replace(run, y=np.full_like(run.y, np.nan))]})
+    assert lowered(base, base) == {} and lowered(base, worse)["P"] > 1.0
+    assert lowered(base, gone)["P"] > 1e6  # what is no number any more is no better than what is wrong
+    assert not _constant(y[:, 0]) and _constant(np.full(9, 3.0 * size)) and _constant(np.zeros(9))
+
+
+def test_numbers_of_a_simulation_are_bounded_by_what_moves() -> None:
+    y = np.array([[1e9, np.nan, -np.inf, 2.0]])
+    assert np.array_equal(bounded(y, np.ones((1, 1))), [[1e6, 1e3, -1e6, 2.0]])
+    assert np.array_equal(bounded(y, np.full((1, 1), 1e4)), [[1e9, 1e7, -1e10, 2.0]])
+
+
+def test_what_is_known_of_parameters_does_not_depend_on_their_units() -> None:
+    x = np.random.default_rng(0).normal(size=(50, 2)) * [1.0, 1e-12]
+    assert orthonormal(x).shape[1] == 2 and orthonormal(x * [1.0, 0.0]).shape[1] == 1
 
 
 def test_a_rate_that_is_no_rate_is_said_to_be_replaced() -> None:

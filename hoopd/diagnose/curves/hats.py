@@ -29,10 +29,10 @@ def spread_knots(x: Array, count: int) -> Array:
     knots = np.quantile(x, np.linspace(TAIL, 1.0 - TAIL, count))
     if knots[0] < 0.0 < knots[-1]:
         knots[np.argmin(np.abs(knots))] = 0.0
-    apart = NEAREST * max(float(knots[-1] - knots[0]), 1e-12)
+    apart = NEAREST * float(knots[-1] - knots[0])
     kept = [knots[0]]
     for knot in knots[1:]:
-        if knot - kept[-1] >= apart:
+        if knot > kept[-1] and knot - kept[-1] >= apart:
             kept.append(knot)
     return np.asarray(kept)
 

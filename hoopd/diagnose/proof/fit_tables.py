@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 SPREAD_SHARE, RATE_S = 0.02, 0.3
 # A stretch of fewer usual samples, and less than half a window, is not simulated.
 SHORTEST_STEPS = 50
+# Of its largest number: what scatters less does not move, and is rounded.
+NOT_MOVING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -129,10 +131,14 @@ def _rate(t: Array, y: Array, yhat: Array) -> tuple[Array, Array, Array]:
 
 def percent(y: Array, yhat: Array) -> float:
     """100 (1 - |y - yhat| / |y - mean y|); NaN for a channel that never moves."""
-    if len(y) < 3:
-        return float("nan")
-    spread = float(np.linalg.norm(y - y.mean()))
-    return 100.0 * (1.0 - float(np.linalg.norm(y - yhat)) / spread) if spread > 1e-9 else float("nan")
+    spread = spread_of(y)
+    return 100.0 * (1.0 - float(np.linalg.norm(y - yhat)) / spread) if spread > 0.0 else float("nan")
+
+
+def spread_of(y: Array) -> float:
+    """|y - mean y| of readings (n,); 0 of too few, and of what never moves, in any unit."""
+    spread = float(np.linalg.norm(y - y.mean())) if len(y) > 2 else 0.0
+    return spread if spread > NOT_MOVING * float(np.abs(y).max(initial=0.0)) else 0.0
 
 
 def noise_floor(runs: Sequence[Simulated], noise: Mapping[str, Noise]) -> dict[str, float]:
@@ -148,8 +154,8 @@ def noise_floor(runs: Sequence[Simulated], noise: Mapping[str, Noise]) -> dict[s
             continue
         if name != channel:  # (e_k+1 - e_k-1) / 2h
             sigma = sigma * np.sqrt(2.0) / (2.0 * float(np.median(np.diff(t))))
-        spread = float(np.linalg.norm(y - y.mean()))
-        found[name] = 100.0 * (1.0 - sigma * np.sqrt(len(y)) / spread) if spread > 1e-9 else float("nan")
+        spread = spread_of(y)
+        found[name] = 100.0 * (1.0 - sigma * np.sqrt(len(y)) / spread) if spread > 0.0 else float("nan")
     return found
 
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.proof.fit_tables import Played, series
+from hoopd.diagnose.proof.fit_tables import Played, series, spread_of
 from hoopd.diagnose.proof.simulation import BOUND
 
 Array = NDArray[np.float64]
@@ -57,16 +57,18 @@ def _blocks(parts: Mapping[str, list[tuple[Array, Array, Array]]]) -> Blocks:
     found = {}
     for channel, windows in parts.items():
         y = np.concatenate([one[1] for one in windows])
-        spread = float(np.sum((y - y.mean()) ** 2)) if len(y) else 0.0
-        if spread > 1e-18:
-            halves = [half for one in windows for half in np.array_split(_squared(one), PIECES)]
-            found[channel] = np.array([float(half.sum()) for half in halves]) / spread
+        spread = spread_of(y)
+        if spread > 0.0:
+            halves = [half for one in windows for half in np.array_split(_squared(one, spread), PIECES)]
+            found[channel] = np.array([float(half.sum()) for half in halves])
     return found
 
 
-def _squared(window: tuple[Array, Array, Array]) -> Array:
+def _squared(window: tuple[Array, Array, Array], spread: float) -> Array:
+    """Of errors over |y - mean y|; what is no number is as bad as can be."""
     _, y, yhat = window
-    return np.asarray(np.minimum(np.abs(y - yhat), BOUND) ** 2)
+    error = np.abs(y - yhat) / spread
+    return np.asarray(np.where(np.isnan(error), BOUND, np.minimum(error, BOUND)) ** 2)
 
 
 def _loss(pairs: list[tuple[Array, Array]], random: np.random.Generator) -> tuple[float, float]:

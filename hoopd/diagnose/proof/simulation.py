@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -27,9 +28,9 @@ WINDOW_S = 2.0
 START_STEPS = 4
 # Finite differences of starts and parameters, relative to their size.
 DIFFERENCE = 1e-5
-# A window whose simulation leaves the device's range is as bad as this many rad or rad/s.
+# A window whose simulation is no number any more is as bad as this many times what usually moves.
 LARGEST = 1e3
-# No number of a simulation counts as larger.
+# No number of a simulation counts as larger, times what usually moves.
 BOUND = 1e6
 
 
@@ -47,12 +48,20 @@ class Windows:
         """Nodes of the longest."""
         return int(self.count.max())
 
+    @cached_property
+    def sizes(self) -> Array:
+        """(nc, 1) of the readings, 1 where there are none."""
+        found: Array = np.max(np.abs(np.nan_to_num(self.y)), axis=(0, 2), initial=0.0)[:, None]
+        return np.where(found > 0.0, found, 1.0)
 
-def bounded(y: Array) -> Array:
-    """Numbers of a simulation: one that left every bound is as bad as can be, not as good as none."""
-    y = np.minimum(np.maximum(y, -BOUND), BOUND)
-    y[np.isnan(y)] = LARGEST
-    return y
+
+def bounded(y: Array, size: Array) -> Array:
+    """Numbers of a simulation: one that left every bound is as bad as can be, not as good as none.
+
+    `size`: what usually moves, of a shape that y's is a multiple of.
+    """
+    found = np.minimum(np.maximum(y, -BOUND * size), BOUND * size)
+    return np.asarray(np.where(np.isnan(found), LARGEST * size, found))
 
 
 def windows_of(stretch: Stretch, window_s: float | None = WINDOW_S) -> Windows:
@@ -91,14 +100,21 @@ class Simulator:
         step.set(2, np.zeros((c.nw, total)))
         out = np.empty((n, c.nz, total))
         out[0] = self._beginning(start).reshape(c.nz, total)
-        h, t = np.repeat(h, k, axis=1), np.repeat(t, k, axis=1)
+        h, t, sizes = np.repeat(h, k, axis=1), np.repeat(t, k, axis=1), self._sizes(out[0])
         for i in range(n - 1):
             step.set(0, out[i])
             step.set(1, torques[i])
             step.set(3, h[i][None])
             step.set(4, t[i][None])
-            out[i + 1] = bounded(step())
+            out[i + 1] = bounded(step(), sizes)
         return out.reshape(n, c.nz, b, k)
+
+    def _sizes(self, begin: Array) -> Array:
+        """(nz, 1) of what is simulated from states (nz, columns): no less than any start, reading or usual size."""
+        found = np.maximum(np.abs(begin).max(axis=1), float(self.windows.sizes.max()))
+        nx = self.composite.nx
+        found[:nx] = np.maximum(found[:nx], state_scales(self.composite.plant))
+        return np.asarray(found[:, None])
 
     def _beginning(self, start: Array) -> Array:
         """(nz, b, k) what lags behind the state has settled at the start."""
@@ -238,7 +254,7 @@ def _perturbed(start: Array, usual: Array) -> Array:
 
 def _errors(windows: Windows, y: Array, sigma: Array) -> Array:
     """(n, nc, b) in units of sigma, 0 where nothing was measured."""
-    e = (windows.y - bounded(y)) / sigma[None, :, None]
+    e = (windows.y - bounded(y, windows.sizes)) / sigma[None, :, None]
     return np.asarray(np.where(np.isfinite(windows.y), e, 0.0))
 
 

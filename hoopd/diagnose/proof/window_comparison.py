@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.proof.fit_tables import spread_of
 from hoopd.diagnose.proof.simulation import Simulated, Simulator, Windows, bounded, windows_of
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
@@ -22,7 +23,7 @@ from hoopd.plants.scales import state_scales
 
 Array = NDArray[np.float64]
 
-# Starts stay near what the smoother says, within these shares of usual sizes.
+# Starts stay near what the smoother says, within these shares of usual sizes: of a place or a store, of a rate.
 START_SPREAD = (0.1, 2.0)
 
 
@@ -65,8 +66,9 @@ def part_of(
 
 def start_spread(part: Part) -> Array:
     """(nx, 1)"""
-    nx = len(part.start)
-    return np.array([START_SPREAD[i % 2] for i in range(nx)])[:, None] * usual_sizes(part)
+    moves = [START_SPREAD[i % 2] for i in range(2 * part.simulator.composite.nq)]
+    others = [START_SPREAD[0]] * (len(part.start) - len(moves))
+    return np.array([*moves, *others])[:, None] * usual_sizes(part)
 
 
 def usual_sizes(part: Part) -> Array:
@@ -111,8 +113,8 @@ def _weight(same: Sequence[Stretch], channel: str) -> float:
     column = list(plant.channels).index(channel)
     parts = [_signal(one.t, one.y[:, column], _turns(plant, channel)) for one in same]
     seen = np.concatenate([part[np.isfinite(part)] for part in parts])
-    spread = float(np.linalg.norm(seen - seen.mean())) if len(seen) > 2 else 0.0
-    return 1.0 / spread if spread > 1e-9 else 0.0
+    spread = spread_of(seen)
+    return 1.0 / spread if spread > 0.0 else 0.0
 
 
 def _turns(plant: Plant, channel: str) -> bool:
@@ -141,7 +143,8 @@ def errors(part: Part, y: Array) -> Array:
 
 def errors_of(windows: Windows, weight: Array, y: Array) -> Array:
     """The same of windows alone."""
-    return np.asarray(np.nan_to_num(_compared(windows, weight, windows.y) - _compared(windows, weight, bounded(y))))
+    shown = bounded(y, windows.sizes)
+    return np.asarray(np.nan_to_num(_compared(windows, weight, windows.y) - _compared(windows, weight, shown)))
 
 
 def _compared(w: Windows, weight: Array, y: Array) -> Array:

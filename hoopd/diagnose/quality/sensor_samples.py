@@ -29,6 +29,8 @@ Mask = NDArray[np.bool_]
 
 # Fewer samples have no course of their own.
 FEWEST = 75
+# Of its largest number: what changes by less is constant.
+ROUNDED = 1e-12
 SURE = 0.5
 # The least noise of an angle or its rate, or the same share of another reading's span: what a file's rounding leaves.
 LEAST, ANGLES = 1e-6, ("rad", "rad/s")
@@ -153,7 +155,7 @@ def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored
 
 
 def _constant(values: Array) -> bool:
-    return float(np.ptp(values)) <= 1e-12
+    return float(np.ptp(values)) <= ROUNDED * float(np.abs(values).max(initial=0.0))
 
 
 def camera_channel(

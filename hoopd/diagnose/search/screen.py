@@ -225,9 +225,9 @@ def _start(member: Member, weights: Array) -> dict[str, float]:
 
 
 def orthonormal(x: Array) -> Array:
-    """(rows, k) basis of the directions of the free parameters that the data know."""
+    """(rows, k) basis of the directions of the free parameters that the data know, in whatever units these are."""
     size = np.sqrt(np.sum(x**2, axis=0))
-    unit: Array = x[:, size > 1e-9] / size[size > 1e-9]
+    unit: Array = x[:, size > 0.0] / size[size > 0.0]
     if not unit.shape[1]:
         return unit
     u, s, _ = np.linalg.svd(unit, full_matrices=False)
