@@ -27,6 +27,7 @@ from hoopd.plants.likelihood.kalman_filter import (
 from hoopd.plants.likelihood.noise_levels import Criterion
 from hoopd.plants.likelihood.noise_tuning import roughness, tuned
 from hoopd.plants.likelihood.stretches import Stretch
+from hoopd.plants.likelihood.whitening_blocks import BLOCK, FEW
 
 N, NZ, NQ, NC, FOLLOWED, OFF = 40, 5, 2, 3, 3, 0.7
 LEVELS = Noise(np.array([0.3, 0.05]), np.array([0.1, 0.3]), np.array([0.02, 0.1, 0.05]))
@@ -260,3 +261,26 @@ def test_a_lag_that_is_there_is_not_behind_a_delay_of_the_same_time() -> None:
         for name, key in (("actuator.lag", "T"), ("actuator.delay", "d"))
     }  # fmt: skip
     assert found["actuator.lag"] < found["actuator.delay"]
+
+
+@pytest.mark.parametrize("n", [N, 41, 7])
+def test_many_columns_are_whitened_as_one_after_the_other(n: int) -> None:
+    m, columns = model(n=n), 2 * FEW + 1
+    found, (f, eps) = gains(m, LEVELS), data(m, columns)
+    white = whitened(m, found, f, eps)
+    assert white.shape == (n, NC, columns)
+    each = np.concatenate([whitened(m, found, f[:, :, [i]], eps[:, :, [i]]) for i in range(columns)], axis=2)
+    np.testing.assert_allclose(white, each, rtol=1e-9, atol=1e-9)
+
+
+def test_a_column_that_is_put_in_by_a_matrix_is_whitened_like_its_changes() -> None:
+    m = model()
+    blocks, random = gains(m, LEVELS).blocks, np.random.default_rng(3)
+    count = len(blocks.begin)
+    direction, inputs = random.normal(size=NZ), random.normal(size=(2, count * BLOCK))
+    inputs[:, N - 1 :] = 0.0
+    by = np.ascontiguousarray((blocks.step @ direction).transpose(0, 2, 1))
+    rows = blocks.rows(inputs.reshape(2, count, BLOCK).transpose(1, 0, 2), by)
+    f = inputs[:, : N - 1].T[:, None, :] * direction[:, None]
+    expected = whitened(m, gains(m, LEVELS), f, np.zeros((N, NC, 2)))
+    np.testing.assert_allclose(rows, expected.reshape(-1, 2).T, rtol=1e-9, atol=1e-9)

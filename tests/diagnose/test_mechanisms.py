@@ -120,5 +120,5 @@ def test_levels_of_a_screen_come_from_its_own_columns() -> None:
     screen = MechanismScreen(fit(train, (), SLIDE.values), [*mechanisms(SLIDE).values()])
     assert 10.0 < screen.null.tries < 1e4
     assert screen.null.threshold(0.01) > screen.null.threshold(0.1)
-    best = max((one.surprise for one in screen.proposals()), default=0.0)
+    best = max((one.surprise for one in screen.proposals), default=0.0)
     assert best < screen.null.threshold(0.001)

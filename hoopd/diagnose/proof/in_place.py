@@ -51,7 +51,7 @@ class Place:
         self.stretches = [track.stretch for track in self.about.tracks]
         others = [name for name in named.final.names if name != one.effect.name]
         self.screen = Screen(self.about, [e for e in library.values() if e.name not in others])
-        self.grammar = MechanismScreen(self.about, [m for m in mechanisms if m.name not in others])
+        self.grammar = MechanismScreen(self.about, [m for m in mechanisms if m.name not in others], level=False)
         columns = own_columns(self.about, one.effect, named.final.values)
         change = whitened_changes(self.about, [(one.effect, column) for column in columns]).sum(axis=1)
         self.change: Array = self.screen.projected(change[:, None])[:, 0]
@@ -121,7 +121,7 @@ class Place:
 
     @cached_property
     def _proposed(self) -> Mapping[str, ProposedMechanism]:
-        return {one.effect.name: one for one in self.grammar.proposals()}
+        return {one.effect.name: one for one in self.grammar.proposals}
 
     def _worth(self, one: ProposedMechanism, gain: float) -> float:
         costs = one.effect.cost_nats + self.grammar.cost

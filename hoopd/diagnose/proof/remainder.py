@@ -63,7 +63,7 @@ def remainder(screen: MechanismScreen, curves: Survey | None) -> Remainder | Non
 
 
 def _of_mechanisms(screen: MechanismScreen) -> Iterator[Remainder]:
-    best = max(screen.proposals(), key=lambda one: one.surprise, default=None)
+    best = max(screen.proposals, key=lambda one: one.surprise, default=None)
     if best is None:
         return
     # what it costs to say which it is stands in the level: that of the best of all that were looked at

@@ -56,7 +56,7 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
     """A mechanism that explains what a name does, and clearly more: the name stands for another law."""
     judge.settings.progress(f"mechanisms in place of {one.effect.name}")
     without, loss = found.without[one.effect.name], found.losses[one.effect.name]
-    screen = MechanismScreen(without, [m for m in mechanisms if m.name not in found.final.names])
+    screen = MechanismScreen(without, [m for m in mechanisms if m.name not in found.final.names], level=False)
     # to first order, as the mechanisms are: a fit finds more of either
     own = max((score.gain for score in Screen(without, [one.effect]).scores()), default=loss)
     ahead = [score for score in _scores(screen, without) if score.gain > own + OCCAM_NATS]
@@ -102,7 +102,7 @@ def _worth(score: Score) -> float:
 
 def _scores(screen: MechanismScreen, about: HypothesisFit) -> list[Score]:
     """Proposals as scores: what they cost, and the residual's colour, are so many more places looked at."""
-    found = [_score(one, screen.cost, about) for one in screen.proposals()]
+    found = [_score(one, screen.cost, about) for one in screen.proposals]
     return sorted(found, key=lambda one: -_worth(one))
 
 

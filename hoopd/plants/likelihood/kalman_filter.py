@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from hoopd.plants.likelihood.batch_calls import Recursion, flat
 from hoopd.plants.likelihood.covariance import carried, elements, from_elements, readings_taken
 from hoopd.plants.likelihood.linear_recursion import backward, bands_of, forward
+from hoopd.plants.likelihood.whitening_blocks import FEW, WhiteningBlocks
 
 Array = NDArray[np.float64]
 # Which elements of a matrix are not zero at all nodes, row by row.
@@ -141,6 +142,12 @@ class Gains:
     phi: Array  # (n-1, size, size)
     closed: Array  # (n-1, size, size): phi (I - gain C)
     logdet: float  # sum of log S over all readings
+    c: Array  # (n, nc, nz) of the model
+
+    @cached_property
+    def blocks(self) -> WhiteningBlocks:
+        """Many columns at once."""
+        return WhiteningBlocks.of(self.closed, self.phi @ self.gain[:-1], self.whiten, self.c)
 
     @cached_property
     def bands(self) -> Array:
@@ -169,7 +176,7 @@ def gains(model: LinearReference, noise: LinearNoise) -> Gains:
     closed = phi.copy()
     closed[:, :, :nz] -= phi @ (gain[:-1] @ model.c[:-1])
     logdet = -2.0 * float(np.sum(np.log(np.einsum("nii->ni", whiten)[model.seen])))
-    return Gains(whiten, gain, before, phi, closed, logdet)
+    return Gains(whiten, gain, before, phi, closed, logdet, model.c)
 
 
 def predicted(model: LinearReference, found: Gains, f: Array, eps: Array) -> tuple[Array, Array]:
@@ -188,6 +195,8 @@ def predicted(model: LinearReference, found: Gains, f: Array, eps: Array) -> tup
 
 def whitened(model: LinearReference, found: Gains, f: Array, eps: Array) -> Array:
     """Whitened innovations (n, nc, m) of columns f (n-1, nz, m) and eps (n, nc, m), finite also where not read."""
+    if f.shape[2] >= FEW:
+        return found.blocks.whitened(f, eps)
     return np.asarray(found.whiten @ predicted(model, found, f, eps)[1])
 
 

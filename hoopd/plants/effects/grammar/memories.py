@@ -87,11 +87,14 @@ def _steps(x: Array) -> Array:
     return np.diff(x, prepend=x[:1])
 
 
-def _recursion(step: Callable[[float, int], float], n: int) -> Array:
-    z, out = 0.0, np.zeros(n)
-    for k in range(1, n):
-        z = out[k] = step(z, k)
-    return out
+def _carried(left: Array, added: Array) -> Array:
+    """z_k = left_k z_k-1 + added_k from z_0 = 0: a triangular matrix of two bands."""
+    from scipy.linalg.lapack import dtbtrs  # the daemon, which never asks for it, starts without scipy
+
+    bands, right = np.ones((2, len(left))), added.copy()
+    bands[1, :-1], right[0] = -left[1:], 0.0
+    found, _ = dtbtrs(bands, right, uplo="L", diag="U")
+    return np.asarray(found)
 
 
 # ---------------------------------------------------------------------------------------------- dahl
@@ -105,7 +108,7 @@ def _dahl_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, short
 def _dahl_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
     d = _steps(v)
     way, left = np.sign(d), np.exp(-np.abs(d) / c["xs"])
-    return _recursion(lambda z, k: float(way[k] + (z - way[k]) * left[k]), len(v))
+    return _carried(left, way * (1.0 - left))
 
 
 def _ways(v: Array, t: Array) -> list[float]:
@@ -123,8 +126,16 @@ def _play_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, short
 
 
 def _play_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
-    d = _steps(v) / c["b"]
-    return _recursion(lambda z, k: min(max(z + float(d[k]), -1.0), 1.0), len(v))
+    z, out = 0.0, []
+    for d in (_steps(v) / c["b"]).tolist():
+        z += d
+        # conditions are half the time of min and max
+        if z > 1.0:
+            z = 1.0
+        elif z < -1.0:
+            z = -1.0
+        out.append(z)
+    return np.array(out)
 
 
 # ---------------------------------------------------------------------------------------------- lag
@@ -137,7 +148,7 @@ def _lag_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shorte
 def _lag_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
     left = np.exp(-_steps(t) / c["T"])
     middle = (v + np.concatenate([v[:1], v[:-1]])) / 2.0
-    return _recursion(lambda z, k: float(middle[k] + (z - middle[k]) * left[k]), len(v))
+    return _carried(left, middle * (1.0 - left))
 
 
 def _lags(samples: Sequence[float]) -> Callable[[Array, Array], list[float]]:
@@ -181,12 +192,13 @@ def _reversal(kind: str) -> MemoryLaw:
     def along(v: Array, way: Array, t: Array, c: Constants) -> Array:
         d = _steps(way)
         sign, left = side(np, v, d), np.exp(-np.abs(d) / c["W"])
-
-        def step(z: float, k: int) -> float:
-            begin = z if z * sign[k] >= 0.0 else 0.0
-            return float(sign[k] + (begin - sign[k]) * left[k]) if sign[k] else z
-
-        return np.asarray(1.0 - np.abs(_recursion(step, len(v))))
+        moving = sign != 0.0
+        # the sign before: of the last sample that had one
+        last = np.maximum.accumulate(np.where(moving, np.arange(len(v)), 0))
+        before = sign[np.concatenate([[0], last[:-1]])]
+        # where it turns all is forgotten, where it rests nothing changes
+        kept = np.where(moving, np.where(sign * before >= 0.0, left, 0.0), 1.0)
+        return np.asarray(1.0 - np.abs(_carried(kept, sign * (1.0 - left))))
 
     turn = "changed its sign" if kind == INPUT else "turned back"
     return MemoryLaw(
