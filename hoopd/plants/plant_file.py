@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from hoopd.files.dimensions import Unit, parse_unit
-from hoopd.files.expressions import CONSTANTS, FUNCTIONS, MAX_NAME_CHARS, NAME
+from hoopd.files.expression_parser import parse_expression
+from hoopd.files.expressions import CONSTANTS, FUNCTIONS, MAX_NAME_CHARS, NAME, names_in
 from hoopd.files.plant import (
     ChannelEntry,
     CoordinateEntry,
@@ -246,7 +247,8 @@ class _Maker:
 
     def _sensor(self, reads: str) -> str:
         """An encoder (of a coordinate's own, where there are several), or a sensor called after the state."""
-        q = next((name for name in self._coordinates if name in reads), "")
+        read = {one.name for one in names_in(parse_expression(reads))}
+        q = next((name for name in self._coordinates if name in read), "")
         if not self._coordinates:
             return f"{reads.lower()}_sensor" if reads in self._states else "sensor"
         return "encoder" if len(self._coordinates) == 1 or not q else f"{q.lower()}_encoder"

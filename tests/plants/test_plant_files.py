@@ -121,6 +121,19 @@ def test_defaults_are_made_from_the_coordinates() -> None:
     assert made.slots["a_body"].viscous is None
 
 
+def test_a_coordinate_whose_name_stands_in_anothers_has_its_own_encoder() -> None:
+    made = plant("""
+schema: hoopd.plant/1
+name: two
+coordinates: {a: m, a2: m}
+parameters: {m: 1 kg, k: 10 N/m, l: 1 m}
+equations: {a: "m*a'' = k*(a2 - a)", a2: "m*a2'' = k*(a - a2)"}
+channels: {first: a, second: a2, bent: {reads: tanh(a2/l), unit: "-"}}
+""")
+    assert [one.sensor for one in made.channels.values()] == ["a_encoder", "a2_encoder", "a2_encoder"]
+    assert made.slots["a2_encoder"].coordinate == "a2"
+
+
 @pytest.mark.parametrize("name", list(REGISTERED))
 def test_a_registered_plant_is_sound(name: str) -> None:
     made = plant_named(name)
