@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
@@ -98,6 +98,7 @@ _COMMON = {UNITS[name].powers: name for name in ("N", "W", "Pa", "V", "ohm", "F"
     (UNITS["N"] * UNITS["s"] / UNITS["m"]).powers: "N s/m",
 }
 _TERM = re.compile(r"([A-Za-z]+|%|1)\^?(-?[0-9])?")
+_ANY_TERM = re.compile(r"([^\d^-]+)\^?(-?[0-9]+)?")
 
 
 def parse_unit(text: str) -> Unit:
@@ -127,6 +128,36 @@ def _product(text: str) -> Unit:
             raise ValueError(f"unknown unit {term!r}" if term else "a unit is missing")
         unit = unit * UNITS[match[1]] ** int(match[2] or 1)
     return unit
+
+
+def product_text(*parts: tuple[str, int]) -> str:
+    """Text of a product of units with whole exponents; below the line an angle is 1.
+
+    Examples
+    --------
+    >>> product_text(("N", 1), ("m/s", -3)), product_text(("N m", 1), ("rad/s", -1)), product_text(("V", 1), ("V", -1))
+    ('N s3/m3', 'N m s', '-')
+    """
+    powers = dict[str, int]()
+    for text, exponent in parts:
+        for line, part in enumerate(text.split("/")):
+            for name, own in _terms(part.strip(" ()")):
+                powers[name] = powers.get(name, 0) + exponent * own * (-1 if line else 1)
+    above, below = (
+        [name if sign * power == 1 else f"{name}{sign * power}" for name, power in powers.items() if sign * power > 0]
+        for sign in (1, -1)
+    )
+    below = [one for one in below if not one.startswith("rad")]
+    top = " ".join(above) or ("1" if below else "-")
+    return top + (f"/{below[0]}" if len(below) == 1 else f"/({' '.join(below)})" if below else "")
+
+
+def _terms(product: str) -> Iterator[tuple[str, int]]:
+    """Names and exponents of a product, of units that nobody knows, too; what is a number alone has none."""
+    for term in re.split(r"[ *]+", product):
+        match = _ANY_TERM.fullmatch(term)
+        if term not in ("", "1", "-"):
+            yield (match[1], int(match[2] or 1)) if match is not None else (term, 1)
 
 
 def unit_of(expression: Expression, units: Callable[[Name], Unit | None]) -> Unit | None:

@@ -265,9 +265,16 @@ class Plant:
         """What a disturbance acts on: a force on every coordinate, a rate of every first-order state."""
         return (*self.coordinates, *self.first_order)
 
+    def is_length(self, coordinate: str) -> bool:
+        """Whether a coordinate is one, and no angle; where nobody said its unit, by the plant's force."""
+        known = self.units.get(coordinate)
+        return known == "m" or (known is None and self.force_unit != "N m")
+
     def disturbance_unit(self, name: str) -> str:
-        """Of what acts on one of `disturbed`."""
-        return self.force_unit if name in self.coordinates else f"{self.units.get(name, '-')}/s"
+        """Of what acts on one of `disturbed`: whatever the inputs give, a force moves a length, a torque an angle."""
+        if name in self.coordinates:
+            return "N" if self.is_length(name) else "N m"
+        return f"{self.units.get(name, '-')}/s"
 
     @property
     def driven(self) -> str | None:

@@ -53,7 +53,7 @@ def test_it_is_named_with_its_formula(folder: Path) -> None:
     assert (found["verdict"], effect["name"]) == ("missing_physics", NAME)
     assert "max(x - v0, 0)" in str(effect.get("formula", "max(x - v0, 0)"))
     sizes = effect["parameters"]
-    assert sizes["A"]["value"] == pytest.approx(-9.0, rel=0.1) and sizes["A"]["unit"] == "N/(m)"
+    assert sizes["A"]["value"] == pytest.approx(-9.0, rel=0.1) and sizes["A"]["unit"] == "N/m"
     assert sizes["v0"]["value"] == pytest.approx(0.3, abs=0.02) and sizes["v0"]["unit"] == "m"
 
 

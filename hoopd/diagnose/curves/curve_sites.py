@@ -94,7 +94,7 @@ def _as_factor(variable: CurveVariable) -> Factor:
 
 def _of_body(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
     q = slot.coordinate
-    site = Site(name, "force", {q: 1.0}, plant.force_unit)
+    site = Site(name, "force", {q: 1.0}, plant.disturbance_unit(q))
     rate = state(plant, f"d{q}")
     for one in (rate, state(plant, q), *_others(plant, q)):
         yield site, one, None
@@ -112,10 +112,10 @@ def _others(plant: Plant, own: str) -> list[CurveVariable]:
 
 def _of_ball(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
     q, others = slot.coordinate, [c for c in plant.coordinates if c != slot.coordinate]
-    along = Site(name, "force", {q: 1.0, **dict.fromkeys(others, -1.0)}, plant.force_unit)
+    along = Site(name, "force", {q: 1.0, **dict.fromkeys(others, -1.0)}, plant.disturbance_unit(q))
     names = [f"d{c}" for c in (*others, q)]
     rolling = CurveVariable("-".join(names), "rad/s", lambda s: _difference([getattr(s, n) for n in names]))
-    own = Site(name, "force", {q: 1.0}, plant.force_unit)
+    own = Site(name, "force", {q: 1.0}, plant.disturbance_unit(q))
     if others:
         yield along, rolling, None
     for one in (state(plant, f"d{q}"), state(plant, q)):
@@ -140,12 +140,12 @@ def _of_actuator(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
 
 def _power(plant: Plant, q: str) -> CurveVariable:
     """What the demand gives to the motion: negative while it brakes, as after every reversal."""
-    unit = "W" if plant.force_unit in ("N", "N m") else f"{plant.force_unit} {units(plant).rate}"
+    unit = "W" if plant.force_unit in ("N", "N m") else f"{plant.force_unit} {units(plant, q).rate}"
     return CurveVariable(f"{DEMAND}*d{q}", unit, lambda s: s.u * getattr(s, f"d{q}"))
 
 
 def _of_push(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:
-    yield Site(name, "force", {slot.coordinate: 1.0}, plant.force_unit), TIME, None
+    yield Site(name, "force", {slot.coordinate: 1.0}, plant.disturbance_unit(slot.coordinate)), TIME, None
 
 
 def _of_store(plant: Plant, name: str, slot: Slot) -> Iterator[Wanted]:

@@ -35,15 +35,16 @@ LENGTHS = Units("N", "m", "m/s", "N s2/m2")
 
 def units(plant: Plant, coordinate: str = "") -> Units:
     """Those of what happens on a coordinate (the first); where nobody said its unit, by the plant's force."""
-    known = plant.units.get(coordinate or "".join(plant.coordinates[:1]))
-    return LENGTHS if known == "m" or (known is None and plant.force_unit != "N m") else ANGLES
+    return LENGTHS if plant.is_length(coordinate or "".join(plant.coordinates[:1])) else ANGLES
 
 
 def state_unit(plant: Plant, name: str) -> str:
     """Of a coordinate, a rate or a first-order state."""
     if name in plant.first_order:
         return plant.units.get(name, "-")
-    return units(plant).coordinate if name in plant.coordinates else units(plant).rate
+    if name in plant.coordinates:
+        return units(plant, name).coordinate
+    return units(plant, name.removeprefix("d")).rate
 
 
 def channel_unit(plant: Plant, name: str) -> str:

@@ -12,7 +12,9 @@ from hoopd.plants.effects.grammar.mechanism import READING
 from hoopd.plants.effects.grammar.mechanisms import mechanism_named, mechanisms
 from hoopd.plants.effects.grammar.memories import MEMORIES, MemoryLaw
 from hoopd.plants.effects.library import library
+from hoopd.plants.effects.usual_sizes import state_unit
 from hoopd.plants.free_run import run
+from hoopd.plants.plant_file import parse_plant
 from hoopd.plants.plant_with_effects import Composite
 from hoopd.plants.registry import plant_named
 
@@ -130,3 +132,34 @@ def test_a_tilted_axis_has_both_positions_and_their_difference() -> None:
     ):  # fmt: skip
         assert wanted in names, wanted
     assert names["hoop.dahl_of_theta"].axis.kind == POSITION
+
+
+CART = """
+schema: hoopd.plant/1
+name: cart
+coordinates: {x: m, a: rad}
+inputs: {V: {unit: V, limit: 12}}
+parameters: {M: 1 kg, m: 0.2 kg, l: 0.3 m, g: {value: 9.81, unit: m/s2}, k: 2 N/V}
+equations:
+  x: (M + m)*x'' + m*l*cos(a)*a'' = k*V + m*l*sin(a)*a'^2
+  a: m*l*cos(a)*x'' + m*l^2*a'' = -m*g*l*sin(a)
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("a_body.cubic_of_da", "N m s3"),
+        ("a_body.linear_of_dx", "N s"),
+        ("a_body.linear_of_dx_on_da", "N s2"),
+        ("x_body.cubic_of_dx", "N s3/m3"),
+        ("x_body.heat_of_v_squared_on_dx", "N s/(V2 m)"),
+        ("x_encoder.cubic_of_dx_in_x", "s3/m2"),
+    ],
+)
+def test_amplitudes_are_in_the_units_of_what_they_act_on(name: str, unit: str) -> None:
+    """A force moves a length and a torque an angle, whatever the drive gives; a power is of the whole unit."""
+    cart = parse_plant(CART, "cart.yaml")
+    found = mechanism_named(cart, name)
+    assert found is not None and found.parameters[0].unit == unit
+    assert (cart.disturbance_unit("x"), cart.disturbance_unit("a"), state_unit(cart, "da")) == ("N", "N m", "rad/s")

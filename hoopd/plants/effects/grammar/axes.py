@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from hoopd.files.dimensions import product_text
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Point
 from hoopd.plants.effects.usual_sizes import turns, units
@@ -125,12 +126,11 @@ def power(plant: Plant, q: str) -> Axis:
 def losses(plant: Plant, q: str) -> Iterator[Axis]:
     """What warms a drive or a bearing: the square of the input, and the size of the power."""
     first, name = demand(plant), plant.inputs[0].name
-    yield Axis(
-        f"{name}_squared", f"{name}^2", f"({first.unit})^2", LOSS, lambda s: s.demand**2, "the square of the demand"
-    )
+    squared = product_text((first.unit, 2))
+    yield Axis(f"{name}_squared", f"{name}^2", squared, LOSS, lambda s: s.demand**2, "the square of the demand")
     if q:
         speed = rate(plant, q)
-        yield Axis(f"d{q}_squared", f"{q}'^2", f"({speed.unit})^2", LOSS, lambda s: getattr(s, f"d{q}") ** 2,
+        yield Axis(f"d{q}_squared", f"{q}'^2", product_text((speed.unit, 2)), LOSS, lambda s: getattr(s, f"d{q}") ** 2,
                    f"the square of {speed.words}", coordinates=(q,))  # fmt: skip
 
 

@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.files.dimensions import product_text
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point, phase
 from hoopd.plants.effects.grammar.axes import Axis
@@ -116,9 +117,9 @@ class Mechanism:
     def unit(self) -> str:
         """Of the amplitude."""
         power = self.shape.power if self.shape is not None else int(bool(self.memory and self.memory.scaled))
-        below = [_to_the(power, self.axis.unit)] if power else []
-        below += [self.factor.unit] if self.factor else []
-        return self.site.unit if not below else f"{self.site.unit}/({' '.join(below)})"
+        parts = [(self.site.unit, 1), (self.axis.unit, -int(power))]
+        parts += [(self.factor.unit, -1)] if self.factor else []
+        return product_text(*parts) + (f"/sqrt({self.axis.unit})" if power % 1 else "")
 
     def grid(self, v: Array, t: Array) -> list[dict[str, float]]:
         """Constants that a search tries, from samples v (n,) at t (n,)."""
@@ -196,7 +197,7 @@ class Mechanism:
         if self.memory is not None:
             return "-" if name == "zeta" else self.memory.unit(self.axis)
         if name == "n":
-            return "-" if self.axis.turning else f"rad/({self.axis.unit})"
+            return "-" if self.axis.turning else product_text(("rad", 1), (self.axis.unit, -1))
         return self.axis.unit
 
     def _spread(self, value: Any) -> dict[str, Any]:
@@ -239,9 +240,3 @@ class Mechanism:
         # every recording begins with nothing remembered, whatever the readings say
         scales = {**plant.scales, **dict.fromkeys(names, NOTHING)}
         return replace(plant, first_order=(*plant.first_order, *names), rates=rates, scales=scales)
-
-
-def _to_the(power: float, unit: str) -> str:
-    if power == 0.5:
-        return f"sqrt({unit})"
-    return unit if power == 1 else f"{unit}^{power:g}"

@@ -83,7 +83,7 @@ def code_nats(count: int) -> float:
 
 def _of_slot(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
     if slot.kind == "body" and slot.coordinate:
-        yield from _of_body(plant, ActingPlace(name, FORCE, {slot.coordinate: 1.0}, plant.force_unit), slot.coordinate)
+        yield from _of_body(plant, _forced(plant, name, slot.coordinate), slot.coordinate)
     elif slot.kind == "store":
         yield from _of_store(plant, name, slot.coordinate)
     elif slot.kind == "rolling_ball":
@@ -92,6 +92,11 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
         yield from _of_actuator(plant, name, slot.coordinate)
     elif slot.kind == "sensor":
         yield from _of_sensor(plant, name, slot)
+
+
+def _forced(plant: Plant, name: str, q: str) -> ActingPlace:
+    """A force on one coordinate."""
+    return ActingPlace(name, FORCE, {q: 1.0}, plant.disturbance_unit(q))
 
 
 def _of_body(plant: Plant, site: ActingPlace, q: str) -> Iterator[Mechanism]:
@@ -145,9 +150,9 @@ def _followed(site: ActingPlace, axis: Axis, own: Axis) -> Iterator[Mechanism]:
 
 def _of_rolling(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
     """Forces on the ball alone, and those between it and what it rolls in."""
-    yield from _of_body(plant, ActingPlace(name, FORCE, {q: 1.0}, plant.force_unit), q)
+    yield from _of_body(plant, _forced(plant, name, q), q)
     others = [one for one in plant.coordinates if one != q]
-    pair = ActingPlace(name, FORCE, {q: 1.0, **dict.fromkeys(others, -1.0)}, plant.force_unit)
+    pair = ActingPlace(name, FORCE, {q: 1.0, **dict.fromkeys(others, -1.0)}, plant.disturbance_unit(q))
     for other in others:
         yield from _between(plant, pair, q, other)
 
