@@ -11,11 +11,12 @@ from pathlib import Path
 
 import msgspec
 
-from hoopd.commands.diagnose_inputs import check_distinct, check_lengths, check_motion, expanded, plants, read_source
+from hoopd.commands.diagnose_inputs import check_distinct, check_lengths, check_motion, expanded, plants
 from hoopd.commands.diagnosed_model import flipped, found_model, left_out
+from hoopd.commands.inputs import read_recording
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.output_files import check_targets
-from hoopd.diagnose.inputs import Source
+from hoopd.diagnose.inputs import Source, source_of
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import to_json_bytes
 from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
@@ -32,6 +33,7 @@ from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.effects_file import load_effects
 from hoopd.plants.model_file import HOOP
 from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model, plant_model_text
+from hoopd.plants.recorded_sizes import with_recorded_sizes
 
 Progress = Callable[[str], None]
 
@@ -70,9 +72,12 @@ def outcome_of(
     options = options or DiagnoseOptions(recordings=tuple(texts))
     check_distinct(texts, held_texts)
     progress("reading the recordings")
-    plant = base.plant
-    train = [read_source(text, plant, options.columns, options.age, options.hold) for text in texts]
-    held = [read_source(text, plant, options.columns, options.age, options.hold) for text in held_texts]
+    every = {
+        text: read_recording(text, options.columns, options.age, plant=base.plant, hold=options.hold)
+        for text in (*texts, *held_texts)
+    }
+    base = replace(base, plant=with_recorded_sizes(base.plant, [every[text] for text in texts]))
+    train, held = ([source_of(text, every[text], base.plant) for text in part] for part in (texts, held_texts))
     return searched(train, held, base, options, progress=progress)
 
 

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoopd.commands.inputs import read_recording
-from hoopd.diagnose.inputs import Source, source_of
+from hoopd.diagnose.inputs import Source
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
 from hoopd.plants.likelihood.stretches import fewest_readings
@@ -99,11 +98,6 @@ def _given(text: str) -> Given:
 
 
 # ---------------------------------------------------------------------------------------------- sources
-
-
-def read_source(text: str, plant: Plant, columns: str | None, age: str, hold: str = "zero") -> Source:
-    """One recording, read, judged and cut for a search."""
-    return source_of(text, read_recording(text, columns, age, plant=plant, hold=hold), plant)
 
 
 def check_lengths(train: Sequence[Source], held: Sequence[Source], plant: Plant, *, given: bool) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
@@ -23,6 +23,7 @@ from hoopd.files.whole_files import replace_file
 from hoopd.lab.models import Model, model_of, shipped
 from hoopd.plants.declaration import Plant
 from hoopd.plants.plant_model import PlantModel, hoop_model
+from hoopd.plants.recorded_sizes import with_recorded_sizes
 from hoopd.recording import Recording
 
 WIDTH = 100
@@ -135,6 +136,7 @@ def diagnose(
     if not train:
         raise ValueError("diagnose takes a recording or several: diagnose([lab.load('a.mcap'), lab.load('b.mcap')])")
     base = model_of(plant, model) or (hoop_model(model.file) if isinstance(model, Model) else _hoop(model))
+    base = replace(base, plant=with_recorded_sizes(base.plant, train))
     asked = from_python(
         DiagnoseOptions,
         recordings=(),

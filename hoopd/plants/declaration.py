@@ -241,7 +241,7 @@ class Plant:
     held: Mapping[str, float] = field(default_factory=dict)  # names that effects may use and that do not move
     channels: Mapping[str, Channel] = field(default_factory=dict)
     slots: Mapping[str, Slot] = field(default_factory=dict)
-    scales: Mapping[str, float] = field(default_factory=dict)  # usual sizes of states and inputs; empty: from the data
+    scales: Mapping[str, float] = field(default_factory=dict)  # usual sizes of states and inputs; else `recorded_sizes`
     usual_force: float = 1.0  # size of the forces on the first coordinate, for a plant without inputs
     time_scale_s: float = 0.02  # usual time between two samples: integration steps and searched delays follow it
     least_size: float | None = None  # of a parameter, in its unit; None: as it is declared

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import isfinite
+from math import inf, isfinite
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, EffectParameter
@@ -16,6 +16,7 @@ from hoopd.plants.effects.library import library
 from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.parameters import LIMIT_NM, PARAMETER_UNITS
+from hoopd.plants.recorded_sizes import undeclared_sizes
 
 Region = Mapping[str, tuple[float, float]]
 # What a region of validity may bound: the state, and the torque that is demanded.
@@ -120,8 +121,9 @@ def checked(plant: Plant, name: str, parameters: Mapping[str, float]) -> dict[st
             *library(plant)
         ]
         raise EffectError("name", f"unknown effect {name!r}; known: {', '.join(known)}")
+    sized = not undeclared_sizes(plant)
     for key, value in parameters.items():
-        _check(effect, key, value)
+        _check(effect, key, value, sized=sized)
     if missing := [one.name for one in effect.parameters if one.name not in parameters and _needed(one)]:
         raise EffectError("parameters", f"{name} lacks {', '.join(missing)}")
     return {**effect.neutral(), **parameters}
@@ -132,15 +134,19 @@ def _needed(parameter: EffectParameter) -> bool:
     return parameter.role != "phase" and not (parameter.discrete and parameter.neutral == 0.0)
 
 
-def _check(effect: Effect, key: str, value: float) -> None:
+def _check(effect: Effect, key: str, value: float, *, sized: bool) -> None:
+    """`sized`: the plant says how large it is; otherwise ranges are those of a recording, and only signs are known."""
     names = [one.name for one in effect.parameters]
     if key not in names:
         raise EffectError(f"parameters.{key}", f"unknown parameter of {effect.name}; known: {', '.join(names)}")
     one = effect.parameter(key)
     if value == one.neutral:
         return
-    if not isfinite(value) or not (one.role == "phase" or one.low <= value <= one.high):
-        raise EffectError(f"parameters.{key}", f"must be {one.low:g} to {one.high:g} {one.unit}, not {value:g}")
+    low, high = one.low, one.high
+    if not sized and not one.discrete:
+        low, high = (0.0 if low >= 0.0 else -inf), (0.0 if high <= 0.0 else inf)
+    if not isfinite(value) or not (one.role == "phase" or low <= value <= high):
+        raise EffectError(f"parameters.{key}", f"must be {low:g} to {high:g} {one.unit}, not {value:g}")
     if one.discrete and len(one.grid) == 1 and value != round(value):
         raise EffectError(f"parameters.{key}", f"must be a whole number, not {value:g}")
     if one.discrete and len(one.grid) > 1 and value not in one.grid:

@@ -18,10 +18,10 @@ UNITS = {"milliseconds, kilometres": Scale(1e3, 1e-3, 1e3), "kiloseconds, a thou
 
 
 @cache
-def diagnosed(friction_n: float, scale: Scale) -> Diagnosis:
+def diagnosed(friction_n: float, scale: Scale, *, declared: bool = True) -> Diagnosis:
     truth = CART._replace(friction=friction_n)
     recording = recording_in(truth, scale, recorded(truth, SECONDS))
-    return lab.diagnose(recording, plant=plant_in(truth, scale), free_run=False).diagnosis
+    return lab.diagnose(recording, plant=plant_in(truth, scale, declared=declared), free_run=False).diagnosis
 
 
 def assert_same(here: Quantity, there: Quantity, unit: float) -> None:
@@ -53,3 +53,12 @@ def test_nothing_is_found_in_other_units_where_nothing_is(scale: Scale) -> None:
     usual, other = diagnosed(0.0, Scale()), diagnosed(0.0, scale)
     assert usual.verdict == other.verdict == "parameters"
     assert not usual.effects and not other.effects
+
+
+@pytest.mark.parametrize("friction_n", [FRICTION_N, 0.0])
+def test_sizes_that_nobody_declared_are_those_of_the_data(friction_n: float) -> None:
+    """A thousand times as large: without a word in the file, nothing but the numbers is another."""
+    usual, other = (diagnosed(friction_n, one, declared=False) for one in (Scale(), Scale(1.0, 1e3, 1e3)))
+    assert [one.name for one in usual.effects] == [one.name for one in other.effects]
+    assert [one.slot for one in usual.effects] == ["body"] * (friction_n > 0.0)
+    assert_same(usual.base.parameters["J"], other.base.parameters["J"], 1.0)

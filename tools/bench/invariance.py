@@ -1,6 +1,6 @@
 """What a diagnosis finds when seconds, metres and newtons are called something else: nothing may change but the units.
 
-python tools/bench/invariance.py [--plant cart] [--seconds 40] [--undeclared]
+python tools/bench/invariance.py [--plant cart] [--seconds 40] [--undeclared] [--only TEXT]
 """
 
 from __future__ import annotations
@@ -65,8 +65,7 @@ def main() -> None:
     parser.add_argument("--plant", choices=("cart", "swing"), action="append")
     parser.add_argument("--seconds", type=float, default=40.0)
     parser.add_argument("--undeclared", action="store_true", help="usual sizes from the data")
-    parser.add_argument("--free-run", action="store_true", help="with the free run, too")
-    parser.add_argument("--only", default="")
+    parser.add_argument("--only", default="", help="choices of units whose name holds this text, beside SI")
     options = parser.parse_args()
     chosen = options.plant or ["cart", "swing"]
     for truth in (one for one in (CART, SWING) if one.name in chosen):

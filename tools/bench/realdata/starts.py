@@ -11,7 +11,8 @@ from dataclasses import replace
 from math import log
 from typing import Any, NamedTuple
 
-from hoopd.commands.diagnose_inputs import read_source
+from hoopd.commands.inputs import read_recording
+from hoopd.diagnose.inputs import source_of
 from hoopd.diagnose.run import last_third, stretches_of
 from hoopd.diagnose.search.bounded_disturbance import likeliest
 from hoopd.plants.declaration import Plant
@@ -52,7 +53,7 @@ def of_output(result: Mapping[str, Any]) -> Start:
 def of_base(path: str, plant: Plant, values: Mapping[str, float], columns: str | None) -> Start:
     """Of the base of a diagnosis of the first two thirds, from `values`."""
     own = replace(plant, values={**plant.values, **values})
-    train, _ = last_third([read_source(path, own, columns, "")])
+    train, _ = last_third([source_of(path, read_recording(path, columns, plant=own), own)])
     stretches = stretches_of(train)
     start = fit(stretches, (), values, move=False)
     end = likeliest(fit(stretches, (), values, like=start, noise=start.noise))
