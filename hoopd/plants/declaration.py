@@ -19,6 +19,12 @@ import casadi as ca
 from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.plants.effects.base import Effect, Point
 
+# What a drive gives, by its unit.
+GIVEN = {
+    "N m": "torque", "N": "force", "V": "voltage", "A": "current", "m3/s": "flow", "l/s": "flow", "kg/s": "flow",
+    "W": "power",
+}  # fmt: skip
+
 
 class Input(NamedTuple):
     """What drives the plant, held between two samples.
@@ -302,8 +308,8 @@ class Plant:
 
     @property
     def input_word(self) -> str:
-        """What the first input is: torque, force, or its own name."""
-        return {"N m": "torque", "N": "force"}.get(self.force_unit, self.inputs[0].name if self.inputs else "input")
+        """What the first input is, by its unit: torque, force, flow ...; input where the unit does not tell."""
+        return GIVEN.get(self.force_unit, "input")
 
     def state_of(self, channel: str) -> str:
         """The state that a channel reads; empty where it reads an expression, or is none of this plant."""

@@ -8,7 +8,6 @@ and follow the plant's limit.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import inf
 from typing import Any
 
@@ -17,7 +16,6 @@ import casadi as ca
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import NO_LIMIT, Effect, EffectParameter, geometric, phase
 from hoopd.plants.effects.usual_sizes import (
-    ANGLES,
     force_scale,
     named,
     of_kind,
@@ -28,9 +26,6 @@ from hoopd.plants.effects.usual_sizes import (
     units,
 )
 
-# What a drive gives, by its unit.
-GIVES = {"N": "force", "V": "voltage", "A": "current", "m3/s": "flow", "l/s": "flow", "kg/s": "flow", "W": "power"}
-WORDS = ("statement", "signature", "best_experiment", "write_back")
 # Harmonics of a turn that a motor's poles and slots may make; the first is the imbalance of what it turns.
 COGGING_HARMONICS = tuple(float(n) for n in range(2, 37))
 RIPPLE_HARMONICS = tuple(float(n) for n in range(1, 37))
@@ -49,17 +44,7 @@ LEAST_LEFT = 1e-3
 
 def effects(plant: Plant) -> tuple[Effect, ...]:
     """Those of every actuator."""
-    every = (effect for name, slot in of_kind(plant, "actuator") for effect in _of_slot(plant, name, slot))
-    return tuple(_worded(effect, plant.force_unit) for effect in every)
-
-
-def _worded(effect: Effect, unit: str) -> Effect:
-    """The same in the words of a drive that gives no torque."""
-    if unit == ANGLES.force:
-        return effect
-    word = GIVES.get(unit, "input")
-    told = {name: getattr(effect, name).replace("torque", word) for name in WORDS}
-    return replace(effect, **told)
+    return tuple(effect for name, slot in of_kind(plant, "actuator") for effect in _of_slot(plant, name, slot))
 
 
 def _of_slot(plant: Plant, name: str, slot: Any) -> tuple[Effect, ...]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects import angle_sensor, body, drive, image_sensor, push, store
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.usual_sizes import input_with_article
 
 # A user's effects: ready ones, or what makes them for a plant.
 Extra = Effect | Callable[[Plant], Iterable[Effect]]
@@ -58,9 +59,9 @@ def library(plant: Plant, extra: Iterable[Extra] = ()) -> dict[str, Effect]:
 
 
 def _in_words_of(plant: Plant, effect: Effect) -> Effect:
-    """The same where the plant's input is no torque: a force, or the input."""
-    if plant.input_word == TORQUE:
+    """The same where the plant's input is no torque: a force, a flow, or an input."""
+    word, one = plant.input_word, input_with_article(plant)
+    if word == TORQUE:
         return effect
-    word, one = ("force", "a force") if plant.input_word == "force" else ("input", "an input")
     told = {name: getattr(effect, name).replace(f"a {TORQUE}", one).replace(TORQUE, word) for name in TEXTS}
     return replace(effect, **told)

@@ -38,6 +38,12 @@ def units(plant: Plant, coordinate: str = "") -> Units:
     return LENGTHS if plant.is_length(coordinate or "".join(plant.coordinates[:1])) else ANGLES
 
 
+def input_with_article(plant: Plant) -> str:
+    """What the plant's first input is: a torque, a flow, an input."""
+    word = plant.input_word
+    return f"an {word}" if word == "input" else f"a {word}"
+
+
 def state_unit(plant: Plant, name: str) -> str:
     """Of a coordinate, a rate or a first-order state."""
     if name in plant.first_order:

@@ -9,6 +9,7 @@ import pytest
 from harness.effectcases import NAMES, effects, plant, slide
 
 from hoopd.plants.effects.base import ROLES, Effect, EffectParameter
+from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
 from hoopd.plants.registry import plant_named
 
@@ -164,4 +165,5 @@ def test_a_name_stands_once() -> None:
 def test_a_plant_without_a_torque_is_told_of_none(name: str) -> None:
     for effect in library(plant_named(name)).values():
         said = f"{effect.statement} {effect.signature} {effect.best_experiment} {effect.write_back}"
-        assert "torque" not in said, effect.name
+        assert "torque" not in said and " a input" not in said, effect.name
+    assert not any("torque" in one.sentence for one in mechanisms(plant_named(name)).values())

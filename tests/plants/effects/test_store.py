@@ -94,7 +94,7 @@ def test_every_effect_says_what_it_is(name: str) -> None:
 def test_the_grammar_has_flows_of_a_store() -> None:
     found = mechanisms(tank())
     root = found["store.root_of_h"]
-    assert (root.formula, root.unit) == ("A sign(h) sqrt(|h|)", "m/s/(sqrt(m))")
+    assert (root.formula, root.unit) == ("A sign(h) sqrt(|h|)", "m/s/sqrt(m)")
     assert root.sentence == "a flow into h that grows with the root of h"
     assert missing(tank(), root.effect, {"A": -1e-3}, 0.25, 0.0) == pytest.approx(-5e-4)
     assert missing(tank(), found["store.above_of_h"].effect, {"A": -0.2, "v0": 0.2}, 0.25, 0.0) == pytest.approx(-0.01)

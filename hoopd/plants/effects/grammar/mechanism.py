@@ -176,9 +176,7 @@ class Mechanism:
         """In plain words."""
         if self.dry is not None:
             return f"dry friction whose level {self._law.words} {self.axis.words}"
-        kind = {FORCE: self.site.words, TORQUE: "a torque of the drive", READING: "an error of the reading"}[
-            self.site.acts
-        ]
+        kind = "an error of the reading" if self.site.acts == READING else self.site.words
         times = f" in proportion to {self.factor.words}, with a factor" if self.factor is not None else ""
         return f"{kind}{times} that {self._law.words} {self.axis.words}"
 

@@ -33,7 +33,7 @@ from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
 from hoopd.plants.effects.grammar.mechanism import FORCE, READING, TORQUE, ActingPlace, Mechanism
 from hoopd.plants.effects.grammar.memories import MEMORIES, MemoryLaw
 from hoopd.plants.effects.grammar.shapes import ShapeLaw, shapes_of
-from hoopd.plants.effects.usual_sizes import units
+from hoopd.plants.effects.usual_sizes import input_with_article, units
 
 # A library has some forty names; more mechanisms than these cost evidence.
 NAMED = 40.0
@@ -191,7 +191,7 @@ def _coefficients(axis: Axis) -> list[ShapeLaw]:
 
 def _of_actuator(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
     first = demand(plant)
-    site = ActingPlace(name, TORQUE, {q: 1.0}, first.unit)
+    site = ActingPlace(name, TORQUE, {q: 1.0}, first.unit, f"{input_with_article(plant)} of the drive")
     if not q:
         return
     for shape in shapes_of(first):
