@@ -68,12 +68,11 @@ def fixed_values(texts: Sequence[str], nominal: Mapping[str, float], names: tupl
     """ "mb=0.06", or "mb" alone: at its nominal value."""
     fixed: dict[str, float] = {}
     for part in (part for text in texts for part in text.split(",") if part.strip()):
-        name = part.strip()
-        if "=" in part:
-            fixed |= read_values("--fix", part, names)
-        else:
-            _one_of("--fix", name, names)
-            fixed[name] = nominal[name]
+        name, equals, _ = (piece.strip() for piece in part.partition("="))
+        _one_of("--fix", name, names)
+        if name in fixed:
+            raise InputError("--fix", name, "stands twice")
+        fixed |= read_values("--fix", part, names) if equals else {name: nominal[name]}
     return fixed
 
 

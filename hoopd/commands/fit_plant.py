@@ -7,6 +7,7 @@ is computed.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -56,13 +57,23 @@ def fitted_plant(
     system, _ = system_of(model)
     plant, names = model.plant, tuple(system.nominal)
     fixed = fixed_values(options.fix, system.values, names)
+    _check_bounds("--fix", fixed, system)
     free = [name for name in (options.free or plant.free) if name not in fixed]
     priors = priors_of(options.prior, names, lambda name: system.bounds.get(name, (-1.0, 0.0))[0] >= 0.0)
+    _check_bounds("--prior", {name: one.value for name, one in priors.items()}, system)
     return fit_plant(
         plant, recordings, free, options.method, effects=system.effects,
         values={**system.changed, **fixed}, priors=priors, channels=_channels(plant, options),
         window_s=_window(plant, options), loss=options.loss, progress=progress,
     )  # fmt: skip
+
+
+def _check_bounds(option: str, values: Mapping[str, float], system: PlantSystem) -> None:
+    """InputError for a number with which there is no such plant."""
+    for name, value in values.items():
+        low, high = system.bounds.get(name, (-inf, inf))
+        if not low <= value <= high:
+            raise InputError(option, name, f"{value:g} is outside of {low:g} to {high:g}")
 
 
 def _read(plant: Plant, options: FitOptions, texts: Sequence[str]) -> list[tuple[str, Recording]]:
@@ -152,7 +163,7 @@ def _notes(found: PlantFit) -> list[str]:
     if not found.names:
         notes.append("no parameter is free: the start alone was fitted")
     for name in found.names:
-        low, high = bounds.get(name, (-float("inf"), float("inf")))
+        low, high = bounds.get(name, (-inf, inf))
         if found.values[name] in (low, high):
             notes.append(f"{name} is on its bound: its interval says nothing")
     memory = found.uncertainty.memory if found.uncertainty is not None else {}

@@ -6,6 +6,7 @@ Rules of this file: everything wrong in a file is one `InputError`; no equation 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from hoopd.files.model import EffectEntry, ModelFile, Parameter
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
@@ -18,7 +19,7 @@ from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError, check_parameters
 from hoopd.plants.hoop.plant import HoopPlant
 
-HOOP = "hoop"
+HOOP, PLANT_SCHEMA = "hoop", "hoopd.plant/1"
 # No number of such a device is outside of these: a typing error, and products of such numbers leave the computer's.
 SMALLEST, LARGEST = 1e-15, 1e12
 # Of the hoop's radius, what the ball's centre at least moves on: the swing's frequency has it in the denominator.
@@ -30,9 +31,17 @@ def load_model(path: Path) -> ModelFile:
     return parse_model(read_text(path), path)
 
 
+def model_content(text: str, path: object) -> Any:
+    """What a model file's text holds, unchecked; InputError for a plant's file, which is given elsewhere."""
+    content = parse_yaml(text, path)
+    if isinstance(content, dict) and content.get("schema") == PLANT_SCHEMA:
+        raise InputError(path, "schema", f"{PLANT_SCHEMA} is a plant, no model of one: give it with --plant")
+    return content
+
+
 def parse_model(text: str, path: object) -> ModelFile:
     """A checked model from its file's text; `path` is what a message calls it."""
-    content = parse_yaml(text, path)
+    content = model_content(text, path)
     if isinstance(content, dict) and content.get("plant", HOOP) != HOOP:
         raise InputError(path, "plant", f"a model of {content['plant']!r}, where one of the hoop is needed")
     model = to_struct(content, ModelFile, path)

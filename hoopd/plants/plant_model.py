@@ -12,14 +12,14 @@ from pathlib import Path
 import msgspec
 
 from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile, model_text
-from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
+from hoopd.files.reading import InputError, read_text, to_struct
 from hoopd.files.records import between
 from hoopd.files.shipped import way_to
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.found_effects import EffectError, checked
-from hoopd.plants.model_file import HOOP, check_parameter, effects_plant, parse_model
+from hoopd.plants.model_file import HOOP, check_parameter, effects_plant, model_content, parse_model
 from hoopd.plants.registry import REGISTERED, SUFFIXES, resolve_plant
 
 PROGRAM = ".py"
@@ -102,7 +102,7 @@ def load_plant_model(path: Path, plant: str | None = None) -> PlantModel:
 
 def parse_plant_model(text: str, path: Path, plant: str | None = None) -> PlantModel:
     """The model of a file's text; `path` is what a message calls it, and where plant files are looked for."""
-    content = parse_yaml(text, path)
+    content = model_content(text, path)
     told = content.get("plant", HOOP) if isinstance(content, dict) else HOOP
     if told == HOOP:
         if plant not in (None, HOOP):
@@ -149,7 +149,7 @@ def with_parameters(
 
 def is_of_another_plant(path: Path) -> bool:
     """Whether a model file is of another plant than the hoop."""
-    content = parse_yaml(read_text(path), path)
+    content = model_content(read_text(path), path)
     return isinstance(content, dict) and bool(content.get("plant", HOOP) != HOOP)
 
 

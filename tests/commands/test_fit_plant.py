@@ -10,7 +10,7 @@ import pytest
 
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.plant_file import load_plant
-from hoopd.plants.registry import plant_named
+from hoopd.plants.registry import FOLDER, plant_named
 from tests.commands.test_plant import hoopd
 
 TRUE = {"M": 80.0, "Fv": 300.0, "offset": 5.0}
@@ -79,6 +79,9 @@ def test_a_given_start_is_simulated(folder: Path) -> None:
         (("fit", "--plant", "axis", "a.csv", *READ, "--kinematics"), "--kinematics: belongs to the hoop"),
         (("fit", "--plant", "axis", "a.csv", *READ, "--free", "mass"), "not a parameter of axis; known: M, Fv, offset"),
         (("fit", "--plant", "axis", "a.csv", *READ, "--fix", "mass=3"), "known: M, Fv, offset"),
+        (("fit", "--plant", "axis", "a.csv", *READ, "--fix", "M=-1"), "--fix: M: -1 is outside of 1 to 1000"),
+        (("fit", "--plant", "axis", "a.csv", *READ, "--prior", "M=1e6:0.1"), "--prior: M: 1e+06 is outside of 1"),
+        (("fit", "--plant", "axis", "a.csv", *READ, "--fix", "M=90,M=80"), "--fix: M: stands twice"),
         (("fit", "--plant", "axis", "a.csv", *READ, "--method", "guess"), "known: output, prediction"),
         (("fit", "--plant", "axis", "a.csv", *READ, "--loss", "guess"), "known: linear, huber, soft_l1, cauchy"),
         (("fit", "--plant", "axis", "a.csv", "a.csv", *READ), "rows in common with a.csv"),
@@ -86,9 +89,19 @@ def test_a_given_start_is_simulated(folder: Path) -> None:
         (("simulate", "--plant", "axis", "--model", "m.yaml", "--input", "a.csv", *READ), "m.yaml"),
         (("simulate", "--plant", "axis", "--input", "a.csv", *READ, "--x0", "y=1"), "known: x, dx"),
         (("simulate", "--input", "a.csv"), "--plant"),
+        *(
+            ((*command, "--model", "plant.yaml"), "plant.yaml: schema: hoopd.plant/1 is a plant, no model of one")
+            for command in (
+                ("simulate", "--input", "a.csv"),
+                ("fit", "a.csv"),
+                ("fit", "a.csv", "--plant", "axis"),
+                ("linearize",),
+            )
+        ),
     ],
 )
 def test_what_cannot_be_used_is_one_line(words: tuple[str, ...], said: str) -> None:
+    Path("plant.yaml").write_text((FOLDER / "axis.yaml").read_text())
     code, _, error = hoopd(*words)
     assert code == 2
     assert said in " ".join(error.split())
