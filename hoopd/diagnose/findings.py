@@ -29,7 +29,6 @@ from hoopd.diagnose.record import (
     Placebo,
     Quantity,
     Refused,
-    Status,
     Unexplained,
     Verdict,
 )
@@ -112,11 +111,12 @@ def effects_of(
     placebos: Mapping[str, Placebo],
     said: Confirmation,
 ) -> list[EffectFinding]:
-    """Named effects and faults of the camera, most evidence first."""
+    """Named effects that are not refused and faults of the camera, most evidence first."""
     percents = {name: _mean_nrmse(one) for name, one in heldout.items()}
     found = [
         _effect(named, name, percents, threshold, apart[name], placebos.get(name), said)
         for name in (one.effect.name for one in named.accepted)
+        if name not in said.refused
     ]
     found += [_fault(one, threshold) for one in faults]
     return sorted(found, key=lambda one: -(one.evidence.log_likelihood_gain or 0.0))
@@ -152,6 +152,7 @@ def _effect(
         ablation=ablation,
         placebo=placebo,
         status=said.statuses[name],
+        reason=said.denials[name].reason if name in said.denials else "",
     )
 
 
@@ -179,7 +180,7 @@ def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
 
 
 def refused_of(named: Named, said: Confirmation) -> list[Refused]:
-    """What was beyond the threshold: names that folds refused, and those of which nothing is left but a loss."""
+    """What was beyond the threshold: names that folds refused, and those that held-out data leave no evidence of."""
     folds = [
         Refused(
             name=name, log_likelihood_gain=one.gain,
@@ -187,23 +188,16 @@ def refused_of(named: Named, said: Confirmation) -> list[Refused]:
         )
         for name, one in named.refusals.items()
     ]  # fmt: skip
-    denied = [] if is_any_left(named, said) else said.denied
-    lowered = [
-        Refused(name=name, log_likelihood_gain=named.losses[name], reason=lowers(said.lost[name]))
-        for name in denied if name in named.losses
-    ]  # fmt: skip
-    return sorted([*folds, *lowered], key=lambda one: -(one.log_likelihood_gain or 0.0))
+    denied = [
+        Refused(name=name, log_likelihood_gain=named.losses[name], reason=said.denials[name].reason)
+        for name in said.refused
+    ]
+    return sorted([*folds, *denied], key=lambda one: (-(one.log_likelihood_gain or 0.0), one.name))
 
 
-def lowers(lost: Mapping[str, float]) -> str:
-    """In words."""
-    told = " and ".join(f"{channel} by {points:.1f} points" for channel, points in lost.items())
-    return f"with it the simulation of the held-out data is worse: {told}"
-
-
-def is_any_left(named: Named, said: Confirmation) -> bool:
-    """Whether any of the names is kept, or none was there."""
-    return not named.accepted or any(one.effect.name in said.kept.names for one in named.accepted)
+def is_any_told(named: Named, said: Confirmation) -> bool:
+    """Whether any of the names is told as a finding, or none was there."""
+    return not named.accepted or any(one.effect.name not in said.refused for one in named.accepted)
 
 
 def told(findings: Sequence[EffectFinding], standings: Standings) -> list[EffectFinding]:
@@ -237,9 +231,10 @@ def candidates_of(named: Named, threshold: float, shares: Mapping[str, float]) -
     return [*known, *(Candidate(name=name, log_likelihood_gain=None, probability=shares[name]) for name in more)]
 
 
-def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], status: Status | None = None) -> EffectFinding:
+def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], said: Confirmation | None = None) -> EffectFinding:
     """As an effect without a name; taken out again it leaves what it stands beside."""
     gain, ablation, without = None, None, heldout.get(f"without {unknown.name}")
+    denied = None if said is None else said.denials.get(unknown.name)
     if without is not None:
         gain, ablation = _taken_out(unknown.gain, _mean_nrmse(heldout["final"]), _mean_nrmse(without))
     return EffectFinding(
@@ -252,7 +247,8 @@ def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], status: Sta
         f"follows {' and '.join(unknown.curve.depends_on)}"
         f"{', by another curve in the held-out recordings' if unknown.carries_over is False else ''}",
         ablation=ablation,
-        status=status,
+        status=None if said is None else said.statuses[unknown.name],
+        reason="" if denied is None else denied.reason,
     )
 
 

@@ -14,8 +14,8 @@ import msgspec
 SCHEMA: Literal["hoopd.diagnosis/1"] = "hoopd.diagnosis/1"
 
 Verdict = Literal["consistent", "parameters", "missing_physics", "unknown_physics"]
-# What held-out data say of a name: they bear it out; they do, and it barely passes; they never reach what it acts on; a
-# simulation of them is worse with it.
+# What held-out data say of a name: they bear it out; they do, and it barely passes; they never reach what it acts on;
+# they lose likelihood by it, or a simulation of them is worse with it.
 Status = Literal["confirmed", "weak", "untested", "not_confirmed"]
 # A number that may not be determined; NaN and infinities become None on the way out.
 Number = float | None
@@ -121,6 +121,7 @@ class EffectFinding(_Part, frozen=True):
     ablation: Ablation | None = None
     placebo: Placebo | None = None
     status: Status | None = None  # null in files that are older than it
+    reason: str = ""  # why held-out data do not confirm it
 
     @property
     def is_unknown(self) -> bool:

@@ -18,7 +18,7 @@ from hoopd.diagnose.findings import (
     candidates_of,
     effects_of,
     fits_of,
-    is_any_left,
+    is_any_told,
     refused_of,
     told,
     unexplained_of,
@@ -37,6 +37,7 @@ from hoopd.diagnose.proof.next_experiment import next_experiment
 from hoopd.diagnose.proof.not_excluded import parameter_notes, separations
 from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.power import visible
+from hoopd.diagnose.proof.replacement import replace_denied
 from hoopd.diagnose.proof.standing import Asked, standings
 from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
 from hoopd.diagnose.quality.unusual_intervals import Interval
@@ -123,14 +124,15 @@ def diagnose(case: Case) -> Outcome:
     grammar = _mechanisms(case, data)
     library = _with_mechanisms(case, named, data, grammar)
     data_held, runs = _heldout_again(named, data_held, HeldOut(data_held.kept))
+    replace_denied(named, runs, Judge(data.kept, case.library, case.settings), case.seed)
     case.progress("what no name explains")
     missing = missing_of(named, runs, list(library.values()), case.seed)
     unknown = missing.unknown
     case.progress("proof on held-out data")
-    fits = played(heldout_fits(named, runs, missing.base, missing.proof))
+    fits = runs.played(heldout_fits(named, runs, missing.base, missing.proof))
     said = confirmation(named, runs, fits, missing.proof, case.settings.threshold, case.seed)
     refused = refused_of(named, said)
-    if unknown is None and not is_any_left(named, said):
+    if unknown is None and not is_any_told(named, said):
         drop_names(named)
     table = FitTable(
         train=fits_of(played({"nominal": named.nominal, "base": named.base, "final": said.final})),
@@ -149,7 +151,7 @@ def diagnose(case: Case) -> Outcome:
     effects = effects_of(named, fits, threshold, faults, apart, proofs, said)
     if unknown is not None:
         effects = sorted(
-            [*effects, unknown_finding(unknown, fits, said.statuses[unknown.name])],
+            [*effects, unknown_finding(unknown, fits, said)],
             key=lambda e: -(e.evidence.log_likelihood_gain or 0.0),
         )
     effects = told(effects, stand)

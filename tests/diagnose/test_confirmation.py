@@ -13,12 +13,15 @@ from diagnose.examples import consistent
 from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.commands.diagnosed_model import flipped
-from hoopd.diagnose.findings import is_any_left, refused_of
+from hoopd.diagnose.findings import is_any_told, refused_of
+from hoopd.diagnose.proof import denial as denials
 from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, reach, status_of
+from hoopd.diagnose.proof.denial import Denial, denial
 from hoopd.diagnose.proof.fit_tables import Played, played
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.lowered import lowered
-from hoopd.diagnose.search.candidates import Tried
+from hoopd.diagnose.proof.replacement import replace_denied
+from hoopd.diagnose.search.candidates import Judge, Settings, Tried
 from hoopd.diagnose.search.naming import Named, Refusal
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
@@ -64,24 +67,108 @@ def test_what_is_there_is_confirmed_and_kept(fits: tuple[HypothesisFit, Hypothes
     named = named_with(*fits)
     found, shown = confirmed(named, recorded("held", 2, friction=True))
     assert found.statuses == {FRICTION.name: "confirmed"}
-    assert found.kept is named.final and found.final is named.final and not found.lost
+    assert found.kept is named.final and found.final is named.final and not found.denials and not found.refused
     assert lowered(shown["named"], shown["base"])  # the other way round something is lost
 
 
-def test_what_lowers_the_held_out_simulation_is_not_confirmed_and_in_no_model() -> None:
-    """A friction that is not there, as if it had been."""
+@pytest.fixture(scope="module")
+def wrong() -> tuple[HypothesisFit, HypothesisFit]:
+    """Without and with a friction that is not there, as if it had been."""
     train = [recorded("train", 1, friction=False)]
     base = fit(train, (), PLANT.values)
-    wrong = fit(train, (FRICTION,), {**base.values, **SIZE}, like=base, noise=base.noise, move=False)
-    named = named_with(base, wrong)
+    return base, fit(train, (FRICTION,), {**base.values, **SIZE}, like=base, noise=base.noise, move=False)
+
+
+def test_what_held_out_data_refuse_is_not_confirmed_and_in_no_model(wrong: tuple[HypothesisFit, HypothesisFit]) -> None:
+    named = named_with(*wrong)
     found, _ = confirmed(named, recorded("held", 2, friction=False))
     assert found.statuses == {FRICTION.name: "not_confirmed"}
-    assert found.kept is named.base and found.final is named.base and found.denied == [FRICTION.name]
-    assert max(found.lost[FRICTION.name].values()) > 1.0
+    assert found.kept is named.base and found.final is named.base
+    assert max(found.denials[FRICTION.name].points.values()) > 1.0 and found.denials[FRICTION.name].is_refuted
     assert found.fits["final"].fit is found.fits["base"].fit
-    assert not is_any_left(named, found)
+    assert found.refused == {FRICTION.name} and not is_any_told(named, found)
     (told,) = refused_of(named, found)
-    assert told.name == FRICTION.name and "held-out data is worse: " in told.reason
+    assert told.name == FRICTION.name and "held-out data is worse: " in told.reason and " nats with it" in told.reason
+
+
+def test_a_name_without_a_worse_simulation_is_refuted_by_the_likelihood_that_held_out_data_lose(
+    fits: tuple[HypothesisFit, HypothesisFit],
+) -> None:
+    held = HeldOut([recorded("held", 2, friction=True)])
+    without, with_it = (held.played_of(one) for one in fits)
+    assert without is not None and with_it is not None
+    assert denial(without, with_it, 50.0) is None
+    # the same runs, and likelihood that falls
+    why = denial(replace(with_it, fit=with_it.fit), replace(with_it, fit=without.fit), 50.0)
+    assert why is not None and why.is_refuted and not why.points and why.nats < -denials.UNSEEN_LOSS
+    assert why.reason.startswith("the held-out data lose ") and not why.leaves_evidence(1000.0, 12.0)
+
+
+def test_strong_evidence_stays_a_finding_whatever_a_simulation_makes_of_it() -> None:
+    """Something is there; the name is not confirmed, and in no model."""
+    worse = Denial({"psi": 0.7}, nats=0.5)
+    assert worse.leaves_evidence(24.0, 12.0) and not worse.leaves_evidence(23.9, 12.0)
+    assert Denial({"psi": 0.7}, nats=3.0).leaves_evidence(12.5, 12.0)  # held-out readings say so, too
+    assert worse.reason == "with it the simulation of the held-out data is worse: psi by 0.7 points"
+
+
+def test_a_finding_that_is_denied_and_leaves_evidence_is_told_and_not_kept(
+    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(denials, "lowered", lambda *_: {"psi": 0.7})
+    named = named_with(*fits)
+    found, _ = confirmed(named, recorded("held", 2, friction=True))
+    assert found.statuses == {FRICTION.name: "not_confirmed"} and found.kept is named.base
+    assert not found.refused and is_any_told(named, found) and refused_of(named, found) == []
+
+
+def test_a_neighbour_of_the_same_slot_takes_the_place_of_a_denied_name() -> None:
+    """A friction that was called a drag; a drag that is denied and has no neighbour stays."""
+    drag = library(PLANT)["hoop.quadratic_drag"]
+    train, held = [recorded("train", 1, friction=True)], HeldOut([recorded("held", 2, friction=True)])
+    base = fit(train, (), PLANT.values)
+    size = {f"{drag.name}.c": 2.0 * next(p.size for p in drag.parameters if p.name == "c")}
+    named = named_with(
+        base, fit(train, (drag,), {**base.values, **size}, like=base, noise=base.noise, move=False), drag
+    )
+    named.losses[drag.name] = 15.0
+    near = {one.name: one for one in (drag, library(PLANT)["ball.quadratic_drag"])}
+    replace_denied(named, held, Judge(train, near, Settings()))
+    assert named.final.names == (drag.name,)
+    replace_denied(named, held, Judge(train, {**near, FRICTION.name: FRICTION}, Settings()))
+    assert named.final.names == (FRICTION.name,) and [one.effect.name for one in named.accepted] == [FRICTION.name]
+    assert named.losses.keys() == named.without.keys() == {FRICTION.name} and named.losses[FRICTION.name] > 20.0
+    assert named.rivals[FRICTION.name][0][0] == drag.name
+
+
+def test_a_name_that_is_not_denied_is_not_exchanged(fits: tuple[HypothesisFit, HypothesisFit]) -> None:
+    named = named_with(*fits)
+    stribeck = library(PLANT)["hoop.stribeck_friction"]
+    judge = Judge([track.stretch for track in fits[1].tracks], {stribeck.name: stribeck}, Settings())
+    replace_denied(named, HeldOut([recorded("held", 2, friction=True)]), judge)
+    assert named.final is fits[1]
+    replace_denied(named, HeldOut([]), judge)
+    assert named.final is fits[1]
+
+
+def test_the_chance_of_a_worse_channel_is_shared_by_names_and_channels(
+    fits: tuple[HypothesisFit, HypothesisFit],
+) -> None:
+    """A loss that one look in fifty gives is none where it was looked ten times."""
+    held = HeldOut([recorded("held", 2, friction=True)])
+    one = held.played_of(fits[1])
+    assert one is not None
+    for share in (0.01, 0.02, 0.03, 0.05, 0.08, 0.12):
+        runs = [replace(run, y=run.y + share * np.nanstd(run.y, axis=0) * _signs(run.y.shape)) for run in one.runs]
+        alone, among = lowered(one, replace(one, runs=runs)), lowered(one, replace(one, runs=runs), 0, 1000)
+        assert among.keys() <= alone.keys()
+        if among != alone:
+            return
+    pytest.fail("however often it was looked, the same was lowered")
+
+
+def _signs(shape: tuple[int, ...]) -> Any:
+    return np.random.default_rng(5).choice([-1.0, 1.0], (1, *shape[1:]))
 
 
 def test_a_limit_that_held_out_data_never_reach_is_untested(fits: tuple[HypothesisFit, HypothesisFit]) -> None:

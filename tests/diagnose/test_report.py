@@ -165,6 +165,32 @@ def test_what_held_out_data_deny_is_in_the_table_and_not_in_the_headline() -> No
     assert "frame.tilt" in alone and "not confirmed" in alone and "complete" not in alone
 
 
+def test_where_no_name_is_confirmed_the_headline_says_what_was_found_and_why_it_is_not() -> None:
+    diagnosis, shown = coulomb()
+    why = "with it the simulation of the held-out data is worse: psi by 0.7 points"
+    only = msgspec.structs.replace(diagnosis.effects[0], status="not_confirmed", reason=why)
+    told = msgspec.structs.replace(diagnosis, effects=[only])
+    sentence = words.verdict_sentence(told)
+    assert sentence.startswith(
+        "Physics is missing, and no name for it is confirmed; the fit of held-out dtheta goes from"
+    )
+    assert f"hoop.coulomb_friction (Fc = 5.10 mN m; hoop.stribeck_friction not excluded): {why}." in sentence
+    for text in (printed(told), Page(page(told, shown)).text):
+        assert f"Not confirmed: {why}" in " ".join(text.split())
+
+
+def test_parameters_alone_are_compared_with_the_users_model_where_the_table_has_a_column_of_effects() -> None:
+    """As a diagnosis writes it: without effects their column is that of the re-fitted model."""
+    diagnosis, _ = EXAMPLES["parameters"]()
+    row = Fit(nominal=60.0, base_refit=90.0, with_effects=90.0, noise_floor=99.0)
+    fit = msgspec.structs.replace(diagnosis.fit, heldout={HELDOUT: {"psi": row}})
+    assert "psi goes from 60.0 to 90.0 %." in words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    worse = msgspec.structs.replace(row, nominal=95.0)
+    fit = msgspec.structs.replace(diagnosis.fit, heldout={HELDOUT: {"psi": worse}})
+    told = words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    assert told.endswith("worse than your model: psi (90.0 against 95.0 %).")
+
+
 def test_an_unknown_effect_has_its_slot_and_what_it_follows() -> None:
     sentence = words.verdict_sentence(unknown()[0])
     assert "not in the library" in sentence and "slot hoop" in sentence and "follows theta" in sentence

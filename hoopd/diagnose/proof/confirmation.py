@@ -1,10 +1,12 @@
 """What held-out data say about each named effect: confirmed, weak, untested or not confirmed; and which are kept.
 
-A name beside the others that lowers the held-out simulation of any channel beyond noise is not confirmed, and is in no
-model that is written. Where the others together are still worse than the re-fitted base, all are taken up again one
-after the other, the one with the most evidence first, and those that lower a channel are not confirmed.
+A name beside the others that lowers the held-out simulation of any channel beyond noise, or by which the held-out data
+lose likelihood, is not confirmed, and is in no model that is written. Where the others together are still worse than
+the re-fitted base, all are taken up again one after the other, the one with the most evidence first, and those that
+lower a channel are not confirmed. A denied name that leaves evidence stays among the findings, for something is there;
+one that leaves none is refused.
 
-Rules of this file: the search is over; nothing is named here, and nothing is refused but by simulation.
+Rules of this file: the search is over; nothing is named here, and nothing is refused but by held-out data.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hoopd.diagnose.proof.fit_tables import Played, played
+from hoopd.diagnose.proof.denial import Denial, denial
+from hoopd.diagnose.proof.fit_tables import Played
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.lowered import lowered
 from hoopd.diagnose.proof.separation import own_columns
@@ -31,6 +34,8 @@ WEAK_NATS = 3.0
 # Of an effect that changes the held-out data by less, they say nothing, nats.
 LEAST_REACH = UNSEEN_LOSS
 
+Denials = Mapping[str, Denial]
+
 
 @dataclass(frozen=True)
 class Confirmation:
@@ -40,12 +45,8 @@ class Confirmation:
     final: HypothesisFit  # the same with what has no name, where that is not denied
     fits: Mapping[str, Played]  # on the held-out data, `final` among them; none without any
     statuses: Mapping[str, Status]  # what has no name among them
-    lost: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # not confirmed -> channel -> points of fit
-
-    @property
-    def denied(self) -> list[str]:
-        """Names that are not confirmed."""
-        return [name for name in self.lost if name not in self.kept.names]
+    denials: Denials = field(default_factory=dict)  # of what is not confirmed
+    refused: frozenset[str] = frozenset()  # names that leave no evidence either
 
 
 def confirmation(
@@ -54,38 +55,51 @@ def confirmation(
     """Of every accepted effect; `fits`: as of `heldout_fits`; `proof`: of what has no name."""
     own: dict[str, Status] = {one.effect.name: _status(named, one, fits, threshold) for one in named.accepted}
     names = _of_names(named, held, fits, seed)
-    lost: dict[str, Mapping[str, float]] = {**names.lost}
-    own |= dict.fromkeys(names.lost, "not_confirmed")
+    denials = dict(names.denials)
+    own |= dict.fromkeys(denials, "not_confirmed")
     final = names.kept
     if proof is not None:
         own[proof.unknown.name], by_curve = _of_curve(proof, fits, seed)
-        lost |= {proof.unknown.name: by_curve} if by_curve else {}
+        denials |= {proof.unknown.name: by_curve} if by_curve else {}
         if proof.joint is not None and not by_curve and names.kept is named.final:
             final = proof.joint
     shown = fits if final is not names.kept or not fits else {**fits, "final": names.heldout or fits["named"]}
-    return Confirmation(names.kept, final, shown, own, lost)
+    refused = frozenset(
+        one.effect.name for one in named.accepted
+        if (why := names.denials.get(one.effect.name)) is not None
+        and not why.leaves_evidence(surprise_in(named, one), threshold)
+    )  # fmt: skip
+    return Confirmation(names.kept, final, shown, own, denials, refused)
+
+
+def beside_the_others(named: Named, fits: Mapping[str, Played], seed: int) -> dict[str, Denial]:
+    """Names that held-out data deny; `fits`: all together, and without each."""
+    found: dict[str, Denial] = {}
+    for one in named.accepted:
+        name = one.effect.name
+        why = denial(fits[f"without {name}"], fits["named"], named.losses[name], len(named.accepted), seed)
+        found |= {name: why} if why is not None else {}
+    return found
 
 
 @dataclass(frozen=True)
 class _Names:
-    """Names that are kept, and what the others lower."""
+    """Names that are kept, and why the others are not."""
 
     kept: HypothesisFit
     heldout: Played | None
-    lost: dict[str, dict[str, float]]
+    denials: dict[str, Denial]
 
 
 def _of_names(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int) -> _Names:
     if not fits or not named.accepted:
         return _Names(named.final, fits.get("named"), {})
-    names = [one.effect.name for one in named.accepted]
-    lost = {name: worse for name in names if (worse := lowered(fits[f"without {name}"], fits["named"], seed))}
-    kept = _without(named, [*lost])
-    run = held.of(kept)
-    assert run is not None
-    on_held = played({"": run})[""] if lost else fits["named"]
+    denials = beside_the_others(named, fits, seed)
+    kept = _without(named, [*denials])
+    on_held = held.played_of(kept) if denials else fits["named"]
+    assert on_held is not None
     if not lowered(fits["base"], on_held, seed):
-        return _Names(kept, on_held, lost)
+        return _Names(kept, on_held, denials)
     return _taken_up(named, held, fits, seed)
 
 
@@ -100,32 +114,31 @@ def _without(named: Named, dropped: Sequence[str]) -> HypothesisFit:
     return fit(stretches, (*named.base.effects, *own), named.final.values, like=named.final, noise=named.final.noise)
 
 
-def _of_curve(proof: Proven, fits: Mapping[str, Played], seed: int) -> tuple[Status, dict[str, float]]:
+def _of_curve(proof: Proven, fits: Mapping[str, Played], seed: int) -> tuple[Status, Denial | None]:
     """What has no name: its values carry over to the held-out data, or they do not."""
     without = fits.get(f"without {proof.unknown.name}")
     lost = {} if without is None else lowered(without, fits["final"], seed)
     if lost or proof.unknown.carries_over is False:
-        return "not_confirmed", lost
+        return "not_confirmed", Denial(lost) if lost else None
     if without is None:
-        return "untested", {}
-    return status_of(proof.unknown.surprise, proof.unknown.threshold), {}
+        return "untested", None
+    return status_of(proof.unknown.surprise, proof.unknown.threshold), None
 
 
 def _taken_up(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int) -> _Names:
     """Names one after the other."""
-    kept, on_held, lost = named.base, fits["base"], dict[str, dict[str, float]]()
+    kept, on_held, denials = named.base, fits["base"], dict[str, Denial]()
     order = sorted(named.accepted, key=lambda one: -named.losses[one.effect.name])
     for one in order:
-        more = _with(named, kept, one.effect, [*lost])
-        run = held.of(more)
-        assert run is not None
-        after = fits["named"] if more is named.final else played({"": run})[""]
-        worse = lowered(on_held, after, seed)
-        if worse:
-            lost[one.effect.name] = worse
+        more = _with(named, kept, one.effect, [*denials])
+        after = held.played_of(more)
+        assert after is not None
+        why = denial(on_held, after, named.losses[one.effect.name], len(order), seed)
+        if why is not None:
+            denials[one.effect.name] = why
         else:
             kept, on_held = more, after
-    return _Names(kept, on_held, lost)
+    return _Names(kept, on_held, denials)
 
 
 def _with(named: Named, kept: HypothesisFit, effect: Effect, dropped: list[str]) -> HypothesisFit:
@@ -154,8 +167,12 @@ def _status(named: Named, one: Tried, fits: Mapping[str, Played], threshold: flo
     name = one.effect.name
     if not fits or reach(one.effect, fits[f"without {name}"].fit, fits["named"].fit) < LEAST_REACH:
         return "untested"
-    stretches = [track.stretch for track in named.base.tracks]
-    return status_of(surprise_of(one.score, named.losses[name], stretches), threshold)
+    return status_of(surprise_in(named, one), threshold)
+
+
+def surprise_in(named: Named, one: Tried) -> float:
+    """Of what a name explains beside the others."""
+    return surprise_of(one.score, named.losses[one.effect.name], [track.stretch for track in named.base.tracks])
 
 
 def status_of(surprise: float, threshold: float) -> Status:

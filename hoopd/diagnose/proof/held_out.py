@@ -8,9 +8,10 @@ Rules of this file: every hypothesis is run once, however many tables show it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from hoopd.diagnose.curves.curve_fits import recordings_of
+from hoopd.diagnose.proof.fit_tables import Played, run_windows
 from hoopd.diagnose.search.candidates import free_of_recordings
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
@@ -23,6 +24,7 @@ class HeldOut:
         self.stretches = list(stretches)
         # with the fits themselves: the address of one that is gone is soon another's
         self._runs: dict[int, tuple[HypothesisFit, HypothesisFit]] = {}
+        self._played: dict[int, Played] = {}
 
     def of(self, found: HypothesisFit) -> HypothesisFit | None:
         """A fit's hypothesis on them; None when nothing is held out."""
@@ -32,6 +34,18 @@ class HeldOut:
             own = free_of_recordings(found.effects, self.stretches)
             self._runs[id(found)] = found, fit(self.stretches, found.effects, found.values, free=own)
         return self._runs[id(found)][1]
+
+    def played(self, runs: Mapping[str, HypothesisFit]) -> dict[str, Played]:
+        """Fits of the held-out stretches with their free runs over windows, each simulated once."""
+        for one in runs.values():
+            if id(one) not in self._played:
+                self._played[id(one)] = Played(one, run_windows(one))
+        return {name: self._played[id(one)] for name, one in runs.items()}
+
+    def played_of(self, found: HypothesisFit) -> Played | None:
+        """Of one hypothesis; None when nothing is held out."""
+        run = self.of(found)
+        return None if run is None else self.played({"": run})[""]
 
 
 def on_heldout(joint: HypothesisFit, heldout: Sequence[Stretch], beside: HypothesisFit) -> tuple[HypothesisFit, int]:

@@ -3,6 +3,7 @@
 Both simulate the same windows; their squared errors are summed over half windows, and the loss in points of fit is
 drawn again from these blocks, pair by pair (block bootstrap; Kuensch 1989). A channel is lowered when the loss is
 positive in all but a few of the draws, and larger than a table shows; or when it is more than a point, sure or not.
+How few is told how often it was looked: every name is asked of every channel.
 
 Rules of this file: simulations in, points of fit out; what follows from them is decided in `confirmation`.
 """
@@ -19,8 +20,9 @@ from hoopd.diagnose.proof.simulation import BOUND
 
 Array = NDArray[np.float64]
 
-DRAWS = 2000
-# How often chance alone may make a channel worse.
+# Enough for a chance of one in a thousand: five names of five channels.
+DRAWS = 5000
+# How often chance alone may make any channel worse with any of the names.
 CHANCE = 0.025
 # Points of fit: what a table of one decimal shows.
 LEAST_POINTS = 0.1
@@ -30,19 +32,19 @@ MOST_POINTS = 1.0
 PIECES = 2
 
 
-def lowered(before: Played, after: Played, seed: int = 0) -> dict[str, float]:
+def lowered(before: Played, after: Played, seed: int = 0, names: int = 1) -> dict[str, float]:
     """Points of fit lost by the second hypothesis, by channel; only channels in which it is worse beyond noise, or by
-    more than a point."""
+    more than a point. `names`: how many hypotheses are asked so (Bonferroni)."""
     own = {name: one.by_recording() for name, one in (("before", before), ("after", after))}
     blocks = {
         recording: (_blocks(series(runs)), _blocks(series(own["after"][recording])))
         for recording, runs in own["before"].items()
     }
     channels = dict.fromkeys(channel for pair in blocks.values() for channel in pair[0])
-    found = {}
+    found, chance = {}, CHANCE / max(names * len(channels), 1)
     for channel in channels:
         pairs = [(one[channel], two[channel]) for one, two in blocks.values() if channel in one]
-        lost, sure = _loss(pairs, np.random.default_rng(seed))
+        lost, sure = _loss(pairs, chance, np.random.default_rng(seed))
         if lost > MOST_POINTS or (lost > LEAST_POINTS and sure > 0.0):
             found[channel] = lost
     return found
@@ -71,14 +73,14 @@ def _squared(window: tuple[Array, Array, Array], spread: float) -> Array:
     return np.asarray(np.where(np.isnan(error), BOUND, np.minimum(error, BOUND)) ** 2)
 
 
-def _loss(pairs: list[tuple[Array, Array]], random: np.random.Generator) -> tuple[float, float]:
-    """Points lost, and what is lost in all but `CHANCE` of the draws; means over the recordings."""
+def _loss(pairs: list[tuple[Array, Array]], chance: float, random: np.random.Generator) -> tuple[float, float]:
+    """Points lost, and what is lost in all but `chance` of the draws; means over the recordings."""
     draws, lost = np.zeros(DRAWS), 0.0
     for before, after in pairs:
         pick = random.integers(len(before), size=(DRAWS, len(before)))
         draws += _points(after[pick]) - _points(before[pick])
         lost += float(_points(after) - _points(before))
-    return lost / len(pairs), float(np.quantile(draws / len(pairs), CHANCE))
+    return lost / len(pairs), float(np.quantile(draws / len(pairs), chance))
 
 
 def _points(blocks: Array) -> Array:

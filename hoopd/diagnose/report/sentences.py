@@ -55,7 +55,7 @@ def decimals(window_s: Number, share: float) -> int:
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence."""
-    gained = _gain_clause(diagnosis.fit.heldout)
+    gained = _gain_clause(diagnosis.fit.heldout, named=bool(kept(diagnosis)))
     if diagnosis.verdict == "consistent":
         return "The model explains these recordings: nothing is missing that they could show."
     if diagnosis.verdict == "parameters" and diagnosis.refused:
@@ -70,6 +70,12 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         known = [one for one in kept(diagnosis) if not one.is_unknown]
         beside = f" beside {listed(map(_finding, known))}" if known else ""
         return f"Something that is not in the library acts {_unknown_place(diagnosis)}{beside}{gained}."
+    if not kept(diagnosis):
+        denied = listed(f"{_finding(one)}: {one.reason}" for one in diagnosis.effects)
+        return (
+            f"Physics is missing, and no name for it is confirmed{gained}. "
+            f"What explains most of it, and is in no model that is written: {denied}."
+        )
     return f"The model leaves out {listed(map(_finding, kept(diagnosis)))}{gained}."
 
 
@@ -94,10 +100,10 @@ def _unknown_place(diagnosis: Diagnosis) -> str:
     return f"in slot {rest.slot}" + (f" and follows {listed(follows)}" if follows else "")
 
 
-def _gain_clause(fits: Fits) -> str:
+def _gain_clause(fits: Fits, *, named: bool) -> str:
     """What the held-out data gained over the better of the user's and the re-fitted model in the channel that gained
-    most, and every channel that lost; means over the recordings."""
-    means = _channel_means(fits)
+    most, and every channel that lost; means over the recordings. Of the re-fitted model where nothing is `named`."""
+    means = _channel_means(fits, named=named)
     if not means:
         return ""
     channel, (before, after, _) = max(means.items(), key=lambda one: one[1][1] - one[1][0])
@@ -107,7 +113,7 @@ def _gain_clause(fits: Fits) -> str:
     return gain + (f"; on held-out data worse than {' and '.join(sorted(whose))}: {listed(lost)}" if lost else "")
 
 
-def _channel_means(fits: Fits) -> dict[str, tuple[float, float, str]]:
+def _channel_means(fits: Fits, *, named: bool) -> dict[str, tuple[float, float, str]]:
     """By channel: fit of the better of the user's and the re-fitted model, of what is told, and which the better is.
 
     What is told are the effects, or the re-fitted model where there are none.
@@ -120,8 +126,9 @@ def _channel_means(fits: Fits) -> dict[str, tuple[float, float, str]]:
         nominal, base, final = (
             _mean_known([getattr(one, name) for one in rows]) for name in ("nominal", "base_refit", "with_effects")
         )
-        last = base if final is None else final
-        before = {"your model": nominal} if final is None else {"your model": nominal, "the re-fitted model": base}
+        has_effects = named and final is not None
+        last = final if has_effects else base
+        before = {"your model": nominal} | ({"the re-fitted model": base} if has_effects else {})
         known = {name: value for name, value in before.items() if value is not None}
         if known and last is not None:
             best = max(known, key=lambda name: known[name])
@@ -179,8 +186,12 @@ def experiment_sentence(planned: NextExperiment) -> str:
 
 
 def statements(diagnosis: Diagnosis) -> list[str]:
-    """What each finding is, in plain words."""
-    return [f"{safe(one.name)}: {one.statement}{_law(one)}" for one in diagnosis.effects]
+    """What each finding is, in plain words; of one that is not confirmed, why."""
+    return [f"{safe(one.name)}: {one.statement}{_law(one)}{_denied(one)}" for one in diagnosis.effects]
+
+
+def _denied(effect: EffectFinding) -> str:
+    return f". Not confirmed: {effect.reason}" if effect.reason else ""
 
 
 def _law(effect: EffectFinding) -> str:

@@ -1,0 +1,52 @@
+"""Why held-out data deny a name: a channel that they are simulated worse with, or log-likelihood that they lose by it.
+
+Two questions, for one does not answer the other: readings one after the other may be foretold better while a free run
+of seconds is worse, and a run may be as good while what was fitted to the training data is refused, nat by nat.
+
+Rules of this file: two hypotheses on the held-out data in, a denial or none out; what follows is in `confirmation`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from hoopd.diagnose.proof.fit_tables import Played
+from hoopd.diagnose.proof.lowered import lowered
+from hoopd.diagnose.search.candidates import UNSEEN_LOSS, UNSEEN_SHARE
+
+# A name whose surprise is so many times the threshold is no chance, whatever a simulation makes of it.
+STRONG = 2.0
+
+
+@dataclass(frozen=True)
+class Denial:
+    """What held-out data have against a name."""
+
+    points: Mapping[str, float]  # of fit lost, by channel
+    nats: float = 0.0  # that the held-out data gain by it
+    is_refuted: bool = False  # they lose more than chance, or another effect that is still missing, explains
+
+    @property
+    def reason(self) -> str:
+        """In words."""
+        worse = " and ".join(f"{channel} by {points:.1f} points" for channel, points in self.points.items())
+        parts = [f"the held-out data lose {-self.nats:.1f} nats with it"] if self.is_refuted else []
+        parts += [f"with it the simulation of the held-out data is worse: {worse}"] if worse else []
+        return "; ".join(parts)
+
+    def leaves_evidence(self, surprise: float, threshold: float) -> bool:
+        """Whether something is there all the same: the training data say so far beyond chance, or the held-out data
+        bear it out reading by reading."""
+        return not self.is_refuted and (surprise >= STRONG * threshold or self.nats >= UNSEEN_LOSS)
+
+
+def denial(before: Played, after: Played, gain: float, names: int = 1, seed: int = 0) -> Denial | None:
+    """Of a name that the second hypothesis has and the first has not; None where nothing speaks against it.
+
+    `gain`: nats that it explains of the training data; `names`: how many are asked about.
+    """
+    points, nats = lowered(before, after, seed, names), before.fit.criterion - after.fit.criterion
+    # the rule by which folds of the training data refuse a name
+    refuted = nats < -max(UNSEEN_LOSS, UNSEEN_SHARE * gain)
+    return Denial(points, nats, refuted) if points or refuted else None
