@@ -8,10 +8,14 @@ from __future__ import annotations
 import typer
 
 from hoopd.commands.options.calibrate import CalibrateOptions
+from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.replay import ReplayOptions
 from hoopd.commands.options.running import checked_speed, without_pictures
 from hoopd.files.reading import InputError
+
+# Of the hoop's signals, s: the least is a tick, but for the whole, which has to reach beyond its soft start.
+TIMES_S = {"duration_s": (0.5, 1200.0), "hold_s": (0.02, 600.0), "kick_s": (0.02, 600.0), "rest_s": (0.02, 600.0)}
 
 
 def experiment(options: ExperimentOptions) -> None:
@@ -28,6 +32,7 @@ def experiment(options: ExperimentOptions) -> None:
         return
     if options.at:
         raise InputError("--at", "", "goes with --plant, and only with it")
+    _check_times(options)
     from hoopd.daemon.app import Options
     from hoopd.daemon.experiment import Where, run
     from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan
@@ -48,6 +53,15 @@ def experiment(options: ExperimentOptions) -> None:
     write_json(options.json_path, result)
     print_result(result)
     raise typer.Exit(result["exit"])
+
+
+def _check_times(options: ExperimentOptions) -> None:
+    for name, (low, high) in TIMES_S.items():
+        seconds = getattr(options, name)
+        if seconds is not None and not low <= seconds <= high:
+            raise InputError(
+                option_name(ExperimentOptions, name), "", f"must be {low:g} to {high:g} s, not {seconds:g}"
+            )
 
 
 def calibrate(options: CalibrateOptions) -> None:

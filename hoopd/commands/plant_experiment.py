@@ -25,13 +25,19 @@ from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan
 from hoopd.plants.plant_model import nominal_model
 from hoopd.recording import save
 from hoopd.recording.recording import Recording, Signal, from_signals
+from hoopd.recording.tables import MAX_ROWS
 
 Array = NDArray[np.float64]
 
 # The sample time for which the options' usual times and frequencies are meant, s.
 TICK_S = 0.02
 TIMES, FREQUENCIES = ("hold_s", "kick_s", "rest_s", "soft_start_s", "soft_end_s"), ("low_hz", "high_hz")
-OF_A_DEVICE = ("config", "sets", "arm", "around", "camera", "sim", "centring_nm_per_rad_s", "no_ball")
+# Of a signal's kind, the times that have to be a sample at least.
+HELD = {"steps": ("hold_s",), "decay": ("kick_s", "rest_s")}
+OF_A_DEVICE = (
+    "config", "sets", "arm", "around", "camera", "centring_nm_per_rad_s", "no_ball", "torque_limit_nm",
+    "speed_limit_rad_s", "angle_limit_rad", "soft_start_s", "soft_end_s",
+)  # fmt: skip
 KINDS = ("prbs", "chirp", "multisine", "steps", "decay")
 # Of a limit, what a signal uses where nobody says an amplitude.
 USUAL_SHARE = 0.1
@@ -77,7 +83,7 @@ def _refuse_device(options: ExperimentOptions) -> None:
     """InputError for what only a device, or the hoop, has."""
     usual = {one.name: one.default for one in fields(ExperimentOptions)}
     for name in OF_A_DEVICE:
-        if getattr(options, name) != usual[name] and name != "sim":
+        if getattr(options, name) != usual[name]:
             raise InputError(option_name(ExperimentOptions, name), "", "is of the device: --plant simulates a model")
     if options.kind not in KINDS:
         raise InputError("KIND", "", f"unknown {options.kind!r}; known: {', '.join(KINDS)}")
@@ -105,7 +111,12 @@ def _plan(options: ExperimentOptions, plant: Plant) -> Plan:
     for name in (*TIMES, *FREQUENCIES):
         if getattr(options, name) == usual[name]:
             changes[name] = usual[name] * (1.0 / by if name in FREQUENCIES else by)
-    seconds = options.duration_s or DURATIONS_S.get(options.kind, DURATION_S) * by
+    for name in HELD.get(options.kind, ()) if plant.inputs else ():
+        if not (seconds := changes.get(name, getattr(options, name))) >= plant.time_scale_s:
+            reason = f"{seconds:g} s are less than a sample of {plant.name}, {plant.time_scale_s:g} s"
+            raise InputError(option_name(ExperimentOptions, name), "", reason)
+    usual_s = DURATIONS_S.get(options.kind, DURATION_S) * by
+    seconds = usual_s if options.duration_s is None else options.duration_s
     amplitude = options.amplitude_nm if options.amplitude_nm is not None else _usual_amplitude(plant)
     if plant.inputs and abs(amplitude) > plant.limit:
         reason = f"{amplitude:g} is beyond the limit of {plant.inputs[0].name}, {plant.limit:g} {plant.force_unit}"
@@ -124,11 +135,9 @@ def _usual_amplitude(plant: Plant) -> float:
 def _signal(plan: Plan, plant: Plant, told: dict[str, float], seed: int) -> tuple[Array, Array]:
     """Rows t (n,) and inputs (n, inputs): the first one moves about where it is held, the others stay."""
     step = plant.time_scale_s
-    if round(plan.duration_s / step) < FEWEST_ROWS:
-        reason = (
-            f"{plan.duration_s:g} s are no {FEWEST_ROWS} samples of {plant.name}, which is sampled every {step:g} s"
-        )
-        raise InputError("--duration", "", reason)
+    if not FEWEST_ROWS <= plan.duration_s / step + 0.5 <= MAX_ROWS:
+        wanted = f"{FEWEST_ROWS} to {MAX_ROWS} samples of {plant.name}, which is sampled every {step:g} s"
+        raise InputError("--duration", "", f"{plan.duration_s:g} s are not {wanted}")
     if not plant.inputs:
         if plan.kind != "decay":
             raise InputError("KIND", "", f"{plant.name} has no input: decay from --at alone can be simulated")

@@ -67,9 +67,11 @@ def python_names(record: type) -> dict[str, str]:
 
 def from_python(record: type[Record], **given: Any) -> Record:
     """A record from arguments of the Python interface: None is the record's default, a mapping stands for
-    "NAME=VALUE,...", one name for a tuple of names."""
+    "NAME=VALUE,...", one name for a tuple of names. InputError for NaN and infinities."""
     known, hints = python_names(record), get_type_hints(record)
     told = {known[name]: value for name, value in given.items() if value is not None}
+    for name, value in told.items():
+        _check_finite(option_name(record, name), value)
     return record(**{name: _as_field(value, hints[name]) for name, value in told.items()})
 
 
