@@ -92,6 +92,16 @@ def test_a_changed_model_is_another_one_and_comes_back_from_its_file(thesis, tmp
         (lambda: lab.simulate("hoop", ([0, 1], 0.0), step=3.0), "--step: must be"),
         (lambda: lab.simulate("hoop", ([0, 1], 0.0), moving="all"), "--moving: unknown 'all'"),
         (lambda: lab.experiment("steps", plant="axis", centring=0.01), "--centring: is of the device"),
+        (lambda: lab.experiment("steps", plant="axis", rig="thesis"), "rig is of the hoop"),
+        *(
+            (call, "has q, h1, h2 and no u, theta, psi: no recording of the hoop")
+            for call in (
+                lambda: lab.fit(PUMPED),
+                lambda: lab.simulate("hoop", PUMPED),
+                lambda: lab.diagnose(PUMPED),
+                lambda: lab.design("arx", "hoop", recording=PUMPED),
+            )
+        ),
         (lambda: lab.linearize(lab.model("hoop"), "phi"), "outputs must be"),
         (lambda: lab.linearize(lab.model("hoop"), delay=2), "give sample_time too"),
         (lambda: lab.linearize(lab.model("hoop"), top=True, psi=0.1), "nothing beside it"),

@@ -26,7 +26,7 @@ from hoopd.design.poles import Pole, closed_loop_poles, unstable
 from hoopd.files.controller import ControllerFile, load_controller, parse_controller
 from hoopd.files.shipped import defaults_folder, way_to
 from hoopd.files.whole_files import replace_file
-from hoopd.lab.models import Model, as_model, model_of, shipped
+from hoopd.lab.models import Model, as_model, check_of_hoop, model_of, shipped
 from hoopd.lab.models import model as load_model
 from hoopd.lab.pictures import Picture
 from hoopd.lab.plant_controllers import DesignedPlant
@@ -223,6 +223,8 @@ def design(
     specification |= {} if method is None else {"method": method}
     if law not in (*LAWS, "arx"):
         raise ValueError(f"unknown law {law!r}; known: {', '.join((*LAWS, 'arx'))}")
+    if recording is not None:
+        check_of_hoop([recording])
     if (law == "arx") != (recording is not None):
         raise ValueError("a recording goes with the law arx, and only with it")
     spec, own = _spec(specification), as_model(model)

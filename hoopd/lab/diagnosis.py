@@ -20,7 +20,7 @@ from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.report.terminal import report_text
 from hoopd.diagnose.run import Outcome
 from hoopd.files.whole_files import replace_file
-from hoopd.lab.models import Model, model_of, shipped
+from hoopd.lab.models import Model, check_of_hoop, model_of, shipped
 from hoopd.plants.declaration import Plant
 from hoopd.plants.plant_model import PlantModel, hoop_model
 from hoopd.plants.recorded_sizes import with_recorded_sizes
@@ -136,6 +136,8 @@ def diagnose(
     if not train:
         raise ValueError("diagnose takes a recording or several: diagnose([lab.load('a.mcap'), lab.load('b.mcap')])")
     base = model_of(plant, model) or (hoop_model(model.file) if isinstance(model, Model) else _hoop(model))
+    if base.is_hoop:
+        check_of_hoop([*train, *held])
     base = replace(base, plant=with_recorded_sizes(base.plant, train))
     asked = from_python(
         DiagnoseOptions,

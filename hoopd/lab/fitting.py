@@ -15,7 +15,7 @@ from hoopd.commands.fit_options import settings_of, start_model
 from hoopd.commands.fit_plant import fitted_plant
 from hoopd.commands.options.declaration import from_python
 from hoopd.commands.options.fit import FitOptions
-from hoopd.lab.models import Model, as_model, model_of
+from hoopd.lab.models import Model, as_model, check_of_hoop, model_of
 from hoopd.lab.pictures import Picture
 from hoopd.lab.plant_fits import FittedPlant
 from hoopd.lab.simulation import simulate
@@ -148,8 +148,9 @@ def fit(
     if isinstance(model, PlantModel):
         raise ValueError("fit starts from a model of the hoop by name or path: lab.model('hoop')")
     base = as_model(start_model(asked) if model is None else model)
-    nominal = nominal_values(base.file, structure)
-    return Fitted(fitted(together, nominal, settings_of(asked, base.file)), base, together)
+    nominal, settings = nominal_values(base.file, structure), settings_of(asked, base.file)
+    check_of_hoop(together)
+    return Fitted(fitted(together, nominal, settings), base, together)
 
 
 def _priors(given: Mapping[str, tuple[float, float]]) -> list[str]:

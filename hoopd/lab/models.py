@@ -5,6 +5,7 @@ Rules of this file: thin over `hoopd.plants.model_file`; a model is never change
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +22,7 @@ from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, parse_model, plant_of
 from hoopd.plants.plant_model import PlantModel, declared_model
+from hoopd.recording.recording import Recording
 
 
 @dataclass(frozen=True, repr=False)
@@ -141,6 +143,15 @@ def model_of(plant: Plant | str | None, model: Model | PlantModel | Path | str |
     if plant is not None:
         return other_model(plant, None if model is None else Path(model))
     return None if model is None else other_model(None, shipped("models", model))
+
+
+def check_of_hoop(recordings: Sequence[Recording]) -> None:
+    """ValueError for another plant's recording, where nobody said whose it is."""
+    for one in recordings:
+        if missing := [name for name in ("u", "theta", "psi") if name not in one.signals]:
+            there = ", ".join(one.signals) or "nothing"
+            lacks = f"{one.source or 'a recording'} has {there} and no {', '.join(missing)}"
+            raise ValueError(f"{lacks}: no recording of the hoop; whose it is says plant=...")
 
 
 def as_model(given: Model | Path | str) -> Model:

@@ -188,6 +188,8 @@ def experiment(
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{kind}.mcap" if file is None else Path(file)
         if plant is not None and plant != HOOP:
+            if rig != HOOP:
+                raise ValueError("rig is of the hoop: another plant is simulated itself")
             declared = resolve_plant(plant) if isinstance(plant, str) else plant
             simulate_experiment(replace(asked, out=path), declared)
             return load(path, plant=declared)

@@ -18,7 +18,7 @@ from hoopd.commands.options.declaration import from_python
 from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.simulate import check_step, moved
 from hoopd.commands.simulate_plant import asked_system
-from hoopd.lab.models import Model, as_model, model_of
+from hoopd.lab.models import Model, as_model, check_of_hoop, model_of
 from hoopd.lab.pictures import Picture
 from hoopd.lab.plant_fits import PlantRun
 from hoopd.plants.declaration import Plant
@@ -143,6 +143,7 @@ def simulate(
     check_step(asked.step_s)
     own = as_model(model)
     recording = given if isinstance(given, Recording) else _only_torque(*_pair(given))
+    check_of_hoop([recording])
     start = ({} if not was_measured(recording) else None) if x0 is None else _named(x0, STATES)
     what = moved(recording, asked.moving, own.file.device.encoder_counts)
     subject = Subject(own.structure, own.parameters, step_s=asked.step_s)
