@@ -13,10 +13,13 @@ from freeruns import COUNT_RAD, PSI_SIGMA_RAD
 from shared import shared_path
 
 from hoopd.diagnose.camera_faults import camera_faults
+from hoopd.diagnose.quality import recording_quality
 from hoopd.diagnose.quality import standstill as stops
 from hoopd.diagnose.quality.recording_quality import cleaned
+from hoopd.plants.free_run import FreeRun
+from hoopd.plants.registry import plant_named
 from hoopd.recording import load
-from hoopd.recording.recording import from_columns
+from hoopd.recording.recording import from_columns, from_signals
 
 
 def corruption_findings(quality):
@@ -271,3 +274,14 @@ def test_a_motor_current_is_no_ball():
     quality = assess(load(shared_path("recordings/meas_hoop02_chirp.mat")))
     assert quality.plant.coordinates == ("theta",)
     assert not quality.channels["psi"].counts.any()
+
+
+def test_a_reading_that_an_input_moves_by_way_of_another_state_has_no_false_values() -> None:
+    """The source's steps bend a capacitor's voltage: no sample near one is false."""
+    circuit, random = plant_named("circuit"), np.random.default_rng(3)
+    t = np.arange(1000) * circuit.time_scale_s
+    u = 5.0 * random.choice((-1.0, 1.0), len(t))
+    v = FreeRun(circuit).run([], [0.0, 0.0], t, u[:-1]).readings[:, 0] + 0.02 * random.normal(size=len(t))
+    judged = recording_quality.assess(from_signals(t, {"V": u}, {"v": v}), circuit)
+    assert judged.segments == [] and judged.channels["v"].numbers["counts"] == len(t)
+    assert judged.channels["v"].sigma == pytest.approx(0.02, rel=0.1)

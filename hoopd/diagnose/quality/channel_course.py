@@ -3,14 +3,15 @@
     z = y - p(u),   min  sum w_k (z_k - x_k)^2 / sigma^2 + sum (D^3 x)_k^2 / q^2
 
 D^3 is the third divided difference: a course whose acceleration changes by chance. What the recorded torque does at
-once, p(u), is taken out first: the torque, held over a step and delayed by 0 to 3 of them, integrated once (speeds) or
-twice (angles), with coefficients from this recording alone.
+once, p(u), is taken out first: the inputs, held over a step and delayed by 0 to 3 of them, integrated as often as on
+their way to what is read (speeds once, angles twice), with coefficients from this recording alone.
 Rules of this file: no plant, only the recording; banded systems, no loop over samples; a sample that is missing has
 weight 0 and still gets a prediction.
 """
 
 from __future__ import annotations
 
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -80,14 +81,13 @@ class Differences:
 
 
 def pushes(t: Array, drives: Array, integrals: int) -> Array:
-    """Held accelerations (n, k) integrated once or twice from rest: (n, k)."""
-    h = np.diff(t)[:, None]
-    rate = np.concatenate([np.zeros((1, drives.shape[1])), np.cumsum(drives[:-1] * h, axis=0)])
-    if integrals == 1:
-        return rate
-    # x_k+1 = x_k + v_k h + a_k h^2 / 2
-    moved = np.cumsum(rate[:-1] * h + drives[:-1] * h**2 / 2, axis=0)
-    return np.concatenate([np.zeros((1, drives.shape[1])), moved])
+    """Held inputs (n, k), integrated so often from rest: (n, k)."""
+    h, levels = np.diff(t)[:, None], [drives]
+    for level in range(1, integrals + 1):
+        # x_k+1 = x_k + x'_k h + x''_k h^2 / 2 + ...
+        steps = sum(levels[level - j][:-1] * h**j / factorial(j) for j in range(1, level + 1))
+        levels.append(np.concatenate([np.zeros((1, drives.shape[1])), np.cumsum(steps, axis=0)]))
+    return levels[-1]
 
 
 def lagged(u: Array, lags: int = LAGS) -> Array:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from hoopd.plants.declaration import Plant
+from hoopd.plants.relative_degree import relative_degrees
 
 CAMERA, ENCODER = "camera", "encoder"
 
@@ -24,6 +25,7 @@ class Sensor(NamedTuple):
     turns: bool  # the angle comes back after a turn
     moves: bool  # the coordinate moves in the recording
     resolution: float | None  # step of a counting sensor, where it is known
+    integrals: int  # how often an input is integrated to get what it reads
 
     @property
     def is_camera(self) -> bool:
@@ -35,18 +37,13 @@ class Sensor(NamedTuple):
         """It reads a coordinate itself."""
         return bool(self.coordinate) and not self.is_rate
 
-    @property
-    def integrals(self) -> int:
-        """How often an acceleration is integrated to get what it reads."""
-        return 2 if self.is_place else 1
-
 
 def sensors_of(plant: Plant, moving: Plant) -> dict[str, Sensor]:
     """Every channel of a plant, of which `moving` moves."""
-    return {name: _sensor(plant, moving, name) for name in plant.channels}
+    return {name: _sensor(plant, moving, name, degree or 1) for name, degree in relative_degrees(plant).items()}
 
 
-def _sensor(plant: Plant, moving: Plant, name: str) -> Sensor:
+def _sensor(plant: Plant, moving: Plant, name: str, integrals: int) -> Sensor:
     channel = plant.channels[name]
     rate = channel.state.removeprefix("d") in plant.coordinates and channel.state not in plant.coordinates
     coordinate = channel.state.removeprefix("d") if rate else channel.state
@@ -54,7 +51,7 @@ def _sensor(plant: Plant, moving: Plant, name: str) -> Sensor:
     slot = plant.slots.get(channel.sensor)
     device, turns = (slot.device, slot.turns) if slot is not None else ("", False)
     moves = not coordinate or coordinate in moving.coordinates
-    return Sensor(name, coordinate, rate, channel.sensor, device, turns, moves, channel.resolution)
+    return Sensor(name, coordinate, rate, channel.sensor, device, turns, moves, channel.resolution, integrals)
 
 
 def rates_of(sensors: Mapping[str, Sensor]) -> dict[str, str]:
