@@ -213,6 +213,26 @@ def test_equal_simulations_lower_nothing_and_noise_is_no_loss(fits: tuple[Hypoth
     assert worse and max(worse.values()) > 1.0
 
 
+def made_up(size: float, worse: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, Any]:
+    """Ten windows with errors of `size` of the motion, and the same with each window's worse by a factor."""
+    monkeypatch.setattr("hoopd.diagnose.proof.lowered.series", lambda windows: {"x": windows})
+    t, random = np.arange(100.0), np.random.default_rng(2)
+    y = np.sin(0.3 * t)
+    errors = [size * random.normal(size=100) for _ in worse]
+    each = [[(t, y, y + by * one) for by, one in zip(factors, errors, strict=True)] for factors in (worse**0, worse)]
+    before, after = (SimpleNamespace(by_recording=lambda windows=windows: {"r": windows}) for windows in each)
+    return before, after
+
+
+def test_a_loss_of_part_of_a_point_counts_where_all_windows_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same loss that some windows make and others take back is left open by the draws."""
+    found = lowered(*made_up(0.1, np.full(10, 1.03), monkeypatch))
+    assert 0.3 < found["x"] < 0.6
+    before, after = made_up(0.1, np.tile([1.35, 0.5], 5), monkeypatch)
+    assert lowered(before, after) == {}
+    assert "x" in lowered(*made_up(0.1, np.tile([1.6, 0.8], 5), monkeypatch))  # beyond a point, sure or not
+
+
 def test_what_folds_refused_is_told_with_the_reason(fits: tuple[HypothesisFit, HypothesisFit]) -> None:
     named = replace(named_with(*fits), refusals={"actuator.cogging": Refusal(33.0, 7.2)})
     told = refused_of(named, Confirmation(fits[1], fits[1], {}, {FRICTION.name: "confirmed"}))

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 
+from hoopd.diagnose.search import folds
 from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.folds import FOLDS, fold_gain
 from hoopd.plants.effects.library import library
@@ -57,6 +60,31 @@ def test_what_one_part_of_a_recording_asks_for_and_the_others_do_not_is_refused(
     assert loss is not None and loss > 3.0
     before, after = fits(with_bias((0.03, 0.03, 0.03)), BIAS)
     assert Judge([], {}, Settings()).fold_loss(before, after, before.criterion - after.criterion) is None
+
+
+def test_a_block_is_asked_only_where_the_others_know_the_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Next to nothing of it is elsewhere, and what there is is misleading: the block's own rows stay unasked."""
+    n = 30
+    track = SimpleNamespace(stretch=SimpleNamespace(t=np.arange(n) * 1.0, recording="day", y=np.zeros((n, 1))))
+    for name, made in (("prior", (np.full(1, 1e-6), np.zeros(1))), ("ranges", {})):
+        monkeypatch.setattr(folds, name, lambda *_, made=made: made)
+    monkeypatch.setattr(folds, "_log_s", lambda found: np.zeros(n))
+
+    def losses(first: float, others: float) -> list[float | None]:
+        x = np.where(np.arange(n) < 10, first, others)
+        rows = np.column_stack([np.where(x == others, -3.0, 0.0), -x])
+        found: Any = SimpleNamespace(
+            stacked=lambda: rows,
+            effects=(),
+            tracks=[track],
+            free=("hoop.friction.Fc",),
+            values={"hoop.friction.Fc": 0.0},
+        )
+        return [*folds._losses(found, {"hoop.friction"})]
+
+    alone, *rest = losses(5.0, 0.5)
+    assert alone is None and None not in rest
+    assert None not in losses(1.0, 0.9)
 
 
 def test_what_a_single_block_shows_is_not_refuted_by_the_others() -> None:
