@@ -7,7 +7,7 @@ bandwidth without a bound is null, and a note says so.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import control
@@ -54,10 +54,13 @@ def record_of(
     sampling: tuple[float | None, int],
     notes: list[str],
     matrices: control.StateSpace | None = None,
+    sizes: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """The result record of one input; `matrices`: those that are printed, where the plant has several inputs."""
+    """The result record of one input; `matrices`: those that are printed, where the plant has several inputs; `sizes`:
+    usual ones of states and inputs, in which is told what is steered and seen."""
+    seen = visibility.in_usual_sizes(system, sizes or {})
     first, *others = [channel(system, name) for name in system.output_labels]
-    notes, driven = [*notes, *visibility.in_words(system)], bool(system.B.any())
+    notes, driven = [*notes, *visibility.in_words(seen)], bool(system.B.any())
     effects = {"effects": head.pop("effects")} if "effects" in head else {}
     result = {
         **head,
@@ -66,9 +69,9 @@ def record_of(
         "state_space": _matrices(system if matrices is None else matrices),
         "poles": _complex(system.poles()),
         **(_channel(first, notes) if driven else {"output": first.output_labels[0]}),
-        "controllability": _rank(visibility.controllability(system)),
-        "observability": {"measured": list(system.output_labels), **_rank(visibility.observability(system))},
-        "detectability": _detectability(visibility.detectability(system)),
+        "controllability": _rank(visibility.controllability(seen)),
+        "observability": {"measured": list(system.output_labels), **_rank(visibility.observability(seen))},
+        "detectability": _detectability(visibility.detectability(seen)),
     }
     result |= effects
     if others and driven:

@@ -23,6 +23,7 @@ from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.model_file import HOOP
 from hoopd.plants.plant_model import PlantModel, is_of_another_plant, load_plant_model, nominal_model
+from hoopd.plants.scales import usual_sizes
 
 
 class LinearizedPlant(NamedTuple):
@@ -59,7 +60,7 @@ def run(options: LinearizeOptions) -> dict[str, Any]:
         notes.append(f"margins, bandwidth and fractions are those of the input {inputs[0].name}")
     if not inputs:
         notes.append(f"{linear.model.name} has no input: nothing to steer, and no fractions, margins or bandwidth")
-    result = record_of(_head(linear), first, sampling, notes, matrices=system)
+    result = record_of(_head(linear), first, sampling, notes, matrices=system, sizes=usual_sizes(linear.model.plant))
     if not inputs:  # python-control's one input stands for none
         result["notes"] = [note for note in result["notes"] if not note.endswith("is not moved by nothing")]
     if options.figure is not None and inputs:

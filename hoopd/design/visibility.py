@@ -5,6 +5,7 @@ Rules of this file: every yes or no comes with the numbers and the tolerance tha
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import control
@@ -41,6 +42,26 @@ class Detectability(NamedTuple):
     detectable: bool
     hidden: tuple[complex, ...]  # poles that do not die out and are not seen
     states: tuple[str, ...]  # what carries them
+
+
+def in_usual_sizes(system: control.StateSpace, sizes: Mapping[str, float]) -> control.StateSpace:
+    """The same with states and inputs over their usual sizes, outputs over what these make of them, and the time over
+    that of the fastest pole: what is weak in it does not depend on units.
+
+    `sizes`: by name, 1 where there is none; a late input has the input's. Without any the system as it is.
+    """
+    if not sizes:
+        return system
+    late = {name: sizes.get(name.rpartition("_")[0], 1.0) for name in system.state_labels}
+    x = np.array([sizes.get(name, late[name]) for name in system.state_labels])
+    u = np.array([sizes.get(name, 1.0) for name in system.input_labels])
+    y = np.abs(system.C) @ x
+    y = np.where(y > 0.0, y, 1.0)[:, None]
+    fastest = np.abs(system.poles()).max(initial=0.0)
+    time = 1.0 if system.isdtime(strict=True) or not fastest > 0.0 else 1.0 / fastest
+    labels = {"states": system.state_labels, "inputs": system.input_labels, "outputs": system.output_labels}
+    a, b = time * system.A * x / x[:, None], time * system.B * u / x[:, None]
+    return control.ss(a, b, system.C * x / y, system.D * u / y, system.dt, name=system.name, **labels)
 
 
 def controllability(system: control.StateSpace) -> Rank:

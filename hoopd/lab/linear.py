@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -28,6 +28,7 @@ from hoopd.lab.signatures import with_named_keywords
 from hoopd.plants.declaration import Plant
 from hoopd.plants.hoop.loop.operating_points import HeldBall, OperatingPoint, operating_point, told
 from hoopd.plants.plant_model import PlantModel
+from hoopd.plants.scales import usual_sizes
 from hoopd.plots.linear import DRAWINGS
 
 
@@ -42,6 +43,7 @@ class Linear:
     point: OperatingPoint | Equilibrium
     name: str
     notes: tuple[str, ...] = ()  # what the model leaves out
+    sizes: Mapping[str, float] = field(default_factory=dict)  # usual ones of another plant's states and inputs
 
     @property
     def transfer_function(self) -> control.TransferFunction:
@@ -61,13 +63,13 @@ class Linear:
 
     @property
     def controllability(self) -> visibility.Rank:
-        """What the inputs steer."""
-        return visibility.controllability(self.system)
+        """What the inputs steer; of another plant than the hoop in its usual sizes."""
+        return visibility.controllability(visibility.in_usual_sizes(self.system, self.sizes))
 
     @property
     def observability(self) -> visibility.Rank:
-        """What the outputs tell."""
-        return visibility.observability(self.system)
+        """What the outputs tell; of another plant than the hoop in its usual sizes."""
+        return visibility.observability(visibility.in_usual_sizes(self.system, self.sizes))
 
     @property
     def bandwidth(self) -> Bandwidth:
@@ -170,7 +172,8 @@ def linearize(
             raise ValueError(f"top, {', '.join(POINT)} are of the hoop: another plant's operating point is told by at")
         asked = from_python(LinearizeOptions, outputs=outputs, at=at)
         found = linearized(other, asked.at, asked.outputs)
-        return Linear(_sampled(found.system, sample_time, delay), found.point, other.name, found.left_out)
+        system = _sampled(found.system, sample_time, delay)
+        return Linear(system, found.point, other.name, found.left_out, usual_sizes(other.plant))
     if at:
         raise ValueError(f"at is of other plants: top, {', '.join(POINT)} say where the hoop is")
     if model is None or isinstance(model, PlantModel):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.usual_sizes import USUAL_SPEED, speed_scale, time_scale
+from hoopd.plants.effects.usual_sizes import USUAL_SPEED, speed_scale, time_scale, usual_of
 
 Array = NDArray[np.float64]
 
@@ -47,6 +47,12 @@ def state_scales(plant: Plant) -> Array:
         rate = rate_scale(plant, q)
         found += [plant.scales.get(q, rate * slower), rate]
     return np.array([*found, *(plant.scales.get(name, 1.0) for name in plant.first_order)])
+
+
+def usual_sizes(plant: Plant) -> dict[str, float]:
+    """Of states and inputs, by name."""
+    states = dict(zip(plant.states, state_scales(plant).tolist(), strict=True))
+    return states | {one.name: usual_of(plant, one) for one in plant.inputs}
 
 
 def parameter_size(plant: Plant, name: str) -> float:

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import control
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.options.linearize import LinearizeOptions
+from hoopd.design.visibility import controllability, in_usual_sizes
 from hoopd.files.identified import load_identified
 from hoopd.files.reading import InputError
 from hoopd.plants.free_run import FreeRun
@@ -186,6 +188,22 @@ def test_what_never_rests_has_no_operating_point() -> None:
         linearize.run(LinearizeOptions(plant="falling"))
     with pytest.raises(InputError, match="--top"):
         linearize.run(LinearizeOptions(plant="pendulum", top=True))
+
+
+def test_what_is_seen_does_not_depend_on_units() -> None:
+    """The voltage that is read is seen, though a current of 1 A would change it by 1e5 V in a second."""
+    found = linearize.run(LinearizeOptions(plant="circuit"))
+    assert found["observability"]["weak"] == [] and not any("hardly" in note for note in found["notes"])
+    assert min(lab.linearize(plant="circuit").observability.singular_values) == pytest.approx(1.0, rel=1e-3)
+    system, sizes = lab.linearize(plant="circuit").system, {"i": 0.05, "v": 5.0, "V": 5.0}
+    by = np.array([1e3, 1e-3])  # currents in mA, voltages in kV
+    other = control.ss(
+        system.A * by[:, None] / by, system.B * by[:, None], system.C / by, 0, states=["i", "v"], inputs=["V"]
+    )
+    there = in_usual_sizes(other, {"i": 50.0, "v": 5e-3, "V": 5.0})
+    assert controllability(there).singular_values == pytest.approx(
+        controllability(in_usual_sizes(system, sizes)).singular_values
+    )
 
 
 # ---------------------------------------------------------------------------------------------- experiment, identify
