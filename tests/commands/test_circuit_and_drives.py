@@ -59,8 +59,21 @@ def test_it_is_fitted_and_simulated(name: str) -> None:
     assert min(one["nrmse_percent"] for one in run["free_run"].values()) > 99.0
 
 
-@PLANTS
-def test_what_is_hidden_is_named_and_the_simulation_gains(name: str) -> None:
+def test_what_is_hidden_in_the_circuit_is_named_and_the_simulation_gains() -> None:
+    judge_hidden("circuit")
+
+
+def test_nothing_is_named_in_a_circuit_that_hides_nothing() -> None:
+    judge_nothing("circuit")
+
+
+@pytest.mark.proof
+def test_the_drives_friction_is_named_and_nothing_where_there_is_none() -> None:
+    judge_hidden("drives")
+    judge_nothing("drives")
+
+
+def judge_hidden(name: str) -> None:
     for path, seed in (("train.csv", 1), ("held.csv", 2)):
         recorded(name, path, seed, hidden=True)
     found = result("diagnose", "--plant", name, "train.csv", "--holdout", "held.csv", "--write", "found.yaml")
@@ -75,8 +88,7 @@ def test_what_is_hidden_is_named_and_the_simulation_gains(name: str) -> None:
     assert min(one["nrmse_percent"] for one in run["free_run"].values()) > 97.0
 
 
-@PLANTS
-def test_nothing_is_named_where_nothing_is_hidden(name: str) -> None:
+def judge_nothing(name: str) -> None:
     recorded(name, "run.csv")
     found = result("diagnose", "--plant", name, "run.csv", "--no-free-run")
     assert (found["verdict"], found["effects"]) == ("parameters", [])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from hoopd.design.margins import margins
 from hoopd.files.controller import controller_of, load_controller
 from hoopd.files.reading import InputError
 from hoopd.plants.hoop.loop.closed_loop import LinearPlant, Scenario, picture_timing
+from hoopd.plants.hoop.loop.trial import Trial, trial
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording.recording import from_columns
 from hoopd.shell.config import load as load_config
@@ -38,6 +40,27 @@ BEARING = ("lqg", "lqr", "placement", "pid", "pi")
 def run(law: str, model: Path, **asked: Any) -> dict[str, Any]:
     """What the command finds."""
     return command.run(DesignOptions(law=law, model=model, **asked))
+
+
+@cache
+def shipped() -> dict[str, Any]:
+    """The shipped model's LQG: asked for once."""
+    return run("lqg", HOOP)
+
+
+@cache
+def trial_of_the_shipped() -> Trial:
+    """What the nonlinear plant does with the shipped law."""
+    model = load_model(HOOP)
+    law = load_controller(CONFIG / "controllers" / "lqg.yaml")
+    return trial(law, plant_of(model), 0.3, Spec().delay_s)
+
+
+def untried(law: str, model: Path, **asked: Any) -> dict[str, Any]:
+    """The same without the runs of the nonlinear plant, which take most of the time and are judged elsewhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command, "trial", lambda *of, **more: trial_of_the_shipped())
+        return run(law, model, **asked)
 
 
 def simulated(folder: Path) -> Path:
@@ -73,7 +96,7 @@ def test_a_person_reads_margins_first_and_poles_last(tmp_path: Path) -> None:
 @pytest.mark.parametrize("law", BEARING)
 def test_what_is_written_is_what_the_daemon_loads(tmp_path: Path, law: str) -> None:
     out = tmp_path / "mine.yaml"
-    result = run(law, HOOP, out=out)
+    result = untried(law, HOOP, out=out)
     file = load_controller(out)
     assert file.gains == result["gains"] and file.kind == result["kind"] and file.name == "mine"
     controller_of(file)
@@ -85,10 +108,10 @@ def test_what_is_written_is_what_the_daemon_loads(tmp_path: Path, law: str) -> N
 
 def test_default_lqg_is_the_shipped_one(tmp_path: Path) -> None:
     out = tmp_path / "mine.yaml"
-    run("lqg", HOOP, out=out)
-    shipped, mine = load_controller(CONFIG / "controllers" / "lqg.yaml"), load_controller(out)
-    assert mine.estimator == shipped.estimator and mine.limits == shipped.limits and mine.model == shipped.model
-    assert mine.gains == pytest.approx(shipped.gains, rel=1e-6)
+    untried("lqg", HOOP, out=out)
+    ours, mine = load_controller(CONFIG / "controllers" / "lqg.yaml"), load_controller(out)
+    assert mine.estimator == ours.estimator and mine.limits == ours.limits and mine.model == ours.model
+    assert mine.gains == pytest.approx(ours.gains, rel=1e-6)
 
 
 @pytest.mark.parametrize(("law", "bound_s"), [("lqg", 1.5), ("placement", 1.5), ("pid", 3.0)])
@@ -98,7 +121,7 @@ def test_designed_law_holds_the_ball_in_the_rig(tmp_path: Path, law: str, bound_
     model.parent.mkdir()
     model.write_text(HOOP.read_text().replace("name: hoop", "name: fitted"))
     out = tmp_path / "mine.yaml"
-    run(law, model, out=out)
+    untried(law, model, out=out)
     assert load_controller(out).model == "fits/fitted.yaml"
     made = run_rig(tmp_path / "run", f"control.file={out}", duration_s=8.0)
     assert made.settled_s(made.psi, 0.05) < bound_s
@@ -109,7 +132,7 @@ def test_recordings_do_not_tell_where_the_model_lay(tmp_path: Path) -> None:
     (tmp_path / "fits" / "m.yaml").write_text(HOOP.read_text())
     (tmp_path / "laws").mkdir()
     out = tmp_path / "laws" / "mine.yaml"
-    run("lqg", tmp_path / "fits" / "m.yaml", out=out)
+    untried("lqg", tmp_path / "fits" / "m.yaml", out=out)
     assert load_controller(out).model == "../fits/m.yaml"
     texts = read_texts(load_config(None, sim=True, overrides=[f"control.file={out}"]), None)
     assert "\nmodel: m.yaml\n" in texts.controller and "fits" not in texts.controller
@@ -117,7 +140,7 @@ def test_recordings_do_not_tell_where_the_model_lay(tmp_path: Path) -> None:
 
 def test_arx_is_designed_from_a_recording(tmp_path: Path) -> None:
     out = tmp_path / "arx.yaml"
-    result = run("arx", HOOP, recording=str(simulated(tmp_path)), out=out)
+    result = untried("arx", HOOP, recording=str(simulated(tmp_path)), out=out)
     assert result["kind"] == "lqg_linear" and result["margins"]["phase_deg"] > 45
     assert result["design"]["innovation_std"]["psi_rad"] == pytest.approx(0.005, rel=0.2)
     made = run_rig(tmp_path / "run", f"control.file={out}", duration_s=8.0)
@@ -129,7 +152,7 @@ def test_arx_of_a_real_recording_holds_the_ball_in_the_rig(tmp_path: Path, name:
     """Judged on the thesis's model, run on a rig of the thesis's device; the recorded device is another one."""
     recording = str(shared_path(f"recordings/{name}.mat"))
     out = tmp_path / "arx.yaml"
-    result = run("arx", THESIS, recording=recording, out=out)
+    result = untried("arx", THESIS, recording=recording, out=out)
     assert result["margins"]["phase_deg"] > 50 and result["margins"]["delay_ms"] > 60
     made = run_rig(tmp_path / "run", f"control.file={out}", "sim.model=models/thesis.yaml", duration_s=8.0)
     assert made.settled_s(made.psi, 0.05) < 2.0
@@ -165,7 +188,7 @@ SLIP = "{name: ball.slip, parameters: {mu: {value: 0.1, unit: '-'}}}"
 
 
 def test_a_law_is_designed_on_what_feed_forward_leaves(tmp_path: Path) -> None:
-    plain, found = run("lqg", HOOP), run("lqg", with_effect(tmp_path, FRICTION))
+    plain, found = shipped(), run("lqg", with_effect(tmp_path, FRICTION))
     assert found["gains"] == plain["gains"] and found["margins"] == plain["margins"]
     assert found["effects"]["fed_forward"] == found["effects"]["in_the_filter"] == ["hoop.coulomb_friction"]
     released = found["closed_loop"]["released"]
@@ -178,7 +201,7 @@ def count_poles(result: dict[str, Any]) -> int:
 
 
 def test_delays_of_a_model_are_in_the_loop(tmp_path: Path) -> None:
-    plain = run("lqg", HOOP)
+    plain = shipped()
     late = run("lqg", with_effect(tmp_path, LATE_CAMERA, LATE_DRIVE))
     assert late["delay_s"] == pytest.approx(plain["delay_s"] + 0.04)
     # torques on their way: two ticks in what is seen of the hoop, two and two more in what is seen of the ball
@@ -193,14 +216,14 @@ def test_delays_that_no_filter_remembers_are_refused(tmp_path: Path) -> None:
 
 
 def test_effects_that_a_daemon_cannot_use_are_named(tmp_path: Path) -> None:
-    (warning,) = run("lqg", with_effect(tmp_path, SLIP))["warnings"]
+    (warning,) = untried("lqg", with_effect(tmp_path, SLIP))["warnings"]
     assert "ball.slip" in warning and "no state" in warning
 
 
 def test_a_limit_of_the_drive_limits_the_law(tmp_path: Path) -> None:
     limit = "{name: actuator.saturation, parameters: {s: {value: 0.3, unit: N m}}}"
     out = tmp_path / "c.yaml"
-    run("lqg", with_effect(tmp_path, limit), out=out)
+    untried("lqg", with_effect(tmp_path, limit), out=out)
     assert load_controller(out).limits.torque_nm == 0.3
 
 
@@ -233,11 +256,11 @@ def test_lead_settles_without_delay_and_is_refused_with_it(tmp_path: Path) -> No
 
 
 def test_state_feedback_bears_the_delay_that_a_pid_does_not() -> None:
-    lqg, pid = run("lqg", THESIS), run("pid", THESIS)
+    lqg, pid = run("lqg", THESIS), untried("pid", THESIS)
     assert lqg["warnings"] == [] and lqg["margins"]["delay_ms"] > 90
     assert any("phase margin" in text for text in pid["warnings"])
     assert pid["margins"]["delay_ms"] < 40
-    placed = run("placement", THESIS, poles="-4,-6+6j,-6-6j")
+    placed = untried("placement", THESIS, poles="-4,-6+6j,-6-6j")
     found = {round(value, 6) for value in placed["natural_rad_s"]}
     assert {4.0, round(abs(-6 + 6j), 6)} <= found
 

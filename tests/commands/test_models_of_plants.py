@@ -20,6 +20,7 @@ from tests.docs.test_your_plant import the_file
 # The slide of the guide: a carriage with dry friction that its plant file does not know of.
 FRICTION = "body.coulomb_friction"
 READ = ("--columns", "F=drive:N,x=position:mm")
+QUICK = ("--no-free-run", "--library-only")  # what a search finds is told elsewhere; here, who reads it
 PYTHON = """
 import casadi as ca
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
@@ -44,7 +45,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         np.savetxt(folder / name, carriage(seed), delimiter=",", header="t,position,drive", comments="")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        words = ("--plant", "slide.yaml", *READ, "--no-free-run", "--write")
+        words = ("--plant", "slide.yaml", *READ, *QUICK, "--write")
         code, shown, error = hoopd("diagnose", "a.csv", *words, "found.yaml")
         assert code == 0, error
         assert FRICTION in shown
@@ -101,7 +102,7 @@ def test_linearize_design_and_diagnose_take_it(folder: Path) -> None:
     values = load_plant_model(folder / "found.yaml").values
     assert min(one["re"] for one in linear["poles"]) == pytest.approx(-values["b"] / values["m"])
     assert result(folder, "design", "lqg", "--model", "found.yaml")["plant"] == "slide"
-    again = result(folder, "diagnose", "a.csv@0:9", "--model", "found.yaml", *READ, "--no-free-run")
+    again = result(folder, "diagnose", "a.csv@0:9", "--model", "found.yaml", *READ, *QUICK)
     assert again["verdict"] == "consistent"
 
 
@@ -113,7 +114,7 @@ def test_a_plant_in_python_keeps_its_numbers_in_a_model_beside_it(folder: Path) 
     assert run["free_run"]["x"]["nrmse_percent"] == pytest.approx(found["fit"]["train"]["a.csv"]["x"]["fitted"])
     code, _, error = hoopd("simulate", "--model", "sub/mine.yaml", "--input", "a.csv", *READ)
     assert (code, error.count("\n")) == (2, 1) and "is a program: name it with --plant" in error
-    code, _, error = hoopd("diagnose", "a.csv@0:9", *words, "--no-free-run", "--write", "sub/seen.yaml")
+    code, _, error = hoopd("diagnose", "a.csv@0:9", *words, *QUICK, "--write", "sub/seen.yaml")
     assert code == 0, error
     assert "plant: ../program.py" in (folder / "sub" / "seen.yaml").read_text()
     assert result(folder, "linearize", "--plant", "program.py", "--model", "sub/seen.yaml")["plant"] == "program"

@@ -76,6 +76,7 @@ def test_friction_of_the_second_drive_is_found_written_and_simulated(folder: Pat
     assert np.shape(result(folder, "design", "lqg", "--model", "found.yaml")["feedback"]) == (2, 4)
 
 
+@pytest.mark.proof
 def test_a_late_first_drive_is_told_from_the_second_one(folder: Path) -> None:
     written(folder / "drives.csv", folder / "drives.yaml", {f"{DELAY}.d": 0.012}, (0.0, 0.3, 5e-4), 5)
     words = ("drives.csv", "--plant", "drives.yaml", "--no-free-run", "--without", "actuator.lag")

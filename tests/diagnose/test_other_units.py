@@ -14,7 +14,7 @@ from hoopd.diagnose.record import Diagnosis, Quantity
 from hoopd.ident.normal import Z95
 
 SECONDS, FRICTION_N = 10.0, 0.5
-UNITS = {"milliseconds, kilometres": Scale(1e3, 1e-3, 1e3), "kiloseconds, a thousandth": Scale(1e-3, 1e-3, 1e-3)}
+SMALL, LARGE = Scale(1e3, 1e-3, 1e3), Scale(1e-3, 1e-3, 1e-3)  # milliseconds and kilometres; kiloseconds
 
 
 @cache
@@ -32,8 +32,7 @@ def assert_same(here: Quantity, there: Quantity, unit: float) -> None:
     np.testing.assert_allclose(there.ci95, np.array(here.ci95) * unit, atol=error * unit / 2.0)
 
 
-@pytest.mark.parametrize("scale", UNITS.values(), ids=UNITS)
-def test_the_same_is_found_in_other_units(scale: Scale) -> None:
+def judge_friction(scale: Scale) -> None:
     usual, other = diagnosed(FRICTION_N, Scale()), diagnosed(FRICTION_N, scale)
     assert usual.verdict == other.verdict == "missing_physics"
     assert [one.name for one in usual.effects] == [one.name for one in other.effects] == ["body.coulomb_friction"]
@@ -48,15 +47,36 @@ def test_the_same_is_found_in_other_units(scale: Scale) -> None:
     assert astuple(that["q"]) == pytest.approx(astuple(this["q"]), abs=0.1)
 
 
-@pytest.mark.parametrize("scale", UNITS.values(), ids=UNITS)
-def test_nothing_is_found_in_other_units_where_nothing_is(scale: Scale) -> None:
+def judge_nothing(scale: Scale) -> None:
     usual, other = diagnosed(0.0, Scale()), diagnosed(0.0, scale)
     assert usual.verdict == other.verdict == "parameters"
     assert not usual.effects and not other.effects
 
 
-@pytest.mark.parametrize("friction_n", [FRICTION_N, 0.0])
-def test_sizes_that_nobody_declared_are_those_of_the_data(friction_n: float) -> None:
+def test_the_same_is_found_in_milliseconds() -> None:
+    judge_friction(SMALL)
+
+
+def test_nothing_is_found_in_kiloseconds_where_nothing_is() -> None:
+    judge_nothing(LARGE)
+
+
+@pytest.mark.proof
+def test_the_same_is_found_in_kiloseconds_and_nothing_in_milliseconds() -> None:
+    judge_friction(LARGE)
+    judge_nothing(SMALL)
+
+
+def test_sizes_that_nobody_declared_are_those_of_the_data() -> None:
+    judge_undeclared(0.0)
+
+
+@pytest.mark.proof
+def test_a_friction_is_found_by_sizes_that_nobody_declared() -> None:
+    judge_undeclared(FRICTION_N)
+
+
+def judge_undeclared(friction_n: float) -> None:
     """A thousand times as large: without a word in the file, nothing but the numbers is another."""
     usual, other = (diagnosed(friction_n, one, declared=False) for one in (Scale(), Scale(1.0, 1e3, 1e3)))
     assert [one.name for one in usual.effects] == [one.name for one in other.effects]

@@ -59,8 +59,16 @@ def searched(plant: Plant, effect: str, values: dict[str, float], size: float, c
     return name_effects(train, library(plant), nominal, base)
 
 
-@pytest.mark.parametrize(("effect", "values"), [("body.coulomb_friction", {"Fc": 10.0}), ("actuator.lag", {"T": 0.01})])
-def test_what_the_axis_leaves_out_is_named(effect: str, values: dict[str, float]) -> None:
+def test_dry_friction_of_the_axis_is_named() -> None:
+    judge_axis("body.coulomb_friction", {"Fc": 10.0})
+
+
+@pytest.mark.proof
+def test_a_lag_of_the_axis_s_drive_is_named() -> None:
+    judge_axis("actuator.lag", {"T": 0.01})
+
+
+def judge_axis(effect: str, values: dict[str, float]) -> None:
     found = searched(plant_named("axis"), effect, values, 60.0, 2000)
     assert [one.effect.name for one in found.accepted] == [effect]
     for name, value in values.items():
@@ -77,17 +85,27 @@ def test_a_motor_with_its_current_is_searched() -> None:
 
 
 @pytest.mark.parametrize(
+    ("effect", "values"), [("h1_sensor.offset", {"d": 0.02}), ("h2_store.overflow", {"k": 0.05, "x0": 0.08})]
+)
+def test_what_the_tanks_leave_out_is_named(effect: str, values: dict[str, float]) -> None:
+    judge_tanks(effect, values)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize(
     ("effect", "values"),
     [
-        ("h1_sensor.offset", {"d": 0.02}),
         ("h1_store.leak", {"k": 2e-3}),
         ("h1_store.varying_section", {"b": 1.0}),
-        ("h2_store.overflow", {"k": 0.05, "x0": 0.08}),
         ("h2_store.constant_flow", {"c": -3e-4}),
         ("actuator.deadzone", {"d": 4e-6}),
     ],
 )
-def test_what_the_tanks_leave_out_is_named(effect: str, values: dict[str, float]) -> None:
+def test_whatever_the_tanks_leave_out_is_named(effect: str, values: dict[str, float]) -> None:
+    judge_tanks(effect, values)
+
+
+def judge_tanks(effect: str, values: dict[str, float]) -> None:
     found = searched(plant_named("tanks"), effect, values, 1e-4, 400)
     assert [one.effect.name for one in found.accepted] == [effect]
     for name, value in values.items():

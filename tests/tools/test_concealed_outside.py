@@ -143,7 +143,7 @@ def test_no_size_is_the_plain_device_to_the_bit(name: str, monkeypatch: pytest.M
 
 
 def test_halving_the_step_changes_little_of_what_a_mechanism_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(recipes.LENGTH_S, "train_1", 2.0)
+    monkeypatch.setitem(recipes.LENGTH_S, "train_1", 1.0)
     columns = columns_of([Column(drawn(name), 0, {name: 3 * ALL[name].first}) for name in OUTSIDE])
     plain = replace(columns, effects={})
     coarse, fine = (simulate.simulate(columns, n).clean - simulate.simulate(plain, n).clean for n in (40, 80))
