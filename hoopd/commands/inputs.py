@@ -26,7 +26,7 @@ def read_recording(
     """Recording of "FILE[:EXPERIMENT][@START:END]", of a plant, the hoop without one.
 
     columns: "CHANNEL=COLUMN[:UNIT],..." or names in the file's order. age: how much older samples are than their row
-    (`read_ages`). hold: "zero", or "linear" where the inputs went straight from row to row.
+    (`read_ages`). hold: how inputs go on between rows, one of `HOLDS`.
     """
     layout = None if plant is None else layout_of(plant)
     ages = read_ages(age, AGES if layout is None or layout.is_tick else tuple(layout.channels))

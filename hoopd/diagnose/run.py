@@ -40,6 +40,7 @@ from hoopd.diagnose.proof.power import visible
 from hoopd.diagnose.proof.replacement import replace_denied
 from hoopd.diagnose.proof.standing import Asked, standings
 from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
+from hoopd.diagnose.quality.hold_doubt import hold_doubts
 from hoopd.diagnose.quality.unusual_intervals import Interval
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, FreeRunChoice, RecordingQuality
 from hoopd.diagnose.record_file import rounded
@@ -128,6 +129,8 @@ def diagnose(case: Case) -> Outcome:
     case.progress("what no name explains")
     missing = missing_of(named, runs, list(library.values()), case.seed)
     unknown = missing.unknown
+    case.progress("how the inputs went on")
+    doubts = hold_doubts(case.train, data.ignored, base, case.settings.threshold)
     case.progress("proof on held-out data")
     fits = runs.played(heldout_fits(named, runs, missing.base, missing.proof))
     said = confirmation(named, runs, fits, missing.proof, case.settings.threshold, case.seed)
@@ -168,7 +171,13 @@ def diagnose(case: Case) -> Outcome:
         data_quality=quality_of(
             [*case.train, *case.heldout],
             [*data.ignored, *data_held.ignored],
-            [*data.notes, *data_held.notes, step_sentence(step_nats(named.final)), *unexplained_sentences(said.final)],
+            [
+                *doubts,
+                *data.notes,
+                *data_held.notes,
+                step_sentence(step_nats(named.final)),
+                *unexplained_sentences(said.final),
+            ],
         ),
         seed=case.seed,
         candidates=candidates_of(named, threshold, stand.candidates),

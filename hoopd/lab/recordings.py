@@ -58,8 +58,8 @@ def load(
         readings; of another plant by channel.
     plant : Plant or str, optional
         A declaration, a registered name or a plant file; the hoop unless given.
-    hold : {"zero", "linear"}
-        The latter where the inputs went straight from row to row.
+    hold : {"zero", "linear", "smooth"}
+        How the inputs went on from row to row: held, straight, or on a smooth curve, as what was averaged does.
 
     Returns
     -------

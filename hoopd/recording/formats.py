@@ -41,7 +41,7 @@ def load(
     ("u,theta,dtheta,current"; "-" leaves one out), or by name and with units: "theta=Angle:deg,u=Torque", also as a
     mapping {"theta": ("Angle", "deg")}; a number is a value that does not change ("u=0"). experiment: group of an .h5
     file; also as "file.h5:Exp2". layout: inputs and channels of another plant (`hoopd.plants.layout.layout_of`).
-    hold: "zero", or "linear" where the input went straight from row to row.
+    hold: "zero"; "linear" where the input went straight from row to row; "smooth" where it was averaged or filtered.
     """
     if layout is not None and layout.is_tick and not isinstance(columns, Mapping) and "=" not in (columns or ""):
         layout = None

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.recording.input_curve import SAME_S, InputCurve
 from hoopd.recording.recording import Column, Recording
 from hoopd.recording.spans import spans
 from hoopd.recording.tick_columns import BOARD_TIMES, TIMES
@@ -24,8 +25,6 @@ __all__ = ["SAME_S", "TIMES", "ChannelNodes", "Timeline", "driven", "switch_time
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Nodes nearer than this are one: a tick's clock is read to a microsecond.
-SAME_S = 1e-6
 # Over so many steps without a row nobody knows the inputs.
 GAP_STEPS = 5.5
 # Steps to each side that say what is usual: fewer than a part of a recording has, more than a pause.
@@ -102,14 +101,17 @@ def driven(recording: Recording) -> NDArray[np.bool_]:
 def _timeline(recording: Recording, rows: slice) -> Timeline:
     switches = {name: switch_times(recording, name)[rows] for name in recording.inputs} or {"": recording.t[rows]}
     measured = {name: _measured(recording, name, rows) for name in recording.channels}
-    times = np.concatenate([*switches.values(), *(t for t, _ in measured.values())])
+    curves = {
+        name: InputCurve(switches[name], signal.values[rows], signal.hold) for name, signal in recording.inputs.items()
+    }
+    times = np.concatenate(
+        [*switches.values(), *(one.corners for one in curves.values()), *(t for t, _ in measured.values())]
+    )
     # what was seen before the first known input acted says nothing about this run, nor what comes long after its rows
     first = max(switch[0] for switch in switches.values()) - SAME_S
     last = recording.t[rows][-1] + GAP_STEPS * float(np.median(np.diff(recording.t[rows])))
     t = _distinct(np.sort(times[(times >= first) & (times <= last)]))
-    inputs = [
-        _between_nodes(t, switches[name], signal.values[rows], signal.hold) for name, signal in recording.inputs.items()
-    ]
+    inputs = [one.between(t) for one in curves.values()]
     held = inputs[0] if len(inputs) == 1 else np.reshape(inputs, (len(inputs), len(t) - 1)).T
     channels = {}
     for name, (when, values) in measured.items():
@@ -118,14 +120,6 @@ def _timeline(recording: Recording, rows: slice) -> Timeline:
         nodes = np.searchsorted(t, when[inside], side="right") - 1
         channels[name] = ChannelNodes(np.maximum(nodes, 0).astype(np.int64), values[inside])
     return Timeline(t, held, channels)
-
-
-def _between_nodes(t: Array, switch: Array, u: Array, hold: str) -> Array:
-    """An input (n-1,) between the nodes t: what is held, or the mean of a line, whose corners are nodes."""
-    if hold == "zero":
-        return np.asarray(u[np.clip(np.searchsorted(switch, t[:-1] + SAME_S, side="right") - 1, 0, None)])
-    line = np.interp(t, switch, u)
-    return np.asarray((line[:-1] + line[1:]) / 2.0)
 
 
 def _nothing(recording: Recording) -> str:

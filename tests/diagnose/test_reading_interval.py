@@ -115,3 +115,9 @@ def test_no_fit_of_a_base_ends_less_likely_than_it_started() -> None:
     found = likeliest(worse, start)
     assert found.criterion <= start.criterion and found.free == start.free
     assert unexplained_sentences(found) == []
+
+
+def test_readings_of_more_than_half_an_interval_are_all_kept() -> None:
+    # 67 ms of this axis, which a reading each 40 ms does not fill twice
+    slow = driven_axis(20.0, every=40)
+    assert spaced(slow) == slow

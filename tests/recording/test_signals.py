@@ -111,8 +111,11 @@ def test_timelines_of_an_input_that_is_held_or_goes_straight() -> None:
     (line,) = timelines(axis(11, "linear"))
     run = axis(11)
     assert np.array_equal(switch_times(run), run.t)
+    rows = np.sort([*run.t, *run.x_t[1:]])
+    assert held.t == pytest.approx(rows)
+    # a line that rises so much from row to row is followed by two stairs
+    assert line.t == pytest.approx(np.sort([*rows, *(run.t[:-1] + 0.0005)]))
     for part in (held, line):
-        assert part.t == pytest.approx(np.sort([*run.t, *run.x_t[1:]]))
         assert part.t[part.channels["x"].nodes] == pytest.approx(run.x_t[1:])
     assert held.u[::2] == pytest.approx(run.F[:-1]) and held.u[1::2] == pytest.approx(run.F[:-1])
     ends = np.interp(line.t, run.t, run.F)

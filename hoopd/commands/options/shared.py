@@ -54,7 +54,7 @@ def hold_option() -> Any:
     """How inputs go on between their rows."""
     return option(
         "--hold",
-        text="Inputs between two rows: zero (held), or linear (straight).",
+        text="Inputs between two rows: zero (held), linear (straight), or smooth (they were averaged or filtered).",
         metavar="HOLD",
         default="zero",
         python=False,

@@ -19,6 +19,32 @@ WINDOW, DENSE = 15, 11
 # Blocks for the share of false values that stand alone: 0.2 s at 50 Hz.
 BLOCK = 10
 
+# A counting sensor that tells a false value jumps: it bends by so many times what nine in ten of its samples do. A body
+# that speeds up bends, too, sample after sample, however far it is beyond the noise of a sensor of a micrometre.
+USUAL_PART, FAR = 0.9, 5.0
+# False values with so few others between them are one run.
+NEAR = 2
+
+
+def jumping(false: Mask, values: Array, usable: Mask, least: float, together: bool = True) -> Mask:
+    """Those of samples held false (n,) that jump, of samples (n,) of which some are usable; `least`: noise of a sample.
+
+    `together`: a run of false ones jumps as a whole, where any of it does.
+    """
+    rows = np.flatnonzero(usable)
+    if len(rows) < WINDOW:
+        return false & together
+    bend = np.pad(np.abs(np.diff(values[rows], n=2)), 1)
+    far = FAR * max(float(np.quantile(bend, USUAL_PART)), least)
+    # a sample that is off by d bends by 2 d, and its neighbours by d
+    jumps = (bend > far) & (bend >= np.maximum(np.r_[0.0, bend[:-1]], np.r_[bend[1:], 0.0]) / 2.0)
+    if together:
+        joined = np.convolve(false[rows].astype(int), np.ones(2 * NEAR + 1, dtype=int), "same") > 0
+        jumps = inside(len(rows), [(a, b - 1) for a, b in spans(joined) if jumps[a:b].any()])
+    found = np.zeros(len(false), dtype=bool)
+    found[rows] = false[rows] & jumps
+    return found
+
 
 def bursts(false: Mask, seen: Mask) -> list[tuple[int, int]]:
     """First and last row of stretches of samples seen (n,) that are mostly false (n,)."""

@@ -39,8 +39,17 @@ ROBUST_STEPS, ROUNDS, EM_STEPS = 5, 3, 4
 STRICT = 0.5
 # With fewer of the rows seen the sensor is slower than the rows: its samples alone are the course's instants.
 SPARSE = 0.6
+# Fewer samples teach nothing about the drives.
+FEWEST = 12
+# Where fewer than this part of the samples of a sensor without late ones is believed, its body moves faster than a
+# course follows it (a sensor of a micrometre, rows that are far apart): the classes mean nothing.
+LEAST_BELIEVED = 0.5
 # Below it no sensor reads.
 SMALLEST = 1e-12
+
+
+class NotFollowedError(ValueError):
+    """No course through these samples says which of them are false."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +74,7 @@ def split(t: Array, values: Array, paths: Callable[[Array], Array], *, late: boo
     """Split samples (n,), NaN where missing or not to be used, taken at t (n,) s.
 
     paths: course (n,) -> what drives do at once (n, k); late: whether a sample may be that of the row before; floor:
-    the least sigma that a sample of this sensor can have. Needs 12 samples or more.
+    the least sigma that a sample of this sensor can have. Needs FEWEST samples or more; NotFollowedError.
     """
     seen = np.isfinite(values)
     rows = np.flatnonzero(~_long_gaps(values) if seen.mean() > SPARSE else seen)
@@ -105,7 +114,10 @@ def _split(t: Array, values: Array, paths: Callable[[Array], Array], late: bool,
     course = course + push
     state = _first(weight, seen, max(sigma, floor), late)
     for turn in range(ROUNDS):
-        drive = explained(t, filled, paths(course), state.fresh > 0.5)
+        fresh = state.fresh > 0.5
+        if fresh.sum() < FEWEST or (not late and fresh.sum() < LEAST_BELIEVED * seen.sum()):
+            raise NotFollowedError(f"{fresh.sum()} of {seen.sum()} samples are believed")
+        drive = explained(t, filled, paths(course), fresh)
         if turn == 0:
             state = replace(state, sigma=max(STRICT * min(drive.sigma, state.sigma), floor))
         elif state.jitter_s > 0.0:  # the drive's sigma is that of all speeds together, q stays as it is

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from hoopd.diagnose.quality.channel_course import pushes
 from hoopd.diagnose.quality.late_frames import NATS, RepeatedFrames, repeated_frames, repeats
 from hoopd.diagnose.quality.noise_floor import noise_floor, quantum, resolution
-from hoopd.diagnose.quality.outliers import spread_share
+from hoopd.diagnose.quality.outliers import jumping, spread_share
 from hoopd.diagnose.quality.population import second_population
-from hoopd.diagnose.quality.sample_classes import SMALLEST, Split, split
+from hoopd.diagnose.quality.sample_classes import SMALLEST, NotFollowedError, Split, split
 from hoopd.diagnose.quality.sensors import Sensor
 from hoopd.diagnose.quality.turns import near
 from hoopd.plants.fits.repeated_samples import HELD_COUNTS
@@ -148,10 +148,16 @@ def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored
     floor = step / sqrt(12.0) if np.isfinite(step) else _least(recording, name)
     if not sensor.moves or np.ptp(values[usable]) < HELD_COUNTS * step:
         return replace(whole, sigma=floor)
-    found = split(t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor)
-    false = found.false > SURE
-    sigma = max(noise_floor(t, np.where(usable & ~false, values - found.path, np.nan)), floor)
-    return replace(whole, sigma=sigma, counts=usable & ~false, outliers=false, jitter_s=found.jitter_s)
+    path, jitter_s = np.zeros(len(values)), 0.0
+    try:
+        found = split(
+            t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor
+        )
+        false, path, jitter_s = jumping(found.false > SURE, values, usable, floor), found.path, found.jitter_s
+    except NotFollowedError:
+        false = jumping(usable, values, usable, floor, together=False)
+    sigma = max(noise_floor(t, np.where(usable & ~false, values - path, np.nan)), floor)
+    return replace(whole, sigma=sigma, counts=usable & ~false, outliers=false, jitter_s=jitter_s)
 
 
 def _constant(values: Array) -> bool:
@@ -176,7 +182,10 @@ def camera_channel(
     if fresh.sum() < FEWEST:
         return whole, None
     t, floor = _times(recording, name), _least(recording, name)
-    found = split(t, np.where(fresh, values, np.nan), _paths(t, drives, sensor.turns), late=True, floor=floor)
+    try:
+        found = split(t, np.where(fresh, values, np.nan), _paths(t, drives, sensor.turns), late=True, floor=floor)
+    except NotFollowedError:
+        return whole, None
     return _judged(whole, found, same.short, fresh, t, values), found.course
 
 
