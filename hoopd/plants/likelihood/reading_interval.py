@@ -44,11 +44,12 @@ def spaced(stretch: Stretch) -> Stretch:
 
 
 def _one_of(stretch: Stretch, seen: NDArray[np.int_]) -> int:
-    """Of so many readings one is kept: as many as come within the interval, so that one less often is left alone."""
+    """Of so many readings one is kept; all, where they do not fill the interval twice."""
     if len(seen) < 2:
         return 1
     between = float(np.median(np.diff(stretch.t[seen])))
-    return max(1, min(int(INTERVAL_S * motion_scale(stretch.plant) / between * (1.0 + 1e-6)), len(seen) // FEWEST))
+    filled = INTERVAL_S * motion_scale(stretch.plant) / between
+    return max(1, min(round(filled), len(seen) // FEWEST)) if filled >= 2.0 - 1e-6 else 1
 
 
 def _moved(plant: Plant, state: str | None) -> float:
