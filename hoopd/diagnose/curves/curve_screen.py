@@ -60,6 +60,7 @@ class CurveScreen:
         raw = self._whitened()
         self._size = np.sqrt(np.sum(raw**2, axis=0))
         self.vectors = self.projected(raw)
+        self._bases: dict[int, Array] = {}
 
     def projected(self, x: Array) -> Array:
         """Rows freed of the directions of all free parameters."""
@@ -72,15 +73,12 @@ class CurveScreen:
 
     def score(self, index: int, residual: Array) -> CurveScore:
         """Of one curve for a projected residual (rows,)."""
-        z, size = self._own(index)
-        size, values, vectors = independent(z, size, OWN_SHARE)
-        # in units of one standard error each: U = Z B,  B = D^-1 V L^-1/2
-        basis = vectors / np.sqrt(values) / size[:, None]
+        z, basis = self._own(index)[0], self._basis(index)
         unit = z @ basis
         along = unit.T @ residual
         gain, inflated = float(along @ along) / 2, self._colour(unit, residual)
         return CurveScore(
-            self.curves[index], gain, len(values), surprise(gain / inflated, len(values)),
+            self.curves[index], gain, basis.shape[1], surprise(gain / inflated, basis.shape[1]),
             basis @ along, basis @ basis.T, unit @ along, basis, inflated,
         )  # fmt: skip
 
@@ -110,11 +108,18 @@ class CurveScreen:
         """Orthonormal directions of every curve."""
         found = []
         for index in range(len(self.curves)):
-            z, size = self._own(index)
-            size, values, vectors = independent(z, size, OWN_SHARE)
-            if len(values):
-                found.append(Group((z / size) @ (vectors / np.sqrt(values))))
+            basis = self._basis(index)
+            if basis.shape[1]:
+                found.append(Group(self._own(index)[0], basis=basis))
         return found
+
+    def _basis(self, index: int) -> Array:
+        """(m, k) of a curve's values in units of one standard error each."""
+        if index not in self._bases:
+            # U = Z B,  B = D^-1 V L^-1/2
+            size, values, vectors = independent(*self._own(index), OWN_SHARE)
+            self._bases[index] = vectors / np.sqrt(values) / size[:, None]
+        return self._bases[index]
 
     def _index(self, curve: UnnamedCurve) -> int:
         return next(i for i, one in enumerate(self.curves) if one is curve)

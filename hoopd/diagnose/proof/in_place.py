@@ -24,7 +24,7 @@ from hoopd.diagnose.proof.separation import own_columns, without_effect
 from hoopd.diagnose.record import NONE_OF_THESE
 from hoopd.diagnose.search.candidates import Tried, columns_of, surprise_of
 from hoopd.diagnose.search.chance import colour
-from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMechanism
+from hoopd.diagnose.search.mechanism_screen import COLOURED, MechanismScreen, ProposedMechanism
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Screen, orthonormal, score_of, whitened_changes
 from hoopd.diagnose.search.surprise import surprise
@@ -34,6 +34,9 @@ from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Array = NDArray[np.float64]
 
+# Of the mechanisms that the search has screened in a name's place, so many are looked at again: twice what a screen
+# proposes, as the noise is another.
+MOST_NEAR = 2 * COLOURED
 # Less than this between two explanations, and nothing tells them apart.
 ALIKE_NATS = 1.0
 # A name of the library is near when it makes this share of the squared change.
@@ -51,7 +54,7 @@ class Place:
         self.stretches = [track.stretch for track in self.about.tracks]
         others = [name for name in named.final.names if name != one.effect.name]
         self.screen = Screen(self.about, [e for e in library.values() if e.name not in others])
-        self.grammar = MechanismScreen(self.about, [m for m in mechanisms if m.name not in others], level=False)
+        self.grammar = self._screened_grammar([m for m in mechanisms if m.name not in others])
         columns = own_columns(self.about, one.effect, named.final.values)
         change = whitened_changes(self.about, [(one.effect, column) for column in columns]).sum(axis=1)
         self.change: Array = self.screen.projected(change[:, None])[:, 0]
@@ -73,6 +76,16 @@ class Place:
         return nearest(self.screen, self.change, (self.one.effect.name,))
 
     # ------------------------------------------------------------------------------------------ what there is
+
+    def _screened_grammar(self, wanted: Sequence[Mechanism]) -> MechanismScreen:
+        """Beside the fit that lacks the effect alone; where the search has screened all of them without it, under the
+        noise that was left then, those that were nearest there."""
+        name, count = self.one.effect.name, len(wanted)
+        known = self.named.in_place.get(name)
+        if known is not None and known.fit is self.named.without[name]:
+            near = {one.name for one in known.nearest(MOST_NEAR)} | {name}
+            wanted = [one for one in wanted if one.name in near]
+        return MechanismScreen(self.about, wanted, level=False, among=count)
 
     @property
     def _screened(self) -> float:

@@ -37,7 +37,8 @@ MOST_SHAPES = 9
 
 def visible(named: Named, library: Mapping[str, Effect], threshold: float = THRESHOLD) -> dict[str, Visible]:
     """Of every effect of a library about the final fit, in the library's order; of those named, by what they gain."""
-    screen = Screen(named.final, ())
+    known = named.screens.get(id(named.final))
+    screen = Screen(named.final, ()) if known is None else known
     slots = {slot for track in named.final.tracks for slot in track.stretch.plant.slots}
     scans = {s.member.effect.name: s for s in named.scores if isinstance(s, Scanned)}
     stretches = [track.stretch for track in named.final.tracks]

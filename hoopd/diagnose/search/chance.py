@@ -33,6 +33,7 @@ class Group(NamedTuple):
 
     vectors: Array  # (rows, m)
     positive: bool = False  # one column of which only a positive multiple counts
+    basis: Array | None = None  # (m, k) orthonormal directions among them, where these are known
 
 
 def independent(z: Array, size: Array | None = None, share: float = 1e-6) -> tuple[Array, Array, Array]:
@@ -40,9 +41,10 @@ def independent(z: Array, size: Array | None = None, share: float = 1e-6) -> tup
 
     size: the columns' norms before projection, against which `share` of the squared norm is measured.
     """
-    size = np.sqrt(np.sum(z**2, axis=0)) if size is None else size
+    gram = z.T @ z
+    size = np.sqrt(np.diag(gram)) if size is None else size
     size = np.maximum(size, 1e-12)
-    values, vectors = np.linalg.eigh((z / size).T @ (z / size))
+    values, vectors = np.linalg.eigh(gram / size / size[:, None])
     kept = values > share
     return size, values[kept], vectors[:, kept]
 
@@ -60,12 +62,15 @@ class Projections(NamedTuple):
 
 def projections(group: Group, residuals: Array) -> Projections:
     """Of projected or white residuals (rows, draws)."""
-    size, values, vectors = independent(group.vectors)
-    # U = Z D^-1 V L^-1/2 is orthonormal
-    along = (vectors / np.sqrt(np.maximum(values, 1e-300))).T @ ((group.vectors / size).T @ residuals)
+    basis = group.basis
+    if basis is None:
+        size, values, vectors = independent(group.vectors)
+        # U = Z D^-1 V L^-1/2 is orthonormal
+        basis = vectors / np.sqrt(np.maximum(values, 1e-300)) / size[:, None]
+    along = basis.T @ (group.vectors.T @ residuals)
     if group.positive:
         along = np.maximum(along, 0.0)
-    return Projections(np.sum(along**2, axis=0) / 2, len(values))
+    return Projections(np.sum(along**2, axis=0) / 2, basis.shape[1])
 
 
 def colour(unit: Array, residual: Array, shapes: Sequence[tuple[int, int]]) -> float:

@@ -130,13 +130,14 @@ class Changes:
         function = _force_function(self.track.composite.plant, effect, n * points)
         assert function is not None
         names = _names(self.track.composite.plant, effect)
-        forces, call = np.empty((len(inside.push[0, 0]), n, points, len(columns))), mapped(function, 1)
-        states, u, t = inside.x.reshape(n * points, -1).T, inside.u.reshape(1, -1), inside.t.reshape(1, -1)
+        forces, call = np.empty((len(inside.push[0, 0]), len(columns), n, points)), mapped(function, 1)
+        states = np.ascontiguousarray(inside.x.reshape(n * points, -1).T)
+        u, t = inside.u.reshape(1, -1), inside.t.reshape(1, -1)
         for i, column in enumerate(columns):
             values = {**self._local, **{effect.key(name): value for name, value in column}}
             found = call(states, u, t, np.array([[values[name] for name in names]]))[0]
-            forces[..., i] = found[0].T[self.track.disturbed].reshape(-1, n, points)
-        pushed = [inside.push[:, :, q] @ one for q, one in enumerate(forces) if np.any(one)]
+            forces[:, i] = found[0].T[self.track.disturbed].reshape(-1, n, points)
+        pushed = [inside.push[:, :, q] @ one.transpose(1, 2, 0) for q, one in enumerate(forces) if np.any(one)]
         return np.sum(pushed, axis=0) if pushed else np.zeros((n, inside.push.shape[1], len(columns)))
 
     # ------------------------------------------------------------------------------------------ all of an effect

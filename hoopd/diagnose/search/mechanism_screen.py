@@ -59,15 +59,18 @@ class ProposedMechanism:
 class MechanismScreen:
     """The whitened changes of a grammar about one fit, reduced to scores."""
 
-    def __init__(self, fit: HypothesisFit, wanted: Sequence[Mechanism], *, level: bool = True) -> None:
-        """`level`: whether what chance would make of the same columns is asked for (`null`)."""
+    def __init__(
+        self, fit: HypothesisFit, wanted: Sequence[Mechanism], *, level: bool = True, among: int | None = None
+    ) -> None:
+        """`level`: whether what chance would make of the same columns is asked for (`null`); `among`: of how many
+        mechanisms these are the nearest."""
         self.fit = fit
         rows = fit.stacked()
         self._basis = orthonormal(rows[:, 1:])
         self.residual = self._projected(rows[:, :1])[:, 0]
         self._tracks = [FollowedTrack(track, fit, gains) for track, gains in zip(fit.tracks, fit.gains, strict=True)]
         self._choices = [one for mechanism in wanted for one in self._tried(mechanism)]
-        self.cost = code_nats(len(wanted))
+        self.cost = code_nats(len(wanted) if among is None else among)
         self._null: Null | None = None
         self._score(DRAWS if level else 0)
 
@@ -148,6 +151,16 @@ class MechanismScreen:
         return np.asarray(x - self._basis @ (self._basis.T @ x))
 
     # ------------------------------------------------------------------------------------------ proposals
+
+    def nearest(self, count: int) -> list[Mechanism]:
+        """Those that gain most."""
+        found: dict[str, Mechanism] = {}
+        for i in np.argsort(-self._gains, kind="stable"):
+            mechanism = self._choices[i].mechanism
+            found.setdefault(mechanism.name, mechanism)
+            if len(found) == count:
+                break
+        return [*found.values()]
 
     @cached_property
     def proposals(self) -> list[ProposedMechanism]:

@@ -57,6 +57,7 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
     judge.settings.progress(f"mechanisms in place of {one.effect.name}")
     without, loss = found.without[one.effect.name], found.losses[one.effect.name]
     screen = MechanismScreen(without, [m for m in mechanisms if m.name not in found.final.names], level=False)
+    found.in_place[one.effect.name] = screen
     # to first order, as the mechanisms are: a fit finds more of either
     own = max((score.gain for score in Screen(without, [one.effect]).scores()), default=loss)
     ahead = [score for score in _scores(screen, without) if score.gain > own + OCCAM_NATS]

@@ -56,6 +56,7 @@ class Named:
     screens: dict[int, Screen] = field(default_factory=dict)  # by the fit they are about (its id)
     left: list[Score] = field(default_factory=list)  # screen of the final fit
     grammar: MechanismScreen | None = None  # the last screen of mechanisms
+    in_place: dict[str, MechanismScreen] = field(default_factory=dict)  # accepted -> mechanisms where it is taken out
     rivals: dict[str, list[tuple[str, float]]] = field(default_factory=dict)  # accepted -> (name, nats behind)
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)  # accepted -> rivals that folds refused
     refusals: dict[str, Refusal] = field(default_factory=dict)  # beyond the threshold, and refused; the last of each

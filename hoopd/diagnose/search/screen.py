@@ -130,10 +130,15 @@ class Screen:
         self.residual = self.projected(rows[:, :1])[:, 0]
         wanted = [e for e in effects if e.name not in fit.names and e.found_by in ("screen",)]
         self.members = [m for e in wanted for m in members_of(e, self.recordings, touched_grids(e, fit))]
-        self.vectors = self.whitened([(m.effect, column) for m in self.members for column in m.columns])
+        every = [(m.effect, column) for m in self.members for column in m.columns]
+        self.vectors = self.projected(whitened_changes(self.fit, every))
+        self._places = {(effect.name, column): i for i, (effect, column) in enumerate(every)}
 
     def whitened(self, changes: Sequence[tuple[Effect, Column]]) -> Array:
-        """(rows, m) whitened projected changes."""
+        """(rows, m) whitened projected changes; those of the screen's members are there already."""
+        places = [self._places.get((effect.name, column), -1) for effect, column in changes]
+        if -1 not in places:
+            return self.vectors[:, places]
         return self.projected(whitened_changes(self.fit, changes))
 
     def scores(self) -> list[Score]:

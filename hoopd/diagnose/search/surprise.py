@@ -58,7 +58,8 @@ def log_chances(gains: Array, columns: int) -> Array:
     chances = np.asarray(gammaincc(a, np.maximum(gains, 0.0)))
     far = chances <= SMALLEST
     found = np.array(np.log(np.where(far, 1.0, chances)))
-    found[far] = _log_tail(gains[far], a)
+    if far.any():
+        found[far] = _log_tail(gains[far], a)
     return found
 
 

@@ -24,10 +24,12 @@ Array = NDArray[np.float64]
 
 def _if_else_zero(x: Any, y: Any, out: Any = None) -> Any:
     """y where x is not 0, else 0."""
-    found = np.where(np.asarray(x) != 0.0, y, 0.0)
     if out is None:
-        return found
-    out[...] = found
+        return np.where(np.asarray(x) != 0.0, y, 0.0)
+    # the result may have the memory of either
+    nothing = np.equal(x, 0.0)
+    np.copyto(out, y)
+    np.copyto(out, 0.0, where=nothing)
     return out
 
 
@@ -126,7 +128,7 @@ class Vectorised:
         """Results (n, cols, rows) of arguments (n, elements), or (1, elements) of what is the same everywhere."""
         columns = [a[0].tolist() if i in self._same else np.ascontiguousarray(a.T) for i, a in enumerate(arguments)]
         results, places = [np.zeros(shape) for shape in self._shapes], self._places
-        work = _workspace(self._slots * self._n).reshape(self._slots, self._n)
+        work = list(_workspace(self._slots * self._n).reshape(self._slots, self._n))
         w: list[Any] = [0.0] * self._slots
         with np.errstate(all="ignore"):
             for what, function, out, a, b in self._plan:
