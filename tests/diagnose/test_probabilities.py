@@ -14,12 +14,13 @@ from diagnose.madeup import shipped_plant, stretch_with
 from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import survey
 from hoopd.diagnose.findings import _fault, told
-from hoopd.diagnose.proof.in_place import nearest
+from hoopd.diagnose.proof.in_place import Place, nearest
 from hoopd.diagnose.proof.probabilities import PARAMETERS, Option, among_what_acts, likely
 from hoopd.diagnose.proof.remainder import Remainder, explained, held_back
 from hoopd.diagnose.proof.standing import Asked, Standings, standings
 from hoopd.diagnose.record import NONE_OF_THESE
 from hoopd.diagnose.search.candidates import Judge, Settings
+from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.diagnose.search.screen import Screen
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
@@ -150,3 +151,21 @@ def test_the_nearest_name_is_that_of_the_most_parallel_change() -> None:
     first = screen.vectors[:, 0]
     assert nearest(screen, 3.0 * first) == "hoop.coulomb_friction"
     assert nearest(screen, 3.0 * first, ("hoop.coulomb_friction",)) is None
+
+
+def test_mechanisms_that_were_nearest_in_the_search_are_those_in_a_name_s_place() -> None:
+    found = taken_for("hoop.quadratic_drag")
+    every = [one for one in mechanisms(PLANT).values() if one.site.slot == "hoop"]
+    library_only = {"hoop.quadratic_drag": EFFECTS["hoop.quadratic_drag"]}
+    whole = Place(found, found.accepted[0], library_only, every)
+    found.in_place["hoop.quadratic_drag"] = MechanismScreen(found.base, every, level=False)
+    quick = Place(found, found.accepted[0], library_only, every)
+    assert quick.grammar.cost == whole.grammar.cost
+    best = {one.name: one.worth for one in sorted(whole.options(12.0), key=lambda one: -one.worth)[:10]}
+    assert {one.name: one.worth for one in quick.options(12.0) if one.name in best} == pytest.approx(best)
+
+
+def test_the_level_of_a_screen_that_was_made_without_one_is_not_asked_for() -> None:
+    laws = [one for name, one in mechanisms(PLANT).items() if name in LAWS]
+    with pytest.raises(ValueError, match="without its level"):
+        MechanismScreen(fits()[2], laws, level=False).null  # noqa: B018

@@ -137,3 +137,12 @@ def test_a_limit_starts_where_the_screen_tried_it(base: HypothesisFit) -> None:
     slip = LIBRARY["ball.slip"]
     grid = [m.shape["mu"] for m in members_of(slip, ("a", "b"))]
     assert Screen(base, [slip]).scores()[0].start["ball.slip.mu"] in grid
+
+
+def test_what_a_screen_has_made_is_not_made_again(base: HypothesisFit, monkeypatch: pytest.MonkeyPatch) -> None:
+    effect = LIBRARY["actuator.deadzone"]
+    screen, alone = Screen(base, [effect]), Screen(base, ())
+    wanted = [(effect, column) for column in screen.members[3].columns]
+    np.testing.assert_allclose(screen.whitened(wanted), alone.whitened(wanted), rtol=1e-9, atol=1e-9)
+    monkeypatch.setattr("hoopd.diagnose.search.screen.whitened_changes", None)
+    assert screen.whitened(wanted).shape[1] == len(wanted)
