@@ -45,8 +45,8 @@ class StateFeedback:
     ...     states=["h"], inputs={"q": "m3/s"}, channels={"h": "m"}, operating_point={"q": 0.0, "h": 2.0},
     ...     gains=PlantGains(feedback=[[0.5]], filter=one, a=one, b=one, c=one), limits={"q": 0.3},
     ... ))
-    >>> law.update({"h": 2.4}), law.update({"h": 3.0})
-    ({'q': -0.2}, {'q': -0.3})
+    >>> law.update({"h": 2.5}), law.update({"h": 3.0})
+    ({'q': -0.25}, {'q': -0.3})
     """
 
     def __init__(self, file: PlantControllerFile) -> None:

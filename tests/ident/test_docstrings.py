@@ -34,6 +34,9 @@ PLANTS = {
     "compiled": "zero_order_hold",
     "plant_model": "load_plant_model nominal_model",
     "effects.library": "library",
+    "effects.vocabulary": "known_effects",
+    "effects.grammar.mechanisms": "mechanisms",
+    "relative_degree": "relative_degrees",
 }
 DOCUMENTED = {f"ident.{name}": getattr(ident, name) for name in ident.__all__} | {
     f"plants.{module}.{name}": getattr(import_module(f"hoopd.plants.{module}"), name)
