@@ -1,7 +1,7 @@
 """`hoopd diagnose`: the files it writes, the same bytes each time, and one line for whatever cannot be used.
 
-Searches here are among eight effects of the library, in half of the time of all. Among all of them a bias is named in
-`tests/tools/test_concealed_score.py`; by `make proof` the friction in `tests/system/test_found_and_written_back.py`.
+Searches here are among eight effects of the library, in half of the time of all. Among all of them `make proof` names a
+bias in `tests/tools/test_concealed_score.py` and the friction in `tests/system/test_found_and_written_back.py`.
 """
 
 from __future__ import annotations

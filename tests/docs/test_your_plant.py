@@ -58,11 +58,13 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Any, str]:
         return " ".join(" ".join(said).split()), model, Path("day1.csv").read_text()
 
 
+@pytest.mark.proof
 def test_the_recording_is_the_one_that_is_shown(diagnosed: tuple[str, Any, str]) -> None:
     shown = TOLD.partition("```text\n")[2].partition("```")[0].splitlines()[1:]
     assert shown and shown == diagnosed[2].splitlines()[1 : 1 + len(shown)]
 
 
+@pytest.mark.proof
 def test_the_fit_is_the_one_that_the_page_tells(diagnosed: tuple[str, Any, str]) -> None:
     said, told = diagnosed[0], " ".join(TOLD.split())
     (nominal, fitted) = re.findall(r"fits x to ([\d.]+) %, that of the fitted ones to ([\d.]+) %", told)[0]
@@ -71,6 +73,7 @@ def test_the_fit_is_the_one_that_the_page_tells(diagnosed: tuple[str, Any, str])
     assert "residuals are coloured (the model misses something)" in said
 
 
+@pytest.mark.proof
 def test_the_effect_and_the_gain_are_those_that_the_page_tells(diagnosed: tuple[str, Any, str]) -> None:
     said, model, _ = diagnosed
     (effect,) = model["effects"]
@@ -83,6 +86,7 @@ def test_the_effect_and_the_gain_are_those_that_the_page_tells(diagnosed: tuple[
     assert gain is not None and f"held-out x goes from {gain[1]} to {gain[2]} %" in said
 
 
+@pytest.mark.proof
 def test_the_parameters_are_the_carriage_s(diagnosed: tuple[str, Any, str]) -> None:
     parameters = diagnosed[1]["parameters"]
     for name, value in TRUE.items():

@@ -81,8 +81,16 @@ def test_pictures_of_a_tenth_of_a_second_ago_while_the_reference_steps(tmp_path:
     assert found.mode_at(15.9) == "DISARMED"
 
 
-@pytest.mark.parametrize("direct", [True, False])
-def test_an_honest_camera_is_believed(tmp_path: Path, direct: bool) -> None:
+def test_an_honest_camera_is_believed(tmp_path: Path) -> None:
+    judge_honest(tmp_path, direct=True)
+
+
+@pytest.mark.proof
+def test_an_honest_camera_s_pictures_are_believed(tmp_path: Path) -> None:
+    judge_honest(tmp_path, direct=False)
+
+
+def judge_honest(tmp_path: Path, *, direct: bool) -> None:
     found = run(tmp_path, duration_s=16.0, direct=direct, commands=STEPS, angle_offset_rad=0.03)
     assert found.mode_at(15.9) == "RUNNING"
     assert not [name for name in NAMES if found.fault_at(name) < np.inf]

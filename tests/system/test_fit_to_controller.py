@@ -85,6 +85,7 @@ def test_it_beats_the_thesis_s_entries_on_the_same_rig(folder: Path) -> None:
     assert max(one.cost for one in fitted) < 0.55 * min(one.cost for one in thesis)
 
 
+@pytest.mark.proof
 def test_brought_back_from_a_release_both_are_alike(folder: Path) -> None:
     """No reference, no model needed to hold it: the costs differ by less than 5 %."""
     asked = SCENARIOS["release"]
@@ -94,6 +95,7 @@ def test_brought_back_from_a_release_both_are_alike(folder: Path) -> None:
     assert np.mean([one.cost for one in fitted]) == pytest.approx(np.mean([one.cost for one in thesis]), rel=0.05)
 
 
+@pytest.mark.proof
 def test_a_fit_from_wrong_numbers_is_as_good(folder: Path) -> None:
     """It is the recording that tells: a start with inertias and frictions far off ends at the same loop."""
     base = load_model(ROOT / "config" / "models" / "hoop.yaml")

@@ -55,7 +55,7 @@ def realtime(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 def test_realtime_prints_every_figure(tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
-    out = run_bench("realtime.py", "--seconds", "3", "--direct", "--busy", "1", "--json", str(path))
+    out = run_bench("realtime.py", "--seconds", "2", "--direct", "--busy", "1", "--json", str(path))
     for row in (
         "mean period ms",
         "missed ticks",
@@ -124,8 +124,8 @@ def test_experiments_prints_its_rows() -> None:
 
 
 def test_races_keep_the_rule_and_print_how_they_began() -> None:
-    out = run_bench("races.py", "--races", "20", "--sequences", "20")
-    assert "20 races, the rule holds" in out and "random sequences on the tick alone, the rule holds" in out
+    out = run_bench("races.py", "--races", "8", "--sequences", "20")
+    assert "8 races, the rule holds" in out and "random sequences on the tick alone, the rule holds" in out
     assert "about to arm itself" in out
 
 

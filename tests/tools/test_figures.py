@@ -58,6 +58,7 @@ def test_without_recordings_it_says_how_to_get_them_and_draws_from_the_rig(
         assert number in done.out
 
 
+@pytest.mark.proof
 def test_the_real_recordings_are_drawn_with_the_fit_that_they_allow(tmp_path: Path) -> None:
     """Percent of one free run: as printed, re-estimated; at least what a plain least-squares fit reaches."""
     shared = shared_path("recordings").parent
