@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from hoopd.commands.diagnose_inputs import check_distinct, check_lengths, check_motion, expanded, plants
-from hoopd.commands.diagnosed_model import flipped, found_model, left_out
+from hoopd.commands.diagnosed_model import doubts, found_model, left_out
 from hoopd.commands.inputs import read_recording
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.output_files import check_targets
@@ -36,20 +36,32 @@ from hoopd.plants.plant_model import PlantModel, load_plant_model, nominal_model
 from hoopd.plants.recorded_sizes import with_recorded_sizes
 
 Progress = Callable[[str], None]
+# Whether a model of which this is to be said shall be written.
+MayWrite = Callable[[Sequence[str]], bool]
 
 DEFAULT_MODEL = Path("models/thesis.yaml")
 
 
-def run(options: DiagnoseOptions, *, progress: Progress = lambda text: None) -> Diagnosis:
-    """Diagnose and write; InputError when anything cannot be used or written."""
+def run(
+    options: DiagnoseOptions, *, progress: Progress = lambda text: None, may_write: MayWrite = lambda said: False
+) -> Diagnosis:
+    """Diagnose and write; InputError when anything cannot be used or written. `may_write` is asked about a model of
+    which there are doubts, and where it says no everything else is written."""
     texts, held_texts = expanded(options.recordings), expanded(options.holdout)
     inputs: list[Path | str] = [*texts, *held_texts]
     inputs += [one for one in (options.model, options.effects) if one is not None]
     base = judged_model(options.plant, options.model)
     check_targets(inputs, {"--json": options.json_path, "--report": options.report, "--write": options.write})
     outcome = outcome_of(texts, held_texts, base, options, progress=progress)
+    said = doubts(outcome) if options.write is not None else []
+    write = options.write if not said or options.yes or may_write(said) else None
     progress("drawing and writing")
-    return _written(outcome, base, options.json_path, options.report, options.write)
+    return _written(outcome, base, replace(options, write=write), said)
+
+
+def refusal(write: Path, said: Sequence[str]) -> InputError:
+    """Why a model is not written where no one can be asked."""
+    return InputError(write, "", f"is not written without --yes: {'; '.join(said)}")
 
 
 def judged_model(plant: str | None, model: Path | None) -> PlantModel:
@@ -149,29 +161,28 @@ def _library(
     return {name: effect for name, effect in known.items() if name not in without}
 
 
-def _written(
-    outcome: Outcome, base: PlantModel, json_path: Path | None, report: Path | None, write: Path | None
-) -> Diagnosis:
-    """The diagnosis; every file is made before the first one is written."""
+def _written(outcome: Outcome, base: PlantModel, options: DiagnoseOptions, said: Sequence[str]) -> Diagnosis:
+    """The diagnosis; every file is made before the first one is written. `said`: of the model."""
     diagnosis, files = outcome.diagnosis, list[tuple[Path, bytes]]()
-    if write is not None:
-        diagnosis = msgspec.structs.replace(
-            diagnosis, notes=[*diagnosis.notes, *left_out(outcome), *flipped(diagnosis)]
-        )
-        files.append((write, _model_text(outcome, base, write).encode()))
-    if report is not None:
+    if options.write is not None:
+        diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *left_out(outcome), *said])
+        files.append((options.write, _model_text(outcome, base, options.write).encode()))
+    if options.report is not None:
         from hoopd.diagnose.report.page import page
 
-        files.append((report, page(diagnosis, outcome.shown)))
-    if json_path is not None:
-        files.append((json_path, to_json_bytes(diagnosis)))
+        files.append((options.report, page(diagnosis, outcome.shown)))
+    if options.json_path is not None:
+        files.append((options.json_path, to_json_bytes(diagnosis)))
     for path, data in files:
         replace_file(path, data)
     return diagnosis
 
 
-def write_model(outcome: Outcome, base: PlantModel, path: Path) -> Path:
-    """Write the judged model with what was found."""
+def write_model(outcome: Outcome, base: PlantModel, path: Path, *, yes: bool = False) -> Path:
+    """Write the judged model with what was found; InputError where there are doubts of it and no `yes`."""
+    said = doubts(outcome)
+    if said and not yes:
+        raise InputError(path, "", f"is not written without yes=True: {'; '.join(said)}")
     replace_file(path, _model_text(outcome, base, path).encode())
     return path
 

@@ -56,13 +56,35 @@ def left_out(outcome: Outcome) -> list[str]:
     ]
 
 
+def doubts(outcome: Outcome) -> list[str]:
+    """What of the model no one would expect of a device: to be said, and agreed to, before it is written."""
+    return [*flipped(outcome.diagnosis), *outside(outcome)]
+
+
 def flipped(diagnosis: Diagnosis) -> list[str]:
-    """Parameters that are written with another sign than the judged model has."""
+    """Parameters that have another sign than in the judged model."""
     return [
-        f"{name} is written with the other sign: {one.value:g} {one.unit}, {one.nominal:g} before"
+        f"{name} has the other sign: {one.value:g} {one.unit}, {one.nominal:g} before{_either(one)}"
         for name, one in diagnosis.base.parameters.items()
         if one.value is not None and one.nominal is not None and one.value * one.nominal < 0.0
     ]
+
+
+def _either(one: Quantity) -> str:
+    low, high = one.ci95 or (None, None)
+    return " (its interval holds both)" if low is not None and high is not None and low < 0.0 < high else ""
+
+
+def outside(outcome: Outcome) -> list[str]:
+    """Parameters of the plant and of effects beyond the bounds that they are declared with."""
+    final, found = outcome.kept, list[str]()
+    bounds = {n: ends for track in final.tracks for n, ends in track.stretch.plant.bounds.items()}
+    bounds |= {e.key(p.name): (p.low, p.high) for e in _known(final) for p in e.parameters if p.role != "phase"}
+    for name, (low, high) in bounds.items():
+        value = final.values.get(name)
+        if value is not None and not low <= value <= high:
+            found.append(f"{name} is {value:g}, beyond the {low:g} to {high:g} that it can be")
+    return found
 
 
 def _known(final: HypothesisFit) -> Iterable[Effect]:

@@ -5,6 +5,8 @@ Rules of this file: called by the command line with a record; heavy imports are 
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import typer
@@ -71,15 +73,27 @@ def design(options: DesignOptions) -> None:
 
 
 def diagnose(options: DiagnoseOptions) -> None:
-    """The physics that is missing."""
+    """The physics that is missing; a model that no one would expect is asked about, or refused where no one is."""
     from rich.console import Console
 
-    from hoopd.commands.diagnose import run
+    from hoopd.commands.diagnose import refusal, run
     from hoopd.diagnose.report.terminal import report_text
+    from hoopd.plots.number_format import safe
+
+    refused: list[str] = []
+
+    def may_write(said: Sequence[str]) -> bool:
+        if not sys.stdin.isatty():
+            refused.extend(said)
+            return False
+        with progress.hidden():
+            return typer.confirm("\n".join([*map(safe, said), f"Write {options.write} all the same?"]), err=True)
 
     with shown_progress() as progress:
-        found = run(options, progress=progress)
+        found = run(options, progress=progress, may_write=may_write)
     report_text(found, Console())
+    if refused and options.write is not None:
+        raise refusal(options.write, refused)
 
 
 def identify(options: IdentifyOptions) -> None:

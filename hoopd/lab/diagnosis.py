@@ -70,9 +70,10 @@ class Diagnosed:
         replace_file(Path(path), page(self.diagnosis, self.outcome.shown))
         return Path(path)
 
-    def save(self, path: Path | str) -> Path:
-        """Write a model (`hoopd.model/1`) with what was found."""
-        return write_model(self.outcome, self.base, Path(path))
+    def save(self, path: Path | str, *, yes: bool = False) -> Path:
+        """Write a model (`hoopd.model/1`) with what was found; `yes`: also one with a parameter of another sign than
+        before, or beyond its bounds (InputError otherwise)."""
+        return write_model(self.outcome, self.base, Path(path), yes=yes)
 
 
 def diagnose(

@@ -13,11 +13,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
+import typer
 from commands.devicerun import written
+from diagnose.examples import coulomb
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
 from hoopd.commands import cli, diagnose
@@ -25,6 +27,7 @@ from hoopd.commands.diagnose_inputs import check_distinct, expanded
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import parse
+from hoopd.diagnose.run import Outcome
 from hoopd.files.reading import InputError
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
@@ -75,6 +78,7 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 def program(folder: Path, hash_seed: int) -> subprocess.CompletedProcess[str]:
     """The program over the recordings of a folder; writes one.json, one.html and found.yaml into it."""
     outputs = ["--json", "one.json", "--report", "one.html", "--write", "found.yaml", "--without", ",".join(LEFT_OUT)]
+    outputs += ["--yes"]  # six seconds leave a sign open
     arguments = [sys.executable, "-m", "hoopd", "diagnose", "train", "--holdout", "held.csv", *outputs]
     root = Path(diagnose.__file__).resolve().parents[2]
     environment = {**os.environ, "PYTHONPATH": str(root), "PYTHONHASHSEED": str(hash_seed)}
@@ -139,8 +143,13 @@ def test_a_run_from_python_says_what_it_does_and_writes_the_same_bytes(
     """Another process, whose strings have other hashes: the same input and seed give the same bytes."""
     monkeypatch.chdir(made)
     steps: list[str] = []
-    outputs = {"json_path": tmp_path / "one.json", "report": tmp_path / "one.html", "write": tmp_path / "found.yaml"}
-    found = run(["train"], ["held.csv"], progress=steps.append, without=LEFT_OUT, **outputs)
+    outputs = {
+        "json_path": tmp_path / "one.json",
+        "report": tmp_path / "one.html",
+        "write": tmp_path / "found.yaml",
+        "yes": True,
+    }
+    found = run(["train"], ["held.csv"], progress=steps.append, without=LEFT_OUT, yes=True, **outputs)
     assert steps[0] == "reading the recordings" and "screening the library" in steps
     assert found.effects[0].name == NAME
     assert all((made / path.name).read_bytes() == path.read_bytes() for path in outputs.values())
@@ -260,6 +269,49 @@ def test_what_cannot_be_used_is_one_line_and_exit_code_2(
     assert REFUSED[make] in error
     assert short.read_bytes() == before
     assert sorted(tmp_path.iterdir()) == there
+
+
+DOUBT = "J12 has the other sign: -2.5 1/s, 1.5 before"
+
+
+@pytest.fixture
+def doubtful(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A diagnosis whose model no one would expect; the path that it is to be written to."""
+    found: Any = Outcome(coulomb()[0], *[cast(Any, None)] * 3)
+    monkeypatch.setattr(diagnose, "outcome_of", lambda *given, **more: found)
+    monkeypatch.setattr(diagnose, "doubts", lambda outcome: [DOUBT])
+    monkeypatch.setattr(diagnose, "left_out", lambda outcome: [])
+    monkeypatch.setattr(diagnose, "_model_text", lambda *given: "model\n")
+    return tmp_path / "found.yaml"
+
+
+def test_a_model_of_which_there_are_doubts_is_refused_where_no_one_can_be_asked(
+    doubtful: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Everything else is written, and told."""
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: False)
+    assert command(monkeypatch, "run.csv", "--write", doubtful, "--json", tmp_path / "found.json") == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1 and f"is not written without --yes: {DOUBT}" in printed.err
+    assert "hoop.coulomb_friction" in printed.out
+    assert not doubtful.exists() and (tmp_path / "found.json").exists()
+    assert DOUBT not in (tmp_path / "found.json").read_text()
+    assert command(monkeypatch, "run.csv", "--json", tmp_path / "found.json") == 0  # no model, no question
+
+
+def test_a_model_of_which_there_are_doubts_is_written_when_it_is_agreed_to(
+    doubtful: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command(monkeypatch, "run.csv", "--write", doubtful, "--yes") == 0
+    assert doubtful.read_text() == "model\n" and DOUBT in " ".join(capsys.readouterr().out.split())
+    doubtful.unlink()
+    asked: list[str] = []
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
+    for agreed in (False, True):
+        monkeypatch.setattr(typer, "confirm", lambda text, agreed=agreed, **more: asked.append(text) or agreed)
+        assert command(monkeypatch, "run.csv", "--write", doubtful) == 0
+        assert doubtful.exists() == agreed
+    assert len(asked) == 2 and all(DOUBT in one and str(doubtful) in one for one in asked)
 
 
 def test_an_interrupted_run_leaves_no_file(short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ import pytest
 from diagnose.examples import consistent
 from diagnose.madeup import shipped_plant, stretch_with
 
-from hoopd.commands.diagnosed_model import flipped
+from hoopd.commands.diagnosed_model import flipped, outside
 from hoopd.diagnose.findings import is_any_told, refused_of
 from hoopd.diagnose.proof import denial as denials
 from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, reach, status_of
@@ -247,4 +247,26 @@ def test_a_parameter_that_changed_its_sign_is_told() -> None:
     base = msgspec.structs.replace(diagnosis.base, parameters={**diagnosis.base.parameters, name: other})
     assert flipped(diagnosis) == []
     (told,) = flipped(msgspec.structs.replace(diagnosis, base=base))
-    assert told.startswith(f"{name} is written with the other sign: -2.5 ") and told.endswith("1.5 before")
+    assert told.startswith(f"{name} has the other sign: -2.5 ") and told.endswith("1.5 before")
+
+
+def test_what_is_beyond_its_bounds_is_told_of_plant_and_effects_and_a_phase_is_not() -> None:
+    plant = replace(PLANT, bounds={"J11": (0.0, np.inf)})
+    wave = library(PLANT)["hoop.imbalance"]
+    values = {
+        **PLANT.values,
+        "J11": -0.1,
+        f"{FRICTION.name}.Fc": -1e-3,
+        f"{wave.name}.A": 1e-3,
+        f"{wave.name}.phi": 9.0,
+    }
+    kept = SimpleNamespace(
+        tracks=[SimpleNamespace(stretch=SimpleNamespace(plant=plant))], effects=(FRICTION, wave), values=values
+    )
+    found: Any = SimpleNamespace(kept=kept)
+    first, second = outside(found)
+    assert first.startswith("J11 is -0.1, beyond the 0 to inf ") and second.startswith(
+        f"{FRICTION.name}.Fc is -0.001, "
+    )
+    kept.values = {**values, "J11": 0.1, f"{FRICTION.name}.Fc": 1e-3}
+    assert outside(found) == []

@@ -49,7 +49,7 @@ def at_rate(motion: axisforce.Motion, path: Path, rate_hz: int, out: Path) -> Pa
 def _diagnosed(commands: Commands, motion: axisforce.Motion, path: Path, rate_hz: int, hold: str) -> Done:
     data = Data(at_rate(motion, path, rate_hz, commands.out))
     how = [] if rate_hz == max(RATES_HZ) else ["--hold", hold]
-    return commands.run(["diagnose", data, "--plant", "axis", *how, "--no-free-run"], writes="--write")
+    return commands.run(["diagnose", data, "--plant", "axis", *how, "--no-free-run", "--yes"], writes="--write")
 
 
 def _refitted(commands: Commands, motion: axisforce.Motion, path: Path) -> Done:

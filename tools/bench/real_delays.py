@@ -45,7 +45,7 @@ def measured(commands: Commands, hoops: Sequence[Hoop]) -> tuple[Told, list[str]
     failed = []
     for one in hoops:
         for how, arguments in _asked(one).items():
-            done = commands.run(arguments, writes="--write")
+            done = commands.run([*arguments, "--yes"], writes="--write")
             if done.failure:
                 failed.append(f"{one.name}, {how}: {done.failure}")
             else:

@@ -36,7 +36,7 @@ def _learnt(commands: Commands, hoops: Sequence[Hoop]) -> Models:
     for one in hoops:
         what: tuple[str | Data, ...] = (Data(one.path), *one.arguments, "--model", USERS)
         found["re-fitted"][one.name] = commands.run(["fit", *what, "--structure", "rolling"], writes="--out")
-        found["named"][one.name] = commands.run(["diagnose", *what, "--no-free-run"], writes="--write")
+        found["named"][one.name] = commands.run(["diagnose", *what, "--no-free-run", "--yes"], writes="--write")
     return found
 
 

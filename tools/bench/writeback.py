@@ -159,6 +159,7 @@ def chained(name: str, seed: int, folder: Path) -> Chain:
         "found.json",
         "--write",
         "found.yaml",
+        "--yes",
         "--report",
         "found.html",
     )

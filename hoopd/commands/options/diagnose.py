@@ -43,6 +43,12 @@ class DiagnoseOptions:
         "--report", text="Write the whole report as one page.", metavar="FILE.html", python=False
     )
     write: Path | None = option("--write", text="Write a model with what was found.", metavar="MODEL", python=False)
+    yes: bool = option(
+        "--yes",
+        text="Write the model unasked, though a parameter has another sign than before or is beyond its bounds.",
+        default=False,
+        python=False,
+    )
     seed: int = option("--seed", min=0, text="Seed of everything random in the search.", default=0)
     free_run: bool = option(
         "--free-run/--no-free-run", text="Also refine and compare one run over whole recordings.", default=True

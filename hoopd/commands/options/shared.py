@@ -5,12 +5,15 @@ Rules of this file: no command; heavy imports are made inside the functions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hoopd.commands.options.declaration import REQUIRED, option
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 SLICE = "FILE[:EXPERIMENT][@START:END]"
 
@@ -85,8 +88,27 @@ def check_files(inputs: Sequence[Path | str | None], **outputs: Path | None) -> 
     check_targets([one for one in inputs if one is not None], {f"--{name}": path for name, path in outputs.items()})
 
 
+class ProgressLine:
+    """What a long command is doing, on a line that can be taken away while something is asked."""
+
+    def __init__(self, shown: Progress) -> None:
+        self._shown, self._task = shown, shown.add_task("")
+
+    def __call__(self, text: str) -> None:
+        self._shown.update(self._task, description=text)
+
+    @contextmanager
+    def hidden(self) -> Iterator[None]:
+        """Nothing is drawn meanwhile."""
+        self._shown.stop()
+        try:
+            yield
+        finally:
+            self._shown.start()
+
+
 @contextmanager
-def shown_progress() -> Iterator[Callable[[str], None]]:
+def shown_progress() -> Iterator[ProgressLine]:
     """What a long command is doing and since when, on a line of standard error; nothing where no one looks."""
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -94,8 +116,7 @@ def shown_progress() -> Iterator[Callable[[str], None]]:
     console = Console(stderr=True)
     columns = SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
-        task = shown.add_task("")
-        yield lambda text: shown.update(task, description=text)
+        yield ProgressLine(shown)
 
 
 def finish(result: dict[str, Any], json_path: Path | None, shown: dict[str, Any] | None = None) -> None:
