@@ -102,6 +102,11 @@ def test_a_name_without_a_worse_simulation_is_refuted_by_the_likelihood_that_hel
     why = denial(replace(with_it, fit=with_it.fit), replace(with_it, fit=without.fit), 50.0)
     assert why is not None and why.is_refuted and not why.points and why.nats < -denials.UNSEEN_LOSS
     assert why.reason.startswith("the held-out data lose ") and not why.leaves_evidence(1000.0, 12.0)
+    # what a simulation is surely better with is not refuted by a filter
+    assert denial(replace(without, fit=with_it.fit), replace(with_it, fit=without.fit), 50.0) is None
+    # nor by levels of noise that a search missed
+    off = replace(with_it.fit, criterion=without.fit.criterion + 50.0)
+    assert denial(with_it, replace(with_it, fit=off), 50.0) is None
 
 
 def test_strong_evidence_stays_a_finding_whatever_a_simulation_makes_of_it() -> None:
