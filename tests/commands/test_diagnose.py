@@ -143,12 +143,7 @@ def test_a_run_from_python_says_what_it_does_and_writes_the_same_bytes(
     """Another process, whose strings have other hashes: the same input and seed give the same bytes."""
     monkeypatch.chdir(made)
     steps: list[str] = []
-    outputs = {
-        "json_path": tmp_path / "one.json",
-        "report": tmp_path / "one.html",
-        "write": tmp_path / "found.yaml",
-        "yes": True,
-    }
+    outputs = {"json_path": tmp_path / "one.json", "report": tmp_path / "one.html", "write": tmp_path / "found.yaml"}
     found = run(["train"], ["held.csv"], progress=steps.append, without=LEFT_OUT, yes=True, **outputs)
     assert steps[0] == "reading the recordings" and "screening the library" in steps
     assert found.effects[0].name == NAME
