@@ -219,14 +219,15 @@ def candidates_of(named: Named, threshold: float, shares: Mapping[str, float]) -
     """Every effect on its own over the base: refitted where it was, else as the screen saw it; and whatever else is
     likely."""
     stretches = [track.stretch for track in named.base.tracks]
-    found = {s.member.effect.name: (s.gain, surprise_of(s, s.gain, stretches)) for s in named.scores}
-    found |= {one.effect.name: (one.gain, one.surprise) for one in named.tried}
+    found = {s.member.effect.name: (s, s.gain, surprise_of(s, s.gain, stretches)) for s in named.scores}
+    found |= {one.effect.name: (one.score, one.gain, one.surprise) for one in named.tried}
     known = [
         Candidate(
-            name=name, log_likelihood_gain=gain, surprise=beyond, threshold=threshold, probability=shares.get(name, 0.0)
+            name=name, log_likelihood_gain=gain, surprise=beyond, threshold=threshold,
+            needed=needed_of(score, threshold, stretches), probability=shares.get(name, 0.0),
         )
-        for name, (gain, beyond) in found.items()
-    ]
+        for name, (score, gain, beyond) in found.items()
+    ]  # fmt: skip
     more = [name for name, one in shares.items() if name not in found and (one >= LEAST_TOLD or name == NONE_OF_THESE)]
     return [*known, *(Candidate(name=name, log_likelihood_gain=None, probability=shares[name]) for name in more)]
 

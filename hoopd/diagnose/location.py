@@ -12,8 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from hoopd.diagnose.curves.effect_force import follows
 from hoopd.diagnose.curves.location_evidence import locate
 from hoopd.diagnose.curves.unknown_effects import Survey, Unknown
 from hoopd.diagnose.record import EffectFinding, Location, Verdict
@@ -50,7 +52,9 @@ def location_of(
         return Location(
             slot=first.slot, channel=_seen_by(first.slot, named), segments=None, depends_on=[], evidence=evidence
         )  # fmt: skip
-    return _at(effect.slot, effect.depends_on, change_by(effect, named), base, evidence)
+    found = _at(effect.slot, effect.depends_on, change_by(effect, named), base, evidence)
+    plant = next(t.stretch.plant for t in named.final.tracks if effect.slot in t.stretch.plant.slots)
+    return replace(found, depends_on=[*follows(effect, plant, found.channel)])
 
 
 def _seen_by(slot: str, named: Named) -> str:

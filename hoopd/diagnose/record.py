@@ -162,9 +162,18 @@ class FreeRunChoice(_Part, frozen=True):
     chosen_on: str = ""
 
 
+class ErrorWindow(_Part, frozen=True):
+    """The window of a channel with the most squared error of the final model, s; its share, out of so many windows."""
+
+    t0: Number
+    t1: Number
+    share: Number
+    windows: int
+
+
 class FitTable(_Part, frozen=True):
     """Fits over windows of about `window_s`, s; additions: one free run, what it is better with, how it was held out,
-    sources."""
+    sources, by recording and channel the window that has most of the error (held out where anything is)."""
 
     train: Fits
     heldout: Fits
@@ -173,6 +182,7 @@ class FitTable(_Part, frozen=True):
     free_run_choice: FreeRunChoice | None = None
     how_heldout: str = ""
     channel_source: dict[str, str] = {}
+    error_windows: dict[str, dict[str, ErrorWindow]] = {}
 
 
 class Curve(_Part, frozen=True):
@@ -253,6 +263,7 @@ class Candidate(_Part, frozen=True):
     probability: Number = None
     surprise: Number = None  # nats: the gain less what chance gives an effect with as many columns and choices
     threshold: Number = None
+    needed: Number = None  # the gain that is as surprising as the threshold
     heldout_gain_percent: Number = None
 
 

@@ -28,6 +28,7 @@ from hoopd.diagnose.findings import (
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.location import location_of
 from hoopd.diagnose.proof.confirmation import confirmation
+from hoopd.diagnose.proof.error_windows import error_windows
 from hoopd.diagnose.proof.fit_tables import Played, channel_source, played, window_of
 from hoopd.diagnose.proof.free_run_record import free_choice
 from hoopd.diagnose.proof.free_runs import free_runs
@@ -137,14 +138,16 @@ def diagnose(case: Case) -> Outcome:
     refused = refused_of(named, said)
     if unknown is None and not is_any_told(named, said):
         drop_names(named)
+    fitted = played({"nominal": named.nominal, "base": named.base, "final": said.final})
     table = FitTable(
-        train=fits_of(played({"nominal": named.nominal, "base": named.base, "final": said.final})),
+        train=fits_of(fitted),
         heldout=fits_of(said.fits) if fits else {},
         window_s=window_of([one.plant for one in data.kept]),
         free_run=free_runs(named.nominal, named.base, said.kept, data_held.kept) if case.free_run else {},
         free_run_choice=_choice(case, named, data, data_held),
         how_heldout=case.held_out_how,
         channel_source=channel_source([*train, *held]),
+        error_windows=error_windows((said.fits if fits else fitted)["final"]),
     )
     case.progress("what else could explain it")
     threshold, apart = case.settings.threshold, separations(named, library)

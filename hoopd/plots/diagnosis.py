@@ -52,7 +52,7 @@ def draw_evidence_by_slot(evidence: Mapping[str, Number]) -> Figure:
         axes.annotate(nats(gain), (max(gain, 0.0), row), (4, 0), textcoords="offset points", va="center",
                       fontsize=style.NOTE_PT)  # fmt: skip
     axes.set_xlim(0.0, max(LEAST_SPAN_NATS, 1.1 * max(gain for gain, _ in known)))
-    style.labelled(axes, "evidence (nats)", "")
+    style.labelled(axes, "surprise (nats)", "")
     return figure
 
 
@@ -105,17 +105,17 @@ def shade(axes: Axes, ignored: Sequence[Ignored]) -> None:
 
 def draw_candidates(candidates: Sequence[Candidate], named: Collection[str], not_excluded: Collection[str]) -> Figure:
     """What each explanation gains on its own, against what it would need; the best of them only."""
-    shown = sorted((one for one in candidates if _surprise(one) is not None), key=lambda one: -(_surprise(one) or 0.0))
-    shown = shown[:MOST_CANDIDATES]
+    shown = [one for one in candidates if one.log_likelihood_gain is not None]
+    shown = sorted(shown, key=lambda one: -(one.log_likelihood_gain or 0.0))[:MOST_CANDIDATES]
     figure = style.figure(WIDTH_IN, 1.2 + ROW_IN * len(shown))
     axes = figure.axes[0]
     axes.set_xscale("log")
     _rows(axes, [one.name for one in shown])
     for row, one in enumerate(shown):
         _candidate(axes, row, one, *_look(one.name, named, not_excluded))
-    axes.set_xlim(LEAST_NATS, 2.5 * max([10.0, *(_surprise(one) or 0.0 for one in shown)]))
+    axes.set_xlim(LEAST_NATS, 2.5 * max([10.0, *(one.log_likelihood_gain or 0.0 for one in shown)]))
     _thresholds(axes, shown)
-    style.labelled(axes, "surprise: gain over the re-fitted base less what chance gives (nats)", "")
+    style.labelled(axes, "gain over the re-fitted base (nats)", "")
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     style.legend(axes, handles=list(once.values()), labels=list(once), loc="lower left", bbox_to_anchor=(0.0, 1.0),
@@ -123,9 +123,9 @@ def draw_candidates(candidates: Sequence[Candidate], named: Collection[str], not
     return figure
 
 
-def _surprise(one: Candidate) -> float | None:
-    """What is compared with a threshold."""
-    return one.log_likelihood_gain if one.surprise is None else one.surprise
+def _needed(one: Candidate) -> Number:
+    """What its gain is compared with; in files that do not tell it, a threshold of all."""
+    return one.threshold if one.needed is None else one.needed
 
 
 def _look(name: str, named: Collection[str], not_excluded: Collection[str]) -> tuple[str, str]:
@@ -136,16 +136,16 @@ def _look(name: str, named: Collection[str], not_excluded: Collection[str]) -> t
 
 
 def _candidate(axes: Axes, row: int, one: Candidate, colour: str, label: str) -> None:
-    gain = max(_surprise(one) or 0.0, LEAST_NATS)
+    gain = max(one.log_likelihood_gain or 0.0, LEAST_NATS)
     axes.plot((LEAST_NATS, gain), (row, row), color=colour, linewidth=1.2, alpha=0.6)
     axes.plot(gain, row, "o", color=colour, markersize=6, label=label)
-    axes.annotate(nats(_surprise(one)), (gain, row), (7, 0), textcoords="offset points", va="center",
+    axes.annotate(nats(one.log_likelihood_gain), (gain, row), (7, 0), textcoords="offset points", va="center",
                   fontsize=style.NOTE_PT)  # fmt: skip
 
 
 def _thresholds(axes: Axes, shown: Sequence[Candidate]) -> None:
     """One line where all need the same, a mark in each row otherwise."""
-    needed = [one.threshold for one in shown]
+    needed = [_needed(one) for one in shown]
     if len(set(needed)) == 1 and needed[0] is not None:
         axes.axvline(needed[0], color=style.GREY, linestyle="--", linewidth=1.2, label=f"needed: {nats(needed[0])}")
         return

@@ -17,6 +17,7 @@ from hoopd.diagnose.findings import is_any_told, refused_of
 from hoopd.diagnose.proof import denial as denials
 from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, reach, status_of
 from hoopd.diagnose.proof.denial import Denial, denial
+from hoopd.diagnose.proof.error_windows import error_windows, window_of_the_loss
 from hoopd.diagnose.proof.fit_tables import Played, played
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.lowered import lowered
@@ -170,6 +171,25 @@ def test_the_chance_of_a_worse_channel_is_shared_by_names_and_channels(
         if among != alone:
             return
     pytest.fail("however often it was looked, the same was lowered")
+
+
+def test_the_window_that_carries_the_error_and_that_of_the_loss_are_told(
+    fits: tuple[HypothesisFit, HypothesisFit],
+) -> None:
+    held = HeldOut([recorded("held", 2, friction=True)])
+    one = held.played_of(fits[1])
+    assert one is not None
+    assert window_of_the_loss(one, one, "psi") is None
+    runs = [replace(run, y=run.y.copy()) for run in one.runs]
+    runs[0].y[:, -1, 3] += 5.0 * np.nanstd(one.runs[0].y[:, -1])  # the fourth of windows of some 2 s
+    worse = replace(one, runs=runs)
+    where = error_windows(worse)["held"]["psi"]
+    assert where.windows == 8 and where.share is not None and where.share > 0.9
+    assert (where.t0, where.t1) == pytest.approx((6.0, 8.0), abs=0.05)
+    assert window_of_the_loss(one, worse, "psi") == ("held", where.t0, where.t1)
+    assert window_of_the_loss(one, worse, "theta_rate") is None
+    why = denial(one, worse, 50.0)
+    assert why is not None and why.reason.endswith(" points (most of it at 6.0 to 8.0 s of held)")
 
 
 def _signs(shape: tuple[int, ...]) -> Any:

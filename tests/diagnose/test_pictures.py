@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.curves.effect_force import MissingForceSamples, Variable
+from hoopd.diagnose.curves.effect_force import MissingForceSamples, Variable, follows, rate_name
 from hoopd.diagnose.findings import parameters_of
 from hoopd.diagnose.proof.fit_tables import played
 from hoopd.diagnose.report.curve_pictures import harmonics_of, law_over, shown_of
@@ -130,6 +130,14 @@ def test_a_law_that_jumps_at_rest_is_lifted_there() -> None:
     smooth = law_over("drag", Variable("dx", "m/s", x), -x)
     assert smooth is not None
     assert np.isfinite(smooth.y).all()
+
+
+def test_what_is_late_follows_the_rate_that_it_is_drawn_against() -> None:
+    plant = shipped_plant()
+    assert follows(LIBRARY["camera.latency"], plant, "psi") == (rate_name(plant, "psi"),) == ("dpsi",)
+    assert follows(LIBRARY["encoder.latency"], plant, "dtheta") == ("ddtheta",)
+    assert follows(LIBRARY["encoder.speed_lag"], plant, "psi") == ("ddtheta",)
+    assert follows(LIBRARY["hoop.imbalance"], plant, "theta") == ("theta",)
 
 
 def test_what_follows_no_angle_has_no_harmonics() -> None:

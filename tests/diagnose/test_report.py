@@ -20,6 +20,7 @@ from rich.console import Console
 from hoopd.diagnose.record import (
     DataQuality,
     Diagnosis,
+    ErrorWindow,
     Fit,
     FitTable,
     FreeRunChoice,
@@ -33,6 +34,7 @@ from hoopd.diagnose.report import tables
 from hoopd.diagnose.report.page import page
 from hoopd.diagnose.report.terminal import report_text
 from hoopd.diagnose.report_curves import Comparison, MissingForce, Regressor, Shown, Strip, Trace
+from hoopd.plots.diagnosis import draw_candidates
 from hoopd.plots.number_format import interval_text, percent, short_names, value_text
 
 VOID = {"meta", "link", "br", "img"}
@@ -194,6 +196,45 @@ def test_parameters_alone_are_compared_with_the_users_model_where_the_table_has_
 def test_an_unknown_effect_has_its_slot_and_what_it_follows() -> None:
     sentence = words.verdict_sentence(unknown()[0])
     assert "not in the library" in sentence and "slot hoop" in sentence and "follows theta" in sentence
+
+
+def test_what_has_no_name_follows_its_own_variable_and_not_that_of_a_law_in_the_same_slot() -> None:
+    """The law is drawn over dtheta, the curve over theta."""
+    law, rest = coulomb()[0], unknown()[0]
+    diagnosis = msgspec.structs.replace(
+        law, verdict="unknown_physics", unexplained=rest.unexplained, effects=[*law.effects, *rest.effects]
+    )
+    assert diagnosis.location.slot == "hoop" and diagnosis.location.depends_on == ["dtheta"]
+    assert "acts in slot hoop and follows theta beside" in words.verdict_sentence(diagnosis)
+
+
+def test_the_windows_that_carry_the_error_are_told() -> None:
+    diagnosis, shown = coulomb()
+    each = {
+        "psi": ErrorWindow(t0=4.0, t1=6.0, share=0.42, windows=10),
+        "dtheta": ErrorWindow(t0=0.0, t1=2.0, share=0.2, windows=10),
+    }
+    fit = msgspec.structs.replace(diagnosis.fit, error_windows={HELDOUT: each})
+    told = msgspec.structs.replace(diagnosis, fit=fit)
+    for text in (printed(told), Page(page(told, shown)).text):
+        said = " ".join(text.split())
+        where = f"psi of {short_names([HELDOUT])[HELDOUT]} at 4.0 to 6.0 s"
+        assert f"{where} (42.0 % of its squared error, in one of 10 windows)." in said
+        assert "dtheta of" not in said
+    even = msgspec.structs.replace(fit, error_windows={HELDOUT: {"dtheta": each["dtheta"]}})
+    assert words.error_sentence(even).endswith("none has more than 20.0 % of a channel's.")
+    assert words.error_sentence(diagnosis.fit) == ""
+
+
+def test_the_figure_of_explanations_has_the_gains_and_needs_of_the_tables() -> None:
+    diagnosis, _ = coulomb()
+    first = msgspec.structs.replace(diagnosis.candidates[0], surprise=900.0, threshold=12.0, needed=31.0)
+    other = msgspec.structs.replace(diagnosis.candidates[1], surprise=800.0, threshold=12.0, needed=33.0)
+    (axes,) = draw_candidates([first, other], {first.name}, ()).axes
+    (row,) = (one for one in tables.effects(diagnosis).rows if one[0] == first.name)
+    assert row[4] in [one.get_text() for one in axes.texts]
+    marks = sorted(float(one.get_xdata()[0]) for one in axes.lines if one.get_label() == "needed")
+    assert marks == [31.0, 33.0] and row[5] == "31"
 
 
 def test_what_simulates_better_is_told_with_what_it_was_chosen_on() -> None:

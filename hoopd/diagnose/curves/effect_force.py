@@ -145,11 +145,25 @@ def _rate_of(track: Track, channel: str) -> Variable:
     name = plant.state_of(channel)
     if not name:  # an expression: what it reads itself
         read = track.stretch.y[:, list(plant.channels).index(channel)]
-        return Variable(f"{channel}'", f"{channel_unit(plant, channel)}/s", np.gradient(read, t))
+        return Variable(rate_name(plant, channel), f"{channel_unit(plant, channel)}/s", np.gradient(read, t))
     value = np.gradient(track.z[:, plant.states.index(name)], t)
     second = name not in (*plant.coordinates, *plant.first_order)
     unit = f"{units(plant).coordinate}/s2" if second else f"{state_unit(plant, name)}/s"
-    return Variable(f"d{name}", unit, value)
+    return Variable(rate_name(plant, channel), unit, value)
+
+
+def rate_name(plant: Plant, channel: str) -> str:
+    """What is late is wrong in proportion to: the rate of what a channel reads."""
+    name = plant.state_of(channel)
+    return f"d{name}" if name else f"{channel}'"
+
+
+def follows(effect: Effect, plant: Plant, channel: str | None) -> tuple[str, ...]:
+    """What a missing force is drawn against, and the time; of what is late in several channels, the `channel`."""
+    late = {**effect.latency, **effect.sensor_lag}
+    if late:
+        return (rate_name(plant, channel if channel in late else next(iter(late))),)
+    return effect.depends_on
 
 
 def variables_of(effect: Effect, track: Track, found: HypothesisFit) -> tuple[Variable, ...]:

@@ -9,8 +9,10 @@ Rules of this file: two hypotheses on the held-out data in, a denial or none out
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import ceil, log10
 
+from hoopd.diagnose.proof.error_windows import window_of_the_loss
 from hoopd.diagnose.proof.fit_tables import Played
 from hoopd.diagnose.proof.lowered import lowered
 from hoopd.diagnose.search.candidates import UNSEEN_LOSS, UNSEEN_SHARE
@@ -18,6 +20,8 @@ from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 
 # A name whose surprise is so many times the threshold is no chance, whatever a simulation makes of it.
 STRONG = 2.0
+# Times in words: to this share of a window.
+OF_A_WINDOW = 0.1
 
 
 @dataclass(frozen=True)
@@ -27,14 +31,25 @@ class Denial:
     points: Mapping[str, float]  # of fit lost, by channel
     nats: float = 0.0  # that the held-out data gain by it
     is_refuted: bool = False  # they lose more than chance, or another effect that is still missing, explains
+    # by channel, where one carries most of the loss: recording, start and end, s
+    windows: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
 
     @property
     def reason(self) -> str:
         """In words."""
-        worse = " and ".join(f"{channel} by {points:.1f} points" for channel, points in self.points.items())
+        worse = " and ".join(
+            f"{channel} by {points:.1f} points{self._most_of_it(channel)}" for channel, points in self.points.items()
+        )
         parts = [f"the held-out data lose {-self.nats:.1f} nats with it"] if self.is_refuted else []
         parts += [f"with it the simulation of the held-out data is worse: {worse}"] if worse else []
         return "; ".join(parts)
+
+    def _most_of_it(self, channel: str) -> str:
+        if channel not in self.windows:
+            return ""
+        recording, start, end = self.windows[channel]
+        places = max(0, ceil(-log10(OF_A_WINDOW * max(end - start, 1e-12))))
+        return f" (most of it at {start:.{places}f} to {end:.{places}f} s of {recording})"
 
     def leaves_evidence(self, surprise: float, threshold: float) -> bool:
         """Whether something is there all the same: the training data say so far beyond chance, or the held-out data
@@ -54,7 +69,10 @@ def denial(before: Played, after: Played, gain: float, names: int = 1, seed: int
         nats = max(nats, _gained_at_the_same_noise(before.fit, after.fit))
     # what a simulation is surely worse without is not refuted by what a filter makes of it
     refuted = nats < -most and (bool(points) or not lowered(after, before, seed, names))
-    return Denial(points, nats, refuted) if points or refuted else None
+    if not points and not refuted:
+        return None
+    windows = {channel: window_of_the_loss(before, after, channel) for channel in points}
+    return Denial(points, nats, refuted, {channel: one for channel, one in windows.items() if one is not None})
 
 
 def _gained_at_the_same_noise(before: HypothesisFit, after: HypothesisFit) -> float:

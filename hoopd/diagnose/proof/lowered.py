@@ -61,12 +61,12 @@ def _blocks(parts: Mapping[str, list[tuple[Array, Array, Array]]]) -> Blocks:
         y = np.concatenate([one[1] for one in windows])
         spread = spread_of(y)
         if spread > 0.0:
-            halves = [half for one in windows for half in np.array_split(_squared(one, spread), PIECES)]
+            halves = [half for one in windows for half in np.array_split(squared_errors(one, spread), PIECES)]
             found[channel] = np.array([float(half.sum()) for half in halves])
     return found
 
 
-def _squared(window: tuple[Array, Array, Array], spread: float) -> Array:
+def squared_errors(window: tuple[Array, Array, Array], spread: float) -> Array:
     """Of errors over |y - mean y|; what is no number is as bad as can be."""
     _, y, yhat = window
     error = np.abs(y - yhat) / spread

@@ -72,7 +72,11 @@ def _where(diagnosis: Diagnosis, shown: Shown) -> str:
         drawn = figures.draw_evidence_by_slot(diagnosis.location.evidence)
         title = f"Evidence by slot: {_pairs(diagnosis.location.evidence)}"
         body += drawing(
-            drawn, "slots", title, "How surprising the best law or curve of each slot would be over the re-fitted base."
+            drawn,
+            "slots",
+            title,
+            "How surprising the best law or curve of each slot would be over the re-fitted base: "
+            "its gain less what chance gives so many looks.",
         )
     strips = [one for one in shown.strips if len(one.t_s)]
     if strips:
@@ -120,7 +124,7 @@ def _proof(diagnosis: Diagnosis, shown: Shown) -> str:
     fit = diagnosis.fit
     body = paragraph(fit.how_heldout) + table(tables.fit("Held-out data", fit.heldout))
     body += paragraph(FITS.format(windows=words.windows(fit.window_s)), "note") if body else ""
-    body += paragraph(words.source_sentence(fit), "note")
+    body += paragraph(words.error_sentence(fit)) + paragraph(words.source_sentence(fit), "note")
     drawn = [one for one in shown.comparisons if any(len(trace.t_s) for trace in one.traces)]
     body += "".join(_one_comparison(index, one) for index, one in enumerate(drawn[:MOST_COMPARISONS]))
     if len(drawn) > MOST_COMPARISONS:
@@ -151,7 +155,10 @@ def _alternatives(diagnosis: Diagnosis, shown: Shown) -> str:
         body = paragraph("Nothing else in the library explains the recordings nearly as well.")
     if any(one.log_likelihood_gain is not None for one in diagnosis.candidates):
         drawn = figures.draw_candidates(diagnosis.candidates, {one.name for one in effects}, open_names)
-        caption = "What each explanation gains on its own; one that stays left of what is needed explains nothing."
+        caption = (
+            "What each explanation gains on its own, and a bar at what it needs: the figures of the tables. "
+            "One that stays left of its bar explains nothing."
+        )
         body += drawing(drawn, "candidates", "Explanations that were tried, by evidence", caption)
     return body
 
@@ -201,7 +208,8 @@ def _footer(diagnosis: Diagnosis) -> str:
         "Nats: gain in log-likelihood over the base model with its parameters re-estimated; an effect is named only "
         "above the gain that chance would reach.",
         "Needed: the gain that chance reaches once in some hundred thousand looks, more for an effect with more "
-        "numbers; the figure of explanations takes from each gain what chance gives it, so that one line serves all.",
+        "numbers; tables and the figure of explanations tell the same gains and needs.",
+        "Surprise: a gain less what chance gives it, the same scale for laws and curves.",
         "Slot: the place in the device where an effect acts. Shuffled (placebo): the effect with its cause put in "
         "another order, the best of several shuffles and what such a best one may gain by chance; what gains more says "
         "GAINS TOO.",

@@ -32,6 +32,8 @@ TITLES = {
 MANY = 6
 # Points of fit that a figure with one decimal shows.
 SHOWN = 0.1
+# A window carries the error when it has so many times an even part of it.
+STANDS_OUT = 3.0
 # Times in sentences: to this share of a window; of files that do not tell theirs it is the hoop's.
 OF_A_WINDOW, HOOP_WINDOW_S = 0.05, 2.0
 
@@ -96,7 +98,8 @@ def _unknown_place(diagnosis: Diagnosis) -> str:
     if rest is None or rest.slot is None:
         return "in a slot that could not be located"
     own = [] if rest.curve is None else [rest.curve.regressor]
-    follows = diagnosis.location.depends_on if diagnosis.location.slot == rest.slot else own
+    located = bool(diagnosis.effects) and diagnosis.effects[0].is_unknown
+    follows = diagnosis.location.depends_on if located else own
     return f"in slot {rest.slot}" + (f" and follows {listed(follows)}" if follows else "")
 
 
@@ -221,6 +224,24 @@ def chosen_sentence(fit: FitTable) -> str:
     """What the set of a free run was chosen on; empty where none was."""
     choice = fit.free_run_choice
     return f"Chosen on {choice.chosen_on}." if choice is not None and choice.chosen_on else ""
+
+
+def error_sentence(fit: FitTable) -> str:
+    """Which windows carry the error that is left; empty where nothing was simulated."""
+    each = [(r, channel, one) for r, channels in fit.error_windows.items() for channel, one in channels.items()]
+    if not each:
+        return ""
+    names, places = short_names(fit.error_windows), decimals(fit.window_s, OF_A_WINDOW)
+    alone = [(r, channel, one) for r, channel, one in each if (one.share or 0.0) * one.windows >= STANDS_OUT]
+    if not alone:
+        most = max(one.share or 0.0 for _, _, one in each)
+        return f"The error that is left is spread over the windows: none has more than {share(most)} of a channel's."
+    told = (
+        f"{safe(channel)} of {names[r]} at {one.t0:.{places}f} to {one.t1:.{places}f} s "
+        f"({share(one.share or 0.0)} of its squared error, in one of {one.windows} windows)"
+        for r, channel, one in alone
+    )
+    return f"Windows that carry the error that is left: {listed(told)}."
 
 
 def invisible_sentence(power: Mapping[str, Visible]) -> str:

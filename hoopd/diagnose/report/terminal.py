@@ -63,7 +63,7 @@ def _fits(diagnosis: Diagnosis, console: Console) -> None:
     """Held-out first, then what was fitted, then the harder measure."""
     fit = diagnosis.fit
     _table(tables.fit(f"Fit of held-out data, {words.windows(fit.window_s)} (NRMSE %)", fit.heldout), console)
-    _sentences([fit.how_heldout, words.source_sentence(fit)], console)
+    _sentences([fit.how_heldout, words.error_sentence(fit), words.source_sentence(fit)], console)
     _table(tables.fit(f"Fit of the data fitted to, {words.windows(fit.window_s)} (NRMSE %)", fit.train), console)
     _table(tables.fit("One free run over all (NRMSE %)", fit.free_run), console)
     _table(tables.free_run_choice(fit), console)
