@@ -22,17 +22,30 @@ from hoopd.recording.edit import between, resampled
 from hoopd.recording.formats import extension_of, split_path
 from hoopd.recording.tick_columns import FILE_ORDER
 
+# Formats of columns alone.
+NO_HOLD = (".csv", ".mat")
+
 
 def run(options: ConvertOptions) -> dict[str, Any]:
     """Write the recording of `source` to `target`; what was written, and what in it is worth a doubt."""
     source, target = options.source, options.target
-    extension_of(target)  # before the source is read
+    extension = extension_of(target)  # before the source is read
     _refuse_same(source, target)
     layout = None if options.plant is None else layout_of(resolve_plant(options.plant))
     recording = load(source, options.columns, options.experiment, layout=layout, hold=options.hold)
     recording = edited(recording, source, options.start, options.end, options.step)
     save(recording, target)
-    return {"source": str(source), "target": str(target), **summary(recording)}
+    told = summary(recording)
+    told["notes"] = [*told["notes"], *_untold_hold(recording, extension)]
+    return {"source": str(source), "target": str(target), **told}
+
+
+def _untold_hold(recording: Recording, extension: str) -> list[str]:
+    """What a file's format cannot say of how inputs go on between their rows."""
+    holds = sorted({signal.hold for signal in recording.inputs.values()} - {"zero"})
+    if extension not in NO_HOLD or not holds:
+        return []
+    return [f"a {extension} file does not say how inputs go on between rows: read it with --hold {holds[0]}"]
 
 
 def edited(

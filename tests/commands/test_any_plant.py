@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from hoopd import lab
-from hoopd.commands import design, diagnose, fit, identify, linearize, plant_experiment
+from hoopd.commands import convert, design, diagnose, fit, identify, linearize, plant_experiment
+from hoopd.commands.options.convert import ConvertOptions
 from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.options.experiment import ExperimentOptions
@@ -25,7 +26,8 @@ from hoopd.plants.free_run import FreeRun
 from hoopd.plants.layout import layout_of
 from hoopd.plants.plant_model import load_plant_model
 from hoopd.plants.registry import plant_named
-from hoopd.recording import load
+from hoopd.recording import load, save
+from hoopd.recording.recording import from_signals
 from tests.commands.test_plant import hoopd
 
 Columns = dict[str, np.ndarray[Any, Any]]
@@ -204,6 +206,16 @@ def test_what_is_seen_does_not_depend_on_units() -> None:
     assert controllability(there).singular_values == pytest.approx(
         controllability(in_usual_sizes(system, sizes)).singular_values
     )
+
+
+@pytest.mark.parametrize(("extension", "told"), [(".csv", True), (".mat", True), (".mcap", False), (".h5", False)])
+def test_a_file_that_cannot_say_how_inputs_go_on_says_so(tmp_path: Path, extension: str, told: bool) -> None:
+    t = np.arange(5.0)
+    save(from_signals(t, {"q": 1e-5 * t}, {"h1": 0.1 * t, "h2": 0.1 * t}), tmp_path / "a.csv")
+    asked = ConvertOptions(source=tmp_path / "a.csv", target=tmp_path / f"b{extension}", plant="tanks", hold="linear")
+    assert any("--hold linear" in note for note in convert.run(asked)["notes"]) == told
+    found = load(asked.target, layout=layout_of(plant_named("tanks")))
+    assert (found.inputs["q"].hold == "linear") != told
 
 
 # ---------------------------------------------------------------------------------------------- experiment, identify
