@@ -38,6 +38,7 @@ TIMED = (
     "system/test_check_device.py",
     "system/test_experiment_command.py",
     "system/test_operators.py",
+    "system/test_races_realtime.py",
     "system/test_unit.py",
     "tools/test_benches.py",
     "tools/test_soak.py",

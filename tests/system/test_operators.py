@@ -1,8 +1,12 @@
-"""Operators at the command socket of a running daemon: what they are told, and that nobody keeps them out."""
+"""Operators at the command socket of a running daemon: what they are told, and that nobody keeps them out.
+
+And at a terminal that takes nothing any more: whoever left it there holds up nothing.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
 import re
@@ -243,3 +247,25 @@ def test_without_a_daemon_every_command_is_one_line_and_exit_code_2(tmp_path: Pa
     for value in ("nan", "inf", "-1e999"):
         done = hoopd("ref", value, *here)
         assert done.returncode == 2 and "must be a finite number" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_a_blocked_terminal_holds_neither_control_nor_the_exit(tmp_path: Path) -> None:
+    (tmp_path / "rec").mkdir()
+    read, write = os.pipe()
+    fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
+    os.set_blocking(write, False)
+    os.write(write, b"." * 4096)
+    os.set_blocking(write, True)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hoopd", "--sim", "--camera", "direct", "--record", str(tmp_path / "rec"), "--duration",
+         "2.5", "--set", "telemetry.enabled=false", "--set", f"sim.directory={tmp_path}"],
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=write, env=ENVIRONMENT,
+    )  # fmt: skip
+    os.close(write)
+    try:
+        process.wait(60.0)  # for ever, if it were held; a busy machine takes its time
+    finally:
+        process.kill()
+        process.wait()
+        os.close(read)
+    assert process.returncode == 0

@@ -1,4 +1,7 @@
-"""Races of operators on the machine's clock: a signal beside an arm, and a rig that is about to arm itself."""
+"""Races of operators on the machine's clock: a signal beside an arm, and a rig that is about to arm itself.
+
+They mostly wait, and judge modes and torque with a tenth of a second and more to spare: side by side with others.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,6 @@ from harness.timing import on_the_clock
 from harness.witness import Witness, witnessed
 
 from hoopd.core.modes import Mode
-
-pytestmark = pytest.mark.realtime
 
 MARGIN_S = 0.1  # as in the campaign: the rig's board is a process beside others
 FAULT_S, HEALTHY_S = 2.0, 1.2  # a fault of the board, and from its end until an arm has but to wait for the board

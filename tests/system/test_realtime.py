@@ -5,18 +5,15 @@ The machine may stand still by itself: a check is repeated only when an independ
 
 from __future__ import annotations
 
-import fcntl
 import os
 import resource
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 from harness.neighbours import FLOOD, SUBSCRIBER, neighbour
-from harness.realrun import ENVIRONMENT, Daemon, fifo_granted, undelayed, zero_of
+from harness.realrun import Daemon, fifo_granted, undelayed, zero_of
 from harness.runs import TORQUE_LIMIT_NM, Run
 from harness.timing import on_the_clock
 from harness.witness import Witness, witnessed
@@ -212,25 +209,3 @@ def test_a_frozen_subscriber_delays_nothing_and_does_not_hold_the_exit(tmp_path:
             assert run.torque.longest_nonzero_after(start, stop) >= stop - start - TICK_S
 
     witnessed(tmp_path, check)
-
-
-def test_a_blocked_terminal_holds_neither_control_nor_the_exit(tmp_path: Path) -> None:
-    (tmp_path / "rec").mkdir()
-    read, write = os.pipe()
-    fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
-    os.set_blocking(write, False)
-    os.write(write, b"." * 4096)
-    os.set_blocking(write, True)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "hoopd", "--sim", "--camera", "direct", "--record", str(tmp_path / "rec"), "--duration",
-         "2.5", "--set", "telemetry.enabled=false", "--set", f"sim.directory={tmp_path}"],
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=write, env=ENVIRONMENT,
-    )  # fmt: skip
-    os.close(write)
-    try:
-        process.wait(12.0)
-    finally:
-        process.kill()
-        process.wait()
-        os.close(read)
-    assert process.returncode == 0
