@@ -24,7 +24,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.fingerprint import fingerprint
 from hoopd.plants.held_input import SAME_S, mean_inputs, node_axis
-from hoopd.plants.plant_with_effects import FRICTION_SUBSTEPS, Composite
+from hoopd.plants.plant_with_effects import FRICTION_SUBSTEPS, SMOOTH_SUBSTEPS, Composite
 from hoopd.plants.sensor_readings import SensorReadings, node_index
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ class FreeRun:
         self.free, self.values = tuple(free), {name: known.get(name, value) for name, value in c.values.items()}
         if unknown := [name for name in self.free if name not in c.names]:
             raise ValueError(f"{plant.name} has no parameter {', '.join(unknown)}")
-        self.step_s = min(plant.time_scale_s / 2.0 if step_s is None else step_s, _longest_step_s(c))
+        self.step_s = min(plant.time_scale_s / 2.0 if step_s is None else step_s, _longest_step_s(c, held))
         # what the equations are made of: neither nominal values nor what judges recordings
         made_of = (plant.states, plant.accelerations, plant.rates, plant.inputs, plant.channels, plant.held)
         self._key = (
@@ -174,6 +174,7 @@ class FreeRun:
         steps, plain = steps.astype(int), len(first) == self.composite.nz
         # rows of as many steps as divide those of every interval
         at_once = _steps_at_once(steps) if plain else 1
+        uneven = plain and at_once == 1 and steps.sum() > MOST_AT_ONCE
         step = h / steps
         steps //= at_once
         last, length = np.cumsum(steps), np.repeat(h / steps, steps)
@@ -186,9 +187,24 @@ class FreeRun:
             held = np.repeat(u, steps, axis=0)
         else:
             held = mean_inputs(np.column_stack([begin, begin + length]), t, u, delay)
-        runner = self._plain(at_once) if plain else self._with_derivatives
-        rows = runner(first, (held, np.repeat(step, steps), *times), self._vector(values))
+        columns = (held, np.repeat(step, steps), *times)
+        if uneven:
+            rows = self._uneven(first, columns, self._vector(values))
+        else:
+            runner = self._plain(at_once) if plain else self._with_derivatives
+            rows = runner(first, columns, self._vector(values))
         return np.concatenate([first[None], rows[last - 1]])
+
+    def _uneven(self, first: Array, columns: Sequence[Array], p: Array) -> Array:
+        """States (n, nz) after steps each of which has a length of its own, MOST_AT_ONCE of them in a row."""
+        # the last row is filled up by repeating its last step
+        fill = -len(columns[0]) % MOST_AT_ONCE
+        rows = [
+            np.concatenate([one, np.repeat(one[-1:], fill, axis=0)]).reshape(-1, MOST_AT_ONCE * (one.size // len(one)))
+            for one in columns
+        ]
+        start = np.tile(first, MOST_AT_ONCE)
+        return self._each(start, rows, p).reshape(-1, self.composite.nz)[: len(columns[0])]
 
     def _start(self, x0: Array, u: Array) -> Array:
         """z (nz,) of the plant's state; a whole z is its own start."""
@@ -244,6 +260,21 @@ class FreeRun:
         return ca.Function("steps", self._told_to(z, u, h, t, p), [after])
 
     @cached_property
+    def _each(self) -> Chunks:
+        return Chunks(kept(("each", *self._key), self._each_step), accumulates=True)
+
+    def _each_step(self) -> ca.Function:
+        """Steps with their own inputs, lengths and times: all states after them, the last one begins the next row."""
+        _, u, _, _, p = self._symbols
+        nz, count = self.composite.nz, MOST_AT_ONCE
+        before, inputs = ca.SX.sym("z", nz * count), ca.SX.sym("u", u.numel() * count)
+        h, t = ca.SX.sym("h", count), ca.SX.sym("t", count)
+        after = [before[-nz:]]
+        for k, held in enumerate(ca.vertsplit(inputs, u.numel())):
+            after.append(self._after(after[-1], held, h[k], t[k], p))
+        return ca.Function("each", self._told_to(before, inputs, h, t, p), [ca.vertcat(*after[1:])])
+
+    @cached_property
     def _with_derivatives(self) -> Chunks:
         return Chunks(kept(("both", *self._key, self.free), self._step_with_derivatives), accumulates=True)
 
@@ -265,11 +296,20 @@ class FreeRun:
         return self.composite.step_function(z, u.T, ca.SX.zeros(self.composite.nw), h, t, p)
 
 
-def _longest_step_s(composite: Composite) -> float:
+def _longest_step_s(composite: Composite, held: Mapping[str, float]) -> float:
     """The Runge-Kutta step that the effects need: of a delay none, for no step crosses a change of an input."""
-    wishes = [effect.substeps for effect in composite.effects if effect.delay is None]
+    wishes = [_wished_substeps(effect, held) for effect in composite.effects if effect.delay is None]
     dry = any(effect.friction is not None for effect in composite.effects)
     return composite.longest_step_s / max(1, FRICTION_SUBSTEPS if dry else 0, *wishes, 0)
+
+
+def _wished_substeps(effect: Effect, held: Mapping[str, float]) -> int:
+    """What an effect asks for; one that comes back so many times a turn asks for the finest there may be."""
+    turns = [one for one in effect.parameters if one.discrete and np.isfinite(one.high)]
+    known = [held[effect.key(one.name)] / one.high for one in turns if effect.key(one.name) in held]
+    if len(known) < len(turns) or not turns:
+        return effect.substeps
+    return min(effect.substeps, max(SMOOTH_SUBSTEPS, int(np.ceil(max(known) * effect.substeps))))
 
 
 def _steps_at_once(steps: NDArray[np.int64]) -> int:

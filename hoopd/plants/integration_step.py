@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -31,6 +31,14 @@ REST = 1e-30
 SWEEPS = 8
 # Width of the smooth form of dry friction on the way back, rad/s: there is no sticking to be exact about.
 BACK_WIDTH = 0.02
+
+
+class StageTorques(NamedTuple):
+    """The inputs at the beginning, in the middle (which is their mean) and at the end of a step."""
+
+    begin: Any
+    middle: Any
+    end: Any
 
 
 class Motion:
@@ -60,11 +68,11 @@ class Motion:
 
     # ------------------------------------------------------------------------------------------ steps
 
-    def step(self, x: Any, torque: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
-        """State of the plant d seconds later, with the torque and the disturbance w held."""
+    def step(self, x: Any, torques: StageTorques, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
+        """State of the plant d seconds later, with the disturbance w held."""
         values = self._vector(p)
-        stops = self._stops(x, torque, w, d, t, values) if self._frictions else ca.SX(0, 1)
-        after = _runge_kutta(lambda y, at: self._rate(y, torque, w, at, values, stops), x, d, t)
+        stops = self._stops(x, torques.middle, w, d, t, values) if self._frictions else ca.SX(0, 1)
+        after = _runge_kutta(lambda y, at, stage: self._rate(y, torques[stage], w, at, values, stops), x, d, t)
         return self._at_rest(after) if self._frictions else after
 
     def _at_rest(self, x: Any) -> Any:
@@ -77,7 +85,7 @@ class Motion:
     def step_back(self, x: Any, torque: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
         """State of the plant d seconds earlier; dry friction in its smooth form."""
         values = self._vector(p)
-        return _runge_kutta(lambda y, at: self._smooth_rate(y, torque, w, at, values), x, -d, t)
+        return _runge_kutta(lambda y, at, _: self._smooth_rate(y, torque, w, at, values), x, -d, t)
 
     def rate(self, x: Any, torque: Any, t: Any, p: Mapping[str, Any]) -> Any:
         """dx/dt without a disturbance; ValueError with dry friction, whose force belongs to a step."""
@@ -233,12 +241,12 @@ class Motion:
 _CSE = {"cse": True}
 
 
-def _runge_kutta(f: Callable[[Any, Any], Any], x: Any, d: Any, t: Any) -> Any:
-    """x d seconds after t, by one classical step of fourth order."""
-    k1 = f(x, t)
-    k2 = f(x + d / 2 * k1, t + d / 2)
-    k3 = f(x + d / 2 * k2, t + d / 2)
-    k4 = f(x + d * k3, t + d)
+def _runge_kutta(f: Callable[[Any, Any, int], Any], x: Any, d: Any, t: Any) -> Any:
+    """x d seconds after t, by one classical step of fourth order; f is told where it is: begin, middle or end."""
+    k1 = f(x, t, 0)
+    k2 = f(x + d / 2 * k1, t + d / 2, 1)
+    k3 = f(x + d / 2 * k2, t + d / 2, 1)
+    k4 = f(x + d * k3, t + d, 2)
     return x + d / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 

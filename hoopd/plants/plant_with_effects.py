@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.integration_step import USUAL_S, Motion, joined, split_inputs
+from hoopd.plants.integration_step import USUAL_S, Motion, StageTorques, joined, split_inputs
 
 Array = NDArray[np.float64]
 
@@ -120,8 +120,8 @@ class Composite:
 
     def _substep(self, z: Any, u: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
         before = z[: self.nx]
-        torque, tail = self._lagged(z, u, d, t, p)
-        x = self._motion.step(before, torque, w, d, t, p)
+        torques, tail = self._lagged(z, u, d, t, p)
+        x = self._motion.step(before, torques, w, d, t, p)
         for effect, channel in self._sensor_lags:
             time = p[effect.key(effect.sensor_lag[channel])]
             reading = z[self.nx + len(tail)]
@@ -129,18 +129,23 @@ class Composite:
             tail = [*tail, _low_passed(reading, *seen, d, time, self._shortest_s)]
         return ca.vertcat(x, *tail)
 
-    def _lagged(self, z: Any, u: Any, d: Any, t: Any, p: Mapping[str, Any]) -> tuple[Any, list[Any]]:
-        """Mean torque over a substep behind the lag, and the lag's state after it; without a lag the demand."""
+    def _lagged(self, z: Any, u: Any, d: Any, t: Any, p: Mapping[str, Any]) -> tuple[StageTorques, list[Any]]:
+        """Torques over a substep behind the lag, and the lag's state after it; without a lag the demand."""
         if not self._torque_lags:
-            return u, []
+            return StageTorques(u, u, u), []
         lag = p[self._torque_lags[0].key(str(self._torque_lags[0].lag))]
         # what the maps make of the demand follows the angle: taken in the middle of the substep
         middle = self._motion.drifted(z[: self.nx], d / 2)
         torque, others = split_inputs(self._motion.torque(middle, u, t + d / 2, p), self.nu)
-        # T tau' = u - tau:  tau(d) = u + (tau_0 - u) e^(-d/T),  its mean over d: u + (tau_0 - u) (1 - e^(-d/T)) T/d
+        # T tau' = u - tau:  tau(d) = u + (tau_0 - u) e^(-d/T), of which e^(-s/T) has over d
+        #   the mean g = (1 - e^(-d/T)) T/d  and the double integral  m d^2,  m = (1 - g) T/d
         decay, off = ca.exp(-d / ca.fmax(lag, self._shortest_s)), z[self.nx] - torque
-        mean = torque + off * (1 - decay) * lag / ca.fmax(d, self._shortest_s)
-        return joined(mean, others), [torque + off * decay]
+        share = lag / ca.fmax(d, self._shortest_s)
+        mean = (1 - decay) * share
+        twice = (1 - mean) * share
+        # the straight line with both moves rate and position as the lag does: from 6 m - 2 g to 4 g - 6 m
+        stages = (torque + off * one for one in (6 * twice - 2 * mean, mean, 4 * mean - 6 * twice))
+        return StageTorques(*(joined(one, others) for one in stages)), [torque + off * decay]
 
     def _earlier(self, z: Any, torques: Any, w: Any, t: Any, p: Mapping[str, Any], d: Any) -> Any:
         """State d seconds ago."""

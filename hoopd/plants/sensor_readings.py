@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.compiled import CHUNK, Chunks
 from hoopd.plants.held_input import SAME_S
+from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.plant_with_effects import BACK_STEPS, Composite
 
 Array = NDArray[np.float64]
@@ -48,8 +49,10 @@ class SensorReadings:
             inside = t - lateness >= nodes[0] - SAME_S
             when = t[inside] - lateness
             at = node_index(nodes, when)
-            seen = self._with_derivatives if z_by.shape[2] else self._plain
-            found = seen(None, (z[at], when), vector)
+            if z_by.shape[2]:
+                found = self._with_derivatives(None, (z[at], when), vector)
+            else:
+                found = mapped(self._composite.reading_function, len(when), (2,))(z[at], when, vector)[0][:, :, 0]
             for row in rows:
                 out[inside, row] = found[:, row]
                 by[inside, row] = self._chain(found, row, z_by[at])
@@ -89,10 +92,6 @@ class SensorReadings:
         return np.asarray(by)
 
     # ------------------------------------------------------------------------------------------ functions
-
-    @cached_property
-    def _plain(self) -> Chunks:
-        return Chunks(self._composite.reading_function.map(CHUNK))
 
     @cached_property
     def _with_derivatives(self) -> Chunks:

@@ -31,7 +31,8 @@ COGGING_HARMONICS = tuple(float(n) for n in range(2, 37))
 RIPPLE_HARMONICS = tuple(float(n) for n in range(1, 37))
 # Of a dead zone, the demand within which its inverse rises to the whole of it.
 JUMP_SHARE = 0.5
-# A harmonic is followed at 2 ms: 36 a turn at 20 rad/s are 1.4 rad a step, a Runge-Kutta error of 0.2 %.
+# A harmonic is followed at 2 ms: 36 a turn at 20 rad/s are 1.4 rad a step, a Runge-Kutta error of 0.2 %; fewer a turn
+# where they are known (`plants.free_run`) in so much longer steps.
 HARMONIC_SUBSTEPS = 10
 # A torque that switches within a substep enters by its mean: that moves an angle by 4e-5 rad at 2.5 ms, 2e-4 at 5 ms.
 SWITCH_SUBSTEPS = 8
@@ -162,7 +163,6 @@ def _lag(plant: Plant, slot: str) -> Effect:
         (EffectParameter("T", "s", 0.0, 0.0, 0.3 * by, "shape", scaled(geometric(0.005, 0.1, 8), by)),),
         # T tau' = u - tau
         lag="T",
-        substeps=SWITCH_SUBSTEPS,
         depends_on=("u",),
         near=(f"{slot}.delay",),
         formula="T tau' = u - tau",

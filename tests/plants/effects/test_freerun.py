@@ -9,7 +9,7 @@ import pytest
 from harness.effectcases import SIZES, VALUES, composite, sizes, two_level
 
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
-from hoopd.plants.free_run import readings, run
+from hoopd.plants.free_run import FreeRun, readings, run
 from hoopd.plants.held_input import mean_torque
 from hoopd.plants.hoop.simulate import STEP_S, HoopModel
 
@@ -31,10 +31,33 @@ def model_with(name: str, **changes: float) -> HoopModel:
 
 def test_an_effect_that_needs_no_shorter_steps_has_those_of_the_plant() -> None:
     base = HoopModel("entries", VALUES["entries"])
-    for name in ("actuator.torque_gain", "actuator.delay", "hoop.quadratic_drag", "encoder.harmonic", "camera.latency"):
+    plain = (
+        "actuator.torque_gain", "actuator.delay", "actuator.lag", "hoop.quadratic_drag", "encoder.harmonic",
+        "camera.latency",
+    )  # fmt: skip
+    for name in plain:
         assert model_with(name).step_s == base.step_s == STEP_S, name
-    for name in ("hoop.coulomb_friction", "actuator.cogging", "actuator.lag", "external.disturbance"):
+    for name in ("hoop.coulomb_friction", "actuator.cogging", "external.disturbance"):
         assert model_with(name).step_s <= STEP_S / 2, name
+
+
+def test_a_harmonic_has_steps_for_as_often_as_it_comes_back() -> None:
+    steps = {n: model_with("actuator.cogging", n=float(n)).step_s for n in (3, 20, 36)}
+    assert steps[3] == pytest.approx(0.005) and steps[36] == pytest.approx(0.002)
+    assert 0.002 < steps[20] < 0.005
+    # told to each run anew, it may be any
+    c = composite("entries", "actuator.cogging")
+    told = FreeRun(c.declared, c.effects, ("actuator.cogging.n",), values=sizes("actuator.cogging"))
+    assert told.step_s == pytest.approx(0.002)
+
+
+@pytest.mark.parametrize("time_s", [0.0, 0.002, 0.03])
+def test_a_lag_moves_rate_and_position_exactly_whatever_the_step(time_s: float) -> None:
+    t, u = two_level(4.0)
+    found = FoundEffects("entries", VALUES["entries"], (FoundEffect("actuator.lag", {"T": time_s}),))
+    own, fine = (HoopModel.with_effects(found, step_s=step) for step in (STEP_S, STEP_S / 40.0))
+    # with the mean torque of each step alone it was 4e-3
+    assert np.abs(own.run([], X0, t, u) - fine.run([], X0, t, u))[:, [0, 2]].max() < 5e-5
 
 
 def test_an_effect_of_nothing_leaves_the_plant_s_own_run() -> None:
@@ -44,7 +67,7 @@ def test_an_effect_of_nothing_leaves_the_plant_s_own_run() -> None:
 
 
 def test_several_steps_at_once_are_the_same_steps() -> None:
-    # an interval of another length leaves rows of one step each
+    # an interval of another length leaves rows of steps with lengths of their own
     t, u = two_level(1.0)
     uneven_t, uneven_u = np.append(t, t[-1] + 0.033), np.append(u, 0.05)
     for name in ("hoop.coulomb_friction", "frame.vibration", "actuator.lag"):
