@@ -59,7 +59,9 @@ class Place:
         change = whitened_changes(self.about, [(one.effect, column) for column in columns]).sum(axis=1)
         self.change: Array = self.screen.projected(change[:, None])[:, 0]
         self.colour = _colour_along(self.change, named.final)
-        self.scale = min(1.0, named.losses[one.effect.name] / max(self._screened, 1e-12))
+        loss, screened = named.losses[one.effect.name], self._screened
+        # a name that is worth nothing, or goes against the residual, says nothing about the screens' noise
+        self.scale = min(1.0, loss / screened) if loss > 0.0 and screened > 0.0 else 1.0
 
     def options(self, threshold: float, beside_base: Survey | None = None) -> list[Option]:
         """Everything that could stand there; `beside_base`: curves, where nothing else was named."""
