@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from hoopd.diagnose.search import mechanism_search
 from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
@@ -79,10 +80,12 @@ def recorded(name: str, seed: int, law: Law, seconds: float = 16.0) -> Stretch:
     return stretch_of(name, SLIDE, np.arange(n + 1) * STEP_S, force, {"x": (np.arange(n + 1), y)})
 
 
-def searched(law: Law) -> Named:
-    """Library first, then the grammar."""
+def searched(law: Law, only: tuple[str, ...] = ()) -> Named:
+    """Library first (or `only` some of it), then the grammar."""
     train = [recorded("day1", 1, law), recorded("day2", 2, law)]
-    known = {name: one for name, one in library(SLIDE).items() if one.found_by == "screen"}
+    known = {
+        name: one for name, one in library(SLIDE).items() if one.found_by == "screen" and (name in only or not only)
+    }
     settings = Settings()
     nominal = fit(train, (), SLIDE.values, move=False)
     base = fit(train, (), SLIDE.values, like=nominal, noise=nominal.noise)
@@ -120,6 +123,34 @@ def judge_law(law: Law, names: tuple[str, ...], sizes: dict[str, tuple[float, fl
 
 def test_where_nothing_is_hidden_nothing_is_found() -> None:
     assert searched(nothing).final.names == ()
+
+
+def growing(x: float, v: float, u: float, memory: dict[str, float]) -> float:
+    """Dry friction that grows along the way."""
+    return float(-1.5 * np.sign(v) * max(0.0, 1.0 + 2.0 * x))
+
+
+def test_a_mechanism_takes_the_place_of_a_name_that_stood_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing may be put beside the name: only in its place can the law be found."""
+    monkeypatch.setattr(mechanism_search, "MOST_MECHANISMS", 0)
+    found = searched(growing, ("slide.coulomb_friction",))
+    (name,) = found.final.names
+    assert name.endswith("_of_x_on_sign_dx")
+    ((stood, behind),) = found.rivals[name]
+    assert stood == "slide.coulomb_friction" and behind > 50.0
+    assert found.losses.keys() == found.without.keys() == {name}
+
+
+def test_what_a_mechanism_costs_is_taken_off_what_it_is_worth() -> None:
+    train = [recorded("day1", 1, bumper)]
+    about = fit(train, (), SLIDE.values)
+    screen = MechanismScreen(about, [*mechanisms(SLIDE).values()])
+    worth = {one.member.effect.name: mechanism_search._worth(one) for one in mechanism_search._scores(screen, about)}
+    dear = [one for one in screen.proposals if one.surprise > 10.0]
+    assert screen.cost > 0.5 and len(dear) > 2
+    for one in dear:
+        left = one.surprise - one.effect.cost_nats - screen.cost
+        assert worth[one.effect.name] == pytest.approx(left, abs=0.1), one.effect.name
 
 
 def test_levels_of_a_screen_come_from_its_own_columns() -> None:

@@ -9,6 +9,7 @@ import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.diagnose.proof.experiment_menu import in_times_of
+from hoopd.diagnose.search import bounded_disturbance
 from hoopd.diagnose.search.bounded_disturbance import likeliest, unexplained_sentences
 from hoopd.diagnose.search.naming import name_effects
 from hoopd.plants.effects.library import library
@@ -106,7 +107,11 @@ def test_rounding_of_the_data_changes_no_name() -> None:
     assert named_end(given) == pytest.approx(named_end(again), abs=0.5)
 
 
-def test_no_fit_of_a_base_ends_less_likely_than_it_started() -> None:
+@pytest.mark.parametrize("far", [True, False])
+def test_no_fit_of_a_base_ends_less_likely_than_it_started(far: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither by way of usual disturbances nor where nothing asks for that way."""
+    if not far:
+        monkeypatch.setattr(bounded_disturbance, "far_beyond", lambda found: False)
     stretch = stretch_with(shipped_plant(), "hoop", 1, 10.0)
     start = fit([stretch], (), stretch.plant.values, move=False)
     off = {name: 3.0 * value if name in stretch.plant.free else value for name, value in stretch.plant.values.items()}

@@ -33,6 +33,11 @@ def test_a_name_is_right_by_its_class_and_what_has_none_by_its_slot() -> None:
     assert [*statements(case("hoop.coulomb_friction", {"hoop.dahl_of_theta": 0.6}))] == [(0.6, False)]
     strange = case("outside.dahl", {"outside.dahl_of_theta": 0.8, "hoop.coulomb_friction": 0.2}, "outside")
     assert [*statements(strange)] == [(0.8, True), (0.2, False)]
+    # of a name that the library was made to lack a slot and a formula are right, as they are not where it has the name
+    for family, right in (("left_out", True), ("single", False)):
+        assert [*statements(case("hoop.coulomb_friction", {"unknown.hoop": 0.8}, family))] == [(0.8, right)]
+        assert [*statements(case("hoop.coulomb_friction", {"hoop.dahl_of_theta": 0.8}, family))] == [(0.8, right)]
+    assert [*statements(case("hoop.coulomb_friction", {"unknown.camera": 0.8}, "left_out"))] == [(0.8, False)]
 
 
 def test_candidates_count_that_are_no_findings_and_nothing_has_names_of_its_own() -> None:
