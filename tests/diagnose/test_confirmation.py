@@ -14,6 +14,7 @@ from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.commands.diagnosed_model import flipped, outside
 from hoopd.diagnose.findings import is_any_told, refused_of
+from hoopd.diagnose.proof import confirmation as confirmation_module
 from hoopd.diagnose.proof import denial as denials
 from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, reach, status_of
 from hoopd.diagnose.proof.denial import Denial, denial
@@ -236,6 +237,55 @@ def test_equal_simulations_lower_nothing_and_noise_is_no_loss(fits: tuple[Hypoth
     runs[0].y[:, -1, 0] += 0.5 * np.nanstd(one.runs[0].y[:, -1])
     worse = lowered(one, replace(one, runs=runs))
     assert worse and max(worse.values()) > 1.0
+
+
+def test_names_that_together_are_worse_than_none_are_taken_up_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Taken out again neither of two is denied; the one with less evidence is, beside the other."""
+    made = {names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={}) for names in (
+        (), ("a",), ("b",), ("a", "b"))}  # fmt: skip
+    shown: Any = {names: SimpleNamespace(fit=one) for names, one in made.items()}
+    asked = []
+
+    def denied(before: Any, after: Any, *_: Any) -> Denial | None:
+        asked.append((before.fit.names, after.fit.names))
+        return (
+            Denial({"x": 2.0})
+            if (before.fit.names, after.fit.names) == (("a",), ("a", "b")) and len(asked) > 2
+            else None
+        )
+
+    monkeypatch.setattr(confirmation_module, "denial", denied)
+    monkeypatch.setattr(confirmation_module, "lowered", lambda *_: {"x": 1.5})
+    one, two = (SimpleNamespace(effect=_effect(name)) for name in "ab")
+    named: Any = SimpleNamespace(
+        base=made[()], final=made["a", "b"], accepted=[two, one], losses={"a": 40.0, "b": 15.0},
+        without={"a": made["b",], "b": made["a",]},
+    )  # fmt: skip
+    held: Any = SimpleNamespace(played_of=lambda found: shown[found.names])
+    fits = {"base": shown[()], "named": shown["a", "b"], "without a": shown["b",], "without b": shown["a",]}
+    found = confirmation_module._of_names(named, held, fits, 0)
+    assert asked[2:] == [((), ("a",)), (("a",), ("a", "b"))]  # most evidence first
+    assert found.kept is made["a",] and found.heldout is shown["a",] and [*found.denials] == ["b"]
+
+
+def _effect(name: str) -> Any:
+    return SimpleNamespace(name=name)
+
+
+@pytest.mark.parametrize(
+    ("lost", "carries_over", "status"),
+    [({}, True, "confirmed"), ({}, False, "not_confirmed"), ({"x": 2.0}, True, "not_confirmed")],
+)
+def test_a_curve_is_denied_by_its_values_or_by_its_simulation(
+    lost: dict[str, float], carries_over: bool, status: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(confirmation_module, "lowered", lambda *_: lost)
+    unknown = SimpleNamespace(name="unknown.hoop", carries_over=carries_over, surprise=30.0, threshold=12.0)
+    proof: Any = SimpleNamespace(unknown=unknown)
+    fits: Any = {"without unknown.hoop": object(), "final": object()}
+    told, why = confirmation_module._of_curve(proof, fits, 0)
+    assert told == status and (why is not None) is bool(lost)
+    assert confirmation_module._of_curve(proof, {}, 0)[0] == ("untested" if carries_over else "not_confirmed")
 
 
 def made_up(size: float, worse: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, Any]:

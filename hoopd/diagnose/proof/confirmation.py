@@ -130,7 +130,7 @@ def _taken_up(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int
     kept, on_held, denials = named.base, fits["base"], dict[str, Denial]()
     order = sorted(named.accepted, key=lambda one: -named.losses[one.effect.name])
     for one in order:
-        more = _with(named, kept, one.effect, [*denials])
+        more = _with(named, kept, one.effect)
         after = held.played_of(more)
         assert after is not None
         why = denial(on_held, after, named.losses[one.effect.name], len(order), seed)
@@ -141,7 +141,7 @@ def _taken_up(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int
     return _Names(kept, on_held, denials)
 
 
-def _with(named: Named, kept: HypothesisFit, effect: Effect, dropped: list[str]) -> HypothesisFit:
+def _with(named: Named, kept: HypothesisFit, effect: Effect) -> HypothesisFit:
     """One more effect fitted beside those that are kept; a fit that was made already is taken."""
     effects = (*kept.effects, effect)
     known = [named.final, *named.without.values()]
@@ -149,14 +149,8 @@ def _with(named: Named, kept: HypothesisFit, effect: Effect, dropped: list[str])
     for found in known:
         if {*found.names} == names:
             return found
-    start = {**named.final.values, **kept.values, **_of(effect, named.final.values)}
-    start = {name: value for name, value in start.items() if not name.startswith(tuple(f"{one}." for one in dropped))}
     stretches = [track.stretch for track in kept.tracks]
-    return fit(stretches, effects, start, like=kept, noise=kept.noise)
-
-
-def _of(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-    return {name: value for name, value in values.items() if name.startswith(f"{effect.name}.")}
+    return fit(stretches, effects, {**named.final.values, **kept.values}, like=kept, noise=kept.noise)
 
 
 # ---------------------------------------------------------------------------------------------- one name
