@@ -172,6 +172,13 @@ def test_what_holds_a_name_in_it_is_alike_and_parameters_are_as_likely_as_a_name
     assert found[PARAMETERS] == Option(PARAMETERS, 12.0)
 
 
+def test_what_is_the_same_for_every_sensor_is_alike_however_far_apart_its_change_is() -> None:
+    place: Any = Place.__new__(Place)
+    place.one, place.__dict__["_late"] = SimpleNamespace(effect=EFFECTS["frame.tilt"]), frozenset({"encoder.latency"})
+    assert place._same(EFFECTS["camera.angle_offset"], 1e9) and place._same(EFFECTS["encoder.latency"], 1e9)
+    assert not place._same(EFFECTS["hoop.imbalance"], 0.0)
+
+
 def test_a_residual_that_is_coloured_along_a_name_makes_everything_there_less_worth() -> None:
     wrong = taken_for("hoop.friction_drift")
     place = Place(wrong, wrong.accepted[0], EFFECTS, [])

@@ -467,7 +467,7 @@ def test_undetermined_numbers_and_empty_curves_do_not_stop_the_page() -> None:
 def test_the_same_diagnosis_gives_the_same_bytes_in_another_process(tmp_path: Path) -> None:
     code = (
         "import sys, pathlib; from diagnose.examples import unknown;"
-        "from hoopd.diagnose.report.terminal import write_html; write_html(*unknown(), pathlib.Path(sys.argv[1]))"
+        "from hoopd.diagnose.report.page import page; pathlib.Path(sys.argv[1]).write_bytes(page(*unknown()))"
     )
     there = tmp_path / "there.html"
     paths = os.pathsep.join([str(Path(__file__).parents[2]), str(Path(__file__).parents[1])])

@@ -253,12 +253,15 @@ def test_a_plant_without_a_drive_has_no_menu() -> None:
     assert list(entries(Composite(idle), PLANT.values, STEP_S)) == []
 
 
-@pytest.mark.parametrize(("name", "word"), [("axis", "force"), ("tanks", "q")])
-def test_the_menu_calls_the_input_what_it_is(name: str, word: str) -> None:
-    plant = plant_named(name)
+@pytest.mark.parametrize(
+    ("plant", "word", "other"),
+    [(plant_named("axis"), "force", "torque"), (PLANT, "torque", "force")],
+    ids=["axis", "hoop"],
+)
+def test_the_menu_calls_the_input_what_it_is(plant: Plant, word: str, other: str) -> None:
     words = {one.words for one in entries(Composite(plant), plant.values, plant.time_scale_s)}
-    assert not any("torque" in one for one in words)
-    assert name == "tanks" or f"a slow random two-level {word}" in words
+    assert any(f"a slow random two-level {word}" in one for one in words)
+    assert not any(other in one for one in words)
 
 
 # ---------------------------------------------------------------------------------------------- placebo, power

@@ -1,12 +1,10 @@
-"""The diagnosis for a person: on the terminal, verdict first, and as one page.
+"""The diagnosis for a person on the terminal, verdict first.
 
 Rules of this file: readable at 80 columns; names come from files, so they are drawn as plain text, never as markup;
 what the diagnosis does not hold is left out.
 """
 
 from __future__ import annotations
-
-from pathlib import Path
 
 from rich.box import SIMPLE_HEAD as HEAD_LINE
 from rich.console import Console
@@ -18,7 +16,6 @@ from hoopd.diagnose.record_file import canonical
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report import tables
 from hoopd.diagnose.report.tables import Table
-from hoopd.diagnose.report_curves import Shown
 from hoopd.plots.number_format import safe
 
 COLOURS = {"consistent": "green", "parameters": "cyan", "missing_physics": "yellow", "unknown_physics": "magenta"}
@@ -41,14 +38,6 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
     _next(diagnosis, console)
     _quality(diagnosis, console)
     _sentences(diagnosis.notes, console)
-
-
-def write_html(diagnosis: Diagnosis, shown: Shown, path: Path) -> None:
-    """Write the page: the whole file or none; InputError when it cannot be written."""
-    from hoopd.diagnose.report.page import page
-    from hoopd.files.whole_files import replace_file
-
-    replace_file(path, page(diagnosis, shown))
 
 
 def _verdict(diagnosis: Diagnosis, console: Console) -> None:
