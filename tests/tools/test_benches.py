@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import runpy
 import signal
 import subprocess
@@ -70,6 +71,15 @@ def test_realtime_prints_every_figure(tmp_path: Path) -> None:
         assert figures["ticks"] > 50
     with on_the_clock():
         assert 19.0 < figures["mean_period_ms"] < 21.0
+
+
+def test_every_bench_that_wants_the_harness_finds_it() -> None:
+    """As a person calls it: with the bench's own folder on the path, and no other."""
+    found = [path for path in BENCH.glob("*.py") if re.search(r"^\s*from harness", path.read_text(), re.MULTILINE)]
+    assert len(found) > 5
+    for path in found:
+        before = path.read_text().partition("from harness")[0]
+        assert 'str(ROOT / "tools")' in before, path.name
 
 
 def test_memory_prints_its_slope() -> None:

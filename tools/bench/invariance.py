@@ -6,11 +6,16 @@ python tools/bench/invariance.py [--plant cart] [--seconds 40] [--undeclared] [-
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
-from harness.scaled_plants import CART, SWING, Scale, Truth, plant_in, recorded, recording_in
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
-from hoopd import lab
+from harness.scaled_plants import CART, SWING, Scale, Truth, plant_in, recorded, recording_in  # noqa: E402
+
+from hoopd import lab  # noqa: E402
 
 SCALES = {
     "SI": Scale(),
