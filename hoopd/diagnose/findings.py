@@ -29,6 +29,7 @@ from hoopd.diagnose.record import (
     Placebo,
     Quantity,
     Refused,
+    Remains,
     Unexplained,
     Verdict,
 )
@@ -251,6 +252,14 @@ def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], said: Confi
         status=None if said is None else said.statuses[unknown.name],
         reason="" if denied is None else denied.reason,
     )
+
+
+def remains_of(standings: Standings) -> Remains | None:
+    """What still follows a law beside everything that was named; None where that is no more than noise allows."""
+    rest = standings.rest
+    if rest is None or not rest.fires or not standings.findings:
+        return None
+    return Remains(slot=rest.slot, follows=rest.follows, log_likelihood_gain=rest.surprise, by_chance=rest.usual)
 
 
 def unexplained_of(unknown: Unknown | None, standings: Standings) -> Unexplained | None:

@@ -212,6 +212,15 @@ class Unexplained(_Part, frozen=True):
     probability: Number = None
 
 
+class Remains(_Part, frozen=True):
+    """The law that what nobody named still follows, more than noise allows: nats, and what chance alone reaches."""
+
+    slot: str
+    follows: str
+    log_likelihood_gain: Number
+    by_chance: Number
+
+
 class NextExperiment(_Part, frozen=True):
     """The experiment that tells two explanations apart, and the nats that it is expected to bring."""
 
@@ -300,4 +309,5 @@ class Diagnosis(_Part, frozen=True):
     candidates: list[Candidate] = []
     refused: list[Refused] = []
     power: dict[str, Visible] = {}
+    remains: Remains | None = None
     notes: list[str] = []

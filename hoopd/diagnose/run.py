@@ -20,6 +20,7 @@ from hoopd.diagnose.findings import (
     fits_of,
     is_any_told,
     refused_of,
+    remains_of,
     told,
     unexplained_of,
     unknown_finding,
@@ -185,6 +186,7 @@ def diagnose(case: Case) -> Outcome:
         seed=case.seed,
         candidates=candidates_of(named, threshold, stand.candidates),
         refused=refused,
+        remains=remains_of(stand),
         power=visible(named, case.library, threshold),
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )

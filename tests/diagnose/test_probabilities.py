@@ -13,11 +13,11 @@ from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import survey
-from hoopd.diagnose.findings import _fault, told
+from hoopd.diagnose.findings import _fault, remains_of, told
 from hoopd.diagnose.proof.in_place import Place, nearest
 from hoopd.diagnose.proof.probabilities import PARAMETERS, Option, among_what_acts, likely
 from hoopd.diagnose.proof.remainder import Remainder, explained, held_back
-from hoopd.diagnose.proof.standing import Asked, Standings, standings
+from hoopd.diagnose.proof.standing import Asked, Standing, Standings, _caveat, _left_of, standings
 from hoopd.diagnose.record import NONE_OF_THESE
 from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
@@ -218,3 +218,22 @@ def test_the_level_of_a_screen_that_was_made_without_one_is_not_asked_for() -> N
     laws = [one for name, one in mechanisms(PLANT).items() if name in LAWS]
     with pytest.raises(ValueError, match="without its level"):
         MechanismScreen(fits()[2], laws, level=False).null  # noqa: B018
+
+
+@pytest.mark.parametrize(("gain", "low", "high"), [(1000.0, 0.0, 0.05), (20.0, 0.45, 0.55), (2.0, 0.8, 1.0)])
+def test_what_is_small_beside_a_name_leaves_it_likely(gain: float, low: float, high: float) -> None:
+    # 20 nats beyond chance follow a law: half of the odds where the name explains as many
+    left = _left_of(gain, remaining(25.0, 5.0), None)
+    assert low <= likely([Option("a", 50.0, True)], left).none <= high
+    assert left <= remaining(25.0, 5.0).log_odds
+
+
+def test_what_several_names_leave_is_told_once() -> None:
+    rest = remaining(25.0, 5.0)
+    one = "nearest known: a.b, explains 70% of the mismatch; what remains follows theta"
+    assert _caveat("a.b", 0.7, rest, 1) == one
+    assert _caveat("a.b", 0.7, rest, 2) == "explains 70% of the mismatch"
+    told_once = remains_of(Standings({"a.b": Standing()}, {}, rest))
+    assert told_once is not None and (told_once.follows, told_once.log_likelihood_gain) == ("theta", 25.0)
+    assert remains_of(Standings({"a.b": Standing()}, {}, remaining(8.0, 5.0))) is None
+    assert remains_of(Standings({}, {}, rest)) is None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import log
 
 from hoopd.diagnose.curves.unknown_effects import Survey, Unknown
 from hoopd.diagnose.proof.in_place import Place, nearest
@@ -59,7 +60,6 @@ def standings(asked: Asked) -> Standings:
     named, unknown = asked.named, asked.unknown
     screen = _grammar_beside(asked)
     rest = remainder(screen, asked.beside if named.accepted else None)
-    left = _left(rest, unknown) if named.accepted else -MOST_NATS
     findings: dict[str, Standing] = {}
     likelies: list[Likely] = []
     total = named.base.criterion - named.final.criterion
@@ -68,9 +68,10 @@ def standings(asked: Asked) -> Standings:
         shares = [share * (1.0 - unknown.share) for share in shares]
     for one, share in zip(named.accepted, shares, strict=True):
         place = Place(named, one, asked.library, asked.mechanisms)
+        left = _left_of(named.losses[one.effect.name], rest, unknown)
         found = likely(place.options(asked.threshold, asked.base if len(named.accepted) == 1 else None), left)
         near = place.nearest() if one.effect.name not in asked.library else None
-        caveat = _caveat(one.effect.name, share, rest) if rest is not None and rest.fires else ""
+        caveat = _caveat(one.effect.name, share, rest, len(named.accepted)) if rest is not None and rest.fires else ""
         findings[one.effect.name] = Standing(found.named, near, share, caveat)
         likelies.append(found)
     if not likelies:
@@ -88,6 +89,18 @@ def _grammar_beside(asked: Asked) -> MechanismScreen:
     if known is not None and known.fit is final:
         return known
     return MechanismScreen(final, [one for one in asked.mechanisms if one.name not in final.names])
+
+
+def _left_of(gain: float, rest: Remainder | None, unknown: Unknown | None) -> float:
+    """Log odds that what remains belongs into the place of a name that explains `gain` nats.
+
+    Of a wrong name that lies at an angle a to what acts, cos^2 a of its nats are explained and sin^2 a remain; what is
+    small beside a name's own nats is a second thing, or a correction of the law, sooner than another law in its place.
+    """
+    beyond = max(rest.beyond if rest is not None else 0.0, unknown.gain if unknown is not None else 0.0)
+    if beyond <= 0.0 or gain <= 0.0:
+        return _left(rest, unknown)
+    return min(_left(rest, unknown), log(beyond / gain))
 
 
 def _left(rest: Remainder | None, unknown: Unknown | None) -> float:
@@ -121,6 +134,8 @@ def _product(values: Sequence[float]) -> float:
     return found
 
 
-def _caveat(name: str, share: float, rest: Remainder) -> str:
-    """The name is the nearest known one and not the whole answer."""
+def _caveat(name: str, share: float, rest: Remainder, names: int) -> str:
+    """The name is the nearest known one and not the whole answer; of several, what all of them leave is told once."""
+    if names > 1:
+        return f"explains {share:.0%} of the mismatch"
     return f"nearest known: {name}, explains {share:.0%} of the mismatch; what remains follows {rest.follows}"

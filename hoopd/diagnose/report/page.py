@@ -39,7 +39,8 @@ def _header(diagnosis: Diagnosis) -> str:
     return (
         f'<header>\n<p class="kicker">hoopd diagnose</p>\n<h1>{text(title)}</h1>\n'
         f"{paragraph(words.verdict_sentence(diagnosis), 'verdict')}"
-        f'{paragraph(words.unexplained_sentence(diagnosis))}<dl class="facts">\n{facts}</dl>\n</header>\n'
+        f"{paragraph(words.unexplained_sentence(diagnosis))}"
+        f'{paragraph(words.remains_sentence(diagnosis))}<dl class="facts">\n{facts}</dl>\n</header>\n'
     )
 
 

@@ -180,6 +180,18 @@ def unexplained_sentence(diagnosis: Diagnosis) -> str:
     return f"{part} has no name in the library{where}{curve}{other}."
 
 
+def remains_sentence(diagnosis: Diagnosis) -> str:
+    """What the names leave to another law; empty where that is no more than noise, or stands as a finding."""
+    rest = diagnosis.remains
+    if rest is None or diagnosis.unexplained is not None:
+        return ""
+    laws = "it is the nearest known law" if len(diagnosis.effects) == 1 else "each of them is the nearest known law"
+    return (
+        f"Beside what was named something at the {rest.slot} still follows {rest.follows} "
+        f"({nats(rest.log_likelihood_gain)} nats, {nats(rest.by_chance)} by chance): {laws}, not the whole answer."
+    )
+
+
 def experiment_sentence(planned: NextExperiment) -> str:
     """What to record next, and why."""
     settings = ", ".join(f"{safe(name)} {value_text(one)}" for name, one in planned.parameters.items())

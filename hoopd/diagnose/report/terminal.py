@@ -45,7 +45,7 @@ def _verdict(diagnosis: Diagnosis, console: Console) -> None:
     console.print(Text(words.TITLES[diagnosis.verdict], style=f"bold {style}"))
     console.print(Text(words.verdict_sentence(diagnosis)))
     where = words.location_sentence(diagnosis.location, diagnosis.fit.window_s)
-    _sentences([where, words.unexplained_sentence(diagnosis)], console)
+    _sentences([where, words.unexplained_sentence(diagnosis), words.remains_sentence(diagnosis)], console)
 
 
 def _fits(diagnosis: Diagnosis, console: Console) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
-from hoopd.plants.effects.library import library
+from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.plant_model import PlantModel
 from hoopd.plants.plant_with_effects import Composite
 
@@ -89,7 +89,7 @@ def _share(error: Array, force: Array, part: NDArray[np.bool_]) -> float:
 
 def force_error(model: PlantModel, motion: Motion) -> Array:
     """Force (n,) in N that the model has too much, in units of the demanded force."""
-    known = library(model.plant)
+    known = known_effects(model.plant, [one.name for one in model.effects])
     composite = Composite(model.plant, [known[one.name] for one in model.effects], substeps=1)
     read = sensed(composite, model.values, motion)
     late = composite.delay_s(model.values)
