@@ -13,6 +13,7 @@ from typing import Any
 
 from hoopd.commands.fit_options import fixed_values, priors_of
 from hoopd.commands.inputs import read_recording
+from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.output_files import check_results
 from hoopd.commands.plant_inputs import number, plant_path, refuse_shared, system_of
@@ -54,6 +55,7 @@ def fitted_plant(
 ) -> PlantFit:
     """The fit of a model to recordings; InputError for what is asked and cannot be."""
     _refuse_hoops_own(options)
+    _refuse_of_free_runs(options)
     system, _ = system_of(model)
     plant, names = model.plant, tuple(system.nominal)
     fixed = fixed_values(options.fix, system.values, names)
@@ -61,6 +63,8 @@ def fitted_plant(
     free = [name for name in (options.free or plant.free) if name not in fixed]
     priors = priors_of(options.prior, names, lambda name: system.bounds.get(name, (-1.0, 0.0))[0] >= 0.0)
     _check_bounds("--prior", {name: one.value for name, one in priors.items()}, system)
+    if idle := [name for name in priors if name not in free]:
+        raise InputError("--prior", idle[0], f"is not fitted; {', '.join(free) or 'nothing'} is")
     return fit_plant(
         plant, recordings, free, options.method, effects=system.effects,
         values={**system.changed, **fixed}, priors=priors, channels=_channels(plant, options),
@@ -86,6 +90,16 @@ def _refuse_hoops_own(options: FitOptions) -> None:
     for field, usual in HOOPS_OWN.items():
         if getattr(options, field) != usual:
             raise InputError(f"--{field}", "", "belongs to the hoop; another plant's numbers stand in its file")
+
+
+def _refuse_of_free_runs(options: FitOptions) -> None:
+    """InputError for what a likelihood of predictions would take no notice of."""
+    for field in ("prior", "loss", "window_s"):
+        usual = FitOptions.__dataclass_fields__[field].default
+        if options.method == "prediction" and getattr(options, field) != usual:
+            raise InputError(
+                option_name(FitOptions, field), "", "of another plant than the hoop goes with --method output"
+            )
 
 
 def _window(plant: Plant, options: FitOptions) -> float | None:

@@ -82,6 +82,14 @@ def test_a_given_start_is_simulated(folder: Path) -> None:
         (("fit", "--plant", "axis", "a.csv", *READ, "--fix", "M=-1"), "--fix: M: -1 is outside of 1 to 1000"),
         (("fit", "--plant", "axis", "a.csv", *READ, "--prior", "M=1e6:0.1"), "--prior: M: 1e+06 is outside of 1"),
         (("fit", "--plant", "axis", "a.csv", *READ, "--fix", "M=90,M=80"), "--fix: M: stands twice"),
+        (("fit", "--plant", "axis", "a.csv", *READ, "--free", "M", "--prior", "Fv=300:0.1"), "Fv: is not fitted; M is"),
+        *(
+            (
+                ("fit", "--plant", "axis", "a.csv", *READ, "--method", "prediction", *more),
+                f"{more[0]}: of another plant",
+            )
+            for more in (("--prior", "M=90:0.1"), ("--loss", "huber"), ("--window", "0.5"))
+        ),
         (("fit", "--plant", "axis", "a.csv", *READ, "--method", "guess"), "known: output, prediction"),
         (("fit", "--plant", "axis", "a.csv", *READ, "--loss", "guess"), "known: linear, huber, soft_l1, cauchy"),
         (("fit", "--plant", "axis", "a.csv", "a.csv", *READ), "rows in common with a.csv"),
