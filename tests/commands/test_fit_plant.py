@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shared import shared_path
 
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.plant_file import load_plant
@@ -113,3 +114,18 @@ def test_what_cannot_be_used_is_one_line(words: tuple[str, ...], said: str) -> N
     code, _, error = hoopd(*words)
     assert code == 2
     assert said in " ".join(error.split())
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "least"), [("axis", "axis_1kHz", 94.0), ("pendulum", "pendulum_decay_7", 96.0),
+                                ("falling", "drop_bowling_ball_1", 97.0)],
+)  # fmt: skip
+def test_a_real_recording_takes_a_short_plant_and_one_command_each(name: str, file: str, least: float) -> None:
+    """A plant file of at most 25 lines; a fit, and a free run of what was fitted."""
+    recording, plant = str(shared_path(f"plants/{file}.csv")), FOLDER / f"{name}.yaml"
+    assert len(plant.read_text().splitlines()) <= 25
+    free = ("--free", "g") if name == "falling" else ()
+    assert hoopd("fit", "--plant", str(plant), recording, *free, "--out", "mine.yaml")[0] == 0
+    assert hoopd("simulate", "--plant", "mine.yaml", "--input", recording, "--json", "run.json")[0] == 0
+    (channel,) = json.loads(Path("run.json").read_text())["free_run"].values()
+    assert channel["nrmse_percent"] > least
