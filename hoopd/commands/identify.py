@@ -49,6 +49,8 @@ def run(options: IdentifyOptions, *, progress: Progress = lambda text: None) -> 
     recordings, holdout, out, figure = options.recordings, options.holdout, options.out, options.figure
     plant = other_plant(options.plant)
     options = replace(options, outputs=options.outputs or (OUTPUTS if plant is None else tuple(plant.channels)))
+    if plant is not None and not options.inputs:
+        options = replace(options, inputs=tuple(one.name for one in plant.inputs))
     _check(options, plant)
     check_targets([*recordings, *holdout], {"--out": out, "--figure": figure})
     if figure is not None:
@@ -98,6 +100,10 @@ def _check(options: IdentifyOptions, plant: Plant | None) -> None:
         raise InputError("--plant", plant.name, "has no input: there is nothing to identify a response to")
     if plant is not None and options.delay_s is not None:
         raise InputError("--delay", "", "is of the hoop's pictures")
+    driving = () if plant is None else tuple(one.name for one in plant.inputs)
+    if set(options.inputs) - set(driving) or len(set(options.inputs)) != len(options.inputs):
+        known_inputs = ", ".join(driving) or "none: the hoop has its torque alone"
+        raise InputError("--inputs", "", f"different ones of {known_inputs}, not {','.join(options.inputs)}")
     if not options.outputs or set(options.outputs) - set(known) or len(set(options.outputs)) != len(options.outputs):
         raise InputError("--outputs", "", f"different ones of {', '.join(known)}, not {','.join(options.outputs)}")
     if options.delay_s is not None and set(options.outputs) - set(OUTPUTS):

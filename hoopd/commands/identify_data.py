@@ -53,8 +53,9 @@ def stretches(recording: Recording, name: str, options: IdentifyOptions) -> tupl
 
     An output that was not read is missing. A stretch begins where every output was read, and has 50 rows at least.
     """
-    y, u = _outputs(recording, options), np.stack([one.values for one in recording.inputs.values()], axis=1)
-    inputs = [INPUT] if recording.is_tick else [*recording.inputs]
+    names = [*recording.inputs] if recording.is_tick else [*options.inputs]
+    y, u = _outputs(recording, options), np.stack([recording.inputs[one].values for one in names], axis=1)
+    inputs = [INPUT] if recording.is_tick else names
     known = np.asarray(np.isfinite(u).all(axis=1))
     whole = np.asarray(np.isfinite(y).all(axis=1))
     if not whole.any():
@@ -66,7 +67,7 @@ def stretches(recording: Recording, name: str, options: IdentifyOptions) -> tupl
             found.append(_data(y[first:end], u[first:end], step, (name, inputs), options))
     if not found:
         reason = f"no {SHORTEST} rows follow each other of which {_words(inputs)} known"
-        raise InputError(name, next(iter(recording.inputs)), reason)
+        raise InputError(name, names[0], reason)
     return found, _cut(known, found, name, _words(inputs, missing=True))
 
 

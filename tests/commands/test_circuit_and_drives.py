@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hoopd.files.identified import load_identified
 from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.registry import plant_named
@@ -113,3 +114,16 @@ def test_a_signal_is_played_converted_and_identified(name: str) -> None:
     assert hoopd("convert", "--plant", name, "run.csv", "run.mat")[0] == 0
     found = result("identify", "--plant", name, "run.mat", "--orders", "2,2")
     assert found["outputs"] == [*plant_named(name).channels]
+
+
+def test_the_response_to_one_of_two_drives_is_identified() -> None:
+    """The second one stands still in what an experiment plays: it is left out, or the command says so."""
+    assert hoopd("experiment", "prbs", "--plant", "drives", "--out", "play.csv")[0] == 0
+    words = ("identify", "--plant", "drives", "play.csv", "--orders", "4,4")
+    code, _, error = hoopd(*words)
+    assert code == 2 and "input M2 is constant: it tells nothing, leave it out" in error
+    assert hoopd(*words, "--inputs", "M1", "--out", "model.yaml")[0] == 0
+    assert load_identified(Path("model.yaml")).inputs == ["M1"]
+    for inputs, known in (("M3", "M1, M2"), ("M1,M1", "M1, M2")):
+        code, _, error = hoopd(*words, "--inputs", inputs)
+        assert code == 2 and f"--inputs: different ones of {known}" in error

@@ -49,6 +49,13 @@ class IdentifyOptions:
         default="",
         read=names_of,
     )
+    inputs: tuple[str, ...] = option(
+        "--inputs",
+        text="Of another plant: those that its outputs answer to (all of them).",
+        metavar="NAMES",
+        default="",
+        read=names_of,
+    )
     delay_s: float | None = option(
         "--delay", text="Age of a picture in s when a tick uses it, for rows that were taken at once."
     )
