@@ -142,7 +142,11 @@ def test_a_neighbour_of_the_same_slot_takes_the_place_of_a_denied_name() -> None
     near = {one.name: one for one in (drag, library(PLANT)["ball.quadratic_drag"])}
     replace_denied(named, held, Judge(train, near, Settings()))
     assert named.final.names == (drag.name,)
-    replace_denied(named, held, Judge(train, {**near, FRICTION.name: FRICTION}, Settings()))
+    judge = Judge(train, {**near, FRICTION.name: FRICTION}, Settings())
+    replace_denied(named, held, judge)  # what barely passed is not worth a neighbour
+    assert named.final.names == (drag.name,)
+    named.losses[drag.name] = 30.0
+    replace_denied(named, held, judge)
     assert named.final.names == (FRICTION.name,) and [one.effect.name for one in named.accepted] == [FRICTION.name]
     assert named.losses.keys() == named.without.keys() == {FRICTION.name} and named.losses[FRICTION.name] > 20.0
     assert named.rivals[FRICTION.name][0][0] == drag.name

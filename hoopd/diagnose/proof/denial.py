@@ -54,7 +54,11 @@ class Denial:
     def leaves_evidence(self, surprise: float, threshold: float) -> bool:
         """Whether something is there all the same: the training data say so far beyond chance, or the held-out data
         bear it out reading by reading."""
-        return not self.is_refuted and (surprise >= STRONG * threshold or self.nats >= UNSEEN_LOSS)
+        return not self.is_refuted and self.asks_for_another(surprise, threshold)
+
+    def asks_for_another(self, surprise: float, threshold: float) -> bool:
+        """Whether another name is to be looked for: not in the place of one that chance may have brought."""
+        return surprise >= STRONG * threshold or self.nats >= UNSEEN_LOSS
 
 
 def denial(before: Played, after: Played, gain: float, names: int = 1, seed: int = 0) -> Denial | None:

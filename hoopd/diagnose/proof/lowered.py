@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 # Enough for a chance of one in a thousand: five names of five channels.
 DRAWS = 5000
+MOST_AT_ONCE = 1_000_000
 # How often chance alone may make any channel worse with any of the names.
 CHANCE = 0.025
 # Points of fit: what a table of one decimal shows.
@@ -77,10 +78,19 @@ def _loss(pairs: list[tuple[Array, Array]], chance: float, random: np.random.Gen
     """Points lost, and what is lost in all but `chance` of the draws; means over the recordings."""
     draws, lost = np.zeros(DRAWS), 0.0
     for before, after in pairs:
-        pick = random.integers(len(before), size=(DRAWS, len(before)))
-        draws += _points(after[pick]) - _points(before[pick])
+        draws += _drawn(before, after, random)
         lost += float(_points(after) - _points(before))
     return lost / len(pairs), float(np.quantile(draws / len(pairs), chance))
+
+
+def _drawn(before: Array, after: Array, random: np.random.Generator) -> Array:
+    """(DRAWS,) points lost by blocks drawn again; some draws at a time, for a long recording has many blocks."""
+    parts = np.array_split(np.arange(DRAWS), 1 + DRAWS * len(before) // MOST_AT_ONCE)
+    found = []
+    for part in parts:
+        pick = random.integers(len(before), size=(len(part), len(before)))
+        found.append(_points(after[pick]) - _points(before[pick]))
+    return np.concatenate(found)
 
 
 def _points(blocks: Array) -> Array:

@@ -3,7 +3,8 @@
 A law may be nearly right: of a friction that falls with speed the part that does not. Before such a name is given up,
 its neighbours are asked: the training data choose among them, those that are hardly behind it there and hold in folds
 beside it, the one with the most evidence first. Held-out data say no more than whether they deny it, too; the first
-that they do not deny takes the place. Where there is none, the name stays as it was found.
+that they do not deny takes the place. Where there is none, the name stays as it was found, and so does one that
+barely passed: of what chance may have brought no neighbour is to be made true.
 
 Rules of this file: no name of an effect is written here; nothing is ranked by held-out data.
 """
@@ -25,8 +26,10 @@ def replace_denied(named: Named, held: HeldOut, judge: Judge, seed: int = 0) -> 
     """Puts neighbours into the places of the denied names."""
     if not named.accepted or not held.stretches:
         return
-    for name in beside_the_others(named, _played(named, held), seed):
+    for name, why in beside_the_others(named, _played(named, held), seed).items():
         one = next(one for one in named.accepted if one.effect.name == name)
+        if not why.asks_for_another(surprise_in(named, one), judge.settings.threshold):
+            continue
         neighbour = _neighbour(named, held, judge, one, seed)
         if neighbour is not None:
             named.rivals[neighbour.effect.name] = [(name, named.final.criterion - neighbour.fit.criterion)]
