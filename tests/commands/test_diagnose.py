@@ -309,6 +309,14 @@ def test_a_model_of_which_there_are_doubts_is_written_when_it_is_agreed_to(
     assert len(asked) == 2 and all(DOUBT in one and str(doubtful) in one for one in asked)
 
 
+def test_python_writes_such_a_model_when_it_is_told_to(doubtful: Path) -> None:
+    found, base = diagnose.outcome_of([], [], cast(Any, None)), cast(Any, None)
+    with pytest.raises(InputError, match="is not written without yes=True: J12 "):
+        diagnose.write_model(found, base, doubtful)
+    assert not doubtful.exists()
+    assert diagnose.write_model(found, base, doubtful, yes=True).read_text() == "model\n"
+
+
 def test_an_interrupted_run_leaves_no_file(short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(case: object) -> None:
         raise KeyboardInterrupt
