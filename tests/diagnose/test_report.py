@@ -179,6 +179,7 @@ def test_where_no_name_is_confirmed_the_headline_says_what_was_found_and_why_it_
     assert f"hoop.coulomb_friction (Fc = 5.10 mN m; hoop.stribeck_friction not excluded): {why}." in sentence
     for text in (printed(told), Page(page(told, shown)).text):
         assert f"Not confirmed: {why}" in " ".join(text.split())
+    assert tables.effects(told).rows[0][0] == "hoop.coulomb_friction (not confirmed)"
 
 
 def test_parameters_alone_are_compared_with_the_users_model_where_the_table_has_a_column_of_effects() -> None:

@@ -155,7 +155,7 @@ def _alternatives(diagnosis: Diagnosis, shown: Shown) -> str:
     if effects and not body:
         body = paragraph("Nothing else in the library explains the recordings nearly as well.")
     if any(one.log_likelihood_gain is not None for one in diagnosis.candidates):
-        drawn = figures.draw_candidates(diagnosis.candidates, {one.name for one in effects}, open_names)
+        drawn = figures.draw_candidates(diagnosis.candidates, {one.name for one in words.kept(diagnosis)}, open_names)
         caption = (
             "What each explanation gains on its own, and a bar at what it needs: the figures of the tables. "
             "One that stays left of its bar explains nothing."

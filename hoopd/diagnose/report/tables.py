@@ -66,7 +66,8 @@ def effects(diagnosis: Diagnosis) -> Table:
 
 
 def _effect_rows(effect: EffectFinding, numbers: Mapping[str, str]) -> list[Row]:
-    name, evidence = safe(effect.name), effect.evidence
+    evidence = effect.evidence
+    name = safe(effect.name) + (" (not confirmed)" if effect.status == "not_confirmed" else "")
     gain, needed = nats(evidence.log_likelihood_gain), nats(evidence.threshold)
     sizes = [(label, value_text(one), interval_text(one)) for label, one in _labelled(effect.parameters, numbers)]
     first, *others = sizes or [(NOTHING, NOTHING, NOTHING)]
