@@ -53,6 +53,7 @@ def test_of_nothing_nothing_is_taken() -> None:
     assert found.names == () and found.steps == []
 
 
+@pytest.mark.proof
 def test_several_starts_are_never_worse_than_the_base() -> None:
     over = selection(0.0)
     base = over.grown((), PLANT.values)

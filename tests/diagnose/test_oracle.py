@@ -40,6 +40,7 @@ def gains(found: dict[str, Any]) -> list[float]:
     return [row["with_effects"] - row["base_refit"] for row in rows]
 
 
+@pytest.mark.proof
 def test_a_scanned_effect_is_found_at_its_frequency() -> None:
     found = adapted(files_of("frame.vibration", 0.6), ["frame.vibration"])
     assert "error" not in found, found

@@ -28,6 +28,7 @@ def test_the_base_is_found_from_wrong_parameters() -> None:
     assert nrmse(found.runs)["psi"] > 95.0
 
 
+@pytest.mark.proof
 def test_effects_are_found_in_one_long_run() -> None:
     effects = [LIBRARY["hoop.coulomb_friction"], LIBRARY["camera.latency"]]
     true = {**PLANT.values, "hoop.coulomb_friction.Fc": 0.006, "camera.latency.d": 0.03}

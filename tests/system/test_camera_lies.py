@@ -54,6 +54,7 @@ def test_a_painted_ball_that_swings_slowly(tmp_path: Path) -> None:
     ended_by(found, "angle_noiseless", 2.0)
 
 
+@pytest.mark.proof
 def test_a_ball_painted_into_noisy_pictures(tmp_path: Path) -> None:
     """Noise at its rim is noise enough; but it does not roll when the hoop does."""
     found = lie(tmp_path, "picture_ball_painted", 16.0, direct=False, swing_rad=0.05, period_s=4.0)

@@ -209,6 +209,7 @@ def shared_run(name: str, inputs: tuple[str, ...], channel: str) -> Recording:
     return from_signals(columns[0], signals, {channel: columns[-1]}, source=name)
 
 
+@pytest.mark.proof
 def test_the_real_axis() -> None:
     """Its mass is known from a publication, with everything in the model: 95.1 kg."""
     run = shared_run("axis_1kHz", ("F",), "x")
