@@ -77,6 +77,7 @@ def diagnose(options: DiagnoseOptions) -> None:
     from rich.console import Console
 
     from hoopd.commands.diagnose import refusal, run
+    from hoopd.commands.work_done import DIAGNOSIS
     from hoopd.diagnose.report.terminal import report_text
     from hoopd.plots.number_format import safe
 
@@ -89,7 +90,7 @@ def diagnose(options: DiagnoseOptions) -> None:
         with progress.hidden():
             return typer.confirm("\n".join([*map(safe, said), f"Write {options.write} all the same?"]), err=True)
 
-    with shown_progress() as progress:
+    with shown_progress(DIAGNOSIS) as progress:
         found = run(options, progress=progress, may_write=may_write)
     report_text(found, Console())
     if refused and options.write is not None:

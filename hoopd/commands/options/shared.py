@@ -5,7 +5,7 @@ Rules of this file: no command; heavy imports are made inside the functions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,8 @@ from hoopd.commands.options.declaration import REQUIRED, option
 
 if TYPE_CHECKING:
     from rich.progress import Progress
+
+    from hoopd.commands.work_done import WorkDone
 
 SLICE = "FILE[:EXPERIMENT][@START:END]"
 
@@ -91,11 +93,13 @@ def check_files(inputs: Sequence[Path | str | None], **outputs: Path | None) -> 
 class ProgressLine:
     """What a long command is doing, on a line that can be taken away while something is asked."""
 
-    def __init__(self, shown: Progress) -> None:
-        self._shown, self._task = shown, shown.add_task("")
+    def __init__(self, shown: Progress, done: WorkDone | None = None) -> None:
+        self._shown, self._done = shown, done
+        self._task = shown.add_task("", total=None if done is None else 1.0)
 
     def __call__(self, text: str) -> None:
-        self._shown.update(self._task, description=text)
+        completed = None if self._done is None else self._done.at(text)
+        self._shown.update(self._task, description=text, completed=completed)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
@@ -108,15 +112,21 @@ class ProgressLine:
 
 
 @contextmanager
-def shown_progress() -> Iterator[ProgressLine]:
-    """What a long command is doing and since when, on a line of standard error; nothing where no one looks."""
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+def shown_progress(begins: Mapping[str, float] | None = None) -> Iterator[ProgressLine]:
+    """What a long command is doing and since when, on a line of standard error; nothing where no one looks.
 
-    console = Console(stderr=True)
-    columns = SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
+    begins: where its steps begin, in shares of the whole; with them a bar shows how much is done.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    from hoopd.commands.work_done import WorkDone
+
+    console, done = Console(stderr=True), None if begins is None else WorkDone(begins)
+    bar = () if done is None else (BarColumn(), TaskProgressColumn())
+    columns = SpinnerColumn(), *bar, TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
-        yield ProgressLine(shown)
+        yield ProgressLine(shown, done)
 
 
 def finish(result: dict[str, Any], json_path: Path | None, shown: dict[str, Any] | None = None) -> None:
