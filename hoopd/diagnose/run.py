@@ -29,6 +29,7 @@ from hoopd.diagnose.findings import (
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.location import location_of
 from hoopd.diagnose.proof.confirmation import confirmation
+from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.proof.error_windows import error_windows
 from hoopd.diagnose.proof.fit_tables import Played, channel_source, played, window_of
 from hoopd.diagnose.proof.free_run_record import free_choice
@@ -181,6 +182,7 @@ def diagnose(case: Case) -> Outcome:
                 *data_held.notes,
                 step_sentence(step_nats(named.final)),
                 *unexplained_sentences(said.final),
+                *end_sentences(said.final),
             ],
         ),
         seed=case.seed,
