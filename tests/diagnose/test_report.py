@@ -225,6 +225,13 @@ def test_the_windows_that_carry_the_error_are_told() -> None:
     even = msgspec.structs.replace(fit, error_windows={HELDOUT: {"dtheta": each["dtheta"]}})
     assert words.error_sentence(even).endswith("none has more than 20.0 % of a channel's.")
     assert words.error_sentence(diagnosis.fit) == ""
+    # half of the error in one of four, and one of two, which always has half
+    few = {
+        "psi": ErrorWindow(t0=4.0, t1=6.0, share=0.6, windows=4),
+        "dtheta": ErrorWindow(t0=0.0, t1=2.0, share=0.7, windows=2),
+    }
+    said = words.error_sentence(msgspec.structs.replace(fit, error_windows={HELDOUT: few}))
+    assert "psi of " in said and "dtheta of " not in said
 
 
 def test_the_figure_of_explanations_has_the_gains_and_needs_of_the_tables() -> None:

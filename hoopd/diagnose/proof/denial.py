@@ -49,7 +49,7 @@ class Denial:
             return ""
         recording, start, end = self.windows[channel]
         places = max(0, ceil(-log10(OF_A_WINDOW * max(end - start, 1e-12))))
-        return f" (most of it at {start:.{places}f} to {end:.{places}f} s of {recording})"
+        return f" (most of it at {start:.{places}f} to {end:.{places}f} s of {recording.rsplit('/', 1)[-1]})"
 
     def leaves_evidence(self, surprise: float, threshold: float) -> bool:
         """Whether something is there all the same: the training data say so far beyond chance, or the held-out data

@@ -32,8 +32,8 @@ TITLES = {
 MANY = 6
 # Points of fit that a figure with one decimal shows.
 SHOWN = 0.1
-# A window carries the error when it has so many times an even part of it.
-STANDS_OUT = 3.0
+# A window carries the error when it has so many times an even part of it, or half; of two one always has.
+STANDS_OUT, HALF, FEWEST_WINDOWS = 3.0, 0.5, 3
 # Times in sentences: to this share of a window; of files that do not tell theirs it is the hoop's.
 OF_A_WINDOW, HOOP_WINDOW_S = 0.05, 2.0
 
@@ -240,11 +240,16 @@ def chosen_sentence(fit: FitTable) -> str:
 
 def error_sentence(fit: FitTable) -> str:
     """Which windows carry the error that is left; empty where nothing was simulated."""
-    each = [(r, channel, one) for r, channels in fit.error_windows.items() for channel, one in channels.items()]
+    each = [
+        (r, channel, one)
+        for r, channels in fit.error_windows.items()
+        for channel, one in channels.items()
+        if one.windows >= FEWEST_WINDOWS
+    ]
     if not each:
         return ""
     names, places = short_names(fit.error_windows), decimals(fit.window_s, OF_A_WINDOW)
-    alone = [(r, channel, one) for r, channel, one in each if (one.share or 0.0) * one.windows >= STANDS_OUT]
+    alone = [one for one in each if (one[2].share or 0.0) >= min(STANDS_OUT / one[2].windows, HALF)]
     if not alone:
         most = max(one.share or 0.0 for _, _, one in each)
         return f"The error that is left is spread over the windows: none has more than {share(most)} of a channel's."
