@@ -272,6 +272,29 @@ def test_names_that_together_are_worse_than_none_are_taken_up_one_by_one(monkeyp
     assert found.kept is made["a",] and found.heldout is shown["a",] and [*found.denials] == ["b"]
 
 
+def test_a_name_that_costs_something_alone_is_asked_again_beside_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first is denied alone and not beside the second; nothing is asked twice of the same."""
+    made = {names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={}) for names in (
+        (), ("a",), ("b",), ("b", "a"))}  # fmt: skip
+    shown: Any = {names: SimpleNamespace(fit=one) for names, one in made.items()}
+    asked = []
+
+    def denied(before: Any, after: Any, *_: Any) -> Denial | None:
+        asked.append((before.fit.names, after.fit.names))
+        return Denial({"x": 2.0}) if asked[-1] == ((), ("a",)) else None
+
+    monkeypatch.setattr(confirmation_module, "denial", denied)
+    one, two = (SimpleNamespace(effect=_effect(name)) for name in "ab")
+    named: Any = SimpleNamespace(
+        base=made[()], final=made["b", "a"], accepted=[one, two], losses={"a": 40.0, "b": 15.0},
+        without={"a": made["b",], "b": made["a",]},
+    )  # fmt: skip
+    held: Any = SimpleNamespace(played_of=lambda found: shown[found.names])
+    found = confirmation_module._taken_up(named, held, {"base": shown[()]}, 0)
+    assert asked == [((), ("a",)), ((), ("b",)), (("b",), ("b", "a"))]
+    assert found.kept is made["b", "a"] and not found.denials
+
+
 def _effect(name: str) -> Any:
     return SimpleNamespace(name=name)
 

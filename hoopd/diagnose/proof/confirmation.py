@@ -2,9 +2,9 @@
 
 A name beside the others that lowers the held-out simulation of any channel beyond noise, or by which the held-out data
 lose likelihood, is not confirmed, and is in no model that is written. Where the others together are still worse than
-the re-fitted base, all are taken up again one after the other, the one with the most evidence first, and those that
-lower a channel are not confirmed. A denied name that leaves evidence stays among the findings, for something is there;
-one that leaves none is refused.
+the re-fitted base, all are taken up again one after the other, the one with the most evidence first, the denied ones
+once more beside what is kept by then; those that still lower a channel are not confirmed. A denied name that leaves
+evidence stays among the findings, for something is there; one that leaves none is refused.
 
 Rules of this file: the search is over; nothing is named here, and nothing is refused but by held-out data.
 """
@@ -126,18 +126,23 @@ def _of_curve(proof: Proven, fits: Mapping[str, Played], seed: int) -> tuple[Sta
 
 
 def _taken_up(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int) -> _Names:
-    """Names one after the other."""
+    """Names one after the other; once more those that were denied beside fewer than are kept in the end."""
     kept, on_held, denials = named.base, fits["base"], dict[str, Denial]()
     order = sorted(named.accepted, key=lambda one: -named.losses[one.effect.name])
-    for one in order:
+    beside: dict[str, HypothesisFit] = {}  # what was kept when a name was denied
+    for one in [*order, *order]:
+        name = one.effect.name
+        if name in kept.names or beside.get(name) is kept:
+            continue
         more = _with(named, kept, one.effect)
         after = held.played_of(more)
         assert after is not None
-        why = denial(on_held, after, named.losses[one.effect.name], len(order), seed)
+        why = denial(on_held, after, named.losses[name], len(order), seed)
         if why is not None:
-            denials[one.effect.name] = why
+            denials[name], beside[name] = why, kept
         else:
             kept, on_held = more, after
+            denials.pop(name, None)
     return _Names(kept, on_held, denials)
 
 
