@@ -7,6 +7,7 @@ knows no NaN: a fit that does not exist (a constant measurement) is null. Nothin
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from hoopd.commands.inputs import read_ages, read_recording, read_values
 from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
 from hoopd.commands.plant_inputs import number, other_model
-from hoopd.commands.simulate_plant import simulate_other_plant
+from hoopd.commands.simulate_plant import simulate_other_plant, zero_words
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
@@ -53,6 +54,7 @@ def run(options: SimulateOptions) -> dict[str, Any]:
     what = moved(found, options.moving, file.device.encoder_counts)
     _check_start(what, start)
     whole = score(subject, found, start=start if start is not None else _rest(found), moving=what)
+    subject = replace(subject, zero=whole.zero)
     windows = score(subject, found, window_s=WINDOW_S, moving=what) if whole.traces else None
     _refuse_runaway(model, whole)
     _write(subject, found, whole, file, out, figure)
@@ -60,6 +62,8 @@ def run(options: SimulateOptions) -> dict[str, Any]:
     result |= {"age_s": read_ages(options.age)} if options.age else {}
     result["effects"] = [*effects.names] if effects else []
     result["notes"] = _notes(file, found, whole, without_effects=options.without_effects)
+    if whole.zero is not None and effects:
+        result["notes"] += zero_words({"theta": whole.zero}, effects.effects())
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}
 
 
@@ -133,6 +137,7 @@ def _result(
         "step_s": step_s,
         "start_from": "given" if given else "estimated" if whole.traces else "rest",
         "start": {name: float(value) for name, value in zip(STATES, first.start, strict=True)},
+        **({} if whole.zero is None else {"zero": {"theta": whole.zero}}),
         "free_run": fits(whole),
         f"windows_{WINDOW_S:g}s": fits(windows) if windows is not None else {},
     }

@@ -5,6 +5,7 @@ Rules of this file: files in, a result record, a recording and a figure out; not
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hoopd.commands.fit_plant import draw
@@ -13,6 +14,7 @@ from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
 from hoopd.commands.plant_inputs import number, system_of
 from hoopd.files.reading import InputError
+from hoopd.plants.effects.base import Effect
 from hoopd.plants.fits.plant_runs import PlantSystem
 from hoopd.plants.fits.plant_simulation import simulate_plant
 from hoopd.plants.plant_model import PlantModel
@@ -47,6 +49,7 @@ def simulate_other_plant(model: PlantModel, options: SimulateOptions) -> dict[st
         "stretches": len(run.starts),
         "start_from": "estimated" if run.estimated else "rest" if start is None else "given",
         "start": {name: float(value) for name, value in zip(plant.states, run.starts[0], strict=True)},
+        **({"zero": run.zeros} if run.zeros else {}),
         "free_run": {
             name: {
                 "nrmse_percent": number(one.nrmse_percent),
@@ -57,10 +60,19 @@ def simulate_other_plant(model: PlantModel, options: SimulateOptions) -> dict[st
             for name, one in run.percent.items()
         },
         "effects": [effect.name for effect in system.effects],
-        "notes": [*said, *([] if run.percent else [NOTHING_MEASURED])],
+        "notes": [*said, *zero_words(run.zeros, system.effects), *([] if run.percent else [NOTHING_MEASURED])],
     }
     paths = {"out": options.out, "figure": options.figure}
     return {**result, **{key: str(path) for key, path in paths.items() if path is not None}}
+
+
+def zero_words(zeros: Mapping[str, float], effects: Sequence[Effect]) -> list[str]:
+    """That phases of the model were turned to the recording's own zero."""
+    return [
+        f"{q} counts from another place in each recording: fitted to this one, {zero:+.2f} rad of the model's zero, "
+        f"which {', '.join(effect.name for effect in effects if q in effect.depends_on)} follow"
+        for q, zero in zeros.items()
+    ]
 
 
 def asked_system(model: PlantModel, options: SimulateOptions) -> tuple[PlantSystem, list[str]]:

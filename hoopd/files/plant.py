@@ -58,6 +58,8 @@ class ChannelEntry(Strict, frozen=True):
     reads: str  # an expression of states, rates and parameters
     unit: str = ""  # that of the expression without it
     sensor: str = ""  # the slot of its errors; encoder and camera have effects of their own
+    # arbitrary: counted from where it was switched on, another place in each recording
+    zero: Literal["fixed", "arbitrary"] = "fixed"
 
 
 class SlotEntry(Strict, frozen=True):

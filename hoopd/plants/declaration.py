@@ -68,6 +68,8 @@ class Channel(NamedTuple):
         The expression of a point, in place of a state.
     resolution : float, optional
         Step of a counting sensor; None as its data show.
+    arbitrary_zero : bool
+        It counts from where it was switched on: zero is another place in each recording.
 
     Examples
     --------
@@ -83,6 +85,7 @@ class Channel(NamedTuple):
     sensor: str = ""  # the slot
     reading: Callable[[Point], Any] | None = None
     resolution: float | None = None  # step of a counting sensor; None: as its data show
+    arbitrary_zero: bool = False  # counted from where it was switched on: zero is another place in each recording
 
 
 class Slot(NamedTuple):
@@ -319,6 +322,12 @@ class Plant:
     def states_read(self) -> tuple[str, ...]:
         """`state_of` every channel."""
         return tuple(one.state for one in self.channels.values())
+
+    @property
+    def arbitrary_zeros(self) -> tuple[str, ...]:
+        """Coordinates whose zero is another place in each recording: one number for all that follows them."""
+        counted = {one.state for one in self.channels.values() if one.arbitrary_zero}
+        return tuple(q for q in self.coordinates if q in counted)
 
     def point(self, x: Any, p: Mapping[str, Any], u: Any = 0.0, t: Any = 0.0) -> Point:
         """Named view of a state; `u`: the input, or a sequence of them where there are several."""

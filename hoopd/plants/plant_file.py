@@ -235,7 +235,12 @@ class _Maker:
         if one.unit and unit is not None and not unit.same_kind(parse_unit(one.unit)):
             raise InputError(self._path, f"{key}.unit", f"{one.unit!r} is wrong: it reads {unit}")
         shown = one.unit or self._unit_text(state, unit)
-        return Channel(state, shown, one.sensor or self._sensor(one.reads), None if state else law)
+        if one.zero == "arbitrary" and state not in self._coordinates:
+            raise InputError(
+                self._path, f"{key}.zero", f"only what reads a coordinate counts from there, not {one.reads}"
+            )
+        sensor = one.sensor or self._sensor(one.reads)
+        return Channel(state, shown, sensor, None if state else law, arbitrary_zero=one.zero == "arbitrary")
 
     def _unit_text(self, state: str, unit: Unit | None) -> str:
         q = state.removeprefix("d")

@@ -11,13 +11,14 @@ Rules of this file: numbers in, numbers out; no files.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.fits.free_parameters import Prior, Scale
-from hoopd.plants.fits.robust_least_squares import SMALLEST_GAIN, Block, minimise
+from hoopd.plants.fits.robust_least_squares import SMALLEST_GAIN, Block, Found, minimise
 from hoopd.plants.fits.runs import Run, System
 
 Array = NDArray[np.float64]
@@ -61,6 +62,14 @@ class Problem:
         self.free = [system.free_starts(run) for run in runs]
         seen = [name for name in system.columns if any(name in run.series for run in runs)]
         self.sigma = {name: _first_sigma(name, runs) for name in seen}
+
+    def each_alone(self) -> list[Problem]:
+        """The same problem run by run; models and standard deviations are shared."""
+        found = []
+        for run, free in zip(self.runs, self.free, strict=True):
+            found.append(copy(self))
+            found[-1].runs, found[-1].free = [run], [free]
+        return found
 
     def first_starts(self) -> list[Array]:
         """The runs' own guesses of what is free in their starts."""
@@ -178,7 +187,7 @@ def fit_output_error(
         fine = change < SIGMA_NEAR or number == rounds
         # a robust loss needs the end of each search: what is far off depends on sigma
         least = max(smallest_gain, ROUGH_GAIN if loss == "linear" and not fine else 0.0)
-        found = minimise(z, starts, problem.residuals, problem.blocks, prior, loss, least)
+        found = _searched(problem, z, starts, prior, loss, least)
         z, starts, steps = found.p, found.starts, steps + found.steps
         progress(f"round {number}: cost {found.cost:.6g} after {steps} steps")
         change = problem.update_sigma(problem.errors(z, starts), loss != "linear")
@@ -199,6 +208,25 @@ def fit_output_error(
         steps=steps,
         converged=found.converged,
         priors=priors,
+    )
+
+
+def _searched(
+    problem: Problem, z: Array, starts: list[Array], prior: tuple[Array, Array], loss: str, least: float
+) -> Found:
+    if len(z) > 0:
+        return minimise(z, starts, problem.residuals, problem.blocks, prior, loss, least)
+    # the runs share nothing: each is searched for itself, and a stubborn one does not keep the others moving
+    each = [
+        minimise(z, [start], alone.residuals, alone.blocks, prior, loss, least)
+        for alone, start in zip(problem.each_alone(), starts, strict=True)
+    ]
+    return Found(
+        z,
+        [found.starts[0] for found in each],
+        sum(found.cost for found in each),
+        max(found.steps for found in each),
+        all(found.converged for found in each),
     )
 
 

@@ -7,14 +7,18 @@ value belongs to the instant at which the sensor was read.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
-from hoopd.plants.fits.plant_fit import ChannelFit, fit_starts
-from hoopd.plants.fits.plant_runs import ALL, PlantSystem, inputs_of
+from hoopd.plants.fits.arbitrary_zero import SHORT_SAMPLES, Place, ZeroedSystem, fitted_zero, waves
+from hoopd.plants.fits.output_error import fit_output_error
+from hoopd.plants.fits.plant_fit import ChannelFit
+from hoopd.plants.fits.plant_runs import ALL, PlantSystem, inputs_of, prepare_runs
+from hoopd.plants.fits.runs import System
 from hoopd.recording.recording import Recording, Signal, from_signals
 from hoopd.recording.timeline import SAME_S, Timeline, timelines
 
@@ -29,6 +33,9 @@ class PlantSimulation:
     starts: tuple[Array, ...]  # (nx,) of every stretch
     percent: Mapping[str, ChannelFit]  # by channel; none where nothing was measured
     estimated: bool  # the starts were
+    zeros: Mapping[str, float] = field(
+        default_factory=dict
+    )  # of coordinates, fitted to this recording (`in_recording`)
 
 
 def simulate_plant(
@@ -73,8 +80,10 @@ def simulate_plant(
     except ValueError as error:
         raise InputError(recording.source, "", str(error)) from None
     estimated = start is None and measured
+    turned, zeros = in_recording(system, recording) if estimated else (system, {})
     if estimated:
-        runs, solution = fit_starts(system, recording)
+        runs = prepare_runs(plant, [recording])
+        solution = fit_output_error(turned, (), runs)
         begun = {round(run.t[0] / SAME_S): x for run, x in zip(runs, solution.starts, strict=True)}
         parts = [part for part in parts if round(part.t[0] / SAME_S) in begun]
         starts = tuple(begun[round(part.t[0] / SAME_S)] for part in parts)
@@ -83,13 +92,26 @@ def simulate_plant(
             words = f"one start is given and there are {len(parts)} stretches: cut it"
             raise InputError(recording.source, "--x0", words)
         starts = tuple(np.array([(start or {}).get(name, 0.0) for name in plant.states]) for _ in parts)
-    model = system.model(ALL, ())
+    model = turned.model(ALL, ())
     readings = [model.run((), x0, part.t, part.u) for part, x0 in zip(parts, starts, strict=True)]
     if not all(np.isfinite(one).all() for one in readings):
         raise InputError(plant.name, "", "the free run leaves every bound")
     simulated = _as_recorded(system, whole, parts, readings)
     percent = _percent(system, recording, simulated) if measured else {}
-    return PlantSimulation(simulated, starts, percent, estimated)
+    return PlantSimulation(simulated, starts, percent, estimated, zeros)
+
+
+def in_recording(system: PlantSystem, recording: Recording) -> tuple[System, dict[str, float]]:
+    """The system as a recording's sensors read it, and the zeros that were fitted: of coordinates that are counted from
+    where the sensor was switched on, and that effects follow."""
+    plant, turned, zeros = system.plant, cast(System, system), dict[str, float]()
+    for q, follows in waves(plant, system.effects, system.values).items():
+        runs = prepare_runs(plant, [recording], SHORT_SAMPLES * plant.time_scale_s)
+        columns = tuple(i for i, name in enumerate(plant.channels) if plant.state_of(name) == q)
+        place = Place(plant.states.index(q), columns)
+        zeros[q] = fitted_zero(turned, place, follows, runs)
+        turned = ZeroedSystem(turned, place, zeros[q])
+    return turned, zeros
 
 
 def _with_every_sample(system: PlantSystem, recording: Recording) -> Recording:

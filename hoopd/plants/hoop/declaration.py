@@ -39,7 +39,7 @@ def hoop_plant(
     """The hoop with its ball, the hoop alone or the ball in a held hoop; `values` as in `Plant`."""
     coordinates = {"both": ("theta", "psi"), "hoop": ("theta",), "ball": ("psi",)}[moving]
     seen = {
-        "theta": Channel("theta", "rad", "encoder", resolution=tau / encoder_counts),
+        "theta": Channel("theta", "rad", "encoder", resolution=tau / encoder_counts, arbitrary_zero=True),
         "dtheta": Channel("dtheta", "rad/s", "encoder"),
         "psi": Channel("psi", "rad", "camera"),
     }

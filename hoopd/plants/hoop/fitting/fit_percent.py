@@ -10,7 +10,7 @@ counted, and the figure with all of them stands beside.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,7 @@ class FitScore:
     channels: dict[str, ChannelScore]
     traces: dict[str, ChannelTrace]
     runs: tuple[SimulatedStretch, ...]
+    zero: float | None = None  # of the recording's theta, where effects follow theta and it was fitted
 
     @property
     def nrmse_percent(self) -> dict[str, float]:
@@ -82,8 +83,9 @@ def score(
     the recording shall not say it. InputError when there is nothing to simulate.
     """
     moving = moving or moving_of(recording, encoder_counts)
+    subject = subject if start is not None else subject.in_recording(recording, moving)
     runs = free_runs(subject, recording, moving, window_s=window_s, start=start)
-    return scored(recording.source, runs, moving, window_s)
+    return replace(scored(recording.source, runs, moving, window_s), zero=subject.zero)
 
 
 def scored(source: str, runs: Sequence[SimulatedStretch], moving: str, window_s: float | None = None) -> FitScore:

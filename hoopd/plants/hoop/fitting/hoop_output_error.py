@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from hoopd.plants.fits import output_error
+from hoopd.plants.fits.arbitrary_zero import Place, ZeroedSystem
 from hoopd.plants.fits.free_parameters import Scale
 from hoopd.plants.fits.output_error import Problem, Solution
 from hoopd.plants.fits.runs import Run
@@ -29,6 +30,9 @@ class HoopSystem:
     values: Mapping[str, float]
     extra_forces: tuple[ExtraForce, ...] = ()
     effects: FoundEffects | None = None
+
+    # where theta stands in a start and in a model's run
+    THETA: ClassVar[Place] = Place(0, (STATES["theta"],))
 
     @property
     def columns(self) -> Mapping[str, int]:
@@ -73,7 +77,11 @@ def fit_output_error(
     *,
     extra_forces: tuple[ExtraForce, ...] = (),
     effects: FoundEffects | None = None,
+    zero: float = 0.0,
     **options: Any,
 ) -> Solution:
-    """Parameters `names` of a structure (start: `values`); options as in `plants.fits.output_error`."""
-    return output_error.fit_output_error(HoopSystem(structure, values, extra_forces, effects), names, runs, **options)
+    """Parameters `names` of a structure (start: `values`); `zero`: of the recording's theta against that of the
+    effects; options as in `plants.fits.output_error`."""
+    system = HoopSystem(structure, values, extra_forces, effects)
+    turned = ZeroedSystem(system, system.THETA, zero) if zero else system
+    return output_error.fit_output_error(turned, names, runs, **options)

@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
+from hoopd.plants.fits.arbitrary_zero import SHORT_SAMPLES, ZeroedModel, badness, fitted_zero, waves
 from hoopd.plants.fits.output_error import Solution
-from hoopd.plants.fits.runs import Run
+from hoopd.plants.fits.runs import Run, RunModel
 from hoopd.plants.found_effects import FoundEffects
+from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.hoop.equations import ExtraForce
-from hoopd.plants.hoop.fitting.hoop_output_error import fit_output_error
+from hoopd.plants.hoop.fitting.hoop_output_error import HoopSystem, fit_output_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.recordings.fit_data import STATES as COLUMNS
@@ -49,12 +51,30 @@ class Subject:
     extra_forces: tuple[ExtraForce, ...] = ()
     step_s: float = STEP_S
     effects: FoundEffects | None = None  # beside the base; what is simulated are then the sensors' readings
+    zero: float | None = None  # of the recording's theta against that of the effects; None: not known yet
 
-    def model(self, moving: str) -> HoopModel:
+    def model(self, moving: str) -> RunModel:
         """Nothing left free; `moving`: both, hoop or ball."""
-        return HoopModel(
+        model = HoopModel(
             self.structure, self.values, (), self.extra_forces, self.effects, moving=moving, step_s=self.step_s
         )
+        return ZeroedModel(model, HoopSystem.THETA, self.zero, free=False) if self.zero else model
+
+    def in_recording(self, recording: Recording, moving: str) -> Subject:
+        """With the zero of its theta, where effects follow theta and the recording says something about it."""
+        plant = hoop_plant(self.structure, self.values, moving)
+        follows = waves(plant, self.effects.effects(plant), self.effects.values) if self.effects else {}
+        if self.zero is not None or "theta" not in follows:
+            return self
+        channels = channels_of(moving, START_CHANNELS)
+        found = [
+            run_of(recording, part, moving, channels) for part in pieces(recording, SHORT_SAMPLES * plant.time_scale_s)
+        ]
+        runs = [run for run in found if run is not None]
+        if not runs:
+            return self
+        system = HoopSystem(self.structure, self.values, self.extra_forces, self.effects)
+        return replace(self, zero=fitted_zero(system, HoopSystem.THETA, follows["theta"], runs))
 
 
 @dataclass(frozen=True)
@@ -135,19 +155,14 @@ def estimated_starts(subject: Subject, runs: Sequence[Run], *, search: bool = Tr
     nearest = [_best_guess(subject, run) if search else run.start for run in runs]
     if any(found is not run.start for found, run in zip(nearest, runs, strict=True)):
         guesses.append([replace(run, start=found) for found, run in zip(nearest, runs, strict=True)])
-    return min((_fitted(subject, guess) for guess in guesses), key=_badness).starts
+    return min((_fitted(subject, guess) for guess in guesses), key=badness).starts
 
 
 def _fitted(subject: Subject, runs: Sequence[Run]) -> Solution:
     return fit_output_error(
-        subject.structure, subject.values, (), runs, extra_forces=subject.extra_forces, effects=subject.effects
-    )
-
-
-def _badness(solution: Solution) -> float:
-    """sum n log sigma^2: the likelihood of residuals whose spread was estimated along."""
-    counts = {name: sum(len(run[name]) for run in solution.residuals if name in run) for name in solution.sigma}
-    return sum(counts[name] * 2.0 * float(np.log(sigma)) for name, sigma in solution.sigma.items())
+        subject.structure, subject.values, (), runs, extra_forces=subject.extra_forces, effects=subject.effects,
+        zero=subject.zero or 0.0,
+    )  # fmt: skip
 
 
 def _best_guess(subject: Subject, run: Run) -> Array:
@@ -174,7 +189,7 @@ def _swing_rad_s(subject: Subject) -> float:
     return float(np.sqrt(max(stiffness, 1.0)))
 
 
-def _misfit(model: HoopModel, run: Run, start: Array) -> float:
+def _misfit(model: RunModel, run: Run, start: Array) -> float:
     """Squared errors of all channels, each by the spread of its samples."""
     states = model.run((), start, run.t, run.u)
     parts = [
