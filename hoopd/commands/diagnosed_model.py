@@ -18,10 +18,10 @@ from hoopd.diagnose.record_file import to_digits
 from hoopd.diagnose.run import Outcome
 from hoopd.diagnose.search.effect_changes import at_nodes
 from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile
-from hoopd.ident.normal import Z95
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plants.likelihood.stretch_scatter import interval
 
 Model = TypeVar("Model", bound=ModelFile | PlantModelFile)
 # A region of validity is where the recordings were, without their rarest places.
@@ -115,8 +115,9 @@ def _phase(key: str, final: HypothesisFit) -> dict[str, object]:
     off = np.angle(np.exp(1j * (np.array([*own.values()]) - last)))
     if np.ptp(off) > SAME_PHASE:
         return {"value": last, "ci95": None}
-    deviation = np.sqrt(np.mean([final.deviation(name) ** 2 for name in own if name in final.free] or [0.0]) / len(own))
-    value, half = float(last + off.mean()), float(Z95 * deviation)
+    ends = [ends for ends in (interval(final, name) for name in own) if ends is not None]
+    half = float(np.sqrt(np.mean([((high - low) / 2.0) ** 2 for low, high in ends] or [0.0]) / len(own)))
+    value = float(last + off.mean())
     return {"value": value, "ci95": (value - half, value + half) if half else None}
 
 

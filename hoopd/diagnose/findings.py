@@ -37,9 +37,9 @@ from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.search.candidates import needed_of, surprise_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.surprise import surprise
-from hoopd.ident.normal import Z95
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plants.likelihood.stretch_scatter import interval
 
 # Hypotheses that a table of fits has a column for.
 SHOWN = ("nominal", "base", "final", "ceiling")
@@ -64,7 +64,7 @@ def base_of(model: str, named: Named, final: HypothesisFit) -> Base:
         model=model,
         parameters={
             name: Quantity(
-                value=final.values[name], unit=units.get(name, ""), ci95=_interval(final, name),
+                value=final.values[name], unit=units.get(name, ""), ci95=interval(final, name),
                 nominal=named.nominal.values[name],
             )
             for name in final.free
@@ -75,13 +75,6 @@ def base_of(model: str, named: Named, final: HypothesisFit) -> Base:
 
 def _units(found: HypothesisFit) -> dict[str, str]:
     return {name: unit for track in found.tracks for name, unit in track.stretch.plant.units.items()}
-
-
-def _interval(found: HypothesisFit, name: str) -> tuple[float, float] | None:
-    if name not in found.free:
-        return None
-    value, half = found.values[name], Z95 * found.deviation(name)
-    return value - half, value + half
 
 
 def parameters_of(effect: Effect, found: HypothesisFit) -> dict[str, Quantity]:
@@ -98,7 +91,7 @@ def parameters_of(effect: Effect, found: HypothesisFit) -> dict[str, Quantity]:
             names |= {name.removeprefix(f"{effect.name}."): name for name in own}
         for label, name in names.items():
             out[label] = Quantity(
-                value=found.values.get(name, p.neutral), unit=p.unit, ci95=_interval(found, name), nominal=neutral
+                value=found.values.get(name, p.neutral), unit=p.unit, ci95=interval(found, name), nominal=neutral
             )
     return out
 

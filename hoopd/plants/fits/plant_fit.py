@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
-from hoopd.ident.normal import Z95
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.fits.free_parameters import Prior
@@ -24,6 +23,7 @@ from hoopd.plants.fits.runs import Run
 from hoopd.plants.fits.uncertainty import Uncertainty, intervals, uncertainty
 from hoopd.plants.likelihood.fitting import fit as fit_likelihood
 from hoopd.plants.likelihood.reading_interval import spaced
+from hoopd.plants.likelihood.stretch_scatter import half_widths
 from hoopd.plants.likelihood.stretches import stretch_of
 from hoopd.recording.recording import Recording
 
@@ -248,7 +248,8 @@ def _by_likelihood(
         raise ArithmeticError("the filter leaves every bound")
     values = {name: found.values.get(name, value) for name, value in system.values.items()}
     solution = fit_output_error(replace(system, changed=values), (), runs, progress=progress)
-    ends = {name: _interval(values[name], found.deviation(name), system.bounds.get(name)) for name in names}
+    widths = half_widths(found)
+    ends = {name: _interval(values[name], widths[name], system.bounds.get(name)) for name in names}
     return PlantFit(system, "prediction", names, values, system.nominal, ends, solution, None, tuple(runs))
 
 
@@ -257,6 +258,6 @@ def _inputs(u: Array) -> Array:
     return np.zeros(len(u)) if u.ndim > 1 and u.shape[1] == 0 else u
 
 
-def _interval(value: float, deviation: float, bounds: tuple[float, float] | None) -> tuple[float, float]:
+def _interval(value: float, half: float, bounds: tuple[float, float] | None) -> tuple[float, float]:
     low, high = bounds or (-np.inf, np.inf)
-    return max(value - Z95 * deviation, low), min(value + Z95 * deviation, high)
+    return max(value - half, low), min(value + half, high)

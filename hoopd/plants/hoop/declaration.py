@@ -17,6 +17,7 @@ from hoopd.plants.hoop.contact import contact_of
 from hoopd.plants.hoop.effects import ball_axes, ball_effects, frame_effects
 from hoopd.plants.hoop.effects.normal_force import signed_normal_force
 from hoopd.plants.hoop.equations import MOTIONS, lagrangian, symbols
+from hoopd.plants.hoop.fitting.free_parameters import PRIOR
 from hoopd.plants.hoop.parameters import KINEMATICS, LIMIT_NM, PARAMETER_UNITS
 from hoopd.plants.hoop.recordings.fit_data import moving_of
 from hoopd.plants.hoop.recordings.suspicions import ball_is_current, repeated_rows, suspicions
@@ -50,6 +51,7 @@ def hoop_plant(
         accelerations=_hoop_accelerations(structure, moving),
         values=dict(values),
         free=_free(structure, moving),
+        beliefs=_beliefs(structure, moving),
         inputs=(Input("u", "N m", limit, "theta" if moving != "ball" else None),),
         channels=channels,
         scales=dict.fromkeys(coordinates, 1.0),
@@ -105,6 +107,13 @@ _PHYSICAL_OF = {"both": ("mb", "Ib", "Ih", "bb", "bh"), "hoop": ("Ih", "bh"), "b
 
 def _free(structure: str, moving: str) -> tuple[str, ...]:
     return _ENTRIES_OF[moving] if structure == "entries" else _PHYSICAL_OF[moving]
+
+
+def _beliefs(structure: str, moving: str) -> dict[str, float]:
+    """Of the ball and the way that it rolls on, as a fit that frees them believes them beforehand."""
+    if structure == "entries" or moving == "hoop":
+        return {}
+    return {name: PRIOR[name] for name in ("mb", "Ro", "Rb") if name not in _free(structure, moving)}
 
 
 # Of a mass or an inertia, the share of its told value that it has at least; a friction may be none.

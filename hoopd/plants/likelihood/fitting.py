@@ -50,6 +50,7 @@ class HypothesisFit:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     criterion: float = np.inf  # negative log-likelihood, free parameters fitted
     steps: int = 0
+    widths: dict[str, float] = field(default_factory=dict)  # halves of 95 % intervals, once they were asked for
 
     @property
     def names(self) -> tuple[str, ...]:
