@@ -252,15 +252,18 @@ def test_the_start_of_a_stretch_in_motion_is_as_likely_as_the_rest_of_it(name: s
 
 
 def test_a_lag_that_is_there_is_not_behind_a_delay_of_the_same_time() -> None:
-    plant = shipped_plant()
+    """Of a millisecond they are nearly the same: chance decides by some tenths of a nat about one recording."""
+    plant, ahead = shipped_plant(), []
     library_of = library(plant)
-    made = stretch_with(plant, "a", 3, 20.0, [library_of["actuator.lag"]], {"actuator.lag.T": 1.2e-3})
-    found = {
-        name: fit([made], (library_of[name],), {**plant.values, f"{name}.{key}": 1e-3}, noise={"a": NOISE},
-                  tune_noise=False).criterion
-        for name, key in (("actuator.lag", "T"), ("actuator.delay", "d"))
-    }  # fmt: skip
-    assert found["actuator.lag"] < found["actuator.delay"]
+    for seed in range(3, 7):
+        made = stretch_with(plant, "a", seed, 20.0, [library_of["actuator.lag"]], {"actuator.lag.T": 1.2e-3})
+        found = {
+            name: fit([made], (library_of[name],), {**plant.values, f"{name}.{key}": 1e-3}, noise={"a": NOISE},
+                      tune_noise=False).criterion
+            for name, key in (("actuator.lag", "T"), ("actuator.delay", "d"))
+        }  # fmt: skip
+        ahead.append(found["actuator.delay"] - found["actuator.lag"])
+    assert np.mean(ahead) > 0.0
 
 
 @pytest.mark.parametrize("n", [N, 41, 7])

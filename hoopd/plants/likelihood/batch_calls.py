@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 # Nodes of a recursion in one call: set up in a millisecond; the call itself then costs nothing.
 CHUNK = 50
+# Steps of a recursion that are written out in one call.
+AT_ONCE = 5
 # Functions that are kept with their memory (some hundred kilobytes each).
 KEPT = 64
 # From so many nodes on numpy is faster than CasADi.
@@ -62,8 +64,9 @@ class Recursion:
     """A step (state, arguments) -> (state after, results) repeated over any number of nodes."""
 
     def __init__(self, step: ca.Function) -> None:
-        self._buffer, self._trigger = step.mapaccum("recursion", CHUNK).buffer()
-        self._state = np.zeros((1, step.nnz_in(0)))
+        self._buffer, self._trigger = _in_a_row(step, AT_ONCE).mapaccum("recursion", CHUNK // AT_ONCE).buffer()
+        # of the states of a row the last one goes on
+        self._state = np.zeros((AT_ONCE, step.nnz_in(0)))
         self._sizes = [step.nnz_in(i) for i in range(1, step.n_in())]
         self._shapes = [(step.size2_out(i), step.size1_out(i)) for i in range(step.n_out())]
 
@@ -73,7 +76,7 @@ class Recursion:
         padded = -(-n // CHUNK) * CHUNK
         held = [_padded(a, padded, size) for a, size in zip(arguments, self._sizes, strict=True)]
         out = [np.zeros((padded, *shape)) for shape in self._shapes]
-        self._state[:] = start
+        self._state[-1] = start
         self._buffer.set_arg(0, memoryview(self._state))  # type: ignore[call-arg, arg-type, unused-ignore]
         for first in range(0, padded, CHUNK):
             part = slice(first, first + CHUNK)
@@ -82,8 +85,23 @@ class Recursion:
             for i, array in enumerate(out):
                 self._buffer.set_res(i, memoryview(array[part]))  # type: ignore[call-arg, arg-type, unused-ignore]
             self._trigger()
-            self._state[:] = out[0][first + CHUNK - 1].reshape(1, -1)
+            self._state[-1] = out[0][first + CHUNK - 1].ravel()
         return [array[:n].transpose(0, 2, 1) for array in out]
+
+
+def _in_a_row(step: ca.Function, count: int) -> ca.Function:
+    """So many steps in one call, which costs as much as a quarter of a step: of every argument and result, and of the
+    states, the elements of one step after those of the other."""
+    size = step.nnz_in(0)
+    before = ca.SX.sym("before", size * count)
+    every = [ca.SX.sym(f"all{i}", step.nnz_in(i) * count) for i in range(1, step.n_in())]
+    state, rows = before[-size:], []
+    for k in range(count):
+        some = [one[k * one.numel() // count : (k + 1) * one.numel() // count] for one in every]
+        found = step.call([state, *(ca.SX(step.sparsity_in(i), one) for i, one in enumerate(some, start=1))])
+        state = ca.densify(found[0])
+        rows.append([ca.vec(ca.densify(one)) for one in found])
+    return ca.Function("row", [before, *every], [ca.vertcat(*parts) for parts in zip(*rows, strict=True)])
 
 
 @lru_cache(maxsize=KEPT)
