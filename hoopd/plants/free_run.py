@@ -24,7 +24,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.fingerprint import fingerprint
 from hoopd.plants.held_input import SAME_S, mean_inputs, node_axis
-from hoopd.plants.plant_with_effects import FRICTION_SUBSTEPS, SMOOTH_SUBSTEPS, Composite
+from hoopd.plants.plant_with_effects import BENT_SUBSTEPS, FRICTION_SUBSTEPS, SMOOTH_SUBSTEPS, Composite
 from hoopd.plants.sensor_readings import SensorReadings, node_index
 
 Array = NDArray[np.float64]
@@ -300,7 +300,8 @@ def _longest_step_s(composite: Composite, held: Mapping[str, float]) -> float:
     """The Runge-Kutta step that the effects need: of a delay none, for no step crosses a change of an input."""
     wishes = [_wished_substeps(effect, held) for effect in composite.effects if effect.delay is None]
     dry = any(effect.friction is not None for effect in composite.effects)
-    return composite.longest_step_s / max(1, FRICTION_SUBSTEPS if dry else 0, *wishes, 0)
+    least = max(1, FRICTION_SUBSTEPS if dry else 0, BENT_SUBSTEPS if composite.reads_bent else 0)
+    return composite.longest_step_s / max(least, *wishes, 0)
 
 
 def _wished_substeps(effect: Effect, held: Mapping[str, float]) -> int:
