@@ -74,11 +74,9 @@ def design(options: DesignOptions) -> None:
 
 def diagnose(options: DiagnoseOptions) -> None:
     """The physics that is missing; a model that no one would expect is asked about, or refused where no one is."""
-    from rich.console import Console
-
     from hoopd.commands.diagnose import refusal, run
     from hoopd.commands.work_done import DIAGNOSIS
-    from hoopd.diagnose.report.terminal import report_text
+    from hoopd.diagnose.report.terminal import report_console, report_text
     from hoopd.plots.number_format import safe
 
     refused: list[str] = []
@@ -92,7 +90,7 @@ def diagnose(options: DiagnoseOptions) -> None:
 
     with shown_progress(DIAGNOSIS) as progress:
         found = run(options, progress=progress, may_write=may_write)
-    report_text(found, Console())
+    report_text(found, report_console())
     if refused and options.write is not None:
         raise refusal(options.write, refused)
 

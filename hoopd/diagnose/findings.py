@@ -30,6 +30,7 @@ from hoopd.diagnose.record import (
     Quantity,
     Refused,
     Remains,
+    Status,
     Unexplained,
     Verdict,
 )
@@ -130,24 +131,32 @@ def _effect(
     gain, ablation = None, None
     if percents:
         gain, ablation = _taken_out(loss, percents["named"], percents[f"without {name}"])
+    needed = needed_of(tried.score, threshold, [track.stretch for track in named.base.tracks])
     return EffectFinding(
         name=name,
         slot=effect.slot,
         parameters=parameters_of(effect, said.kept if name in said.kept.names else named.final),
-        evidence=Evidence(
-            log_likelihood_gain=loss,
-            threshold=needed_of(tried.score, threshold, [track.stretch for track in named.base.tracks]),
-            heldout_gain_percent=gain,
-        ),
+        evidence=Evidence(log_likelihood_gain=loss, threshold=needed, heldout_gain_percent=gain),
         not_excluded=apart.not_excluded,
         statement=effect.statement,
         formula=effect.formula,
         alternatives=list(apart.alternatives),
         ablation=ablation,
         placebo=placebo,
-        status=said.statuses[name],
+        status=doubted(said.statuses[name], loss, needed, placebo),
         reason=said.denials[name].reason if name in said.denials else "",
     )
+
+
+def doubted(status: Status, gain: float, needed: float, placebo: Placebo | None) -> Status:
+    """A name is weak whose gain is not beyond what is needed times what its shuffles gain over what they may.
+
+    Shuffles without a cause that gain more than chance gives say that the residual is no noise to an effect of this
+    form: what it needs grows as they do.
+    """
+    if status != "confirmed" or placebo is None or placebo.held or not placebo.limit or placebo.most is None:
+        return status
+    return status if gain > needed * placebo.most / placebo.limit else "weak"
 
 
 def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, float]) -> tuple[float, Ablation]:

@@ -32,7 +32,7 @@ from hoopd.diagnose.record import (
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report import tables
 from hoopd.diagnose.report.page import page
-from hoopd.diagnose.report.terminal import report_text
+from hoopd.diagnose.report.terminal import WIDTH, report_console, report_text
 from hoopd.diagnose.report_curves import Comparison, MissingForce, Regressor, Shown, Strip, Trace
 from hoopd.plots.diagnosis import draw_candidates
 from hoopd.plots.number_format import interval_text, percent, short_names, value_text
@@ -503,3 +503,10 @@ def test_the_words_of_the_page_are_explained_on_it() -> None:
     text = Page(made("coulomb")).text
     for word in ("Nats:", "Needed:", "Slot:", "Shuffled (placebo):", "Held-out data confirm", "Ceiling:"):
         assert word in text
+
+
+def test_a_file_gets_names_on_one_line_and_a_terminal_its_own_width(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    assert report_console().width == WIDTH
+    monkeypatch.setenv("COLUMNS", "77")
+    assert report_console().width == 77

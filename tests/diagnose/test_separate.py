@@ -10,6 +10,7 @@ import typer
 from diagnose.madeup import NOISE, STEP_S, shipped_plant, stretch_with
 
 from hoopd.commands.cli import app
+from hoopd.diagnose.findings import doubted
 from hoopd.diagnose.proof.experiment_menu import command, entries
 from hoopd.diagnose.proof.next_experiment import (
     Expected,
@@ -23,6 +24,7 @@ from hoopd.diagnose.proof.not_excluded import late_together, parameter_notes, se
 from hoopd.diagnose.proof.placebo import BLOCK_S, _order, changes_along, gain_of, placebos, shuffled
 from hoopd.diagnose.proof.power import of_effect, visible
 from hoopd.diagnose.proof.separation import Rows, linear, nats_apart, rows_beside
+from hoopd.diagnose.record import Placebo
 from hoopd.diagnose.search.candidates import Tried
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.diagnose.search.scan_score import scanned
@@ -358,3 +360,12 @@ def test_what_a_scan_named_has_to_show_more_than_what_was_looked_at_once(rubbing
     scan = visible(found, {HOOP.name: HOOP})[HOOP.name].smallest
     assert once is not None and scan is not None
     assert scan / once == pytest.approx(np.sqrt(needed_gain(THRESHOLD, 2, 1000.0) / needed_gain(THRESHOLD, 1)))
+
+
+@pytest.mark.parametrize(
+    ("gain", "most", "status"), [(19.0, 3.0, "confirmed"), (19.0, 8.0, "weak"), (50.0, 8.0, "confirmed")]
+)
+def test_a_name_whose_placebo_gains_needs_as_much_more(gain: float, most: float, status: str) -> None:
+    placebo = Placebo(log_likelihood_gain=1.0, held=most < 4.0, shuffles=8, most=most, limit=4.0)
+    assert doubted("confirmed", gain, 15.0, placebo) == status
+    assert doubted("untested", gain, 15.0, placebo) == "untested"

@@ -6,6 +6,8 @@ what the diagnosis does not hold is left out.
 
 from __future__ import annotations
 
+import os
+
 from rich.box import SIMPLE_HEAD as HEAD_LINE
 from rich.console import Console
 from rich.table import Table as RichTable
@@ -19,6 +21,16 @@ from hoopd.diagnose.report.tables import Table
 from hoopd.plots.number_format import safe
 
 COLOURS = {"consistent": "green", "parameters": "cyan", "missing_physics": "yellow", "unknown_physics": "magenta"}
+
+
+# Of a file or a pipe that says no width: names of effects stay on one line.
+WIDTH = 120
+
+
+def report_console() -> Console:
+    """As wide as the terminal, or as COLUMNS says; into a file or a pipe wide enough for names and numbers."""
+    console = Console()
+    return console if console.is_terminal or "COLUMNS" in os.environ else Console(width=WIDTH)
 
 
 def report_text(diagnosis: Diagnosis, console: Console) -> None:
