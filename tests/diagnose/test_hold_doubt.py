@@ -95,3 +95,12 @@ def test_a_false_run_is_judged_by_its_largest_bend() -> None:
     assert not jumping(false, values, np.ones(60, dtype=bool), 1e-6).any()
     values[25] += 1.0
     assert (jumping(false, values, np.ones(60, dtype=bool), 1e-6) == false).all() == true_jump
+
+
+def test_a_glitch_is_false_in_the_noise_of_a_rate() -> None:
+    random, t = np.random.default_rng(2), 0.02 * np.arange(400)
+    rate = 5.0 * np.sin(t) + 0.8 * random.normal(size=400)
+    rate[200] += 7.0
+    false = np.zeros(400, dtype=bool)
+    false[[200, 300]] = True  # the second one is no further off than the others
+    assert np.flatnonzero(jumping(false, rate, np.ones(400, dtype=bool), 0.8)).tolist() == [200]

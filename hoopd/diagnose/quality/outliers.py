@@ -19,15 +19,17 @@ WINDOW, DENSE = 15, 11
 # Blocks for the share of false values that stand alone: 0.2 s at 50 Hz.
 BLOCK = 10
 
-# A counting sensor that tells a false value jumps: it bends by so many times what nine in ten of its samples do. A body
-# that speeds up bends, too, sample after sample, however far it is beyond the noise of a sensor of a micrometre.
-USUAL_PART, FAR = 0.9, 5.0
+# A counting sensor that tells a false value jumps: it bends by so many times what its body does in nine of ten samples.
+# A body that speeds up bends, too, sample after sample, however far it is beyond the noise of a sensor of a micrometre.
+USUAL_PART, FAR = 0.9, 4.0
+# What nine in ten bends of a noise of 1 stay below: 1.645 times the root of 1 + 4 + 1.
+NOISE_BEND = 4.03
 # False values with so few others between them are one run.
 NEAR = 2
 
 
-def jumping(false: Mask, values: Array, usable: Mask, least: float, together: bool = True) -> Mask:
-    """Those of samples held false (n,) that jump, of samples (n,) of which some are usable; `least`: noise of a sample.
+def jumping(false: Mask, values: Array, usable: Mask, noise: float, together: bool = True) -> Mask:
+    """Those of samples held false (n,) that jump, of samples (n,) of which some are usable; `noise`: of a sample.
 
     `together`: a run of false ones jumps as a whole, where any of it does.
     """
@@ -35,7 +37,8 @@ def jumping(false: Mask, values: Array, usable: Mask, least: float, together: bo
     if len(rows) < WINDOW:
         return false & together
     bend = np.pad(np.abs(np.diff(values[rows], n=2)), 1)
-    far = FAR * max(float(np.quantile(bend, USUAL_PART)), least)
+    moved = float(np.sqrt(max(np.quantile(bend, USUAL_PART) ** 2 - (NOISE_BEND * noise) ** 2, 0.0)))
+    far = FAR * max(moved, noise)
     # a sample that is off by d bends by 2 d, and its neighbours by d
     jumps = (bend > far) & (bend >= np.maximum(np.r_[0.0, bend[:-1]], np.r_[bend[1:], 0.0]) / 2.0)
     if together:

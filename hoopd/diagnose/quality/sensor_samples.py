@@ -153,7 +153,7 @@ def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored
         found = split(
             t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor
         )
-        false, path, jitter_s = jumping(found.false > SURE, values, usable, floor), found.path, found.jitter_s
+        false, path, jitter_s = jumping(found.false > SURE, values, usable, found.sigma), found.path, found.jitter_s
     except NotFollowedError:
         false = jumping(usable, values, usable, floor, together=False)
     sigma = max(noise_floor(t, np.where(usable & ~false, values - path, np.nan)), floor)
