@@ -70,7 +70,7 @@ def zero_words(zeros: Mapping[str, float], effects: Sequence[Effect]) -> list[st
     """That phases of the model were turned to the recording's own zero."""
     return [
         f"{q} counts from another place in each recording: fitted to this one, {zero:+.2f} rad of the model's zero, "
-        f"which {', '.join(effect.name for effect in effects if q in effect.depends_on)} follow"
+        f"for {', '.join(effect.name for effect in effects if q in effect.depends_on)}"
         for q, zero in zeros.items()
     ]
 

@@ -136,6 +136,21 @@ def test_a_model_with_effects_plays_them(made: Path, tmp_path: Path, monkeypatch
     assert fits["with"] > 99.9 > fits["without"] + 1.0
 
 
+def test_the_zero_of_the_recording_is_fitted_and_told(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wave = "effects: [{name: hoop.imbalance, parameters: {A: {value: 0.01, unit: N m}, phi: {value: 0.3, unit: rad}}}]"
+    model, out = tmp_path / "model.yaml", tmp_path / "with.csv"
+    model.write_text(DEVICE.read_text().replace("effects: []", wave))
+    start = ("--x0", "psi=0,dpsi=0,dtheta=0,theta=0")
+    assert "zero" not in result_of(monkeypatch, tmp_path, "--model", model, "--input", made, *start, "--out", out)
+    model.write_text(model.read_text().replace("0.3", "1.5"))  # found where the encoder was switched on elsewhere
+    found = result_of(monkeypatch, tmp_path, "--model", model, "--input", out)
+    assert found["zero"]["theta"] == pytest.approx(0.3 - 1.5, abs=0.02)
+    assert any("theta counts from another place" in note and "hoop.imbalance" in note for note in found["notes"])
+    assert found["free_run"]["theta_rate"]["nrmse_percent"] > 99.0
+
+
 def test_what_is_doubtful_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "slow.csv"
     whole = recorded()
