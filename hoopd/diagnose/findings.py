@@ -109,7 +109,7 @@ def effects_of(
     """Named effects that are not refused and faults of the camera, most evidence first."""
     percents = {name: _mean_nrmse(one) for name, one in heldout.items()}
     found = [
-        _effect(named, name, percents, threshold, apart[name], placebos.get(name), said)
+        _effect(named, name, heldout, percents, threshold, apart[name], placebos.get(name), said)
         for name in (one.effect.name for one in named.accepted)
         if name not in said.refused
     ]
@@ -120,6 +120,7 @@ def effects_of(
 def _effect(
     named: Named,
     name: str,
+    heldout: Mapping[str, Played],
     percents: Mapping[str, dict[str, float]],
     threshold: float,
     apart: Separation,
@@ -131,6 +132,7 @@ def _effect(
     gain, ablation = None, None
     if percents:
         gain, ablation = _taken_out(loss, percents["named"], percents[f"without {name}"])
+        ablation = replace(ablation, heldout_nats=heldout_nats(heldout, name))
     needed = needed_of(tried.score, threshold, [track.stretch for track in named.base.tracks])
     return EffectFinding(
         name=name,
@@ -146,6 +148,11 @@ def _effect(
         status=doubted(said.statuses[name], loss, needed, placebo),
         reason=said.denials[name].reason if name in said.denials else "",
     )
+
+
+def heldout_nats(heldout: Mapping[str, Played], name: str) -> float:
+    """Nats that the held-out data gain by a name beside the others."""
+    return heldout[f"without {name}"].fit.criterion - heldout["named"].fit.criterion
 
 
 def doubted(status: Status, gain: float, needed: float, placebo: Placebo | None) -> Status:

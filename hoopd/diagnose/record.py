@@ -76,6 +76,7 @@ class Ablation(_Part, frozen=True):
     log_likelihood_loss: Number
     heldout_with: dict[str, Number]
     heldout_without: dict[str, Number]
+    heldout_nats: Number = None  # that the held-out data, on which nothing of it was fitted, gain by it
 
 
 class Placebo(_Part, frozen=True):

@@ -13,7 +13,7 @@ from diagnose.examples import consistent
 from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.commands.diagnosed_model import flipped, outside
-from hoopd.diagnose.findings import is_any_told, refused_of
+from hoopd.diagnose.findings import heldout_nats, is_any_told, refused_of
 from hoopd.diagnose.proof import confirmation as confirmation_module
 from hoopd.diagnose.proof import denial as denials
 from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, reach, status_of
@@ -215,6 +215,19 @@ def test_a_limit_that_held_out_data_never_reach_is_untested(fits: tuple[Hypothes
 def test_without_held_out_data_nothing_is_tested(fits: tuple[HypothesisFit, HypothesisFit]) -> None:
     found = confirmation(named_with(*fits), HeldOut([]), {}, None, 12.0)
     assert found.statuses == {FRICTION.name: "untested"} and found.kept is fits[1]
+
+
+def test_what_held_out_data_are_no_likelier_with_is_weak(
+    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = named_with(*fits)
+    _, shown = confirmed(named, recorded("held", 2, friction=True))
+    assert heldout_nats(shown, FRICTION.name) > 3.0
+    assert confirmation_module._status(named, named.accepted[0], shown, 12.0) == "confirmed"
+    other = {**shown, "named": shown[f"without {FRICTION.name}"]}
+    monkeypatch.setattr(confirmation_module, "reach", lambda *_: 100.0)
+    assert heldout_nats(other, FRICTION.name) == 0.0
+    assert confirmation_module._status(named, named.accepted[0], other, 12.0) == "weak"
 
 
 def test_what_barely_passes_is_weak() -> None:

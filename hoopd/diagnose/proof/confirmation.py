@@ -166,7 +166,9 @@ def _status(named: Named, one: Tried, fits: Mapping[str, Played], threshold: flo
     name = one.effect.name
     if not fits or reach(one.effect, fits[f"without {name}"].fit, fits["named"].fit) < LEAST_REACH:
         return "untested"
-    return status_of(surprise_in(named, one), threshold)
+    # what held-out data are not more likely with, they do not bear out
+    gained = fits[f"without {name}"].fit.criterion - fits["named"].fit.criterion
+    return status_of(surprise_in(named, one), threshold) if gained > 0.0 else "weak"
 
 
 def surprise_in(named: Named, one: Tried) -> float:

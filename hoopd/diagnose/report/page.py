@@ -214,7 +214,9 @@ def _footer(diagnosis: Diagnosis) -> str:
         "Slot: the place in the device where an effect acts. Shuffled (placebo): the effect with its cause put in "
         "another order, the best of several shuffles and what such a best one may gain by chance; what gains more says "
         "GAINS TOO, and the effect then needs as many times more evidence to be called more than weak.",
-        "Held-out data confirm an effect, never test it where they do not reach what it acts on, or deny it where a "
+        "Held-out fit and nats: what data on which nothing of the effect was fitted gain by it, in simulation and "
+        "reading by reading. Held-out data confirm an effect, say little of it where it barely passes, never test it "
+        "where they do not reach what it acts on, or deny it where a "
         "simulation of them is worse with it, by more than their own scatter or by more than a point: then it is in no "
         "model that is written.",
         "Ceiling: the fit that free curves in place of laws reach.",

@@ -40,7 +40,7 @@ from hoopd.plots.number_format import (
 Row = tuple[str, ...]
 # Times in tables: to this share of a window.
 OF_A_WINDOW = 0.01
-STATUSES = {"confirmed": "confirm it", "weak": "confirm it, barely", "untested": "never test it",
+STATUSES = {"confirmed": "confirm it", "weak": "say little of it", "untested": "never test it",
             "not_confirmed": "deny it"}  # fmt: skip
 
 
@@ -88,10 +88,10 @@ def _labelled(parameters: Mapping[str, Quantity], numbers: Mapping[str, str]) ->
 
 def checks(diagnosis: Diagnosis) -> Table:
     """What became of each finding when it was put to the test."""
-    head = ("effect", "held-out gain", "taken out again", "shuffled (placebo)", "held-out data")
+    head = ("effect", "held-out fit", "held-out nats", "taken out again", "shuffled (placebo)", "held-out data")
     rows = [_check(one) for one in diagnosis.effects]
     tested = [row for row in rows if any(cell != NOTHING for cell in row[1:])]
-    return _without_empty(Table("How each finding was tested", head, "lrrrl", tested))
+    return _without_empty(Table("How each finding was tested", head, "lrrrrl", tested))
 
 
 def _check(effect: EffectFinding) -> Row:
@@ -99,7 +99,8 @@ def _check(effect: EffectFinding) -> Row:
     better = NOTHING if gain is None else f"{gain:+.1f} %"
     loss = NOTHING if without is None else f"{nats(without.log_likelihood_loss)} nats lost"
     held = NOTHING if placebo is None else _placebo(placebo)
-    return (safe(effect.name), better, loss, held, NOTHING if effect.status is None else STATUSES[effect.status])
+    known = NOTHING if without is None or without.heldout_nats is None else f"{without.heldout_nats:+.1f}"
+    return (safe(effect.name), better, known, loss, held, NOTHING if effect.status is None else STATUSES[effect.status])
 
 
 def refused(diagnosis: Diagnosis) -> Table:
