@@ -107,7 +107,8 @@ def searched(
     whole = () if held else tuple(train)
     train, held, how = _parts(train, held, base.plant)
     known = _library([*train, *held], options.effects, without, [entry.name for entry in base.effects])
-    own = [known[entry.name] for entry in base.effects if entry.name in known and known[entry.name].is_simulated]
+    named = [known[entry.name] for entry in base.effects if entry.name in known]
+    own = [effect.holding(base.values) for effect in named if effect.is_simulated]
     return diagnose(
         Case(
             model=base.name,

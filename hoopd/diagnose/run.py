@@ -155,7 +155,8 @@ def diagnose(case: Case) -> Outcome:
     threshold, apart = case.settings.threshold, separations(named, library)
     proofs = placebos(named, case.seed, threshold)
     faults = camera_faults([one.quality for one in case.train], threshold)
-    stand = standings(Asked(named, case.library, grammar, missing.base, missing.beside, unknown, threshold))
+    known = {name: library[name] for name in case.library}
+    stand = standings(Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold))
     effects = effects_of(named, fits, threshold, faults, apart, proofs, said)
     if unknown is not None:
         effects = sorted(

@@ -73,9 +73,10 @@ class FoundEffects:
         return hoop_plant(self.structure, self.base, moving, self.limit_nm)
 
     def effects(self, plant: Plant | None = None) -> tuple[Effect, ...]:
-        """Declarations of those that can act on the plant, in the library's order."""
+        """Declarations of those that can act on the plant, in the library's order, in ranges that hold the values."""
         known = known_effects(plant or self.plant, self.names)
-        return tuple(effect for name, effect in known.items() if name in self.names)
+        values = self.values
+        return tuple(effect.holding(values) for name, effect in known.items() if name in self.names)
 
     @property
     def values(self) -> dict[str, float]:
@@ -142,7 +143,7 @@ def _check(effect: Effect, key: str, value: float, *, sized: bool) -> None:
     one = effect.parameter(key)
     if value == one.neutral:
         return
-    low, high = one.low, one.high
+    low, high = one.widest
     if not sized and not one.discrete:
         low, high = (0.0 if low >= 0.0 else -inf), (0.0 if high <= 0.0 else inf)
     if not isfinite(value) or not (one.role == "phase" or low <= value <= high):

@@ -55,9 +55,9 @@ class PlantModel:
 
     @property
     def simulated_effects(self) -> tuple[Effect, ...]:
-        """Declarations of those that a free run has."""
-        known = self.known_effects
-        return tuple(known[one.name] for one in self.effects if known[one.name].is_simulated)
+        """Declarations of those that a free run has, in ranges that hold the model's values."""
+        known, values = self.known_effects, self.values
+        return tuple(known[one.name].holding(values) for one in self.effects if known[one.name].is_simulated)
 
     @property
     def values(self) -> dict[str, float]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hoopd.diagnose.search.folds import fold_gain
+from hoopd.diagnose.search.range_widening import in_wider_ranges
 from hoopd.diagnose.search.scan import scan
 from hoopd.diagnose.search.scan_score import Scanned
 from hoopd.diagnose.search.screen import TOUCHED, Score, Screen
@@ -74,6 +75,8 @@ class Judge:
             # lost on the way from far off: once more from where the fit before was
             start = {**before.values, **score.start}
             new = fit(self.train, (*before.effects, effect), start, like=before, noise=before.noise)
+        new = in_wider_ranges(new, self.train, [effect.name])
+        effect = new.effects[-1]
         gain = before.criterion - new.criterion
         return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
 

@@ -16,7 +16,7 @@ from math import exp
 
 from hoopd.diagnose.search.candidates import Judge, Tried, surprise_of
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMechanism
-from hoopd.diagnose.search.naming import NEAR_SHARE, OCCAM_NATS, Named, Refusal, reconsider, taken_out
+from hoopd.diagnose.search.naming import NEAR_SHARE, OCCAM_NATS, Named, Refusal, reconsider, taken_out, widen_ranges
 from hoopd.diagnose.search.scan_score import scanned
 from hoopd.diagnose.search.screen import Member, Score, Screen
 from hoopd.diagnose.search.surprise import log_chance
@@ -43,6 +43,7 @@ def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
         if len(found.accepted) > 1:
             reconsider(found, judge, swaps=False)
     if found.final is not before:
+        widen_ranges(found, judge)
         taken_out(found, judge)
     for one in sorted(found.accepted, key=lambda one: -found.losses[one.effect.name])[:MOST_SWAPS]:
         rival = _in_its_place(found, judge, one, mechanisms)

@@ -10,12 +10,13 @@ Rules of this file: no name of an effect is written here; what is nested, equal 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from hoopd.diagnose.search.bounded_disturbance import deflated, far_beyond, stiffened
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried, surprise_of
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
+from hoopd.diagnose.search.range_widening import in_wider_ranges
 from hoopd.diagnose.search.screen import Score, Screen
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -83,6 +84,7 @@ def name_effects(
         found.final = best.fit
         if len(found.accepted) > 1:
             reconsider(found, judge)
+    widen_ranges(found, judge)
     taken_out(found, judge)
     found.refusals = {name: one for name, one in found.refusals.items() if name not in found.final.names}
     found.screens = {id(one): judge.screens[id(one)] for one in (base, found.final) if id(one) in judge.screens}
@@ -206,6 +208,15 @@ def _better(found: Named, judge: Judge, one: Tried, without: HypothesisFit, loss
         if ahead and judge.fold_loss(found.final, other.fit, found.final.criterion - other.fit.criterion) is None:
             return other
     return None
+
+
+def widen_ranges(found: Named, judge: Judge) -> None:
+    """Those of accepted effects on whose ends the last fit stands: beside the later ones the earlier have moved."""
+    wider = in_wider_ranges(found.final, judge.train, [one.effect.name for one in found.accepted])
+    if wider is found.final:
+        return
+    found.final, own = wider, {effect.name: effect for effect in wider.effects}
+    found.accepted = [replace(one, effect=own[one.effect.name]) for one in found.accepted]
 
 
 def taken_out(found: Named, judge: Judge) -> None:

@@ -60,7 +60,8 @@ def _eccentricity(name: str, q: str, angles: tuple[str, ...], rates: tuple[str, 
     return Effect(
         f"{name}.eccentricity",
         (
-            EffectParameter("a", "rad", 0.0, 0.0, 0.5, grid=(0.02,)),
+            # a < 1: the reading never runs backwards
+            EffectParameter("a", "rad", 0.0, 0.0, 0.5, grid=(0.02,), most=0.9),
             phase(per_recording=True),
             *((follows,) if rates else ()),
         ),
@@ -125,7 +126,7 @@ def _speed_lag(plant: Plant, name: str, rates: tuple[str, ...]) -> Effect:
 def _scale(name: str, channel: str, state: str) -> Effect:
     return Effect(
         f"{name}.scale",
-        (EffectParameter("a", "-", 0.0, -0.5, 1.0, grid=(0.02,)),),
+        (EffectParameter("a", "-", 0.0, -0.5, 1.0, grid=(0.02,), least=-0.95),),
         # x (1 + a)
         sensor=lambda s, e: {channel: e.a * getattr(s, state)},
         depends_on=(state,),

@@ -14,8 +14,8 @@ Rules of this file: declarations only; nothing here knows a plant or a search.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from math import inf, pi
+from dataclasses import dataclass, field, replace
+from math import inf, isclose, pi
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,6 +23,11 @@ from typing import Any
 Values = SimpleNamespace
 # How a parameter enters: proportionally; as the phase of an amplitude; not proportionally (tried on its grid).
 ROLES = ("amplitude", "phase", "shape")
+# A range holds what is usual; where a recording asks for more, its end moves out by this once: room for a device that
+# is several times as bad as others, not for a number of another order, which no longer is this effect.
+WIDER = 4.0
+# As near as this to an end, as a share of its size, is on it.
+ON_END = 1e-9
 
 
 class Point:
@@ -71,6 +76,10 @@ class EffectParameter:
     discrete: bool = False  # only the values of the grid make sense: never refined between them
     # of a limit: its value that the plant just touches at a point, so that a search tries those that the data reach
     touched: Callable[[Point], Any] | None = None
+    # what it can be at all, beside the sign that its range keeps: a wider range stays inside
+    least: float = -inf
+    most: float = inf
+    usual: tuple[float, float] | None = None  # its range before it was widened
 
     def __post_init__(self) -> None:
         if self.role not in ROLES or not self.low <= self.high:
@@ -79,7 +88,37 @@ class EffectParameter:
     @property
     def size(self) -> float:
         """Usual distance from neutral: first of the grid, else a tenth of the range."""
-        return self.grid[0] if self.grid else (self.high - max(self.low, 0.0)) / 10.0
+        low, high = self.usual or (self.low, self.high)
+        return self.grid[0] if self.grid else (high - max(low, 0.0)) / 10.0
+
+    def widened(self, value: float) -> EffectParameter:
+        """With the end of its range that a value has reached further out; itself where it stays or may not, or was."""
+        if self.usual is not None or value == self.neutral or not self.has_range:
+            return self
+        low, high = self.low, self.high
+        if value <= low or isclose(value, low, rel_tol=ON_END):
+            low = max(self.least, _outwards(low, -1.0))
+        if value >= high or isclose(value, high, rel_tol=ON_END):
+            high = min(self.most, _outwards(high, 1.0))
+        if (low, high) == (self.low, self.high):
+            return self
+        return replace(self, low=low, high=high, usual=(self.low, self.high))
+
+    @property
+    def has_range(self) -> bool:
+        """Whether its range is one of usual sizes: a phase goes round, a choice is one of its grid, a share is 0..1."""
+        is_share = self.unit == "-" and (self.low, self.high) == (0.0, 1.0)
+        return self.role != "phase" and not self.discrete and not is_share
+
+    @property
+    def widest(self) -> tuple[float, float]:
+        """Its range with both ends out."""
+        return self.widened(self.low).low, self.widened(self.high).high
+
+
+def _outwards(end: float, sign: float) -> float:
+    """An end of a range further out, on the same side of zero."""
+    return end * WIDER if end * sign > 0.0 else end / WIDER
 
 
 def geometric(low: float, high: float, count: int) -> tuple[float, ...]:
@@ -165,6 +204,14 @@ class Effect:
     def neutral(self) -> dict[str, float]:
         """Parameters at which it vanishes."""
         return {one.name: one.neutral for one in self.parameters}
+
+    def holding(self, values: Mapping[str, float]) -> Effect:
+        """With every range widened that values of a whole model have reached the end of; itself where there is none."""
+        keys = {one.name: self.key(one.name) for one in self.parameters if not one.per_recording}
+        every = tuple(
+            one.widened(values[keys[one.name]]) if keys.get(one.name) in values else one for one in self.parameters
+        )
+        return self if every == self.parameters else replace(self, parameters=every)
 
     def key(self, parameter: str) -> str:
         """Name of a parameter among those of a whole model."""

@@ -131,7 +131,8 @@ def _friction_drift(plant: Plant, name: str, slot: Slot) -> Effect:
     return Effect(
         f"{name}.friction_drift",
         (
-            EffectParameter("a", "-", 0.0, -0.95, 5.0, grid=(0.3,)),
+            # a > -1: what is left of the friction is one
+            EffectParameter("a", "-", 0.0, -0.95, 5.0, grid=(0.3,), least=-0.95),
             EffectParameter("T", "s", 10.0 * by, 0.5 * by, 200.0 * by, "shape", scaled(geometric(2.0, 60.0, 7), by)),
         ),
         force=drag,

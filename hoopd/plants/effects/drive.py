@@ -140,6 +140,8 @@ def _saturation(plant: Plant, slot: str) -> Effect:
                 "shape",
                 grid,
                 touched=lambda s: ca.fabs(s.u),
+                # a drive gives no more than its limit
+                most=plant.limit,
             ),
         ),
         # |tau| <= s
@@ -222,7 +224,8 @@ def _ripple(slot: str, q: str) -> Effect:
     return Effect(
         f"{slot}.ripple",
         (
-            EffectParameter("a", "-", 0.0, 0.0, 0.9, grid=(0.05,)),
+            # a < 1: the gain keeps its sign all round
+            EffectParameter("a", "-", 0.0, 0.0, 0.9, grid=(0.05,), most=0.9),
             EffectParameter("n", "-", 1.0, 1.0, 36.0, "shape", RIPPLE_HARMONICS, discrete=True),
             phase(per_recording=True),
         ),

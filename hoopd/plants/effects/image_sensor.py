@@ -5,6 +5,7 @@ Rules of this file: one function an effect; its equation stands above the line t
 
 from __future__ import annotations
 
+from math import pi
 from typing import Any
 
 import casadi as ca
@@ -50,7 +51,7 @@ def latency(plant: Plant, name: str, slot: Slot) -> Effect:
 def _angle_offset(plant: Plant, name: str, slot: Slot) -> Effect:
     return Effect(
         f"{name}.angle_offset",
-        (EffectParameter("d", "rad", 0.0, -0.5, 0.5, grid=(0.02,)),),
+        (EffectParameter("d", "rad", 0.0, -0.5, 0.5, grid=(0.02,), least=-pi, most=pi),),
         # psi + d
         sensor=lambda s, e: dict.fromkeys(slot.channels, e.d),
         same_as=named(plant, "frame", "tilt", slot.coordinate),
@@ -75,8 +76,9 @@ def _center_offset(plant: Plant, name: str, slot: Slot) -> Effect:
     return Effect(
         f"{name}.center_offset",
         (
-            EffectParameter("dx", "-", 0.0, -0.5, 0.5, grid=(0.03,)),
-            EffectParameter("dy", "-", 0.0, -0.5, 0.5, grid=(0.05,)),
+            # a centre inside the circle of the ball
+            EffectParameter("dx", "-", 0.0, -0.5, 0.5, grid=(0.03,), least=-0.9, most=0.9),
+            EffectParameter("dy", "-", 0.0, -0.5, 0.5, grid=(0.05,), least=-0.9, most=0.9),
         ),
         sensor=moved,
         depends_on=(slot.coordinate,),

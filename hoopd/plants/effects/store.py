@@ -154,7 +154,7 @@ def _above(plant: Plant, name: str, slot: Slot, own: str) -> Effect:
     return Effect(
         f"{name}.{own}",
         (
-            EffectParameter("k", "1/s", 0.0, 0.0, fastest, grid=(rate / size,)),
+            EffectParameter("k", "1/s", 0.0, 0.0, fastest, grid=(rate / size,), most=fastest),
             EffectParameter(
                 "x0", unit, size, 0.0, 100.0 * size, "shape", scaled(geometric(0.2, 5.0, 25), size),
                 touched=lambda s: getattr(s, x),
@@ -183,7 +183,8 @@ def _section(plant: Plant, name: str, slot: Slot) -> Effect:
     x, unit, size, _ = _sizes(plant, slot)
     return Effect(
         f"{name}.varying_section",
-        (EffectParameter("b", f"1/{unit}", 0.0, -0.5 / size, 2.0 / size, grid=(0.05 / size,)),),
+        # at its usual content it has a section still
+        (EffectParameter("b", f"1/{unit}", 0.0, -0.5 / size, 2.0 / size, grid=(0.05 / size,), least=-0.5 / size),),
         # x' (1 + b x) = what the equation says
         force=lambda s, e: {x: _own_rate(plant, x, s) * (1.0 / (1.0 + e.b * getattr(s, x)) - 1.0)},
         depends_on=(x, "u"),

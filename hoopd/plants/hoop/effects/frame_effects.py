@@ -5,6 +5,7 @@ Rules of this file: one function an effect; its equation stands above the line t
 
 from __future__ import annotations
 
+from math import pi
 from typing import Any
 
 import casadi as ca
@@ -26,7 +27,7 @@ def effects(plant: Plant) -> tuple[Effect, ...]:
 def _tilt(plant: Plant, name: str, q: str) -> Effect:
     return Effect(
         f"{name}.tilt",
-        (EffectParameter("d", "rad", 0.0, -0.5, 0.5, grid=(0.02,)),),
+        (EffectParameter("d", "rad", 0.0, -0.5, 0.5, grid=(0.02,), least=-pi / 2, most=pi / 2),),
         # sin(psi - d)
         shift=lambda s, e: {q: -e.d},
         depends_on=(q,),
