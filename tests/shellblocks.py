@@ -9,7 +9,11 @@ import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import typer
+
+from hoopd.commands.cli import app
 
 ROOT = Path(__file__).resolve().parents[1]
 GENERATED = ROOT / "docs" / "reference" / "generated"  # made with the site, and tested with it
@@ -21,6 +25,8 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`([^`\n]+(?:\n[^`\n]+)?)`")
 ASSIGNMENT = re.compile(r"[A-Z_]+=")
 SHELL = ("", "sh", "bash")
+PROGRAM: Any = typer.main.get_command(app)
+ENDING = {"--install-completion", "--show-completion"}  # act while they are parsed: one writes into the shell's files
 PROGRAMS = ("hoopd", "python", "make", "pip", "source", "cp", "mkdir", "sudo")
 
 
@@ -73,3 +79,15 @@ def commands(page: str, block: str) -> Iterator[Shown]:
         words = words[words[0] == "sudo" :] if words else []
         if words:
             yield Shown(page, (words[0].removeprefix(".venv/bin/"), *words[1:]))
+
+
+def parse(words: list[str]) -> None:
+    """As the program would, up to the point at which the command begins; what ends there by itself is not begun."""
+    if ENDING & set(words):
+        assert len(words) == 1 and words[0] in {option for parameter in PROGRAM.params for option in parameter.opts}
+        return
+    context = PROGRAM.make_context("hoopd", list(words))
+    rest = [*context._protected_args, *context.args]
+    if rest:
+        _, command, rest = PROGRAM.resolve_command(context, rest)
+        command.make_context(command.name, rest, parent=context)

@@ -5,35 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import pytest
-import typer
 
-from hoopd.commands.cli import UsageError, app
-from tests.shellblocks import PAGES, ROOT, Shown, below, shown
+from hoopd.commands.cli import UsageError
+from tests.shellblocks import PAGES, PROGRAM, ROOT, Shown, below, parse, shown
 
-PROGRAM: Any = typer.main.get_command(app)
 RE_BLOCK = re.MULTILINE | re.DOTALL
 GLOBAL = {"--help", "COMMAND"}
-ENDING = {"--install-completion", "--show-completion"}  # act while they are parsed: one writes into the shell's files
 
 
 def usage(words: Iterable[str]) -> list[str]:
     """Words without what stands for the reader's own: brackets of what may be left out, dots."""
     return [word.strip("[]") for word in words if not set(word) <= {"."}]
-
-
-def parse(words: list[str]) -> None:
-    """As the program would, up to the point at which the command begins; what ends there by itself is not begun."""
-    if ENDING & set(words):
-        assert len(words) == 1 and words[0] in {option for parameter in PROGRAM.params for option in parameter.opts}
-        return
-    context = PROGRAM.make_context("hoopd", list(words))
-    rest = [*context._protected_args, *context.args]
-    if rest:
-        _, command, rest = PROGRAM.resolve_command(context, rest)
-        command.make_context(command.name, rest, parent=context)
 
 
 @pytest.mark.parametrize("row", [row for row in shown("hoopd") if row.whole], ids=lambda row: row.text)

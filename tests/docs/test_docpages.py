@@ -17,6 +17,7 @@ from hoopd.files.model import ModelFile
 from hoopd.plants.registry import REGISTERED
 from hoopd.recording import schemas
 from hoopd.shell.config import Config
+from tests.shellblocks import parse
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -87,9 +88,20 @@ def test_a_text_means_what_it_says(pages: dict[str, str]) -> None:
 
 
 def test_every_plant_that_has_a_name_is_told(pages: dict[str, str]) -> None:
-    told = pages["plants.md"]
-    assert [name for name in REGISTERED if f"## {name}\n" not in told] == []
+    listed = pages["plants.md"]
+    assert [name for name in REGISTERED if f"[{name}](plant_{name}.md)" not in listed] == []
+    told = pages["plant_pendulum.md"]
     assert "| `J` | 0.0002 | kg m2 | 1e-06 to 0.01 | yes |" in told and "schema: hoopd.plant/1" in told
+    assert "coulomb_friction" in told and "hoopd experiment" not in told  # it has no input
+
+
+@pytest.mark.parametrize("name", REGISTERED)
+def test_every_command_that_a_plants_page_shows_is_understood(pages: dict[str, str], name: str) -> None:
+    block = pages[f"plant_{name}.md"].partition("```\n")[2].partition("```")[0]
+    lines = [line.split() for line in block.splitlines()]
+    assert len(lines) >= 6 and {line[0] for line in lines} == {"hoopd"}
+    for line in lines:
+        parse(line[1:])
 
 
 def test_every_room_and_import_is_drawn(pages: dict[str, str]) -> None:

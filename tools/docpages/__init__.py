@@ -18,7 +18,7 @@ PAGES = {
     "files.md": file_keys.files,
     "effects_library.md": effects.page,
     "imports.md": imports.page,
-    "plants.md": plants.page,
+    **plants.pages(),
     "messages.md": messages.page,
     "python_lab.md": api.lab,
     "python_ident.md": api.ident,
