@@ -54,6 +54,7 @@ from hoopd.diagnose.search.candidates import Judge, Settings, free_of_recordings
 from hoopd.diagnose.search.excluded_intervals import CountedData, looked_at_again, start_ups, without_events
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, name_effects
+from hoopd.diagnose.search.simpler_names import tell_simply
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
@@ -206,8 +207,10 @@ def _mechanisms(case: Case, data: CountedData) -> list[Mechanism]:
 
 def _with_mechanisms(case: Case, named: Named, data: CountedData, wanted: Sequence[Mechanism]) -> Mapping[str, Effect]:
     """The library with the mechanisms beyond it that the recordings ask for, put among the names."""
+    judge = Judge(data.kept, case.library, case.settings)
     if wanted:
-        name_mechanisms(named, Judge(data.kept, case.library, case.settings), wanted)
+        name_mechanisms(named, judge, wanted)
+    tell_simply(named, judge, wanted)
     return {**case.library, **{one.effect.name: one.effect for one in named.accepted}}
 
 

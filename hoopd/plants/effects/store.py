@@ -163,6 +163,8 @@ def _above(plant: Plant, name: str, slot: Slot, own: str) -> Effect:
         # x' += -k max(0, x - x0)
         force=lambda s, e: {x: -e.k * ca.fmax(0.0, getattr(s, x) - e.x0)},
         depends_on=(x,),
+        # from an empty store on, x0 = 0
+        contains=(f"{name}.{LOSSES[LIQUID if overflow else VOLTAGE][0]}",),
         formula=f"-k max(0, {x} - x0)",
         statement=("above the level x0 it runs over" if overflow else "above x0 a diode, or an arrester, clamps it"),
         signature="nothing is missing below x0; above, the missing rate takes away and grows from zero",

@@ -45,6 +45,14 @@ def missing(plant: Plant, effect: Effect, values: dict[str, float], x: float, u:
     return float(with_it.derivative([x], u)[0] - without.derivative([x], u)[0])
 
 
+@pytest.mark.parametrize("level", [0.1, 0.3])
+def test_what_runs_over_from_an_empty_store_on_leaks(level: float) -> None:
+    known = library(tank())
+    (simple,) = known["store.overflow"].contains
+    over = missing(tank(), known["store.overflow"], {"k": 0.01, "x0": 0.0}, level, 0.02)
+    assert over == pytest.approx(missing(tank(), known[simple], {"k": 0.01}, level, 0.02)) != 0.0
+
+
 @pytest.mark.parametrize(
     ("name", "values", "expected"),
     [
