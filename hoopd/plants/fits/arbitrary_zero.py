@@ -39,7 +39,7 @@ SHORT_SAMPLES = 25
 POINTS_A_WAVE = 6
 # What is no wave has its edges somewhere on a turn: points of a turn at least.
 POINTS_A_TURN = 24
-# Runs that are asked on the grid, spread over the recording: all of them judge its minima.
+# Runs that are asked which minimum it is, spread over the recording: all of them say where in it.
 MOST_ASKED = 24
 # Minima of the grid that are followed to their ends.
 MOST_FOLLOWED = 3
@@ -166,17 +166,18 @@ def fitted_zero(system: System, place: Place, follows: Waves, runs: Sequence[Run
     float
         What is added to a reading to have the model's own coordinate, within half a period of 0.
     """
-    first = _fit(ZeroedSystem(system, place, 0.0), (), runs)
-    runs = [replace(run, start=start) for run, start in zip(runs, first.starts, strict=True)]
     asked = runs[:: -(-len(runs) // MOST_ASKED)]
-    costs = [_misfit(system, place, zero, asked) for zero in follows.grid]
-    ends = [
-        (follows.grid[index], _fit(ZeroedSystem(system, place, float(follows.grid[index])), (ZERO,), runs))
-        for index in _minima(np.array(costs))
-    ]
-    begun, best = min(ends, key=lambda end: badness(end[1]))
+    first = _fit(ZeroedSystem(system, place, 0.0), (), asked)
+    begun = [replace(run, start=start) for run, start in zip(asked, first.starts, strict=True)]
+    costs = [_misfit(system, place, zero, begun) for zero in follows.grid]
+    ends = []
+    for zero in follows.grid[_minima(np.array(costs))]:
+        found = _fit(ZeroedSystem(system, place, float(zero)), (ZERO,), begun)
+        ends.append((badness(found), float(zero) + found.values[ZERO]))
+    best = min(ends)[1]
+    last = best + _fit(ZeroedSystem(system, place, best), (ZERO,), runs).values[ZERO]
     half = follows.period / 2.0
-    return float((begun + best.values[ZERO] + half) % follows.period - half)
+    return float((last + half) % follows.period - half)
 
 
 def badness(solution: Solution) -> float:
