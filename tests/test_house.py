@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
 import warnings
 from collections import Counter
 from collections.abc import Iterator
@@ -109,3 +110,16 @@ def test_a_class_that_was_renamed_is_found_under_its_old_module() -> None:
     with pytest.warns(DeprecationWarning, match="Found is now hoopd.plants.found_effects.FoundEffects"):
         found = importlib.import_module("hoopd.physics.found").Found
     assert found is importlib.import_module("hoopd.plants.found_effects").FoundEffects
+
+
+def test_a_docstring_names_files_that_are_there() -> None:
+    """`channel_course.py` in a text leads somewhere: modules move, and what tells of them stays behind."""
+    folders = (ROOT, *(ROOT.parent / name for name in ("tools", "tests", "docs")))
+    known = {path.name for folder in folders for path in folder.rglob("*.py")}
+    wrong = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in sorted(ROOT.rglob("*.py"))
+        for name in re.findall(r"(?<![\w/<-])([a-z]\w*\.py)\b", path.read_text(encoding="utf-8"))
+        if name not in known
+    ]
+    assert wrong == []

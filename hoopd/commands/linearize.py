@@ -1,7 +1,7 @@
 """`hoopd linearize`: a model file to its linear model around an operating point, and what that says.
 
 Rules of this file: files in, a result record and a figure out; the mathematics is in `hoopd.design`, the record
-in `linearrecord`; whatever cannot be used is refused before the work.
+in `linearize_record`; whatever cannot be used is refused before the work.
 """
 
 from __future__ import annotations

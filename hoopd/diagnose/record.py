@@ -1,7 +1,7 @@
 """The diagnosis as data: `hoopd.diagnosis/1`, the JSON that other programs read.
 
 Rules of this file: what has no default is the contract and is always written, null where it is not determined; what
-has one is an addition and is left out while it says nothing. Never NaN, never a wall time. Its bytes: `recordfile`.
+has one is an addition and is left out while it says nothing. Never NaN, never a wall time. Its bytes: `record_file`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Figures of a diagnosis that say how sure it is: where it sits, what was tried, how large, what would be seen.
 
 Rules of this file: draws what it is given; SI units on every axis; names come from files, so no text is read as a
-formula. Figures of the curves themselves are in `diagnosiscurves`.
+formula. Figures of the curves themselves are in `diagnosis_curves`.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from diagnose.madeup import shipped_plant, stretch_with
 from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import survey
 from hoopd.diagnose.findings import _fault, remains_of, told
-from hoopd.diagnose.proof.in_place import Place, nearest
+from hoopd.diagnose.proof.in_place import EffectTakenOut, nearest
 from hoopd.diagnose.proof.probabilities import PARAMETERS, Option, among_what_acts, likely
 from hoopd.diagnose.proof.remainder import Remainder, explained, held_back
 from hoopd.diagnose.proof.standing import Asked, Standing, Standings, _caveat, _left_of, standings
@@ -149,7 +149,7 @@ def test_a_wrong_name_is_the_nearest_known_one_at_most() -> None:
 
 def worths(found: Named, grammar: Sequence[str] = LAWS, colour: float | None = None) -> dict[str, Option]:
     """In the place of the only name."""
-    place = Place(
+    place = EffectTakenOut(
         found, found.accepted[0], EFFECTS, [one for name, one in mechanisms(PLANT).items() if name in grammar]
     )
     place.colour = place.colour if colour is None else colour
@@ -173,7 +173,7 @@ def test_what_holds_a_name_in_it_is_alike_and_parameters_are_as_likely_as_a_name
 
 
 def test_what_is_the_same_for_every_sensor_is_alike_however_far_apart_its_change_is() -> None:
-    place: Any = Place.__new__(Place)
+    place: Any = EffectTakenOut.__new__(EffectTakenOut)
     place.one, place.__dict__["_late"] = SimpleNamespace(effect=EFFECTS["frame.tilt"]), frozenset({"encoder.latency"})
     assert place._same(EFFECTS["camera.angle_offset"], 1e9) and place._same(EFFECTS["encoder.latency"], 1e9)
     assert not place._same(EFFECTS["hoop.imbalance"], 0.0)
@@ -181,7 +181,7 @@ def test_what_is_the_same_for_every_sensor_is_alike_however_far_apart_its_change
 
 def test_a_residual_that_is_coloured_along_a_name_makes_everything_there_less_worth() -> None:
     wrong = taken_for("hoop.friction_drift")
-    place = Place(wrong, wrong.accepted[0], EFFECTS, [])
+    place = EffectTakenOut(wrong, wrong.accepted[0], EFFECTS, [])
     assert place.colour > 1.0 and 0.0 < place.scale <= 1.0
     own, white = worths(wrong, ()), worths(wrong, (), 1.0)
     for name in ("hoop.friction_drift", "hoop.coulomb_friction"):
@@ -206,9 +206,9 @@ def test_mechanisms_that_were_nearest_in_the_search_are_those_in_a_name_s_place(
     found = taken_for("hoop.quadratic_drag")
     every = [one for one in mechanisms(PLANT).values() if one.site.slot == "hoop"]
     library_only = {"hoop.quadratic_drag": EFFECTS["hoop.quadratic_drag"]}
-    whole = Place(found, found.accepted[0], library_only, every)
+    whole = EffectTakenOut(found, found.accepted[0], library_only, every)
     found.in_place["hoop.quadratic_drag"] = MechanismScreen(found.base, every, level=False)
-    quick = Place(found, found.accepted[0], library_only, every)
+    quick = EffectTakenOut(found, found.accepted[0], library_only, every)
     assert quick.grammar.cost == whole.grammar.cost
     best = {one.name: one.worth for one in sorted(whole.options(12.0), key=lambda one: -one.worth)[:10]}
     assert {one.name: one.worth for one in quick.options(12.0) if one.name in best} == pytest.approx(best)

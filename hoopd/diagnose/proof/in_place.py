@@ -43,7 +43,7 @@ ALIKE_NATS = 1.0
 NEAR_COSINE = 0.5
 
 
-class Place:
+class EffectTakenOut:
     """One named effect, taken out, and what was screened in its place."""
 
     def __init__(

@@ -3,9 +3,9 @@
 One run over each whole stretch leaves an error; an effect changes the run by its sensitivity (a finite difference).
 Free of what the parameters and the starts could do as well, these changes explain a share of the error by ordinary
 regression, as the screen of the innovations does. What chance alone would gain with the best of the whole library is
-told by the same error with random weights, block by block (`bestofall`).
+told by the same error with random weights, block by block (`best_of_library`).
 
-Rules of this file: a screen proposes; the run itself decides elsewhere. Errors are weighted as in `refine`.
+Rules of this file: a screen proposes; the run itself decides elsewhere. Errors are weighted as in `refinement`.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ v_i is the whitened change that a fitted effect makes, Z_j the changes that a ri
 of admissible sign), both freed of all directions of the free parameters: the log-likelihood ratio that is expected
 between the two when the first is true and both are re-fitted (T-optimality; Atkinson and Fedorov 1975).
 
-Rules of this file: geometry only; what follows from it stands in `separate` and `nextexperiment`.
+Rules of this file: geometry only; what follows from it stands in `not_excluded` and `next_experiment`.
 """
 
 from __future__ import annotations

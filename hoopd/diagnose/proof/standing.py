@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from math import log
 
 from hoopd.diagnose.curves.unknown_effects import Survey, Unknown
-from hoopd.diagnose.proof.in_place import Place, nearest
+from hoopd.diagnose.proof.in_place import EffectTakenOut, nearest
 from hoopd.diagnose.proof.probabilities import MOST_NATS, PARAMETERS, Likely, Option, among_what_acts, likely
 from hoopd.diagnose.proof.remainder import Remainder, explained, remainder
 from hoopd.diagnose.record import NONE_OF_THESE
@@ -67,7 +67,7 @@ def standings(asked: Asked) -> Standings:
     if unknown is not None:
         shares = [share * (1.0 - unknown.share) for share in shares]
     for one, share in zip(named.accepted, shares, strict=True):
-        place = Place(named, one, asked.library, asked.mechanisms)
+        place = EffectTakenOut(named, one, asked.library, asked.mechanisms)
         left = _left_of(named.losses[one.effect.name], rest, unknown)
         found = likely(place.options(asked.threshold, asked.base if len(named.accepted) == 1 else None), left)
         near = place.nearest() if one.effect.name not in asked.library else None

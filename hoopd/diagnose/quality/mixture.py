@@ -2,10 +2,10 @@
 
     p(y_k) = (1 - l - o) N(y_k; x_k, S) + l N(y_k; x_k-1, S') + o N(y_k; x_k, S + tau^2)
 
-x is the channel's own course (motion.py), each sample judged by the others; a late sample is a good one of the row
-before and is used as such.
-Rules of this file: no plant; a stretch that
-moves faster than the rest has a scale of its own there, so that motion is not called false.
+x is the channel's own course (channel_course.py), each sample judged by the others; a late sample is a good one of the
+row before and is used as such.
+Rules of this file: no plant; a stretch that moves faster than the rest has a scale of its own there, so that motion is
+not called false.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """One sensor of a recording judged: its noise, and what each of its samples is.
 
 Rules of this file: a sample is one thing only: it counts, or it is missing, stuck, late, false or within a stretch
-that is ignored; what is decided here comes from split.py and lateframes.py.
+that is ignored; what is decided here comes from sample_classes.py and late_frames.py.
 """
 
 from __future__ import annotations

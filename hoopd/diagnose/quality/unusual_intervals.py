@@ -4,7 +4,7 @@ Two kinds of signals tell it: the smoothed disturbance force on every coordinate
 channel. Both are Gaussian with one level all the time where the model holds. An interval is where the energy of half a
 second is beyond what the signal's own correlation allows by chance, and far beyond its usual level (`unusual`).
 
-Rules of this file: it reads a fit; what is done with an interval is in `setaside`.
+Rules of this file: it reads a fit; what is done with an interval is in `excluded_stretches`.
 """
 
 from __future__ import annotations

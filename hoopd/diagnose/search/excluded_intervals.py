@@ -3,7 +3,7 @@
 A strong effect that is left out looks like a hand now and then: the base sets aside what the law behind it explains.
 Intervals that are no longer beyond the usual under the final hypothesis come back, and everything is fitted again.
 
-Rules of this file: `engine.intervals` says what is unusual; here is what becomes of the data and the fits.
+Rules of this file: `quality.unusual_intervals` says what is unusual; here is what becomes of the data and the fits.
 """
 
 from __future__ import annotations
