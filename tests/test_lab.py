@@ -11,6 +11,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import hoopd.lab as lab
 from hoopd.design.analysis import linear_model
@@ -386,3 +387,18 @@ def test_everything_can_be_looked_at(recording, thesis, tmp_path):
         assert picture.save(tmp_path / f"{index}.png").stat().st_size > 5000
     assert pictures[1]._repr_png_().startswith(b"\x89PNG")
     assert isinstance(pictures[1].save(str(tmp_path / "text.svg")), Path)
+
+
+def test_a_diagnosis_takes_one_thread_whatever_imported_numpy_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    threads: list[int] = []
+
+    def looked_at(*_: object) -> None:
+        threads.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hoopd.lab.diagnosis.searched", looked_at)
+    t = 0.02 * np.arange(400)
+    run = lab.Recording(t, u=0.1 * np.sin(3 * t), theta=np.sin(t), dtheta=np.cos(t), psi=0.1 * np.sin(7 * t))
+    with threadpool_limits(limits=2, user_api="blas"), pytest.raises(KeyboardInterrupt):
+        lab.diagnose(run)
+    assert threads and set(threads) == {1}

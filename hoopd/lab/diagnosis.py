@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
+from threadpoolctl import threadpool_limits
 
 from hoopd.commands.diagnose import judged_model, searched, write_model
 from hoopd.commands.options.declaration import from_python
@@ -150,7 +151,9 @@ def diagnose(
         free_run_choice=free_run_choice,
         grammar=grammar,
     )
-    outcome = searched(_sources(train, base.plant), _sources(held, base.plant, len(train)), base, asked)
+    # many small matrices gain nothing from threads; a notebook has imported numpy long before anyone could say so
+    with threadpool_limits(limits=1, user_api="blas"):
+        outcome = searched(_sources(train, base.plant), _sources(held, base.plant, len(train)), base, asked)
     return Diagnosed(outcome, base)
 
 
