@@ -133,6 +133,15 @@ def share(value: Number) -> str:
     return f"{100.0 * value:.1f} %" if value >= 0.01 else f"{100.0 * value:.2g} %"
 
 
+def chance(value: Number) -> str:
+    """A probability in percent: what is not determined as nothing or all is neither."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if value < 0.01:
+        return "< 1 %"
+    return "> 99 %" if value > 0.99 else f"{100.0 * value:.0f} %"
+
+
 def nats(value: Number) -> str:
     """A log-likelihood ratio: whole above 10."""
     if value is None or not math.isfinite(value):

@@ -18,8 +18,10 @@ from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, co
 from rich.console import Console
 
 from hoopd.diagnose.record import (
+    Candidate,
     DataQuality,
     Diagnosis,
+    EffectFinding,
     ErrorWindow,
     Fit,
     FitTable,
@@ -29,13 +31,13 @@ from hoopd.diagnose.record import (
     Quantity,
     Refused,
 )
+from hoopd.diagnose.report import headline, tables
 from hoopd.diagnose.report import sentences as words
-from hoopd.diagnose.report import tables
 from hoopd.diagnose.report.page import page
 from hoopd.diagnose.report.terminal import WIDTH, report_console, report_text
 from hoopd.diagnose.report_curves import Comparison, MissingForce, Regressor, Shown, Strip, Trace
 from hoopd.plots.diagnosis import draw_candidates
-from hoopd.plots.number_format import interval_text, percent, short_names, value_text
+from hoopd.plots.number_format import chance, interval_text, percent, short_names, value_text
 
 VOID = {"meta", "link", "br", "img"}
 
@@ -119,16 +121,82 @@ def test_recordings_are_called_by_their_last_name_only_where_that_tells_them_apa
 
 
 def test_the_verdict_of_a_named_effect_has_its_size_what_is_not_excluded_and_the_gain() -> None:
-    assert words.verdict_sentence(coulomb()[0]) == (
-        "The model leaves out hoop.coulomb_friction (Fc = 5.10 mN m; hoop.stribeck_friction not excluded); "
-        "the fit of held-out dtheta goes from 87.0 to 97.6 %."
+    assert headline.verdict_sentence(coulomb()[0]) == (
+        "The model leaves out hoop.coulomb_friction (Fc = 5.10 mN m; hoop.stribeck_friction not excluded)."
     )
+    assert headline.fit_sentence(coulomb()[0]) == (
+        "Fit of held-out dtheta: your model 78.2, re-fitted 87.0, with effects 97.6 %."
+    )
+
+
+def test_what_is_less_sure_stands_behind_what_is_sure_and_says_why() -> None:
+    diagnosis, _ = coulomb()
+    first = msgspec.structs.replace(diagnosis.effects[0], status="confirmed", not_excluded=[])
+
+    def other(name: str, **more: Any) -> EffectFinding:
+        return msgspec.structs.replace(first, **{"name": name, "parameters": {}, **more})
+
+    shuffled = Placebo(log_likelihood_gain=2.0, held=False)
+    doubted = [
+        other("a.weak", status="weak", placebo=None),
+        other("a.shuffled", status="weak", placebo=shuffled),
+        other("a.untested", status="untested"),
+        other("a.unlikely", probability=0.004),
+        other("a.half", probability=0.5),
+    ]
+    less = (
+        "a.weak (weak), a.shuffled (weak: a shuffled cause gains too), a.untested (held-out data never test it), "
+        "a.unlikely (< 1 % likely) and a.half (50 % likely)."
+    )
+    both = msgspec.structs.replace(diagnosis, effects=[*doubted, first])
+    sure = "The model leaves out hoop.coulomb_friction (Fc = 5.10 mN m); less sure: "
+    assert headline.verdict_sentence(both) == f"{sure}{less}"
+    none = msgspec.structs.replace(diagnosis, effects=doubted)
+    assert headline.verdict_sentence(none) == f"Physics is missing, and which law it follows is not sure: {less}"
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(0.0, "< 1 %"), (1e-9, "< 1 %"), (0.0099, "< 1 %"), (0.01, "1 %"), (0.93, "93 %"), (0.998, "> 99 %"), (None, "-")],
+)
+def test_no_probability_is_told_as_nothing_or_all(value: float | None, expected: str) -> None:
+    assert chance(value) == expected
+
+
+def test_that_none_of_the_known_laws_is_likely_stands_in_the_table_and_so_do_others_in_words() -> None:
+    diagnosis, _ = coulomb()
+    more = [("none of these", 0.998), ("hoop.dahl", 0.39), ("hoop.small", 0.05), ("parameters", 0.3)]
+    likely = [Candidate(name=name, log_likelihood_gain=None, probability=share) for name, share in more]
+    told = msgspec.structs.replace(diagnosis, candidates=[*diagnosis.candidates, *likely])
+    assert tables.effects(told).rows[-1] == ("none of the known laws", "-", "-", "-", "-", "-", "> 99 %")
+    sentence = words.likely_sentence(told)
+    assert sentence.endswith("Others that could stand in one of their places: hoop.dahl (39 %).")
+    for text in (printed(told, 120), Page(page(told, Shown())).text):
+        assert "none of the known laws" in text and squeezed(sentence) in squeezed(text)
+    for few in (likely[1:], [msgspec.structs.replace(likely[0], probability=0.1)]):
+        rows = tables.effects(msgspec.structs.replace(told, candidates=few)).rows
+        assert all(row[0] != "none of the known laws" for row in rows)
+    assert words.likely_sentence(consistent()[0]) == ""
+
+
+def test_the_table_of_fits_without_each_finding_says_which_models_it_compares() -> None:
+    diagnosis, shown = coulomb()
+    assert words.compared_sentence(diagnosis).startswith("With: the model of the finding.")
+    first = msgspec.structs.replace(diagnosis.effects[0], status="confirmed")
+    denied = msgspec.structs.replace(first, name="actuator.cogging", status="not_confirmed")
+    both = msgspec.structs.replace(diagnosis, effects=[first, denied])
+    told = "With: the model of all 2 findings, actuator.cogging among them, which no model that is written has."
+    for text in (printed(both), Page(page(both, shown)).text):
+        assert told in squeezed(text)
+    assert words.compared_sentence(consistent()[0]) == ""
 
 
 def test_a_verdict_of_parameters_compares_with_the_nominal_model() -> None:
     diagnosis, _ = EXAMPLES["parameters"]()
-    sentence = words.verdict_sentence(diagnosis)
-    assert "re-estimating" in sentence and re.search(r"from 61\.\d to 97\.\d %", sentence)
+    assert "re-estimating" in headline.verdict_sentence(diagnosis)
+    assert re.fullmatch(
+        r"Fit of held-out \w+: your model 61\.\d, re-fitted 97\.\d %\.", headline.fit_sentence(diagnosis)
+    )
 
 
 def test_a_fit_that_did_not_rise_is_not_called_a_gain() -> None:
@@ -138,8 +206,8 @@ def test_a_fit_that_did_not_rise_is_not_called_a_gain() -> None:
         for recording, channels in diagnosis.fit.heldout.items()
     }
     fit = msgspec.structs.replace(diagnosis.fit, heldout=worse)
-    told = words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
-    assert "goes from" not in told and "on held-out data worse than the re-fitted model: " in told
+    told = headline.fit_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    assert "with effects 50.0 %; worse than the re-fitted model: " in told
 
 
 def test_the_headline_compares_with_the_better_of_both_models() -> None:
@@ -147,10 +215,11 @@ def test_the_headline_compares_with_the_better_of_both_models() -> None:
     diagnosis, _ = coulomb()
     row = Fit(nominal=74.1, base_refit=31.1, with_effects=48.1, noise_floor=99.0)
     fit = msgspec.structs.replace(diagnosis.fit, heldout={HELDOUT: {"psi": row}})
-    told = words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
-    assert "goes from" not in told and told.endswith("worse than your model: psi (48.1 against 74.1 %).")
+    told = headline.fit_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    assert told.endswith("worse than your model: psi (48.1 against 74.1 %).")
     fit = msgspec.structs.replace(diagnosis.fit, heldout={HELDOUT: {"psi": msgspec.structs.replace(row, nominal=31.0)}})
-    assert "psi goes from 31.1 to 48.1 %." in words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    told = headline.fit_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    assert told == "Fit of held-out psi: your model 31.0, re-fitted 31.1, with effects 48.1 %."
 
 
 def test_what_held_out_data_deny_is_in_the_table_and_not_in_the_headline() -> None:
@@ -159,11 +228,11 @@ def test_what_held_out_data_deny_is_in_the_table_and_not_in_the_headline() -> No
     denied = msgspec.structs.replace(first, name="actuator.cogging", status="not_confirmed")
     refused = [Refused(name="frame.tilt", log_likelihood_gain=33.0, reason="it loses 9.0 nats")]
     told = msgspec.structs.replace(diagnosis, effects=[first, denied], refused=refused)
-    assert "cogging" not in words.verdict_sentence(told) and first.name in words.verdict_sentence(told)
+    assert "cogging" not in headline.verdict_sentence(told) and first.name in headline.verdict_sentence(told)
     for text in (printed(told), Page(page(told, Shown())).text):
         assert "actuator.cogging" in text and "deny it" in text and "confirm it" in text
         assert "frame.tilt" in text and "it loses 9.0 nats" in text
-    alone = words.verdict_sentence(msgspec.structs.replace(told, verdict="parameters", effects=[]))
+    alone = headline.verdict_sentence(msgspec.structs.replace(told, verdict="parameters", effects=[]))
     assert "frame.tilt" in alone and "not confirmed" in alone and "complete" not in alone
 
 
@@ -172,10 +241,9 @@ def test_where_no_name_is_confirmed_the_headline_says_what_was_found_and_why_it_
     why = "with it the simulation of the held-out data is worse: psi by 0.7 points"
     only = msgspec.structs.replace(diagnosis.effects[0], status="not_confirmed", reason=why)
     told = msgspec.structs.replace(diagnosis, effects=[only])
-    sentence = words.verdict_sentence(told)
-    assert sentence.startswith(
-        "Physics is missing, and no name for it is confirmed; the fit of held-out dtheta goes from"
-    )
+    sentence = headline.verdict_sentence(told)
+    assert sentence.startswith("Physics is missing, and no name for it is confirmed. ")
+    assert headline.fit_sentence(told) == "Fit of held-out dtheta: your model 78.2, re-fitted 87.0 %."
     assert f"hoop.coulomb_friction (Fc = 5.10 mN m; hoop.stribeck_friction not excluded): {why}." in sentence
     for text in (printed(told), Page(page(told, shown)).text):
         assert f"Not confirmed: {why}" in " ".join(text.split())
@@ -187,15 +255,16 @@ def test_parameters_alone_are_compared_with_the_users_model_where_the_table_has_
     diagnosis, _ = EXAMPLES["parameters"]()
     row = Fit(nominal=60.0, base_refit=90.0, with_effects=90.0, noise_floor=99.0)
     fit = msgspec.structs.replace(diagnosis.fit, heldout={HELDOUT: {"psi": row}})
-    assert "psi goes from 60.0 to 90.0 %." in words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    told = headline.fit_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    assert told == "Fit of held-out psi: your model 60.0, re-fitted 90.0 %."
     worse = msgspec.structs.replace(row, nominal=95.0)
     fit = msgspec.structs.replace(diagnosis.fit, heldout={HELDOUT: {"psi": worse}})
-    told = words.verdict_sentence(msgspec.structs.replace(diagnosis, fit=fit))
+    told = headline.fit_sentence(msgspec.structs.replace(diagnosis, fit=fit))
     assert told.endswith("worse than your model: psi (90.0 against 95.0 %).")
 
 
 def test_an_unknown_effect_has_its_slot_and_what_it_follows() -> None:
-    sentence = words.verdict_sentence(unknown()[0])
+    sentence = headline.verdict_sentence(unknown()[0])
     assert "not in the library" in sentence and "slot hoop" in sentence and "follows theta" in sentence
 
 
@@ -206,7 +275,7 @@ def test_what_has_no_name_follows_its_own_variable_and_not_that_of_a_law_in_the_
         law, verdict="unknown_physics", unexplained=rest.unexplained, effects=[*law.effects, *rest.effects]
     )
     assert diagnosis.location.slot == "hoop" and diagnosis.location.depends_on == ["dtheta"]
-    assert "acts in slot hoop and follows theta beside" in words.verdict_sentence(diagnosis)
+    assert "acts in slot hoop and follows theta beside" in headline.verdict_sentence(diagnosis)
 
 
 def test_the_windows_that_carry_the_error_are_told() -> None:
@@ -223,7 +292,7 @@ def test_the_windows_that_carry_the_error_are_told() -> None:
         assert f"{where} (42.0 % of its squared error, in one of 10 windows)." in said
         assert "dtheta of" not in said
     even = msgspec.structs.replace(fit, error_windows={HELDOUT: {"dtheta": each["dtheta"]}})
-    assert words.error_sentence(even).endswith("none has more than 20.0 % of a channel's.")
+    assert words.error_sentence(even).endswith("is 20.0 % (dtheta of prbs_b.mcap at 0.0 to 2.0 s; even: 10.0 %).")
     assert words.error_sentence(diagnosis.fit) == ""
     # half of the error in one of four, and one of two, which always has half
     few = {
@@ -274,7 +343,7 @@ def test_what_remains_beside_a_named_effect_is_said() -> None:
         coulomb()[0], verdict="unknown_physics", unexplained=unknown()[0].unexplained,
         effects=[*coulomb()[0].effects, *unknown()[0].effects],
     )  # fmt: skip
-    said = words.verdict_sentence(diagnosis)
+    said = headline.verdict_sentence(diagnosis)
     assert "not in the library acts in slot" in said and "beside hoop.coulomb_friction" in said
     assert "83.0 % of what the re-fitted base leaves" in printed(diagnosis).replace("\n", "")
 
@@ -286,8 +355,8 @@ def test_what_remains_beside_a_named_effect_is_said() -> None:
 def test_the_terminal_s_report_starts_with_the_verdict_and_fits_80_columns(name: str) -> None:
     diagnosis, _ = EXAMPLES[name]()
     text = printed(diagnosis)
-    assert text.startswith(words.TITLES[diagnosis.verdict] + "\n")
-    assert squeezed(words.verdict_sentence(diagnosis)) in squeezed(text)
+    assert text.startswith(headline.TITLES[diagnosis.verdict] + "\n")
+    assert squeezed(headline.verdict_sentence(diagnosis)) in squeezed(text)
     assert max(map(len, text.splitlines())) <= 80
     for _, _, fit in words.each_fit(diagnosis.fit.free_run):
         assert percent(fit.base_refit) in text  # whole: never cut or folded
@@ -296,7 +365,7 @@ def test_the_terminal_s_report_starts_with_the_verdict_and_fits_80_columns(name:
 def test_the_terminal_s_report_has_every_part_of_a_finding() -> None:
     text = printed(coulomb()[0])
     for part in (
-        "4.87 to 5.33 mN m", "1342", "31", "0.8 nats: no gain", "1319 nats lost", "+61.0 %", "prbs_b.mcap",
+        "4.87 to 5.33 mN m", "1342", "31", "0.8: no gain", "1319 nats lost", "+61.0 points", "prbs_b.mcap",
         "windows of 2 s", "One free run", "Not excluded", "hoop.stribeck_friction", "Next experiment",
         "hoopd experiment --signal ramp --amplitude 0.02 --duration 30", "late frames", "a hand moved the ball",
         "97.7 87.4", "93 %", "[-Fc sign(theta')]",
@@ -386,7 +455,7 @@ def test_a_recording_s_name_is_text_wherever_it_stands() -> None:
 def test_the_page_is_well_formed_and_says_the_verdict(name: str) -> None:
     diagnosis, _ = EXAMPLES[name]()
     seen = Page(made(name))
-    assert squeezed(words.verdict_sentence(diagnosis)) in seen.text
+    assert squeezed(headline.verdict_sentence(diagnosis)) in seen.text
     names = [one["id"] for _, one in seen.tags if "id" in one]
     assert len(names) == len(set(names))
     links = [one["href"] for one in seen.all("a")]
@@ -492,7 +561,10 @@ def test_a_page_of_a_usual_case_can_be_sent_by_mail() -> None:
 def test_a_placebo_is_told_by_the_gain_that_was_judged() -> None:
     """The best of the shuffles, and what it may be: a mean of 1 nat beside GAINS TOO says nothing."""
     diagnosis, _ = coulomb()
-    for most, held, told in ((2.5, True, "2.5 of 3.7 nats: no gain"), (6.0, False, "6.0 of 3.7 nats: GAINS TOO")):
+    for most, held, told in (
+        (2.5, True, "2.5, by chance 3.7: no gain"),
+        (6.0, False, "6.0, by chance 3.7: GAINS TOO, so needs 50"),
+    ):
         placebo = Placebo(log_likelihood_gain=1.0, held=held, shuffles=8, most=most, limit=3.7)
         effect = msgspec.structs.replace(diagnosis.effects[0], placebo=placebo)
         rows = tables.checks(msgspec.structs.replace(diagnosis, effects=[effect])).rows
@@ -501,7 +573,7 @@ def test_a_placebo_is_told_by_the_gain_that_was_judged() -> None:
 
 def test_the_words_of_the_page_are_explained_on_it() -> None:
     text = Page(made("coulomb")).text
-    for word in ("Nats:", "Needed:", "Slot:", "Shuffled (placebo):", "Held-out data confirm", "Ceiling:"):
+    for word in ("Nats:", "Needed:", "Slot:", "Best shuffle:", "Held-out data confirm", "Free curves:", "Likely:"):
         assert word in text
 
 

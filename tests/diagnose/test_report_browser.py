@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 from diagnose.examples import EXAMPLES, made
 
-from hoopd.diagnose.report import sentences as words
+from hoopd.diagnose.report import headline
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")
@@ -135,8 +135,8 @@ def test_every_page_shows_its_verdict_and_all_its_parts_at_both_widths_and_asks_
     assert [(one["name"], one["width"]) for one in measured] == sorted(WIDTHS)
     for one in measured:
         diagnosis, _ = EXAMPLES[one["name"].removesuffix(".html")]()
-        assert one["title"] == f"Diagnosis: {words.TITLES[diagnosis.verdict]}"
-        assert squeezed(words.verdict_sentence(diagnosis)) in squeezed(one["text"])
+        assert one["title"] == f"Diagnosis: {headline.TITLES[diagnosis.verdict]}"
+        assert squeezed(headline.verdict_sentence(diagnosis)) in squeezed(one["text"])
         assert {"where", "proof", "alternatives", "parameters", "power", "quality"} <= set(one["sections"])
         assert one["drawings"] >= 4 and one["flat"] == 0
         assert one["overflow"] <= 0 and one["outside"] == 0, one

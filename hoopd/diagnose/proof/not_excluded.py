@@ -147,7 +147,7 @@ def _reason(effect: Effect, rival: Effect | None, behind: float) -> str:
     if rival is not None and effect.name in rival.contains:
         return f"contains {effect.name}; what it explains beyond that is too little to ask for it"
     if behind < 0.0:
-        return "fitted in its place it explains as much; it was put back for what else it asks for"
+        return "fitted in its place it explains as much or more, too little more to take it"
     return "fitted in its place it explains nearly as much"
 
 

@@ -136,6 +136,7 @@ def _product(values: Sequence[float]) -> float:
 
 def _caveat(name: str, share: float, rest: Remainder, names: int) -> str:
     """The name is the nearest known one and not the whole answer; of several, what all of them leave is told once."""
+    of_all = f"explains {100.0 * share:.0f} % of the nats that all findings and the rest explain together"
     if names > 1:
-        return f"explains {share:.0%} of the mismatch"
-    return f"nearest known: {name}, explains {share:.0%} of the mismatch; what remains follows {rest.follows}"
+        return f"{of_all}, beyond what the others take over without it"
+    return f"nearest known: {name}, {of_all}; what remains follows {rest.follows}"

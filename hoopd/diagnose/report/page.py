@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 
 from hoopd.diagnose.record import Diagnosis, Quantity
 from hoopd.diagnose.record_file import canonical
+from hoopd.diagnose.report import headline, tables
 from hoopd.diagnose.report import sentences as words
-from hoopd.diagnose.report import tables
 from hoopd.diagnose.report.markup import document, drawing, paragraph, section, table, text
 from hoopd.diagnose.report_curves import Comparison, Harmonics, MissingForce, Shown
 from hoopd.plots import diagnosis as figures
@@ -30,15 +30,16 @@ def page(diagnosis: Diagnosis, shown: Shown) -> bytes:
     kept = [(name, title, body) for name, title, body in parts if body]
     body = f'<main class="{diagnosis.verdict}">\n{_header(diagnosis)}{_contents(kept)}'
     body += "".join(section(*part) for part in kept) + f"{_footer(diagnosis)}</main>\n"
-    return document(f"Diagnosis: {words.TITLES[diagnosis.verdict]}", body)
+    return document(f"Diagnosis: {headline.TITLES[diagnosis.verdict]}", body)
 
 
 def _header(diagnosis: Diagnosis) -> str:
-    title = words.TITLES[diagnosis.verdict]
+    title = headline.TITLES[diagnosis.verdict]
     facts = "".join(f"<dt>{text(name)}</dt><dd>{text(value)}</dd>\n" for name, value in _facts(diagnosis) if value)
     return (
         f'<header>\n<p class="kicker">hoopd diagnose</p>\n<h1>{text(title)}</h1>\n'
-        f"{paragraph(words.verdict_sentence(diagnosis), 'verdict')}"
+        f"{paragraph(headline.verdict_sentence(diagnosis), 'verdict')}"
+        f"{paragraph(headline.fit_sentence(diagnosis))}"
         f"{paragraph(words.unexplained_sentence(diagnosis))}"
         f'{paragraph(words.remains_sentence(diagnosis))}<dl class="facts">\n{facts}</dl>\n</header>\n'
     )
@@ -61,8 +62,9 @@ def _contents(kept: Sequence[tuple[str, str, str]]) -> str:
 def _effects(diagnosis: Diagnosis, shown: Shown) -> str:
     """The names, their sizes, and how each was tested."""
     said = "".join(map(paragraph, words.statements(diagnosis)))
-    numbers = paragraph(words.numbers_sentence(diagnosis))
-    tested = table(tables.checks(diagnosis)) + table(tables.ablations(diagnosis)) + table(tables.refused(diagnosis))
+    numbers = paragraph(words.likely_sentence(diagnosis), "note") + paragraph(words.numbers_sentence(diagnosis))
+    tested = table(tables.checks(diagnosis)) + table(tables.ablations(diagnosis))
+    tested += paragraph(words.compared_sentence(diagnosis), "note") + table(tables.refused(diagnosis))
     return said + table(tables.effects(diagnosis), caption=False) + numbers + tested
 
 
@@ -130,7 +132,7 @@ def _proof(diagnosis: Diagnosis, shown: Shown) -> str:
     body += "".join(_one_comparison(index, one) for index, one in enumerate(drawn[:MOST_COMPARISONS]))
     if len(drawn) > MOST_COMPARISONS:
         body += paragraph(f"{len(drawn) - MOST_COMPARISONS} more are in the table only.", "note")
-    body += table(tables.fit("One free run over the whole held-out record", fit.free_run))
+    body += table(tables.fit("One free run over the whole of each part", fit.free_run))
     if fit.free_run_choice is not None:
         body += table(tables.free_run_choice(fit))
         body += table(tables.fit("One free run with these", fit.free_run_choice.fits)) + paragraph(
@@ -155,7 +157,9 @@ def _alternatives(diagnosis: Diagnosis, shown: Shown) -> str:
     if effects and not body:
         body = paragraph("Nothing else in the library explains the recordings nearly as well.")
     if any(one.log_likelihood_gain is not None for one in diagnosis.candidates):
-        drawn = figures.draw_candidates(diagnosis.candidates, {one.name for one in words.kept(diagnosis)}, open_names)
+        drawn = figures.draw_candidates(
+            diagnosis.candidates, {one.name for one in headline.kept(diagnosis)}, open_names
+        )
         caption = (
             "What each explanation gains on its own, and a bar at what it needs: the figures of the tables. "
             "One that stays left of its bar explains nothing."
@@ -211,15 +215,18 @@ def _footer(diagnosis: Diagnosis) -> str:
         "Needed: the gain that chance reaches once in some hundred thousand looks, more for an effect with more "
         "numbers; tables and the figure of explanations tell the same gains and needs.",
         "Surprise: a gain less what chance gives it, the same scale for laws and curves.",
-        "Slot: the place in the device where an effect acts. Shuffled (placebo): the effect with its cause put in "
-        "another order, the best of several shuffles and what such a best one may gain by chance; what gains more says "
-        "GAINS TOO, and the effect then needs as many times more evidence to be called more than weak.",
-        "Held-out fit and nats: what data on which nothing of the effect was fitted gain by it, in simulation and "
-        "reading by reading. Held-out data confirm an effect, say little of it where it barely passes, never test it "
-        "where they do not reach what it acts on, or deny it where a "
-        "simulation of them is worse with it, by more than their own scatter or by more than a point: then it is in no "
-        "model that is written.",
-        "Ceiling: the fit that free curves in place of laws reach.",
+        "Slot: the place in the device where an effect acts. Best shuffle: a placebo, the effect with its cause put in "
+        "another order, the best of several such shuffles, and what it may gain by chance. Where it gains more (GAINS "
+        "TOO), what the effect needs grows as many times; with less than that it is weak.",
+        f"{words.LIKELY}",
+        "Held-out fit: points of NRMSE that simulations of data on which nothing of the effect was fitted gain by it; "
+        "held-out readings: nats that the same data gain by it, reading by reading. Held-out data confirm an effect "
+        "where its readings gain and no simulation is surely worse (a loss within its scatter is no denial); they say "
+        "little of it where it barely passes or is weak, never test it where they do not reach what it acts on, and "
+        "deny it where they refute it reading by reading, or where a simulation of them is worse with it, by more than "
+        "their own scatter or by more than a point: then it is in no model that is written.",
+        "Free curves: the fit that free curves over one variable each reach in place of laws; no bound: laws may "
+        "reach more.",
         "The noise floor is the fit that a perfect model would have; a finding has to beat the re-fitted base, not the "
         "nominal one.",
         f"Schema {diagnosis.schema}, seed {diagnosis.seed}.",

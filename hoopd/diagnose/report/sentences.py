@@ -6,9 +6,10 @@ Rules of this file: nothing is judged here, only said; a sentence about nothing 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 from hoopd.diagnose.record import (
+    NONE_OF_THESE,
     DataQuality,
     Diagnosis,
     EffectFinding,
@@ -20,20 +21,20 @@ from hoopd.diagnose.record import (
     Number,
     Visible,
 )
-from hoopd.plots.number_format import listed, nats, safe, share, short_names, value_text
+from hoopd.plots.number_format import chance, listed, nats, safe, share, short_names, value_text
 
-TITLES = {
-    "consistent": "Consistent",
-    "parameters": "Parameters, not physics",
-    "missing_physics": "Missing physics found",
-    "unknown_physics": "Unknown physics",
-}
 # Above this many characters a list of names is no longer read.
 MANY = 6
-# Points of fit that a figure with one decimal shows.
-SHOWN = 0.1
+# Laws that are not named are told of from this share on.
+LEAST_LIKELY = 0.1
 # A window carries the error when it has so many times an even part of it, or half; of two one always has.
 STANDS_OUT, HALF, FEWEST_WINDOWS = 3.0, 0.5, 3
+# What a column of probabilities says.
+LIKELY = (
+    "Likely: how likely this very law is the one in its place, among all laws that could stand there and none that is "
+    "known; that something is missing there at all is told by the nats."
+)
+NONE_IS_LIKELY = " None of the known laws: that what acts in at least one of the places is none of them."
 # Times in sentences: to this share of a window; of files that do not tell theirs it is the hoop's.
 OF_A_WINDOW, HOOP_WINDOW_S = 0.05, 2.0
 
@@ -53,100 +54,6 @@ def windows(window_s: Number) -> str:
 def decimals(window_s: Number, share: float) -> int:
     """With how many a time in s is told to a share of a window."""
     return max(0, math.ceil(-math.log10(share * (window_s or HOOP_WINDOW_S))))
-
-
-def verdict_sentence(diagnosis: Diagnosis) -> str:
-    """The verdict in one sentence."""
-    gained = _gain_clause(diagnosis.fit.heldout, named=bool(kept(diagnosis)))
-    if diagnosis.verdict == "consistent":
-        return "The model explains these recordings: nothing is missing that they could show."
-    if diagnosis.verdict == "parameters" and diagnosis.refused:
-        found = listed(one.name for one in diagnosis.refused)
-        return (
-            f"The parameters are off, and re-estimating them is as much as held-out data bear out{gained}: "
-            f"more was found ({found}), and not confirmed."
-        )
-    if diagnosis.verdict == "parameters":
-        return f"The physics is complete but its parameters are off: re-estimating them removes the mismatch{gained}."
-    if diagnosis.verdict == "unknown_physics":
-        known = [one for one in kept(diagnosis) if not one.is_unknown]
-        beside = f" beside {listed(map(_finding, known))}" if known else ""
-        return f"Something that is not in the library acts {_unknown_place(diagnosis)}{beside}{gained}."
-    if not kept(diagnosis):
-        denied = listed(f"{_finding(one)}: {one.reason}" for one in diagnosis.effects)
-        return (
-            f"Physics is missing, and no name for it is confirmed{gained}. "
-            f"What explains most of it, and is in no model that is written: {denied}."
-        )
-    return f"The model leaves out {listed(map(_finding, kept(diagnosis)))}{gained}."
-
-
-def kept(diagnosis: Diagnosis) -> list[EffectFinding]:
-    """Findings that held-out data do not deny."""
-    return [one for one in diagnosis.effects if one.status != "not_confirmed"]
-
-
-def _finding(effect: EffectFinding) -> str:
-    """A name with its first size, and what cannot be told from it."""
-    sizes = [f"{name} = {value_text(one)}" for name, one in effect.parameters.items() if one.value is not None]
-    inside = [*sizes[:1], *([f"{listed(effect.not_excluded)} not excluded"] if effect.not_excluded else [])]
-    return effect.name + (f" ({'; '.join(inside)})" if inside else "")
-
-
-def _unknown_place(diagnosis: Diagnosis) -> str:
-    rest = diagnosis.unexplained
-    if rest is None or rest.slot is None:
-        return "in a slot that could not be located"
-    own = [] if rest.curve is None else [rest.curve.regressor]
-    located = bool(diagnosis.effects) and diagnosis.effects[0].is_unknown
-    follows = diagnosis.location.depends_on if located else own
-    return f"in slot {rest.slot}" + (f" and follows {listed(follows)}" if follows else "")
-
-
-def _gain_clause(fits: Fits, *, named: bool) -> str:
-    """What the held-out data gained over the better of the user's and the re-fitted model in the channel that gained
-    most, and every channel that lost; means over the recordings. Of the re-fitted model where nothing is `named`."""
-    means = _channel_means(fits, named=named)
-    if not means:
-        return ""
-    channel, (before, after, _) = max(means.items(), key=lambda one: one[1][1] - one[1][0])
-    gain = f"; the fit of held-out {channel} goes from {before:.1f} to {after:.1f} %" if after > before else ""
-    lost = [f"{name} ({one:.1f} against {best:.1f} %)" for name, (best, one, _) in means.items() if best - one > SHOWN]
-    whose = {of for best, one, of in means.values() if best - one > SHOWN}
-    return gain + (f"; on held-out data worse than {' and '.join(sorted(whose))}: {listed(lost)}" if lost else "")
-
-
-def _channel_means(fits: Fits, *, named: bool) -> dict[str, tuple[float, float, str]]:
-    """By channel: fit of the better of the user's and the re-fitted model, of what is told, and which the better is.
-
-    What is told are the effects, or the re-fitted model where there are none.
-    """
-    each: dict[str, list[Fit]] = {}
-    for _, channel, fit in each_fit(fits):
-        each.setdefault(channel, []).append(fit)
-    found = {}
-    for channel, rows in each.items():
-        nominal, base, final = (
-            _mean_known([getattr(one, name) for one in rows]) for name in ("nominal", "base_refit", "with_effects")
-        )
-        has_effects = named and final is not None
-        last = final if has_effects else base
-        before = {"your model": nominal} | ({"the re-fitted model": base} if has_effects else {})
-        known = {name: value for name, value in before.items() if value is not None}
-        if known and last is not None:
-            best = max(known, key=lambda name: known[name])
-            found[channel] = known[best], last, best
-    return found
-
-
-def _mean_known(values: Sequence[Number]) -> float | None:
-    """None where any is not known."""
-    known = [one for one in values if one is not None]
-    return _mean(known) if known and len(known) == len(values) else None
-
-
-def _mean(values: Sequence[float]) -> float:
-    return math.fsum(values) / len(values)
 
 
 def location_sentence(location: Location, window_s: Number = None) -> str:
@@ -216,6 +123,43 @@ def _law(effect: EffectFinding) -> str:
     return f" [{said}]" if said else ""
 
 
+def likely_sentence(diagnosis: Diagnosis) -> str:
+    """What the column of probabilities says, and the laws in it that are no findings; empty without probabilities."""
+    if all(one.probability is None for one in diagnosis.effects):
+        return ""
+    named = {NONE_OF_THESE, "parameters", *(one.name for one in diagnosis.effects)}
+    others = [
+        f"{one.name} ({chance(one.probability)})"
+        for one in diagnosis.candidates
+        if one.name not in named and (one.probability or 0.0) >= LEAST_LIKELY
+    ]
+    more = f" Others that could stand in one of their places: {listed(others)}." if others else ""
+    return f"{LIKELY}{NONE_IS_LIKELY if none_of_them(diagnosis) else ''}{more}"
+
+
+def none_of_them(diagnosis: Diagnosis) -> Number:
+    """Probability that what no known law describes acts in one of the places; None where it is not worth a word, or a
+    finding without a name says it itself."""
+    if not diagnosis.effects or any(one.is_unknown for one in diagnosis.effects):
+        return None
+    known = next((one.probability for one in diagnosis.candidates if one.name == NONE_OF_THESE), None)
+    return known if known is not None and known > LEAST_LIKELY else None
+
+
+def compared_sentence(diagnosis: Diagnosis) -> str:
+    """Which models the table of fits with and without each finding compares; empty where there is none."""
+    tested = [one for one in diagnosis.effects if one.ablation is not None and one.ablation.heldout_with]
+    if not tested:
+        return ""
+    denied = [one.name for one in tested if one.status == "not_confirmed"]
+    among = f", {listed(denied)} among them, which no model that is written has" if denied else ""
+    whole = f"all {len(tested)} findings{among}" if len(tested) > 1 else "the finding"
+    return (
+        f"With: the model of {whole}. Without: that finding taken out and all other numbers fitted again to the "
+        "training data, so that others take over what they can."
+    )
+
+
 def numbers_of(fit: FitTable) -> dict[str, str]:
     """Numbers that stand for recordings, in their order."""
     return {name: f"({number})" for number, name in enumerate(fit.train, start=1)}
@@ -251,8 +195,12 @@ def error_sentence(fit: FitTable) -> str:
     names, places = short_names(fit.error_windows), decimals(fit.window_s, OF_A_WINDOW)
     alone = [one for one in each if (one[2].share or 0.0) >= min(STANDS_OUT / one[2].windows, HALF)]
     if not alone:
-        most = max(one.share or 0.0 for _, _, one in each)
-        return f"The error that is left is spread over the windows: none has more than {share(most)} of a channel's."
+        r, channel, most = max(each, key=lambda one: one[2].share or 0.0)
+        return (
+            f"The error that is left is spread over the windows: the largest part of a channel's squared error is "
+            f"{share(most.share)} ({safe(channel)} of {names[r]} at {most.t0:.{places}f} to {most.t1:.{places}f} s; "
+            f"even: {share(1.0 / most.windows)})."
+        )
     told = (
         f"{safe(channel)} of {names[r]} at {one.t0:.{places}f} to {one.t1:.{places}f} s "
         f"({share(one.share or 0.0)} of its squared error, in one of {one.windows} windows)"

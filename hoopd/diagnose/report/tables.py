@@ -17,15 +17,17 @@ from hoopd.diagnose.record import (
     Fits,
     FitTable,
     FreeRunEffect,
+    Number,
     Placebo,
     Quantity,
     RecordingQuality,
     Visible,
 )
-from hoopd.diagnose.report.sentences import decimals, each_fit, numbers_of
+from hoopd.diagnose.report.sentences import decimals, each_fit, none_of_them, numbers_of
 from hoopd.plots.number_format import (
     NOTHING,
     amount,
+    chance,
     counted,
     interval_text,
     listed,
@@ -61,6 +63,8 @@ def effects(diagnosis: Diagnosis) -> Table:
     """One row a parameter of each named effect; how likely each is where that is known."""
     head = ("effect", "parameter", "value", "95 % interval", "nats", "needed", "likely")
     rows = [row for effect in diagnosis.effects for row in _effect_rows(effect, numbers_of(diagnosis.fit))]
+    if (none := none_of_them(diagnosis)) is not None:
+        rows.append(("none of the known laws", *[NOTHING] * 5, chance(none)))
     last = len(head) - all(one.probability is None for one in diagnosis.effects)
     return Table("What the model leaves out", head[:last], "llrrrrr"[:last], [row[:last] for row in rows])
 
@@ -71,8 +75,7 @@ def _effect_rows(effect: EffectFinding, numbers: Mapping[str, str]) -> list[Row]
     gain, needed = nats(evidence.log_likelihood_gain), nats(evidence.threshold)
     sizes = [(label, value_text(one), interval_text(one)) for label, one in _labelled(effect.parameters, numbers)]
     first, *others = sizes or [(NOTHING, NOTHING, NOTHING)]
-    likely = NOTHING if effect.probability is None else f"{100.0 * effect.probability:.0f} %"
-    return [(name, *first, gain, needed, likely), *(("", *size, *[""] * 3) for size in others)]
+    return [(name, *first, gain, needed, chance(effect.probability)), *(("", *size, *[""] * 3) for size in others)]
 
 
 def _labelled(parameters: Mapping[str, Quantity], numbers: Mapping[str, str]) -> list[tuple[str, Quantity]]:
@@ -88,18 +91,18 @@ def _labelled(parameters: Mapping[str, Quantity], numbers: Mapping[str, str]) ->
 
 def checks(diagnosis: Diagnosis) -> Table:
     """What became of each finding when it was put to the test."""
-    head = ("effect", "held-out fit", "held-out nats", "taken out again", "shuffled (placebo)", "held-out data")
+    head = ("effect", "held-out fit", "held-out readings", "taken out again", "best shuffle (nats)", "held-out data")
     rows = [_check(one) for one in diagnosis.effects]
     tested = [row for row in rows if any(cell != NOTHING for cell in row[1:])]
-    return _without_empty(Table("How each finding was tested", head, "lrrrrl", tested))
+    return _without_empty(Table("How each finding was tested", head, "lrrrll", tested))
 
 
 def _check(effect: EffectFinding) -> Row:
     gain, without, placebo = effect.evidence.heldout_gain_percent, effect.ablation, effect.placebo
-    better = NOTHING if gain is None else f"{gain:+.1f} %"
+    better = NOTHING if gain is None else f"{gain:+.1f} points"
     loss = NOTHING if without is None else f"{nats(without.log_likelihood_loss)} nats lost"
-    held = NOTHING if placebo is None else _placebo(placebo)
-    known = NOTHING if without is None or without.heldout_nats is None else f"{without.heldout_nats:+.1f}"
+    held = NOTHING if placebo is None else _placebo(placebo, effect.evidence.threshold)
+    known = NOTHING if without is None or without.heldout_nats is None else f"{without.heldout_nats:+.1f} nats"
     return (safe(effect.name), better, known, loss, held, NOTHING if effect.status is None else STATUSES[effect.status])
 
 
@@ -121,20 +124,21 @@ def ablations(diagnosis: Diagnosis) -> Table:
     return Table(title, ("effect", "channel", "with", "without"), "llrr", _without_repeats(known))
 
 
-def _placebo(one: Placebo) -> str:
-    """The gain that was judged, and by what: of the best shuffle where that is known."""
+def _placebo(one: Placebo, needed: Number) -> str:
+    """The gain that was judged, and by what: of the best shuffle where that is known; of one that gains, what the
+    effect needs to be more than weak."""
     if one.most is None or one.limit is None:
-        return f"{nats(one.log_likelihood_gain)} nats: {_held(one.held)}"
-    return f"{nats(one.most)} of {nats(one.limit)} nats: {_held(one.held)}"
-
-
-def _held(held: bool) -> str:
-    return "no gain" if held else "GAINS TOO"
+        return f"{nats(one.log_likelihood_gain)}: {'no gain' if one.held else 'GAINS TOO'}"
+    told = f"{nats(one.most)}, by chance {nats(one.limit)}"
+    if one.held:
+        return f"{told}: no gain"
+    more = "" if needed is None else f", so needs {nats(needed * one.most / one.limit)}"
+    return f"{told}: GAINS TOO{more}"
 
 
 def fit(title: str, fits: Fits) -> Table:
     """Fit before and after."""
-    head = ("recording", "channel", "nominal", "re-fitted", "+ effects", "noise floor", "ceiling")
+    head = ("recording", "channel", "nominal", "re-fitted", "+ effects", "noise floor", "free curves")
     names = short_names(fits)
     every = [(names[recording], safe(channel), *_fit_cells(one)) for recording, channel, one in each_fit(fits)]
     rows = [row for row in every if any(cell != NOTHING for cell in row[2:])]
@@ -180,14 +184,19 @@ def _without_repeats(rows: Iterable[Row]) -> list[Row]:
 def alternatives(diagnosis: Diagnosis) -> Table:
     """What explains the recordings nearly as well."""
     rows = [row for effect in diagnosis.effects for row in _alternative_rows(effect)]
-    return Table("Not excluded", ("alternative", "instead of", "behind (nats)", "why"), "llrl", rows)
+    return Table("Not excluded", ("alternative", "instead of", "nats against it", "why"), "llrl", rows)
 
 
 def _alternative_rows(effect: EffectFinding) -> list[Row]:
     known = {one.name: one for one in effect.alternatives}
     bare = [(name, None, "") for name in effect.not_excluded if name not in known]
     entries = [*((one.name, one.behind_nats, one.reason) for one in known.values()), *bare]
-    return [(safe(name), safe(effect.name), nats(behind), safe(why)) for name, behind, why in entries]
+    return [(safe(name), safe(effect.name), _against(behind), safe(why)) for name, behind, why in entries]
+
+
+def _against(behind: Number) -> str:
+    """By how much an alternative explains less (-) or more (+)."""
+    return NOTHING if behind is None else f"{0.0 - round(behind, 1):+.1f}"
 
 
 def parameters(diagnosis: Diagnosis) -> Table:

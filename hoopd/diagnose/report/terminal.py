@@ -15,8 +15,8 @@ from rich.text import Text
 
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import canonical
+from hoopd.diagnose.report import headline, tables
 from hoopd.diagnose.report import sentences as words
-from hoopd.diagnose.report import tables
 from hoopd.diagnose.report.tables import Table
 from hoopd.plots.number_format import safe
 
@@ -38,9 +38,12 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
     diagnosis = canonical(diagnosis)
     _verdict(diagnosis, console)
     _table(tables.effects(diagnosis), console)
-    _sentences([words.numbers_sentence(diagnosis), *words.statements(diagnosis)], console)
+    _sentences(
+        [words.likely_sentence(diagnosis), words.numbers_sentence(diagnosis), *words.statements(diagnosis)], console
+    )
     _table(tables.checks(diagnosis), console)
     _table(tables.ablations(diagnosis), console)
+    _sentences([words.compared_sentence(diagnosis)], console)
     _table(tables.refused(diagnosis), console)
     _fits(diagnosis, console)
     if diagnosis.verdict == "parameters":
@@ -54,10 +57,18 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
 
 def _verdict(diagnosis: Diagnosis, console: Console) -> None:
     style = COLOURS[diagnosis.verdict]
-    console.print(Text(words.TITLES[diagnosis.verdict], style=f"bold {style}"))
-    console.print(Text(words.verdict_sentence(diagnosis)))
+    console.print(Text(headline.TITLES[diagnosis.verdict], style=f"bold {style}"))
+    console.print(Text(headline.verdict_sentence(diagnosis)))
     where = words.location_sentence(diagnosis.location, diagnosis.fit.window_s)
-    _sentences([where, words.unexplained_sentence(diagnosis), words.remains_sentence(diagnosis)], console)
+    _sentences(
+        [
+            headline.fit_sentence(diagnosis),
+            where,
+            words.unexplained_sentence(diagnosis),
+            words.remains_sentence(diagnosis),
+        ],
+        console,
+    )
 
 
 def _fits(diagnosis: Diagnosis, console: Console) -> None:
@@ -66,7 +77,7 @@ def _fits(diagnosis: Diagnosis, console: Console) -> None:
     _table(tables.fit(f"Fit of held-out data, {words.windows(fit.window_s)} (NRMSE %)", fit.heldout), console)
     _sentences([fit.how_heldout, words.error_sentence(fit), words.source_sentence(fit)], console)
     _table(tables.fit(f"Fit of the data fitted to, {words.windows(fit.window_s)} (NRMSE %)", fit.train), console)
-    _table(tables.fit("One free run over all (NRMSE %)", fit.free_run), console)
+    _table(tables.fit("One free run over the whole of each part (NRMSE %)", fit.free_run), console)
     _table(tables.free_run_choice(fit), console)
     if fit.free_run_choice is not None:
         _table(tables.fit("One free run with these (NRMSE %)", fit.free_run_choice.fits), console)

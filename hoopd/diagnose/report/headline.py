@@ -1,0 +1,149 @@
+"""The verdict in words: what is sure, what is less sure and why, and the fit of held-out data before and after.
+
+Rules of this file: nothing is judged here, only said; what held-out data deny is in no headline that names anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from hoopd.diagnose.record import Diagnosis, EffectFinding, Fit, Fits, Number
+from hoopd.diagnose.report.sentences import each_fit
+from hoopd.plots.number_format import chance, listed, percent, value_text
+
+TITLES = {
+    "consistent": "Consistent",
+    "parameters": "Parameters, not physics",
+    "missing_physics": "Missing physics found",
+    "unknown_physics": "Unknown physics",
+}
+# A law that is less likely than this is more likely another one.
+SURE = 0.5
+# Points of fit that a figure with one decimal shows.
+SHOWN = 0.1
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """The verdict in one sentence: names that are sure before those that are not."""
+    if diagnosis.verdict == "consistent":
+        return "The model explains these recordings: nothing is missing that they could show."
+    if diagnosis.verdict == "parameters":
+        return _parameters_sentence(diagnosis)
+    if diagnosis.verdict == "unknown_physics":
+        known = [one for one in kept(diagnosis) if not one.is_unknown]
+        beside = f" beside {_names(known)}" if known else ""
+        return f"Something that is not in the library acts {_unknown_place(diagnosis)}{beside}."
+    return _missing_sentence(diagnosis)
+
+
+def _parameters_sentence(diagnosis: Diagnosis) -> str:
+    if not diagnosis.refused:
+        return "The physics is complete but its parameters are off: re-estimating them removes the mismatch."
+    return (
+        "The parameters are off, and re-estimating them is as much as held-out data bear out: "
+        f"more was found ({listed(one.name for one in diagnosis.refused)}), and not confirmed."
+    )
+
+
+def _missing_sentence(diagnosis: Diagnosis) -> str:
+    if not kept(diagnosis):
+        denied = listed(f"{_finding(one)}: {one.reason}" for one in diagnosis.effects)
+        return (
+            "Physics is missing, and no name for it is confirmed. "
+            f"What explains most of it, and is in no model that is written: {denied}."
+        )
+    if all(map(doubt, kept(diagnosis))):
+        return f"Physics is missing, and which law it follows is not sure: {listed(map(_finding, kept(diagnosis)))}."
+    return f"The model leaves out {_names(kept(diagnosis))}."
+
+
+def kept(diagnosis: Diagnosis) -> list[EffectFinding]:
+    """Findings that held-out data do not deny."""
+    return [one for one in diagnosis.effects if one.status != "not_confirmed"]
+
+
+def doubt(effect: EffectFinding) -> str:
+    """Why a finding is less sure than others; empty for one that is confirmed and likelier than all other laws."""
+    if effect.status == "untested":
+        return "held-out data never test it"
+    if effect.status == "weak":
+        return "weak: a shuffled cause gains too" if effect.placebo and not effect.placebo.held else "weak"
+    is_likely = effect.probability is None or effect.probability > SURE
+    return "" if is_likely else f"{chance(effect.probability)} likely"
+
+
+def _names(findings: Sequence[EffectFinding]) -> str:
+    """Those that are sure; the others behind them."""
+    sure = listed(_finding(one) for one in findings if not doubt(one))
+    doubted = listed(_finding(one) for one in findings if doubt(one))
+    return "; ".join([*([sure] if sure else []), *([f"less sure: {doubted}"] if doubted else [])])
+
+
+def _finding(effect: EffectFinding) -> str:
+    """A name with its first size, why it is doubted, and what cannot be told from it."""
+    sizes = [f"{name} = {value_text(one)}" for name, one in effect.parameters.items() if one.value is not None]
+    why = [doubt(effect)] if effect.status != "not_confirmed" and doubt(effect) else []
+    rivals = [f"{listed(effect.not_excluded)} not excluded"] if effect.not_excluded else []
+    inside = [*sizes[:1], *why, *rivals]
+    return effect.name + (f" ({'; '.join(inside)})" if inside else "")
+
+
+def _unknown_place(diagnosis: Diagnosis) -> str:
+    rest = diagnosis.unexplained
+    if rest is None or rest.slot is None:
+        return "in a slot that could not be located"
+    own = [] if rest.curve is None else [rest.curve.regressor]
+    located = bool(diagnosis.effects) and diagnosis.effects[0].is_unknown
+    follows = diagnosis.location.depends_on if located else own
+    return f"in slot {rest.slot}" + (f" and follows {listed(follows)}" if follows else "")
+
+
+# ------------------------------------------------------------------------------------------- held-out data
+
+
+def fit_sentence(diagnosis: Diagnosis) -> str:
+    """Fit of held-out data by your model, re-fitted and with effects, of the channel that gained most, and every
+    channel that lost; means over the recordings. Empty where nothing was held out."""
+    means = _channel_means(diagnosis.fit.heldout, named=bool(kept(diagnosis)))
+    if not means:
+        return ""
+    channel = max(means, key=lambda name: means[name]["last"] - means[name]["best"])
+    figures = ", ".join(f"{name} {percent(value)}" for name, value in means[channel].items() if name in COLUMNS)
+    lost: dict[str, list[str]] = {}
+    for name, one in means.items():
+        if one["best"] - one["last"] > SHOWN:
+            whose = "your model" if one["best"] == one.get("your model") else "the re-fitted model"
+            lost.setdefault(whose, []).append(f"{name} ({one['last']:.1f} against {one['best']:.1f} %)")
+    worse = "".join(f"; worse than {whose}: {listed(names)}" for whose, names in lost.items())
+    return f"Fit of held-out {channel}: {figures} %{worse}."
+
+
+COLUMNS = ("your model", "re-fitted", "with effects")
+
+
+def _channel_means(fits: Fits, *, named: bool) -> dict[str, dict[str, float]]:
+    """By channel: the fits that are known by COLUMNS, the `last` of them, and the `best` before it.
+
+    What comes last are the effects, or the re-fitted model where nothing is `named`.
+    """
+    each: dict[str, list[Fit]] = {}
+    for _, channel, fit in each_fit(fits):
+        each.setdefault(channel, []).append(fit)
+    found = {}
+    for channel, rows in each.items():
+        parts = ("nominal", "base_refit", "with_effects")
+        means = [_mean_known([getattr(one, name) for one in rows]) for name in parts]
+        # without effects their column is that of the re-fitted model
+        shown = means if named and means[2] is not None else means[:2]
+        known = {name: value for name, value in zip(COLUMNS, shown, strict=False) if value is not None}
+        if len(known) > 1 and shown[-1] is not None:
+            *before, last = known.values()
+            found[channel] = {**known, "last": last, "best": max(before)}
+    return found
+
+
+def _mean_known(values: Sequence[Number]) -> float | None:
+    """None where any is not known."""
+    known = [one for one in values if one is not None]
+    return math.fsum(known) / len(known) if known and len(known) == len(values) else None
