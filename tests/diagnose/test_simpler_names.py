@@ -8,6 +8,7 @@ import pytest
 from diagnose.test_mechanisms import SLIDE, Law, bristles, recorded
 
 from hoopd.diagnose import run
+from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.search import naming
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried
 from hoopd.diagnose.search.excluded_intervals import CountedData
@@ -94,3 +95,25 @@ def test_a_mechanism_that_needs_its_constants_keeps_its_name() -> None:
     before = found.final
     tell_simply(found, judge, [*GRAMMAR.values()])
     assert found.final is before and before.names == (name,)
+
+
+def test_constants_of_a_mechanism_end_about_those_that_are_tried() -> None:
+    """The time of what settles at once ends where the recordings could still tell it, and that is said."""
+    train = days(rubbing)
+    found = started(train, [])
+    name_mechanisms(found, Judge(train, {}, Settings()), [GRAMMAR["slide.settling_of_t_on_sign_dx"]])
+    (parameter,) = [one for one in found.final.effects[0].parameters if one.name == "v0"]
+    # tried at 0.8 to 6.4 s of 16 s; then once more in a wider range
+    assert parameter.usual == (0.01, 100.0) and parameter.low == 0.0025
+    assert found.final.values["slide.settling_of_t_on_sign_dx.v0"] == parameter.low
+    (said,) = end_sentences(found.final)
+    assert said.startswith(
+        "slide.settling_of_t_on_sign_dx.v0 stands at the end of its range, widened already, 0.0025 s"
+    )
+
+
+def test_places_may_lie_anywhere_and_waves_a_turn_are_counted() -> None:
+    place = GRAMMAR["slide.above_of_x"]
+    assert place.effect_near([{"v0": 0.1}, {"v0": 0.3}]).parameters == place.effect.parameters
+    well = GRAMMAR["slide.well_of_x"].effect_near([{"v0": -0.1, "w": 0.02}, {"v0": 0.3, "w": 0.05}])
+    assert (well.parameter("w").low, well.parameter("w").high) == (1e-3, 1.0)

@@ -49,11 +49,7 @@ class ProposedMechanism:
     surprise: float  # nats, told the colour of the residual and how much was looked at; its cost is not taken off
     start: dict[str, float]  # by the whole model's names
     vector: Array  # (rows,) the change it would make, whitened and projected
-
-    @property
-    def effect(self) -> Effect:
-        """As an effect."""
-        return self.mechanism.effect
+    effect: Effect  # its constants in a range about those that were tried
 
 
 class MechanismScreen:
@@ -70,6 +66,9 @@ class MechanismScreen:
         self.residual = self._projected(rows[:, :1])[:, 0]
         self._tracks = [FollowedTrack(track, fit, gains) for track, gains in zip(fit.tracks, fit.gains, strict=True)]
         self._choices = [one for mechanism in wanted for one in self._tried(mechanism)]
+        self._constants: dict[str, list[dict[str, float]]] = {}
+        for one in self._choices:
+            self._constants.setdefault(one.mechanism.name, []).append(one.constants)
         self.cost = code_nats(len(wanted) if among is None else among)
         self._null: Null | None = None
         self._score(DRAWS if level else 0)
@@ -196,7 +195,7 @@ class MechanismScreen:
         beyond = surprise(gain / inflated, choice.columns, looked_at)
         return ProposedMechanism(
             choice.mechanism, choice.constants, gain, choice.columns, looked_at, beyond, _start(choice, weights),
-            z @ weights,
+            z @ weights, choice.mechanism.effect_near(self._constants[choice.mechanism.name]),
         )  # fmt: skip
 
 

@@ -10,10 +10,10 @@ Rules of this file: laws come from `shapes` and `memories`; which there are says
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import inf
+from math import ceil, floor, inf, log10
 from typing import Any
 
 import casadi as ca
@@ -37,6 +37,8 @@ TORQUE_ORDER = 3
 MEMORY_SUBSTEPS = 5
 # Usual size of a memory where a recording begins: known to be none.
 NOTHING = 1e-6
+# Its constants are looked for so far beyond those that a screen tries: further off the law is its own limit there.
+BEYOND_TRIED = 10.0
 # Each constant of a law costs evidence.
 NATS_A_CONSTANT = 1.5
 
@@ -171,6 +173,12 @@ class Mechanism:
             cost_nats=NATS_A_CONSTANT * len(self.constants),
         )
 
+    def effect_near(self, tried: Sequence[Mapping[str, float]]) -> Effect:
+        """As an effect whose constants lie about those that a screen of some recordings has tried."""
+        found = {name: [one[name] for one in tried] for name in self.constants}
+        own = tuple(_about(p, found[p.name]) if found.get(p.name) else p for p in self.effect.parameters)
+        return replace(self.effect, parameters=own)
+
     @property
     def sentence(self) -> str:
         """In plain words."""
@@ -238,3 +246,12 @@ class Mechanism:
         # every recording begins with nothing remembered, whatever the readings say
         scales = {**plant.scales, **dict.fromkeys(names, NOTHING)}
         return replace(plant, first_order=(*plant.first_order, *names), rates=rates, scales=scales)
+
+
+def _about(parameter: EffectParameter, tried: Sequence[float]) -> EffectParameter:
+    """With a range of whole decades about values that are positive; a place, and a number of waves a turn, as it is."""
+    if parameter.discrete or parameter.low < 0.0 or min(tried) <= 0.0:
+        return parameter
+    # equal for grids that differ little: models are built once for equal effects
+    low, high = floor(log10(min(tried) / BEYOND_TRIED)), ceil(log10(max(tried) * BEYOND_TRIED))
+    return replace(parameter, low=10.0**low, high=10.0**high)
