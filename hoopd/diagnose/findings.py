@@ -189,6 +189,12 @@ def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
     )
 
 
+def faults_of(effects: Sequence[EffectFinding], faults: Sequence[CameraFault]) -> list[float]:
+    """Probabilities of the findings that are counted faults of a sensor."""
+    names = {one.name for one in faults}
+    return [one.probability or 0.0 for one in effects if one.name in names]
+
+
 def refused_of(named: Named, said: Confirmation) -> list[Refused]:
     """What was beyond the threshold: names that folds refused, and those that held-out data leave no evidence of."""
     folds = [

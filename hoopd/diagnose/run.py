@@ -17,6 +17,7 @@ from hoopd.diagnose.findings import (
     base_of,
     candidates_of,
     effects_of,
+    faults_of,
     fits_of,
     is_any_told,
     refused_of,
@@ -40,6 +41,7 @@ from hoopd.diagnose.proof.next_experiment import next_experiment
 from hoopd.diagnose.proof.not_excluded import parameter_notes, separations
 from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.power import visible
+from hoopd.diagnose.proof.probabilities import beside_faults
 from hoopd.diagnose.proof.replacement import replace_denied
 from hoopd.diagnose.proof.standing import Asked, standings
 from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
@@ -188,7 +190,7 @@ def diagnose(case: Case) -> Outcome:
             ],
         ),
         seed=case.seed,
-        candidates=candidates_of(named, threshold, stand.candidates),
+        candidates=candidates_of(named, threshold, beside_faults(stand.candidates, faults_of(effects, faults))),
         refused=refused,
         remains=remains_of(stand),
         power=visible(named, case.library, threshold),

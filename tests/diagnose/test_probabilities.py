@@ -15,7 +15,16 @@ from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import survey
 from hoopd.diagnose.findings import _fault, remains_of, told
 from hoopd.diagnose.proof.in_place import EffectTakenOut, nearest
-from hoopd.diagnose.proof.probabilities import PARAMETERS, Option, among_what_acts, likely
+from hoopd.diagnose.proof.probabilities import (
+    PARAMETERS,
+    TOO_SMALL,
+    UNLISTED,
+    Option,
+    among_what_acts,
+    beside_faults,
+    likely,
+    too_small,
+)
 from hoopd.diagnose.proof.remainder import Remainder, explained, held_back
 from hoopd.diagnose.proof.standing import Asked, Standing, Standings, _caveat, _left_of, standings
 from hoopd.diagnose.record import NONE_OF_THESE
@@ -238,3 +247,16 @@ def test_what_several_names_leave_is_told_once() -> None:
     assert told_once is not None and (told_once.follows, told_once.log_likelihood_gain) == ("theta", 25.0)
     assert remains_of(Standings({"a.b": Standing()}, {}, remaining(8.0, 5.0))) is None
     assert remains_of(Standings({}, {}, rest)) is None
+
+
+def test_parameters_alone_are_never_sure_and_wrong_beside_a_fault() -> None:
+    found = likely([Option(PARAMETERS, 12.0), too_small(12.0), Option("a", 2.0)])
+    assert found.shares[PARAMETERS] == pytest.approx(1.0 - TOO_SMALL, abs=1e-3)
+    assert found.none == pytest.approx(TOO_SMALL, abs=1e-3)
+    shares = beside_faults(found.shares, [0.9, 0.5])
+    assert shares[PARAMETERS] == pytest.approx(0.05 * found.shares[PARAMETERS]) and shares["a"] == found.shares["a"]
+
+
+def test_a_law_may_be_in_no_vocabulary_whatever_the_data_say() -> None:
+    found = likely([Option("a", 500.0, True), Option(PARAMETERS, 12.0)], unlisted=UNLISTED)
+    assert found.named == pytest.approx(1.0 - UNLISTED) and found.none == pytest.approx(UNLISTED)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import exp
+from math import exp, log
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,10 @@ from hoopd.diagnose.record import NONE_OF_THESE
 PARAMETERS = "parameters"
 # Odds beyond this are certainty.
 MOST_NATS = 50.0
+# Beliefs before any data, of about what tuning seeds of the proof showed. Where nothing is found, one time in five
+# something acts that is too small for these recordings; and of laws that are found, as many as this are the nearest of
+# the vocabulary to one that is not in it, without a trace beside them.
+TOO_SMALL, UNLISTED = 0.2, 0.07
 
 
 class Option(NamedTuple):
@@ -48,12 +52,13 @@ class Likely:
         return self.shares.get(NONE_OF_THESE, 0.0)
 
 
-def likely(options: Sequence[Option], left: float = -MOST_NATS) -> Likely:
-    """Of one place; `left`: log odds that what remains beside all names is more than chance."""
+def likely(options: Sequence[Option], left: float = -MOST_NATS, unlisted: float = 0.0) -> Likely:
+    """Of one place; `left`: log odds that what remains beside all names is more than chance; `unlisted`: belief that
+    the law is in no vocabulary, whatever the data say."""
     worths: dict[str, float] = {}
     for one in options:
         worths[one.name] = max(one.worth, worths.get(one.name, -np.inf))
-    known = 1.0 / (1.0 + exp(min(max(left, -MOST_NATS), MOST_NATS)))
+    known = (1.0 - unlisted) / (1.0 + exp(min(max(left, -MOST_NATS), MOST_NATS)))
     most = max(worths.values(), default=0.0)
     weights = {name: exp(worth - most) for name, worth in worths.items()}
     total = sum(weights.values())
@@ -61,6 +66,20 @@ def likely(options: Sequence[Option], left: float = -MOST_NATS) -> Likely:
     shares[NONE_OF_THESE] = shares.get(NONE_OF_THESE, 0.0) + 1.0 - known if shares else 1.0
     alike = {one.name for one in options if one.alike}
     return Likely(shares, sum(share for name, share in shares.items() if name in alike))
+
+
+def too_small(threshold: float) -> Option:
+    """Beside parameters that explain everything: what these recordings cannot show."""
+    return Option(NONE_OF_THESE, threshold + log(TOO_SMALL / (1.0 - TOO_SMALL)))
+
+
+def beside_faults(shares: Mapping[str, float], faults: Sequence[float]) -> dict[str, float]:
+    """Candidates' probabilities where faults of a sensor were counted, each with its own: parameters alone are wrong
+    where any of them is right."""
+    found = dict(shares)
+    if PARAMETERS in found:
+        found[PARAMETERS] *= float(np.prod([1.0 - one for one in faults]))
+    return found
 
 
 def among_what_acts(places: Sequence[Likely]) -> dict[str, float]:

@@ -11,7 +11,16 @@ from math import log
 
 from hoopd.diagnose.curves.unknown_effects import Survey, Unknown
 from hoopd.diagnose.proof.in_place import EffectTakenOut, nearest
-from hoopd.diagnose.proof.probabilities import MOST_NATS, PARAMETERS, Likely, Option, among_what_acts, likely
+from hoopd.diagnose.proof.probabilities import (
+    MOST_NATS,
+    PARAMETERS,
+    UNLISTED,
+    Likely,
+    Option,
+    among_what_acts,
+    likely,
+    too_small,
+)
 from hoopd.diagnose.proof.remainder import Remainder, explained, remainder
 from hoopd.diagnose.record import NONE_OF_THESE
 from hoopd.diagnose.search.candidates import surprise_of
@@ -69,7 +78,8 @@ def standings(asked: Asked) -> Standings:
     for one, share in zip(named.accepted, shares, strict=True):
         place = EffectTakenOut(named, one, asked.library, asked.mechanisms)
         left = _left_of(named.losses[one.effect.name], rest, unknown)
-        found = likely(place.options(asked.threshold, asked.base if len(named.accepted) == 1 else None), left)
+        curves = asked.base if len(named.accepted) == 1 else None
+        found = likely(place.options(asked.threshold, curves), left, UNLISTED)
         near = place.nearest() if one.effect.name not in asked.library else None
         caveat = _caveat(one.effect.name, share, rest, len(named.accepted)) if rest is not None and rest.fires else ""
         findings[one.effect.name] = Standing(found.named, near, share, caveat)
@@ -119,7 +129,7 @@ def _unnamed(asked: Asked, screen: MechanismScreen) -> list[Option]:
     costs = {one.effect.name: one.surprise - one.effect.cost_nats - screen.cost for one in screen.proposals}
     curves = [Option(NONE_OF_THESE, asked.base.curves[0].surprise)] if asked.base.curves else []
     names = [Option(name, worth) for name, worth in {**costs, **gains}.items()]
-    return [*names, Option(PARAMETERS, asked.threshold), *curves]
+    return [*names, Option(PARAMETERS, asked.threshold), *curves, too_small(asked.threshold)]
 
 
 def _library_beside(fit: HypothesisFit, asked: Asked) -> Screen:
