@@ -13,16 +13,20 @@ from collections.abc import Collection, Sequence
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
 
+# What is usual is known beforehand: a wider range is a second look at the same effect, and has to be worth that. Else a
+# law with one number more wins by a number that no device has.
+ASKED_NATS = 3.0
+
 
 def in_wider_ranges(
     found: HypothesisFit, train: Sequence[Stretch], names: Collection[str] | None = None
 ) -> HypothesisFit:
     """The fit with the ranges widened on whose ends it stands, of the effects `names` (all); itself where none is, or
-    where the recordings are no likelier."""
+    where the recordings do not ask for it."""
     effects = tuple(
         effect.holding(found.values) if names is None or effect.name in names else effect for effect in found.effects
     )
     if effects == found.effects:
         return found
     wider = fit(train, effects, found.values, like=found, noise=found.noise, free=found.free)
-    return wider if wider.criterion < found.criterion else found
+    return wider if found.criterion - wider.criterion >= ASKED_NATS else found
