@@ -13,10 +13,10 @@ from msgspec.structs import replace
 from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.confirmation import Confirmation, status_of
+from hoopd.diagnose.proof.finding_standings import Standing, Standings
 from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
 from hoopd.diagnose.proof.not_excluded import Separation
 from hoopd.diagnose.proof.probabilities import PARAMETERS, Option, likely
-from hoopd.diagnose.proof.standing import Standing, Standings
 from hoopd.diagnose.record import (
     NONE_OF_THESE,
     Ablation,

@@ -32,6 +32,7 @@ from hoopd.diagnose.location import location_of
 from hoopd.diagnose.proof.confirmation import confirmation
 from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.proof.error_windows import error_windows
+from hoopd.diagnose.proof.finding_standings import Asked, standings
 from hoopd.diagnose.proof.fit_tables import Played, channel_source, played, window_of
 from hoopd.diagnose.proof.free_run_record import free_choice
 from hoopd.diagnose.proof.free_runs import free_runs
@@ -43,7 +44,6 @@ from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.power import visible
 from hoopd.diagnose.proof.probabilities import beside_faults
 from hoopd.diagnose.proof.replacement import replace_denied
-from hoopd.diagnose.proof.standing import Asked, standings
 from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
 from hoopd.diagnose.quality.hold_doubt import hold_doubts
 from hoopd.diagnose.quality.unusual_intervals import Interval

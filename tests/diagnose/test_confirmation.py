@@ -21,8 +21,8 @@ from hoopd.diagnose.proof.denial import Denial, denial
 from hoopd.diagnose.proof.error_windows import error_windows, window_of_the_loss
 from hoopd.diagnose.proof.fit_tables import Played, played
 from hoopd.diagnose.proof.held_out import HeldOut
-from hoopd.diagnose.proof.lowered import lowered
 from hoopd.diagnose.proof.replacement import replace_denied
+from hoopd.diagnose.proof.worse_channels import lowered
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried
 from hoopd.diagnose.search.naming import Named, Refusal
 from hoopd.plants.effects.base import Effect
@@ -330,7 +330,7 @@ def test_a_curve_is_denied_by_its_values_or_by_its_simulation(
 
 def made_up(size: float, worse: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, Any]:
     """Ten windows with errors of `size` of the motion, and the same with each window's worse by a factor."""
-    monkeypatch.setattr("hoopd.diagnose.proof.lowered.series", lambda windows: {"x": windows})
+    monkeypatch.setattr("hoopd.diagnose.proof.worse_channels.series", lambda windows: {"x": windows})
     t, random = np.arange(100.0), np.random.default_rng(2)
     y = np.sin(0.3 * t)
     errors = [size * random.normal(size=100) for _ in worse]

@@ -9,8 +9,8 @@ import pytest
 
 from hoopd.diagnose.proof.best_of_library import BestOfAll, Choice, given_back, largest
 from hoopd.diagnose.proof.free_run_record import effects_of
+from hoopd.diagnose.proof.free_run_refinement import Refined, refine
 from hoopd.diagnose.proof.free_run_selection import CHANCE, Selected, Selection, Step, worth
-from hoopd.diagnose.proof.refinement import Refined, refine
 from hoopd.diagnose.proof.sensitivity import Sensitivity, memory
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.kalman_filter import Noise

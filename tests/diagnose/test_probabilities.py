@@ -14,7 +14,7 @@ from diagnose.madeup import shipped_plant, stretch_with
 from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import survey
 from hoopd.diagnose.findings import _fault, remains_of, told
-from hoopd.diagnose.proof.in_place import EffectTakenOut, nearest
+from hoopd.diagnose.proof.finding_standings import Asked, Standing, Standings, _caveat, _left_of, standings
 from hoopd.diagnose.proof.probabilities import (
     PARAMETERS,
     TOO_SMALL,
@@ -26,7 +26,7 @@ from hoopd.diagnose.proof.probabilities import (
     too_small,
 )
 from hoopd.diagnose.proof.remainder import Remainder, explained, held_back
-from hoopd.diagnose.proof.standing import Asked, Standing, Standings, _caveat, _left_of, standings
+from hoopd.diagnose.proof.rivals_in_place import EffectTakenOut, nearest
 from hoopd.diagnose.record import NONE_OF_THESE
 from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen

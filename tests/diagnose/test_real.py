@@ -17,7 +17,7 @@ import pytest
 from hoopd.commands.inputs import read_recording
 from hoopd.diagnose.inputs import Source, source_of
 from hoopd.diagnose.proof.fit_tables import nrmse
-from hoopd.diagnose.proof.refinement import Refined, refine
+from hoopd.diagnose.proof.free_run_refinement import Refined, refine
 from hoopd.diagnose.quality.excluded_stretches import set_aside
 from hoopd.diagnose.search.bounded_disturbance import deflated, far_beyond, stiffened
 from hoopd.diagnose.search.screen import Screen

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hoopd.diagnose.proof.fit_tables import nrmse
-from hoopd.diagnose.proof.refinement import refine
+from hoopd.diagnose.proof.free_run_refinement import refine
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.reference_track import Track

@@ -11,9 +11,9 @@ import pytest
 
 from hoopd.diagnose.proof import simulation
 from hoopd.diagnose.proof.fit_tables import channel_source, nrmse, start_weights
-from hoopd.diagnose.proof.lowered import lowered
 from hoopd.diagnose.proof.simulation import Simulator, Windows, bounded, fitted_starts, windows_of
 from hoopd.diagnose.proof.window_comparison import channel_weights
+from hoopd.diagnose.proof.worse_channels import lowered
 from hoopd.diagnose.quality.sensor_samples import _constant
 from hoopd.diagnose.search.screen import orthonormal
 from hoopd.plants.declaration import Plant

@@ -19,9 +19,9 @@ import numpy as np
 from hoopd.diagnose.proof.denial import Denial, denial
 from hoopd.diagnose.proof.fit_tables import Played
 from hoopd.diagnose.proof.held_out import HeldOut
-from hoopd.diagnose.proof.lowered import lowered
 from hoopd.diagnose.proof.separation import own_columns
 from hoopd.diagnose.proof.unknown_proof import Proven
+from hoopd.diagnose.proof.worse_channels import lowered
 from hoopd.diagnose.record import Status
 from hoopd.diagnose.search.candidates import UNSEEN_LOSS, Tried, surprise_of
 from hoopd.diagnose.search.naming import Named

@@ -14,7 +14,7 @@ from math import ceil, log10
 
 from hoopd.diagnose.proof.error_windows import window_of_the_loss
 from hoopd.diagnose.proof.fit_tables import Played
-from hoopd.diagnose.proof.lowered import lowered
+from hoopd.diagnose.proof.worse_channels import lowered
 from hoopd.diagnose.search.candidates import UNSEEN_LOSS, UNSEEN_SHARE
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 

@@ -1,6 +1,6 @@
 """The window that carries the error of a simulation, or most of what a second one loses against the first.
 
-Rules of this file: simulations in, times out; squared errors as `lowered` counts them.
+Rules of this file: simulations in, times out; squared errors as `worse_channels` counts them.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.proof.fit_tables import Played, series, spread_of
-from hoopd.diagnose.proof.lowered import squared_errors
+from hoopd.diagnose.proof.worse_channels import squared_errors
 from hoopd.diagnose.record import ErrorWindow
 
 # A window carries a loss when no less than this share of it is in it alone.

@@ -16,7 +16,7 @@ from math import log
 
 import numpy as np
 
-from hoopd.diagnose.proof.refinement import LENGTHS_S, SETTLED, Refined, refine
+from hoopd.diagnose.proof.free_run_refinement import LENGTHS_S, SETTLED, Refined, refine
 from hoopd.diagnose.proof.sensitivity import Sensitivity, independent, states_of
 from hoopd.diagnose.search.candidates import free_of_recordings
 from hoopd.diagnose.search.screen import Score

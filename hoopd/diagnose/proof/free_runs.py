@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hoopd.diagnose.proof.fit_tables import noise_floor, nrmse
-from hoopd.diagnose.proof.refinement import Refined, refine
+from hoopd.diagnose.proof.free_run_refinement import Refined, refine
 from hoopd.diagnose.proof.simulation import Simulated
 from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.record import Fits

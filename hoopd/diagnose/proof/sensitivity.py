@@ -5,7 +5,8 @@ Free of what the parameters and the starts could do as well, these changes expla
 regression, as the screen of the innovations does. What chance alone would gain with the best of the whole library is
 told by the same error with random weights, block by block (`best_of_library`).
 
-Rules of this file: a screen proposes; the run itself decides elsewhere. Errors are weighted as in `refinement`.
+Rules of this file: a screen proposes; the run itself decides elsewhere. Errors are weighted as
+in `free_run_refinement`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.proof.best_of_library import BestOfAll, Choice, given_back
-from hoopd.diagnose.proof.refinement import DIFFERENCE, Refined, sizes
+from hoopd.diagnose.proof.free_run_refinement import DIFFERENCE, Refined, sizes
 from hoopd.diagnose.proof.simulation import Simulated, Simulator
 from hoopd.diagnose.proof.window_comparison import channel_weights, errors_of
 from hoopd.diagnose.search.screen import Column, Member, Score, members_of, orthonormal, score_of

@@ -1,6 +1,7 @@
 """How each finding stands: its probability, the nearest name, its share of the mismatch, and what remains beside it.
 
-Rules of this file: it puts together what `in_place`, `remainder` and `probabilities` say; verdicts stay what they are.
+Rules of this file: it puts together what `rivals_in_place`, `remainder` and `probabilities` say; verdicts stay what
+they are.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from dataclasses import dataclass, field
 from math import log
 
 from hoopd.diagnose.curves.unknown_effects import Survey, Unknown
-from hoopd.diagnose.proof.in_place import EffectTakenOut, nearest
 from hoopd.diagnose.proof.probabilities import (
     MOST_NATS,
     PARAMETERS,
@@ -22,6 +22,7 @@ from hoopd.diagnose.proof.probabilities import (
     too_small,
 )
 from hoopd.diagnose.proof.remainder import Remainder, explained, remainder
+from hoopd.diagnose.proof.rivals_in_place import EffectTakenOut, nearest
 from hoopd.diagnose.record import NONE_OF_THESE
 from hoopd.diagnose.search.candidates import surprise_of
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
