@@ -19,8 +19,11 @@ from pathlib import Path
 import pytest
 from disturbance import ROOT, Taken, excuse, taken
 
+from hoopd.linear_algebra import settle
+
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # before numpy is imported
     os.environ[threads] = "1"
+settle()
 
 HERE = Path(__file__).parent
 # Whole daemons on the clock, or as tight as these.

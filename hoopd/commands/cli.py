@@ -47,9 +47,10 @@ from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output import check_json, write_json
 from hoopd.exit_codes import DONE, FAILED, PORT_MISSING, UNUSABLE_INPUT
 from hoopd.files.reading import InputError, PortMissingError
+from hoopd.linear_algebra import settle
 
-# Matrices of four by four gain nothing from threads, and lose milliseconds to them; before numpy is imported.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Before numpy is imported.
+settle()
 # OpenCV would unpack a picture of a gigapixel before anyone could refuse it; 4096 x 4096, before cv2 is imported.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(4096 * 4096))
 # What OpenCV and its video library find wrong with an input comes as our one line.

@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 # Of the guard's usual size. Whether a ball that is pressed on with less than a tenth of its weight still rolls, forces
 # decide that are not in the equations: a joint of the hoop, its bearing's vibration.
 LEAST_MARGIN = 0.1
+# Once the mode has ended it begins again with an impact, which no reading announces: a ball falls through its hoop
+# within 0.2 s, and slips for a while.
+LANDING_S = 0.3
 
 
 def left_modes(fit: HypothesisFit) -> tuple[list[Interval], list[str]]:
@@ -53,7 +56,8 @@ def _of_track(track: Track, fit: HypothesisFit) -> list[Interval]:
         near = stretch.t[margins < LEAST_MARGIN]
         for t0, t1 in merged([(t, t) for t in near], motion_scale(stretch.plant)):
             least = float(margins[(stretch.t >= t0) & (stretch.t <= t1)].min())
-            found.append(Interval(stretch.recording, t0, t1, (UnusualSignal(mode.name, MODE, least, LEAST_MARGIN),)))
+            end = t1 + (LANDING_S * motion_scale(stretch.plant) if least <= 0.0 else 0.0)
+            found.append(Interval(stretch.recording, t0, end, (UnusualSignal(mode.name, MODE, least, LEAST_MARGIN),)))
     return found
 
 
