@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from harness.effectcases import VALUES, composite
 
 from hoopd.diagnose.quality.left_modes import LEAST_MARGIN, left_modes
@@ -89,6 +90,7 @@ def test_a_model_that_has_the_flight_is_judged_by_all_of_it() -> None:
     assert left_modes(fit([stretch], (flight,), V)) == ([], [])
 
 
+@pytest.mark.proof
 def test_the_diagnosis_tells_of_it_and_names_nothing() -> None:
     whole = [recording(seed, FLIES, 20.0) for seed in (1, 2)]
     found = diagnose(whole[0], holdout=whole[1], model="hoop", grammar=False, free_run=False).diagnosis
