@@ -40,7 +40,9 @@ json.dump({"verdict": "consistent", "effects": [], "files": files, "argv": sys.a
 
 
 def test_a_worker_sees_the_recordings_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker, "command", lambda seed, without: [sys.executable, "-c", FAKE, str(seed), *without])
+    monkeypatch.setattr(
+        worker, "command", lambda seed, without, names: [sys.executable, "-c", FAKE, str(seed), *without]
+    )
     done = worker.diagnose({"train_1.csv": b"1", "train_2.csv": b"2", "holdout.csv": b"3"}, 7, ("ball.slip",))
     assert done["diagnosis"]["files"] == ["holdout.csv", "train_1.csv", "train_2.csv"]
     assert done["diagnosis"]["argv"] == ["7", "ball.slip"]
@@ -74,6 +76,7 @@ def test_command_line_of_a_case() -> None:
         "--no-free-run",
     ]
     assert worker.command(3, ("ball.slip", "hoop.imbalance"))[1:] == [*words, "--without", "ball.slip,hoop.imbalance"]
+    assert worker.command(3, (), True)[1:] == [*words, "--library-only"]
 
 
 @pytest.fixture(scope="module")
@@ -168,12 +171,25 @@ def test_a_run_of_before_is_still_read(tmp_path: Path) -> None:
     assert (asked.left_out, asked.only, len(asked.wishes())) == (0, (), 2)
 
 
+@pytest.mark.parametrize("words", [(), ("calibrate",)])
+def test_a_run_without_the_grammar_keeps_that_it_is_one(words: tuple[str, ...], tmp_path: Path) -> None:
+    parser = cli._calibrating() if words else cli._scored()
+    options = parser.parse_args(["--family", "outside", "--library-only"])
+    folder = runfolder.RunFolder(tmp_path)
+    folder.start(cli.asked(options, 7))
+    assert folder.asked().library_only
+    folder.say("answers", "a", {"family": "outside"})
+    assert score._told(folder, score.DIAGNOSES, "a") == (score.SEED, (), True)
+    assert score._told(folder, "sparse", "a") == ()
+
+
 def test_only_who_has_the_library_is_asked_about_what_is_left_out(tmp_path: Path) -> None:
     folder = runfolder.RunFolder(tmp_path)
+    folder.start(runfolder.Asked(7, 1, 0, 0, 0, 0, 0, ("single",)))
     for name, left_out in (("a", ["ball.slip"]), ("b", [])):
         folder.say("answers", name, {"left_out": left_out})
-    assert score._told(folder, score.DIAGNOSES, "a") == (score.SEED, ("ball.slip",))
-    assert score._told(folder, score.DIAGNOSES, "b") == (score.SEED, ())
+    assert score._told(folder, score.DIAGNOSES, "a") == (score.SEED, ("ball.slip",), False)
+    assert score._told(folder, score.DIAGNOSES, "b") == (score.SEED, (), False)
     assert [score._concerned(folder, kind, "a") for kind in (score.DIAGNOSES, "sparse")] == [True, False]
     assert [score._concerned(folder, kind, "b") for kind in (score.DIAGNOSES, "sparse")] == [True, True]
     folder.say("answers", "c", {"left_out": [], "family": "outside"})

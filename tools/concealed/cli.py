@@ -2,7 +2,7 @@
 
 python tools/concealed [--singles 5] [--nulls 60] [--full] [--tuning [SEED]] [--resume DIR [--retry]]    a scored run
 python tools/concealed --family left_out                      effects that the library of who is asked is made to lack
-python tools/concealed --family outside                       physics that no library has
+python tools/concealed --family outside [--library-only]      physics that no library has, with names alone
 python tools/concealed calibrate [--nulls 60] [--tuning SEED] [--resume DIR]                  threshold, tuning seeds
 python tools/concealed generate DIR --family single,null --per-effect 1 --seed N               cases and answers
 python tools/concealed report DIR                                                              figures of a run so far
@@ -127,7 +127,8 @@ def asked(options: argparse.Namespace, seed: int) -> Asked:
         refuse(f"no family {', '.join(sorted(unknown))}; known: {', '.join(FAMILIES)}")
     if strange := set(options.only) - set(ALL):
         refuse(f"no effect {', '.join(sorted(strange))}")
-    return Asked(seed=seed, families=families, only=options.only, **counts)
+    library_only = getattr(options, "library_only", False)
+    return Asked(seed=seed, families=families, only=options.only, library_only=library_only, **counts)
 
 
 def refuse(reason: str) -> NoReturn:
@@ -185,6 +186,7 @@ def _running(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, help="folder of the run (build/concealed-DATE)")
     parser.add_argument("--resume", type=Path, help="folder of a run that was broken off")
     parser.add_argument("--retry", action="store_true", help="ask again for diagnoses that failed")
+    parser.add_argument("--library-only", action="store_true", help="have cases diagnosed without the grammar")
 
 
 def _generating() -> argparse.ArgumentParser:

@@ -37,6 +37,7 @@ class Asked:
     left_out: int = 0
     outside: int = 0
     only: tuple[str, ...] = ()  # effects: other cases with an effect are left away
+    library_only: bool = False  # `hoopd diagnose` is asked without the grammar
 
     def wishes(self) -> list[Wish]:
         """All cases of the run. A case is the same whichever families are asked beside it: it is numbered among all."""

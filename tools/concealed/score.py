@@ -108,8 +108,11 @@ def _speakers(rivals: bool) -> dict[str, Callable[..., Any]]:
 
 
 def _told(folder: RunFolder, kind: str, name: str) -> tuple[Any, ...]:
-    """What is given beside the files: to `hoopd diagnose` its seed, and which entries its library shall lack."""
-    return (SEED, tuple(folder.answer(name).get("left_out", ()))) if kind == DIAGNOSES else ()
+    """What is given beside the files: to `hoopd diagnose` its seed, which entries its library shall lack, and whether
+    it has names alone."""
+    if kind != DIAGNOSES:
+        return ()
+    return SEED, tuple(folder.answer(name).get("left_out", ())), folder.asked().library_only
 
 
 def _concerned(folder: RunFolder, kind: str, name: str) -> bool:

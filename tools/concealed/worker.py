@@ -20,26 +20,31 @@ TAIL_CHARS = 2000
 
 
 def diagnose(
-    files: Mapping[str, bytes], seed: int, without: Sequence[str] = (), limit_s: float = LIMIT_S
+    files: Mapping[str, bytes],
+    seed: int,
+    without: Sequence[str] = (),
+    library_only: bool = False,
+    limit_s: float = LIMIT_S,
 ) -> dict[str, Any]:
     """{"diagnosis": JSON or None, "seconds", "code", "error"} of train_1, train_2 and holdout; `without`: names that
-    the library shall lack."""
+    the library shall lack; `library_only`: asked without the grammar."""
     with tempfile.TemporaryDirectory(prefix="case-") as folder:
         for name, data in files.items():
             Path(folder, name).write_bytes(data)
         start = time.perf_counter()
-        code, error = _run(command(seed, without), folder, limit_s)
+        code, error = _run(command(seed, without, library_only), folder, limit_s)
         seconds = time.perf_counter() - start
         out = Path(folder, "diagnosis.json")
         found = json.loads(out.read_text(encoding="utf-8")) if code == 0 and out.exists() else None
     return {"diagnosis": found, "seconds": seconds, "code": code, "error": error}
 
 
-def command(seed: int, without: Sequence[str] = ()) -> list[str]:
+def command(seed: int, without: Sequence[str] = (), library_only: bool = False) -> list[str]:
     """The command line of one case; figures are those of windows, so that no free run is asked for."""
     files = ("train_1.csv", "train_2.csv", "--holdout", "holdout.csv", "--json", "diagnosis.json")
     shorter = ("--without", ",".join(without)) if without else ()
-    return [sys.executable, "-m", "hoopd", "diagnose", *files, "--seed", str(seed), "--no-free-run", *shorter]
+    names = ("--library-only",) if library_only else ()
+    return [sys.executable, "-m", "hoopd", "diagnose", *files, "--seed", str(seed), "--no-free-run", *shorter, *names]
 
 
 def _run(arguments: list[str], folder: str, limit_s: float) -> tuple[int | None, str]:
