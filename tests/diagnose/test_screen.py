@@ -146,3 +146,18 @@ def test_what_a_screen_has_made_is_not_made_again(base: HypothesisFit, monkeypat
     np.testing.assert_allclose(screen.whitened(wanted), alone.whitened(wanted), rtol=1e-9, atol=1e-9)
     monkeypatch.setattr("hoopd.diagnose.search.screen.whitened_changes", None)
     assert screen.whitened(wanted).shape[1] == len(wanted)
+
+
+def test_an_effect_that_leaves_no_numbers_explains_nothing(base: HypothesisFit) -> None:
+    """Not even beside one that does: the whole diagnosis ended there."""
+    drag = LIBRARY["hoop.quadratic_drag"]
+    assert drag.force is not None
+    wild = replace(drag, name="hoop.wild_drag", force=lambda s, e: {"theta": e.c / (s.theta * 0.0)})
+    found = {one.member.effect.name: one.gain for one in Screen(base, [wild, drag]).scores()}
+    assert found["hoop.wild_drag"] == 0.0 and np.isfinite(found["hoop.quadratic_drag"])
+
+
+def test_about_a_fit_without_numbers_nothing_is_proposed(base: HypothesisFit) -> None:
+    nowhere = replace(base, rows=[np.full_like(rows, np.nan) for rows in base.rows])
+    scores = Screen(nowhere, [LIBRARY["hoop.coulomb_friction"], LIBRARY["actuator.cogging"]]).scores()
+    assert [one.gain for one in scores] == [0.0, 0.0]

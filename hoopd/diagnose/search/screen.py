@@ -126,6 +126,9 @@ class Screen:
         self.fit = fit
         self.recordings = tuple(dict.fromkeys(track.stretch.recording for track in fit.tracks))
         rows = fit.stacked()
+        if not np.isfinite(rows).all():
+            # a hypothesis without numbers (there is no such plant) leaves nothing that an effect could explain
+            rows = np.zeros_like(rows)
         self._basis = orthonormal(rows[:, 1:])
         self.residual = self.projected(rows[:, :1])[:, 0]
         wanted = [e for e in effects if e.name not in fit.names and e.found_by in ("screen",)]
@@ -251,4 +254,6 @@ def whitened_changes(fit: HypothesisFit, changes: Sequence[tuple[Effect, Column]
         # what is added to the model is taken from the residual
         out[first : first + rows, mine] = -white.reshape(rows, -1)
         first += rows
+    # a change that leads where the model has no numbers explains nothing
+    out[:, ~np.isfinite(out).all(axis=0)] = 0.0
     return out
