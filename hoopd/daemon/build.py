@@ -72,7 +72,13 @@ def without_places(config: Config) -> Config:
         control=change(control, file=_name(control.file), law=_name(control.law)),
         recording=change(config.recording, directory=""),
         commands=change(config.commands, socket=_name(config.commands.socket)),
-        sim=change(config.sim, model=_name(config.sim.model), directory="", effects=[]),
+        sim=change(
+            config.sim,
+            model=_name(config.sim.model),
+            directory="",
+            board_program=_name(config.sim.board_program),
+            effects=[],
+        ),
     )
 
 

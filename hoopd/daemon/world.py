@@ -179,7 +179,8 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
     import numpy as np
 
     from hoopd.sim import parts
-    from hoopd.sim.board import BoardConfig, DriverBoard
+    from hoopd.sim.board import BoardConfig
+    from hoopd.sim.boardprogram import powered_board
     from hoopd.sim.lockstep import LockstepEye, LockstepRig
     from hoopd.sim.plant import make_plant
     from hoopd.sim.wiredboard import WiredBoard
@@ -188,8 +189,12 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
     script = parts.fault_script(config, seed)
     model = make_plant(**plant)
     constants = BoardConfig(byte_s=byte_s, **parts.board_constants(config))
-    with parts.torque_log(config) as sink, parts.truth_log(config) as truth:
-        board = DriverBoard(model, np.random.default_rng([seed, 1]), layout=layout, config=constants, sink=sink)
+    program, rng = parts.board_program(config), np.random.default_rng([seed, 1])
+    with (
+        parts.torque_log(config) as sink,
+        parts.truth_log(config) as truth,
+        powered_board(program, model, rng, layout=layout, config=constants, sink=sink) as board,
+    ):
         wired = WiredBoard(board, script, layout=layout, byte_s=byte_s)
         frame_s = 1.0 / config.camera.fps
         rig = LockstepRig(

@@ -209,6 +209,7 @@ class Sim(Strict, frozen=True):
     current_noise_a: Annotated[float, Meta(ge=0, le=1000)] = 0.02
     torque_constant_nm_per_a: Annotated[float, Meta(ge=1e-3, le=1000)] = 0.37
     board: SimBoard = SimBoard()
+    board_program: str = ""  # plays the board in its place, a firmware's host build; its limits are its own
     disturbance_rad: Moderate = 0.0  # added to psi of one picture
     disturbance_at_s: NotNegative = 0.0
     effects: list[SimEffect] = []  # beside those of the rig's model; no recording tells of them

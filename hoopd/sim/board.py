@@ -68,6 +68,32 @@ class BoardPlant(Protocol):
         """theta, dtheta, psi, dpsi in rad and rad/s."""
 
 
+class Board(Protocol):
+    """What the rig calls of a board; times in s on the board's clock, which never runs backwards."""
+
+    def receive(self, t: float, data: bytes) -> None:
+        """Bytes came in back to back; `t` is the arrival of the last one's stop bit."""
+
+    def advance(self, t: float) -> None:
+        """Let time pass."""
+
+    def outgoing(self, t: float) -> list[tuple[float, bytes]]:
+        """Answers whose first byte may go on the wire by `t`, each with that instant; every one is given once."""
+
+    def reset(self, t: float) -> None:
+        """Power cycle."""
+
+    def inject(self, name: FaultName, t: float) -> None:
+        """A condition of the hardware begins."""
+
+    def heal(self, name: FaultName) -> None:
+        """The condition ends."""
+
+    @property
+    def enabled(self) -> bool:
+        """The drive is on."""
+
+
 @dataclass(frozen=True)
 class BoardConfig:
     """Constants of the board and its sensors."""

@@ -32,7 +32,8 @@ from hoopd import uncaught_errors
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import layout_from_table
 from hoopd.shell.service import raise_thread_priority
-from hoopd.sim.board import BoardConfig, BoardPlant, DriverBoard
+from hoopd.sim.board import BoardConfig, BoardPlant
+from hoopd.sim.boardprogram import BoardProgramError, powered_board
 from hoopd.sim.faults import FaultScript, fault_from_table
 from hoopd.sim.statering import StateRingWriter
 from hoopd.sim.torque_log import TorqueLogFile, TorqueRow
@@ -66,6 +67,7 @@ class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seed: int = 0
     t0: float | None = None  # monotonic time of run time zero, for the faults' times; None: when the process starts
     layout: dict[str, Any] | None = None  # for hoopd.core.layout.layout_from_table; None: the default
+    program: str = ""  # plays the board in place of ours
     board: dict[str, Any] = {}  # fields of hoopd.sim.board.BoardConfig
     faults: list[dict[str, Any]] = []  # rows for hoopd.sim.faults.fault_from_table
 
@@ -90,7 +92,9 @@ class BoardProcess:
         self._truth = TruthFile(Path(config.truth_log)) if config.truth_log else None
         self._t_start = clock()
         shift_s = 0.0 if config.t0 is None else self._t_start - config.t0
-        board = DriverBoard(self._plant, rng, layout=layout, config=constants, sink=self._write_row)
+        self._stack = contextlib.ExitStack()
+        powered = powered_board(config.program, self._plant, rng, layout=layout, config=constants, sink=self._write_row)
+        board = self._stack.enter_context(powered)
         self._board = WiredBoard(board, script, layout=layout, byte_s=constants.byte_s, shift_s=shift_s)
         self._t_row = 0.0  # of the next row
         self._rows = 0
@@ -132,6 +136,7 @@ class BoardProcess:
 
     def close(self) -> None:
         """The motor's supply goes: last row of the log."""
+        self._stack.close()
         self._write_row(TorqueRow(self.now(), 0.0, False, "end"))
         self._log.close()
         if self._truth:
@@ -280,7 +285,15 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         config = msgspec.json.decode(options.config.read_bytes(), type=ProcessConfig)
         run(options.link, config, options.fifo)
-    except (OSError, ValueError, TypeError, ImportError, AttributeError, msgspec.MsgspecError) as error:
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        ImportError,
+        AttributeError,
+        BoardProgramError,
+        msgspec.MsgspecError,
+    ) as error:
         sys.stderr.write(f"{options.config}: {error}\n")
         return 2
     return 0

@@ -5,6 +5,7 @@ Rules of this file: translates, starts nothing; a wrong fault is told as one lin
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -90,6 +91,14 @@ def _checked(index: int, row: dict[str, Any]) -> ScriptedFault:
         return fault_from_table(row)
     except ValueError as error:
         raise InputError("configuration", f"sim.faults[{index}]", str(error)) from None
+
+
+def board_program(config: Config) -> str:
+    """The program that plays the board, empty for ours; InputError when it cannot be run."""
+    program = config.sim.board_program
+    if program and not (Path(program).is_file() and os.access(program, os.X_OK)):
+        raise InputError("configuration", "sim.board_program", f"no program that may be run: {program}")
+    return str(Path(program).resolve()) if program else ""
 
 
 def board_constants(config: Config) -> dict[str, Any]:
@@ -185,6 +194,7 @@ def board_process(
         seed=seed,
         t0=start,
         layout=layout_to_table(layout),
+        program=board_program(config),
         board={**board_constants(config), "byte_s": BITS_PER_BYTE / config.serial.baud},
         faults=fault_rows(config),
     )
