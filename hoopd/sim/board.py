@@ -68,7 +68,7 @@ class BoardPlant(Protocol):
         """theta, dtheta, psi, dpsi in rad and rad/s."""
 
 
-class Board(Protocol):
+class RigBoard(Protocol):
     """What the rig calls of a board; times in s on the board's clock, which never runs backwards."""
 
     def receive(self, t: float, data: bytes) -> None:

@@ -17,7 +17,7 @@ from typing import IO, Final
 import numpy as np
 
 from hoopd.core.frames import DEFAULT_LAYOUT, STATUS_ENABLED, Layout
-from hoopd.sim.board import BYTE_S, FAULT_BITS, Board, BoardConfig, BoardPlant, DriverBoard, FaultName
+from hoopd.sim.board import BYTE_S, FAULT_BITS, BoardConfig, BoardPlant, DriverBoard, FaultName, RigBoard
 from hoopd.sim.torque_log import TorqueRow, TorqueSink
 
 # The program carries the sensors on by the hoop's speed; over a millisecond that is right to less than a count.
@@ -212,7 +212,7 @@ def powered_board(
     layout: Layout,
     config: BoardConfig,
     sink: TorqueSink | None,
-) -> Iterator[Board]:
+) -> Iterator[RigBoard]:
     """The simulated board, or the program in its place, whose limits and sensors are its own."""
     if not program:
         yield DriverBoard(plant, rng, layout=layout, config=config, sink=sink)

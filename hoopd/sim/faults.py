@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from hoopd.core.frames import Answer, Decoder, Layout, Request, encode_answer, encode_request
-from hoopd.sim.board import BYTE_S, FAULT_BITS, TORQUE_LIMIT_NM, Board, FaultName
+from hoopd.sim.board import BYTE_S, FAULT_BITS, TORQUE_LIMIT_NM, FaultName
 from hoopd.sim.lying_encoder import LIES, LyingEncoder
 
 Direction = Literal["request", "answer"]

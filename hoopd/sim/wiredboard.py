@@ -11,7 +11,7 @@ import math
 
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import Layout
-from hoopd.sim.board import BYTE_S, Board
+from hoopd.sim.board import BYTE_S
 from hoopd.sim.faults import BoardFaults, Delivery, FaultScript, FaultyWire
 
 _Queue = list[tuple[float, int, bytes]]  # heap: arrival of the last byte, order of entry, bytes

@@ -34,7 +34,7 @@ from hoopd.core.frames import (
 )
 from hoopd.files.reading import InputError
 from hoopd.shell.config import load
-from hoopd.sim.board import BYTE_S, Board, DriverBoard, wrap_theta
+from hoopd.sim.board import BYTE_S, DriverBoard, RigBoard, wrap_theta
 from hoopd.sim.boardprogram import BoardProgram, BoardProgramError
 from hoopd.sim.parts import board_program
 from hoopd.sim.torque_log import TorqueLog, TorqueRow
@@ -84,7 +84,7 @@ class Turned:
 class Desk:
     """A board with its log and a host that asks."""
 
-    def __init__(self, make: Callable[[Turned, Callable[[TorqueRow], None]], Board]) -> None:
+    def __init__(self, make: Callable[[Turned, Callable[[TorqueRow], None]], RigBoard]) -> None:
         self.rows: list[TorqueRow] = []
         self.plant = Turned()
         self.board = make(self.plant, self.rows.append)
