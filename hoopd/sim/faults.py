@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from hoopd.core.frames import Answer, Decoder, Layout, Request, encode_answer, encode_request
-from hoopd.sim.board import BYTE_S, FAULT_BITS, TORQUE_LIMIT_NM, FaultName
+from hoopd.sim.board import BYTE_S, FAULT_BITS, TORQUE_LIMIT_NM, FaultName, RigBoard
 from hoopd.sim.lying_encoder import LIES, LyingEncoder
 
 Direction = Literal["request", "answer"]
@@ -265,7 +265,7 @@ class BoardFaults:
         self._done: set[int] = set()  # resets that happened
         self._injected: set[FaultName] = set()
 
-    def update(self, t: float, board: Board, t_board: float | None = None) -> None:
+    def update(self, t: float, board: RigBoard, t_board: float | None = None) -> None:
         """Apply what holds at run time `t`; `t_board` is the same instant on the board's clock."""
         now = t if t_board is None else t_board
         for index, fault in enumerate(self._script.faults):

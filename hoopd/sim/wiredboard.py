@@ -11,7 +11,7 @@ import math
 
 from hoopd.core.frames import DEFAULT_LAYOUT
 from hoopd.core.layout import Layout
-from hoopd.sim.board import BYTE_S
+from hoopd.sim.board import BYTE_S, RigBoard
 from hoopd.sim.faults import BoardFaults, Delivery, FaultScript, FaultyWire
 
 _Queue = list[tuple[float, int, bytes]]  # heap: arrival of the last byte, order of entry, bytes
@@ -22,7 +22,7 @@ class WiredBoard:
 
     def __init__(
         self,
-        board: Board,
+        board: RigBoard,
         script: FaultScript | None = None,
         *,
         layout: Layout = DEFAULT_LAYOUT,
