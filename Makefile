@@ -16,13 +16,16 @@ LAMP_GPIO ?= 18
 INSTALL_FLAGS := --root "$(DESTDIR)/" $(if $(DRY_RUN),--dry-run)
 
 .DEFAULT_GOAL := help
-.PHONY: help sim test proof lint docs figures wheel install uninstall firmware lock wheels licences audit check-pi clean
+.PHONY: help sim sim-web test proof lint docs figures wheel install uninstall firmware lock wheels licences audit check-pi clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
 
 sim: $(VENV)/.runtime ## run the daemon against the simulated rig (DURATION=20)
 	$(VENV)/bin/hoopd --sim --duration $(DURATION)
+
+sim-web: $(VENV)/.runtime ## the rig with the web page beside it; prints the page's address (ARGS="--listen 127.0.0.1:8765")
+	$(RUN) tools/sim_web.py $(ARGS)
 
 test: $(VENV)/.development ## run the tests (ARGS="-k name"; the long proofs: make proof)
 	$(RUN) tools/suite.py $(ARGS)

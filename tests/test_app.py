@@ -17,7 +17,19 @@ from hoopd.files.reading import InputError
 from hoopd.shell.config import defaults_folder, load
 from hoopd.shell.signals import unwinding
 
-HEAVY = ("scipy", "matplotlib", "control", "h5py", "hoopd.design", "hoopd.ident", "hoopd.diagnose", "hoopd.sim")
+HEAVY = (
+    "scipy",
+    "matplotlib",
+    "control",
+    "h5py",
+    "hoopd.design",
+    "hoopd.ident",
+    "hoopd.diagnose",
+    "hoopd.sim",
+    "hoopd.dashboard",
+    "starlette",
+    "uvicorn",
+)
 FOUND = (
     "{name: hoop.imbalance, parameters: {A: {value: 0.008, unit: N m}, phi: {value: 0.7, unit: rad}}}, "
     "{name: hoop.coulomb_friction, parameters: {Fc: {value: 0.004, unit: N m}}}, "

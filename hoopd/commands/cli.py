@@ -19,8 +19,10 @@ from typing import Any, NoReturn
 import typer
 
 from hoopd.commands import device, offline, operator
+from hoopd.commands.dashboard import dashboard
 from hoopd.commands.options.calibrate import CalibrateOptions
 from hoopd.commands.options.convert import ConvertOptions
+from hoopd.commands.options.dashboard import DashboardOptions
 from hoopd.commands.options.declaration import add_command, command_of
 from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.options.diagnose import DiagnoseOptions
@@ -144,6 +146,7 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
         (RefOptions, operator.ref),
         (TuneOptions, operator.tune),
         (StatusOptions, operator.status),
+        (DashboardOptions, dashboard),
     ),
 }
 # A negative number is a value, not an option.

@@ -6,18 +6,22 @@ Rules of this file: reads the loop and its sinks, changes nothing; plain data fi
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 from typing import Any
 
 from hoopd.core.faulttable import FAULTS, Action, Fault
 from hoopd.core.modes import Mode
 from hoopd.core.records import Inputs, LinkCounts, TickRecord
-from hoopd.core.tick import Note
+from hoopd.core.tick import Estimator, Note
 from hoopd.daemon.sinks import RecorderSink, TelemetrySink
 from hoopd.daemon.tracking_error import RELEASE_S, TrackingError, Truth
+from hoopd.shell.camera import CameraCounts
 from hoopd.shell.commands import Gate
 from hoopd.shell.loop import Loop
 
+STATES = 4  # of the filter, those of `x_hat`; a bias that it knows, too, comes after them
 WELL = LinkCounts(good=1)
 ENDING = frozenset(fault.name for fault in FAULTS if fault.action >= Action.STOP)
 
@@ -78,9 +82,14 @@ class Watch:
 
 def status(loop: Loop, recorder: RecorderSink | None) -> dict[str, Any]:
     """What the status message tells beside the newest tick."""
-    statistics = loop.statistics
+    statistics, counts = loop.statistics, getattr(loop.eye, "counts", None)  # none without a camera
     return {
         "faults": loop.tick.faults,
+        "causes": causes(loop),
+        "arming": _arming(loop),
+        "reference_limit": loop.tick.settings.reference_limit_rad,
+        "deviation": deviation(loop.tick.estimator),
+        "camera": asdict(counts) if isinstance(counts, CameraCounts) else None,
         "innovations": {name: level._asdict() for name, level in loop.tick.health.drift.latest().items()},
         "missed_ticks": statistics.missed,
         "lateness_p99_s": statistics.lateness.quantile(0.99),
@@ -95,24 +104,43 @@ def operator_status(
     """How the daemon stands, for an operator who asks."""
     record, statistics = loop.record, loop.statistics
     health = loop.tick.health
-    hindrances = health.hindrances()
     return {
         "mode": str(loop.tick.mode),
         "t": record.t if record else None,
         "reference": loop.tick.operator.reference,
         "psi": record.x_hat[2] if record else None,
         "u": record.u if record else None,
-        "faults": {
-            fault.name: {"meaning": fault.meaning, "clears": clearing(fault, fault.name in hindrances)}
-            for fault in health.active()
-        },
-        "arming": ", ".join(health.arming_hindrances()) or "possible",
+        "faults": causes(loop),
+        "arming": _arming(loop),
         "rows_off": {**health.thresholds.off_rows(), **health.too_slow_for},
         **statistics.summary(),
         "commands": {"accepted": gate.accepted, "refused": gate.refused},
         "recorder": recorder.recorder.counts._asdict() if recorder else None,
         "telemetry": telemetry.telemetry.counts._asdict() if telemetry else None,
     }
+
+
+def causes(loop: Loop) -> dict[str, dict[str, str]]:
+    """What each active fault means, and what makes it go."""
+    health = loop.tick.health
+    hindrances = health.hindrances()
+    return {
+        fault.name: {"meaning": fault.meaning, "clears": clearing(fault, fault.name in hindrances)}
+        for fault in health.active()
+    }
+
+
+def _arming(loop: Loop) -> str:
+    return ", ".join(loop.tick.health.arming_hindrances()) or "possible"
+
+
+def deviation(estimator: Estimator) -> list[float] | None:
+    """Standard deviations of the estimate by the filter's own covariance; None for a filter that tells none."""
+    covariance = getattr(estimator, "covariance", None)
+    if covariance is None:
+        return None
+    # sigma_i = sqrt(P_ii)
+    return [math.sqrt(max(0.0, float(variance))) for variance in covariance.diagonal()[:STATES]]
 
 
 def clearing(fault: Fault, lasts: bool) -> str:

@@ -28,10 +28,24 @@ def send(
     extras: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """The daemon's answer; CommandError when none answers or it refuses."""
-    content = json.dumps({"key": key} if value is None else {"value": value, "key": key})
     with _session(endpoint, extras, timeout_s) as session:
-        replies = session.get(device_key(device, "cmd", command), payload=content, timeout=timeout_s)
-        return _answer(command, list(replies), endpoint, device)
+        return ask(session, command, value, endpoint, device, timeout_s, key=key)
+
+
+def ask(
+    session: zenoh.Session,
+    command: str,
+    value: float | None,
+    endpoint: str,
+    device: str,
+    timeout_s: float,
+    *,
+    key: str = "",
+) -> dict[str, Any]:
+    """The daemon's answer over a session that is open; CommandError when none answers or it refuses."""
+    content = json.dumps({"key": key} if value is None else {"value": value, "key": key})
+    replies = session.get(device_key(device, "cmd", command), payload=content, timeout=timeout_s)
+    return _answer(command, list(replies), endpoint, device)
 
 
 @contextmanager

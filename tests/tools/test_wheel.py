@@ -53,7 +53,8 @@ def test_it_has_every_module_the_configuration_and_the_licence(tool: ModuleType,
     assert tool.missing(names - {"hoopd/_config/hoop.yaml"}) == ["hoopd/_config/hoop.yaml"]
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"hoopd"}  # and nothing beside it
     (metadata,) = (archive.read(name).decode() for name in names if name.endswith("/METADATA"))
-    assert "\nLicense-Expression: Apache-2.0\n" in metadata and "\nLicense-File: LICENSE\n" in metadata
+    assert "\nLicense-Expression: Apache-2.0 AND MIT\n" in metadata and "\nLicense-File: LICENSE\n" in metadata
+    assert "\nLicense-File: hoopd/dashboard/static/uplot/LICENSE\n" in metadata
 
 
 def test_what_it_installs_knows_every_command(installed: Path, tmp_path: Path) -> None:

@@ -1,0 +1,110 @@
+// The page: what comes over the link is shown, ten times a second or as often as the screen likes.
+
+import { Charts } from './charts.js';
+import { Commands } from './commands.js';
+import { Hoop } from './hoop.js';
+import { Link } from './link.js';
+import { Panels } from './panels.js';
+import { byId, element, say } from './text.js';
+import { Theme } from './theme.js';
+
+const STALE_S = 1.5; // without a message: what is shown is old
+const PANELS_MS = 200; // text that changes faster cannot be read
+
+class Page {
+  constructor(channels) {
+    this.chosen = decodeURIComponent(location.hash.slice(1));
+    this.hoop = new Hoop(byId('rig'));
+    this.panels = new Panels();
+    this.charts = new Charts(byId('tools'), byId('charts'), channels);
+    this.theme = new Theme(() => this.charts.recolour());
+    this.commands = new Commands();
+    this.tabs = '';
+    this.textAt = 0;
+    this.dirty = true;
+    this.link = new Link(() => { this.dirty = true; });
+    document.addEventListener('keydown', event => this.key(event));
+    byId('help').addEventListener('click', () => this.help());
+    const draw = now => { this.draw(now); requestAnimationFrame(draw); };
+    requestAnimationFrame(draw);
+  }
+
+  get device() {
+    const { devices } = this.link;
+    return devices.get(this.chosen) ?? devices.values().next().value;
+  }
+
+  stale(device) {
+    return !this.link.open || !device.state.alive || this.link.clock() - device.last('wall') > STALE_S;
+  }
+
+  draw(now) {
+    const { device } = this;
+    if (now - this.textAt >= PANELS_MS) {
+      this.textAt = now;
+      this.showLink(device);
+      this.showTabs(device);
+      if (device) this.panels.show(device, this.stale(device));
+    }
+    if (!device) return;
+    if (this.dirty) this.hoop.show(device, this.stale(device));
+    this.charts.draw(device, now, this.link.clock());
+    this.dirty = false;
+  }
+
+  showLink(device) {
+    const { link } = this, place = byId('link');
+    const lost = Object.entries(link.endpoints).filter(([, trouble]) => trouble);
+    const stale = device && this.stale(device);
+    const state = !link.open ? 'lost' : !device || stale || lost.length ? 'waiting' : 'live';
+    say(place, { lost: 'page offline', waiting: 'waiting', live: 'live' }[state]);
+    place.dataset.state = state;
+    const notice = !link.open
+      ? 'The page’s server does not answer: nothing here is new. It is asked again.'
+      : lost.map(([endpoint, trouble]) => `${endpoint}: ${trouble}. It is asked again.`).join(' ')
+        || (stale ? `${device.state.name}: the daemon is ${device.state.alive ? 'silent' : 'gone'}. The page waits for it.` : '')
+        || (device ? '' : 'Connected; no device has told anything yet.');
+    byId('notice').hidden = !notice;
+    say(byId('notice'), notice);
+  }
+
+  showTabs(device) {
+    const all = [...this.link.devices.values()];
+    const names = all.map(one => one.state.name);
+    const shown = JSON.stringify([device?.identity, all.map(one => [one.identity, one.word('mode'), this.stale(one)])]);
+    if (shown === this.tabs) return;
+    this.tabs = shown;
+    byId('devices').replaceChildren(...all.map((one, place) => element('button', {
+      type: 'button', 'aria-pressed': String(one === device), title: `${one.state.endpoint} (${place + 1})`,
+      onclick: () => this.choose(one),
+    }, element('b', {}, names.indexOf(one.state.name) === names.lastIndexOf(one.state.name) ? one.state.name : one.identity),
+    element('span', { 'data-mode': this.stale(one) ? 'stale' : one.word('mode') }, this.stale(one) ? 'gone' : one.word('mode')))));
+    document.title = device ? `${device.state.name} ${this.stale(device) ? 'gone' : device.word('mode')} · hoopd` : 'hoopd';
+  }
+
+  choose(device) {
+    this.chosen = device.identity;
+    history.replaceState(null, '', `#${encodeURIComponent(device.identity)}`);
+    this.dirty = true;
+    this.textAt = 0;
+  }
+
+  help() {
+    const hidden = !byId('keys').hidden;
+    byId('keys').hidden = hidden;
+    byId('help').setAttribute('aria-expanded', String(!hidden));
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest('input, textarea, select')) return;
+    const device = [...this.link.devices.values()][Number(event.key) - 1];
+    if (device) this.choose(device);
+    else if (event.key === 't') this.theme.next();
+    else if (event.key === '?') this.help();
+    else if (!this.charts.key(event.key)) return;
+    event.preventDefault();
+  }
+}
+
+const answer = await fetch('/api/channels');
+window.page = new Page(await answer.json());

@@ -1,0 +1,75 @@
+// Elements and numbers as text. What comes from a device becomes text content and never markup.
+
+const SVG = 'http://www.w3.org/2000/svg';
+
+export const byId = id => document.getElementById(id);
+
+/** An element with attributes and children; a text child stays text. */
+export function element(name, attributes = {}, ...children) {
+  const made = document.createElement(name);
+  fill(made, attributes, children);
+  return made;
+}
+
+/** The same for drawings. */
+export function drawn(name, attributes = {}, ...children) {
+  const made = document.createElementNS(SVG, name);
+  fill(made, attributes, children);
+  return made;
+}
+
+function fill(made, attributes, children) {
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith('on')) made.addEventListener(key.slice(2), value);
+    else if (value !== null && value !== false) made.setAttribute(key, value === true ? '' : value);
+  }
+  made.append(...children);
+}
+
+/** Set a text only when it changes: a screen reader and the layout are spared the rest. */
+export function say(target, text) {
+  if (target.textContent !== text) target.textContent = text;
+}
+
+/** A number with a fixed count of decimals, a real minus, and a dash when it is missing. */
+export function number(value, decimals = 3, sign = false) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return '–';
+  const text = Math.abs(value).toFixed(decimals);
+  const zero = Number(text) === 0;
+  return `${value < 0 && !zero ? '−' : sign ? '+' : ''}${text}`;
+}
+
+/** A number with about four digits, whatever its size. */
+export function short(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return '–';
+  const size = Math.abs(value);
+  if (size !== 0 && (size < 1e-3 || size >= 1e5)) return value.toExponential(2).replace('-', '−');
+  return number(value, size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : size >= 1 ? 3 : 4);
+}
+
+/** Wall clock of a moment, s since 1970. */
+export const clock = (seconds, decimals = 0) => {
+  const at = new Date(seconds * 1e3);
+  const two = part => String(part).padStart(2, '0');
+  const rest = decimals ? `.${String(at.getMilliseconds()).padStart(3, '0').slice(0, decimals)}` : '';
+  return `${two(at.getHours())}:${two(at.getMinutes())}:${two(at.getSeconds())}${rest}`;
+};
+
+/** Rows of a definition list, made once and filled again and again. */
+export class Rows {
+  constructor(list) {
+    this.list = list;
+    this.cells = new Map();
+  }
+
+  set(name, text, state = '') {
+    if (!this.cells.has(name)) {
+      const cell = element('dd');
+      this.list.append(element('div', {}, element('dt', {}, name), cell));
+      this.cells.set(name, cell);
+    }
+    const cell = this.cells.get(name);
+    say(cell, text);
+    if (cell.dataset.state !== state) cell.dataset.state = state;
+  }
+}

@@ -1,0 +1,66 @@
+"""A web server of the page in this process, and what a program may ask of it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import http.client
+import json
+import threading
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from shell.peers import wait_until
+
+from hoopd.dashboard.feed import Feed
+from hoopd.dashboard.process import bind, server_of
+
+
+class Answer(NamedTuple):
+    """Of the server to one request."""
+
+    status: int
+    headers: dict[str, str]
+    body: bytes
+
+    @property
+    def json(self) -> Any:
+        """Its content."""
+        return json.loads(self.body)
+
+
+class Served:
+    """A server that runs, and its feed."""
+
+    def __init__(self, feed: Feed, port: int) -> None:
+        self.feed, self.port = feed, port
+        self.origin = f"http://127.0.0.1:{port}"
+
+    def ask(self, path: str, method: str = "GET", content: Any = None, **headers: str) -> Answer:
+        """A request with these headers alone; `host` is the server's own unless it is given."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10.0)
+        body = None if content is None else json.dumps(content).encode()
+        with contextlib.closing(connection):
+            connection.request(method, path, body, {key.replace("_", "-"): value for key, value in headers.items()})
+            answer = connection.getresponse()
+            return Answer(answer.status, {key.lower(): value for key, value in answer.getheaders()}, answer.read())
+
+    def post(self, path: str, content: Any = None, **headers: str) -> Answer:
+        """A request as the page itself sends it."""
+        return self.ask(path, "POST", {} if content is None else content, **{"origin": self.origin, **headers})
+
+
+@contextlib.contextmanager
+def served(feed: Feed) -> Iterator[Served]:
+    """The page's server on a free port, until the block ends."""
+    with bind("127.0.0.1:0") as listening:
+        server = server_of(feed, listening)
+        thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])))
+        thread.start()
+        try:
+            assert wait_until(lambda: server.started)
+            yield Served(feed, listening.getsockname()[1])
+        finally:
+            server.should_exit = True
+            thread.join(10.0)
+            assert not thread.is_alive()

@@ -1,0 +1,76 @@
+#!/usr/bin/env python3
+"""The rig and the web page beside it, in one command: prints the page's address, ends both with Ctrl-C.
+
+Rules of this file: it only starts what a person would type in two terminals, in a folder that goes with it; it ends no
+process but those two. Usage: tools/sim_web.py [--listen 127.0.0.1:8765] [--seconds N]
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+END_S = 8.0  # a controlled stop
+WATCH_S = 0.2
+
+
+def free_endpoint() -> str:
+    """A loopback port that nobody has: a daemon of the machine keeps its own."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def configuration(folder: Path) -> Path:
+    """What both processes read."""
+    path = folder / "web.yaml"
+    path.write_text(f"telemetry: {{endpoint: {free_endpoint()}}}\n", encoding="utf-8")
+    return path
+
+
+def started(*words: str) -> subprocess.Popen[bytes]:
+    """A command of ours, as a process that takes the same Ctrl-C."""
+    return subprocess.Popen([sys.executable, "-m", "hoopd", *words])
+
+
+def ended(processes: list[subprocess.Popen[bytes]]) -> int:
+    """Ask all to end, the rig first; the worst exit code of those that ended by themselves."""
+    code = max((process.poll() or 0 for process in processes), default=0)
+    for process in processes:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+    for process in processes:
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+    return code
+
+
+def main() -> int:
+    """Exit code 0 when it was told to end, else that of the process that ended first."""
+    parser = argparse.ArgumentParser(description="Run the rig and its web page.")
+    parser.add_argument("--listen", default="127.0.0.1:8765", help="where the page is served")
+    parser.add_argument("--seconds", type=float, help="end after this time")
+    options = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with tempfile.TemporaryDirectory(prefix="hoopd-web-") as folder:
+        shared = ("--config", str(configuration(Path(folder))))
+        processes = [started("--sim", *shared), started("dashboard", *shared, "--listen", options.listen)]
+        until = None if options.seconds is None else time.monotonic() + options.seconds
+        with contextlib.suppress(KeyboardInterrupt):
+            while all(process.poll() is None for process in processes) and (until is None or time.monotonic() < until):
+                time.sleep(WATCH_S)
+        return ended(processes)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
