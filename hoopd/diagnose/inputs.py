@@ -75,7 +75,7 @@ def _stretch(name: str, part: Timeline, begin: float, quality: Quality) -> Stret
             nodes, values = nodes[once], values[once]
         readings[channel] = (nodes, values)
     held = part.u if plant.inputs else np.zeros(len(part.t) - 1)
-    found = stretch_of(name, plant, part.t - begin, held, readings)
+    found = stretch_of(name, plant, part.t - begin, held, readings, part.unresolved if plant.inputs else None)
     for channel, one in quality.channels.items():
         if channel in plant.channels and np.isfinite(one.quantum):
             found = found.unevenly_sampled(channel, one.jitter_s, one.quantum / np.sqrt(12.0))

@@ -5,6 +5,12 @@ the curve. A drive's demand is held. What was averaged or filtered before it was
 straight line through rows that are far apart lacks the part of it that changes fast, and a body driven by the line
 seems lighter than it is.
 
+Between its rows a smooth input is known only as far as the rows are near to each other. What a curve through rows h
+seconds apart misses swings at half their rate, w = pi/h, and about it: what is slower shows. Of a swing at this rate
+the rows show one phase, which alternates from row to row with the amplitude a = |u-1 - 2 u + u+1|/4, and not the other,
+which is as large. So the root mean square of what is missed is s = a/sqrt(2), and not more, for a slow bend of the
+curve is counted as well; its integral swings by s/w, and the integral of that by s/w^2.
+
 Rules of this file: numbers only; scipy is not imported before there is a smooth input.
 """
 
@@ -55,6 +61,21 @@ class InputCurve:
         # two points of Gauss: exact for a cubic
         middle, half = (t[:-1] + t[1:]) / 2.0, np.diff(t) / np.sqrt(12.0)
         return np.asarray((self._curve(middle - half) + self._curve(middle + half)) / 2.0)
+
+    def unresolved(self, t: Array) -> Array:
+        """(n-1, 2) between nodes t (n,): how far the integral of what the rows leave open swings, and the integral of
+        that, in the input's unit times s and s^2.
+
+        Of what is held, or goes straight as a generator makes it, nothing is left open.
+        """
+        if self._hold != "smooth" or len(self._u) < 3:
+            return np.zeros((len(t) - 1, 2))
+        h = np.diff(self._switch)
+        squares = np.pad((np.diff(self._u, 2) / 4.0) ** 2 / 2.0, 1, mode="edge")
+        s = np.sqrt((squares[:-1] + squares[1:]) / 2.0)
+        interval = np.searchsorted(self._switch, t[:-1] + SAME_S, side="right") - 1
+        # 1/w = h / pi
+        return np.asarray(np.column_stack([s * h / np.pi, s * (h / np.pi) ** 2])[np.clip(interval, 0, len(h) - 1)])
 
     def _divided(self, count: int) -> Array:
         rows = np.arange(len(self._switch))

@@ -48,6 +48,7 @@ class Timeline(NamedTuple):
     t: Array  # (n,) s
     u: Array  # (n-1,) in the unit of the one input; (n-1, m) of several or none
     channels: dict[str, ChannelNodes]
+    unresolved: Array  # (n-1, m, 2) what the rows leave open of each input (`input_curve`)
 
     def between(self, first: int, last: int) -> Timeline:
         """Nodes first ... last (included) with what was measured on them."""
@@ -55,7 +56,7 @@ class Timeline(NamedTuple):
         for name, (nodes, values) in self.channels.items():
             inside = (nodes >= first) & (nodes <= last)
             cut[name] = ChannelNodes(nodes[inside] - first, values[inside])
-        return Timeline(self.t[first : last + 1], self.u[first:last], cut)
+        return Timeline(self.t[first : last + 1], self.u[first:last], cut, self.unresolved[first:last])
 
     def windows(self, length_s: float) -> list[Timeline]:
         """Cut into equal pieces of about this length."""
@@ -119,7 +120,8 @@ def _timeline(recording: Recording, rows: slice) -> Timeline:
         # a node is the first of the instants that count as one with it, so it is the last that is not later
         nodes = np.searchsorted(t, when[inside], side="right") - 1
         channels[name] = ChannelNodes(np.maximum(nodes, 0).astype(np.int64), values[inside])
-    return Timeline(t, held, channels)
+    unresolved = np.reshape([one.unresolved(t) for one in curves.values()], (len(inputs), len(t) - 1, 2))
+    return Timeline(t, held, channels, np.swapaxes(unresolved, 0, 1))
 
 
 def _nothing(recording: Recording) -> str:

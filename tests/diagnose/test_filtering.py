@@ -90,7 +90,8 @@ def dense(m: LinearReference, noise: Noise) -> Dense:
     state = reach @ block_diag(settled @ np.diag(np.square(start)) @ settled.T, *added) @ reach.T
     rows = m.seen.ravel()
     c = block_diag(*(np.hstack([one, np.zeros((NC, NQ))]) for one in m.c))[rows]
-    eps = c @ state @ c.T + np.diag(((noise.reading * m.scatter) ** 2).ravel()[rows])
+    unknown = 0.0 if m.unresolved is None else m.unresolved**2
+    eps = c @ state @ c.T + np.diag(((noise.reading * m.scatter) ** 2 + unknown).ravel()[rows])
     columns = [(k + 1) * size + i for k in range(n - 1) for i in range(NZ)]
     return Dense(state, eps, state @ c.T, reach[:, columns], c, m.seen)
 
@@ -101,8 +102,15 @@ def observed(big: Dense, f: Array, eps: Array) -> Array:
     return eps.reshape(-1, m)[big.rows.ravel()] - big.c @ big.of_f @ f.reshape(-1, m)
 
 
-def test_whitened_columns_have_the_gram_matrix_of_generalised_least_squares() -> None:
-    m = model()
+def with_unknown_inputs(m: LinearReference) -> LinearReference:
+    return m._replace(unresolved=np.random.default_rng(9).uniform(0.0, 0.3, m.seen.shape))
+
+
+MODELS = pytest.mark.parametrize("m", [model(), with_unknown_inputs(model())], ids=["known", "unknown"])
+
+
+@MODELS
+def test_whitened_columns_have_the_gram_matrix_of_generalised_least_squares(m: LinearReference) -> None:
     f, eps = data(m, 4)
     white = whitened(m, gains(m, LEVELS), f, eps).reshape(-1, 4)
     big = dense(m, LEVELS)
@@ -120,8 +128,8 @@ def test_what_was_not_read_does_not_matter() -> None:
     assert np.array_equal(white, other) and not white[~m.seen].any()
 
 
-def test_the_criterion_is_the_gaussian_log_likelihood() -> None:
-    m = model()
+@MODELS
+def test_the_criterion_is_the_gaussian_log_likelihood(m: LinearReference) -> None:
     f, eps = data(m, 1)
     big = dense(m, LEVELS)
     y = observed(big, f, eps)[:, 0]
@@ -167,9 +175,8 @@ def test_push_is_the_derivative_of_the_log_likelihood() -> None:
         assert push[k, i] == pytest.approx((criterion(less) - criterion(more)) / 2e-4, rel=1e-5, abs=1e-6)
 
 
-@pytest.mark.parametrize("n", [2, 40, 130])
-def test_the_gradient_by_the_noise_levels(n: int) -> None:
-    m = model(3, n)
+@pytest.mark.parametrize("m", [model(3, 2), model(3, 40), model(3, 130), with_unknown_inputs(model(3, 40))])
+def test_the_gradient_by_the_noise_levels(m: LinearReference) -> None:
     f, eps = data(m, 1)
     criterion = Criterion(m, f[:, :, 0], eps[:, :, 0])
     value, slope = criterion.gradient(LEVELS)

@@ -10,6 +10,7 @@ from hoopd.diagnose.quality.hold_doubt import hold_doubts
 from hoopd.diagnose.quality.outliers import jumping
 from hoopd.diagnose.quality.recording_quality import assess
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
+from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.registry import plant_named
 from hoopd.recording.recording import Recording, Signal, from_signals
 
@@ -57,6 +58,18 @@ def test_means_are_told_from_what_is_held() -> None:
     assert none == []
     assert smooth.values["M"] == pytest.approx(M, rel=0.02)
     assert abs(held.values["M"] / M - 1.0) > 0.05
+
+
+def test_readings_are_trusted_as_far_as_the_force_is_known_between_its_rows() -> None:
+    (stretch,) = source_of("made", rows(True, "smooth"), AXIS).stretches
+    model = Track(stretch).columns({**AXIS.values, "M": M}, ()).model
+    assert model.unresolved is not None
+    # M x'' = F: where the force swings unseen, the place swings by the integral of its integral, over M
+    assert model.unresolved[:-1, 0] == pytest.approx(stretch.unresolved[:, 0, 1] / M, rel=0.02)
+    late = stretch.seconds(10.0, 20.0)
+    assert np.array_equal(late.unresolved, stretch.unresolved[np.searchsorted(stretch.t, late.t[:-1])])
+    (held,) = source_of("made", rows(True, "zero"), AXIS).stretches
+    assert Track(held).columns(AXIS.values, ()).model.unresolved is None
 
 
 def test_what_is_held_raises_no_doubt() -> None:

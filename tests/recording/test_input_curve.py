@@ -48,6 +48,44 @@ def test_stairs_are_as_many_as_the_curve_asks_for_whatever_its_units() -> None:
     assert other[1] == pytest.approx(1000.0 * plain[1])
 
 
+def missed(rates: np.ndarray, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Of an input that swings at these rates (of the rows'): spread of the integral of what its curve misses, and of
+    the integral of that; what is told of both."""
+    random, fine = np.random.default_rng(seed), np.linspace(0.0, ROWS[-1], 399 * 32 + 1)
+    phases, w = random.uniform(0, 2 * np.pi, len(rates)), 2 * np.pi * rates / 0.04
+    curve = InputCurve(ROWS, np.sin(np.outer(ROWS, w) + phases).sum(axis=1), "smooth")
+    # the swings' own integrals, and those of the curve, both without the line that joins their ends
+    once = -(np.cos(np.outer(fine, w) + phases) / w).sum(axis=1) - integral(curve.between(fine), fine)
+    once -= once.mean()
+    twice = integral((once[1:] + once[:-1]) / 2.0, fine)
+    inner = slice(32 * 20, -32 * 20)
+    told = np.sqrt(np.mean(curve.unresolved(ROWS) ** 2, axis=0))
+    return np.array([once[inner].std(), twice[inner].std()]), told
+
+
+def integral(values: np.ndarray, t: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(values * np.diff(t))])
+
+
+def test_what_a_curve_misses_of_fast_swings_is_told_in_size() -> None:
+    swings, told = missed(np.linspace(0.4, 0.6, 31))
+    assert np.all(told > 0.6 * swings) and np.all(told < 2.0 * swings)
+
+
+def test_of_what_is_slow_no_less_is_told_than_missed() -> None:
+    swings, told = missed(np.linspace(0.02, 0.1, 9))
+    assert np.all(swings < told)
+    # a bend at a tenth of the rows' rate alternates by sin^2(pi/10) of itself
+    assert told[1] < 0.1 * missed(np.linspace(0.4, 0.6, 9))[1][1]
+
+
+def test_of_what_is_held_or_made_straight_all_is_known() -> None:
+    for hold in ("zero", "linear"):
+        assert not InputCurve(ROWS, force(ROWS, 8.0), hold).unresolved(ROWS).any()
+    assert not InputCurve(ROWS, np.full(400, 3.0), "smooth").unresolved(ROWS).any()
+    assert not InputCurve(ROWS[:2], np.array([1.0, 2.0]), "smooth").unresolved(ROWS[:2]).any()
+
+
 @pytest.mark.parametrize("hold", ["linear", "smooth"])
 def test_means_keep_the_impulse_and_the_ends_their_values(hold: str) -> None:
     curve = InputCurve(ROWS, force(ROWS, 1.0), hold)

@@ -3,6 +3,9 @@
 An input that is held is late by nothing; one that was averaged or filtered goes on smoothly. Told wrongly, half a
 sample of it is found as a delay of the drive or a latency of a sensor, and an inertia that is too small.
 
+Where a curve was laid through the rows, a fit allows for what they leave open of it; the ways are compared without this
+allowance, which one of them alone has.
+
 Rules of this file: a sentence, never an act: what the device did between two rows its maker knows.
 """
 
@@ -11,11 +14,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from hoopd.diagnose.inputs import Source, source_of
 from hoopd.diagnose.quality.excluded_stretches import without
 from hoopd.diagnose.quality.unusual_intervals import Interval
 from hoopd.files.reading import InputError
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
+from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.recording.recording import HOLDS, Recording
 
 
@@ -26,7 +32,8 @@ def hold_doubts(
     told = {signal.hold for source in sources for signal in source.recording.inputs.values()}
     if len(told) != 1 or any(source.recording.is_tick for source in sources):
         return []
-    gains = {hold: _gain(sources, ignored, base, hold) for hold in HOLDS if hold not in told}
+    criterion = _criterion_as_told(base)
+    gains = {hold: criterion - _criterion(sources, ignored, base, hold) for hold in HOLDS if hold not in told}
     best = max(gains, key=lambda hold: gains[hold])
     if gains[best] < threshold:
         return []
@@ -43,16 +50,28 @@ _MEANS: Mapping[str, str] = {
 }
 
 
-def _gain(sources: Sequence[Source], ignored: Sequence[Interval], base: HypothesisFit, hold: str) -> float:
-    """Nats by which the base model is likelier; none where there is nothing to fit."""
+def _criterion_as_told(base: HypothesisFit) -> float:
+    """Of the base model, its inputs taken for known between their rows."""
+    stretches = [track.stretch for track in base.tracks]
+    if not any(one.unresolved.any() for one in stretches):
+        return base.criterion
+    return fit([_known(one) for one in stretches], base.effects, base.values, noise=base.noise).criterion
+
+
+def _known(stretch: Stretch) -> Stretch:
+    return replace(stretch, unresolved=np.zeros_like(stretch.unresolved))
+
+
+def _criterion(sources: Sequence[Source], ignored: Sequence[Interval], base: HypothesisFit, hold: str) -> float:
+    """Of the base model with another hold; endless where there is nothing to fit."""
     try:
         others = [_held(source, hold) for source in sources]
     except InputError:
-        return 0.0
+        return np.inf
     stretches = without([one for source in others for one in source.stretches], ignored)
     if sum(one.samples for one in stretches) != sum(track.stretch.samples for track in base.tracks):
-        return 0.0
-    return base.criterion - fit(stretches, base.effects, base.values, noise=base.noise).criterion
+        return np.inf
+    return fit([_known(one) for one in stretches], base.effects, base.values, noise=base.noise).criterion
 
 
 def _held(source: Source, hold: str) -> Source:

@@ -9,6 +9,8 @@ where f_k is what the one-step map misses of the reference and eps_k what the re
 one-step map or the readings (a parameter, an effect) is one more column of (f, eps); the gains are the same for all of
 them, and the whitened innovations of all columns are an ordinary least-squares problem: generalised least squares
 (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 3.4; de Jong, Diffuse Kalman filter, 1991).
+Where an input is not known between its rows (`recording.input_curve`), what swings there unseen comes and goes from row
+to row, and adds to the variance of the readings.
 
 Rules of this file: numbers in, numbers out; noise levels are given.
 """
@@ -63,11 +65,18 @@ class LinearReference(NamedTuple):
     lagged: tuple[Lagged, ...] = ()  # the other nz
     sizes: tuple[float, ...] = ()  # usual sizes of the nx (`plants.scales`); not given: 1
     first_order: tuple[int, ...] = ()  # which of the nx are declared states of first order
+    # (n, nc) deviation of each reading by what is not known of the inputs between their rows; None: all is known
+    unresolved: Array | None = None
 
     @property
     def size(self) -> int:
         """Of the deviation with the disturbances."""
         return int(self.a.shape[1] + self.w.shape[2])
+
+    def variance(self, reading: Array) -> Array:
+        """(n, nc) of the readings, told the levels of their noise (nc,)."""
+        own = (reading * self.scatter) ** 2
+        return own if self.unresolved is None else own + self.unresolved**2
 
 
 class LinearNoise(Protocol):
@@ -167,7 +176,7 @@ def gains(model: LinearReference, noise: LinearNoise) -> Gains:
         nonzeros(np.concatenate([added, added[-1:]]), driven),
         nonzeros(model.c, seen),
         model.seen.astype(float),
-        (noise.reading * model.scatter) ** 2,
+        model.variance(noise.reading),
     )
     before = np.empty((n, size, size))
     before[0] = start

@@ -43,11 +43,13 @@ class Criterion:
         self.model, self._f, self._eps = model, f, np.where(model.seen, eps, 0.0)
         moving = np.concatenate([model.a, model.w], axis=2)
         dynamic, seen = pattern_of(moving), pattern_of(model.c)
-        self._filter = _linear_filter(dynamic, seen, model.nx, model.sizes, model.first_order)
+        is_known = model.unresolved is None
+        self._filter = _linear_filter(dynamic, seen, model.nx, model.sizes, model.first_order, is_known)
         # the way from the last node leads nowhere
         parts = [nonzeros(moving, dynamic), model.h[:, None], f]
         onward = [np.concatenate([part, np.zeros((1, part.shape[1]))]) for part in parts]
-        self._data = [*onward, nonzeros(model.c, seen), model.seen.astype(float), model.scatter, self._eps]
+        read = [nonzeros(model.c, seen), model.seen.astype(float), model.scatter, self._eps]
+        self._data = [*onward, *read, *([] if model.unresolved is None else [model.unresolved])]
 
     def parts(self) -> list[Criterion]:
         """Of some blocks of the nodes."""
@@ -66,6 +68,7 @@ class Criterion:
                 m.lagged,
                 m.sizes,
                 m.first_order,
+                None if m.unresolved is None else m.unresolved[nodes],
             )
             found.append(Criterion(model, self._f[steps], self._eps[nodes]))
         return found
@@ -98,16 +101,21 @@ class Criterion:
 
 @lru_cache(maxsize=16)
 def _linear_filter(
-    dynamic: Pattern, seen: Pattern, nx: int, sizes: tuple[float, ...], first_order: tuple[int, ...]
+    dynamic: Pattern, seen: Pattern, nx: int, sizes: tuple[float, ...], first_order: tuple[int, ...], is_known: bool
 ) -> DifferentiableRecursion:
-    """(P and d, [A W], h, f, C, seen, scatter, eps, levels) -> P and d at the next node, e and S of every reading."""
+    """(P and d, [A W], h, f, C, seen, scatter, eps, levels) -> P and d at the next node, e and S of every reading.
+
+    Before the levels what is not known of each reading, where not all inputs are known.
+    """
     moving, c = symbol("moving", dynamic), symbol("c", seen)
     (nz, size), nc, nq = moving.shape, c.size1(), moving.size2() - moving.size1()
     half, d, h = ca.SX.sym("p", size * (size + 1) // 2), ca.SX.sym("d", size), ca.SX.sym("h")
     f, eps, present = ca.SX.sym("f", nz), ca.SX.sym("eps", nc), ca.SX.sym("seen", nc)
     scatter, levels = ca.SX.sym("scatter", nc), ca.SX.sym("levels", 2 * nq + nc)
     force, time_s, reading = ca.vertsplit(levels, [0, nq, 2 * nq, 2 * nq + nc])
-    taken = readings_taken(from_elements(half, size), c, present, (reading * scatter) ** 2)
+    unresolved = [] if is_known else [ca.SX.sym("unresolved", nc)]
+    variances = sum((one**2 for one in unresolved), (reading * scatter) ** 2)
+    taken = readings_taken(from_elements(half, size), c, present, variances)
     moved, e = corrected(taken, c, eps - ca.mtimes(c, d[:nz]))
     decay, variance = disturbance(h, force, time_s, ca.exp)
     phi = ca.vertcat(moving, ca.horzcat(ca.SX(nq, nz), ca.diag(decay)))
@@ -115,7 +123,7 @@ def _linear_filter(
     after = ca.vertcat(
         *elements(carried(taken.after, phi, added)), ca.mtimes(phi, d + moved) + ca.vertcat(f, ca.SX(nq, 1))
     )
-    data = [moving, h, f, c, present, scatter, eps]
+    data = [moving, h, f, c, present, scatter, eps, *unresolved]
     out = ca.vertcat(*e, *taken.variances)
     return DifferentiableRecursion(
         ca.Function("filter", [ca.vertcat(half, d), *data, levels], [after, out], {"cse": True})

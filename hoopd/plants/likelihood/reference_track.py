@@ -190,7 +190,7 @@ class Track:
         c, n = self.composite, len(self.stretch.t)
         values, mine = self.local(values), names_of(self.stretch.recording, free)
         mine = {name: local for name, local in mine.items() if local in c.names}
-        after, by_z, by_w, by_p = self._step_derivatives(values, tuple(mine.values()))
+        after, by_z, by_w, by_u, by_p = self._step_derivatives(values, tuple(mine.values()))
         y, of_z, of_p = self._reading_derivatives(values, tuple(mine.values()))
         f, eps = np.zeros((n - 1, c.nz, 1 + len(free))), np.zeros((n, len(c.channels), 1 + len(free)))
         # f = F(z_f, 0) + A (z - z_f) - z_next: the disturbance is a state of the filter
@@ -211,8 +211,26 @@ class Track:
             self._behind(values),
             tuple(state_scales(c.plant).tolist()),
             tuple(c.plant.states.index(name) for name in self.stretch.plant.first_order),
+            self._unresolved(by_u, of_z),
         )
         return Columns(model, f, eps)
+
+    @property
+    def _is_resolved(self) -> bool:
+        """Whether all inputs are known between their rows."""
+        return not self.stretch.unresolved.any()
+
+    def _unresolved(self, by_u: Array, of_z: Array) -> Array | None:
+        """(n, nc) deviation of the readings by what is not known of the inputs, told what an input does to a step."""
+        if self._is_resolved:
+            return None
+        # of an input u that swings unseen, a rate swings as its integral, and a place as the integral of that
+        once, twice = np.moveaxis(self.stretch.unresolved, 2, 0)[:, :, None, :]
+        answer = by_u / self.stretch.h[:, None, None]
+        moved, places = answer * once, range(0, 2 * self.composite.nq, 2)
+        moved[:, places] = (answer * twice)[:, [place + 1 for place in places]]
+        seen = of_z @ np.concatenate([moved, moved[-1:]])
+        return np.asarray(np.sqrt(np.sum(seen**2, axis=2)))
 
     def _behind(self, values: Mapping[str, float]) -> tuple[Lagged, ...]:
         """What lags where the stretch begins: a torque that was another one before, a reading by time times rate.
@@ -229,24 +247,27 @@ class Track:
         return tuple(found)
 
     def _step_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> tuple[Array, ...]:
-        """One-step map (n-1, nz), and its derivatives (n-1, nz, ...) by z, w and parameters, at no disturbance."""
+        """One-step map (n-1, nz), and its derivatives (n-1, nz, ...) by z, w, inputs and parameters, at no disturbance;
+        by inputs none where all of them are known."""
         # a parameter that scales the disturbance would otherwise be fitted to what the smoother thinks of it
         c, n, z = self.composite, len(self.stretch.t) - 1, self.filtered[:-1]
         call, d = mapped(derivatives_of(c, free)[0], n, (5,)), self.stretch.h / c.substeps
         inputs, slope = self.inputs(values), self.held.substeps_by_delay(c.substeps, c.delay_s(values))
-        late = [c.nz + c.nw + free.index(name) for name in c.delays if name in free]
         nothing, p, nu = np.zeros((n, c.nw)), c.vector(values), c.nz + c.nw
-        total = np.zeros((n, c.nz, nu + len(free)))
+        end = nu if self._is_resolved else nu + c.nu  # of the derivatives that stand before those by parameters
+        late = [end + free.index(name) for name in c.delays if name in free]
+        total = np.zeros((n, c.nz, end + len(free)))
         total[:, range(c.nz), range(c.nz)] = 1.0
         for j in range(c.substeps):
             z, by = call(z, inputs[j], nothing, d, self.stretch.t[:-1] + j * d, p)
             z = z[:, :, 0]
-            # the chain rule through the substeps: S+ = F_z S + [0, F_w, F_p]
+            # the chain rule through the substeps: S+ = F_z S + [0, F_w, F_u, F_p]
             total = by[:, :, : c.nz] @ total
-            total[:, :, c.nz : nu] += by[:, :, c.nz : nu]
-            total[:, :, nu:] += by[:, :, nu + c.nu :]
+            total[:, :, c.nz : end] += by[:, :, c.nz : end]
+            total[:, :, end:] += by[:, :, nu + c.nu :]
             total[:, :, late] += by[:, :, nu, None] * slope[j][:, None, None]
-        return z, total[:, :, : c.nz], total[:, :, [c.nz + i for i in self.disturbed]], total[:, :, nu:]
+        pushed = total[:, :, [c.nz + i for i in self.disturbed]]
+        return z, total[:, :, : c.nz], pushed, total[:, :, nu:end], total[:, :, end:]
 
     def _reading_derivatives(self, values: Mapping[str, float], free: tuple[str, ...]) -> list[Array]:
         """Readings (n, nc) and their derivatives (n, nc, ...) by z and parameters."""

@@ -43,10 +43,14 @@ class Stretch:
     others: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (n-1, inputs - 1); not given: there are none
     # (n, channels) readings with those that are left out because the last one tells the same; not given: there are none
     every: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (n-1, inputs, 2) what the rows leave open of each input (`recording.input_curve`); not given: nothing
+    unresolved: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
 
     def __post_init__(self) -> None:
         if len(self.others) != len(self.u):
             object.__setattr__(self, "others", np.zeros((len(self.u), 0)))
+        if len(self.unresolved) != len(self.u):
+            object.__setattr__(self, "unresolved", np.zeros((len(self.u), 1 + self.others.shape[1], 2)))
         if self.scatter.shape != self.y.shape:
             object.__setattr__(self, "scatter", np.ones(self.y.shape))
         if self.every.shape != self.y.shape:
@@ -66,9 +70,11 @@ class Stretch:
         """The nodes within these times."""
         a, b = np.searchsorted(self.t, [first_s - 1e-9, last_s + 1e-9])
         held, u, others = slice(a, max(b - 1, a)), self.u, self.others
-        u, others, nodes = u[held], others[held], slice(a, b)
+        u, others, unresolved, nodes = u[held], others[held], self.unresolved[held], slice(a, b)
         y, scatter, every = self.y[nodes], self.scatter[nodes], self.every[nodes]
-        return replace(self, u=u, others=others, t=self.t[nodes], y=y, scatter=scatter, every=every)
+        return replace(
+            self, u=u, others=others, t=self.t[nodes], y=y, scatter=scatter, every=every, unresolved=unresolved
+        )
 
     def unevenly_sampled(self, channel: str, jitter_s: float, sigma: float) -> Stretch:
         """The same with a channel whose instants are uneven: s^2 = sigma^2 + (jitter rate)^2."""
@@ -102,9 +108,15 @@ def fewest_readings(plant: Plant) -> int:
 
 
 def stretch_of(
-    recording: str, plant: Plant, t: Array, u: Array, readings: Mapping[str, tuple[NDArray[np.int_], Array]]
+    recording: str,
+    plant: Plant,
+    t: Array,
+    u: Array,
+    readings: Mapping[str, tuple[NDArray[np.int_], Array]],
+    unresolved: Array | None = None,
 ) -> Stretch:
-    """From nodes t (n,), inputs held between them (n-1,) or (n-1, inputs) and (nodes, values) of every channel."""
+    """From nodes t (n,), inputs held between them (n-1,) or (n-1, inputs), (nodes, values) of every channel, and what
+    is not known of the inputs (n-1, inputs, 2)."""
     cut = _cut(t, longest_node_s(plant))
     where = np.searchsorted(cut, t)
     y = np.full((len(cut), len(plant.channels)), np.nan)
@@ -112,9 +124,11 @@ def stretch_of(
         if channel in readings:
             nodes, values = readings[channel]
             y[where[nodes], column] = values
-    held = u[np.clip(np.searchsorted(t, cut[:-1], side="right") - 1, 0, len(u) - 1)]
+    before = np.clip(np.searchsorted(t, cut[:-1], side="right") - 1, 0, len(u) - 1)
+    held = u[before]
     first, others = (held, np.zeros((len(held), 0))) if held.ndim == 1 else (held[:, 0], held[:, 1:])
-    return Stretch(recording, plant, cut, first, y, others=others)
+    open_inputs = np.zeros((0, 0, 2)) if unresolved is None else unresolved[before]
+    return Stretch(recording, plant, cut, first, y, others=others, unresolved=open_inputs)
 
 
 def longest_node_s(plant: Plant) -> float:
