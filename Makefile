@@ -8,6 +8,7 @@ LOCKED := $(PIP) --require-hashes --only-binary=:all:
 DURATION ?= 20
 OUT ?= build/figures
 BOARD ?= host
+CONTAINER ?= docker
 SPHINX := $(RUN) -m sphinx --fail-on-warning --keep-going --quiet
 
 # Installing on a Raspberry Pi: sudo make install [LAMP_GPIO=23|none] [PICAMERA2=1]; into a folder: DESTDIR=/tmp/root
@@ -16,7 +17,7 @@ LAMP_GPIO ?= 18
 INSTALL_FLAGS := --root "$(DESTDIR)/" $(if $(DRY_RUN),--dry-run)
 
 .DEFAULT_GOAL := help
-.PHONY: help sim sim-web test proof lint docs figures wheel install uninstall firmware lock wheels licences audit check-pi clean
+.PHONY: help sim sim-web test proof lint docs figures wheel install uninstall firmware container lock wheels licences audit check-pi clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
@@ -56,6 +57,9 @@ uninstall: ## take it away again; recordings and configuration stay (PURGE=1: no
 
 firmware: ## the driver board's firmware as a program for the rig (BOARD=stm32f4: for a microcontroller)
 	$(MAKE) --no-print-directory -C tools/firmware $(BOARD) OUT=$(CURDIR)/build/firmware
+
+container: ## the rig and its web page as an image (CONTAINER=podman)
+	$(CONTAINER) build -t hoopd -f tools/container/Containerfile .
 
 lock: ## newest versions that fit into the lock files, with digests (PYTHON=python3.11; KEEP=1: versions stay)
 	$(PYTHON) tools/lock.py $(if $(KEEP),--keep)
