@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
+import secrets
 import signal
 import socket
 import subprocess
@@ -19,6 +21,7 @@ from pathlib import Path
 
 END_S = 8.0  # a controlled stop
 WATCH_S = 0.2
+USER = "operator"
 
 
 def free_endpoint() -> str:
@@ -28,10 +31,19 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def configuration(folder: Path) -> Path:
-    """What both processes read."""
-    path = folder / "web.yaml"
-    path.write_text(f"telemetry: {{endpoint: {free_endpoint()}}}\n", encoding="utf-8")
+def configuration(folder: Path, password: str) -> Path:
+    """What both processes read: one user who may drive from the page."""
+    users, path = folder / "users.txt", folder / "web.yaml"
+    users.touch(mode=0o600)
+    users.write_text(f"{USER}:{password}\n", encoding="utf-8")
+    proof = {
+        "user": "hoop",
+        "password": "unused",
+        "dictionary_file": str(users),
+    }  # zenoh wants the daemon to have a name
+    control = {"endpoint": free_endpoint(), "zenoh": {"transport": {"auth": {"usrpwd": proof}}}}
+    content = {"telemetry": {"endpoint": free_endpoint(), "commands": True, "control": control}}
+    path.write_text(json.dumps(content), encoding="utf-8")  # JSON is YAML, too
     return path
 
 
@@ -63,7 +75,9 @@ def main() -> int:
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix="hoopd-web-") as folder:
-        shared = ("--config", str(configuration(Path(folder))))
+        password = secrets.token_hex(4)
+        shared = ("--config", str(configuration(Path(folder), password)))
+        print(f"to drive from the page, log in as {USER} with the password {password}", flush=True)
         processes = [started("--sim", *shared), started("dashboard", *shared, "--listen", options.listen)]
         until = None if options.seconds is None else time.monotonic() + options.seconds
         with contextlib.suppress(KeyboardInterrupt):

@@ -5,17 +5,40 @@ Rules of this file: heavy imports are made inside; the configuration says where 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import typer
 
 from hoopd.commands.options.dashboard import DashboardOptions
+from hoopd.files.reading import InputError
+
+if TYPE_CHECKING:
+    from hoopd.shell.config import ControlSession
 
 
 def dashboard(options: DashboardOptions) -> None:
     """Serve the page until the process is told to end."""
-    from hoopd.dashboard.process import serve
+    from hoopd.dashboard.audit import Audit
+    from hoopd.dashboard.feed import Feed
+    from hoopd.dashboard.operators import Operators
+    from hoopd.dashboard.process import ServerAddress, serve
     from hoopd.shell.config import load
 
     telemetry = load(options.config, sim=False, overrides=list(options.sets)).telemetry
+    endpoints = options.connect or (telemetry.endpoint,)
     # Of zenoh's keys a reader shares user, password and certificates with the daemon, not where it listens.
     extras = {key: value for key, value in telemetry.zenoh.items() if key.partition("/")[0] == "transport"}
-    serve(options.connect or (telemetry.endpoint,), extras, options.listen, lambda at: typer.echo(f"dashboard: {at}"))
+    where = ServerAddress(listen=options.listen, names=options.names, certificate=options.certificate, key=options.key)
+    operators = Operators(_controls(options, endpoints, telemetry.control))
+    serve(Feed(endpoints, extras), operators, Audit(options.audit), where, lambda at: typer.echo(f"dashboard: {at}"))
+
+
+def _controls(
+    options: DashboardOptions, endpoints: Sequence[str], control: ControlSession
+) -> dict[str, tuple[str, Mapping[str, Any]]]:
+    """Where the daemon of each endpoint takes commands, with zenoh's keys for it."""
+    told = options.control or ((control.endpoint,) if control.endpoint and not options.connect else ())
+    if len(told) > len(endpoints):
+        raise InputError("--control", "", f"{len(told)} endpoints of control beside {len(endpoints)} of telemetry")
+    return {endpoint: (one, control.zenoh) for endpoint, one in zip(endpoints, told, strict=False)}

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.device import Seen
 from hoopd.dashboard.feed import Feed
 
@@ -28,8 +29,8 @@ BUSY = 1013  # RFC 6455's registry: try again later
 class Live:
     """All browsers that look."""
 
-    def __init__(self, feed: Feed) -> None:
-        self._feed = feed
+    def __init__(self, feed: Feed, audit: Audit) -> None:
+        self._feed, self._audit = feed, audit
         self.readers = 0
 
     async def serve(self, socket: WebSocket) -> None:
@@ -50,13 +51,15 @@ class Live:
     async def _tell(self, socket: WebSocket, gone: asyncio.Future[None]) -> None:
         seen: dict[str, Seen] = {}
         troubles: dict[str, str] | None = None
-        told_at = 0.0
+        told_at, audited = 0.0, 0
         while not gone.done():
             frame: dict[str, Any] = {"devices": self._news(seen)}
             if troubles != self._feed.troubles():
                 frame["endpoints"] = troubles = self._feed.troubles()
+            if audited != self._audit.count:
+                audited, frame["audit"] = self._audit.count, self._audit.latest
             now = time.monotonic()
-            if frame["devices"] or "endpoints" in frame or now - told_at >= HEARTBEAT_S:
+            if len(frame) > 1 or frame["devices"] or now - told_at >= HEARTBEAT_S:
                 frame["now"], told_at = time.time(), now
                 await asyncio.wait_for(socket.send_text(msgspec.json.encode(frame).decode()), STALLED_S)
             await asyncio.wait([gone], timeout=max(0.0, FRAME_S - (time.monotonic() - now)))

@@ -1,6 +1,6 @@
-"""The web server: the page, its files, the live frames, the history, and the buttons.
+"""The web server: the page, its files, the live frames and the history.
 
-Rules of this file: routes alone; what a request costs is bounded; a call that waits for a daemon waits in a thread.
+Rules of this file: routes that only read; what a request costs is bounded, what waits waits in a thread.
 """
 
 from __future__ import annotations
@@ -17,33 +17,47 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 
+from hoopd.dashboard.actions import Actions
+from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.guards import RequestGuard
 from hoopd.dashboard.live import Live
+from hoopd.dashboard.operators import Operators
 from hoopd.recording.schemas import TICK
 
+SWEEP_S = 30.0
 STATIC = Path(__file__).parent / "static"
 
 
-def application(feed: Feed, names: Sequence[str]) -> Starlette:
+def application(feed: Feed, operators: Operators, audit: Audit, names: Sequence[str]) -> Starlette:
     """The server's routes over a feed; `names` are the hosts that it answers to."""
     pages = Pages(feed)
     routes = [
         Route("/", pages.page),
         Route("/api/channels", pages.channels),
         Route("/api/history", pages.history),
-        Route("/api/stop", pages.stop, methods=["POST"]),
-        WebSocketRoute("/api/live", Live(feed).serve),
+        *Actions(feed, operators, audit).routes,
+        WebSocketRoute("/api/live", Live(feed, audit).serve),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
 
     @contextlib.asynccontextmanager
     async def listening(app: Starlette) -> AsyncIterator[None]:
         feed.start()
+        sweeping = asyncio.create_task(_sweep(operators))
         yield
+        sweeping.cancel()
+        await asyncio.to_thread(operators.close)
         await asyncio.to_thread(feed.close)
 
     return Starlette(routes=routes, middleware=[Middleware(RequestGuard, names=names)], lifespan=listening)
+
+
+async def _sweep(operators: Operators) -> None:
+    """End logins that nobody uses any more, whether or not somebody asks."""
+    while True:
+        await asyncio.sleep(SWEEP_S)
+        await asyncio.to_thread(operators.sweep)
 
 
 class Pages:
@@ -66,9 +80,3 @@ class Pages:
         if device is None:
             return JSONResponse({"ok": False, "reason": "no such device"}, 404)
         return Response(await asyncio.to_thread(device.packed), media_type="application/octet-stream")
-
-    async def stop(self, request: Request) -> Response:
-        """Disarm every device that the page shows, all at once, without a login: everybody may stop."""
-        devices = list(self._feed.devices.values())
-        answers = await asyncio.gather(*(asyncio.to_thread(self._feed.send, one, "disarm") for one in devices))
-        return JSONResponse({"ok": bool(answers) and all(one["ok"] for one in answers), "answers": answers})

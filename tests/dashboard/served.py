@@ -12,8 +12,10 @@ from typing import Any, NamedTuple
 
 from shell.peers import wait_until
 
+from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
-from hoopd.dashboard.process import bind, server_of
+from hoopd.dashboard.operators import Operators
+from hoopd.dashboard.process import ServerAddress, bind, server_of
 
 
 class Answer(NamedTuple):
@@ -51,10 +53,10 @@ class Served:
 
 
 @contextlib.contextmanager
-def served(feed: Feed) -> Iterator[Served]:
+def served(feed: Feed, operators: Operators | None = None, audit: Audit | None = None) -> Iterator[Served]:
     """The page's server on a free port, until the block ends."""
-    with bind("127.0.0.1:0") as listening:
-        server = server_of(feed, listening)
+    with bind(ServerAddress(listen="127.0.0.1:0")) as listening:
+        server = server_of(feed, operators or Operators({}), audit or Audit(), listening)
         thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])))
         thread.start()
         try:

@@ -8,6 +8,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket
 
+from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.device import ShownDevice
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.live import READERS, ROWS, Live
@@ -66,7 +67,7 @@ async def until(condition: Any) -> None:
 def test_a_browser_that_takes_nothing_holds_up_no_other_and_misses_the_oldest() -> None:
     async def run() -> tuple[Browser, Browser]:
         feed, device = feed_with_a_device()
-        live, quick, slow = Live(feed), Browser(), Browser()
+        live, quick, slow = Live(feed, Audit()), Browser(), Browser()
         quick.reads.set()
         scope = {"type": "websocket"}
         served = [asyncio.create_task(live.serve(WebSocket(scope, one.receive, one.send))) for one in (quick, slow)]
@@ -91,7 +92,7 @@ def test_a_browser_that_takes_nothing_holds_up_no_other_and_misses_the_oldest() 
 
 def test_there_is_room_for_so_many_browsers_and_the_next_is_told() -> None:
     async def run() -> Browser:
-        live, browser = Live(Feed([], {})), Browser()
+        live, browser = Live(Feed([], {}), Audit()), Browser()
         live.readers = READERS
         await live.serve(WebSocket({"type": "websocket"}, browser.receive, browser.send))
         return browser

@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 
 from hoopd.core.records import Command
 from hoopd.dashboard.feed import DEVICES, Feed
-from hoopd.dashboard.process import bind
+from hoopd.dashboard.process import ServerAddress, bind
 from hoopd.files.reading import InputError
 from hoopd.shell.telemetry import TelemetrySettings
 
@@ -119,12 +119,12 @@ def test_names_that_are_no_keys_and_more_devices_than_there_is_room_for_are_left
 @pytest.mark.parametrize("listen", ["0.0.0.0:8765", "192.168.1.2:8765", "nowhere", "127.0.0.1:99999", "[::]:8765"])
 def test_only_this_machine_is_listened_to(listen: str) -> None:
     with pytest.raises(InputError, match="--listen"):
-        bind(listen)
+        bind(ServerAddress(listen=listen))
 
 
 def test_a_port_that_is_taken_is_one_line() -> None:
-    with bind("127.0.0.1:0") as taken, pytest.raises(InputError, match="address already in use"):
-        bind(f"127.0.0.1:{taken.getsockname()[1]}")
+    with bind(ServerAddress(listen="127.0.0.1:0")) as taken, pytest.raises(InputError, match="address already in use"):
+        bind(ServerAddress(listen=f"127.0.0.1:{taken.getsockname()[1]}"))
 
 
 def test_a_handshake_of_another_name_is_refused(web: Served) -> None:

@@ -19,8 +19,28 @@ class DashboardOptions:
         metavar="tcp/HOST:PORT",
         default=(),
     )
+    control: tuple[str, ...] = option(
+        "--control",
+        text="Endpoint of a daemon's telemetry.control, in the order of --connect: who logs in commands there.",
+        metavar="tcp/HOST:PORT",
+        default=(),
+    )
     listen: str = option(
-        "--listen", text="Where the page is served, on this machine.", metavar="HOST:PORT", default="127.0.0.1:8765"
+        "--listen",
+        text="Where the page is served; beyond this machine with TLS only.",
+        metavar="HOST:PORT",
+        default="127.0.0.1:8765",
+    )
+    names: tuple[str, ...] = option(
+        "--name",
+        text="Name by which browsers reach the page, beside its address.",
+        metavar="HOST",
+        default=(),
+    )
+    certificate: Path | None = option("--certificate", text="Certificate of the page's server (PEM).", metavar="FILE")
+    key: Path | None = option("--key", text="Its private key (PEM).", metavar="FILE")
+    audit: Path | None = option(
+        "--audit", text="Who commanded what, a line of JSON each; without it on standard error.", metavar="FILE"
     )
     config: Path | None = config_option()
     sets: tuple[str, ...] = sets_option()

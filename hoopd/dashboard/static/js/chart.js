@@ -3,13 +3,13 @@
 import { clock, element, say, short } from './text.js';
 import { WALL } from './store.js';
 
-const HEIGHT = 168;
 const HELD = new Set(['u', 'reference', 'mode', 'status', 'errors']); // hold from one row to the next
 const GAP_S = 0.25; // a channel that is silent for longer has a gap; a camera that comes every other tick has none
 const DASHES = [[], [7, 4], [2, 3], [10, 3, 2, 3], [4, 4], [12, 4]];
 const MOST_SERIES = 6;
 const CLICK_PX = 4;
 const ESTIMATES = ['hoop angle, estimate', 'hoop speed, estimate', 'ball angle, estimate', 'ball speed, estimate'];
+const SCALED = { lateness_s: [1e3, 'ms'], execution_s: [1e3, 'ms'] }; // as a person reads them
 const LABELS = {
   psi: 'ball angle', reference: 'reference', u: 'torque', theta: 'hoop angle', dtheta: 'hoop speed', current: 'current',
   lateness_s: 'lateness', execution_s: 'execution',
@@ -36,7 +36,7 @@ export class Chart {
   }
 
   resize() {
-    if (this.plot && this.canvas.clientWidth) this.plot.setSize({ width: this.canvas.clientWidth, height: HEIGHT });
+    if (this.plot && this.canvas.clientWidth) this.plot.setSize({ width: this.canvas.clientWidth, height: this.canvas.clientHeight });
   }
 
   fillMenu() {
@@ -61,6 +61,7 @@ export class Chart {
   }
 
   unit(name) {
+    if (name in SCALED) return SCALED[name][1];
     const [, base, place] = /^(.*?)(?:_(\d))?$/.exec(name);
     const { channels } = this.charts;
     return channels[name]?.unit ?? channels[base]?.unit.split(', ')[place] ?? '';
@@ -77,7 +78,7 @@ export class Chart {
     const axis = { stroke: colour('quiet'), grid: { stroke: colour('grid'), width: 1 }, ticks: { stroke: colour('grid'), width: 1 }, font: '12px system-ui, sans-serif' };
     this.canvas.replaceChildren();
     this.plot = new uPlot({
-      width: this.canvas.clientWidth || 600, height: HEIGHT, legend: { show: false }, padding: [8, 12, 0, 0],
+      width: this.canvas.clientWidth || 600, height: this.canvas.clientHeight || 168, legend: { show: false }, padding: [8, 26, 0, 0],
       scales: { x: { time: true, auto: false }, y: { range: padded } },
       cursor: { sync: { key: 'hoopd' }, drag: { x: true, y: false, setScale: false, dist: CLICK_PX }, points: { size: 7 } },
       axes: [{ ...axis, space: 90, size: 28, values: (plot, ticks, place, space, step) => ticks.map(tick => clock(tick, step < 1 ? 1 : 0)) }, { ...axis, size: 64, values: (plot, ticks) => ticks.map(tick => `${tick}`.replace('-', '−')) }],
@@ -118,7 +119,7 @@ export class Chart {
     if (!this.plot) this.build();
     const first = Math.max(0, device.rowAt(from) - 1), last = Math.min(device.length, device.rowAt(until) + 1);
     const times = device.columns.get(WALL).subarray(first, last);
-    this.data = [times, ...this.names.map(name => lines(device.columns.get(name), times, first, last))];
+    this.data = [times, ...this.names.map(name => lines(device.columns.get(name), times, first, last, SCALED[name]?.[0] ?? 1))];
     this.plot.setData(this.data, false);
     this.plot.setScale('x', { min: from, max: until });
     this.showValues(this.plot);
@@ -157,7 +158,7 @@ export class Chart {
 }
 
 /** A column as uPlot likes it: undefined where a row has no number, null where a channel is silent for long. */
-function lines(column, times, first, last) {
+function lines(column, times, first, last, factor) {
   const line = new Array(last - first);
   if (!column) return line;
   let known = -Infinity;
@@ -167,7 +168,7 @@ function lines(column, times, first, last) {
       if (times[place] - known > GAP_S) line[place] = null;
     } else {
       if (place && times[place] - known > GAP_S && line[place - 1] === undefined) line[place - 1] = null;
-      line[place] = value;
+      line[place] = value * factor;
       known = times[place];
     }
   }

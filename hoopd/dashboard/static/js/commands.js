@@ -1,36 +1,48 @@
-// What the page sends: every answer of a daemon is shown, and how long it took.
+// What the page sends: STOP for everybody, the rest for who is logged in. Every answer of a daemon is shown, and how long
+// it took.
 
-import { byId, clock, say } from './text.js';
+import { byId, clock, number, say } from './text.js';
 
 const TYPING = 'input:not([type=checkbox]), textarea, select';
 const PATIENCE_MS = 8000;
+const ASK_MS = 20000; // whether the login still lasts
 
-async function post(path, content = {}) {
-  const answer = await fetch(path, {
-    method: 'POST',
-    headers: { 'content-type': 'application/json' },
-    body: JSON.stringify(content),
-    signal: AbortSignal.timeout(PATIENCE_MS),
-  });
-  return answer.json();
-}
-
-function told({ device, command, ok, reason, mode }) {
-  return `${(device ?? '').split('@')[0]} ${command}: ${ok ? mode : reason}`;
-}
+const told = ({ device, command, ok, reason, mode, reference }) =>
+  `${(device ?? '').split('@')[0]} ${command}: ${ok ? `${mode}${command === 'reference' ? `, reference ${number(reference, 3, true)} rad` : ''}` : `${reason}`.replace(`${command}: `, '')}`;
 
 export class Commands {
-  constructor() {
-    this.place = byId('answer');
+  constructor(chosen) {
+    Object.assign(this, { chosen, user: null, proof: '', possible: false });
     byId('stop').addEventListener('click', () => this.stop());
     document.addEventListener('keydown', event => this.key(event), true);
+    for (const button of byId('drive').querySelectorAll('button')) {
+      button.addEventListener('click', () => this.send(button.dataset.command));
+    }
+    byId('login').addEventListener('click', () => (this.user ? this.logout() : this.ask()));
+    byId('credentials-away').addEventListener('click', () => byId('credentials').close());
+    byId('credentials-form').addEventListener('submit', event => this.login(event));
+    this.who();
+    setInterval(() => this.who(), ASK_MS);
   }
 
   key(event) {
-    if (event.code !== 'Space' || event.target.closest(TYPING)) return;
+    if (event.key === 'Escape' && byId('credentials').open) byId('credentials').close();
+    if (event.code !== 'Space' || event.target.closest?.(TYPING)) return;
     event.preventDefault();
     event.stopPropagation();
     if (!event.repeat) this.stop();
+  }
+
+  /** Content of an answer, whatever its status; a login that is over is noticed. */
+  async post(path, content = {}) {
+    const answer = await fetch(path, {
+      method: 'POST',
+      headers: { 'content-type': 'application/json', 'x-hoopd-proof': this.proof },
+      body: JSON.stringify(content),
+      signal: AbortSignal.timeout(PATIENCE_MS),
+    });
+    if (answer.status === 401 && this.user) this.be(null);
+    return answer.json();
   }
 
   async stop() {
@@ -38,19 +50,89 @@ export class Commands {
     byId('stop').classList.add('sent');
     this.show('STOP sent …', 'waiting');
     try {
-      const { ok, answers, reason } = await post('/api/stop');
+      const { ok, answers, reason } = await this.post('/api/stop');
       const lines = answers?.map(told) ?? [];
       const after = `${Math.round(performance.now() - begun)} ms`;
       this.show(lines.length ? `${lines.join(' · ')} (${after})` : reason ?? 'no device is known: nothing was sent', ok ? 'good' : 'bad');
     } catch (error) {
-      this.show(`STOP: no answer from this page's server (${error.name}). Use \`hoopd disarm\` or the device's own switch.`, 'bad');
+      this.show(`STOP: no answer from this page’s server (${error.name}). Use “hoopd disarm” or the device’s own switch.`, 'bad');
     } finally {
       byId('stop').classList.remove('sent');
     }
   }
 
+  /** A command to the chosen device; true when it was obeyed. */
+  async send(command, value = null) {
+    const begun = performance.now(), device = this.chosen()?.identity;
+    if (!this.user || !device) return false;
+    this.show(`${command} sent …`, 'waiting');
+    try {
+      const answer = await this.post('/api/command', { device, command, value });
+      this.show(`${told({ device, command, ...answer })} (${Math.round(performance.now() - begun)} ms)`, answer.ok ? 'good' : 'bad');
+      return answer.ok;
+    } catch (error) {
+      this.show(`${command}: no answer from this page’s server (${error.name})`, 'bad');
+      return false;
+    }
+  }
+
   show(text, state) {
-    say(this.place, `${clock(Date.now() / 1e3)} ${text}`);
-    this.place.dataset.state = state;
+    say(byId('answer'), `${clock(Date.now() / 1e3)} ${text}`);
+    byId('answer').dataset.state = state;
+  }
+
+  // ---- login
+
+  async who() {
+    try {
+      const { possible, user, proof } = await (await fetch('/api/me')).json();
+      this.possible = possible;
+      if (this.user && !user) this.show('the login is over: log in again to drive', 'bad');
+      this.be(user, proof);
+    } catch {
+      // the server is gone; the link says so
+    }
+  }
+
+  be(user, proof = '') {
+    Object.assign(this, { user, proof });
+    byId('login').hidden = !this.possible;
+    say(byId('login'), user ? 'Log out' : 'Log in');
+    byId('who').hidden = !user;
+    say(byId('who'), user ?? '');
+    document.body.classList.toggle('may-drive', Boolean(user));
+    for (const button of byId('drive').querySelectorAll('button')) button.disabled = !user;
+    say(byId('drive-hint'), user ? '' : this.possible ? 'Log in to drive.' : 'To look only: no daemon here takes commands over zenoh (telemetry.control).');
+  }
+
+  /** Beside the page, not over it: STOP stays within reach. */
+  ask() {
+    say(byId('credentials-wrong'), '');
+    byId('credentials').show();
+    byId('credentials-form').elements.user.focus();
+  }
+
+  async login(event) {
+    event.preventDefault();
+    const form = byId('credentials-form'), { user, password } = form.elements;
+    try {
+      const answer = await this.post('/api/login', { user: user.value, password: password.value });
+      if (answer.ok) {
+        form.reset();
+        byId('credentials').close();
+        this.be(answer.user, answer.proof);
+        return;
+      }
+      say(byId('credentials-wrong'), answer.reason);
+    } catch (error) {
+      say(byId('credentials-wrong'), `no answer from this page’s server (${error.name})`);
+    }
+    password.value = '';
+    password.focus();
+  }
+
+  async logout() {
+    await this.post('/api/logout').catch(() => null);
+    this.be(null);
   }
 }

@@ -18,11 +18,16 @@ export class Hoop {
     this.ball = drawn('g', { class: 'ball' }, drawn('circle', { cy: PATH, r: BALL }), drawn('circle', { class: 'glint', cx: -4, cy: PATH - 4, r: 3 }));
     this.seen = drawn('g', { class: 'seen' }, drawn('path', { d: `M-7,${PATH}h14M0,${PATH - 7}v14` }));
     this.target = drawn('g', { class: 'target' },
-      drawn('line', { y1: 50, y2: 116 }), drawn('path', { d: 'M0,103 l-7,13 h14 z' }));
-    this.svg = drawn('svg', { viewBox: '-124 -124 248 248', role: 'img', 'aria-label': 'Hoop with ball' },
+      drawn('line', { y1: 50, y2: 106 }), drawn('path', { d: 'M0,101 l-8,15 h16 z' }));
+    // taken by a thumb: larger than what is seen
+    this.handle = drawn('g', { class: 'handle', tabindex: 0, role: 'slider', 'aria-label': 'Reference, the ball’s target' },
+      drawn('circle', { cy: 108, r: 17 }));
+    this.ghost = drawn('g', { class: 'ghost missing' },
+      drawn('line', { y1: 14, y2: 106 }), drawn('circle', { cy: PATH, r: BALL }), drawn('path', { d: 'M0,101 l-8,15 h16 z' }));
+    this.svg = drawn('svg', { viewBox: '-126 -126 252 252', role: 'group', 'aria-label': 'Hoop with ball' },
       drawn('circle', { class: 'rim', r: TRACK + 7 }), drawn('circle', { class: 'track', r: TRACK }),
       this.spokes, drawn('line', { class: 'plumb', y1: TRACK - 34, y2: TRACK }),
-      this.band, this.target, this.ball, this.seen);
+      this.band, this.target, this.ball, this.seen, this.ghost, this.handle);
     place.append(this.svg);
   }
 
@@ -31,10 +36,19 @@ export class Hoop {
     this.svg.classList.toggle('stale', stale);
     this.place(this.spokes, hoop);
     this.place(this.ball, ball);
-    this.place(this.target, device.last('reference'));
+    this.reference = device.last('reference');
+    this.place(this.target, this.reference);
+    if (!Number.isFinite(this.wanted)) this.place(this.handle, this.reference);
     const [seen, ago] = device.lastKnown('psi', 25);
     this.place(this.seen, ago < 15 ? seen : NaN);
     this.uncertain(ball, device.state.status.deviation?.[2]);
+  }
+
+  /** Where somebody wants the target; NaN: nowhere. */
+  want(angle) {
+    this.wanted = angle;
+    this.place(this.ghost, angle);
+    this.place(this.handle, Number.isFinite(angle) ? angle : this.reference);
   }
 
   place(part, angle) {

@@ -9,6 +9,7 @@ export class Link {
   constructor(changed) {
     this.devices = new Map();
     this.endpoints = {};
+    this.audit = [];
     this.open = false;
     this.now = 0; // the server's clock at its last word, s
     this.behind = 0; // ours against it, s
@@ -35,6 +36,7 @@ export class Link {
       for (const device of this.devices.values()) this.begin(device);
     }
     if (frame.now) [this.now, this.behind] = [frame.now, Date.now() / 1e3 - frame.now];
+    if (frame.audit) this.audit = frame.audit;
     if (frame.endpoints) this.endpoints = frame.endpoints;
     for (const [identity, news] of Object.entries(frame.devices)) {
       if (!this.devices.has(identity)) {

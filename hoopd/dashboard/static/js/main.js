@@ -5,6 +5,7 @@ import { Commands } from './commands.js';
 import { Hoop } from './hoop.js';
 import { Link } from './link.js';
 import { Panels } from './panels.js';
+import { Target } from './target.js';
 import { byId, element, say } from './text.js';
 import { Theme } from './theme.js';
 
@@ -18,7 +19,8 @@ class Page {
     this.panels = new Panels();
     this.charts = new Charts(byId('tools'), byId('charts'), channels);
     this.theme = new Theme(() => this.charts.recolour());
-    this.commands = new Commands();
+    this.commands = new Commands(() => this.device);
+    this.target = new Target(this.hoop, this);
     this.tabs = '';
     this.textAt = 0;
     this.dirty = true;
@@ -44,7 +46,9 @@ class Page {
       this.textAt = now;
       this.showLink(device);
       this.showTabs(device);
+      this.panels.showAudit(this.link.audit);
       if (device) this.panels.show(device, this.stale(device));
+      if (device) this.target.describe(device.last('reference'));
     }
     if (!device) return;
     if (this.dirty) this.hoop.show(device, this.stale(device));

@@ -14,6 +14,7 @@ const BOARD_ERRORS = ['crc', 'seq gap', 'overcurrent', 'encoder', 'supply', 'ove
 const DEGREES = 180 / Math.PI;
 const MEAN_ROWS = 100; // two seconds
 const SHOWN_EVENTS = 60;
+const plain = text => `${text}`.replace(/`([^`]*)`/g, '“$1”');
 const milliseconds = seconds => `${number(seconds * 1e3, 2)} ms`;
 const bits = (value, names) => names.filter((_, bit) => value & (1 << bit)).join(', ') || 'none';
 
@@ -68,7 +69,7 @@ export class Panels {
     this.shownFaults = now;
     const rows = faults.map(name => element('div', { class: 'fault' },
       element('strong', {}, name), element('p', {}, causes[name]?.meaning ?? ''),
-      element('p', { class: 'clears' }, causes[name]?.clears ? `clears: ${causes[name].clears}` : '')));
+      element('p', { class: 'clears' }, causes[name]?.clears ? `clears: ${plain(causes[name].clears)}` : '')));
     const none = element('p', { class: 'none' }, 'none');
     const arm = arming ? [element('p', { class: 'arming' }, `arming: ${arming}`)] : [];
     byId('faults').replaceChildren(...(rows.length ? rows : [none]), ...arm);
@@ -117,10 +118,20 @@ export class Panels {
     if (newest === this.shownEvent) return;
     this.shownEvent = newest;
     const rows = device.events.slice(-SHOWN_EVENTS).reverse().map(event => {
-      const fields = Object.entries(event.fields ?? {}).map(([name, value]) => `${name} ${typeof value === 'object' ? JSON.stringify(value) : value}`);
+      const fields = Object.entries(event.fields ?? {}).map(([name, value]) => `${name === event.event ? '' : `${name} `}${typeof value === 'object' ? JSON.stringify(value) : value}`);
       return element('li', { 'data-level': String(event.level) }, element('time', {}, clock(event.wall)),
         element('b', {}, String(event.event)), element('span', {}, fields.join(' · ')));
     });
     byId('events').replaceChildren(...rows);
+  }
+
+  /** Who commanded what from this page, newest first. */
+  showAudit(lines) {
+    if (lines === this.shownAudit) return;
+    this.shownAudit = lines;
+    const rows = [...lines].reverse().map(line => element('li', { 'data-level': line.ok ? 'info' : 'warning' },
+      element('time', {}, clock(Date.parse(line.time) / 1e3)), element('b', {}, `${line.who || 'somebody'}`),
+      element('span', {}, [line.device?.split('@')[0], line.command, line.command === 'reference' ? number(line.value, 3, true) : '', '→', line.ok ? line.mode ?? 'done' : line.reason].filter(Boolean).join(' '))));
+    byId('audit').replaceChildren(...(rows.length ? rows : [element('li', { class: 'nothing' }, 'none yet')]));
   }
 }
