@@ -12,6 +12,7 @@ from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
+from hoopd.plants.likelihood import fitting
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit, tuned_noise
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.reference_track import Columns, Track
@@ -41,6 +42,22 @@ def test_parameters_are_recovered_from_wrong_ones(base: HypothesisFit) -> None:
     assert np.abs(found).max() < FAR
     # and the intervals are no wider than the errors: eight standard normal numbers
     assert 0.3 < np.sqrt(np.mean(found**2)) < 2.0
+
+
+def test_a_fit_that_was_led_away_is_where_it_began(base: HypothesisFit, monkeypatch: pytest.MonkeyPatch) -> None:
+    stretches = [track.stretch for track in base.tracks]
+    again = fit(stretches, (), base.values, like=base, noise=base.noise)
+    assert again.criterion == pytest.approx(base.criterion, abs=0.1)
+
+    def led_away(found: HypothesisFit, most: int) -> None:
+        found.values = {name: value * (1.5 if name in found.free else 1.0) for name, value in found.values.items()}
+        found.criterion = base.criterion + 500.0
+
+    monkeypatch.setattr(fitting, "_search", led_away)
+    kept = fit(stretches, (), base.values, like=base, noise=base.noise)
+    assert kept.values == pytest.approx(base.values)
+    assert kept.criterion == pytest.approx(base.criterion, abs=1.0)
+    assert np.diag(kept.covariance) == pytest.approx(np.diag(base.covariance), rel=0.1)
 
 
 def test_noise_levels_are_recovered(base: HypothesisFit) -> None:

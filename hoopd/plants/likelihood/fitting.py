@@ -101,10 +101,22 @@ def fit(
             _settle(found)
             tuned_noise(found)
         return found
+    begin = _kept(found)
+    end = _searched(found, tune_noise=tune_noise, near=noise is not None)
+    if end.criterion <= _value(begin):
+        return end
+    # where the model bends every step may have led away: no fit ends less likely than it began
+    _solution(begin)
+    begin.criterion = _value(begin)
+    return begin
+
+
+def _searched(found: HypothesisFit, *, tune_noise: bool, near: bool) -> HypothesisFit:
+    """Parameters, trajectory and levels moved in turns; `near`: the levels are almost right already."""
     if tune_noise:
         # levels are tuned on the residual of fitted parameters, so that these come first
         _search(found, FIRST_STEPS)
-        tuned_noise(found, near=noise is not None)
+        tuned_noise(found, near=near)
     _search(found, MOST_STEPS)
     if tune_noise:
         before = _kept(found)
