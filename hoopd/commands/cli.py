@@ -31,6 +31,7 @@ from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.commands.options.plant import PlantOptions
+from hoopd.commands.options.plot import PlotOptions
 from hoopd.commands.options.replay import ReplayOptions
 from hoopd.commands.options.running import (
     ArmOptions,
@@ -124,6 +125,7 @@ def check(options: CheckOptions) -> None:
 COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
     "Files: recordings, models, controllers": (
         (ConvertOptions, offline.convert),
+        (PlotOptions, offline.plot),
         (FitOptions, offline.fit),
         (SimulateOptions, offline.simulate),
         (LinearizeOptions, offline.linearize),

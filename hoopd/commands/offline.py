@@ -18,6 +18,7 @@ from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.commands.options.plant import PlantOptions
+from hoopd.commands.options.plot import PlotOptions
 from hoopd.commands.options.shared import check_files, finish, shown_progress
 from hoopd.commands.options.simulate import SimulateOptions
 
@@ -27,6 +28,14 @@ def convert(options: ConvertOptions) -> None:
     from hoopd.commands.convert import run
 
     check_files([options.source], target=options.target, json=options.json_path)
+    finish(run(options), options.json_path)
+
+
+def plot(options: PlotOptions) -> None:
+    """A picture of recordings."""
+    from hoopd.commands.plot import run, target_of
+
+    check_files(list(options.recordings), out=target_of(options), json=options.json_path)
     finish(run(options), options.json_path)
 
 
