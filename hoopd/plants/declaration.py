@@ -196,8 +196,8 @@ class Plant:
     bounds : mapping of str to (float, float)
         Outside there is no such plant.
     beliefs : mapping of str to float
-        Of parameters that are not fitted, the share of their value to which they are believed: intervals of what is
-        fitted beside them include it.
+        The share of its value to which a parameter is believed: of one that is fitted, the prior; intervals of what is
+        fitted beside one that is not include it.
     units : mapping of str to str
         Of parameters and first-order states.
     held : mapping of str to float
@@ -249,7 +249,7 @@ class Plant:
     values: Mapping[str, float] = field(default_factory=dict)  # parameters, SI units
     free: tuple[str, ...] = ()  # those that are fitted
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # outside there is no such plant
-    beliefs: Mapping[str, float] = field(default_factory=dict)  # of what is not fitted: to which share it is known
+    beliefs: Mapping[str, float] = field(default_factory=dict)  # to which share a parameter is known beforehand
     units: Mapping[str, str] = field(default_factory=dict)  # of parameters and first-order states
     held: Mapping[str, float] = field(default_factory=dict)  # names that effects may use and that do not move
     channels: Mapping[str, Channel] = field(default_factory=dict)

@@ -77,6 +77,13 @@ def test_what_is_held_and_believed_to_a_share_only_widens_what_is_fitted_beside_
     assert believed["d"] == pytest.approx(known["d"], rel=0.05)
 
 
+def test_what_is_fitted_and_believed_to_a_share_is_pulled_to_what_it_was_told_to_be() -> None:
+    """As wide as the belief where the run tells the product alone."""
+    free = half_widths(fitted(replace(slide(0.1), free=("m", "d", "k"))))
+    assert free["k"] == pytest.approx(1.96 * 0.1, rel=0.05)
+    assert free["m"] == pytest.approx(1.96 * 0.1 * 2.0, rel=0.1)
+
+
 def test_an_interval_is_asked_for_by_name() -> None:
     found = fitted(slide(0.0))
     low, high = interval(found, "m") or (0.0, 0.0)

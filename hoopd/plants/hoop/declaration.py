@@ -102,7 +102,8 @@ _ENTRIES_OF = {
     "hoop": ("J11", "L1"),
     "ball": ("J22", "K2"),
 }
-_PHYSICAL_OF = {"both": ("mb", "Ib", "Ih", "bb", "bh"), "hoop": ("Ih", "bh"), "ball": ("Ib", "bb")}
+# Readings of both know six combinations of the seven; which of the radii the sixth is told by, is as good as the same.
+_PHYSICAL_OF = {"both": ("mb", "Ro", "Ib", "Ih", "bb", "bh"), "hoop": ("Ih", "bh"), "ball": ("Ib", "bb")}
 
 
 def _free(structure: str, moving: str) -> tuple[str, ...]:
@@ -113,7 +114,7 @@ def _beliefs(structure: str, moving: str) -> dict[str, float]:
     """Of the ball and the way that it rolls on, as a fit that frees them believes them beforehand."""
     if structure == "entries" or moving == "hoop":
         return {}
-    return {name: PRIOR[name] for name in ("mb", "Ro", "Rb") if name not in _free(structure, moving)}
+    return {name: PRIOR[name] for name in ("mb", "Ro", "Rb")}
 
 
 # Of a mass or an inertia, the share of its told value that it has at least; a friction may be none.
@@ -125,7 +126,9 @@ def _bounds(structure: str, moving: str, values: Mapping[str, float]) -> dict[st
     if structure == "entries":
         return {}
     free = _free(structure, moving)
-    return {name: (0.0 if name in FRICTIONS else LEAST_OF_INERTIA * values[name], inf) for name in free}
+    found = {name: (0.0 if name in FRICTIONS else LEAST_OF_INERTIA * values[name], inf) for name in free}
+    # the ball is inside
+    return {**found, "Ro": (values["Rb"], inf)} if "Ro" in found else found
 
 
 def _slots(structure: str, moving: str) -> dict[str, Slot]:

@@ -31,14 +31,16 @@ def ranges(effects: Sequence[Effect], tracks: Sequence[Track]) -> dict[str, tupl
 def prior(
     effects: Sequence[Effect], tracks: Sequence[Track], free: Sequence[str], values: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """Weights (m,) and distance to the centre (m,): wide about the declared values; of an effect its range."""
+    """Weights (m,) and distance to the centre (m,): about the declared values as wide as is believed, or wide; of an
+    effect its range."""
     weight, centre = np.zeros(len(free)), np.zeros(len(free))
     declared = {name: value for track in tracks for name, value in track.stretch.plant.values.items()}
     widths = {e.key(p.name): p.high - p.low for e in effects for p in e.parameters}
     usual = {name: size for track in tracks for name, size in _usual_sizes(track.stretch.plant).items()}
+    believed = {n: share for track in tracks for n, share in track.stretch.plant.beliefs.items()}
     for i, name in enumerate(free):
         middle = declared.get(name, 0.0)
-        width = PRIOR_SIZE * usual.get(name, LEAST_SIZE)
+        width = believed.get(name, PRIOR_SIZE) * usual.get(name, LEAST_SIZE)
         if (known := plain(name)) in widths:
             width, middle = widths[known], values[name]
         weight[i], centre[i] = 1.0 / width**2, middle - values[name]
