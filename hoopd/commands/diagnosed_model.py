@@ -12,7 +12,7 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from hoopd.diagnose.findings import parameters_of
+from hoopd.diagnose.findings import base_of, parameters_of
 from hoopd.diagnose.record import Diagnosis, Quantity
 from hoopd.diagnose.record_file import to_digits
 from hoopd.diagnose.run import Outcome
@@ -26,18 +26,20 @@ from hoopd.plants.likelihood.stretch_scatter import interval
 Model = TypeVar("Model", bound=ModelFile | PlantModelFile)
 # A region of validity is where the recordings were, without their rarest places.
 LEAST, MOST = 0.005, 0.995
+# What is told with one of these is in no model.
+DOUBTED = ("weak", "not_confirmed")
 # Phases of two recordings that differ by less than this (rad) are one: the encoder's zero stayed where it was.
 SAME_PHASE = 0.3
 
 
 def found_model(outcome: Outcome, base: Model, name: str) -> Model:
     """The base with re-estimated parameters, and its effects and the named ones, where the library knows them."""
-    quantities = outcome.diagnosis.base.parameters
+    quantities = base_of(base.name, outcome.named, outcome.kept).parameters
     parameters = {key: _parameter(one) for key, one in quantities.items() if "." not in key}
     final, old = outcome.kept, {entry.name: entry for entry in base.effects}
     entries = {**old, **{effect.name: entry_of(effect, final, old.get(effect.name)) for effect in _known(final)}}
     for one in outcome.diagnosis.effects:  # faults of a sensor are in no fit
-        if one.status == "not_confirmed":
+        if one.status in DOUBTED:
             continue
         if one.slot in final.tracks[0].stretch.plant.slots and one.name not in entries and _is_known(one.name, final):
             entries[one.name] = EffectEntry(name=one.name, parameters=_parameters(one.parameters))
@@ -47,12 +49,17 @@ def found_model(outcome: Outcome, base: Model, name: str) -> Model:
 
 
 def left_out(outcome: Outcome) -> list[str]:
-    """Why named effects are not in the model: a user's own, and what held-out data deny."""
+    """Why named effects are not in the model: a user's own, and what held-out data deny or hardly bear out."""
     own = [one.name for one in outcome.kept.effects if not _is_known(one.name, outcome.kept)]
     denied = [one.name for one in outcome.diagnosis.effects if one.status == "not_confirmed" and not one.is_unknown]
+    weak = [
+        one.name for one in outcome.diagnosis.effects
+        if one.status == "weak" and one.name not in outcome.kept.names and not one.is_unknown
+    ]  # fmt: skip
     return [
         *(f"{name} is not in the model: a model file holds no effects of your own" for name in own),
         *(f"{name} is not in the model: held-out data do not confirm it" for name in denied),
+        *(f"{name} is not in the model: its evidence is weak" for name in weak),
     ]
 
 

@@ -95,7 +95,7 @@ class Outcome:
 
     diagnosis: Diagnosis
     named: Named
-    kept: HypothesisFit  # with the names that the held-out data do not deny: what a model is written from
+    kept: HypothesisFit  # with the names that are neither denied nor weak: what a model is written from
     heldout: Mapping[str, Played]
     unknown: Unknown | None = None
 
@@ -196,7 +196,7 @@ def diagnose(case: Case) -> Outcome:
         power=visible(named, case.library, threshold),
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )
-    return Outcome(rounded(diagnosis), named, said.kept, said.fits, unknown)
+    return Outcome(rounded(diagnosis), named, said.written, said.fits, unknown)
 
 
 def _mechanisms(case: Case, data: CountedData) -> list[Mechanism]:

@@ -230,6 +230,55 @@ def test_what_held_out_data_are_no_likelier_with_is_weak(
     assert confirmation_module._status(named, named.accepted[0], other, 12.0) == "weak"
 
 
+def test_a_wave_without_which_held_out_data_are_simulated_better_is_weak(
+    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However likely it makes the readings one after the other; of a law that does not come again nothing is asked."""
+    named = named_with(*fits)
+    _, shown = confirmed(named, recorded("held", 2, friction=True))
+    without, with_it = shown[f"without {FRICTION.name}"], shown["named"]
+    other = {
+        **shown,
+        "named": replace(with_it, runs=without.runs),
+        f"without {FRICTION.name}": replace(without, runs=with_it.runs),
+    }
+    assert confirmation_module._status(named, named.accepted[0], other, 12.0) == "confirmed"
+    monkeypatch.setattr(confirmation_module, "_is_wave", lambda effect: True)
+    assert confirmation_module._status(named, named.accepted[0], other, 12.0) == "weak"
+    assert confirmation_module._status(named, named.accepted[0], shown, 12.0) == "confirmed"
+
+
+def test_laws_with_a_phase_are_waves() -> None:
+    known = library(PLANT)
+    assert confirmation_module._is_wave(known["actuator.cogging"]) and confirmation_module._is_wave(
+        known["hoop.imbalance"]
+    )
+    assert not confirmation_module._is_wave(FRICTION) and not confirmation_module._is_wave(known["camera.latency"])
+
+
+def test_what_is_weak_is_a_finding_and_in_no_model_that_is_written(
+    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = named_with(*fits)
+    monkeypatch.setattr(confirmation_module, "_status", lambda *_: "weak")
+    found, _ = confirmed(named, recorded("held", 2, friction=True))
+    assert found.kept is named.final and not found.denials
+    assert found.written.names == () and found.written.criterion > found.kept.criterion
+
+
+def test_a_channel_that_is_worse_is_outweighed_by_one_that_is_better_by_more(
+    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = HeldOut([recorded("held", 2, friction=True)])
+    without, with_it = (held.played_of(one) for one in fits)
+    assert without is not None and with_it is not None
+    for better, is_denied in (({"theta_rate": 56.0}, False), ({"theta_rate": 4.0}, True), ({}, True)):
+        monkeypatch.setattr(
+            denials, "lowered", lambda one, _, *more, better=better: {"psi": 5.0} if one is without else better
+        )
+        assert (denial(without, with_it, 50.0) is not None) is is_denied
+
+
 def test_what_barely_passes_is_weak() -> None:
     assert [status_of(one, 12.0) for one in (12.0, 14.9, 15.0)] == ["weak", "weak", "confirmed"]
 
@@ -350,7 +399,7 @@ def test_a_loss_of_part_of_a_point_counts_where_all_windows_have_it(monkeypatch:
 
 def test_what_folds_refused_is_told_with_the_reason(fits: tuple[HypothesisFit, HypothesisFit]) -> None:
     named = replace(named_with(*fits), refusals={"actuator.cogging": Refusal(33.0, 7.2)})
-    told = refused_of(named, Confirmation(fits[1], fits[1], {}, {FRICTION.name: "confirmed"}))
+    told = refused_of(named, Confirmation(fits[1], fits[1], fits[1], {}, {FRICTION.name: "confirmed"}))
     assert [(one.name, one.log_likelihood_gain) for one in told] == [("actuator.cogging", 33.0)]
     assert "7.2 nats" in told[0].reason
 

@@ -17,11 +17,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hoopd.diagnose.proof.denial import Denial, denial
-from hoopd.diagnose.proof.fit_tables import Played
+from hoopd.diagnose.proof.fit_tables import Played, nrmse
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.separation import own_columns
 from hoopd.diagnose.proof.unknown_proof import Proven
-from hoopd.diagnose.proof.worse_channels import lowered
+from hoopd.diagnose.proof.worse_channels import LEAST_POINTS, lowered
 from hoopd.diagnose.record import Status
 from hoopd.diagnose.search.candidates import UNSEEN_LOSS, Tried, surprise_of
 from hoopd.diagnose.search.naming import Named
@@ -42,6 +42,7 @@ class Confirmation:
     """Names by what held-out data say about them."""
 
     kept: HypothesisFit  # of the training data, with the names that are not denied
+    written: HypothesisFit  # the same without the names that are weak: what a model is written from
     final: HypothesisFit  # the same with what has no name, where that is not denied
     fits: Mapping[str, Played]  # on the held-out data, `final` among them; none without any
     statuses: Mapping[str, Status]  # what has no name among them
@@ -69,7 +70,17 @@ def confirmation(
         if (why := names.denials.get(one.effect.name)) is not None
         and not why.leaves_evidence(surprise_in(named, one), threshold)
     )  # fmt: skip
-    return Confirmation(names.kept, final, shown, own, denials, refused)
+    written = _without_weak(names.kept, own)
+    return Confirmation(names.kept, written, final, shown, own, denials, refused)
+
+
+def _without_weak(kept: HypothesisFit, statuses: Mapping[str, Status]) -> HypothesisFit:
+    """The names that held-out data bear out, or say nothing about, fitted again where others were beside them."""
+    own = [effect for effect in kept.effects if statuses.get(effect.name) != "weak"]
+    if len(own) == len(kept.effects):
+        return kept
+    stretches = [track.stretch for track in kept.tracks]
+    return fit(stretches, own, kept.values, like=kept, noise=kept.noise)
 
 
 def beside_the_others(named: Named, fits: Mapping[str, Played], seed: int) -> dict[str, Denial]:
@@ -164,11 +175,32 @@ def _with(named: Named, kept: HypothesisFit, effect: Effect) -> HypothesisFit:
 def _status(named: Named, one: Tried, fits: Mapping[str, Played], threshold: float) -> Status:
     """As long as nothing is lowered by it."""
     name = one.effect.name
-    if not fits or reach(one.effect, fits[f"without {name}"].fit, fits["named"].fit) < LEAST_REACH:
+    if not fits:
+        return "untested"
+    without, with_it = fits[f"without {name}"], fits["named"]
+    if reach(one.effect, without.fit, with_it.fit) < LEAST_REACH:
         return "untested"
     # what held-out data are not more likely with, they do not bear out
-    gained = fits[f"without {name}"].fit.criterion - fits["named"].fit.criterion
-    return status_of(surprise_in(named, one), threshold) if gained > 0.0 else "weak"
+    gained = without.fit.criterion - with_it.fit.criterion
+    if gained <= 0.0 or (_is_wave(one.effect) and _points_gained(without, with_it) < -LEAST_POINTS):
+        return "weak"
+    return status_of(surprise_in(named, one), threshold)
+
+
+def _is_wave(effect: Effect) -> bool:
+    """Whether it comes again and again along its variable. A simulation that has lost the variable by part of a period
+    is farther off with such a law than without it: it has to be right about where it is."""
+    return any(p.role == "phase" for p in effect.parameters)
+
+
+def _points_gained(without: Played, with_it: Played) -> float:
+    """Points of fit, the mean over recordings of the sum over channels."""
+    gained = []
+    after = with_it.by_recording()
+    for recording, runs in without.by_recording().items():
+        one, other = nrmse(runs), nrmse(after[recording])
+        gained.append(float(np.nansum([other[channel] - one[channel] for channel in one])))
+    return float(np.mean(gained)) if gained else 0.0
 
 
 def surprise_in(named: Named, one: Tried) -> float:

@@ -1,5 +1,8 @@
 """Why held-out data deny a name: a channel that they are simulated worse with, or log-likelihood that they lose by it.
 
+A channel that is simulated worse counts where no other one is simulated better by more: without its friction a hoop may
+turn on and on, and its ball be followed a little better all the same.
+
 Two questions, for one does not answer the other: readings one after the other may be foretold better while a free run
 of seconds is worse, and a run may be as good while what was fitted to the training data is refused, nat by nat.
 
@@ -67,12 +70,15 @@ def denial(before: Played, after: Played, gain: float, names: int = 1, seed: int
     `gain`: nats that it explains of the training data; `names`: how many are asked about.
     """
     points, nats = lowered(before, after, seed, names), before.fit.criterion - after.fit.criterion
+    raised = lowered(after, before, seed, names)
+    if sum(points.values()) < sum(raised.values()):
+        points = {}  # outweighed: what is taken from one channel another one gets back, and more
     # the rule by which folds of the training data refuse a name
     most = max(UNSEEN_LOSS, UNSEEN_SHARE * gain)
     if nats < -most:
         nats = max(nats, _gained_at_the_same_noise(before.fit, after.fit))
     # what a simulation is surely worse without is not refuted by what a filter makes of it
-    refuted = nats < -most and (bool(points) or not lowered(after, before, seed, names))
+    refuted = nats < -most and (bool(points) or not raised)
     if not points and not refuted:
         return None
     windows = {channel: window_of_the_loss(before, after, channel) for channel in points}
