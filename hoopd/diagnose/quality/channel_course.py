@@ -104,11 +104,12 @@ class Explained(NamedTuple):
     sigma: float  # of a sample
 
 
-def explained(t: Array, values: Array, paths: Array, used: NDArray[np.bool_]) -> Explained:
+def explained(t: Array, values: Array, paths: Array, used: NDArray[np.bool_], least: float) -> Explained:
     """Maximum likelihood of V = q^2 I + sigma^2 D D' over RATIOS, coefficients of the paths (n, k) eliminated.
 
-    values: (n,), of which only the rows used (n,) are believed. With the right V the innovations of past samples
-    decide, so that a torque which a controller made of these very samples is not mistaken for their cause.
+    values: (n,), of which only the rows used (n,) are believed; least: sigma that a sample has at least. With the right
+    V the innovations of past samples decide, so that a torque which a controller made of these very samples is not
+    mistaken for their cause.
     """
     differences = Differences(t[used])
     target, regressors = differences.of(values[used]), differences.of(paths[used])
@@ -125,7 +126,7 @@ def explained(t: Array, values: Array, paths: Array, used: NDArray[np.bool_]) ->
         whitened = cho_solve_banded((factor, True), np.column_stack([target, regressors]), check_finite=False)
         gram, right = regressors.T @ whitened[:, 1:], regressors.T @ whitened[:, 0]
         beta = np.linalg.lstsq(gram, right, rcond=1e-8)[0]
-        variance = max(float(target @ whitened[:, 0] - beta @ right) / len(target), 1e-30)
+        variance = max(float(target @ whitened[:, 0] - beta @ right) / len(target), least**2)
         # n log sigma^2 + log det V
         loss = len(target) * np.log(variance) + 2.0 * float(np.log(factor[0]).sum())
         if loss < best:

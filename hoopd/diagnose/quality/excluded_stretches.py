@@ -105,7 +105,7 @@ def _confirmed(candidates: Sequence[Interval], without: HypothesisFit) -> list[I
             if (level := now.get((s.where, s.kind), s.level)) > 0.0
         ]
         again = replace(one, signals=tuple(sorted(signals, key=lambda s: -s.strength)))
-        if again.strength >= FAR_BEYOND:
+        if again.signals and again.strength >= FAR_BEYOND:
             found.append(again)
     return found
 

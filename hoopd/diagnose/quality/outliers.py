@@ -24,6 +24,17 @@ BLOCK = 10
 USUAL_PART, FAR = 0.9, 4.0
 # What nine in ten bends of a noise of 1 stay below: 1.645 times the root of 1 + 4 + 1.
 NOISE_BEND = 4.03
+# Where bends are those of the noise alone but for this factor, they are the noise's.
+NOISY = 1.5
+# The samples of one side foretell by a line, a parabola and a cubic through the nearest, in noise by a line alone. Nine
+# in ten errors of the better side stay below this with a noise of 1, and what is more than so many times the usual is
+# not foretold: noise does not hide what bends as far as it does.
+LINE, SMOOTH = (1,), (1, 2, 3)
+NOISE_ERROR, NOT_TOLD = 2.49, 2.0
+# A sample that is off by d bends by 2 d, its neighbours by d.
+MORE_THAN_BESIDE = 0.6
+# Off by d it bends by 2 d and errs by d; a body that comes to rest exponentially errs by a quarter of its bend at most.
+OFF_PART = 0.4
 # False values with so few others between them are one run.
 NEAR = 2
 
@@ -31,22 +42,69 @@ NEAR = 2
 def jumping(false: Mask, values: Array, usable: Mask, noise: float, together: bool = True) -> Mask:
     """Those of samples held false (n,) that jump, of samples (n,) of which some are usable; `noise`: of a sample.
 
-    `together`: a run of false ones jumps as a whole, where any of it does.
+    What jumps bends, and the samples of neither side foretell it: where an input steps, a reading bends as much and
+    lies on its course before. A run is false where any of it jumps, or where it leaves the course before it and the
+    one after it: `together` all of it, or else what bends, near a jump.
     """
     rows = np.flatnonzero(usable)
     if len(rows) < WINDOW:
         return false & together
     bend = np.pad(np.abs(np.diff(values[rows], n=2)), 1)
-    moved = float(np.sqrt(max(np.quantile(bend, USUAL_PART) ** 2 - (NOISE_BEND * noise) ** 2, 0.0)))
-    far = FAR * max(moved, noise)
-    # a sample that is off by d bends by 2 d, and its neighbours by d
-    jumps = (bend > far) & (bend >= np.maximum(np.r_[0.0, bend[:-1]], np.r_[bend[1:], 0.0]) / 2.0)
-    if together:
-        joined = np.convolve(false[rows].astype(int), np.ones(2 * NEAR + 1, dtype=int), "same") > 0
-        jumps = inside(len(rows), [(a, b - 1) for a, b in spans(joined) if jumps[a:b].any()])
+    sharp = bend > MORE_THAN_BESIDE * np.maximum(np.r_[0.0, bend[:-1]], np.r_[bend[1:], 0.0])
+    sharp &= bend > FAR * _usual(bend, NOISE_BEND, noise)
+    jumps = sharp & _is_untold(values[rows], bend, noise)
+    candidates = false[rows] if together else false[rows] & sharp
+    runs = [(a, b, *_trimmed(np.arange(a, b), candidates)) for a, b in spans(_joined(candidates))]
+    away, back = _edges(values[rows], noise)
+    whole = []
+    for a, b, first, last in runs:
+        jumped = a + np.flatnonzero(jumps[a:b])
+        if (together or last > first) and sharp[a:b].any() and away[first] and back[last]:
+            whole.append((first, last))
+        elif len(jumped):
+            whole.append((first, last) if together else (max(int(jumped[0]) - NEAR, 0), int(jumped[-1]) + NEAR))
     found = np.zeros(len(false), dtype=bool)
-    found[rows] = false[rows] & jumps
+    found[rows] = candidates & inside(len(rows), whole)
     return found
+
+
+def _usual(sizes: Array, of_noise: float, noise: float) -> float:
+    """What motion makes of the largest usual one of sizes (n,), of which a noise of 1 makes `of_noise`."""
+    moved = float(np.sqrt(max(np.quantile(sizes, USUAL_PART) ** 2 - (of_noise * noise) ** 2, 0.0)))
+    return max(moved, noise)
+
+
+def _is_untold(x: Array, bend: Array, noise: float) -> Mask:
+    """Samples (n,) that those of neither side foretell."""
+    noisy = 1.0 / NOISY <= float(np.quantile(bend, USUAL_PART)) / (NOISE_BEND * noise) <= NOISY
+    error = np.minimum(*_errors_by_sides(x, LINE if noisy else SMOOTH))
+    far = (NOT_TOLD if noisy else FAR) * _usual(error, NOISE_ERROR, noise)
+    return np.asarray(error > np.maximum(far, OFF_PART * (bend - NOISE_BEND * noise)))
+
+
+def _edges(x: Array, noise: float) -> tuple[Mask, Mask]:
+    """Samples (n,) with a jump before them, and after them: of both samples beside it neither is on the other's course.
+
+    Where a course only bends one of them is on both.
+    """
+    leaves, enters = (one > FAR * _usual(one, NOISE_BEND, noise) for one in _errors_by_sides(x, SMOOTH))
+    between = leaves[1:] & enters[:-1]
+    return np.r_[True, between], np.r_[between, True]
+
+
+def _errors_by_sides(x: Array, degrees: tuple[int, ...]) -> tuple[Array, Array]:
+    """How far samples (n,) are from what those before them foretell, and those after, by the best of the degrees."""
+    before, after = np.full(len(x), np.inf), np.full(len(x), np.inf)
+    for degree in degrees:
+        # |y_k - 2 y_k-1 + y_k-2|, |y_k - 3 y_k-1 + 3 y_k-2 - y_k-3|, ...; those after the same, from k on
+        error, width = np.abs(np.diff(x, n=degree + 1)), degree + 1
+        before[width:], after[:-width] = np.minimum(before[width:], error), np.minimum(after[:-width], error)
+    return before, after
+
+
+def _joined(false: Mask) -> Mask:
+    """Samples (n,) that are false, or near to some that are."""
+    return np.asarray(np.convolve(false.astype(int), np.ones(2 * NEAR + 1, dtype=int), "same") > 0)
 
 
 def bursts(false: Mask, seen: Mask) -> list[tuple[int, int]]:

@@ -44,8 +44,6 @@ FEWEST = 12
 # Where fewer than this part of the samples of a sensor without late ones is believed, its body moves faster than a
 # course follows it (a sensor of a micrometre, rows that are far apart): the classes mean nothing.
 LEAST_BELIEVED = 0.5
-# Below it no sensor reads.
-SMALLEST = 1e-12
 
 
 class NotFollowedError(ValueError):
@@ -109,15 +107,14 @@ def _whole(part: Split, rows: NDArray[np.int64], n: int) -> Split:
 def _split(t: Array, values: Array, paths: Callable[[Array], Array], late: bool, floor: float) -> Split:
     gram, seen = Differences(t).gram(), np.isfinite(values)
     filled = np.interp(t, t[seen], values[seen])
-    push = _first_path(t, filled, paths(filled), seen)
-    weight, course, sigma = _robust(gram, filled - push, seen)
+    span = float(np.ptp(filled))
+    push = _first_path(t, filled, paths(filled), seen, floor)
+    weight, course, sigma = _robust(gram, filled - push, seen, floor)
     course = course + push
-    state = _first(weight, seen, max(sigma, floor), late)
+    state = _first(weight, seen, sigma, late)
     for turn in range(ROUNDS):
-        fresh = state.fresh > 0.5
-        if fresh.sum() < FEWEST or (not late and fresh.sum() < LEAST_BELIEVED * seen.sum()):
-            raise NotFollowedError(f"{fresh.sum()} of {seen.sum()} samples are believed")
-        drive = explained(t, filled, paths(course), fresh)
+        fresh = _believed(state, seen, late, span)
+        drive = explained(t, filled, paths(course), fresh, floor)
         if turn == 0:
             state = replace(state, sigma=max(STRICT * min(drive.sigma, state.sigma), floor))
         elif state.jitter_s > 0.0:  # the drive's sigma is that of all speeds together, q stays as it is
@@ -129,23 +126,32 @@ def _split(t: Array, values: Array, paths: Callable[[Array], Array], late: bool,
                 state = scaled(found, drive, filled, seen, state)
             state = expected(found, drive, filled, seen, state, floor, rate)
         course = found.own + drive.path
+    _believed(state, seen, late, span)
     return _result(found, drive, filled, seen, state)
 
 
-def _first_path(t: Array, filled: Array, paths: Array, seen: Mask) -> Array:
+def _believed(state: State, seen: Mask, late: bool, span: float) -> Mask:
+    """Fresh samples (n,); NotFollowedError where they are too few, or err by more than all that was read spans."""
+    fresh = state.fresh > 0.5
+    if fresh.sum() < FEWEST or (not late and fresh.sum() < LEAST_BELIEVED * seen.sum()) or state.sigma > span:
+        raise NotFollowedError(f"{fresh.sum()} of {seen.sum()} samples are believed, within {state.sigma:.3g}")
+    return fresh
+
+
+def _first_path(t: Array, filled: Array, paths: Array, seen: Mask, floor: float) -> Array:
     """What the drives do (n,) by all samples, bad ones too; nothing, where that makes samples agree less."""
-    path = explained(t, filled, paths, seen).path
+    path = explained(t, filled, paths, seen, floor).path
     without, with_it = (np.abs(x - _voted(x))[seen] for x in (filled, filled - path))
-    scale = max(min(float(np.median(without)), float(np.median(with_it))), SMALLEST)
+    scale = max(min(float(np.median(without)), float(np.median(with_it))), floor)
     better = np.log1p((with_it / scale) ** 2).sum() < np.log1p((without / scale) ** 2).sum()
     return path if better else np.zeros(len(path))
 
 
-def _robust(gram: Array, filled: Array, seen: Mask) -> tuple[Array, Array, float]:
+def _robust(gram: Array, filled: Array, seen: Mask, floor: float) -> tuple[Array, Array, float]:
     """Weights of samples that agree with their neighbours, the course through them, and the spread about it."""
     none, error = np.zeros(len(filled)), np.abs(filled - _voted(filled))
     for _ in range(ROBUST_STEPS):
-        sigma = max(1.4826 * float(np.median(error[seen])), SMALLEST)
+        sigma = max(1.4826 * float(np.median(error[seen])), floor)
         # Geman and McClure's weight
         weight = np.where(seen, 1.0 / (1.0 + (error / (3.0 * sigma)) ** 2) ** 2, 0.0)
         course = leave_one_out(gram, 1.0, filled, filled, weight, none)

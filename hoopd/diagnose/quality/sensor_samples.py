@@ -18,7 +18,7 @@ from hoopd.diagnose.quality.late_frames import NATS, RepeatedFrames, repeated_fr
 from hoopd.diagnose.quality.noise_floor import noise_floor, quantum, resolution
 from hoopd.diagnose.quality.outliers import jumping, spread_share
 from hoopd.diagnose.quality.population import second_population
-from hoopd.diagnose.quality.sample_classes import SMALLEST, NotFollowedError, Split, split
+from hoopd.diagnose.quality.sample_classes import NotFollowedError, Split, split
 from hoopd.diagnose.quality.sensors import Sensor
 from hoopd.diagnose.quality.turns import near
 from hoopd.plants.fits.repeated_samples import HELD_COUNTS
@@ -130,7 +130,7 @@ def _least(recording: Recording, name: str) -> float:
         return LEAST
     values = recording.column(name)
     known = values[np.isfinite(values)]
-    return LEAST * max(float(np.ptp(known)) if len(known) else 0.0, SMALLEST)
+    return LEAST * (float(np.ptp(known)) if len(known) else 0.0)
 
 
 def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored: Mask, again: Mask) -> JudgedSamples:
@@ -149,13 +149,16 @@ def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored
     if not sensor.moves or np.ptp(values[usable]) < HELD_COUNTS * step:
         return replace(whole, sigma=floor)
     path, jitter_s = np.zeros(len(values)), 0.0
+    # no course is needed to know a sample that jumps farther than any of this recording's motion does
+    false = jumping(usable, values, usable, floor, together=False)
     try:
         found = split(
             t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor
         )
-        false, path, jitter_s = jumping(found.false > SURE, values, usable, found.sigma), found.path, found.jitter_s
+        path, jitter_s = found.path, found.jitter_s
+        false |= jumping(found.false > SURE, values, usable, found.sigma)
     except NotFollowedError:
-        false = jumping(usable, values, usable, floor, together=False)
+        pass
     sigma = max(noise_floor(t, np.where(usable & ~false, values - path, np.nan)), floor)
     return replace(whole, sigma=sigma, counts=usable & ~false, outliers=false, jitter_s=jitter_s)
 

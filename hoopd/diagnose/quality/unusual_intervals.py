@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 # Candidates in 60 s of clean data by the law of `unusual`, all signals of a recording together; its tails are longer,
 # ten times as many are met, and a candidate costs a fit: an alarm it is far beyond the usual level only.
 CHANCE_A_MINUTE = 0.005
+# Root of mean square of innovations, over what the fitted noise allows, from which on a reading shows anything: where
+# readings have no noise, all of them are within it, and what is left is of the solver.
+SHOWN = 0.5
 # Seconds at both ends of a stretch in which the smoother knows one side only.
 END_S = 0.3
 
@@ -82,6 +85,7 @@ def intervals(fit: HypothesisFit) -> list[Interval]:
         every = signals_by_name(fit, recording)
         chance, slower = CHANCE_A_MINUTE / len(every), _slower(fit, recording)
         spans = merged([span for one in every.values() for span in unusual(one, chance, slower)], slower)
+        spans = [span for span in spans if _is_shown(every, span, slower)]
         found += [Interval(recording, *span, strongest(fit, recording, every, span)) for span in spans]
     return found
 
@@ -123,6 +127,12 @@ def strongest(
         within = [_peak(t, x / max(level, 1e-300), *span, slower) for t, x in pieces]
         found.append(UnusualSignal(where, kind, max(within), level * _unit(fit, recording, where, kind)))
     return tuple(sorted(found, key=lambda one: -one.strength))
+
+
+def _is_shown(every: Mapping[tuple[str, str], Pieces], span: tuple[float, float], slower: float) -> bool:
+    """Whether any channel's innovations are beyond the noise of its readings there."""
+    innovations = [pieces for (_, kind), pieces in every.items() if kind == "channel"]
+    return any(_peak(t, x, *span, slower) >= SHOWN for pieces in innovations for t, x in pieces)
 
 
 def _slower(fit: HypothesisFit, recording: str) -> float:
