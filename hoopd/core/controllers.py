@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import copysign, exp, inf, isfinite, sin, tau
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -54,6 +54,15 @@ class Controller(Protocol):
 
 # Why a law has ended when it did what it was made for.
 DONE = "done"
+
+
+@runtime_checkable
+class Successor(Protocol):
+    """A law that can go on where another one of its kind stopped."""
+
+    def take_over(self, other: Controller) -> bool:
+        """Take the other law's memory where it means the same to this one; False where it does not."""
+        ...
 
 
 class Ending(Controller, Protocol):
@@ -115,6 +124,19 @@ class Lqg:
     def reset(self) -> None:
         """The hoop owes no speed to a reference."""
         self._speed = 0.0
+
+    def follow(self, measurement: Measurement) -> tuple[float, Log]:
+        """The torque while another law drives the hoop: what speed it has is owed to the reference already."""
+        if measurement.ready:
+            self._speed = float(measurement.x[1])
+        return self.update(measurement)
+
+    def take_over(self, other: Controller) -> bool:
+        """The hoop owes the same speed whatever the gains are."""
+        if not isinstance(other, Lqg):
+            return False
+        self._speed = other._speed
+        return True
 
     def tune(self, key: str, value: float) -> bool:
         """Any number of `LqgGains` by its name."""
@@ -178,6 +200,16 @@ class LqgLinear:
         """The model rests at the bottom."""
         self._x = np.zeros(len(self.gains.b))
 
+    def take_over(self, other: Controller) -> bool:
+        """States of the same model mean the same, whatever corrects them and whatever is fed back."""
+        if not isinstance(other, LqgLinear):
+            return False
+        mine, its = self.gains, other.gains
+        if not all(map(np.array_equal, (mine.a, mine.b, mine.c), (its.a, its.b, its.c))):
+            return False
+        self._x = other._x
+        return True
+
     def tune(self, key: str, value: float) -> bool:
         """`feedforward` alone: the rest only fits together."""
         if key != "feedforward" or not isfinite(value):
@@ -231,6 +263,16 @@ class TransferFunctionController:
         self._error = 0.0
         self._errors = [0.0] * len(self._b)
         self._torques = [0.0] * (len(self._a) - 1)
+
+    def take_over(self, other: Controller) -> bool:
+        """Past errors and past torques are the same of any coefficients, if there are enough of them."""
+        if not isinstance(other, TransferFunctionController):
+            return False
+        errors, torques = len(self._errors), len(self._torques)
+        if errors > len(other._errors) or torques > len(other._torques):
+            return False
+        self._error, self._errors, self._torques = other._error, other._errors[:errors], other._torques[:torques]
+        return True
 
     def tune(self, key: str, value: float) -> bool:
         """`gain`, a factor on the whole law."""

@@ -41,7 +41,7 @@ class Level(NamedTuple):
     slow: float
 
 
-class _Block:
+class LevelSums:
     """Sums over one block of one channel."""
 
     def __init__(self) -> None:
@@ -49,6 +49,7 @@ class _Block:
         self._run, self._in_run = 0.0, 0
 
     def add(self, e: float) -> None:
+        """One innovation over what the filter expects."""
         e = min(MOST, max(-MOST, e))
         self.count, self.squares = self.count + 1, self.squares + e * e
         self._run, self._in_run = self._run + e, self._in_run + 1
@@ -64,6 +65,13 @@ class _Block:
         return Level(self.squares / self.count, self.slow / self.means)
 
 
+def beyond(now: Level, normal: Level | None, factor: float) -> bool:
+    """`slow` is larger, and its share of all: more noise alone is no other physics."""
+    if normal is None:
+        return False
+    return now.slow > factor * normal.slow and now.slow * normal.all > factor * normal.slow * now.all
+
+
 class Drift:
     """Watches one run while its law acts."""
 
@@ -72,7 +80,7 @@ class Drift:
         self._told = {name: level for name, level in (levels or {}).items() if name in CHANNELS}
         self._learned: dict[str, list[Level]] = {name: [] for name in CHANNELS if name not in self._told}
         self._recent: dict[str, deque[Level]] = {name: deque(maxlen=BLOCKS) for name in CHANNELS}
-        self._blocks = {name: _Block() for name in CHANNELS}
+        self._blocks = {name: LevelSums() for name in CHANNELS}
         self._begun: float | None = None  # when the law began to act
         self._block_t = 0.0
 
@@ -95,7 +103,7 @@ class Drift:
         """The law does not act: a hand may move the ball; the block that was begun is lost."""
         if self._begun is not None:
             self._begun = None
-            self._blocks = {name: _Block() for name in CHANNELS}
+            self._blocks = {name: LevelSums() for name in CHANNELS}
 
     def reset(self) -> None:
         """A run begins: another ball, another hand on the screws. It is watched from the beginning; a level that was
@@ -117,7 +125,7 @@ class Drift:
 
     def drifted(self) -> tuple[str, ...]:
         """Channels whose innovations last longer and are larger than normal."""
-        return tuple(name for name, now in self.latest().items() if self._beyond(now, self.level(name)))
+        return tuple(name for name, now in self.latest().items() if beyond(now, self.level(name), FACTOR))
 
     def level(self, name: str) -> Level | None:
         """What counts as normal of a channel; None until it is known."""
@@ -128,13 +136,6 @@ class Drift:
             return None
         return Level(median(one.all for one in learned), median(one.slow for one in learned))
 
-    @staticmethod
-    def _beyond(now: Level, normal: Level | None) -> bool:
-        """`slow` is larger, and its share of all: more noise alone is no other physics."""
-        if normal is None:
-            return False
-        return now.slow > FACTOR * normal.slow and now.slow * normal.all > FACTOR * normal.slow * now.all
-
     def _close(self, t: float) -> None:
         """The end of a block."""
         for name, block in self._blocks.items():
@@ -143,5 +144,5 @@ class Drift:
                 if learned is not None and len(learned) < LEARNED_BLOCKS:
                     learned.append(level)
                 self._recent[name].append(level)
-        self._blocks = {name: _Block() for name in CHANNELS}
+        self._blocks = {name: LevelSums() for name in CHANNELS}
         self._block_t = t

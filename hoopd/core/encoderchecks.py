@@ -304,9 +304,14 @@ class EncoderChecks:
     def __init__(self, motion: HoopMotion | None, mismatch_rad_s: float, tick_s: float) -> None:
         """`motion`: None: no model of a hoop, so that the encoder is judged by itself alone; `mismatch_rad_s`: between
         the reported speed and the angle's, from one answer to the next."""
-        self._model = None if motion is None else AgainstTorque(motion, tick_s)
+        self._tick_s = tick_s
+        self.follow(motion)
         self._noise, self._apart = SpeedNoise(), AngleAgainstSpeed(mismatch_rad_s, tick_s)
         self._driver: DriverSample | None = None
+
+    def follow(self, motion: HoopMotion | None) -> None:
+        """Another model of the hoop, from now on."""
+        self._model = None if motion is None else AgainstTorque(motion, self._tick_s)
 
     def update(self, t: float, driver: DriverSample | None, torque_nm: float, psi: float) -> dict[str, int]:
         """Weights by name at the tick `t`; `torque_nm`: what the last tick sent; `psi`: rad, as estimated."""

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, inf, isfinite, nan, pi, tau
 
-from hoopd.core.controllers import DONE, Controller, Log, Measurement
+from hoopd.core.controllers import DONE, Controller, Log, Measurement, Successor
 
 
 @dataclass(frozen=True)
@@ -75,11 +75,19 @@ class Excitation:
         cut = min(limit, max(-limit, torque)) if isfinite(torque) else nan  # nan: the tick cuts a law that is lost
         return cut, {"excitation_nm": excited_nm, "holding_nm": held_nm}
 
+    def follow(self, measurement: Measurement) -> tuple[float, Log]:
+        """The holding law's torque while another law drives the hoop: the table has not begun."""
+        return self._held(measurement), {}
+
     def reset(self) -> None:
         """The table begins anew."""
         self._k, self._added_nm, self.ended = 0, 0.0, ""
         if self.around is not None:
             self.around.reset()
+
+    def take_over(self, other: Controller) -> bool:
+        """The holding law goes on where the other law stopped."""
+        return self.around is None or (isinstance(self.around, Successor) and self.around.take_over(other))
 
     def tune(self, key: str, value: float) -> bool:
         """Nothing: the table is what the recording says it is."""
@@ -89,7 +97,8 @@ class Excitation:
         """The holding law's torque; it is told which part of the last torque was not its own."""
         if self.around is None:
             return 0.0
-        return self.around.update(measurement._replace(torque_added=self._added_nm))[0]
+        added_nm = measurement.torque_added + self._added_nm
+        return self.around.update(measurement._replace(torque_added=added_nm))[0]
 
     def _centring(self, measurement: Measurement) -> float:
         return self.centring_nm_per_rad_s * float(measurement.x[1]) if self.centring_nm_per_rad_s else 0.0

@@ -217,6 +217,12 @@ class Health:
         self.drift.reset()
         self._pictures.begin()
 
+    def follow(self, levels: Mapping[str, Level] | None, ball: BallMotion | None, hoop: HoopMotion | None) -> None:
+        """Another model from now on: what was held against the device by the old one is over."""
+        self.drift = Drift(levels)
+        self._pictures.follow(ball)
+        self._encoder.follow(hoop)
+
     @property
     def ball_steady(self) -> bool:
         """A ball has been seen in the last ten pictures."""

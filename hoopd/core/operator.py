@@ -1,7 +1,8 @@
 """What operators ask for: the commands of one tick, and the arm or clear that waits for the board, as events.
 
 Rules of this file: a command of `REVOKING` takes back every arm and clear, whether it waits or came in the same tick,
-before or after; no order and no number of operators changes that. Each refusal is one note with command and reason.
+before or after, and every change of the controller that came in the same tick; no order and no number of operators
+changes that. Each refusal is one note with command and reason.
 """
 
 from __future__ import annotations
@@ -9,10 +10,11 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any, Protocol
 
-from hoopd.core.controllers import Controller
 from hoopd.core.health import Health
 from hoopd.core.modes import ENERGISED, REVOKING, Event, Mode
 from hoopd.core.records import Command
+from hoopd.core.succession import NAMES as CHANGES
+from hoopd.core.succession import Succession
 
 # What the board itself has latched goes only by a clearing request, so that an arm may wait this long for it.
 WISH_TICKS = 10
@@ -30,10 +32,10 @@ class Tell(Protocol):
 
 
 class Operator:
-    """Everybody who may command, as one: reference, tuning, and the wish to arm or to clear."""
+    """Everybody who may command, as one: reference, tuning, the controller, and the wish to arm or to clear."""
 
-    def __init__(self, health: Health, controller: Controller, reference_limit_rad: float, tell: Tell) -> None:
-        self._health, self._controller, self._tell = health, controller, tell
+    def __init__(self, health: Health, succession: Succession, reference_limit_rad: float, tell: Tell) -> None:
+        self._health, self._succession, self._tell = health, succession, tell
         self._limit_rad = reference_limit_rad
         self.reference = 0.0  # rad
         self._wish, self._patience = "", 0
@@ -44,11 +46,16 @@ class Operator:
         """An arm or a clear waits for what the board has latched."""
         return bool(self._wish)
 
-    def take(self, commands: tuple[Command, ...], mode: Mode) -> frozenset[Event]:
+    def take(self, commands: tuple[Command, ...], mode: Mode, t: float) -> frozenset[Event]:
         """What this tick's commands and the waiting one mean in this mode."""
-        for command in commands:
-            self._take(command)
         revoking = list(dict.fromkeys(command.name for command in commands if command.name in REVOKING))
+        for command in commands:
+            if command.name not in CHANGES:
+                self._take(command)
+            elif revoking:
+                self._refuse(command.name, f"revoked by {revoking[0]}")
+            else:
+                self._succession.take(command, mode, t)
         if revoking:
             self._refuse_wish(f"revoked by {revoking[0]}")
             return frozenset(REVOKING[name] for name in revoking)
@@ -90,7 +97,7 @@ class Operator:
 
     def _tune(self, command: Command) -> None:
         try:
-            done = isfinite(command.value) and self._controller.tune(command.key, command.value)
+            done = isfinite(command.value) and self._succession.tune(command.key, command.value)
         except Exception:  # a user's own law may have nothing to tune
             done = False
         if done:

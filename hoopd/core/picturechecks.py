@@ -143,10 +143,14 @@ class PictureChecks:
     def __init__(self, motion: BallMotion | None) -> None:
         """None: no model of a ball, so that only pictures and noise are judged."""
         self._identical, self._noise = IdenticalPictures(), AngleNoise()
-        self._stuck = None if motion is None else StuckAngle(motion)
-        self._response = None if motion is None else BallResponse(motion)
         self._idle = IDLE_TICKS
         self._held = dict.fromkeys(NAMES, 0)
+        self.follow(motion)
+
+    def follow(self, motion: BallMotion | None) -> None:
+        """Another model of the ball, from now on; what pictures have shown of themselves stays."""
+        self._stuck = None if motion is None else StuckAngle(motion)
+        self._response = None if motion is None else BallResponse(motion)
 
     def begin(self) -> None:
         """The operator has armed: what was held against the ball before is over."""

@@ -59,9 +59,12 @@ class LinkCounts(NamedTuple):
 class Command(NamedTuple):
     """A wish of the operator, applied at a tick's edge."""
 
-    name: str  # arm | disarm | clear | reference | tune | stop | shutdown | experiment
+    # arm | disarm | clear | reference | tune | stop | shutdown
+    # controller | trial | experiment | accept | revert | alive (`core.succession`)
+    name: str
     value: float = 0.0
-    key: str = ""  # tune: name of the parameter
+    key: str = ""  # tune: name of the parameter; controller, trial, experiment: FILE@SHA256
+    text: str = ""  # controller, trial, experiment: what the file held, so that a replay needs no other
 
 
 class Inputs(NamedTuple):

@@ -9,27 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import isfinite, nan, tau
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from hoopd.core.ballresponse import BallMotion
+from hoopd.core.bridge import Bridge
 from hoopd.core.controllers import DONE, Controller, Measurement
 from hoopd.core.drift import Level
 from hoopd.core.encoderchecks import HoopMotion
 from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.feedforward import FeedForward
 from hoopd.core.health import Health, Sent, Thresholds
+from hoopd.core.installed import NO_LABEL, ControllerLabel, Demanded, Estimator, Filter, Installed, acted_on
 from hoopd.core.limits import Limiter
 from hoopd.core.modes import ENERGISED, Event, Mode, next_mode
 from hoopd.core.operator import Operator
-from hoopd.core.records import (
-    CameraSample,
-    DriverSample,
-    Estimate,
-    Inputs,
-    TickRecord,
-    TorqueCommand,
-    Vector,
-)
+from hoopd.core.records import Estimate, Inputs, TickRecord, TorqueCommand
+from hoopd.core.succession import Make, Succession
 from hoopd.core.ticksettings import TickSettings
 
 DRIFT_SAYS = (
@@ -46,23 +41,6 @@ LEVELS = {
     Action.STOP: "warning",
     Action.CUT: "error",
 }
-
-
-class Estimator(Protocol):
-    """What the tick asks of a state estimator."""
-
-    def update(
-        self,
-        t: float,
-        torque_previous: float,
-        t_applied: float,
-        driver: DriverSample | None,
-        camera: CameraSample | None,
-        *,
-        held: bool,
-    ) -> Estimate: ...
-
-    def reset(self) -> None: ...
 
 
 class Note(NamedTuple):
@@ -95,19 +73,26 @@ class Tick:
         levels: Mapping[str, Level] | None = None,
         ball: BallMotion | None = None,
         hoop: HoopMotion | None = None,
+        *,
+        key: str = "",
+        label: ControllerLabel = NO_LABEL,
+        make: Make | None = None,
     ) -> None:
-        self.settings, self.estimator, self.controller, self.limiter = settings, estimator, controller, limiter
-        self.feedforward = feedforward or FeedForward()
+        """`key`: of what the filter is made from; `label`: of the controller's file; `make`: others, while it runs."""
+        self.settings, self.limiter = settings, limiter
+        self._filter = Filter(estimator, feedforward or FeedForward(), levels, ball, hoop, key)
+        first = Installed(controller, self._filter, limiter.torque_nm, limiter.slew_nm_per_tick, label=label)
         self.health = Health(thresholds, settings.period_s, levels, ball, hoop)
         self.mode = Mode.DISARMED
-        self.operator = Operator(self.health, controller, settings.reference_limit_rad, self._note)
+        self.succession = Succession(first, self._note, make)
+        self.operator = Operator(self.health, self.succession, settings.reference_limit_rad, self._note)
+        self._bridge = Bridge()
         self._sent = Sent(0.0, 0.0, 0)
         self._added = 0.0  # N m, what feed-forward added to the torque that was sent last
         self._unfed = False  # feed-forward failed in this run, and that has been said
         self._faults: tuple[str, ...] = ()
         self._seq = -1
         self._stopping_since = 0.0
-        self._over = ""
         self._notes: list[Note] = []
 
     @property
@@ -130,16 +115,9 @@ class Tick:
         self._notes = []
         if not self.health.thresholds.ball_expected:
             inputs = inputs._replace(camera=None)  # whatever the camera takes for a ball is none
-        estimate = self.estimator.update(
-            inputs.t,
-            self._sent.torque_nm,
-            self._sent.t + inputs.execution_s + self.settings.wire_s,
-            inputs.driver,
-            inputs.camera,
-            held=self.mode is not Mode.RUNNING,
-        )
+        estimate = self._estimate(self.succession.acting.filter, inputs)
         self.health.update(inputs, estimate, self._sent)
-        asked = self.operator.take(inputs.commands, self.mode)
+        asked = self.operator.take(inputs.commands, self.mode, inputs.t)
         self._unfed = self._unfed and Event.ARM not in asked
         self._move(asked | self._own_events(inputs, estimate))
         torque = self._torque(inputs, estimate)
@@ -147,6 +125,16 @@ class Tick:
         self._report_faults()
         command = self._command(inputs, torque)
         return Output(command, self._record(inputs, estimate, command), tuple(self._notes))
+
+    def _estimate(self, filter_: Filter, inputs: Inputs) -> Estimate:
+        return filter_.estimator.update(
+            inputs.t,
+            self._sent.torque_nm,
+            self._sent.t + inputs.execution_s + self.settings.wire_s,
+            inputs.driver,
+            inputs.camera,
+            held=self.mode is not Mode.RUNNING,
+        )
 
     def _own_events(self, inputs: Inputs, estimate: Estimate) -> frozenset[Event]:
         events: set[Event] = set()
@@ -180,61 +168,75 @@ class Tick:
         self._note("mode", level, mode=str(self.mode), was=str(before), because=causes)
 
     def _torque(self, inputs: Inputs, estimate: Estimate) -> float:
-        self._added = 0.0
         if self.mode is Mode.RUNNING:
-            wanted = self._ask_law(inputs, estimate)
-            if self._over and isfinite(wanted):
-                wanted = self._end_law(inputs)
-            elif isfinite(wanted):
-                wanted = self._feed_forward(estimate, wanted)
-        elif self.mode is Mode.STOPPING:
-            wanted = self._brake(inputs)
+            wanted = self._run(inputs, estimate)
         else:
-            self._reset_law()
-            self.limiter.reset()
-            return 0.0
+            self._added = 0.0
+            self._bridge.reset()
+            self.succession.leave(self.mode, inputs.t)
+            self._follow_controller()
+            if self.mode is not Mode.STOPPING:
+                self._reset_laws()
+                self.limiter.reset()
+                return 0.0
+            wanted = self._brake(inputs)
         if not isfinite(wanted):
             self.health.raise_now("not_finite")
             self._move(frozenset({Event.CUT}))
             return 0.0
         return self.limiter.apply(wanted)
 
-    def _feed_forward(self, estimate: Estimate, wanted: float) -> float:
-        """The torque that moves the hoop as the wanted one would without missing physics."""
-        if not estimate.ready:
-            return wanted
-        demanded = self.feedforward.demand(_acted_on(estimate), wanted)
-        if self.feedforward.trouble and not self._unfed:  # one event a run: it may fail in every tick
+    def _run(self, inputs: Inputs, estimate: Estimate) -> float:
+        """The torque of the acting law, or of the one that takes over in this tick."""
+        follower = self.succession.follower
+        asked = self.succession.acting.demand(self._measurement(inputs, estimate))
+        other, its = Demanded(nan), estimate
+        if follower is not None:
+            if follower.filter is not self.succession.acting.filter:
+                its = self._estimate(follower.filter, inputs)
+            other = follower.demand(self._measurement(inputs, its), acting=False)
+        wanted = self._bridge.over(asked.torque_nm, self.settings.period_s)
+        if self.succession.next(inputs.t, self.operator.reference, self._sent.torque_nm, (estimate, its), asked):
+            self._follow_controller()
+            before = self._sent.torque_nm if asked.ended else wanted  # what is over asks for nothing any more
+            asked, wanted = other, self._bridge.begin(before, other.torque_nm, self._sent.torque_nm)
+        self._added = asked.added_nm
+        self._tell_troubles(asked)
+        if asked.ended and isfinite(wanted):
+            return self._end_law(inputs, asked.ended)
+        return wanted
+
+    def _tell_troubles(self, asked: Demanded) -> None:
+        if asked.failed:
+            self._note("law_failed", "error", reason=asked.failed)
+        if asked.unfed and not self._unfed:  # one event a run: it may fail in every tick
             self._unfed = True
-            self._note("feedforward_failed", "error", reason=self.feedforward.trouble, says=UNFED_SAYS)
-        self._added = demanded - wanted
-        return demanded
+            self._note("feedforward_failed", "error", reason=asked.unfed, says=UNFED_SAYS)
 
-    def _ask_law(self, inputs: Inputs, estimate: Estimate) -> float:
-        """The law's torque; a law that fails (a user's own may) is one whose torque is not a number."""
-        self._over = ""
-        try:
-            wanted, _ = self.controller.update(self._measurement(inputs, estimate))
-            ended = getattr(self.controller, "ended", "")
-            self._over = ended if isinstance(ended, str) else ""
-            return float(wanted)
-        except Exception as error:
-            self._note("law_failed", "error", reason=f"{type(error).__name__}: {error}")
-            return nan
-
-    def _end_law(self, inputs: Inputs) -> float:
+    def _end_law(self, inputs: Inputs, why: str) -> float:
         """A law that is over (`Ending`) stops the run in this very tick, as the operator's stop would."""
-        self._note("law_ended", "info" if self._over == DONE else "warning", reason=self._over)
+        self._added = 0.0
+        self._note("law_ended", "info" if why == DONE else "warning", reason=why)
         self._move(frozenset({Event.STOP}))
         return self._brake(inputs)
 
-    def _reset_law(self) -> None:
+    def _reset_laws(self) -> None:
         try:
-            self.controller.reset()
+            self.succession.acting.law.reset()
+            if self.succession.follower is not None:
+                self.succession.follower.law.reset()
         except Exception as error:
             if "not_finite" not in self._faults:  # it is reset in every tick without torque, the fact is one
                 self.health.raise_now("not_finite")
                 self._note("law_failed", "error", reason=f"{type(error).__name__}: {error}")
+
+    def _follow_controller(self) -> None:
+        """Limits and filter of the controller that acts from now on."""
+        acting = self.succession.acting
+        self.limiter.torque_nm, self.limiter.slew_nm_per_tick = acting.torque_nm, acting.slew_nm_per_tick
+        if acting.filter is not self._filter:
+            self._filter = acting.filter
+            self.health.follow(self._filter.levels, self._filter.ball, self._filter.hoop)
 
     def _brake(self, inputs: Inputs) -> float:
         if self._sent.enabled_for == 0 or self._stopping_since == 0.0:
@@ -244,7 +246,7 @@ class Tick:
 
     def _measurement(self, inputs: Inputs, estimate: Estimate) -> Measurement:
         camera, driver = inputs.camera, inputs.driver
-        x = _acted_on(estimate)
+        x = acted_on(estimate)
         x.flags.writeable = False  # the record shows it, too
         return Measurement(
             t=inputs.t,
@@ -256,6 +258,7 @@ class Tick:
             reference=self.operator.reference,
             torque_previous=self._sent.torque_nm - self._added,  # a law knows the plant without missing physics
             dt=self.settings.period_s,
+            torque_added=self._bridge.torque_nm,
         )
 
     def _watch(self, t: float, estimate: Estimate) -> None:
@@ -306,11 +309,6 @@ class Tick:
 
     def _note(self, name: str, level: str, **fields: Any) -> None:
         self._notes.append(Note(name, level, fields))
-
-
-def _acted_on(estimate: Estimate) -> Vector:
-    """The state on which this tick's torque will act."""
-    return estimate.x if estimate.ahead is None else estimate.ahead
 
 
 def _near(angle: float, other: float) -> float:

@@ -22,7 +22,7 @@ from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, Link
 from hoopd.recording.schemas import OPTIONAL, RECORDS, LogEvent
 
 # Fields that recordings made before them lack, and what they are then.
-LATER_FIELDS: Mapping[type, Mapping[str, Any]] = {CameraSample: {"corners": 0}}
+LATER_FIELDS: Mapping[type, Mapping[str, Any]] = {CameraSample: {"corners": 0}, Command: {"text": ""}}
 
 # What a counter or a bit field holds anywhere else, too; JSON has no end.
 Word = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
@@ -137,7 +137,7 @@ def encode_input(inputs: Inputs) -> bytes:
         None if camera is None else _CameraRow(*(camera if _all_finite(camera) else map(_out, camera))),
         None if driver is None else _DriverRow(*(driver if _all_finite(driver) else map(_out, driver))),
         _LinkRow(*inputs.link),
-        [_CommandRow(name, _out(value), key) for name, value, key in inputs.commands],
+        [_CommandRow(name, _out(value), key, text) for name, value, key, text in inputs.commands],
         _out(inputs.lateness_s),
         _out(inputs.execution_s),
         inputs.camera_stalled,

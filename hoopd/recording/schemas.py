@@ -78,9 +78,13 @@ LINK: Table = {
 }
 
 COMMAND: Table = {
-    "name": FieldDescription("", "arm, disarm, clear, reference, tune, stop, shutdown or experiment"),
+    "name": FieldDescription(
+        "",
+        "arm, disarm, clear, reference, tune, stop, shutdown, controller, trial, accept, revert, alive or experiment",
+    ),
     "value": FieldDescription("", "in the unit of what it sets"),
-    "key": FieldDescription("", "tune: name of the parameter; experiment: its name"),
+    "key": FieldDescription("", "tune: name of the parameter; controller, trial, experiment: FILE@SHA256"),
+    "text": FieldDescription("", "controller, trial, experiment: what was loaded, as JSON; else empty"),
 }
 
 INPUT: Table = {

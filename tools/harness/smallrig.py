@@ -7,6 +7,7 @@ call is one tick.
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from functools import cache
 from math import isnan, nan, sin
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from hoopd.core.controllers import Log, Measurement
 from hoopd.core.frames import ERROR_OVERCURRENT, STATUS_ENABLED, STATUS_FAULT, STATUS_TIMEOUT
+from hoopd.core.installed import Filter, Installed
 from hoopd.core.limits import Limiter
 from hoopd.core.records import CameraSample, Command, DriverSample, Estimate, Inputs, LinkCounts, TorqueCommand
 from hoopd.core.tick import Note, Output, Tick
@@ -107,7 +109,9 @@ class SmallRig:
 
     def __init__(self) -> None:
         faults = load(None, sim=True, overrides=[]).faults
-        self.tick = Tick(TickSettings(), faults, Told(), Spin(), Limiter(TORQUE_LIMIT_NM, TORQUE_LIMIT_NM))
+        limiter = Limiter(TORQUE_LIMIT_NM, TORQUE_LIMIT_NM)
+        self.tick = Tick(TickSettings(), faults, Told(), Spin(), limiter, make=self._make)
+        self.loadable: dict[str, Callable[[Filter], Installed]] = {}  # what may be loaded, by the text that brings it
         self.board, self.k = Board(), 0
         self.silent = self.dark = self.blind = self.late = 0
         self._constant = faults.torque_constant_nm_per_a
@@ -117,7 +121,7 @@ class SmallRig:
     def mode(self) -> str:
         return str(self.tick.mode)
 
-    def step(self, *commands: str) -> Output:
+    def step(self, *commands: str | Command) -> Output:
         """One tick with these commands."""
         self.k += 1
         t = self.k * PERIOD_S
@@ -129,7 +133,7 @@ class SmallRig:
                 camera=None if self.blind else self._picture(t),
                 driver=driver,
                 link=LinkCounts(good=int(driver is not None)),
-                commands=tuple(Command(name) for name in commands),
+                commands=tuple(Command(one) if isinstance(one, str) else one for one in commands),
                 lateness_s=PERIOD_S if self.late else 1e-4,
                 execution_s=5e-4,
                 camera_stalled=False,
@@ -155,6 +159,9 @@ class SmallRig:
     def refused(self) -> list[tuple[str, str]]:
         """What was refused so far, and why."""
         return [(n.fields["command"], n.fields["reason"]) for n in self.notes if n.name == "command_refused"]
+
+    def _make(self, text: str, running: Filter) -> Installed:
+        return self.loadable[text](running)
 
     def _picture(self, t: float) -> CameraSample:
         psi = nan if self.dark else 0.002 * sin(2.4 * self.k * self.k)
