@@ -34,11 +34,14 @@ from hoopd.commands.options.plant import PlantOptions
 from hoopd.commands.options.plot import PlotOptions
 from hoopd.commands.options.replay import ReplayOptions
 from hoopd.commands.options.running import (
+    AcceptOptions,
     ArmOptions,
     CheckOptions,
     ClearOptions,
+    ControllerOptions,
     DisarmOptions,
     RefOptions,
+    RevertOptions,
     RunOptions,
     StatusOptions,
     StopOptions,
@@ -147,6 +150,9 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
         (ClearOptions, operator.clear),
         (RefOptions, operator.ref),
         (TuneOptions, operator.tune),
+        (ControllerOptions, operator.controller),
+        (AcceptOptions, operator.accept),
+        (RevertOptions, operator.revert),
         (StatusOptions, operator.status),
         (DashboardOptions, dashboard),
     ),

@@ -6,6 +6,7 @@ Rules of this file: one request, one answer, printed; no decision is taken here.
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,19 +14,26 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from hoopd.commands.options.running import (
+    AcceptOptions,
     ArmOptions,
     ClearOptions,
+    ControllerOptions,
     DaemonOptions,
     DisarmOptions,
     RefOptions,
+    RevertOptions,
     StatusOptions,
     StopOptions,
     TuneOptions,
 )
 from hoopd.commands.output import check_json, print_result, write_json
+from hoopd.files.reading import InputError
 
 if TYPE_CHECKING:
     from hoopd.shell.config import Config
+
+# The daemon takes a trial back when its supervisor was silent for five seconds.
+ALIVE_S = 1.0
 
 
 def ask(request: dict[str, Any], config: Path | None, sets: Sequence[str]) -> dict[str, Any]:
@@ -96,6 +104,51 @@ def ref(options: RefOptions) -> None:
 def tune(options: TuneOptions) -> None:
     """Change a parameter of the law."""
     _command({"command": "tune", "key": options.key, "value": options.value}, options)
+
+
+def controller(options: ControllerOptions) -> None:
+    """Load a controller; of one on trial, say every second that somebody watches."""
+    from hoopd.files.controller_folder import key_of
+
+    if options.trial and options.experiment:
+        raise InputError("--trial", "", "not with --experiment, which ends by itself")
+    name = "trial" if options.trial else "experiment" if options.experiment else "controller"
+    key = options.file if "@" in options.file else key_of(Path(options.file))
+    answer = ask({"command": name, "key": key}, options.config, options.sets)
+    typer.echo(f"{name}: {answer['mode']}, {answer['key']}")
+    if options.trial:
+        _supervise(options)
+
+
+def _supervise(options: ControllerOptions) -> None:
+    """Until the trial is over; who interrupts takes it back."""
+    from hoopd.shell.operator import CommandError
+
+    try:
+        while True:
+            time.sleep(ALIVE_S)
+            ask({"command": "alive"}, options.config, options.sets)
+    except KeyboardInterrupt:
+        ask({"command": "revert"}, options.config, options.sets)
+        typer.echo("revert: the accepted controller is back")
+    except CommandError as error:
+        typer.echo(f"{error}; in force: {_in_force(options)}")
+
+
+def _in_force(options: ControllerOptions) -> str:
+    """The file that acts now."""
+    told = ask({"command": "status"}, options.config, options.sets)["status"]["controller"]
+    return f"{told['file']}@{told['sha256'][:12]} since {told['since']:.2f} s"
+
+
+def accept(options: AcceptOptions) -> None:
+    """Keep what is on trial."""
+    _command({"command": "accept"}, options)
+
+
+def revert(options: RevertOptions) -> None:
+    """Back to what was accepted."""
+    _command({"command": "revert"}, options)
 
 
 def status(options: StatusOptions) -> None:

@@ -19,8 +19,10 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
 from hoopd.core.records import Command
+from hoopd.core.succession import LOADED
 from hoopd.core.tick import Note, Tick
 from hoopd.daemon.build import Texts, build_tick, mismatch, read_texts, unused_effects
+from hoopd.daemon.loading import ControllerLoader
 from hoopd.daemon.report import Watch, operator_status, print_summary, status, status_line, summarise
 from hoopd.daemon.sinks import CommandSink, RecorderSink, TelemetrySink
 from hoopd.daemon.world import Say, World, camera_eye, device, lockstep, read_layout, realtime_rig, rig_devices
@@ -181,7 +183,8 @@ async def _run(
     world.drive.open()  # first: without its port a run leaves no file and no log
     with ExitStack() as stack:
         session = secrets.token_hex(SESSION_BYTES)
-        gate = Gate(Ranges(_both_ways(config.loop.reference_limit_rad), TUNABLE))
+        loader = ControllerLoader(config, options.config)
+        gate = Gate(Ranges(_both_ways(config.loop.reference_limit_rad), TUNABLE), loader.load)
         operators = CommandSink(gate, session, lambda: operator_status(loop, gate, recorder, telemetry))
         if not virtual:
             _serve_commands(stack, options, config, reporter, operators)
@@ -200,7 +203,7 @@ async def _run(
             world.eye,
             sinks=tuple(sinks),
             troubles=tuple(_trouble(sink) for sink in (recorder, telemetry)),
-            sources=(_script(config), operators.commands),
+            sources=(_script(config, loader), operators.commands),
             beat=_beat(notifier, tick),
             auto_arm=options.sim or options.arm,
             duration_s=options.duration_s,
@@ -221,15 +224,18 @@ async def _run(
     return {**summarise(loop, watch, recorder, telemetry, wall_s), "cpu_s": cpu_s}
 
 
-def _script(config: Config) -> Callable[[float], tuple[Command, ...]]:
-    """The rig's operator: commands at their times."""
-    waiting = deque(sorted(config.sim.commands, key=lambda command: command.at_s))
+def _script(config: Config, loader: ControllerLoader) -> Callable[[float], tuple[Command, ...]]:
+    """The rig's operator: commands at their times; what they load is read before the run."""
+    rows = sorted(config.sim.commands, key=lambda command: command.at_s)
+    texts = [loader.load(row.key, "the rig's script") if row.name in LOADED else "" for row in rows]
+    waiting = deque(
+        (row.at_s, Command(row.name, row.value, row.key, text)) for row, text in zip(rows, texts, strict=True)
+    )
 
     def due(t: float) -> tuple[Command, ...]:
         commands = []
-        while waiting and waiting[0].at_s <= t:
-            row = waiting.popleft()
-            commands.append(Command(row.name, row.value, row.key))
+        while waiting and waiting[0][0] <= t:
+            commands.append(waiting.popleft()[1])
         return tuple(commands)
 
     return due

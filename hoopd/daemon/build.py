@@ -6,7 +6,10 @@ port, no camera, no clock.
 
 from __future__ import annotations
 
+import hashlib
 import re
+from collections.abc import MutableMapping
+from functools import partial
 from math import isinf
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -18,9 +21,11 @@ from hoopd.core.estimator import EkfSettings
 from hoopd.core.excitation import Excitation
 from hoopd.core.feedforward import FeedForward
 from hoopd.core.hooponly import HoopOnly
+from hoopd.core.installed import ControllerLabel, Filter, Installed
 from hoopd.core.limits import Limiter
 from hoopd.core.tick import Tick
 from hoopd.files.controller import ControllerFile, controller_of, levels_of, parse_controller, settings_of
+from hoopd.files.loaded_controller import filter_key, parse_loaded
 from hoopd.files.reading import InputError, read_text
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.loop.writeback import Unused, ball_motion, estimator_with, feedforward_of, hoop_motion, unused
@@ -69,7 +74,7 @@ def without_places(config: Config) -> Config:
     return change(
         config,
         device=change(device, model=_name(device.model)),
-        control=change(control, file=_name(control.file), law=_name(control.law)),
+        control=change(control, file=_name(control.file), law=_name(control.law), folder=""),
         recording=change(config.recording, directory=""),
         commands=change(config.commands, socket=_name(config.commands.socket)),
         sim=change(
@@ -92,38 +97,91 @@ def _name(text: str) -> str:
     return path.name if path.is_absolute() else text
 
 
-def build_tick(config: Config, texts: Texts) -> Tick:
-    """A tick in its first state; InputError names the file that does not fit."""
+def build_tick(config: Config, texts: Texts, prepared: MutableMapping[str, Filter] | None = None) -> Tick:
+    """A tick in its first state; InputError names the file that does not fit.
+
+    `prepared`: filters of controllers that are about to be loaded, by the text that loads them.
+    """
     file = parse_controller(texts.controller, config.control.file)
     model = parse_model(texts.model, config.device.model or file.model)
-    _same_period(config, file.sample_time_s)
+    same_period(config, file, config.control.file)
     law = load_law(texts.law, config.control.law) if config.control.law else controller_of(file)
     # The narrowest of the configuration's, the device's and the controller's limit holds.
     limiter = Limiter(
         min(config.limits.torque_nm, model.device.torque_limit_nm, file.limits.torque_nm),
         min(config.limits.slew_nm_per_tick, file.limits.slew_nm_per_tick),
     )
-    found, settings = effects_of(model), settings_of(file)
-    hoop = hoop_motion(found, settings)
-    if config.faults.ball_expected:
-        _watches_the_ball(config, law)
-        feedforward = _feed_forward(config, found, settings, law, limiter)
-        estimator, levels = estimator_with(found, settings), levels_of(file)
-        ball = ball_motion(found)
-        return Tick(config.loop, config.faults, estimator, law, limiter, feedforward, levels, ball, hoop)
-    _needs_no_ball(config, file, law)
-    return Tick(config.loop, config.faults, HoopOnly(), law, limiter, hoop=hoop)
+    if not config.faults.ball_expected:
+        _needs_no_ball(config, file, law)
+        hoop = hoop_motion(effects_of(model), settings_of(file))
+        return Tick(config.loop, config.faults, HoopOnly(), law, limiter, hoop=hoop)
+    _watches_the_ball(config, law)
+    made = filter_of(config, texts.model, file, limiter.torque_nm)
+    feedforward = FeedForward() if isinstance(law, Excitation) else made.feedforward
+    name, content = Path(config.control.law or config.control.file).name, texts.law or texts.controller
+    return Tick(
+        config.loop,
+        config.faults,
+        made.estimator,
+        law,
+        limiter,
+        feedforward,
+        made.levels,
+        made.ball,
+        made.hoop,
+        key=made.key,
+        label=ControllerLabel(name, hashlib.sha256(content.encode()).hexdigest()),
+        make=partial(make_controller, config, limiter.torque_nm, {} if prepared is None else prepared),
+    )
 
 
-def _feed_forward(
-    config: Config, found: FoundEffects, settings: EkfSettings, law: Controller, limiter: Limiter
-) -> FeedForward:
-    """Nothing is added to a test signal: it is played as it was asked for."""
-    if not config.control.feedforward or isinstance(law, Excitation):
+def filter_of(config: Config, model_text: str, file: ControllerFile, limit_nm: float) -> Filter:
+    """The filter of a controller on its model, its feed-forward, and what both say of an honest device.
+
+    `limit_nm`: torque that the drive may be asked for, of which feed-forward has its share.
+    """
+    found, settings = effects_of(parse_model(model_text, file.model)), settings_of(file)
+    return Filter(
+        estimator_with(found, settings),
+        _feed_forward(config, found, settings, limit_nm),
+        levels_of(file),
+        ball_motion(found),
+        hoop_motion(found, settings),
+        filter_key(model_text, file),
+    )
+
+
+def make_controller(
+    config: Config, limit_nm: float, prepared: MutableMapping[str, Filter], text: str, running: Filter
+) -> Installed:
+    """What the text of a command stands for; of the same model, with the running filter. ValueError: it cannot be.
+
+    A filter that was prepared for the text is taken from there; it is the same as one that is made here, sooner.
+    """
+    loaded = parse_loaded(text)
+    file, key = loaded.controller, loaded.filter_key
+    same_period(config, file, loaded.file)
+    law = controller_of(file)
+    _watches_the_ball(config, law)
+    filter_ = prepared.pop(text, None)
+    if key == running.key:
+        filter_ = running
+    return Installed(
+        law,
+        filter_ or filter_of(config, loaded.model, file, limit_nm),
+        file.limits.torque_nm,
+        file.limits.slew_nm_per_tick,
+        fed=not isinstance(law, Excitation),
+        label=ControllerLabel(loaded.file, loaded.sha256, loaded.by),
+    )
+
+
+def _feed_forward(config: Config, found: FoundEffects, settings: EkfSettings, limit_nm: float) -> FeedForward:
+    if not config.control.feedforward:
         return FeedForward()
     return feedforward_of(
         found,
-        limiter.torque_nm,
+        limit_nm,
         tick_s=config.loop.period_s,
         wire_s=config.loop.wire_s,
         speed_noise_rad_s=settings.r_dtheta**0.5,
@@ -156,10 +214,12 @@ def unused_effects(config: Config, texts: Texts) -> tuple[Unused, ...]:
     return unused(effects_of(parse_model(texts.model, config.device.model)))
 
 
-def _same_period(config: Config, sample_time_s: float) -> None:
+def same_period(config: Config, file: ControllerFile, path: object) -> None:
+    """InputError for a law that was designed for another tick."""
+    sample_time_s = file.sample_time_s
     if abs(sample_time_s - config.loop.period_s) > 1e-9:
         reason = f"designed for {sample_time_s} s, the loop's period is {config.loop.period_s} s"
-        raise InputError(config.control.file, "sample_time_s", reason)
+        raise InputError(path, "sample_time_s", reason)
 
 
 def load_law(text: str, name: str) -> Controller:

@@ -12,9 +12,11 @@ from dataclasses import asdict
 from typing import Any
 
 from hoopd.core.faulttable import FAULTS, Action, Fault
+from hoopd.core.installed import Estimator
 from hoopd.core.modes import Mode
 from hoopd.core.records import Inputs, LinkCounts, TickRecord
-from hoopd.core.tick import Estimator, Note
+from hoopd.core.succession import TRIAL, Succession
+from hoopd.core.tick import Note
 from hoopd.daemon.sinks import RecorderSink, TelemetrySink
 from hoopd.daemon.tracking_error import RELEASE_S, TrackingError, Truth
 from hoopd.shell.camera import CameraCounts
@@ -88,8 +90,9 @@ def status(loop: Loop, recorder: RecorderSink | None) -> dict[str, Any]:
         "causes": causes(loop),
         "arming": _arming(loop),
         "reference_limit": loop.tick.settings.reference_limit_rad,
-        "deviation": deviation(loop.tick.estimator),
+        "deviation": deviation(loop.tick.succession.acting.filter.estimator),
         "camera": asdict(counts) if isinstance(counts, CameraCounts) else None,
+        "controller": controller_status(loop.tick.succession),
         "innovations": {name: level._asdict() for name, level in loop.tick.health.drift.latest().items()},
         "missed_ticks": statistics.missed,
         "lateness_p99_s": statistics.lateness.quantile(0.99),
@@ -112,6 +115,7 @@ def operator_status(
         "u": record.u if record else None,
         "faults": causes(loop),
         "arming": _arming(loop),
+        "controller": controller_status(loop.tick.succession),
         "rows_off": {**health.thresholds.off_rows(), **health.too_slow_for},
         **statistics.summary(),
         "commands": {"accepted": gate.accepted, "refused": gate.refused},
@@ -141,6 +145,21 @@ def deviation(estimator: Estimator) -> list[float] | None:
         return None
     # sigma_i = sqrt(P_ii)
     return [math.sqrt(max(0.0, float(variance))) for variance in covariance.diagonal()[:STATES]]
+
+
+def controller_status(succession: Succession) -> dict[str, Any]:
+    """Which controller acts, for what it was loaded, since when, and which one is about to take over."""
+    name, sha256, by = succession.acting.label
+    return {
+        "file": name,
+        "sha256": sha256,
+        "by": by,
+        "trial": succession.purpose == TRIAL,
+        "purpose": succession.purpose,
+        "accepted": succession.accepted.label.name,
+        "since": succession.since,
+        "next": succession.waiting,
+    }
 
 
 def clearing(fault: Fault, lasts: bool) -> str:

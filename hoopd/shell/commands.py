@@ -5,15 +5,18 @@ trusted, finite, in its range and while there is room. A refusal is one line tha
 decides whether the device may run: that is the tick's, and its notes settle the tickets.
 
 `offer` is called from the threads of the transports, `take` and `settle` from the loop's. What they share are single
-operations of a deque or a dict, so that no lock can hold the loop.
+operations of a deque or a dict, so that no lock can hold the loop. A file that a command names is read and checked by a
+thread of its own, one at a time, so that neither loop nor transport waits for it.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -22,15 +25,22 @@ import msgspec
 from hoopd.core.modes import ENERGISED
 from hoopd.core.operator import FOLLOWED
 from hoopd.core.records import Command, TickRecord
+from hoopd.core.succession import LOADED
+from hoopd.core.succession import NAMES as CHANGES
 from hoopd.core.tick import Note
+from hoopd.files.reading import InputError
+from hoopd.shell.helpers import start_helper
 
 ALWAYS = ("disarm", "stop")  # first, and from everybody
-NAMES = (*ALWAYS, "arm", "clear", "reference", "tune", "experiment")
+NAMES = (*ALWAYS, "arm", "clear", "reference", "tune", *CHANGES)
 WAITING = 16  # commands that one tick may bring: more than a hand can send in 20 ms
 TAKEN = 64  # tickets that may wait for their note; older ones are answered as unsettled
 PAYLOAD_BYTES = 1000
 # From a command to the note of what became of it: an arm waits 0.2 s for the board at most, the rest one tick.
 SETTLE_S = 1.0
+# A file is read and checked, a model made ready in a process of its own (a second or three on a Raspberry Pi), then
+# watched for two seconds.
+LOAD_S = 12.0
 UNSETTLED = "the loop did not tell what became of it"
 # What is wrong with `telemetry.commands: true` alone, as it stood in configurations of before.
 NO_CONTROL = (
@@ -39,18 +49,21 @@ NO_CONTROL = (
 )
 REFUSED = "command_refused"
 # Notes of the tick that settle commands, and of which command each speaks when it does not say so itself.
-SETTLING: Mapping[str, str] = MappingProxyType({"operator": "", REFUSED: "", "reference": "reference", "tuned": "tune"})
-ONE_NOTE_EACH = frozenset({"reference", "tune"})  # of the others one note settles all that were sent
+SETTLING: Mapping[str, str] = MappingProxyType(
+    {"operator": "", "controller": "", REFUSED: "", "reference": "reference", "tuned": "tune"}
+)
+ONE_NOTE_EACH = frozenset({"reference", "tune", *CHANGES})  # of the others one note settles all that were sent
 
 Range = tuple[float, float]
+# Key of a file, and who asked -> what the command brings; InputError says why there is none.
+Load = Callable[[str, str], str]
 
 
 class Ranges(NamedTuple):
-    """What values a command may bring; tune and experiment by key."""
+    """What values a command may bring; tune by key."""
 
     reference: Range = (-1.5, 1.5)  # rad, of the ball: it leaves the track near a quarter turn
     tune: Mapping[str, Range] = MappingProxyType({})
-    experiment: Mapping[str, Range] = MappingProxyType({})
 
 
 class RefusedError(Exception):
@@ -79,6 +92,7 @@ class Ticket:
 
     command: Command
     outcome: CommandOutcome | None = None
+    patience_s: float = SETTLE_S  # how long its sender waits for the outcome
 
     def answer(self) -> dict[str, Any]:
         """What its sender is told, in fields of JSON; RefusedError with the loop's own reason."""
@@ -86,7 +100,7 @@ class Ticket:
             raise RefusedError(UNSETTLED)
         if self.outcome.refused:
             raise RefusedError(self.outcome.refused)
-        name, value, key = self.command
+        name, value, key, _ = self.command
         _, t, mode, reference = self.outcome
         return {"ok": True, "command": name, "value": value, "key": key, "t": t, "mode": mode, "reference": reference}
 
@@ -94,23 +108,28 @@ class Ticket:
 class Gate:
     """Where commands wait for the tick."""
 
-    def __init__(self, ranges: Ranges) -> None:
-        self._ranges = ranges
+    def __init__(self, ranges: Ranges, load: Load | None = None) -> None:
+        """`load`: reads the file that a command names; None where none is read."""
+        self._ranges, self._load = ranges, load
+        self._loading: Ticket | None = None  # the last one that named a file
+        self._loading_until = 0.0
         self._waiting: deque[Ticket] = deque()
         self._always: dict[str, Ticket] = {}  # one that waits is enough: others share its ticket
         self._taken: deque[Ticket] = deque(maxlen=TAKEN)  # by the loop, not settled yet
         self.accepted = self.refused = 0
 
-    def offer(self, name: str, payload: bytes = b"", *, untrusted: str = "") -> Ticket:
-        """The ticket of a command that the next tick takes; RefusedError with the reason.
+    def offer(self, name: str, payload: bytes = b"", *, untrusted: str = "", by: str = "") -> Ticket:
+        """The ticket of a command that the next tick takes, of one that names a file the next one after it was read;
+        RefusedError with the reason.
 
         Parameters
         ----------
         name, payload : command, and a number or an object with value and key as JSON
         untrusted : empty, or why the sender may not send what is not always taken
+        by : who asked, for the record of what was loaded
         """
         try:
-            ticket = self._checked(name, payload, untrusted)
+            ticket = self._checked(name, payload, untrusted, by)
         except RefusedError:
             self.refused += 1
             raise
@@ -151,7 +170,7 @@ class Gate:
         end = names.index(follower) if follower in names else len(names)
         return [ticket for ticket in list(self._taken)[:end] if ticket.command.name == name]
 
-    def _checked(self, name: str, payload: bytes, untrusted: str) -> Ticket:
+    def _checked(self, name: str, payload: bytes, untrusted: str, by: str) -> Ticket:
         if name in ALWAYS:
             return self._always.setdefault(name, Ticket(Command(name)))
         if name not in NAMES:
@@ -160,9 +179,39 @@ class Gate:
             raise RefusedError(untrusted)
         if len(self._waiting) >= WAITING:
             raise RefusedError(f"busy: {WAITING} commands are waiting for the next tick")
-        ticket = Ticket(_command(name, _parsed(payload), self._ranges))
+        content = _parsed(payload)
+        if name in LOADED:
+            return self._begin_load(name, content.key, by)
+        ticket = Ticket(_command(name, content, self._ranges))
         self._waiting.append(ticket)
         return ticket
+
+    def _begin_load(self, name: str, key: str, by: str) -> Ticket:
+        """A ticket whose command waits for the tick once its file was read."""
+        if self._load is None:
+            raise RefusedError(f"{name}: this daemon loads none")
+        now = time.monotonic()
+        if self._loading is not None and self._loading.outcome is None and now < self._loading_until:
+            raise RefusedError(f"busy: {self._loading.command.key[:40]} is being loaded")
+        ticket = Ticket(Command(name, 0.0, key), patience_s=LOAD_S)
+        self._loading, self._loading_until = ticket, now + LOAD_S
+        start_helper("loading", partial(self._finish_load, self._load, ticket, by))
+        return ticket
+
+    def _finish_load(self, load: Load, ticket: Ticket, by: str) -> None:
+        """In a thread of its own: read, and let the tick decide; or tell why not."""
+        command, refused = ticket.command, ""
+        try:
+            ticket.command = command._replace(text=load(command.key, by))
+        except InputError as error:
+            refused = str(error)
+        except Exception as error:  # whoever waits for an answer gets one
+            refused = f"{type(error).__name__}: {error}"
+        if refused:
+            self.refused += 1
+            ticket.outcome = CommandOutcome(refused, math.nan, "", math.nan)
+        else:
+            self._waiting.append(ticket)
 
 
 def _parsed(payload: bytes) -> Payload:
@@ -177,13 +226,11 @@ def _parsed(payload: bytes) -> Payload:
 
 
 def _command(name: str, content: Payload, ranges: Ranges) -> Command:
-    if name in ("arm", "clear"):
-        return Command(name)
     if name == "reference":
         return Command(name, _inside(name, content.value, ranges.reference))
-    table: Mapping[str, Range] = getattr(ranges, name)
-    if name == "experiment" and not table:
-        raise RefusedError("experiment: this daemon holds the ball and starts none; end it and run `hoopd experiment`")
+    if name != "tune":
+        return Command(name)
+    table = ranges.tune
     if content.key not in table:
         raise RefusedError(f"{name}: unknown key {content.key[:40]!r}; known: {', '.join(table) or 'none'}")
     return Command(name, _inside(f"{name} {content.key}", content.value, table[content.key]), content.key)

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from hoopd.core.succession import ACCEPT, LOADED, REVERT
 from hoopd.shell.commands import REFUSED, SETTLE_S, Gate, RefusedError, Ticket
 from hoopd.shell.descriptors import RESERVE, opened
 from hoopd.shell.helpers import start_helper
@@ -32,7 +33,9 @@ POLL_S = 0.01  # a request may wait so long: waking this thread would cost the t
 TALK_S = 2.0  # for a line to come and for an answer to be taken
 TELL_S = 1.0
 STATUS = "status"
+LOGGED = (*LOADED, ACCEPT, REVERT)
 NAME_CHARS = 32  # of a command that is not known, in the log
+KEY_CHARS = 120  # of a file's name and the first digits of its hash
 ONE_LINE = 'expected one line of JSON: {"command": name, "value": number, "key": text}'
 
 OnEvent = Callable[[str, str, Mapping[str, Any]], None]
@@ -53,6 +56,9 @@ class Peer(NamedTuple):
     uid: int
     gid: int
 
+    def __str__(self) -> str:
+        return f"user {self.uid}, process {self.pid}"
+
 
 @dataclass
 class StatusTicket:
@@ -71,6 +77,16 @@ class _Client:
     heard: bytes = b""
     ticket: Ticket | StatusTicket | None = None
     to_say: bytes = b""
+
+    @property
+    def patience_s(self) -> float:
+        """How long it may stay: for a file to be loaded longer than to talk."""
+        return TALK_S - SETTLE_S + self.settle_s
+
+    @property
+    def settle_s(self) -> float:
+        """How long it waits for what became of its request."""
+        return self.ticket.patience_s if isinstance(self.ticket, Ticket) else SETTLE_S
 
     @property
     def silent(self) -> bool:
@@ -166,7 +182,7 @@ class CommandServer:
             self._settle(client)
         if client.to_say:
             self._say(client)
-        if client in self._clients and time.monotonic() - client.since > TALK_S:
+        if client in self._clients and time.monotonic() - client.since > client.patience_s:
             self._drop(client)
 
     def _hear(self, client: _Client) -> None:
@@ -199,17 +215,18 @@ class CommandServer:
             self._ask_status(client.ticket)
             return
         try:
-            client.ticket = self._gate.offer(request.command, _payload(request))
+            client.ticket = self._gate.offer(request.command, _payload(request), by=str(client.peer))
         except RefusedError as refusal:
             self._refuse(client, request.command, str(refusal))
             self._tell(client.peer, REFUSED, "warning", command=request.command[:NAME_CHARS], reason=str(refusal))
         else:
-            self._tell(client.peer, "command", "info", command=request.command)
+            key = {"key": request.key[:KEY_CHARS]} if request.key else {}
+            self._tell(client.peer, "command", "info", command=request.command, **key)
 
     def _settle(self, client: _Client) -> None:
         """Answer once the loop has told what became of it, or has been silent for too long."""
         ticket = client.ticket
-        over = time.monotonic() - client.since > SETTLE_S
+        over = time.monotonic() - client.since > client.settle_s
         if isinstance(ticket, StatusTicket):
             if ticket.fields is not None:
                 self._answer(client, {"ok": True, "command": STATUS, "status": ticket.fields})
@@ -246,9 +263,11 @@ class CommandServer:
         client.socket.close()
 
     def _tell(self, peer: Peer, event: str, level: str, **fields: str) -> None:
-        """Who asked for what goes to the log, once a second of the same user: a flood would push out the rest."""
+        """Who asked for what goes to the log, once a second of the same user, for a flood would push out the rest; who
+        changes the controller always does: they are few."""
         now, same = time.monotonic(), (peer.uid, event if event == REFUSED else fields["command"])
-        if self._on_event is not None and now - self._told.get(same, -inf) > TELL_S:
+        rare = event != REFUSED and fields["command"] in LOGGED
+        if self._on_event is not None and (rare or now - self._told.get(same, -inf) > TELL_S):
             self._told[same] = now
             with contextlib.suppress(Exception):
                 self._on_event(event, level, {**fields, "uid": peer.uid, "pid": peer.pid})

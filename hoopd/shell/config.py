@@ -110,6 +110,7 @@ class Control(Strict, frozen=True):
 
     file: str = "controllers/lqg.yaml"
     law: str = ""  # a Python file with a class `Law`; the file above still gives estimator and limits
+    folder: str = ""  # of controllers that may be loaded while it runs; empty: the folder of the file above
     feedforward: bool = True  # of the effects in the filter's model
 
 
@@ -172,7 +173,21 @@ class SimCommand(Strict, frozen=True):
     """One scripted command of the operator, for runs without one."""
 
     at_s: NotNegative
-    name: Literal["arm", "disarm", "stop", "shutdown", "clear", "reference", "tune"]
+    name: Literal[
+        "arm",
+        "disarm",
+        "stop",
+        "shutdown",
+        "clear",
+        "reference",
+        "tune",
+        "controller",
+        "trial",
+        "experiment",
+        "accept",
+        "revert",
+        "alive",
+    ]
     value: Annotated[float, ANY_NUMBER] = 0.0
     key: str = ""
 

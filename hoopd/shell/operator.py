@@ -16,11 +16,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hoopd.core.succession import LOADED
 from hoopd.files.reading import InputError, os_reason
-from hoopd.shell.commands import ALWAYS
+from hoopd.shell.commands import ALWAYS, LOAD_S
 from hoopd.shell.socketfile import PATH_BYTES, SERVICE_FOLDER, check_private, folders
 
 PATIENCE_S = 3.0  # the server's own bounds are below it
+LOAD_PATIENCE_S = LOAD_S + PATIENCE_S  # a file has to be read and checked, a model made ready and watched
 TRIES = 20  # where the server hangs up without an answer; what may not be said twice has one
 REPEATABLE = (*ALWAYS, "status")
 ANSWER_BYTES = 2**20
@@ -77,6 +79,8 @@ def _exchanged(request: Mapping[str, Any], connections: list[Connection]) -> dic
     """The first answer; CommandError when any of them failed or refused."""
     line = json.dumps(request).encode() + b"\n"
     for _, connection in connections:
+        if request["command"] in LOADED:
+            connection.settimeout(LOAD_PATIENCE_S)
         with contextlib.suppress(OSError):  # the answer tells: it may have been refused before all was said
             connection.sendall(line)
     answers, failures = [], []

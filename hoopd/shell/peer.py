@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import msgspec
 import zenoh
 
-from hoopd.shell.commands import SETTLE_S, RefusedError, Ticket
+from hoopd.shell.commands import RefusedError, Ticket
 from hoopd.shell.session import device_key, reason
 
 RETRY_S = 10.0  # between tries to open
@@ -132,7 +132,7 @@ class ZenohPeer:
         if wrong:
             self._say(query, lambda: query.reply_err(wrong, encoding="text/plain"))
         elif isinstance(content, Ticket):
-            self._keep(_Waiting(key, query, content, time.monotonic() + SETTLE_S))
+            self._keep(_Waiting(key, query, content, time.monotonic() + content.patience_s))
         else:
             self._say(query, lambda: query.reply(key, content, encoding=JSON))
 

@@ -13,7 +13,8 @@ from typing import Any
 
 import zenoh
 
-from hoopd.shell.operator import CommandError, NoDaemonError
+from hoopd.core.succession import LOADED
+from hoopd.shell.operator import LOAD_PATIENCE_S, CommandError, NoDaemonError
 from hoopd.shell.session import DEVICE, ENDPOINT, connecting, device_key, reason
 
 
@@ -29,7 +30,8 @@ def send(
 ) -> dict[str, Any]:
     """The daemon's answer; CommandError when none answers or it refuses."""
     with _session(endpoint, extras, timeout_s) as session:
-        return ask(session, command, value, endpoint, device, timeout_s, key=key)
+        patience_s = max(timeout_s, LOAD_PATIENCE_S) if command in LOADED else timeout_s
+        return ask(session, command, value, endpoint, device, patience_s, key=key)
 
 
 def ask(

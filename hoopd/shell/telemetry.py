@@ -277,7 +277,8 @@ class Telemetry:
             payload = query.payload
             if payload is not None and len(payload) > PAYLOAD_BYTES:  # said before a byte is copied
                 raise RefusedError(f"more than {PAYLOAD_BYTES} bytes")
-            return self.gate.offer(name, b"" if payload is None else payload.to_bytes(), untrusted=untrusted)
+            content = b"" if payload is None else payload.to_bytes()
+            return self.gate.offer(name, content, untrusted=untrusted, by=CONTROL)
 
         return answer
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 
 import pytest
 from harness.smallrig import healthy
 from hypothesis import given
 from hypothesis import strategies as st
+from shell.peers import wait_until
 
 from hoopd.core.records import Command
+from hoopd.core.succession import LOADED
+from hoopd.core.tick import Note
+from hoopd.files.reading import InputError
 from hoopd.shell.commands import NAMES, WAITING, Gate, Ranges, RefusedError, Ticket
 
-RANGES = Ranges((-1.0, 1.0), {"q_psi": (0.0, 10.0)}, {"step": (0.0, 0.3)})
+RANGES = Ranges((-1.0, 1.0), {"q_psi": (0.0, 10.0)})
 
 
 def test_who_is_not_trusted_may_disarm_and_stop() -> None:
@@ -27,9 +32,61 @@ def test_who_is_not_trusted_may_disarm_and_stop() -> None:
     assert (gate.accepted, gate.refused) == (2, len(NAMES) - 2)
 
 
-def test_a_daemon_without_experiments_says_where_they_are() -> None:
-    with pytest.raises(RefusedError, match=r"starts none; end it and run `hoopd experiment`"):
-        Gate(Ranges()).offer("experiment", b'{"key": "prbs", "value": 1}')
+@pytest.mark.parametrize("name", LOADED)
+def test_a_daemon_that_loads_nothing_says_so(name: str) -> None:
+    with pytest.raises(RefusedError, match=f"{name}: this daemon loads none"):
+        Gate(Ranges()).offer(name, b'{"key": "mine.yaml@0123456789ab"}')
+
+
+def loaded(gate: Gate, ticket: Ticket) -> tuple[Command, ...]:
+    """What the loop takes once the file was read; the thread that reads it is short."""
+    taken: list[Command] = []
+    wait_until(lambda: taken.extend(gate.take()) or taken or ticket.outcome is not None)
+    return tuple(taken)
+
+
+def test_a_file_is_read_beside_the_loop_and_enters_with_its_text() -> None:
+    asked: list[tuple[str, str, str]] = []
+
+    def load(key: str, by: str) -> str:
+        asked.append((key, by, threading.current_thread().name))
+        return "text"
+
+    gate = Gate(RANGES, load)
+    ticket = gate.offer("controller", b'{"key": "mine.yaml@0123456789ab"}', by="user 7")
+    assert loaded(gate, ticket) == (Command("controller", 0.0, "mine.yaml@0123456789ab", "text"),)
+    assert asked == [("mine.yaml@0123456789ab", "user 7", "loading")]
+    gate.settle(Note("controller", "info", {"command": "controller"}), healthy().step().record)
+    assert ticket.answer()["key"] == "mine.yaml@0123456789ab" and "text" not in ticket.answer()
+
+
+@pytest.mark.parametrize("error", [InputError("mine.yaml", "gains", "none"), OSError("disk"), RecursionError()])
+def test_what_cannot_be_read_is_an_answer_and_no_command(error: Exception) -> None:
+    def load(key: str, by: str) -> str:
+        raise error
+
+    gate = Gate(RANGES, load)
+    ticket = gate.offer("trial", b'{"key": "mine.yaml@0123456789ab"}')
+    assert loaded(gate, ticket) == ()
+    with pytest.raises(RefusedError, match=type(error).__name__ if not isinstance(error, InputError) else "gains"):
+        ticket.answer()
+
+
+def test_one_file_at_a_time_and_what_switches_off_passes() -> None:
+    goes_on = threading.Event()
+
+    def load(key: str, by: str) -> str:
+        goes_on.wait(10.0)
+        return "text"
+
+    gate = Gate(RANGES, load)
+    first = gate.offer("controller", b'{"key": "one.yaml@0123456789ab"}')
+    with pytest.raises(RefusedError, match=r"busy: one\.yaml@0123456789ab is being loaded"):
+        gate.offer("trial", b'{"key": "other.yaml@0123456789ab"}')
+    gate.offer("disarm")
+    assert gate.take() == (Command("disarm"),)
+    goes_on.set()
+    assert [command.key for command in loaded(gate, first)] == ["one.yaml@0123456789ab"]
 
 
 def test_order_and_safe_ones_last() -> None:
@@ -53,7 +110,7 @@ def test_order_and_safe_ones_last() -> None:
         ("reference", b" " * 2000, "more than 1000 bytes"),
         ("tune", b'{"key": "x", "value": 1}', "unknown key 'x'; known: q_psi"),
         ("tune", b'{"key": "q_psi", "value": 11}', "outside 0 to 10"),
-        ("experiment", b"1", "unknown key ''; known: step"),
+        ("experiment", b"1", "experiment: this daemon loads none"),
         ("fly", b"", "unknown command 'fly'; known: disarm"),
     ],
 )

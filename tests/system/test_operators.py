@@ -24,6 +24,7 @@ from harness.timing import on_the_clock
 from harness.witness import Witness, witnessed
 from inprocess import call
 
+from hoopd.files.shipped import defaults_folder
 from hoopd.shell.operator import CommandError
 from hoopd.shell.socketfile import listening_socket
 
@@ -109,6 +110,31 @@ def test_an_operator_is_told_what_the_log_says(tmp_path: Path) -> None:
             daemon.command("tune", key="mass", value=1.0)
         assert daemon.stop() == 0
         assert not daemon.socket.exists()
+
+
+def test_another_controller_is_loaded_by_name_and_hash(tmp_path: Path) -> None:
+    controllers, elsewhere = tmp_path / "controllers", tmp_path / "elsewhere"
+    for folder in (controllers, elsewhere):
+        folder.mkdir()
+        text = (defaults_folder() / "controllers" / "lqg.yaml").read_text()
+        (folder / "mine.yaml").write_text(text.replace("name: lqg", f"name: {folder.name}"))
+    with Daemon(tmp_path, config={"control": {"folder": str(controllers)}}, fifo=fifo_granted()) as daemon:
+        listening(daemon)
+        here = ("--set", f"commands.socket={daemon.socket}")
+        other = hoopd("controller", str(elsewhere / "mine.yaml"), *here)
+        assert other.returncode == 2 and "controller: refused: mine.yaml: its hash is" in other.stderr
+        with pytest.raises(CommandError, match=r"a law that is code is never loaded"):
+            daemon.command("controller", key="law.py@0123456789ab")
+        done = hoopd("controller", str(controllers / "mine.yaml"), *here)
+        assert (done.returncode, done.stderr) == (0, "") and "mine.yaml@" in done.stdout
+        asked = daemon.wait_for(event="command", command="controller")
+        loaded = daemon.wait_for(event="controller", file="mine.yaml")
+        assert asked["uid"] == os.getuid() and loaded["by"] == f"user {os.getuid()}, process {os.getpid()}"
+        told = daemon.command("status")["status"]["controller"]
+        assert (told["file"], told["sha256"], told["trial"]) == ("mine.yaml", loaded["sha256"], False)
+        for name in ("accept", "revert"):
+            assert "there is no trial" in hoopd(name, *here).stderr
+        assert daemon.stop() == 0
 
 
 def test_a_killed_daemons_socket_is_taken_over(tmp_path: Path) -> None:

@@ -128,6 +128,27 @@ class TuneOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ControllerOptions:
+    """Let the running daemon take over a controller out of its folder."""
+
+    file: str = argument("Its file as it is here, or NAME.yaml@SHA256.", metavar="FILE")
+    trial: bool = option("--trial", text="On trial: watched by this command until accepted or returned.", default=False)
+    experiment: bool = option("--experiment", text="A test signal: played once.", default=False)
+    config: Path | None = config_option()
+    sets: tuple[str, ...] = sets_option()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AcceptOptions(DaemonOptions):
+    """Keep the controller that is on trial in the running daemon."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RevertOptions(DaemonOptions):
+    """End a trial: the running daemon goes back to the accepted controller."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class StatusOptions:
     """Show the running daemon's mode, faults and what clears them, reference, lateness and counts."""
 
