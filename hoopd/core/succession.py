@@ -23,7 +23,7 @@ from hoopd.core.installed import Demanded, Filter, Installed
 from hoopd.core.modes import Mode
 from hoopd.core.records import Command, Estimate
 from hoopd.core.shadow import SHADOW_S, Shadow
-from hoopd.core.trial import BASELINE_S, LEAST_BASELINE_S, References, RunningCost, Trial, cost_of
+from hoopd.core.trial import BASELINE_S, LEAST_BASELINE_S, LawTrial, References, RunningCost, cost_of
 
 CONTROLLER, TRIAL, EXPERIMENT = LOADED = ("controller", "trial", "experiment")
 ACCEPT, REVERT, ALIVE = ("accept", "revert", "alive")
@@ -63,7 +63,7 @@ class Succession:
         self.purpose = CONTROLLER  # what the acting one was loaded for
         self._tell, self._make = tell, make
         self._waiting: _Waiting | None = None
-        self._trial: Trial | None = None
+        self._trial: LawTrial | None = None
         self._began = False  # what was loaded in READY has acted
         self._reverted = False  # somebody asked for the accepted one
         self._baseline = RunningCost(BASELINE_S)
@@ -219,7 +219,7 @@ class Succession:
             self.accepted = made
             self._baseline.clear()
         elif purpose == TRIAL:
-            self._trial = Trial(t, self._baseline.mean)
+            self._trial = LawTrial(t, self._baseline.mean)
         name, sha256, by = made.label
         self._tell("controller", "info", command=purpose, file=name, sha256=sha256, by=by)
 

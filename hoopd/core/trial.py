@@ -85,7 +85,7 @@ class RunningCost:
         return max(0.0, self._sum) / len(self._costs) if self._costs else 0.0
 
 
-class Trial:
+class LawTrial:
     """One law on trial."""
 
     def __init__(self, t: float, baseline: float) -> None:

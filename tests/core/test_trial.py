@@ -19,8 +19,8 @@ from hoopd.core.trial import (
     LEAST_BASELINE_S,
     MOST_RAD2,
     SILENCE_S,
+    LawTrial,
     References,
-    Trial,
     cost_of,
 )
 
@@ -197,8 +197,8 @@ def test_a_step_of_the_reference_costs_nothing_on_its_way() -> None:
 
 @pytest.mark.parametrize(("baseline", "bound"), [(0.0, FACTOR * FLOOR_RAD2), (2e-3, FACTOR * 2e-3), (9.0, MOST_RAD2)])
 def test_the_bound_of_a_trial(baseline: float, bound: float) -> None:
-    assert Trial(0.0, baseline).bound == pytest.approx(bound)
+    assert LawTrial(0.0, baseline).bound == pytest.approx(bound)
 
 
 def test_a_lost_estimate_ends_a_trial() -> None:
-    assert Trial(0.0, 0.0).verdict(0.02, cost_of(nan, 0.0)) == "the estimate was lost"
+    assert LawTrial(0.0, 0.0).verdict(0.02, cost_of(nan, 0.0)) == "the estimate was lost"
