@@ -104,7 +104,7 @@ def test_the_filter_uses_the_model_that_the_controller_was_designed_on(tmp_path:
     (tmp_path / "fits" / "fitted.yaml").write_text(fitted)
     texts = read_texts(config, None)
     assert texts.model == fitted and mismatch(config, texts) == ""
-    assert build_tick(config, texts).estimator is not None
+    assert build_tick(config, texts).succession.acting.filter.estimator is not None
     told = load(None, sim=False, overrides=[f"control.file={mine}", "device.model=models/hoop.yaml"])
     assert "name: hoop" in read_texts(told, None).model
     assert "designed on fits/fitted.yaml" in mismatch(told, read_texts(told, None))
