@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.grammar.mechanism import NOTHING
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
 from hoopd.plants.likelihood.stretches import Held, Stretch
 from hoopd.plants.plant_with_effects import Composite
@@ -213,7 +214,11 @@ class Simulated:
 def fitted_starts(
     windows: Windows, effects: Sequence[Effect], values: Mapping[str, float], reference: Array, sigma: Array
 ) -> Simulated:
-    """Free runs from the starts that fit each window's readings, weighted by 1/sigma (nc,); reference (nodes, nx)."""
+    """Free runs from the starts that fit each window's readings, weighted by 1/sigma (nc,); reference (nodes, nx).
+
+    What a mechanism remembers is known from what was before the window, and stays as the reference has it: as a free
+    number it would stand for a kick at the start that no memory gives.
+    """
     simulator = Simulator(windows, effects)
     nx, usual = simulator.composite.nx, state_scales(simulator.composite.plant)[:, None]
     start = reference[windows.first, :nx].T.copy()
@@ -226,6 +231,7 @@ def fitted_starts(
         best, cost = np.where(better, start, best), np.minimum(now, cost)
         jacobian = np.nan_to_num((y[..., 1:] - y[..., :1]) / _steps(start, usual)[None, None].transpose(0, 1, 3, 2))
         jacobian = np.where(np.isfinite(windows.y)[..., None], jacobian, 0.0) / sigma[None, :, None, None]
+        jacobian[..., usual[:, 0] <= NOTHING] = 0.0
         # from a start that is worse no step is taken: half of the one that led there, from the best
         step = np.where(better, _newton(e, jacobian), step / 2.0)
         start = best + step

@@ -57,7 +57,8 @@ def place_of(mechanism: Mechanism) -> ColumnPlace:
     if mechanism.site.acts == READING:
         form = ERRORS
     else:
-        form = POINTS if mechanism.memory is None or mechanism.factor or mechanism.dry else LINES
+        is_line = mechanism.memory is not None and not (mechanism.memory.held or mechanism.factor or mechanism.dry)
+        form = LINES if is_line else POINTS
     return ColumnPlace(form, tuple(mechanism.site.on.items()))
 
 
@@ -116,7 +117,8 @@ class FollowedTrack:
         axis, t = mechanism.axis, self.track.stretch.t
         if mechanism.memory is not None:
             law = self._memory(mechanism, one.constants)
-            laws = [law if nodes else law[:-1, None] + self._share * np.diff(law)[:, None]]
+            onward = 0.0 if mechanism.memory.held else np.diff(law)[:, None]
+            laws = [law if nodes else law[:-1, None] + self._share * onward]
         else:
             v = self._along(axis, nodes=nodes)
             at = [{**one.constants, "phi": phi} for phi in (0.0, np.pi / 2)] if one.columns == 2 else [one.constants]

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from hoopd.plants.effects.grammar.axes import INPUT, POSITION
 from hoopd.plants.effects.grammar.mechanism import READING
 from hoopd.plants.effects.grammar.mechanisms import mechanism_named, mechanisms
-from hoopd.plants.effects.grammar.memories import MEMORIES, MemoryLaw
+from hoopd.plants.effects.grammar.memories import MEMORIES, PARTS, MemoryLaw
 from hoopd.plants.effects.library import library
 from hoopd.plants.effects.usual_sizes import state_unit
 from hoopd.plants.free_run import run
@@ -19,7 +19,8 @@ from hoopd.plants.plant_with_effects import Composite
 from hoopd.plants.registry import plant_named
 
 PLANTS = ("hoop", "axis", "pendulum", "falling", "tanks")
-CONSTANTS = {"xs": 0.2, "b": 0.15, "T": 0.3, "W": 0.8, "w": 12.0}
+CONSTANTS = {"xs": 0.2, "b": 0.15, "T": 0.3, "W": 0.8, "w": 12.0, "L": 0.05}
+SAMPLE_S = 0.002
 
 
 def sweep(t: np.ndarray) -> np.ndarray:
@@ -27,11 +28,13 @@ def sweep(t: np.ndarray) -> np.ndarray:
     return np.sin(2.0 * t) + 0.4 * np.sin(5.3 * t)
 
 
-@pytest.mark.parametrize("memory", MEMORIES, ids=lambda one: f"{one.name}-{one.kinds[0]}")
+@pytest.mark.parametrize(
+    "memory", [one for one in MEMORIES if not one.held], ids=lambda one: f"{one.name}-{one.kinds[0]}"
+)
 def test_memory_follows_its_rates(memory: MemoryLaw) -> None:
     """The recursion over samples is the law that the model integrates."""
     constants = {memory.constant: CONSTANTS[memory.constant], "zeta": 0.1}
-    shortest = 1e-4
+    shortest = SAMPLE_S / PARTS
     # an input that turns back at other times than the way
     driven = memory.kinds == (INPUT,)
     v_of = (lambda t: np.cos(3.1 * t)) if driven else sweep
@@ -42,14 +45,43 @@ def test_memory_follows_its_rates(memory: MemoryLaw) -> None:
     def rates(t: float, z: np.ndarray) -> np.ndarray:
         return np.array(memory.rates(np, z, float(v_of(t)), slope(t), constants, shortest), dtype=float)
 
-    t = np.arange(0.0, 6.0, 0.002)
+    t = np.arange(0.0, 6.0, SAMPLE_S)
     begin = [float(v_of(0.0)), 0.0] if memory.states == 2 else [0.0]
-    states = solve_ivp(rates, (0.0, t[-1]), begin, t_eval=t, max_step=0.002, rtol=1e-6, atol=1e-8, method="LSODA").y
-    expected = np.array([memory.value(np, states[:, k], float(v_of(t[k]))) for k in range(len(t))])
+    states = solve_ivp(rates, (0.0, t[-1]), begin, t_eval=t, max_step=SAMPLE_S, rtol=1e-6, atol=1e-8, method="LSODA").y
+    expected = np.array([memory.value(np, states[:, k], float(v_of(t[k])), constants) for k in range(len(t))])
     found = memory.along(v_of(t), sweep(t), t, constants)
     # a reversal may fall a sample earlier or later
     assert np.quantile(np.abs(found - expected), 0.99) < 0.02 * max(1.0, float(np.ptp(expected)))
     assert np.ptp(expected) > 0.05
+
+
+def test_what_is_held_is_late_by_its_mean_until_the_next_sample() -> None:
+    """A small input is later than a large one, and the lateness is that of the states that the model integrates."""
+    (memory,) = [one for one in MEMORIES if one.held]
+    u = np.array([0.0, 0.02, -0.02, 0.5, 0.5, -0.5])
+    constants, h, parts = {"v0": 0.1}, 0.02, 2000
+    z, means = u[0], []
+    for now in u:
+        told = []
+        for _ in range(parts):
+            told.append(memory.value(np, [z], now, constants))
+            (slope,) = memory.rates(np, [z], now, 0.0, constants, h / PARTS)
+            z += h / parts * slope
+        means.append(np.mean(told))
+    found = memory.along(u, u, np.arange(len(u)) * h, constants)
+    assert found == pytest.approx(np.array(means), abs=0.02 * np.abs(means).max())
+    assert abs(found[1]) / 0.02 > 50.0 * abs(found[5]) / 1.0
+
+
+def test_a_contact_is_older_where_it_rests_and_its_way_renews_it() -> None:
+    (memory,) = [one for one in MEMORIES if one.name == "age"]
+    t = np.arange(0.0, 10.0, SAMPLE_S)
+    x = 2.0 * np.clip(t - 4.0, 0.0, 3.0)
+    found = memory.along(x, x, t, {"L": 0.1})
+    # at rest the age is the time, in samples; at 2 m/s it is L/v
+    assert found[t.searchsorted(4.0)] == pytest.approx(np.log1p(4.0 / SAMPLE_S), rel=1e-3)
+    assert found[t.searchsorted(6.9)] == pytest.approx(np.log1p(0.05 / SAMPLE_S), rel=0.02)
+    assert found[-1] == pytest.approx(np.log1p(3.05 / SAMPLE_S), rel=1e-3)
 
 
 @pytest.mark.parametrize("plant", PLANTS)

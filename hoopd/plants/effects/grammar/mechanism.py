@@ -24,7 +24,7 @@ from hoopd.files.dimensions import product_text
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point, phase
 from hoopd.plants.effects.grammar.axes import Axis
-from hoopd.plants.effects.grammar.memories import DAMPING, MemoryLaw
+from hoopd.plants.effects.grammar.memories import DAMPING, PARTS, MemoryLaw
 from hoopd.plants.effects.grammar.shapes import ShapeLaw
 
 Array = NDArray[np.float64]
@@ -34,11 +34,13 @@ FORCE, TORQUE, READING = "force", "torque", "reading"
 # Of the demanded torque: after dead zone and limits, with ripple and gain.
 TORQUE_ORDER = 3
 # A memory follows its variable within a substep: so many are at least taken in a usual sample time.
-MEMORY_SUBSTEPS = 5
+MEMORY_SUBSTEPS = PARTS
 # Usual size of a memory where a recording begins: known to be none.
 NOTHING = 1e-6
 # Its constants are looked for so far beyond those that a screen tries: further off the law is its own limit there.
 BEYOND_TRIED = 10.0
+# Shapes whose v0 is a place, with either sign.
+PLACED = ("above", "below", "well", "detent", "bent")
 # Each constant of a law costs evidence.
 NATS_A_CONSTANT = 1.5
 
@@ -192,7 +194,7 @@ class Mechanism:
         low = 0.0 if self.dissipates or (self.shape is not None and self.shape.phased) else -inf
         yield EffectParameter("A", self.unit, 0.0, low, inf, grid=(1.0,))
         for name in self.constants:
-            place = self.shape is not None and name == "v0" and self.shape.name in ("above", "below", "well", "detent")
+            place = self.shape is not None and name == "v0" and self.shape.name in PLACED
             whole = name == "n" and self.axis.turning
             unit = self._unit_of(name)
             yield EffectParameter(name, unit, 1.0, -inf if place else 1e-9, inf, "shape", (1.0,), discrete=whole)
@@ -216,7 +218,7 @@ class Mechanism:
         assert self.memory is not None
         # where the plant is without the memory it is at rest
         states = [getattr(s, name) if name in s else 0.0 for name in self._states]
-        return self.memory.value(ca, states, v)
+        return self.memory.value(ca, states, v, e.__dict__)
 
     def _level(self, s: Point, e: Any) -> Any:
         return e.A * ca.fmax(self._law_at(s, e), 0.0)

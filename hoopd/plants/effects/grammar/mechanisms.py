@@ -32,7 +32,7 @@ from hoopd.plants.effects.grammar.axes import (
 from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
 from hoopd.plants.effects.grammar.mechanism import FORCE, READING, TORQUE, ActingPlace, Mechanism
 from hoopd.plants.effects.grammar.memories import MEMORIES, MemoryLaw
-from hoopd.plants.effects.grammar.shapes import ShapeLaw, shapes_of
+from hoopd.plants.effects.grammar.shapes import BENTS, ShapeLaw, shapes_of
 from hoopd.plants.effects.usual_sizes import input_with_article, units
 
 # A library has some forty names; more mechanisms than these cost evidence.
@@ -128,7 +128,7 @@ def _dry(plant: Plant, site: ActingPlace, q: str, axes: Sequence[Axis], own: Axi
             for shape in shapes_of(axis):
                 if shape.name in names or (axis is CLOCK and shape.name == "linear"):
                     yield Mechanism(site, axis, shape, dissipates=True, dry=own)
-    memories = _memories("wear", "fading", "reversal")
+    memories = _memories("wear", "fading", "reversal", "age")
     place = position(plant, q)
     yield from (Mechanism(site, place, memory=m, dissipates=True, dry=own) for m in memories if POSITION in m.kinds)
     if plant.inputs:
@@ -198,7 +198,7 @@ def _of_actuator(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
         if shape.name not in ("linear", "threshold", "saturation"):
             yield Mechanism(site, first, shape)
     for memory in MEMORIES:
-        if first.kind in memory.kinds and memory.name in ("lag", "resonance"):
+        if first.kind in memory.kinds and memory.name in ("lag", "resonance", "hesitation"):
             yield Mechanism(site, first, memory=memory)
     factors = [rate(plant, q), position(plant, q), power(plant, q), CLOCK]
     for axis in factors:
@@ -241,6 +241,16 @@ def _of_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
             for memory in MEMORIES:
                 if axis.kind in memory.kinds and memory.name in ("dahl", "play") and read == q:
                     yield Mechanism(site, axis, memory=memory)
+        if read == q:
+            yield from _of_reading(plant, site, q)
+
+
+def _of_reading(plant: Plant, site: ActingPlace, q: str) -> Iterator[Mechanism]:
+    """Of a place that is read: an image that is bent about a centre of its own, and an age that is not constant."""
+    place, speed = position(plant, q), rate(plant, q)
+    yield Mechanism(site, place, BENTS[place.turning])
+    for axis, names in ((place, ("linear", "magnitude")), (CLOCK, ("linear", "wave"))):
+        yield from (Mechanism(site, axis, shape, factor=speed) for shape in shapes_of(axis) if shape.name in names)
 
 
 def _memories(*names: str) -> Sequence[MemoryLaw]:

@@ -10,6 +10,9 @@ samples for a screen that tries many constants at once. Both are the same law; a
     fading     1 - z of the same                           what was there at first and wears off
     reversal   z' = (sign x' - z) |x'| / W, from 0 at a reversal; 1 - |z| is 1 there and dies out over the way W
     resonance  z'' = w^2 (v - z) - 2 zeta w z'             something that swings on it; z - v is what it adds
+    age        z' = 1/T - z |x'| / L, T a usual sample: how old a contact is that its way renews; it strengthens with
+               log(1 + z) (Dieterich 1979, Ruina 1983)
+    hesitation T z' = v - z, T a part of a sample; (z - v) exp(-|v|/v0) makes a small v later than a large one
 
 Rules of this file: no plant; laws only.
 """
@@ -36,6 +39,12 @@ WEAR_SHARES = (0.05, 0.15, 0.4, 1.0)
 RESONANCES = 12
 SLOWEST_SAMPLES = 100.0  # of a period
 DAMPING, LARGEST_DAMPING = 0.1, 0.99
+# Sizes below which something is late, in usual ones.
+SIZES = (0.1, 0.3, 1.0, 3.0)
+# What is late by a part of a sample is so by this one: as many substeps as a memory has.
+PARTS = 5
+# Below this nothing moves: what is divided by it is far beyond any recording.
+LEAST = 1e-12
 
 
 @dataclass(frozen=True)
@@ -51,7 +60,7 @@ class MemoryLaw:
     rates : callable
         (ops, z, v, dv, constants, shortest_s) -> rates of the states z; dv is the rate of the way.
     value : callable
-        (ops, z, v) -> what the mechanism follows.
+        (ops, z, v, constants) -> what the mechanism follows.
     along : callable
         (v (n,), way (n,), t (n,), constants) -> that value (n,) at samples.
     constant : str
@@ -60,6 +69,8 @@ class MemoryLaw:
         Of an axis, the constant's.
     grid : callable
         (way (n,), t (n,)) -> values of the constant that a search tries.
+    held : bool
+        Of an input that is held between samples: its value at a sample is its mean until the next one.
     text, words : str
         As a formula and a sentence say it.
     states : int
@@ -71,7 +82,7 @@ class MemoryLaw:
     name: str
     kinds: tuple[str, ...]
     rates: Callable[[Any, Sequence[Any], Any, Any, Constants, float], Sequence[Any]]
-    value: Callable[[Any, Sequence[Any], Any], Any]
+    value: Callable[[Any, Sequence[Any], Any, Constants], Any]
     along: Callable[[Array, Array, Array, Constants], Array]
     constant: str
     unit: Callable[[Axis], str]
@@ -81,6 +92,7 @@ class MemoryLaw:
     states: int = 1
     dissipates: bool = False
     scaled: bool = False  # its value has the unit of the variable; else it is a number
+    held: bool = False
 
 
 def _steps(x: Array) -> Array:
@@ -202,9 +214,42 @@ def _reversal(kind: str) -> MemoryLaw:
 
     turn = "changed its sign" if kind == INPUT else "turned back"
     return MemoryLaw(
-        "reversal", (kind,), rates, lambda ops, z, v: 1.0 - ops.fabs(z[0]), along, "W", lambda axis: axis.way_unit,
+        "reversal", (kind,), rates, lambda ops, z, v, c: 1.0 - ops.fabs(z[0]), along, "W", lambda axis: axis.way_unit,
         _ways, f"exp(-s/W), s the way since {{v}} {turn}", "dies out after each reversal of",
     )  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------- age, hesitation
+
+
+def _age_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
+    # no faster than a step of integration can follow
+    return [1.0 / (PARTS * shortest_s) - z[0] * ops.fabs(dv) / ops.fmax(c["L"], ops.fabs(dv) * shortest_s)]
+
+
+def _age_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+    renewed, onward = np.abs(_steps(v)) / c["L"], np.ones(len(v))
+    # exact while the speed is constant, T a sample: z -> z e^-r + (1 - e^-r)/r
+    np.divide(-np.expm1(-renewed), renewed, out=onward, where=renewed > LEAST)
+    return np.asarray(np.log1p(np.maximum(_carried(np.exp(-renewed), onward), 0.0)))
+
+
+def _hesitation(ops: Any, z: Sequence[Any], v: Any, c: Constants) -> Any:
+    return (z[0] - v) * ops.exp(-ops.fabs(v) / c["v0"])
+
+
+def _hesitation_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
+    return [(v - z[0]) / shortest_s]
+
+
+def _hesitation_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+    # of what was held until a sample, the mean of (z - v) until the next one, with z' = (v - z)/(h/PARTS)
+    return np.asarray(-_steps(v) / PARTS * np.exp(-np.abs(v) / c["v0"]))
+
+
+def _sizes(v: Array, t: Array) -> list[float]:
+    size = float(np.sqrt(np.mean(v**2)))
+    return [share * size for share in SIZES] if size > 0.0 else []
 
 
 # ---------------------------------------------------------------------------------------------- resonance
@@ -233,36 +278,47 @@ def _resonance_grid(v: Array, t: Array) -> list[float]:
 
 MEMORIES: tuple[MemoryLaw, ...] = (
     MemoryLaw(
-        "dahl", (POSITION,), _dahl_rates, lambda ops, z, v: z[0], _dahl_along, "xs", lambda axis: axis.unit, _ways,
+        "dahl", (POSITION,), _dahl_rates, lambda ops, z, v, c: z[0], _dahl_along, "xs", lambda axis: axis.unit, _ways,
         "z, z' = ({v}' - |{v}'| z)/xs", "friction that gives way like a spring before it slides, along",
         dissipates=True,
     ),
     MemoryLaw(
-        "play", (POSITION,), _play_rates, lambda ops, z, v: ops.fmin(ops.fmax(z[0], -1.0), 1.0), _play_along, "b",
+        "play", (POSITION,), _play_rates, lambda ops, z, v, c: ops.fmin(ops.fmax(z[0], -1.0), 1.0), _play_along, "b",
         lambda axis: axis.unit, _ways, "z, z' = {v}'/b within -1..1", "play, or a spring that yields, along",
         dissipates=True,
     ),
     MemoryLaw(
-        "lag", (RATE, INPUT, STATE), _lag_rates, lambda ops, z, v: z[0], _lag_along, "T", lambda axis: "s",
+        "lag", (RATE, INPUT, STATE), _lag_rates, lambda ops, z, v, c: z[0], _lag_along, "T", lambda axis: "s",
         _lags(LAG_SAMPLES), "z, T z' = {v} - z", "follows, with a lag,", scaled=True,
     ),
     MemoryLaw(
-        "heat", (LOSS,), _lag_rates, lambda ops, z, v: z[0], _lag_along, "T", lambda axis: "s",
+        "heat", (LOSS,), _lag_rates, lambda ops, z, v, c: z[0], _lag_along, "T", lambda axis: "s",
         _lags(HEAT_SAMPLES), "z, T z' = {v} - z", "warms up with, and cools down from,", scaled=True,
     ),
     MemoryLaw(
-        "wear", (POSITION,), _wear_rates, lambda ops, z, v: z[0], _wear_along, "W", lambda axis: axis.unit, _wear_grid,
-        "(1 - exp(-s/W)), s the way of {v}", "changes with the way that was gone along",
+        "wear", (POSITION,), _wear_rates, lambda ops, z, v, c: z[0], _wear_along, "W",
+        lambda axis: axis.unit, _wear_grid, "(1 - exp(-s/W)), s the way of {v}",
+        "changes with the way that was gone along",
     ),
     MemoryLaw(
-        "fading", (POSITION,), _wear_rates, lambda ops, z, v: 1.0 - z[0],
+        "fading", (POSITION,), _wear_rates, lambda ops, z, v, c: 1.0 - z[0],
         lambda v, way, t, c: 1.0 - _wear_along(v, way, t, c), "W", lambda axis: axis.unit, _wear_grid,
         "exp(-s/W), s the way of {v}", "dies out with the way that was gone along",
+    ),
+    MemoryLaw(
+        "age", (POSITION,), _age_rates, lambda ops, z, v, c: ops.log1p(ops.fmax(z[0], 0.0)), _age_along, "L",
+        lambda axis: axis.unit, _ways, "log(1 + z), z' = 1/T - |{v}'| z/L, T a sample",
+        "strengthens with the age of a contact, which is renewed by the way along",
+    ),
+    MemoryLaw(
+        "hesitation", (INPUT,), _hesitation_rates, _hesitation, _hesitation_along, "v0", lambda axis: axis.unit,
+        _sizes, "(z - {v}) exp(-|{v}|/v0), z after {v} by a part of a sample",
+        "comes the later the smaller it is:", scaled=True, held=True,
     ),
     _reversal(POSITION),
     _reversal(INPUT),
     MemoryLaw(
-        "resonance", (RATE, INPUT, POSITION, STATE), _resonance_rates, lambda ops, z, v: z[0] - v, _resonance_along,
+        "resonance", (RATE, INPUT, POSITION, STATE), _resonance_rates, lambda ops, z, v, c: z[0] - v, _resonance_along,
         "w", lambda axis: "rad/s", _resonance_grid,
         "(z - {v}), z'' = w^2 ({v} - z) - 2 zeta w z'",
         "swings, elastically driven by,", states=2, scaled=True,

@@ -159,6 +159,14 @@ def _detent_of(turning: bool) -> ShapeLaw:
                  ("v0", "w"), _wells)  # fmt: skip
 
 
+def _bent_of(turning: bool) -> ShapeLaw:
+    """The least odd power after the first one, about any centre: how a lens bends what it shows."""
+    return ShapeLaw("bent", lambda ops, v, c: _apart(ops, v, c["v0"], turning) ** 3, "({v} - v0)^3",
+                    "grows with the cube of the distance from one value of", (POSITION,), 3, ("v0",),
+                    _places)  # fmt: skip
+
+
+BENTS = {turning: _bent_of(turning) for turning in (False, True)}
 WELLS = {turning: _well_of(turning) for turning in (False, True)}
 DETENTS = {turning: _detent_of(turning) for turning in (False, True)}
 WAVE = ShapeLaw("wave", lambda ops, v, c: ops.sin(c["n"] * v + c["phi"]), "sin(n {v} + phi)", "comes back in waves of",
