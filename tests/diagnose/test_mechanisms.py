@@ -6,6 +6,7 @@ The plant is a slide; what is recorded comes from a simulator of this file, whic
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,6 +124,24 @@ def judge_law(law: Law, names: tuple[str, ...], sizes: dict[str, tuple[float, fl
 
 def test_where_nothing_is_hidden_nothing_is_found() -> None:
     assert searched(nothing).final.names == ()
+
+
+def ageing(x: float, v: float, u: float, memory: dict[str, float]) -> float:
+    """Dry friction whose contact strengthens while it rests: its age is renewed by a way of 30 mm."""
+    memory["age"] = memory.get("age", 0.0) + SUBSTEP_S * (1.0 - abs(v) * memory.get("age", 0.0) / 0.03)
+    return float(-0.4 * np.tanh(v / 0.005) * np.log1p(memory["age"] / STEP_S))
+
+
+def test_a_constant_is_found_although_the_amplitude_begins_far_too_small() -> None:
+    train = [recorded("day1", 1, ageing), recorded("day2", 2, ageing)]
+    judge, base = Judge(train, {}, Settings()), fit(train, (), SLIDE.values)
+    screen = MechanismScreen(base, [mechanisms(SLIDE)["slide.age_of_x_on_sign_dx"]], level=False)
+    (score,) = mechanism_search._scores(screen, base)
+    name = score.member.effect.name
+    small = replace(score, start={**score.start, f"{name}.A": 0.02})
+    found = judge.tried(base, small)
+    assert found.fit.values[f"{name}.A"] == pytest.approx(0.4, rel=0.4)
+    assert 0.01 < found.fit.values[f"{name}.L"] < 0.09
 
 
 def growing(x: float, v: float, u: float, memory: dict[str, float]) -> float:

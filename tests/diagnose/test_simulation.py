@@ -17,6 +17,7 @@ from hoopd.diagnose.proof.worse_channels import lowered
 from hoopd.diagnose.quality.sensor_samples import _constant
 from hoopd.diagnose.search.screen import orthonormal
 from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.grammar.mechanisms import mechanism_named
 from hoopd.plants.effects.library import library
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.likelihood.reference_track import Track
@@ -57,6 +58,18 @@ def test_the_true_model_repeats_its_own_data() -> None:
     without = fitted_starts(windows_of(stretch), (), PLANT.values, Track(stretch).z, start_weights(stretch))
     assert nrmse([run])["theta_rate"] > nrmse([without])["theta_rate"] + 5.0
     assert nrmse([run])["psi"] > 90.0
+
+
+def test_what_a_mechanism_remembers_begins_a_window_as_it_is_and_is_not_fitted() -> None:
+    effect = mechanism_named(PLANT, "actuator.hesitation_of_u")
+    assert effect is not None
+    values = {**PLANT.values, effect.key("A"): 0.8, effect.key("v0"): 0.05}
+    stretch = stretch_with(PLANT, "a", 3, 4.0)
+    reference = np.column_stack([Track(stretch).z, 0.01 * np.arange(len(stretch.t))])
+    windows = windows_of(stretch)
+    found = fitted_starts(windows, (effect,), values, reference, start_weights(stretch))
+    assert np.array_equal(found.start[4], reference[windows.first, 4])
+    assert not np.array_equal(found.start[:4], reference[windows.first, :4].T)
 
 
 class Bent:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isclose, isfinite
 
 import numpy as np
 
@@ -27,6 +28,8 @@ MOST_EFFECTS = 3
 # Data that were not fitted may lose so many nats, or this share of the gain, before an effect is refused: by chance, or
 # by another effect that is not found yet. What is no effect loses a good part of what it gained.
 UNSEEN_LOSS, UNSEEN_SHARE = 3.0, 0.1
+# A share within which a constant stands on an end of its range.
+ON_END = 1e-3
 
 
 @dataclass(frozen=True)
@@ -75,10 +78,23 @@ class Judge:
             # lost on the way from far off: once more from where the fit before was
             start = {**before.values, **score.start}
             new = fit(self.train, (*before.effects, effect), start, like=before, noise=before.noise)
+        new = self._not_run_off(new, start, effect)
         new = in_wider_ranges(new, self.train, [effect.name])
         effect = new.effects[-1]
         gain = before.criterion - new.criterion
         return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
+
+    def _not_run_off(self, new: HypothesisFit, start: Mapping[str, float], effect: Effect) -> HypothesisFit:
+        """The fit; where a constant stands on an end of its range, the better one of it and one that began with the
+        amplitude: beside an amplitude that is far too small, a first step throws a constant any distance."""
+        constants = [p for p in effect.parameters if p.role == "shape" and not p.per_recording]
+        ends = [(new.values[effect.key(p.name)], end) for p in constants for end in (p.low, p.high) if isfinite(end)]
+        if not any(isclose(value, end, rel_tol=ON_END) for value, end in ends):
+            return new
+        free = [name for name in new.free if name not in {effect.key(p.name) for p in constants}]
+        begun = fit(self.train, new.effects, start, like=new, noise=new.noise, free=free)
+        again = fit(self.train, new.effects, begun.values, like=begun, noise=begun.noise, free=new.free)
+        return again if again.criterion < new.criterion else new
 
     def fold_loss(self, before: HypothesisFit, after: HypothesisFit, gain: float) -> float | None:
         """Nats that folds of the training data lose where that refuses an effect: more than chance, or another effect
