@@ -27,6 +27,9 @@ from hoopd.plants.likelihood.fitting import HypothesisFit
 MOST_MECHANISMS, MOST_REFITS = 2, 3
 # Names in whose place mechanisms are tried, those that explain most, and mechanisms that are fitted there.
 MOST_SWAPS = 2
+# Beside no other effect the first order of a screen is rough: a mechanism that explains this share is fitted in place
+# of all names.
+WORTH_SHARE = 0.5
 # How often the best of all mechanisms may be as surprising by chance.
 CHANCE = 0.01
 
@@ -34,6 +37,8 @@ CHANCE = 0.01
 def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> None:
     """Mechanisms that the recordings ask for beside what was found, put into it."""
     before = found.final
+    if len(found.accepted) > 1:
+        _instead_of_all(found, judge, mechanisms)
     for _ in range(MOST_MECHANISMS):
         best = _next(found, judge, [one for one in mechanisms if one.name not in found.final.names])
         if best is None:
@@ -51,6 +56,34 @@ def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
             found.accepted[found.accepted.index(one)] = rival
             found.final = rival.fit
             taken_out(found, judge)
+
+
+def _instead_of_all(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> None:
+    """Puts one mechanism into the place of several names, where it explains what they do together: names of a library
+    add up to a law that is none of theirs. Every name beyond the first has to be worth the threshold."""
+    judge.settings.progress("one mechanism in place of all names")
+    # what each name cost to be looked for is taken off, as it is of the mechanism
+    costs = sum(one.gain - one.surprise for one in found.accepted)
+    whole = found.base.criterion - found.final.criterion
+    needed = whole - costs - judge.settings.threshold * (len(found.accepted) - 1)
+    # of two things that act, a law that stands for the larger one explains little of the other
+    alone = max((one.gain for one in found.tried), default=0.0)
+    screen = MechanismScreen(found.base, mechanisms, level=False)
+    for score in _scores(screen, found.base)[:MOST_SWAPS]:
+        if _worth(score) < WORTH_SHARE * needed:
+            return
+        judge.settings.progress(f"fitting {score.member.effect.name}")
+        other = judge.tried(found.base, score)
+        more = found.final.criterion - other.fit.criterion
+        if (
+            other.surprise < needed
+            or other.gain < (alone + whole) / 2.0
+            or judge.fold_loss(found.final, other.fit, max(more, 0.0)) is not None
+        ):
+            continue
+        found.rivals[other.effect.name] = []
+        found.accepted, found.final = [other], other.fit
+        return
 
 
 def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[Mechanism]) -> Tried | None:
