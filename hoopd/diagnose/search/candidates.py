@@ -85,11 +85,13 @@ class Judge:
         return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
 
     def _not_run_off(self, new: HypothesisFit, start: Mapping[str, float], effect: Effect) -> HypothesisFit:
-        """The fit; where a constant stands on an end of its range, the better one of it and one that began with the
-        amplitude: beside an amplitude that is far too small, a first step throws a constant any distance."""
-        constants = [p for p in effect.parameters if p.role == "shape" and not p.per_recording]
+        """The fit; where a constant stands on an end of its range, or where it began because every step led away, the
+        better one of it and one that began with the amplitude: beside an amplitude that is far too small, a first step
+        throws a constant any distance."""
+        constants = [p for p in effect.parameters if p.role == "shape" and not (p.per_recording or p.discrete)]
         ends = [(new.values[effect.key(p.name)], end) for p in constants for end in (p.low, p.high) if isfinite(end)]
-        if not any(isclose(value, end, rel_tol=ON_END) for value, end in ends):
+        is_still = any(new.values[effect.key(p.name)] == start.get(effect.key(p.name)) for p in constants)
+        if not is_still and not any(isclose(value, end, rel_tol=ON_END) for value, end in ends):
             return new
         free = [name for name in new.free if name not in {effect.key(p.name) for p in constants}]
         begun = fit(self.train, new.effects, start, like=new, noise=new.noise, free=free)
