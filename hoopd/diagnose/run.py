@@ -95,7 +95,7 @@ class Outcome:
 
     diagnosis: Diagnosis
     named: Named
-    kept: HypothesisFit  # with the names that are neither denied nor weak: what a model is written from
+    kept: HypothesisFit  # with the names that a model is written with
     heldout: Mapping[str, Played]
     unknown: Unknown | None = None
 

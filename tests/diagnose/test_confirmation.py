@@ -261,6 +261,10 @@ def test_what_is_weak_is_a_finding_and_in_no_model_that_is_written(
 ) -> None:
     named = named_with(*fits)
     monkeypatch.setattr(confirmation_module, "_status", lambda *_: "weak")
+    # unless it is simulated better with it
+    found, _ = confirmed(named, recorded("held", 2, friction=True))
+    assert found.written is found.kept is named.final and not found.denials
+    monkeypatch.setattr(confirmation_module, "_simulates_better", lambda *_: False)
     found, _ = confirmed(named, recorded("held", 2, friction=True))
     assert found.kept is named.final and not found.denials
     assert found.written.names == () and found.written.criterion > found.kept.criterion

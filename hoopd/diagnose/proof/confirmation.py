@@ -42,7 +42,7 @@ class Confirmation:
     """Names by what held-out data say about them."""
 
     kept: HypothesisFit  # of the training data, with the names that are not denied
-    written: HypothesisFit  # the same without the names that are weak: what a model is written from
+    written: HypothesisFit  # the same without weak names that simulate nothing better: what a model is written from
     final: HypothesisFit  # the same with what has no name, where that is not denied
     fits: Mapping[str, Played]  # on the held-out data, `final` among them; none without any
     statuses: Mapping[str, Status]  # what has no name among them
@@ -70,15 +70,23 @@ def confirmation(
         if (why := names.denials.get(one.effect.name)) is not None
         and not why.leaves_evidence(surprise_in(named, one), threshold)
     )  # fmt: skip
-    written = _without_weak(names.kept, own)
+    left_out = [
+        name for name in names.kept.names if own.get(name) == "weak" and not _simulates_better(name, fits, seed)
+    ]
+    written = _fitted_without(names.kept, left_out)
     return Confirmation(names.kept, written, final, shown, own, denials, refused)
 
 
-def _without_weak(kept: HypothesisFit, statuses: Mapping[str, Status]) -> HypothesisFit:
-    """The names that held-out data bear out, or say nothing about, fitted again where others were beside them."""
-    own = [effect for effect in kept.effects if statuses.get(effect.name) != "weak"]
-    if len(own) == len(kept.effects):
+def _simulates_better(name: str, fits: Mapping[str, Played], seed: int) -> bool:
+    """Whether held-out windows are surely worse without it, whatever a filter makes of them."""
+    return f"without {name}" in fits and bool(lowered(fits["named"], fits[f"without {name}"], seed))
+
+
+def _fitted_without(kept: HypothesisFit, left_out: Sequence[str]) -> HypothesisFit:
+    """The other names fitted again."""
+    if not left_out:
         return kept
+    own = [effect for effect in kept.effects if effect.name not in left_out]
     stretches = [track.stretch for track in kept.tracks]
     return fit(stretches, own, kept.values, like=kept, noise=kept.noise)
 
