@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -23,7 +24,8 @@ POLL_S = 0.01
 RETRY_S = 1.0
 CONNECT_S = 3.0  # to another machine; this one answers at once or not at all
 COMMAND_S = 3.0
-DEVICES = 16  # of one endpoint
+DEVICES = 8  # of one endpoint, which is one daemon's as a rule
+FORGOTTEN_S = 600.0  # silent and gone for so long: its place may be another's
 KINDS = ("tick", "event", "status")
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 
@@ -89,7 +91,10 @@ class Connection:
                 self._drain(ring)
 
     def _drain(self, ring: Any) -> None:
-        while (sample := ring.try_recv()) is not None:
+        for _ in range(RING):  # a flood comes back to the other ring, and to the end
+            sample = ring.try_recv()
+            if sample is None:
+                return
             _, name, kind = str(sample.key_expr).split("/", 2)
             device = self._device(name)
             if device is None:
@@ -101,9 +106,19 @@ class Connection:
                 device.take(kind, sample.payload.to_bytes(), run)
 
     def _device(self, name: str) -> ShownDevice | None:
-        if name not in self.devices and _NAME.fullmatch(name) and len(self.devices) < DEVICES:
-            self.devices[name] = ShownDevice(name, self.endpoint)
+        if name not in self.devices and _NAME.fullmatch(name):
+            if len(self.devices) >= DEVICES:
+                self._forget()
+            if len(self.devices) < DEVICES:
+                self.devices[name] = ShownDevice(name, self.endpoint)
         return self.devices.get(name)
+
+    def _forget(self) -> None:
+        """Make room: who is gone and has been silent for long."""
+        now = time.time()
+        gone = [name for name, one in self.devices.items() if not one.alive and now - one.heard_s > FORGOTTEN_S]
+        for name in gone:
+            del self.devices[name]
 
 
 class Feed:

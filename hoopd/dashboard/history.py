@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 ROWS = 30_000  # ten minutes of a loop of 50 Hz
-CHANNELS = 64  # a tick has some twenty: what is beyond comes from a stranger
+CHANNELS = 48  # a tick has some twenty: what is beyond comes from a stranger
 WORDS = 32  # that one channel may have, such as the names of modes
 PARTS = 8  # of a list: a state
 WORD_CHARACTERS = 64
@@ -70,7 +70,7 @@ class History:
         The header is padded so that the columns begin at a multiple of eight.
         """
         places = np.arange(self.first, self.count) % self._rows
-        told = {"names": self.names, "first": self.first, "rows": len(places)}
+        told = {"names": self.names, "words": self.words, "first": self.first, "rows": len(places)}
         header = msgspec.json.encode(told)
         header += b" " * (-(len(header) + 4) % 8)
         columns = (column[places].astype("<f8").tobytes() for column in self._columns.values())

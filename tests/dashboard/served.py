@@ -10,6 +10,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import uvicorn
 from shell.peers import wait_until
 
 from hoopd.dashboard.audit import Audit
@@ -34,9 +35,16 @@ class Answer(NamedTuple):
 class Served:
     """A server that runs, and its feed."""
 
-    def __init__(self, feed: Feed, port: int) -> None:
+    def __init__(self, feed: Feed, port: int, server: uvicorn.Server, thread: threading.Thread) -> None:
         self.feed, self.port = feed, port
         self.origin = f"http://127.0.0.1:{port}"
+        self._server, self._thread = server, thread
+
+    def stop(self) -> None:
+        """End it in order."""
+        self._server.should_exit = True
+        self._thread.join(10.0)
+        assert not self._thread.is_alive()
 
     def ask(self, path: str, method: str = "GET", content: Any = None, **headers: str) -> Answer:
         """A request with these headers alone; `host` is the server's own unless it is given."""
@@ -53,16 +61,17 @@ class Served:
 
 
 @contextlib.contextmanager
-def served(feed: Feed, operators: Operators | None = None, audit: Audit | None = None) -> Iterator[Served]:
-    """The page's server on a free port, until the block ends."""
-    with bind(ServerAddress(listen="127.0.0.1:0")) as listening:
+def served(
+    feed: Feed, operators: Operators | None = None, audit: Audit | None = None, *, port: int = 0
+) -> Iterator[Served]:
+    """The page's server on a free port, or on one that is known, until the block ends."""
+    with bind(ServerAddress(listen=f"127.0.0.1:{port}")) as listening:
         server = server_of(feed, operators or Operators({}), audit or Audit(), listening)
         thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])))
         thread.start()
+        web = Served(feed, listening.getsockname()[1], server, thread)
         try:
             assert wait_until(lambda: server.started)
-            yield Served(feed, listening.getsockname()[1])
+            yield web
         finally:
-            server.should_exit = True
-            thread.join(10.0)
-            assert not thread.is_alive()
+            web.stop()

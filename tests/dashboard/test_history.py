@@ -42,7 +42,7 @@ def test_what_a_browser_gets_has_every_number() -> None:
     packed = history.packed()
     (size,) = struct.unpack_from("<I", packed)
     header = json.loads(packed[4 : 4 + size])
-    assert header == {"names": [WALL, "u"], "first": 2, "rows": 3} and (4 + size) % 8 == 0
+    assert header == {"names": [WALL, "u"], "words": {}, "first": 2, "rows": 3} and (4 + size) % 8 == 0
     columns = np.frombuffer(packed, "<f8", offset=4 + size).reshape(2, 3)
     assert np.array_equal(columns, [[2.0, 3.0, 4.0], [2 / 3, 1.0, 4 / 3]])
 

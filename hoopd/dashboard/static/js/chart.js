@@ -69,7 +69,7 @@ export class Chart {
 
   build() {
     this.plot?.destroy();
-    this.plot = null;
+    this.plot = this.data = null; // the data are those of the channels before
     const style = getComputedStyle(document.documentElement), colour = name => style.getPropertyValue(`--${name}`).trim();
     this.colours = this.names.map((_, place) => colour(`series-${place}`));
     this.chips.replaceChildren(...this.names.map((name, place) => element('span', { class: `chip s${place}`, title: this.charts.channels[name]?.meaning ?? name },
@@ -138,22 +138,32 @@ export class Chart {
     });
   }
 
+  /** The marks A and B, and where the mode changed. */
   drawMarks(plot) {
-    const { ctx, bbox } = plot, ratio = devicePixelRatio;
+    const style = getComputedStyle(document.documentElement), ratio = devicePixelRatio;
+    const { ctx } = plot;
     ctx.save();
-    ctx.strokeStyle = ctx.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('--text');
     ctx.font = `${11 * ratio}px system-ui, sans-serif`;
     ctx.lineWidth = ratio;
-    this.charts.marks.forEach((at, place) => {
-      const x = Math.round(plot.valToPos(at, 'x', true));
-      if (x < bbox.left || x > bbox.left + bbox.width) return;
-      ctx.beginPath();
-      ctx.moveTo(x, bbox.top);
-      ctx.lineTo(x, bbox.top + bbox.height);
-      ctx.stroke();
-      ctx.fillText('AB'[place], x + 3 * ratio, bbox.top + 10 * ratio);
-    });
+    ctx.setLineDash([2 * ratio, 3 * ratio]);
+    ctx.strokeStyle = ctx.fillStyle = style.getPropertyValue('--quiet');
+    for (const { event, wall, fields } of this.charts.device?.events ?? []) {
+      if (event === 'mode') this.drawMark(plot, wall, `${fields?.mode ?? ''}`);
+    }
+    ctx.setLineDash([]);
+    ctx.strokeStyle = ctx.fillStyle = style.getPropertyValue('--text');
+    this.charts.marks.forEach((at, place) => this.drawMark(plot, at, 'AB'[place]));
     ctx.restore();
+  }
+
+  drawMark({ ctx, bbox, valToPos }, at, text) {
+    const x = Math.round(valToPos(at, 'x', true));
+    if (x < bbox.left || x > bbox.left + bbox.width) return;
+    ctx.beginPath();
+    ctx.moveTo(x, bbox.top);
+    ctx.lineTo(x, bbox.top + bbox.height);
+    ctx.stroke();
+    ctx.fillText(text, x + 3 * devicePixelRatio, bbox.top + 10 * devicePixelRatio);
   }
 }
 

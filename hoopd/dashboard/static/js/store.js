@@ -42,6 +42,8 @@ export class Device {
       const from = 4 + size + 8 * (place * header.rows + skipped);
       this.column(name).set(new Float64Array(buffer, from, count));
     });
+    this.names = header.names;
+    this.words = header.words;
     this.length = count;
     this.next = header.first + header.rows;
     this.ready = true;
