@@ -338,6 +338,28 @@ def test_names_that_together_are_worse_than_none_are_taken_up_one_by_one(monkeyp
     assert found.kept is made["a",] and found.heldout is shown["a",] and [*found.denials] == ["b"]
 
 
+def test_of_two_denied_names_that_stand_in_for_each_other_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is denied beside the other; without both, held-out data are worse than with both."""
+    made = {names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={}) for names in (
+        (), ("a",), ("b",), ("a", "b"))}  # fmt: skip
+    shown: Any = {names: SimpleNamespace(fit=one) for names, one in made.items()}
+    monkeypatch.setattr(
+        confirmation_module, "denial", lambda before, *_: Denial({"x": 2.0}) if before.fit.names else None
+    )
+    monkeypatch.setattr(
+        confirmation_module, "lowered", lambda before, after, *_: {"x": 9.0} if before.fit.names else {}
+    )
+    one, two = (SimpleNamespace(effect=_effect(name)) for name in "ab")
+    named: Any = SimpleNamespace(
+        base=made[()], final=made["a", "b"], accepted=[two, one], losses={"a": 40.0, "b": 15.0},
+        without={"a": made["b",], "b": made["a",]},
+    )  # fmt: skip
+    held: Any = SimpleNamespace(played_of=lambda found: shown[found.names])
+    fits = {"base": shown[()], "named": shown["a", "b"], "without a": shown["b",], "without b": shown["a",]}
+    found = confirmation_module._of_names(named, held, fits, 0)
+    assert found.kept is made["a",] and [*found.denials] == ["b"]
+
+
 def test_a_name_that_costs_something_alone_is_asked_again_beside_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first is denied alone and not beside the second; nothing is asked twice of the same."""
     made = {names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={}) for names in (
