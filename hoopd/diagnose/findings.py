@@ -17,6 +17,7 @@ from hoopd.diagnose.proof.finding_standings import Standing, Standings
 from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
 from hoopd.diagnose.proof.not_excluded import Separation
 from hoopd.diagnose.proof.probabilities import PARAMETERS, Option, likely
+from hoopd.diagnose.proof.unknown_proof import Proven
 from hoopd.diagnose.record import (
     NONE_OF_THESE,
     Ablation,
@@ -195,8 +196,9 @@ def faults_of(effects: Sequence[EffectFinding], faults: Sequence[CameraFault]) -
     return [one.probability or 0.0 for one in effects if one.name in names]
 
 
-def refused_of(named: Named, said: Confirmation) -> list[Refused]:
-    """What was beyond the threshold: names that folds refused, and those that held-out data leave no evidence of."""
+def refused_of(named: Named, said: Confirmation, curve: Proven | None = None) -> list[Refused]:
+    """What was beyond the threshold: names that folds refused, and names and a curve of which held-out data leave no
+    evidence."""
     folds = [
         Refused(
             name=name, log_likelihood_gain=one.gain,
@@ -208,6 +210,10 @@ def refused_of(named: Named, said: Confirmation) -> list[Refused]:
         Refused(name=name, log_likelihood_gain=named.losses[name], reason=said.denials[name].reason)
         for name in said.refused
     ]
+    if curve is not None and curve.denial is not None:
+        denied.append(
+            Refused(name=curve.unknown.name, log_likelihood_gain=curve.unknown.gain, reason=curve.denial.reason)
+        )
     return sorted([*folds, *denied], key=lambda one: (-(one.log_likelihood_gain or 0.0), one.name))
 
 
@@ -262,7 +268,7 @@ def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], said: Confi
         not_excluded=[f"unknown.{slot}" for slot in unknown.not_excluded],
         statement=f"something that is not in the library, at the {unknown.curve.slot}, "
         f"follows {' and '.join(unknown.curve.depends_on)}"
-        f"{', by another curve in the held-out recordings' if unknown.carries_over is False else ''}",
+        f"{', by another curve in the held-out recordings' if unknown.carries_over is False and not denied else ''}",
         ablation=ablation,
         status=None if said is None else said.statuses[unknown.name],
         reason="" if denied is None else denied.reason,

@@ -140,7 +140,7 @@ def diagnose(case: Case) -> Outcome:
     case.progress("proof on held-out data")
     fits = runs.played(heldout_fits(named, runs, missing.base, missing.proof))
     said = confirmation(named, runs, fits, missing.proof, case.settings.threshold, case.seed)
-    refused = refused_of(named, said)
+    refused = refused_of(named, said, missing.refused)
     if unknown is None and not is_any_told(named, said):
         drop_names(named)
     fitted = played({"nominal": named.nominal, "base": named.base, "final": said.final})

@@ -396,7 +396,7 @@ def test_a_curve_is_denied_by_its_values_or_by_its_simulation(
 ) -> None:
     monkeypatch.setattr(confirmation_module, "lowered", lambda *_: lost)
     unknown = SimpleNamespace(name="unknown.hoop", carries_over=carries_over, surprise=30.0, threshold=12.0)
-    proof: Any = SimpleNamespace(unknown=unknown)
+    proof: Any = SimpleNamespace(unknown=unknown, denial=None)
     fits: Any = {"without unknown.hoop": object(), "final": object()}
     told, why = confirmation_module._of_curve(proof, fits, 0)
     assert told == status and (why is not None) is bool(lost)

@@ -15,9 +15,10 @@ from hoopd.diagnose.curves.curve import curves
 from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, together
 from hoopd.diagnose.curves.location_evidence import locate
 from hoopd.diagnose.curves.unknown_effects import Survey, chance_of_lead, judge_unknown, survey
-from hoopd.diagnose.findings import fits_of, unknown_finding
+from hoopd.diagnose.findings import fits_of, refused_of, unknown_finding
 from hoopd.diagnose.location import location_of, segments_of
 from hoopd.diagnose.proof import unknown_proof as unnamed
+from hoopd.diagnose.proof.confirmation import confirmation
 from hoopd.diagnose.proof.fit_tables import played
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.hypotheses import heldout_fits
@@ -141,10 +142,23 @@ def test_an_unknown_effect_is_proven_on_held_out_data_and_is_the_ceiling(magneti
     assert row["psi"].ceiling > row["psi"].base_refit
 
 
-def test_an_unknown_effect_that_the_held_out_data_deny_is_not_declared(magnetic: Survey) -> None:
+def test_a_curve_that_the_held_out_data_deny_is_not_confirmed_with_the_reason(magnetic: Survey) -> None:
     found = judge_unknown(magnetic)
     assert found is not None
-    assert proven(found, HeldOut([stretch_with(PLANT, "held", 22, 10.0)])) is None
+    held = HeldOut([stretch_with(PLANT, "held", 22, 10.0)])
+    proof = proven(found, held)
+    assert proof is not None and proof.joint is None and proof.denial is not None
+    assert proof.denial.reason.startswith("the held-out data lose ")
+    named = Named(magnetic.fit, magnetic.fit, magnetic.fit)
+    fits = played(heldout_fits(named, held, magnetic, proof))
+    said = confirmation(named, held, fits, proof, found.threshold)
+    told = unknown_finding(proof.unknown, fits, said)
+    assert (told.status, told.reason) == ("not_confirmed", proof.denial.reason) and "curve" not in told.statement
+    # without evidence beyond chance it is no finding
+    weak = replace(proof, unknown=replace(proof.unknown, surprise=1.1 * found.threshold))
+    assert proof.is_told and not weak.is_told
+    (refused,) = refused_of(named, said, weak)
+    assert (refused.name, refused.reason) == ("unknown.hoop", proof.denial.reason)
 
 
 def test_what_the_held_out_data_ask_for_with_other_values_is_unknown_and_in_no_model(magnetic: Survey) -> None:

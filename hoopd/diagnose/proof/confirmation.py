@@ -141,6 +141,8 @@ def _without(named: Named, dropped: Sequence[str]) -> HypothesisFit:
 
 def _of_curve(proof: Proven, fits: Mapping[str, Played], seed: int) -> tuple[Status, Denial | None]:
     """What has no name: its values carry over to the held-out data, or they do not."""
+    if proof.denial is not None:
+        return "not_confirmed", proof.denial
     without = fits.get(f"without {proof.unknown.name}")
     lost = {} if without is None else lowered(without, fits["final"], seed)
     if lost or proof.unknown.carries_over is False:

@@ -3,7 +3,8 @@
 A screen has said where a curve would help; here the joint fit and data that no value of it was fitted to decide. What
 had to be fitted again to a new recording pays half a nat a value: so much would chance give it. Held-out data that
 refuse the values may still ask for a curve of the same variable at the same place: they reach beyond its knots, or it
-stands for a law of more variables than one. Then something is there, and no model of it is kept.
+stands for a law of more variables than one. Then something is there, and no model of it is kept. So it is where they
+refuse it altogether, but the training data say so far beyond chance; else the curve is refused, with its reason.
 
 Rules of this file: the held-out data refuse the values of a curve by the rule by which folds refuse a name.
 """
@@ -17,6 +18,7 @@ from hoopd.diagnose.curves.curve import UnnamedCurve, curves
 from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, together
 from hoopd.diagnose.curves.curve_screen import CurveScreen, null_quantiles
 from hoopd.diagnose.curves.unknown_effects import DETECTION_CHANCE, Survey, Unknown, judge_unknown, survey
+from hoopd.diagnose.proof.denial import Denial
 from hoopd.diagnose.proof.held_out import HeldOut, on_heldout
 from hoopd.diagnose.search.candidates import UNSEEN_LOSS, UNSEEN_SHARE
 from hoopd.diagnose.search.naming import Named
@@ -33,10 +35,16 @@ class Proven:
     unknown: Unknown  # with the gain and the shapes of the joint fit, also where the held-out data refuse them
     joint: HypothesisFit | None  # None: held-out data ask for such a curve, but refuse this one's values
     heldout: HypothesisFit | None = None  # the joint hypothesis on the held-out recordings
+    denial: Denial | None = None  # what held-out data have against it, that ask for no other curve either
+
+    @property
+    def is_told(self) -> bool:
+        """Whether something is there, whatever its curve: held-out data do not deny it, or it is beyond any chance."""
+        return self.denial is None or self.denial.asks_for_another(self.unknown.surprise, self.unknown.threshold)
 
 
 def proven(unknown: Unknown, held: HeldOut, seed: int = 0) -> Proven | None:
-    """None when the joint fit or the held-out data do not bear it out."""
+    """None when the joint fit does not bear it out."""
     joint, (curve,) = together([unknown.score], unknown.beside)
     gain = unknown.beside.criterion - joint.criterion
     size = surprise(gain / unknown.score.colour, unknown.score.columns)
@@ -51,9 +59,8 @@ def proven(unknown: Unknown, held: HeldOut, seed: int = 0) -> Proven | None:
     better = without.criterion - after.criterion - again / 2.0
     if better > -max(UNSEEN_LOSS, UNSEEN_SHARE * gain):
         return Proven(replace(found, carries_over=True), joint, after)
-    if not asked_for(unknown.curve, without, seed):
-        return None
-    return Proven(replace(found, carries_over=False), None)
+    refused = None if asked_for(unknown.curve, without, seed) else Denial({}, better, is_refuted=True)
+    return Proven(replace(found, carries_over=False), None, denial=refused)
 
 
 def asked_for(curve: UnnamedCurve, frozen: HypothesisFit, seed: int = 0) -> bool:
@@ -77,6 +84,7 @@ class Missing:
     base: Survey
     proof: Proven | None
     beside: Survey | None = None  # beside the accepted names
+    refused: Proven | None = None  # a curve that held-out data leave no evidence of
 
     @property
     def unknown(self) -> Unknown | None:
@@ -101,6 +109,8 @@ def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int
     proof = None if unknown is None else proven(unknown, held, seed)
     if proof is not None and proof.joint is not None and not proof.unknown.beside_names:
         drop_names(named)
+    if proof is not None and not proof.is_told:
+        return Missing(first, None, second, refused=proof)
     return Missing(first, proof, second)
 
 
