@@ -34,13 +34,18 @@ class FeedForwardPart(NamedTuple):
     region: tuple[Bound, ...] = ()
 
 
+def as_wanted(x: Vector, wanted_nm: float, acting: tuple[float, ...]) -> float:
+    """Nothing is known that would have to be cancelled."""
+    return wanted_nm
+
+
 class FeedForward:
     """All parts in one call."""
 
     def __init__(
         self,
         parts: Sequence[FeedForwardPart] = (),
-        demand: Demand = lambda x, wanted_nm, acting: wanted_nm,
+        demand: Demand = as_wanted,
         limit_nm: float = 0.0,
     ) -> None:
         """`limit_nm`: how far the demanded torque may be from the wanted one."""

@@ -59,6 +59,7 @@ class Succession:
     def __init__(self, first: Installed, tell: Callable[..., None], make: Make | None = None) -> None:
         """`make`: None where nothing can be loaded."""
         self.acting = self.accepted = first
+        self.limit_nm = first.torque_nm  # what the drive may be asked for at most, in this run
         self.since = 0.0  # s, run time: the acting one acts since then
         self.purpose = CONTROLLER  # what the acting one was loaded for
         self._tell, self._make = tell, make

@@ -21,7 +21,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 from hoopd.core.records import Command
 from hoopd.core.succession import LOADED
 from hoopd.core.tick import Note, Tick
-from hoopd.daemon.build import Texts, build_tick, mismatch, read_texts, unused_effects
+from hoopd.daemon.build import Prepared, Texts, build_tick, mismatch, read_texts, unused_effects
 from hoopd.daemon.loading import ControllerLoader
 from hoopd.daemon.report import Watch, operator_status, print_summary, status, status_line, summarise
 from hoopd.daemon.sinks import CommandSink, RecorderSink, TelemetrySink
@@ -96,7 +96,8 @@ def run_daemon(options: Options) -> dict[str, Any]:
 def perform(options: Options, config: Config, texts: Texts, guest: Guest | None = None) -> dict[str, Any]:
     """One run with these texts, whoever wrote them; its summary."""
     log.configure(config.log.format, config.log.level)
-    tick = build_tick(config, texts)
+    prepared: Prepared = {}
+    tick = build_tick(config, texts, prepared)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     descriptors.raise_limit()
     notifier = Notifier()
@@ -109,7 +110,7 @@ def perform(options: Options, config: Config, texts: Texts, guest: Guest | None 
         for name, reason in unused_effects(config, texts):
             reporter.note(0.0, Note("effect_unused", "warning", {"effect": name, "reason": reason}))
         world = stack.enter_context(_world(options, config, _say(reporter)))
-        summary = asyncio.run(_run(options, config, texts, tick, world, notifier, reporter, guest))
+        summary = asyncio.run(_run(options, config, texts, tick, prepared, world, notifier, reporter, guest))
         signals.ignore()
     summary["start_monotonic_s"] = getattr(world.timer, "start_ns", 0) / 1e9
     return summary
@@ -174,6 +175,7 @@ async def _run(
     config: Config,
     texts: Texts,
     tick: Tick,
+    prepared: Prepared,
     world: World,
     notifier: Notifier,
     reporter: log.Reporter,
@@ -183,7 +185,7 @@ async def _run(
     world.drive.open()  # first: without its port a run leaves no file and no log
     with ExitStack() as stack:
         session = secrets.token_hex(SESSION_BYTES)
-        loader = ControllerLoader(config, options.config)
+        loader = ControllerLoader(config, options.config, *(() if virtual else (tick, prepared)))
         gate = Gate(Ranges(_both_ways(config.loop.reference_limit_rad), TUNABLE), loader.load)
         operators = CommandSink(gate, session, lambda: operator_status(loop, gate, recorder, telemetry))
         if not virtual:

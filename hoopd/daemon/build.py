@@ -25,7 +25,7 @@ from hoopd.core.installed import ControllerLabel, Filter, Installed
 from hoopd.core.limits import Limiter
 from hoopd.core.tick import Tick
 from hoopd.files.controller import ControllerFile, controller_of, levels_of, parse_controller, settings_of
-from hoopd.files.loaded_controller import filter_key, parse_loaded
+from hoopd.files.loaded_controller import LoadedController, filter_key, parse_loaded
 from hoopd.files.reading import InputError, read_text
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.loop.writeback import Unused, ball_motion, estimator_with, feedforward_of, hoop_motion, unused
@@ -43,6 +43,17 @@ class Texts(NamedTuple):
     model: str
     controller: str
     law: str = ""
+
+
+class NewController(NamedTuple):
+    """A controller that is about to be loaded."""
+
+    loaded: LoadedController
+    law: Controller
+    filter: Filter | None  # None: made when it is known to be another one than the running one
+
+
+Prepared = MutableMapping[str, NewController]
 
 
 def read_texts(config: Config, config_path: Path | None) -> Texts:
@@ -97,10 +108,10 @@ def _name(text: str) -> str:
     return path.name if path.is_absolute() else text
 
 
-def build_tick(config: Config, texts: Texts, prepared: MutableMapping[str, Filter] | None = None) -> Tick:
+def build_tick(config: Config, texts: Texts, prepared: Prepared | None = None) -> Tick:
     """A tick in its first state; InputError names the file that does not fit.
 
-    `prepared`: filters of controllers that are about to be loaded, by the text that loads them.
+    `prepared`: controllers that are about to be loaded, by the text that loads them.
     """
     file = parse_controller(texts.controller, config.control.file)
     model = parse_model(texts.model, config.device.model or file.model)
@@ -151,20 +162,24 @@ def filter_of(config: Config, model_text: str, file: ControllerFile, limit_nm: f
     )
 
 
-def make_controller(
-    config: Config, limit_nm: float, prepared: MutableMapping[str, Filter], text: str, running: Filter
-) -> Installed:
-    """What the text of a command stands for; of the same model, with the running filter. ValueError: it cannot be.
-
-    A filter that was prepared for the text is taken from there; it is the same as one that is made here, sooner.
-    """
+def new_controller(config: Config, text: str, filter_: Filter | None = None) -> NewController:
+    """What the text of a command stands for; ValueError when it cannot act here."""
     loaded = parse_loaded(text)
-    file, key = loaded.controller, loaded.filter_key
-    same_period(config, file, loaded.file)
-    law = controller_of(file)
+    same_period(config, loaded.controller, loaded.file)
+    law = controller_of(loaded.controller)
     _watches_the_ball(config, law)
-    filter_ = prepared.pop(text, None)
-    if key == running.key:
+    return NewController(loaded, law, filter_)
+
+
+def make_controller(config: Config, limit_nm: float, prepared: Prepared, text: str, running: Filter) -> Installed:
+    """What the text of a command stands for; of the same model, with the running filter.
+
+    What was prepared for the text is taken from there; it is the same as what is made here, sooner.
+    """
+    ready = prepared.pop(text, None)
+    loaded, law, filter_ = ready or new_controller(config, text)
+    file = loaded.controller
+    if loaded.filter_key == running.key:
         filter_ = running
     return Installed(
         law,

@@ -55,6 +55,17 @@ def in_order(found: FoundEffects) -> tuple[Effect, ...]:
     return tuple(sorted(chosen, key=lambda one: -one.order if one.torque is not None else -LAST_ORDER))
 
 
+class CompiledDemand:
+    """A `Demand` of compiled expressions."""
+
+    def __init__(self, call: Call) -> None:
+        self._call = call
+
+    def __call__(self, x: Array, wanted_nm: float, acting: Sequence[float]) -> float:
+        """Torque to demand, N m."""
+        return float(self._call.vector(x, wanted_nm, *acting)[0])
+
+
 def demand_of(found: FoundEffects, tick_s: float, wire_s: float, speed_noise_rad_s: float) -> Demand:
     """All effects of `in_order` in one call; `speed_noise_rad_s`: of the estimate that it is given."""
     effects, wanted = in_order(found), ca.SX.sym("wanted")
@@ -66,8 +77,7 @@ def demand_of(found: FoundEffects, tick_s: float, wire_s: float, speed_noise_rad
         points = [found.plant.point(state, constants, torque) for state in states]
         mean = sum(_one(found, effect, s, speed_noise_rad_s) for s in points) / POINTS
         torque = ca.if_else(on > 0.5, mean, torque)
-    call = Call(ca.Function("demand", [x, wanted, *flags], [ca.densify(torque)], {"cse": True}))
-    return lambda state, wanted_nm, on: float(call.vector(state, wanted_nm, *on)[0])
+    return CompiledDemand(Call(ca.Function("demand", [x, wanted, *flags], [ca.densify(torque)], {"cse": True})))
 
 
 def _one(found: FoundEffects, effect: Effect, s: Point, noise_rad_s: float) -> Any:

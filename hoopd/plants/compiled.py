@@ -28,6 +28,7 @@ class Call:
     """A CasADi function behind preallocated buffers: a call costs a copy and the arithmetic, a few microseconds."""
 
     def __init__(self, function: ca.Function) -> None:
+        self._function = function
         self._arguments = [np.zeros(function.size1_in(i)) for i in range(function.n_in())]
         # CasADi is column-major: a matrix is kept as its transpose and handed out as a transposed view
         self._results = [np.zeros((function.size2_out(i), function.size1_out(i))) for i in range(function.n_out())]
@@ -45,6 +46,10 @@ class Call:
         if self._wide:
             self._scalars = [*self._arguments[1:]]
         self._first: Vector = self._results[0][0]
+
+    def __reduce__(self) -> tuple[type[Call], tuple[ca.Function]]:
+        """To another process go the instructions, which give the same bits there; buffers are its own."""
+        return Call, (self._function,)
 
     def vector(self, x: ArrayLike, *scalars: Any) -> Vector:
         """First result as a new vector."""

@@ -34,6 +34,18 @@ FILTER_STEPS = 2
 MANY, HARMONIC_FILTER_STEPS = 12.0, 4
 
 
+class FilterStep:
+    """State after h seconds and its derivative by the state, of a plant at its time zero."""
+
+    def __init__(self, call: Call, *, timed: bool) -> None:
+        self._call, self._rest = call, (0.0,) if timed else ()
+
+    def __call__(self, x: Vector, u: float, h: float) -> tuple[Vector, Matrix]:
+        """As `NumericPlant.step_and_jacobian`."""
+        after = self._call.vector(x, u, h, *self._rest)
+        return after, self._call.matrix(1)
+
+
 class NumericPlant:
     """A plant with numbers.
 
@@ -101,6 +113,11 @@ class NumericPlant:
         """State after `h` seconds (up to the usual sample time) and its derivative by x."""
         after = self._step.vector(x, u, h, t) if self._timed else self._step.vector(x, u, h)
         return after, self._step.matrix(1)
+
+    @property
+    def filter_step(self) -> FilterStep:
+        """`step_and_jacobian` without the plant: what a filter needs, and what goes to another process."""
+        return FilterStep(self._step, timed=self._timed)
 
     def linearize(self, x0: ArrayLike | None = None, u0: Any = 0.0, t: float = 0.0) -> tuple[Matrix, Matrix]:
         """A (n, n), B (n, inputs) of dx/dt around a point (zero without one), exact, without dry friction."""

@@ -12,8 +12,10 @@ import pytest
 import yaml
 from harness.runs import TORQUE_LIMIT_NM, Run, run
 
-from hoopd.daemon.build import build_tick, make_controller, read_texts
+from hoopd.core.records import CameraSample, DriverSample
+from hoopd.daemon.build import Prepared, build_tick, filter_of, make_controller, read_texts
 from hoopd.daemon.loading import ControllerLoader
+from hoopd.daemon.preparation import prepared_filter
 from hoopd.daemon.replay import replay
 from hoopd.files.controller import load_controller
 from hoopd.files.loaded_controller import parse_loaded
@@ -216,6 +218,47 @@ def test_a_model_that_does_not_fit_is_refused_and_control_goes_on(tmp_path: Path
     assert fields["reason"].startswith("the model does not fit: innovations of ")
     assert told(done, "controller") == []
     assert {tick.mode for tick in done.ticks if 1.1 < tick.t < 5.9} == {"RUNNING"}
+
+
+EFFECTS = (
+    "effects: [{name: hoop.coulomb_friction, parameters: {Fc: {value: 0.004, unit: N m}}}, "
+    "{name: camera.angle_offset, parameters: {d: {value: 0.01, unit: rad}}}, "
+    "{name: camera.latency, parameters: {d: {value: 0.02, unit: s}}}]"
+)
+
+
+@pytest.mark.parametrize("effects", ["effects: []", EFFECTS])
+def test_a_filter_made_ready_elsewhere_has_the_same_bits(effects: str, folder: Folder) -> None:
+    loader, config = configured(folder)
+    model = (defaults_folder() / "models" / "hoop.yaml").read_text().replace("effects: []", effects)
+    (folder.path / "found.yaml").write_text(model)
+    text = loader.load(folder.changed("mine.yaml", model="found.yaml"), "a test")
+    loaded = parse_loaded(text)
+    there, here = prepared_filter(config, text, 0.7), filter_of(config, loaded.model, loaded.controller, 0.7)
+    assert (there.levels, there.ball, there.hoop, there.key) == (here.levels, here.ball, here.hoop, here.key)
+    assert bool(here.feedforward.parts) == (effects == EFFECTS)
+    noise = np.random.default_rng(1).standard_normal((200, 4))
+    for k, (a, b, c, u) in enumerate(0.05 * noise):
+        t = 1.0 + 0.02 * k
+        driver = DriverSample(t - 0.01, 0, 1, 0, a, b, 0.0, 0)
+        camera = CameraSample(k, t - 0.05, t, c, 1.0, 0.0, 0.0) if k % 3 else None
+        x, y = (one.estimator.update(t, u, t - 0.019, driver, camera, held=False) for one in (there, here))
+        assert x.x.tobytes() == y.x.tobytes() and repr(x.surprise) == repr(y.surprise)
+        assert there.feedforward.demand(x.x, u) == here.feedforward.demand(y.x, u)
+
+
+def test_a_daemon_in_real_time_makes_all_ready_before_the_text_enters(folder: Folder) -> None:
+    config = load(None, sim=True, overrides=[f"control.folder={folder.path}"])
+    prepared: Prepared = {}
+    tick = build_tick(config, read_texts(config, None), prepared)
+    running = tick.succession.acting.filter
+    loader = ControllerLoader(config, None, tick, prepared)
+    same = loader.load(folder.copied("arx.yaml"), "a test")
+    assert list(prepared) == [same] and prepared[same].filter is None
+    assert make_controller(config, 0.7, prepared, same, running).filter is running and not prepared
+    other = loader.load(modelled(folder, "far.yaml", "3.0e-3"), "a test")
+    ready = prepared[other].filter
+    assert ready is not None and make_controller(config, 0.7, prepared, other, running).filter is ready
 
 
 def test_disarmed_another_model_is_the_one_of_a_daemon_that_began_with_it(tmp_path: Path, folder: Folder) -> None:

@@ -24,6 +24,8 @@ from harness.timing import on_the_clock
 from harness.witness import Witness, witnessed
 from inprocess import call
 
+from hoopd.daemon.replay import replay
+from hoopd.files.controller_folder import key_of
 from hoopd.files.shipped import defaults_folder
 from hoopd.shell.operator import CommandError
 from hoopd.shell.socketfile import listening_socket
@@ -121,6 +123,7 @@ def test_another_controller_is_loaded_by_name_and_hash(tmp_path: Path) -> None:
     with Daemon(tmp_path, config={"control": {"folder": str(controllers)}}, fifo=fifo_granted()) as daemon:
         listening(daemon)
         here = ("--set", f"commands.socket={daemon.socket}")
+        daemon.command("disarm")  # in whatever mode a busy machine's faults leave it
         other = hoopd("controller", str(elsewhere / "mine.yaml"), *here)
         assert other.returncode == 2 and "controller: refused: mine.yaml: its hash is" in other.stderr
         with pytest.raises(CommandError, match=r"a law that is code is never loaded"):
@@ -134,7 +137,14 @@ def test_another_controller_is_loaded_by_name_and_hash(tmp_path: Path) -> None:
         assert (told["file"], told["sha256"], told["trial"]) == ("mine.yaml", loaded["sha256"], False)
         for name in ("accept", "revert"):
             assert "there is no trial" in hoopd(name, *here).stderr
+        near = (defaults_folder() / "models" / "hoop.yaml").read_text().replace("1.518e-3", "1.52e-3")
+        (controllers / "near.yaml").write_text(near)
+        (controllers / "other.yaml").write_text(text.replace("models/hoop.yaml", "near.yaml"))
+        daemon.command("controller", key=key_of(controllers / "other.yaml"))
+        assert daemon.command("status")["status"]["controller"]["file"] == "other.yaml"
         assert daemon.stop() == 0
+        result = replay(daemon.result().recordings[0])
+        assert result["equal"], result["first_difference"]
 
 
 def test_a_killed_daemons_socket_is_taken_over(tmp_path: Path) -> None:

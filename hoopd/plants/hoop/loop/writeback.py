@@ -97,10 +97,11 @@ def estimator_with(found: FoundEffects, settings: EkfSettings) -> DelayedEkf | L
     if any(effect.sensor_lag for effect in found.effects()):
         settings = replace(settings, r_dtheta=NO_WEIGHT)
     settings = replace(settings, horizon_s=settings.horizon_s + max(delays.camera_s, delays.encoder_s))
-    inner = DelayedEkf(plant.step_and_jacobian, settings)
+    step = plant.filter_step
+    inner = DelayedEkf(step, settings)
     if correct is None and not any(delays):
         return inner
-    return LateEstimator(inner, plant.step_and_jacobian, delays, correct)
+    return LateEstimator(inner, step, delays, correct)
 
 
 def ball_motion(found: FoundEffects) -> BallMotion:

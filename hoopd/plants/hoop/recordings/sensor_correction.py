@@ -21,6 +21,18 @@ STEPS = 12
 CHANNELS = ("theta", "dtheta", "psi")
 
 
+class CompiledCorrection:
+    """A `Correction` of compiled expressions."""
+
+    def __init__(self, call: Call) -> None:
+        self._call = call
+
+    def __call__(self, theta: float, dtheta: float, psi: float) -> tuple[float, float, float]:
+        """(theta, dtheta, psi) as they are."""
+        first, second, third = self._call.vector((theta, dtheta, psi)).tolist()
+        return first, second, third
+
+
 def correction(found: FoundEffects) -> Correction | None:
     """What undoes the errors of the sensors; None where there are none.
 
@@ -35,13 +47,7 @@ def correction(found: FoundEffects) -> Correction | None:
     for _ in range(STEPS):
         point = found.plant.point(ca.vertcat(true[0], true[1], true[2], 0.0), found.base)
         true = read - sum((_error(one, point, values) for one in wrong), ca.SX.zeros(3))
-    call = Call(ca.Function("correct", [read], [ca.densify(true)], {"cse": True}))
-
-    def corrected(theta: float, dtheta: float, psi: float) -> tuple[float, float, float]:
-        first, second, third = call.vector((theta, dtheta, psi)).tolist()
-        return first, second, third
-
-    return corrected
+    return CompiledCorrection(Call(ca.Function("correct", [read], [ca.densify(true)], {"cse": True})))
 
 
 def _error(effect: Effect, point: Point, values: dict[str, float]) -> Any:
