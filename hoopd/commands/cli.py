@@ -50,7 +50,9 @@ from hoopd.commands.options.running import (
     without_pictures,
 )
 from hoopd.commands.options.simulate import SimulateOptions
+from hoopd.commands.options.watch import WatchOptions
 from hoopd.commands.output import check_json, write_json
+from hoopd.commands.watch import watch
 from hoopd.exit_codes import DONE, FAILED, PORT_MISSING, UNUSABLE_INPUT
 from hoopd.files.reading import InputError, PortMissingError
 from hoopd.linear_algebra import settle
@@ -154,6 +156,7 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
         (AcceptOptions, operator.accept),
         (RevertOptions, operator.revert),
         (StatusOptions, operator.status),
+        (WatchOptions, watch),
         (DashboardOptions, dashboard),
     ),
 }
