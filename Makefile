@@ -22,16 +22,16 @@ INSTALL_FLAGS := --root "$(DESTDIR)/" $(if $(DRY_RUN),--dry-run)
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
 
-sim: $(VENV)/.runtime ## run the daemon against the simulated rig (DURATION=20)
+sim: $(VENV)/.runtime ## run the daemon against the simulated rig (DURATION=20; the first time some minutes, to install)
 	$(VENV)/bin/hoopd --sim --duration $(DURATION)
 
 sim-web: $(VENV)/.runtime ## the rig with the web page beside it; prints the page's address (ARGS="--listen 127.0.0.1:8765")
 	$(RUN) tools/sim_web.py $(ARGS)
 
-test: $(VENV)/.development ## run the tests (ARGS="-k name"; the long proofs: make proof)
+test: $(VENV)/.development ## run the tests, some six minutes on two cores (ARGS="-k name"; the long proofs: make proof)
 	$(RUN) tools/suite.py $(ARGS)
 
-proof: $(VENV)/.development ## the long proofs, many seeds each (ARGS="-k name")
+proof: $(VENV)/.development ## the long proofs, many seeds each, some five minutes (ARGS="-k name")
 	$(RUN) tools/suite.py --proof $(ARGS)
 
 lint: $(VENV)/.development ## style, types and import contracts
@@ -73,7 +73,7 @@ licences: $(VENV)/.development ## licences of all dependencies; fails for one th
 audit: $(VENV)/.runtime ## known advisories about locked versions (AUDIT_DB=folder or zip of OSV files; skipped without)
 	$(RUN) tools/audit.py $(AUDIT_DB)
 
-check-pi: $(VENV)/.runtime ## arm64 by emulation and the service under a real systemd (as root; ARGS=arm64 or systemd)
+check-pi: $(VENV)/.runtime ## arm64 by emulation and the service under a real systemd, a quarter of an hour (as root; ARGS=arm64 or systemd)
 	$(RUN) tools/pi $(ARGS)
 
 clean: ## remove the environment and everything that was built

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import typer
 
 from docpages.markdown import code, plain, sections, table
 from hoopd.commands.cli import app
+from hoopd.commands.options.help_page import default_of, metavar_of
 
 INTRODUCTION = """# The command line
 
 Every command with its arguments and options, as `hoopd COMMAND --help` tells them. Numbers are SI, angles in rad.
 `--json FILE` writes what is printed, with every digit."""
-WORDS = {Path: "FILE", float: "NUMBER", int: "WHOLE NUMBER", str: "TEXT"}
 PAGE = re.compile(r"\s*\(docs/[^)]*\)")  # names a page of the checkout: here the reader is on the site
 
 
@@ -62,13 +61,10 @@ def _options(command: Any) -> str:
 def _takes(one: Any) -> str:
     if one.is_flag:
         return ""
-    hint = one.type_descriptor.annotation if hasattr(one, "type_descriptor") else str  # completion's own have none
-    kind = one.metavar or next(iter(WORDS[part] for part in (hint, *get_args(hint)) if part in WORDS), "TEXT")
     low, high = getattr(one, "min", None), getattr(one, "max", None)
     bounds = f"{low:g} to {high:g}" if None not in (low, high) else f"from {low:g}" if low is not None else ""
-    return " ".join(part for part in (code(kind), bounds, "repeatable" if one.multiple else "") if part)
+    return " ".join(part for part in (code(metavar_of(one)), bounds, "repeatable" if one.multiple else "") if part)
 
 
 def _default(one: Any) -> str:
-    value = one.default() if callable(one.default) else one.default
-    return "" if value is None or value is False or value in ([], ()) or one.is_flag else code(value)
+    return code(told) if (told := default_of(one)) else ""

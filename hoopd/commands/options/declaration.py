@@ -14,6 +14,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import typer
 
+from hoopd.commands.options.help_page import HelpCommand
 from hoopd.files.reading import InputError
 
 Record = TypeVar("Record")
@@ -115,7 +116,8 @@ def add_command(
     declared by neither `argument` nor `option`.
     """
     settings = {"ignore_unknown_options": True} if negative_numbers else None
-    app.command(context_settings=settings, rich_help_panel=panel)(command_of(record, execute))
+    command = command_of(record, execute)
+    app.command(cls=HelpCommand, context_settings=settings, rich_help_panel=panel)(command)
 
 
 def command_of(record: type[Record], execute: Callable[..., None], *, context: bool = False) -> Callable[..., None]:
