@@ -28,6 +28,7 @@ from hoopd.core.trial import BASELINE_S, LEAST_BASELINE_S, LawTrial, References,
 CONTROLLER, TRIAL, EXPERIMENT = LOADED = ("controller", "trial", "experiment")
 ACCEPT, REVERT, ALIVE = ("accept", "revert", "alive")
 REVERTED = "reverted"
+NO_NUMBER = "its torque is not a number"
 NAMES = (*LOADED, ACCEPT, REVERT, ALIVE)
 # An observer of what arrives knows the plant after so long (12 lags of an ARX model and some).
 FOLLOW_S = 0.5
@@ -163,7 +164,12 @@ class Succession:
             self._back(t, f"the mode is {mode}")
 
     def next(
-        self, t: float, reference: float, torque_nm: float, estimates: tuple[Estimate, Estimate], asked: Demanded
+        self,
+        t: float,
+        reference: float,
+        torque_nm: float,
+        estimates: tuple[Estimate, Estimate],
+        asked: tuple[Demanded, Demanded],
     ) -> bool:
         """Judge one tick in which the law acts; True when the follower takes over in it.
 
@@ -171,15 +177,14 @@ class Succession:
         ----------
         t, reference : s and rad
         torque_nm : what was sent last
-        estimates : the acting filter's and the follower's
-        asked : what the acting law asks for now
+        estimates, asked : of the acting controller and of the follower, now
         """
         self._began = True
         cost = self._cost(t, reference, torque_nm, estimates[0])
         if self.acting is self.accepted:
             self._baseline.add(t, cost)
-            return self._arrived(t, estimates)
-        if over := self._over(t, cost, asked):
+            return self._arrived(t, estimates, asked[1])
+        if over := self._over(t, cost, asked[0]):
             self._back(t, over)
             return True
         return False
@@ -190,12 +195,12 @@ class Succession:
     def _over(self, t: float, cost: float, asked: Demanded) -> str:
         """Why what is on trial, or an experiment, is over; empty while it goes on."""
         if asked.failed or not isfinite(asked.torque_nm):
-            return asked.failed or "its torque is not a number"
+            return asked.failed or NO_NUMBER
         if self._reverted:
             return REVERTED
         return self._trial.verdict(t, cost) if self._trial is not None else asked.ended
 
-    def _arrived(self, t: float, estimates: tuple[Estimate, Estimate]) -> bool:
+    def _arrived(self, t: float, estimates: tuple[Estimate, Estimate], asked: Demanded) -> bool:
         """Whether who waits takes over now."""
         waiting = self._waiting
         if waiting is None:
@@ -205,8 +210,10 @@ class Succession:
         if t < waiting.until:
             return False
         self._waiting = None
-        if waiting.shadow is not None and (misfit := waiting.shadow.misfit()):
-            self._refuse(waiting.purpose, f"the model does not fit: {misfit}")
+        misfit = waiting.shadow.misfit() if waiting.shadow is not None else ""
+        if misfit or asked.failed or not isfinite(asked.torque_nm):
+            reason = f"the model does not fit: {misfit}" if misfit else asked.failed or NO_NUMBER
+            self._refuse(waiting.purpose, reason)
             return False
         self._put(waiting.next, waiting.purpose, t)
         return True

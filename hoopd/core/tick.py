@@ -183,6 +183,7 @@ class Tick:
         if not isfinite(wanted):
             self.health.raise_now("not_finite")
             self._move(frozenset({Event.CUT}))
+            self.succession.leave(self.mode, inputs.t)
             return 0.0
         return self.limiter.apply(wanted)
 
@@ -196,7 +197,8 @@ class Tick:
                 its = self._estimate(follower.filter, inputs)
             other = follower.demand(self._measurement(inputs, its), acting=False)
         wanted = self._bridge.over(asked.torque_nm, self.settings.period_s)
-        if self.succession.next(inputs.t, self.operator.reference, self._sent.torque_nm, (estimate, its), asked):
+        judged = (inputs.t, self.operator.reference, self._sent.torque_nm)
+        if self.succession.next(*judged, (estimate, its), (asked, other)):
             self._follow_controller()
             before = self._sent.torque_nm if asked.ended else wanted  # what is over asks for nothing any more
             asked, wanted = other, self._bridge.begin(before, other.torque_nm, self._sent.torque_nm)

@@ -6,7 +6,7 @@ A run of the tests tries some hundred sequences, a proof a thousand; `python too
 from __future__ import annotations
 
 import pytest
-from harness.sequences import SEQUENCE, Sequence, broken, by_tick, play
+from harness.sequences import CHANGES, LOADABLE, SEQUENCE, Sequence, broken, by_tick, play
 from harness.smallrig import healthy
 from hypothesis import HealthCheck, example, given, settings
 
@@ -24,6 +24,38 @@ SETTINGS = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 @given(SEQUENCE)
 def test_what_switches_off_always_wins(sequence: Sequence) -> None:
     assert broken(sequence) == []
+
+
+@example([("arm", 60), ("controller good", 3), ("disarm", 0), ("arm", 60), ("controller wide", 1)])
+@example([("arm", 300), ("trial good", 60), ("stop", 0), ("accept", 60)])
+@example([("arm", 300), ("trial lost", 60), ("trial other model", 160), ("alive", 1), ("accept", 1), ("revert", 1)])
+@example([("arm", 60), ("controller other model", 160), ("experiment signal", 9), ("overcurrent", 3)])
+@settings(max_examples=SAMPLE // 10, **SETTINGS)
+@given(CHANGES)
+def test_what_switches_off_wins_over_new_controllers_and_limits_never_widen(sequence: Sequence) -> None:
+    assert broken(sequence) == []
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(600)
+@settings(max_examples=SEQUENCES // 2, **SETTINGS)
+@given(CHANGES)
+def test_limits_never_widen_in_five_hundred_sequences_of_changes(sequence: Sequence) -> None:
+    assert broken(sequence) == []
+
+
+def test_sequences_of_changes_reach_every_end() -> None:
+    names, told = ("controller", "trial_returned", "experiment_ended", "command_refused"), set()
+    for sequence in (
+        [("arm", 300), ("trial good", 300), ("trial cold", 60), ("accept", 1), ("controller cold", 60)],
+        [("arm", 60), ("controller other model", 160), ("experiment signal", 60), ("controller lost", 5)],
+    ):
+        rig = healthy()
+        rig.loadable = dict(LOADABLE)
+        for happening in by_tick(sequence):
+            play(rig, happening)
+        told |= {note.name for note in rig.notes}
+    assert told >= set(names)
 
 
 @pytest.mark.proof

@@ -188,7 +188,15 @@ def test_a_refusal_is_one_line_and_the_law_goes_on(name: str) -> None:
     assert refused == command.name and says in reason and "\n" not in reason
 
 
-def test_a_law_without_a_torque_is_cut_in_the_tick_in_which_it_would_act() -> None:
-    rig = with_laws(running(), lost=named(Lost(0.0)))
-    output = rig.step(load("lost"))
-    assert output.command.torque_nm == 0.0 and not output.command.enable and rig.mode == "FAULT"
+def test_a_law_without_a_torque_is_refused_and_the_acting_one_goes_on() -> None:
+    rig, twin = with_laws(running(), lost=named(Lost(0.0))), running()
+    assert rig.step(load("lost")).command.torque_nm == twin.step().command.torque_nm
+    assert rig.refused() == [("controller", "its torque is not a number")] and rig.mode == "RUNNING"
+
+
+def test_loaded_disarmed_a_law_without_a_torque_is_cut_when_it_would_act() -> None:
+    rig = with_laws(healthy(), lost=named(Lost(0.0)))
+    rig.step(load("lost"))
+    rig.step("arm")
+    outputs = [rig.step() for _ in range(60)]
+    assert {output.command.torque_nm for output in outputs} == {0.0} and rig.mode == "FAULT"
