@@ -67,6 +67,7 @@ class ControllerLoader:
             drive_nm = parse_model(text, path.name).device.torque_limit_nm
         except InputError as error:
             reason = f"{error.key}: {error.reason}" if error.key else error.reason
+            reason += "; lay it beside the controller" if str(path) != file.model else ""
             raise InputError(name, "model", f"{path.name}: {reason}") from None
         if file.limits.torque_nm > drive_nm:
             reason = f"{file.limits.torque_nm:g} is more than the {drive_nm:g} of its model's drive"

@@ -25,7 +25,7 @@ import msgspec
 from hoopd.core.modes import ENERGISED
 from hoopd.core.operator import FOLLOWED
 from hoopd.core.records import Command, TickRecord
-from hoopd.core.succession import LOADED
+from hoopd.core.succession import ACCEPT, LOADED, REVERT
 from hoopd.core.succession import NAMES as CHANGES
 from hoopd.core.tick import Note
 from hoopd.files.reading import InputError
@@ -41,6 +41,8 @@ SETTLE_S = 1.0
 # A file is read and checked, a model made ready in a process of its own (a second or three on a Raspberry Pi), then
 # watched for two seconds.
 LOAD_S = 12.0
+# Who asked for these stands in the log each time.
+LOGGED = (*LOADED, ACCEPT, REVERT)
 UNSETTLED = "the loop did not tell what became of it"
 # What is wrong with `telemetry.commands: true` alone, as it stood in configurations of before.
 NO_CONTROL = (

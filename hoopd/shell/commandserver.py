@@ -20,8 +20,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from hoopd.core.succession import ACCEPT, LOADED, REVERT
-from hoopd.shell.commands import REFUSED, SETTLE_S, Gate, RefusedError, Ticket
+from hoopd.shell.commands import LOGGED, REFUSED, SETTLE_S, Gate, RefusedError, Ticket
 from hoopd.shell.descriptors import RESERVE, opened
 from hoopd.shell.helpers import start_helper
 from hoopd.shell.socketfile import ListeningSocket
@@ -33,7 +32,6 @@ POLL_S = 0.01  # a request may wait so long: waking this thread would cost the t
 TALK_S = 2.0  # for a line to come and for an answer to be taken
 TELL_S = 1.0
 STATUS = "status"
-LOGGED = (*LOADED, ACCEPT, REVERT)
 NAME_CHARS = 32  # of a command that is not known, in the log
 KEY_CHARS = 120  # of a file's name and the first digits of its hash
 ONE_LINE = 'expected one line of JSON: {"command": name, "value": number, "key": text}'

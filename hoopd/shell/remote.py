@@ -30,8 +30,7 @@ def send(
 ) -> dict[str, Any]:
     """The daemon's answer; CommandError when none answers or it refuses."""
     with _session(endpoint, extras, timeout_s) as session:
-        patience_s = max(timeout_s, LOAD_PATIENCE_S) if command in LOADED else timeout_s
-        return ask(session, command, value, endpoint, device, patience_s, key=key)
+        return ask(session, command, value, endpoint, device, timeout_s, key=key)
 
 
 def ask(
@@ -44,7 +43,11 @@ def ask(
     *,
     key: str = "",
 ) -> dict[str, Any]:
-    """The daemon's answer over a session that is open; CommandError when none answers or it refuses."""
+    """The daemon's answer over a session that is open; CommandError when none answers or it refuses.
+
+    What names a file is waited for longer: it is read, checked, made ready and watched first.
+    """
+    timeout_s = max(timeout_s, LOAD_PATIENCE_S) if command in LOADED else timeout_s
     content = json.dumps({"key": key} if value is None else {"value": value, "key": key})
     replies = session.get(device_key(device, "cmd", command), payload=content, timeout=timeout_s)
     return _answer(command, list(replies), endpoint, device)

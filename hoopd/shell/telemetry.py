@@ -26,7 +26,7 @@ from hoopd.files.reading import InputError
 from hoopd.recording.mcap import without_secrets
 from hoopd.recording.rows import encode_event, encode_tick_message
 from hoopd.recording.schemas import LogEvent
-from hoopd.shell.commands import NAMES, NO_CONTROL, PAYLOAD_BYTES, Gate, RefusedError, Ticket
+from hoopd.shell.commands import LOGGED, NAMES, NO_CONTROL, PAYLOAD_BYTES, Gate, RefusedError, Ticket
 from hoopd.shell.helpers import start_helper
 from hoopd.shell.peer import JSON, RETRY_S, Answer, OnEvent, ZenohPeer
 from hoopd.shell.session import CONTROL, DEVICE, ENDPOINT, asks_who, device_key, listening
@@ -106,7 +106,7 @@ class Telemetry:
     def __init__(
         self, settings: TelemetrySettings, gate: Gate, *, config_text: str = "", on_event: OnEvent | None = None
     ) -> None:
-        self._settings, self.gate = settings, gate
+        self._settings, self.gate, self._on_event = settings, gate, on_event
         self._config_text = without_secrets(config_text)
         self._peer = ZenohPeer(
             "telemetry",
@@ -278,7 +278,11 @@ class Telemetry:
             if payload is not None and len(payload) > PAYLOAD_BYTES:  # said before a byte is copied
                 raise RefusedError(f"more than {PAYLOAD_BYTES} bytes")
             content = b"" if payload is None else payload.to_bytes()
-            return self.gate.offer(name, content, untrusted=untrusted, by=CONTROL)
+            ticket = self.gate.offer(name, content, untrusted=untrusted, by=CONTROL)
+            if name in LOGGED and self._on_event is not None:
+                with contextlib.suppress(Exception):
+                    self._on_event("command", "info", {"command": name, "key": ticket.command.key, "by": CONTROL})
+            return ticket
 
         return answer
 
