@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 END_S = 8.0  # a controlled stop
@@ -47,9 +48,9 @@ def configuration(folder: Path, password: str) -> Path:
     return path
 
 
-def started(*words: str) -> subprocess.Popen[bytes]:
-    """A command of ours, as a process that takes the same Ctrl-C."""
-    return subprocess.Popen([sys.executable, "-m", "hoopd", *words])
+def started(*words: str, first: Sequence[str] = ()) -> subprocess.Popen[bytes]:
+    """A command of ours, as a process that takes the same Ctrl-C; `first`: a program that starts it."""
+    return subprocess.Popen([*first, sys.executable, "-m", "hoopd", *words])
 
 
 def ended(processes: list[subprocess.Popen[bytes]]) -> int:

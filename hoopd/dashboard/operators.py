@@ -33,6 +33,7 @@ PASSWORD_CHARACTERS = 256
 CONNECT_S = 3.0
 COMMAND_S = 3.0
 TOKEN_BYTES = 32
+WRONG = "no daemon lets this user in with this password, or none answers"  # zenoh tells both alike
 COMMANDS = ("arm", "disarm", "stop", "clear", "reference", "tune")
 _USER, _PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"
 
@@ -98,7 +99,7 @@ class Operators:
         let_in = [endpoint for endpoint in configs if self._session(login, endpoint) is not None]
         if not let_in:
             login.close()
-            raise LoginError("no daemon lets this user in with this password")
+            raise LoginError(WRONG)
         self._forgive(address)
         self._keep(login)
         return login

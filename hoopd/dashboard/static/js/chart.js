@@ -99,7 +99,8 @@ export class Chart {
 
   listen(over) {
     let begun = [0, 0];
-    over.addEventListener('mousedown', event => { begun = [event.clientX, event.clientY]; });
+    // what is about to be chosen stands still meanwhile
+    over.addEventListener('mousedown', event => { begun = [event.clientX, event.clientY]; this.charts.held = this; });
     over.addEventListener('dblclick', () => { this.charts.mark(null); this.charts.show(30, null); });
     over.addEventListener('click', event => {
       if (Math.hypot(event.clientX - begun[0], event.clientY - begun[1]) > CLICK_PX || event.detail > 1) return;
@@ -109,7 +110,8 @@ export class Chart {
 
   zoom(plot) {
     const { left, width } = plot.select;
-    if (width <= CLICK_PX) return;
+    // uPlot tells the other charts of a selection, too, by scales that they may not have yet
+    if (this.charts.held !== this || width <= CLICK_PX) return;
     const from = plot.posToVal(left, 'x'), until = plot.posToVal(left + width, 'x');
     plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
     this.charts.show(until - from, until);
@@ -147,23 +149,27 @@ export class Chart {
     ctx.lineWidth = ratio;
     ctx.setLineDash([2 * ratio, 3 * ratio]);
     ctx.strokeStyle = ctx.fillStyle = style.getPropertyValue('--quiet');
-    for (const { event, wall, fields } of this.charts.device?.events ?? []) {
-      if (event === 'mode') this.drawMark(plot, wall, `${fields?.mode ?? ''}`);
-    }
+    ctx.textAlign = 'left';
+    // the newest first: where names would overlap the one that still holds is told
+    const modes = (this.charts.device?.events ?? []).filter(({ event }) => event === 'mode').reverse();
+    modes.reduce((room, { wall, fields }) => this.drawMark(plot, wall, `${fields?.mode ?? ''}`, room), Infinity);
     ctx.setLineDash([]);
     ctx.strokeStyle = ctx.fillStyle = style.getPropertyValue('--text');
     this.charts.marks.forEach((at, place) => this.drawMark(plot, at, 'AB'[place]));
     ctx.restore();
   }
 
-  drawMark({ ctx, bbox, valToPos }, at, text) {
-    const x = Math.round(valToPos(at, 'x', true));
-    if (x < bbox.left || x > bbox.left + bbox.width) return;
+  /** A line with a name that ends left of `room`; the room that is left for the one before it. */
+  drawMark({ ctx, bbox, valToPos }, at, text, room = Infinity) {
+    const x = Math.round(valToPos(at, 'x', true)), begin = x + 3 * devicePixelRatio;
+    if (x < bbox.left || x > bbox.left + bbox.width) return room;
     ctx.beginPath();
     ctx.moveTo(x, bbox.top);
     ctx.lineTo(x, bbox.top + bbox.height);
     ctx.stroke();
-    ctx.fillText(text, x + 3 * devicePixelRatio, bbox.top + 10 * devicePixelRatio);
+    if (begin + ctx.measureText(text).width >= room) return Math.min(room, x);
+    ctx.fillText(text, begin, bbox.top + 10 * devicePixelRatio);
+    return x;
   }
 }
 

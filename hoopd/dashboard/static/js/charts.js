@@ -17,6 +17,8 @@ export class Charts {
     this.charts = [];
     this.makeTools(tools);
     for (const names of this.kept()) this.add(names);
+    this.held = null; // the chart in which somebody drags
+    addEventListener('mouseup', () => setTimeout(() => { this.held = null; }));
     new ResizeObserver(() => { this.charts.forEach(chart => chart.resize()); this.dirty = true; }).observe(place);
   }
 
@@ -122,7 +124,7 @@ export class Charts {
     const moves = this.end === null;
     // A long span moves by less than a pixel in a frame.
     const pause = this.span > 200 ? 500 : this.span > 60 ? 200 : 80;
-    if (!this.dirty && (!moves || now - this.drawnAt < pause)) return;
+    if (this.held || (!this.dirty && (!moves || now - this.drawnAt < pause))) return;
     this.drawnAt = now;
     this.dirty = false;
     this.shownEnd = this.end ?? this.newest;

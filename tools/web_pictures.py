@@ -1,0 +1,84 @@
+#!/usr/bin/env python3
+"""Takes docs/figures/dashboard.png and dashboard_fault.png: the web page beside the rig, in Debian's chromium.
+
+Rules of this file: it looks at what a person would see and drives as one would; the rig is on the clock, so that no two
+pictures are alike, and a busy machine's faults are acknowledged. Usage: tools/web_pictures.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from harness.browser import Page, opened
+from harness.realrun import FIFO_PRIORITY, fifo_granted
+from sim_web import USER, configuration, ended, started
+
+ROOT = Path(__file__).resolve().parents[1]
+LISTEN = "127.0.0.1:8766"
+FAULT_S = 60.0  # of the rig's own time: after the driving, however often it had to be armed
+REFERENCES_PX = (-9.0, 18.0, -12.0, 8.0, -10.0, 7.0)  # to the side, from where the target is
+HOLD_S = 3.0
+HANDLE = "document.querySelector('.handle circle').getBoundingClientRect()"
+
+
+def log_in(page: Page, password: str) -> None:
+    """As the one user that the rig knows."""
+    page.wait_for("document.querySelector('#mode').innerText === 'RUNNING'")
+    page.click("#login")
+    page.type("input[name=user]", USER)
+    page.type("input[name=password]", password)
+    page.key("Enter")
+    page.wait_for("document.body.classList.contains('may-drive')")
+
+
+def arm(page: Page) -> None:
+    """Until it runs: pages that open cost time that the rig may have missed."""
+    for _ in range(20):
+        if page.text("#mode") == "RUNNING":
+            return
+        page.click("#arm")
+        time.sleep(1.5)
+    raise SystemExit(f"the rig does not run: {page.text('#faults')}")
+
+
+def drive(page: Page) -> None:
+    """The target to both sides, by hand."""
+    for step in REFERENCES_PX:
+        arm(page)
+        x, y = page.ask(f"(box => [box.x + box.width / 2, box.y + box.height / 2])({HANDLE})")
+        page.drag([(x, y), (x + step / 2, y), (x + step, y)])
+        time.sleep(HOLD_S)
+    page.ask("document.activeElement.blur()")
+
+
+def main() -> int:
+    """Exit code 0 when both pictures are there."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "figures"
+    with tempfile.TemporaryDirectory(prefix="hoopd-web-") as temporary:
+        shared = ("--config", str(configuration(Path(temporary), "turn")))
+        fault = ("--set", f"sim.faults=[{{kind: camera_stall, at_s: {FAULT_S}}}]")
+        # with the priority that the unit grants, where this machine does, too: a browser starts beside it
+        first = ("chrt", "--fifo", str(FIFO_PRIORITY)) if fifo_granted() else ()
+        rig = started("--sim", "--camera", "direct", *shared, *fault, first=first)
+        server = started("dashboard", *shared, "--listen", LISTEN)
+        try:
+            with opened(Path(temporary), f"http://{LISTEN}/", 1440, 900) as page:
+                page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+                log_in(page, "turn")
+                drive(page)
+                page.picture(folder / "dashboard.png")
+                page.key("t")
+                page.size(1920, 1080)
+                page.wait_for("document.querySelector('#faults').innerText.includes('camera_lost')", 2 * FAULT_S)
+                time.sleep(HOLD_S)
+                page.picture(folder / "dashboard_fault.png")
+        finally:
+            ended([rig, server])
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
