@@ -89,16 +89,15 @@ class Succession:
         """Obey or refuse one command of `NAMES`."""
         if command.name in LOADED:
             self._load(command, mode, t)
-        elif self._trial is None:
+        elif command.name == REVERT and self.acting is not self.accepted:
+            self._revert(mode, t)
+        elif self._trial is None or self._reverted:
             self._refuse(command.name, "there is no trial")
         elif command.name == ALIVE:
             self._trial.alive(t)
             self._tell("operator", "debug", command=ALIVE)
-        elif command.name == ACCEPT:
-            self._accept()
         else:
-            self._reverted = True
-            self._tell("operator", "info", command=REVERT)
+            self._accept()
 
     def tune(self, key: str, value: float) -> bool:
         """A number of the acting law."""
@@ -146,6 +145,13 @@ class Succession:
         shadow = Shadow(t, made.filter.levels) if other else None
         wait_s = SHADOW_S if other else 0.0 if knows else FOLLOW_S
         self._waiting = _Waiting(made, purpose, t + wait_s, shadow)
+
+    def _revert(self, mode: Mode, t: float) -> None:
+        """Back in this tick: while the law acts that is where its torque is asked for."""
+        self._tell("operator", "info", command=REVERT)
+        self._reverted = True
+        if mode is not Mode.RUNNING:
+            self._back(t, REVERTED)
 
     def _accept(self) -> None:
         self._trial, self.accepted, self.purpose = None, self.acting, CONTROLLER

@@ -15,7 +15,7 @@ from hoopd.core.faulttable import FAULTS, Action, Fault
 from hoopd.core.installed import Estimator
 from hoopd.core.modes import Mode
 from hoopd.core.records import Inputs, LinkCounts, TickRecord
-from hoopd.core.succession import TRIAL, Succession
+from hoopd.core.succession import CONTROLLER, TRIAL, Succession
 from hoopd.core.tick import Note
 from hoopd.daemon.sinks import RecorderSink, TelemetrySink
 from hoopd.daemon.tracking_error import RELEASE_S, TrackingError, Truth
@@ -174,9 +174,10 @@ def status_line(loop: Loop) -> str:
     record = loop.record
     if record is None:
         return "waiting for the first tick"
-    faults = ", ".join(loop.tick.faults)
+    faults, succession = ", ".join(loop.tick.faults), loop.tick.succession
+    loaded = "" if succession.purpose == CONTROLLER else f"{succession.purpose} {succession.acting.label.name}  "
     return (
-        f"{record.t:6.1f} s {record.mode:8} {faults + '  ' if faults else ''}psi {record.x_hat[2]:+.3f} rad"
+        f"{record.t:6.1f} s {record.mode:8} {faults + '  ' if faults else ''}{loaded}psi {record.x_hat[2]:+.3f} rad"
         f" ref {record.reference:+.2f}  hoop {record.x_hat[1]:+6.2f} rad/s  u {record.u:+.3f} N m"
         f"  late {1e3 * loop.statistics.take_worst():.1f} ms"
     )

@@ -170,6 +170,29 @@ def test_a_signal_plays_once_and_the_accepted_law_is_back() -> None:
     assert rig.tick.succession.purpose == "controller"
 
 
+def test_a_signal_is_taken_back_as_a_trial_is() -> None:
+    table = Excitation([0.05] * 500, ExcitationLimits(0.1, 100.0, 1.0), around=Turn(0.02))
+    rig = on_trial(table, "experiment")  # type: ignore[arg-type]
+    before = rig.run(20) and rig.step().command.torque_nm
+    after = rig.step("accept", "revert").command.torque_nm
+    assert rig.refused() == [("accept", "there is no trial")]
+    assert returned(rig) == ["reverted"] and in_force(rig) == "" and abs(after - before) < 0.02
+
+
+def test_of_revert_and_accept_in_one_tick_the_first_counts() -> None:
+    rig = on_trial(Turn(0.025))
+    rig.step("revert", "accept")
+    assert returned(rig) == ["reverted"] and rig.refused() == [("accept", "there is no trial")]
+    rig = on_trial(Turn(0.025))
+    rig.step("accept", "revert")
+    assert rig.refused() == [("revert", "there is no trial")] and in_force(rig) == "other.yaml"
+    rig.run(TICKS_OF_BASELINE)
+    with_laws(rig, next=named(Turn(0.03)))
+    rig.step(load("next", "trial"))
+    rig.run(10)
+    assert rig.tick.succession.purpose == "trial" and returned(rig) == []
+
+
 def test_a_signal_that_breaks_its_limits_ends_at_once() -> None:
     table = Excitation([0.05] * 500, ExcitationLimits(0.1, 21.0, 1.0), around=Turn(0.02))
     rig = on_trial(table, "experiment")  # type: ignore[arg-type]

@@ -220,6 +220,15 @@ def test_a_model_that_does_not_fit_is_refused_and_control_goes_on(tmp_path: Path
     assert {tick.mode for tick in done.ticks if 1.1 < tick.t < 5.9} == {"RUNNING"}
 
 
+def test_a_trial_on_another_model_goes_back_to_both_law_and_filter(tmp_path: Path, folder: Folder) -> None:
+    near = modelled(folder, "near.yaml", "1.54e-3")
+    done = played(tmp_path, folder, (2.0, "reference", 0.05), (4.2, "trial", near), (7.5, "revert", ""), duration_s=9.0)
+    ((at, fields),) = told(done, "trial_returned")
+    assert (at, fields["reason"], fields["back_to"]) == (7.5, "reverted", "lqg.yaml")
+    assert largest_step(done, 6.0, 8.9) < 0.01
+    assert {tick.mode for tick in done.ticks if 1.1 < tick.t < 8.9} == {"RUNNING"}
+
+
 EFFECTS = (
     "effects: [{name: hoop.coulomb_friction, parameters: {Fc: {value: 0.004, unit: N m}}}, "
     "{name: camera.angle_offset, parameters: {d: {value: 0.01, unit: rad}}}, "
