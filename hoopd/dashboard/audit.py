@@ -27,7 +27,7 @@ class Audit:
     def __init__(self, path: Path | None = None) -> None:
         """InputError for a file that cannot be written, before anything could happen that belongs in it."""
         self.count = 0
-        self._path, self._lock = path, threading.Lock()
+        self._path, self._lock, self._writing = path, threading.Lock(), threading.Lock()
         self._latest: deque[dict[str, Any]] = deque(maxlen=SHOWN)
         if path is not None:
             try:
@@ -48,6 +48,7 @@ class Audit:
         with self._lock:
             self._latest.append({key: value for key, value in line.items() if key != "from"})
             self.count += 1
+        with self._writing:  # a disk that hangs holds up nobody who looks
             try:
                 if self._path is not None:
                     with self._path.open("ab") as file:

@@ -1,7 +1,7 @@
 """Who is logged in: the daemons' own users, each with a session of zenoh that the daemons let in.
 
 Rules of this file: a password is judged by the daemons alone and kept no longer than the login; a login ends by itself;
-who guesses has to wait. Calls wait for a daemon, so they belong into a thread.
+who guesses has to wait. Calls but `find` wait for a daemon, so they belong into a thread.
 """
 
 from __future__ import annotations
@@ -105,11 +105,13 @@ class Operators:
         return login
 
     def find(self, token: str, proof: str | None = None) -> Login:
-        """Who has this cookie; with `proof`, who also knows what his own page was told. LoginError otherwise."""
-        self.sweep()
+        """Who has this cookie; with `proof`, who also knows what his own page was told. LoginError otherwise.
+
+        Waits for nothing: whose time is over is let go by `sweep`.
+        """
         with self._lock:
             login = self._logins.get(token)
-        if login is None:
+        if login is None or self._over(login):
             raise LoginError("not logged in, or for too long")
         if proof is not None and not hmac.compare_digest(proof.encode(), login.proof.encode()):
             raise LoginError("this does not come from the page that logged in", 403)
@@ -135,11 +137,14 @@ class Operators:
 
     def sweep(self) -> None:
         """End what has lasted for too long."""
-        now = self._clock()
         with self._lock:
-            over = [one for one in self._logins.values() if now - one.used > IDLE_S or now - one.begun > LONGEST_S]
+            over = [one for one in self._logins.values() if self._over(one)]
         for login in over:
             self.logout(login)
+
+    def _over(self, login: Login) -> bool:
+        now = self._clock()
+        return now - login.used > IDLE_S or now - login.begun > LONGEST_S
 
     def close(self) -> None:
         """End all of them."""

@@ -59,9 +59,10 @@ def test_a_daemon_is_shown_live_stopped_by_a_key_and_waited_for_when_it_is_gone(
         daemon.wait_running()
         with opened(tmp_path, web.origin, 1440, 900) as page:
             page.wait_for(f"{MODE} && {DRAWN} === 4", BUSY_S)
-            assert re.fullmatch(r"[+−]\d\.\d{3}", page.text(".ball .value")) and "± " in page.text(".ball .more")
-            assert page.ask("document.querySelector('.band').getAttribute('d').length > 0")
-            assert re.fullmatch(r"\d+\.\d Hz", page.text("#timing dd"))
+            page.wait_for(r"/^[+−]\d\.\d{3}$/.test(document.querySelector('.ball .value').innerText)")
+            page.wait_for("document.querySelector('.ball .more').innerText.includes('± ')")
+            page.wait_for("document.querySelector('.band').getAttribute('d').length > 0")
+            page.wait_for(r"/^\d+\.\d Hz$/.test(document.querySelector('#timing dd').innerText)")
             # the page's own server, and nobody else
             assert page.requested and all(address.startswith(web.origin) for address in page.requested)
             page.key(" ", "Space")

@@ -109,8 +109,9 @@ def test_what_cannot_be_served_is_one_line(words: tuple[str, ...], says: str) ->
 
 @pytest.mark.realtime
 def test_rig_and_page_in_one_command() -> None:
-    with started("tools/sim_web.py", "--listen", "127.0.0.1:0", "--seconds", "5") as (process, address):
+    with started("tools/sim_web.py", "--listen", "127.0.0.1:0", "--seconds", "100") as (process, address):
         assert urllib.request.urlopen(address, timeout=10.0).status == 200
         me = urllib.request.urlopen(f"{address}api/me", timeout=10.0)
         assert json.load(me) == {"possible": True, "user": None}
+        process.send_signal(signal.SIGTERM)
         assert process.wait(30.0) == 0
