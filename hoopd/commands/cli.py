@@ -190,7 +190,8 @@ def main() -> None:
     try:
         code = app(prog_name="hoopd", standalone_mode=False)
     except UsageError as error:
-        _refuse(f"{error.format_message()} (see hoopd --help)")
+        context = getattr(error, "ctx", None)
+        _refuse(f"{error.format_message()} (see {context.command_path if context else 'hoopd'} --help)")
     except PortMissingError as error:
         _refuse(str(error), PORT_MISSING)
     except InputError as error:

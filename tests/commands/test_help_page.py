@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from hoopd.commands.cli import app
+from hoopd.commands.cli import app, main
 from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.options.shared import SLICE
@@ -43,3 +43,18 @@ def test_a_start_does_not_draw() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=os.environ, check=True
     )
     assert done.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize(
+    ("words", "page"),
+    [(["simulate", "run.mcap"], "hoopd simulate"), (["fit", "--wrong"], "hoopd fit"), (["--no"], "hoopd")],
+)
+def test_a_wrong_option_leads_to_the_page_of_its_command(
+    words: list[str], page: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["hoopd", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert told.endswith(f"(see {page} --help)\n") and told.count("\n") == 1
