@@ -14,7 +14,7 @@ from hoopd.core.drift import CHANNELS, Level, LevelSums, beyond
 BEGIN_S = 0.5
 SHADOW_S = 2.0
 # Of 75 samples and their 15 means of five a mean square of chance scatters by 16 % and 36 %. A level that is told is
-# the mean of many seconds of a rig; of the real device it varies more.
+# the mean of many seconds of a rig; of the real device it varies more (tools/bench/new_controller.py).
 FACTOR = 2.5
 
 
