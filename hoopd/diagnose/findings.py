@@ -233,7 +233,7 @@ def _told(finding: EffectFinding, standing: Standing) -> EffectFinding:
         probability=standing.probability,
         nearest=standing.nearest,
         explained=standing.explained,
-        statement=f"{standing.caveat}. Its law: {finding.statement}" if standing.caveat else finding.statement,
+        statement=f"{finding.statement}; it {standing.caveat}" if standing.caveat else finding.statement,
     )
 
 

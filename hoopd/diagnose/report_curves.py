@@ -59,6 +59,7 @@ class LawCurve:
     label: str  # "hoop.coulomb_friction"
     x: Array
     y: Array
+    is_curve: bool = True  # False: it depends on more than the regressor, and these are its values at the samples
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ class Regressor:
     value: Array
     binned: Binned | None = None
     law: LawCurve | None = None
+    turning: bool = False  # an angle in one turn
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,8 @@ class MissingForce:
 
 @dataclass(frozen=True)
 class Strip:
-    """Smoothed disturbance of one slot in one recording, (n,), divided by what is usual with the effects."""
+    """Smoothed disturbance of one slot in one recording, or its readings' error, (n,), over what is usual with the
+    effects."""
 
     recording: str
     slot: str

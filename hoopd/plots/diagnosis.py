@@ -18,7 +18,7 @@ from hoopd.plots import style
 from hoopd.plots.number_format import amount, brief, nats, safe, value_text
 
 if TYPE_CHECKING:
-    from hoopd.diagnose.record import Candidate, Ignored, Number, Quantity, Visible
+    from hoopd.diagnose.record import Candidate, EffectFinding, Ignored, Number, Quantity, Visible
     from hoopd.diagnose.report_curves import Strip
 
 WIDTH_IN, ROW_IN = 8.0, 0.28
@@ -103,23 +103,37 @@ def shade(axes: Axes, ignored: Sequence[Ignored]) -> None:
         axes.axvspan(start, end, facecolor="#BBBBBB", alpha=0.55, hatch="////", edgecolor="#777777", linewidth=0.0)
 
 
-def draw_candidates(candidates: Sequence[Candidate], named: Collection[str], not_excluded: Collection[str]) -> Figure:
-    """What each explanation gains on its own, against what it would need; the best of them only."""
-    shown = [one for one in candidates if one.log_likelihood_gain is not None]
-    shown = sorted(shown, key=lambda one: -(one.log_likelihood_gain or 0.0))[:MOST_CANDIDATES]
-    figure = style.figure(WIDTH_IN, 1.2 + ROW_IN * len(shown))
+def draw_candidates(
+    candidates: Sequence[Candidate], findings: Sequence[EffectFinding], not_excluded: Collection[str]
+) -> Figure:
+    """What each explanation gains on its own, against what it would need; the best of them only.
+
+    A finding beside it: what the model of all of them loses without it.
+    """
+    known = sorted(
+        (one for one in candidates if one.log_likelihood_gain is not None),
+        key=lambda one: -(one.log_likelihood_gain or 0.0),
+    )
+    alone = {one.name: one for one in known}
+    found = {one.name: one for one in findings if one.evidence.log_likelihood_gain is not None}
+    names = [*found, *(name for name in alone if name not in found)][:MOST_CANDIDATES]
+    figure = style.figure(WIDTH_IN, 1.2 + ROW_IN * len(names))
     axes = figure.axes[0]
     axes.set_xscale("log")
-    _rows(axes, [one.name for one in shown])
-    for row, one in enumerate(shown):
-        _candidate(axes, row, one, *_look(one.name, named, not_excluded))
-    axes.set_xlim(LEAST_NATS, 2.5 * max([10.0, *(one.log_likelihood_gain or 0.0 for one in shown)]))
-    _thresholds(axes, shown)
+    _rows(axes, names)
+    for row, name in enumerate(names):
+        if name in found:
+            _finding(axes, row, alone.get(name), found[name])
+        else:
+            _candidate(axes, row, alone[name], *_look(name, not_excluded))
+    gains = [one.log_likelihood_gain for one in known] + [one.evidence.log_likelihood_gain for one in found.values()]
+    axes.set_xlim(LEAST_NATS, 2.5 * max([10.0, *(gain or 0.0 for gain in gains)]))
+    _thresholds(axes, [_needed(alone[name]) if name in alone else found[name].evidence.threshold for name in names])
     style.labelled(axes, "gain over the re-fitted base (nats)", "")
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     style.legend(axes, handles=list(once.values()), labels=list(once), loc="lower left", bbox_to_anchor=(0.0, 1.0),
-                 ncols=4, borderaxespad=0.1)  # fmt: skip
+                 ncols=3, borderaxespad=0.1)  # fmt: skip
     return figure
 
 
@@ -128,10 +142,8 @@ def _needed(one: Candidate) -> Number:
     return one.threshold if one.needed is None else one.needed
 
 
-def _look(name: str, named: Collection[str], not_excluded: Collection[str]) -> tuple[str, str]:
+def _look(name: str, not_excluded: Collection[str]) -> tuple[str, str]:
     """Colour and word of a candidate."""
-    if name in named:
-        return style.VERMILION, "named"
     return (style.ORANGE, "not excluded") if name in not_excluded else (style.BLUE, "not named")
 
 
@@ -143,9 +155,23 @@ def _candidate(axes: Axes, row: int, one: Candidate, colour: str, label: str) ->
                   fontsize=style.NOTE_PT)  # fmt: skip
 
 
-def _thresholds(axes: Axes, shown: Sequence[Candidate]) -> None:
+def _finding(axes: Axes, row: int, alone: Candidate | None, found: EffectFinding) -> None:
+    """Hollow what it gains on its own, full what it does beside all others."""
+    denied = found.status == "not_confirmed"
+    colour, word = (style.GREY, "denied by held-out data") if denied else (style.VERMILION, "named")
+    own = None if alone is None else alone.log_likelihood_gain
+    gain = max(found.evidence.log_likelihood_gain or 0.0, LEAST_NATS)
+    axes.plot((LEAST_NATS, gain), (row, row), color=colour, linewidth=1.2, alpha=0.6)
+    if own is not None:
+        axes.plot(max(own, LEAST_NATS), row, "o", color=colour, markersize=9, markerfacecolor="none",
+                  label=f"{word}, on its own")  # fmt: skip
+    axes.plot(gain, row, "o", color=colour, markersize=6, label=f"{word}, beside all others")
+    axes.annotate(nats(found.evidence.log_likelihood_gain), (max(gain, own or 0.0), row), (9, 0),
+                  textcoords="offset points", va="center", fontsize=style.NOTE_PT)  # fmt: skip
+
+
+def _thresholds(axes: Axes, needed: Sequence[Number]) -> None:
     """One line where all need the same, a mark in each row otherwise."""
-    needed = [_needed(one) for one in shown]
     if len(set(needed)) == 1 and needed[0] is not None:
         axes.axvline(needed[0], color=style.GREY, linestyle="--", linewidth=1.2, label=f"needed: {nats(needed[0])}")
         return

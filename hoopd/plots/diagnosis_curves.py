@@ -61,8 +61,17 @@ def _over(axes: Axes, force: MissingForce, regressor: Regressor) -> None:
         axes.errorbar(bins.x, bins.mean, error, fmt="o", color=style.BLUE, markersize=3.5, capsize=2,
                       linewidth=1.0, label="mean, 95 % band")  # fmt: skip
     if (law := regressor.law) is not None:
-        axes.plot(law.x, law.y, color=style.VERMILION, linewidth=2.0, label=plain(law.label))
+        if law.is_curve:
+            axes.plot(law.x, law.y, color=style.VERMILION, linewidth=2.0, label=plain(law.label))
+        else:
+            axes.plot(law.x[thin], law.y[thin], ".", color=style.VERMILION, markersize=3.0, label=plain(law.label))
+    axes.set_title(_what_it_is(regressor), fontsize=style.NOTE_PT, loc="left")
     axes.set_xlabel(_label(regressor.unit, regressor.name))
+
+
+def _what_it_is(regressor: Regressor) -> str:
+    """What a panel shows, in words."""
+    return f"over one turn of {plain(regressor.name)}" if regressor.turning else f"over {plain(regressor.name)}"
 
 
 def draw_curve(curve: Curve) -> Figure:

@@ -66,11 +66,11 @@ def _decimal(value: float, decimals: int) -> str:
     return text.lstrip("-") if not text.strip("-0.") else text
 
 
-def amount(value: Number, unit: str, digits: int = PLAIN_DIGITS) -> str:
-    """A number with its unit, prefixed where it is small: 5.1e-3 N m is 5.1 mN m."""
+def amount(value: Number, unit: str, digits: int = PLAIN_DIGITS, *, like: Number = None) -> str:
+    """A number with its unit, prefixed where it is small: 5.1e-3 N m is 5.1 mN m; or as another number is, `like`."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    factor, shown = _prefix(value, unit)
+    factor, shown = _prefix(like or value, unit)
     return f"{number_text(value / factor, digits)} {shown}".rstrip()
 
 
@@ -82,23 +82,23 @@ def _prefix(value: float, unit: str) -> tuple[float, str]:
     return factor, prefix + unit_text(unit)
 
 
-def value_text(quantity: Quantity) -> str:
-    """The value, as many digits as its interval allows."""
+def value_text(quantity: Quantity, *, like: Number = None) -> str:
+    """The value, as many digits as its interval allows; in the unit in which `like` is read."""
     if quantity.value is None or not math.isfinite(quantity.value):
         return NOTHING
-    factor, unit = _prefix(quantity.value, quantity.unit)
+    factor, unit = _prefix(like or quantity.value, quantity.unit)
     half = _half_width(quantity)
     if half is None:
         return f"{number_text(quantity.value / factor)} {unit}".rstrip()
     return f"{_rounded(quantity.value / factor, half / factor)} {unit}".rstrip()
 
 
-def interval_text(quantity: Quantity) -> str:
-    """The 95 % interval in the unit of the value."""
+def interval_text(quantity: Quantity, *, like: Number = None) -> str:
+    """The 95 % interval in the unit of the value, or that of `like`."""
     half = _half_width(quantity)
     if quantity.value is None or quantity.ci95 is None or half is None:
         return NOTHING
-    factor, unit = _prefix(quantity.value, quantity.unit)
+    factor, unit = _prefix(like or quantity.value, quantity.unit)
     low, high = (_rounded((end or 0.0) / factor, half / factor) for end in quantity.ci95)
     return f"{low} to {high} {unit}".rstrip()
 

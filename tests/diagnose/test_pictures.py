@@ -105,7 +105,9 @@ def test_held_out_windows_are_lifted_apart_and_nearer_with_the_effect(swinging: 
 
 def test_strips_are_multiples_of_what_is_left_with_the_effect(swinging: tuple[Named, Shown]) -> None:
     strips = {strip.slot: strip for strip in swinging[1].strips}
-    assert list(strips) == ["hoop", "ball"]
+    # bodies by the disturbance that they need, sensors by what is left of their readings
+    assert list(strips) == ["hoop", "ball", "encoder", "camera"]
+    assert 0.5 < np.nanmedian(strips["encoder"].strength) < 10.0
     assert np.median(strips["hoop"].strength) > 1.5 * np.median(strips["ball"].strength)
     assert strips["hoop"].ignored == [(1.0, 2.0, "a hand")]
 
@@ -130,6 +132,22 @@ def test_a_law_that_jumps_at_rest_is_lifted_there() -> None:
     smooth = law_over("drag", Variable("dx", "m/s", x), -x)
     assert smooth is not None
     assert np.isfinite(smooth.y).all()
+
+
+def test_a_periodic_law_is_a_smooth_line_over_the_turn_that_was_seen() -> None:
+    theta = np.random.default_rng(2).uniform(0.5, 5.5, 1500)
+    law = law_over("wave", Variable("theta", "rad", theta, turning=True), np.sin(7.0 * theta))
+    assert law is not None and law.is_curve and len(law.x) > 500
+    seen = np.isfinite(law.y)
+    np.testing.assert_allclose(law.y[seen], np.sin(7.0 * law.x[seen]), atol=0.02)
+    assert not seen[law.x < 0.3].any() and seen[(law.x > 0.6) & (law.x < 5.4)].all()
+
+
+def test_a_law_of_two_variables_is_no_line_over_one_of_them() -> None:
+    random = np.random.default_rng(3)
+    theta, u = random.uniform(0.0, 2 * np.pi, 1500), random.normal(size=1500)
+    law = law_over("ripple", Variable("theta", "rad", theta, turning=True), u * np.sin(2.0 * theta))
+    assert law is not None and not law.is_curve and len(law.x) > 1000
 
 
 def test_what_is_late_follows_the_rate_that_it_is_drawn_against() -> None:

@@ -153,7 +153,7 @@ def test_a_wrong_name_is_the_nearest_known_one_at_most() -> None:
     assert mine.probability is not None and mine.probability < 0.5
     assert found.rest is not None and found.rest.fires and found.candidates[NONE_OF_THESE] > 0.5
     assert mine.explained is not None and 0.1 < mine.explained < 0.6
-    assert mine.caveat.startswith("nearest known: hoop.friction_drift, explains ")
+    assert mine.caveat.startswith("explains ") and "hoop.friction_drift is the nearest known name" in mine.caveat
 
 
 def worths(found: Named, grammar: Sequence[str] = LAWS, colour: float | None = None) -> dict[str, Option]:
@@ -240,7 +240,7 @@ def test_what_is_small_beside_a_name_leaves_it_likely(gain: float, low: float, h
 def test_what_several_names_leave_is_told_once() -> None:
     rest = remaining(25.0, 5.0)
     share = "explains 70 % of the nats that all findings and the rest explain together"
-    one = f"nearest known: a.b, {share}; what remains follows theta"
+    one = f"{share}; a.b is the nearest known name, and what remains follows theta"
     assert _caveat("a.b", 0.7, rest, 1) == one
     assert _caveat("a.b", 0.7, rest, 2) == f"{share}, beyond what the others take over without it"
     told_once = remains_of(Standings({"a.b": Standing()}, {}, rest))

@@ -31,7 +31,7 @@ from hoopd.diagnose.record import (
     Quantity,
     Refused,
 )
-from hoopd.diagnose.report import headline, tables
+from hoopd.diagnose.report import headline, table_notes, tables
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report.page import page
 from hoopd.diagnose.report.terminal import WIDTH, report_console, report_text
@@ -122,7 +122,8 @@ def test_recordings_are_called_by_their_last_name_only_where_that_tells_them_apa
 
 def test_the_verdict_of_a_named_effect_has_its_size_what_is_not_excluded_and_the_gain() -> None:
     assert headline.verdict_sentence(coulomb()[0]) == (
-        "The model leaves out hoop.coulomb_friction (Fc = 5.10 mN m; hoop.stribeck_friction not excluded)."
+        "The model leaves out hoop.coulomb_friction (Fc = 5.10 mN m; hoop.stribeck_friction not excluded). "
+        "Dry friction holds the hoop back with a constant torque of 5.1 mN m against its motion."
     )
     assert headline.fit_sentence(coulomb()[0]) == (
         "Fit of held-out dtheta: your model 78.2, re-fitted 87.0, with effects 97.6 %."
@@ -230,7 +231,7 @@ def test_what_held_out_data_deny_is_in_the_table_and_not_in_the_headline() -> No
     told = msgspec.structs.replace(diagnosis, effects=[first, denied], refused=refused)
     assert "cogging" not in headline.verdict_sentence(told) and first.name in headline.verdict_sentence(told)
     for text in (printed(told), Page(page(told, Shown())).text):
-        assert "actuator.cogging" in text and "deny it" in text and "confirm it" in text
+        assert "actuator.cogging" in text and "denied" in text and "confirmed" in text
         assert "frame.tilt" in text and "it loses 9.0 nats" in text
     alone = headline.verdict_sentence(msgspec.structs.replace(told, verdict="parameters", effects=[]))
     assert "frame.tilt" in alone and "not confirmed" in alone and "complete" not in alone
@@ -307,7 +308,7 @@ def test_the_figure_of_explanations_has_the_gains_and_needs_of_the_tables() -> N
     diagnosis, _ = coulomb()
     first = msgspec.structs.replace(diagnosis.candidates[0], surprise=900.0, threshold=12.0, needed=31.0)
     other = msgspec.structs.replace(diagnosis.candidates[1], surprise=800.0, threshold=12.0, needed=33.0)
-    (axes,) = draw_candidates([first, other], {first.name}, ()).axes
+    (axes,) = draw_candidates([first, other], diagnosis.effects, ()).axes
     (row,) = (one for one in tables.effects(diagnosis).rows if one[0] == first.name)
     assert row[4] in [one.get_text() for one in axes.texts]
     marks = sorted(float(one.get_xdata()[0]) for one in axes.lines if one.get_label() == "needed")
@@ -365,7 +366,7 @@ def test_the_terminal_s_report_starts_with_the_verdict_and_fits_80_columns(name:
 def test_the_terminal_s_report_has_every_part_of_a_finding() -> None:
     text = printed(coulomb()[0])
     for part in (
-        "4.87 to 5.33 mN m", "1342", "31", "0.8: no gain", "1319 nats lost", "+61.0 points", "prbs_b.mcap",
+        "4.87 to 5.33 mN m", "1342", "31", "gains nothing", "-1319 nats", "+61.0 points", "prbs_b.mcap",
         "windows of 2 s", "One free run", "Not excluded", "hoop.stribeck_friction", "Next experiment",
         "hoopd experiment --signal ramp --amplitude 0.02 --duration 30", "late frames", "a hand moved the ball",
         "97.7 87.4", "93 %", "[-Fc sign(theta')]",
@@ -558,22 +559,79 @@ def test_a_page_of_a_usual_case_can_be_sent_by_mail() -> None:
     assert TRAIN in made("coulomb").decode()
 
 
+def test_the_first_lines_say_how_sure_a_finding_is_and_what_to_do_next() -> None:
+    diagnosis, shown = coulomb()
+    first = msgspec.structs.replace(diagnosis.effects[0], status="confirmed")
+    told = msgspec.structs.replace(diagnosis, effects=[first])
+    sure, then = headline.certainty_sentence(told), headline.next_sentence(told)
+    assert sure == (
+        "How sure that something acts there, and that it is this very law: hoop.coulomb_friction 1342 nats (31 needed) "
+        "and 93 %, confirmed by held-out data."
+    )
+    assert then.startswith("Next: keep the model with hoop.coulomb_friction (--write FILE.yaml)")
+    for text in (printed(told), Page(page(told, shown)).text):
+        assert squeezed(sure) in squeezed(text) and squeezed(then) in squeezed(text)
+    doubted = msgspec.structs.replace(told, effects=[msgspec.structs.replace(first, status="weak")])
+    assert "--write" not in headline.next_sentence(doubted)
+    assert headline.next_sentence(doubted).endswith("before a model is written.")
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_every_verdict_says_what_to_do_next(name: str) -> None:
+    diagnosis, _ = EXAMPLES[name]()
+    assert headline.next_sentence(diagnosis).startswith("Next: ")
+
+
+def test_without_a_finding_the_nearest_explanation_is_told() -> None:
+    diagnosis, _ = EXAMPLES["parameters"]()
+    near = Candidate(name="frame.tilt", log_likelihood_gain=4.0, needed=12.0)
+    far = Candidate(name="actuator.lag", log_likelihood_gain=5.0, needed=20.0)
+    told = msgspec.structs.replace(diagnosis, candidates=[far, near], effects=[])
+    assert headline.certainty_sentence(told) == (
+        "How sure: of all explanations frame.tilt comes nearest, with 4.0 of the 12 nats that it needs."
+    )
+
+
+def test_what_is_left_without_a_name_has_an_experiment_too() -> None:
+    diagnosis, _ = unknown()
+    alone = msgspec.structs.replace(diagnosis, next_experiment=None)
+    said = words.rest_experiment_sentence(alone)
+    assert said.startswith("For what is left without a name at the hoop: a recording in which theta goes both ways")
+    assert squeezed(said) in squeezed(printed(alone)) and said in Page(page(alone, Shown())).text
+
+
+def test_what_several_recordings_have_for_themselves_is_in_one_unit() -> None:
+    diagnosis, _ = coulomb()
+    large, small = (Quantity(value=v, unit="rad", ci95=(v - 0.3, v + 0.3), nominal=0.0) for v in (-0.11, 0.0999))
+    effect = msgspec.structs.replace(diagnosis.effects[0], parameters={f"phi@{TRAIN}": large, "phi@other.csv": small})
+    told = msgspec.structs.replace(diagnosis, effects=[effect])
+    values = [row[2] for row in [*tables.effects(told).rows, *tables.parameters(told).rows] if row[1].startswith("phi")]
+    assert len(values) == 4 and all(one.endswith(" rad") for one in values), values
+
+
+def test_runs_over_whole_parts_say_which_were_fitted_to() -> None:
+    rows = tables.free_run("", coulomb()[0].fit.free_run).rows
+    assert rows and all(row[0].endswith((" (fitted to)", " (held out)", "")) for row in rows)
+    assert any(row[0].endswith("(fitted to)") for row in rows)
+
+
 def test_a_placebo_is_told_by_the_gain_that_was_judged() -> None:
     """The best of the shuffles, and what it may be: a mean of 1 nat beside GAINS TOO says nothing."""
     diagnosis, _ = coulomb()
     for most, held, told in (
-        (2.5, True, "2.5, by chance 3.7: no gain"),
-        (6.0, False, "6.0, by chance 3.7: GAINS TOO, so needs 50"),
+        (2.5, True, "gains 2.5 nats for hoop.coulomb_friction, by chance up to 3.7)"),
+        (6.0, False, "gains 6.0 nats for hoop.coulomb_friction, by chance up to 3.7, so that it needs 50)"),
     ):
         placebo = Placebo(log_likelihood_gain=1.0, held=held, shuffles=8, most=most, limit=3.7)
         effect = msgspec.structs.replace(diagnosis.effects[0], placebo=placebo)
-        rows = tables.checks(msgspec.structs.replace(diagnosis, effects=[effect])).rows
-        assert any(told in row for row in rows), rows
+        one = msgspec.structs.replace(diagnosis, effects=[effect])
+        assert told in table_notes.checks_sentence(one)
+        assert tables.checks(one).rows[0][-1] == ("gains nothing" if held else "GAINS TOO")
 
 
 def test_the_words_of_the_page_are_explained_on_it() -> None:
     text = Page(made("coulomb")).text
-    for word in ("Nats:", "Needed:", "Slot:", "Best shuffle:", "Held-out data confirm", "Free curves:", "Likely:"):
+    for word in ("Nats:", "Needed:", "Slot:", "Shuffled:", "Held-out data confirm", "Free curves:", "Likely:"):
         assert word in text
 
 

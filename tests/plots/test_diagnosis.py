@@ -7,7 +7,7 @@ import pytest
 from diagnose.examples import coulomb, unknown
 from matplotlib.figure import Figure
 
-from hoopd.diagnose.record import Candidate, Quantity, Visible
+from hoopd.diagnose.record import Candidate, EffectFinding, Evidence, Quantity, Status, Visible
 from hoopd.diagnose.report_curves import Comparison, Strip, Trace
 from hoopd.plots import diagnosis as figures
 from hoopd.plots import diagnosis_curves as curves
@@ -79,12 +79,30 @@ def test_a_strip_has_the_size_of_the_disturbance_in_its_place() -> None:
 
 def test_only_the_best_candidates_are_drawn_and_thresholds_of_their_own_are_marked() -> None:
     many = [Candidate(name=f"slot.e{k}", log_likelihood_gain=100.0 - k, threshold=30.0 + k) for k in range(20)]
-    axes = figures.draw_candidates(many, ["slot.e0"], ["slot.e1"]).axes[0]
+    axes = figures.draw_candidates(many, [], ["slot.e1"]).axes[0]
     assert [text.get_text() for text in axes.get_yticklabels()] == [
         f"slot.e{k}" for k in range(figures.MOST_CANDIDATES)
     ]
     marks = [line.get_xdata()[0] for line in axes.get_lines() if line.get_marker() == "|"]  # type: ignore[index]
     assert marks == [30.0 + k for k in range(figures.MOST_CANDIDATES)]
+
+
+def test_a_finding_is_drawn_alone_and_beside_the_others_and_a_denied_one_says_so() -> None:
+    def finding(name: str, gain: float, status: Status) -> EffectFinding:
+        evidence = Evidence(log_likelihood_gain=gain, threshold=12.0, heldout_gain_percent=None)
+        return EffectFinding(
+            name=name, slot="a", parameters={}, evidence=evidence, not_excluded=[], statement="", status=status
+        )
+
+    alone = [Candidate(name="a.b", log_likelihood_gain=50.0, needed=12.0)]
+    found = [finding("a.b", 20.0, "confirmed"), finding("a.of_x", 30.0, "not_confirmed")]
+    axes = figures.draw_candidates(alone, found, []).axes[0]
+    marks = {str(line.get_label()): line for line in axes.get_lines() if line.get_marker() == "o"}
+    assert float(marks["named, on its own"].get_xdata()[0]) == 50.0  # type: ignore[index]
+    assert marks["named, on its own"].get_markerfacecolor() == "none"
+    assert float(marks["named, beside all others"].get_xdata()[0]) == 20.0  # type: ignore[index]
+    legend = axes.get_legend()
+    assert legend is not None and "denied by held-out data, beside all others" in [t.get_text() for t in legend.texts]
 
 
 def test_a_nominal_value_far_away_is_an_arrow_at_the_edge() -> None:

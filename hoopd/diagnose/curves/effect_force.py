@@ -187,6 +187,9 @@ def _rolling(slot: str, plant: Plant, names: Sequence[str], z: Array) -> tuple[V
 def _variable(plant: Plant, name: str, value: Array) -> Variable:
     if name == "u":
         return Variable(name, plant.force_unit, value)
+    entered = next((one.unit for one in plant.inputs if one.name == name), None)
+    if entered is not None:
+        return Variable(name, entered, value)
     if name not in plant.coordinates:
         return Variable(name, state_unit(plant, name), value)
     turning = turns(plant, name)

@@ -150,4 +150,4 @@ def _caveat(name: str, share: float, rest: Remainder, names: int) -> str:
     of_all = f"explains {100.0 * share:.0f} % of the nats that all findings and the rest explain together"
     if names > 1:
         return f"{of_all}, beyond what the others take over without it"
-    return f"nearest known: {name}, {of_all}; what remains follows {rest.follows}"
+    return f"{of_all}; {name} is the nearest known name, and what remains follows {rest.follows}"

@@ -16,10 +16,9 @@ from hoopd.diagnose.curves.effect_force import MissingForceSamples, Variable, mi
 from hoopd.diagnose.curves.missing_force import binned, law_of_curve, missing_force
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.fit_tables import Played, series
-from hoopd.diagnose.quality.unusual_energy import robust_level
-from hoopd.diagnose.quality.unusual_intervals import disturbance
 from hoopd.diagnose.record import Ignored
 from hoopd.diagnose.report.sentences import windows
+from hoopd.diagnose.report.time_strips import strips
 from hoopd.diagnose.report_curves import (
     Binned,
     Comparison,
@@ -28,7 +27,6 @@ from hoopd.diagnose.report_curves import (
     MissingForce,
     Regressor,
     Shown,
-    Strip,
     Trace,
 )
 from hoopd.diagnose.search.naming import Named
@@ -45,6 +43,12 @@ MOST_RECORDINGS = 6
 LAW_POINTS, LAW_SAMPLES = 200, 8
 # A step of a law at rest of more than this share of its range is a jump, not a slope.
 JUMP_SHARE = 0.4
+# A line through fewer samples goes through all; waves that a part of a turn cannot tell apart are left small.
+LEAST_OF_A_LINE, LEAST_SINGULAR = 3, 1e-3
+# A law that the other variables move by more than this share of its range is no curve over one of them.
+SINGLE_SHARE = 0.1
+# Points of a turn at which a periodic law is drawn, and neighbours that belong to one bin of samples.
+TURN_POINTS, TURN_BINS = 721, 96
 # The amplitude that noise exceeds with this chance; orders of a turn, and samples that one of them needs.
 CHANCE, MOST_ORDERS, SAMPLES_AN_ORDER = 0.01, 24, 20
 
@@ -78,7 +82,9 @@ def traces(base: Played, final: Played, recording: str) -> list[Trace]:
     """One for each channel of a recording."""
     before, after = (series(one.by_recording().get(recording, [])) for one in (base, final))
     plant = next(track.stretch.plant for track in base.fit.tracks if track.stretch.recording == recording)
-    return [_trace(name, plant, parts, after.get(name, [])) for name, parts in before.items()]
+    found = [_trace(name, plant, parts, after.get(name, [])) for name, parts in before.items()]
+    # without a finding there is no model with any
+    return found if final.fit.names != base.fit.names else [replace(one, after=None) for one in found]
 
 
 def _trace(name: str, plant: Plant, before: Sequence[Sequence[Array]], after: Sequence[Sequence[Array]]) -> Trace:
@@ -106,7 +112,14 @@ def _missing(named: Named, name: str) -> tuple[str, str, MissingForceSamples] | 
 def force_of(slot: str, label: str, missing: MissingForceSamples) -> MissingForce:
     """As it is drawn: over each variable with bins and law."""
     regressors = [
-        Regressor(one.name, one.unit, one.value, _bins(one.value, missing.value), law_over(label, one, missing.law))
+        Regressor(
+            one.name,
+            one.unit,
+            one.value,
+            _bins(one.value, missing.value),
+            law_over(label, one, missing.law),
+            one.turning,
+        )
         for one in missing.variables
     ]
     return MissingForce(slot, missing.unit, missing.t_s, missing.value, regressors, missing.recording)
@@ -119,16 +132,57 @@ def _bins(x: Array, y: Array) -> Binned | None:
 
 
 def law_over(label: str, over: Variable, law: Array) -> LawCurve | None:
-    """The law as a curve: its median where the variable has a value, whatever else it depends on."""
+    """The law as a curve where it follows this variable alone, on a fine grid over a turn; else its values."""
     # a step in which the variable changes its sign is a mean of both sides
     one_sided = np.append(over.value[1:] * over.value[:-1] > 0.0, False)
     x, y = _known(over.value[one_sided], law[one_sided])
     points = min(LAW_POINTS, len(x) // LAW_SAMPLES)
     if points < 3:
         return None
-    edges = np.linspace(0.0, 2 * np.pi, points + 1) if over.turning else _spread_edges(x, points)
+    if _scatter(x, y, over.turning) > SINGLE_SHARE * max(float(np.ptp(y)), 1e-300):
+        return LawCurve(label, x, y, is_curve=False)
+    if over.turning:
+        return LawCurve(label, *_round(x, y))
+    edges = _spread_edges(x, points)
     at, mean = np.array([(x[own].mean(), np.median(y[own])) for own in _members(x, edges) if own.any()]).T
     return LawCurve(label, *_lifted(at, mean))
+
+
+def _scatter(x: Array, y: Array, turning: bool) -> float:
+    """Usual spread of y (n,) about a line within neighbours in x (n,): of what else it follows."""
+    edges = (
+        np.linspace(0.0, 2 * np.pi, TURN_BINS + 1)
+        if turning
+        else _spread_edges(x, min(LAW_POINTS, len(x) // LAW_SAMPLES))
+    )
+    rest = []
+    for own in _members(x, edges):
+        if own.sum() > LEAST_OF_A_LINE:
+            basis = np.column_stack([np.ones(own.sum()), x[own] - x[own].mean()])
+            rest.append(float(np.std(y[own] - basis @ np.linalg.lstsq(basis, y[own], rcond=None)[0])))
+    return float(np.median(rest)) if rest else 0.0
+
+
+def _round(x: Array, y: Array) -> tuple[Array, Array]:
+    """A law over a turn as the waves that its samples (n,) are made of; the pen is lifted where there are none."""
+    grid = np.linspace(0.0, 2 * np.pi, TURN_POINTS)
+    orders = np.arange(1, min(MOST_ORDERS, len(x) // SAMPLES_AN_ORDER) + 1)
+    weights = np.linalg.lstsq(_waves(x, orders), y, rcond=LEAST_SINGULAR)[0]
+    drawn = _waves(grid, orders) @ weights
+    if float(np.var(y - _waves(x, orders) @ weights)) > (SINGLE_SHARE * float(np.ptp(y))) ** 2:
+        # narrower than the shortest wave: from bin to bin
+        bins = [own for own in _members(x, np.linspace(0.0, 2 * np.pi, TURN_BINS + 1)) if own.any()]
+        drawn = np.interp(grid, [x[own].mean() for own in bins], [np.median(y[own]) for own in bins], period=2 * np.pi)
+    there = np.sort(x)
+    beside = np.searchsorted(there, grid)
+    nearest = np.minimum(np.abs(grid - there[beside % len(x)]), np.abs(grid - there[beside - 1]))
+    apart = np.minimum(nearest, 2 * np.pi - nearest)
+    return grid, np.where(apart > 2 * np.pi / TURN_BINS, np.nan, drawn)
+
+
+def _waves(x: Array, orders: NDArray[np.int_]) -> Array:
+    """1, sin n x, cos n x as columns."""
+    return np.column_stack([np.ones_like(x), *(f(n * x) for n in orders for f in (np.sin, np.cos))])
 
 
 def _lifted(x: Array, y: Array) -> tuple[Array, Array]:
@@ -178,7 +232,7 @@ def harmonics_of(slot: str, missing: MissingForceSamples) -> Harmonics | None:
     if not len(orders):
         return None
     # y = c + sum a_n sin n x + b_n cos n x
-    basis = np.column_stack([np.ones_like(x), *(f(n * x) for n in orders for f in (np.sin, np.cos))])
+    basis = _waves(x, orders)
     weights, *_ = np.linalg.lstsq(basis, y, rcond=None)
     rest = y - basis @ weights
     # an amplitude of noise: Rayleigh with 2 sigma^2/n, n (1 - rho)/(1 + rho) independent values of n correlated ones
@@ -187,35 +241,3 @@ def harmonics_of(slot: str, missing: MissingForceSamples) -> Harmonics | None:
     threshold = np.full(len(orders), sigma * np.sqrt(-2.0 * np.log(CHANCE)))
     pairs = weights[1:].reshape(-1, 2)
     return Harmonics(slot, angle.name, missing.unit, orders.astype(float), np.hypot(*pairs.T), threshold)
-
-
-# ---------------------------------------------------------------------------------------------- in time
-
-
-def strips(base: HypothesisFit, final: HypothesisFit, ignored: Ignoreds) -> Iterator[Strip]:
-    """What the re-fitted base needs of every body, as multiples of what the final model still needs."""
-    names = list(dict.fromkeys(track.stretch.recording for track in base.tracks))[:MOST_RECORDINGS]
-    for name in names:
-        before, after = _disturbances(base, name), _disturbances(final, name)
-        plant = next(track.stretch.plant for track in base.tracks if track.stretch.recording == name)
-        t = _times(base, name)
-        for column, q in enumerate(plant.disturbed):
-            level = max(robust_level(after[:, column]), 1e-300)
-            strength = np.abs(before[:, column]) / level
-            yield Strip(name, body_on(plant, q), t, strength, ignored.get(name, ()))
-
-
-def _disturbances(found: HypothesisFit, recording: str) -> Array:
-    """(n, nq) over all stretches of a recording."""
-    parts = [i for i, track in enumerate(found.tracks) if track.stretch.recording == recording]
-    return np.concatenate([disturbance(found, i) for i in parts])
-
-
-def _times(found: HypothesisFit, recording: str) -> Array:
-    return np.concatenate([track.stretch.t for track in found.tracks if track.stretch.recording == recording])
-
-
-def body_on(plant: Plant, q: str) -> str:
-    """Name of the slot that moves along a coordinate."""
-    kinds = ("body", "rolling_ball")
-    return next((name for name, slot in plant.slots.items() if slot.coordinate == q and slot.kind in kinds), q)

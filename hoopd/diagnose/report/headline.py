@@ -9,8 +9,8 @@ import math
 from collections.abc import Sequence
 
 from hoopd.diagnose.record import Diagnosis, EffectFinding, Fit, Fits, Number
-from hoopd.diagnose.report.sentences import each_fit
-from hoopd.plots.number_format import chance, listed, percent, value_text
+from hoopd.diagnose.report.sentences import each_fit, none_of_them
+from hoopd.plots.number_format import chance, listed, nats, percent, safe, value_text
 
 TITLES = {
     "consistent": "Consistent",
@@ -55,7 +55,10 @@ def _missing_sentence(diagnosis: Diagnosis) -> str:
         )
     if all(map(doubt, kept(diagnosis))):
         return f"Physics is missing, and which law it follows is not sure: {listed(map(_finding, kept(diagnosis)))}."
-    return f"The model leaves out {_names(kept(diagnosis))}."
+    said = [one for one in kept(diagnosis) if not doubt(one) and one.statement]
+    meaning = safe(said[0].statement).rstrip(".") if len(said) == len(diagnosis.effects) == 1 else ""
+    more = f" {meaning[0].upper()}{meaning[1:]}." if meaning else ""
+    return f"The model leaves out {_names(kept(diagnosis))}.{more}"
 
 
 def kept(diagnosis: Diagnosis) -> list[EffectFinding]:
@@ -147,3 +150,69 @@ def _mean_known(values: Sequence[Number]) -> float | None:
     """None where any is not known."""
     known = [one for one in values if one is not None]
     return math.fsum(known) / len(known) if known and len(known) == len(values) else None
+
+
+# ------------------------------------------------------------------------------------------- how sure, what next
+
+# So many findings are read in a headline; the table has all.
+MOST_TOLD = 3
+HELD_OUT = {
+    "confirmed": "confirmed by held-out data", "weak": "held-out data say little of it",
+    "untested": "never tested by held-out data", "not_confirmed": "denied by held-out data",
+}  # fmt: skip
+
+
+def certainty_sentence(diagnosis: Diagnosis) -> str:
+    """How sure each finding is; without one, how near the best explanation came. Empty where nothing is known."""
+    told = (kept(diagnosis) or diagnosis.effects)[:MOST_TOLD]
+    if told:
+        none = none_of_them(diagnosis)
+        other = "" if none is None else f"; that one of them is no known law at all: {chance(none)}"
+        each = "; ".join(map(_certainty, told))
+        return f"How sure that something acts there, and that it is this very law: {each}{other}."
+    tried = [(one.log_likelihood_gain, one.needed, one.name) for one in diagnosis.candidates]
+    known = [(gain / needed, gain, needed, name) for gain, needed, name in tried if gain is not None and needed]
+    if not known:
+        return ""
+    _, gain, needed, name = max(known)
+    near = f"{safe(name)} comes nearest, with {nats(gain)} of the {nats(needed)} nats that it needs"
+    return f"How sure: of all explanations {near}." if gain < needed else ""
+
+
+def _certainty(effect: EffectFinding) -> str:
+    """That something is there, that it is this law, and what held-out data say."""
+    evidence, law = effect.evidence, effect.probability
+    gain, needed = evidence.log_likelihood_gain, evidence.threshold
+    sure = [] if gain is None else [f"{nats(gain)} nats" + ("" if needed is None else f" ({nats(needed)} needed)")]
+    sure += [chance(law)] if law is not None and not effect.is_unknown else []
+    held = "" if effect.status is None else f", {HELD_OUT[effect.status]}"
+    return f"{safe(effect.name)} {' and '.join(sure)}{held}"
+
+
+def next_sentence(diagnosis: Diagnosis) -> str:
+    """What to do now."""
+    planned = diagnosis.next_experiment
+    record = (
+        "" if planned is None else f"record {safe(planned.signal)}, which tells {listed(planned.tells_apart, 'from')}"
+    )
+    if diagnosis.verdict == "consistent":
+        return (
+            "Next: nothing has to be done; how much could hide stands under “What these recordings would have shown”."
+        )
+    if diagnosis.verdict == "parameters":
+        return "Next: keep the re-estimated parameters (--write FILE.yaml), and use that model."
+    sure = [one for one in kept(diagnosis) if not doubt(one) and not one.is_unknown]
+    if not sure:
+        other = record or words_of_remains(diagnosis) or "record again, with another signal"
+        return f"Next: {other}, before a model is written."
+    more = f" To be surer, {record}." if record else ""
+    return (
+        f"Next: keep the model with {listed(one.name for one in sure)} (--write FILE.yaml), and design with it.{more}"
+    )
+
+
+def words_of_remains(diagnosis: Diagnosis) -> str:
+    """What recording would show the law of what has no name."""
+    rest = diagnosis.unexplained
+    follows = [rest.curve.regressor] if rest is not None and rest.curve is not None else diagnosis.location.depends_on
+    return f"record {listed(follows)} over all that it can be" if follows else ""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 from hoopd.diagnose.record import Diagnosis, Quantity
 from hoopd.diagnose.record_file import canonical
-from hoopd.diagnose.report import headline, tables
+from hoopd.diagnose.report import headline, table_notes, tables
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report.markup import document, drawing, paragraph, section, table, text
 from hoopd.diagnose.report_curves import Comparison, Harmonics, MissingForce, Shown
@@ -39,9 +39,11 @@ def _header(diagnosis: Diagnosis) -> str:
     return (
         f'<header>\n<p class="kicker">hoopd diagnose</p>\n<h1>{text(title)}</h1>\n'
         f"{paragraph(headline.verdict_sentence(diagnosis), 'verdict')}"
+        f"{paragraph(headline.certainty_sentence(diagnosis))}"
         f"{paragraph(headline.fit_sentence(diagnosis))}"
         f"{paragraph(words.unexplained_sentence(diagnosis))}"
-        f'{paragraph(words.remains_sentence(diagnosis))}<dl class="facts">\n{facts}</dl>\n</header>\n'
+        f"{paragraph(words.remains_sentence(diagnosis))}"
+        f'{paragraph(headline.next_sentence(diagnosis), "next")}<dl class="facts">\n{facts}</dl>\n</header>\n'
     )
 
 
@@ -50,7 +52,6 @@ def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         ("Fitted to", listed(diagnosis.fit.train)),
         ("Held out", listed(diagnosis.fit.heldout)),
         ("Base model", diagnosis.base.model),
-        ("Seed", str(diagnosis.seed)),
     ]
 
 
@@ -63,7 +64,8 @@ def _effects(diagnosis: Diagnosis, shown: Shown) -> str:
     """The names, their sizes, and how each was tested."""
     said = "".join(map(paragraph, words.statements(diagnosis)))
     numbers = paragraph(words.likely_sentence(diagnosis), "note") + paragraph(words.numbers_sentence(diagnosis))
-    tested = table(tables.checks(diagnosis)) + table(tables.ablations(diagnosis))
+    tested = table(tables.checks(diagnosis)) + paragraph(table_notes.checks_sentence(diagnosis), "note")
+    tested += table(tables.ablations(diagnosis))
     tested += paragraph(words.compared_sentence(diagnosis), "note") + table(tables.refused(diagnosis))
     return said + table(tables.effects(diagnosis), caption=False) + numbers + tested
 
@@ -84,7 +86,8 @@ def _where(diagnosis: Diagnosis, shown: Shown) -> str:
     strips = [one for one in shown.strips if len(one.t_s)]
     if strips:
         caption = (
-            "Smoothed disturbance that the re-fitted base needs, as a multiple of what is usual with the effects. "
+            "Of a body: the smoothed disturbance that the re-fitted base needs; of a sensor: what it leaves of the "
+            "readings; each as a multiple of what is usual in the last model. "
             "Hatched: set aside, with no part in the verdict."
         )
         body += drawing(figures.draw_strips(strips), "strips", "Where in time the mismatch sits", caption)
@@ -107,10 +110,12 @@ def _force(diagnosis: Diagnosis, shown: Shown) -> str:
 
 
 def _one_force(index: int, force: MissingForce) -> str:
-    laws = [one.law.label for one in force.regressors if one.law is not None]
+    laws = dict.fromkeys(one.law.label for one in force.regressors if one.law is not None)
+    scattered = any(one.law is not None and not one.law.is_curve for one in force.regressors)
     over = listed(one.name for one in force.regressors)
     title = f"Missing force in slot {force.slot}" + (f" over {over}" if over else "")
-    drawn = f" The line is {listed(laws)} with its fitted parameters." if laws else ""
+    drawn = f" In orange: {listed(laws)} with its fitted parameters" if laws else ""
+    drawn += ", as dots, because it follows more than one variable." if scattered else "." if laws else ""
     place = f" ({force.recording})" if force.recording else ""
     caption = f"What the model without the effect needs in addition, smoothed, at every sample{place}.{drawn}"
     return drawing(curves.draw_force(force), f"force{index}", title, caption)
@@ -125,27 +130,30 @@ def _one_spectrum(index: int, harmonics: Harmonics) -> str:
 def _proof(diagnosis: Diagnosis, shown: Shown) -> str:
     """Before and after, on data that no parameter was fitted to."""
     fit = diagnosis.fit
-    body = paragraph(fit.how_heldout) + table(tables.fit("Held-out data", fit.heldout))
+    body = paragraph(fit.how_heldout) + table(tables.fit("Fit of held-out data (NRMSE %)", fit.heldout))
     body += paragraph(FITS.format(windows=words.windows(fit.window_s)), "note") if body else ""
+    body += paragraph(table_notes.columns_sentence(fit), "note")
     body += paragraph(words.error_sentence(fit)) + paragraph(words.source_sentence(fit), "note")
     drawn = [one for one in shown.comparisons if any(len(trace.t_s) for trace in one.traces)]
     body += "".join(_one_comparison(index, one) for index, one in enumerate(drawn[:MOST_COMPARISONS]))
     if len(drawn) > MOST_COMPARISONS:
         body += paragraph(f"{len(drawn) - MOST_COMPARISONS} more are in the table only.", "note")
-    body += table(tables.fit("One free run over the whole of each part", fit.free_run))
+    body += table(tables.free_run("One free run over the whole of each part (NRMSE %)", fit.free_run))
     if fit.free_run_choice is not None:
         body += table(tables.free_run_choice(fit))
         body += table(tables.fit("One free run with these", fit.free_run_choice.fits)) + paragraph(
             words.chosen_sentence(fit)
         )
-    return body + table(tables.fit("Data fitted to", fit.train))
+    return body + table(tables.fit("Fit of the data fitted to (NRMSE %)", fit.train))
 
 
 def _one_comparison(index: int, comparison: Comparison) -> str:
     title = f"{comparison.recording}: measured and simulated, {comparison.how}"
     cut = curves.cut_s(comparison)
     part = f", its first {cut:.0f} s" if cut is not None else ""
-    caption = f"{comparison.recording}, {comparison.how}{part}: simulated before and after, and below each the rest."
+    both = any(one.after is not None for one in comparison.traces)
+    models = "by the re-fitted model, and by the model with the effects" if both else "by the re-fitted model"
+    caption = f"{comparison.recording}, {comparison.how}{part}: measured and simulated {models}; below each the rest."
     return drawing(curves.draw_comparison(comparison), f"comparison{index}", title, caption)
 
 
@@ -157,21 +165,21 @@ def _alternatives(diagnosis: Diagnosis, shown: Shown) -> str:
     if effects and not body:
         body = paragraph("Nothing else in the library explains the recordings nearly as well.")
     if any(one.log_likelihood_gain is not None for one in diagnosis.candidates):
-        drawn = figures.draw_candidates(
-            diagnosis.candidates, {one.name for one in headline.kept(diagnosis)}, open_names
-        )
+        drawn = figures.draw_candidates(diagnosis.candidates, effects, open_names)
         caption = (
-            "What each explanation gains on its own, and a bar at what it needs: the figures of the tables. "
-            "One that stays left of its bar explains nothing."
+            "What each explanation gains on its own, and a bar at what it needs. One that stays left of its bar "
+            "explains nothing. A finding stands there twice: hollow, what it gains on its own; full, what the model of "
+            "all findings loses without it, as in the table."
         )
         body += drawing(drawn, "candidates", "Explanations that were tried, by evidence", caption)
     return body
 
 
 def _next(diagnosis: Diagnosis, shown: Shown) -> str:
+    rest = paragraph(words.rest_experiment_sentence(diagnosis))
     if (planned := diagnosis.next_experiment) is None:
-        return ""
-    body = paragraph(words.experiment_sentence(planned)) + paragraph(planned.reason)
+        return rest
+    body = paragraph(words.experiment_sentence(planned)) + paragraph(planned.reason) + rest
     command = f"<pre><code>{text(planned.command)}</code></pre>\n" if planned.command else ""
     return body + command
 
@@ -215,12 +223,11 @@ def _footer(diagnosis: Diagnosis) -> str:
         "Needed: the gain that chance reaches once in some hundred thousand looks, more for an effect with more "
         "numbers; tables and the figure of explanations tell the same gains and needs.",
         "Surprise: a gain less what chance gives it, the same scale for laws and curves.",
-        "Slot: the place in the device where an effect acts. Best shuffle: a placebo, the effect with its cause put in "
+        "Slot: the place in the device where an effect acts. Shuffled: a placebo, the effect with its cause put in "
         "another order, the best of several such shuffles, and what it may gain by chance. Where it gains more (GAINS "
         "TOO), what the effect needs grows as many times; with less than that it is weak.",
         f"{words.LIKELY}",
-        "Held-out fit: points of NRMSE that simulations of data on which nothing of the effect was fitted gain by it; "
-        "held-out readings: nats that the same data gain by it, reading by reading. Held-out data confirm an effect "
+        "Held-out data confirm an effect "
         "where its readings gain and no simulation is surely worse (a loss within its scatter is no denial); they say "
         "little of it where it barely passes or is weak, never test it where they do not reach what it acts on, and "
         "deny it where they refute it reading by reading, or where a simulation of them is worse with it, by more than "

@@ -107,6 +107,23 @@ def experiment_sentence(planned: NextExperiment) -> str:
     return f"Record {planned.signal}{inside}: that tells {listed(planned.tells_apart, 'from')}{bring}."
 
 
+def rest_experiment_sentence(diagnosis: Diagnosis) -> str:
+    """What a recording needs that shall show the law of what is left unexplained; empty where nothing is."""
+    rest, named = diagnosis.unexplained, diagnosis.remains
+    if rest is not None and rest.slot is not None:
+        slot, follows = rest.slot, "" if rest.curve is None else rest.curve.regressor
+    elif named is not None:
+        slot, follows = named.slot, named.follows
+    else:
+        return ""
+    if not follows:
+        return ""
+    return (
+        f"For what is left without a name at the {slot}: a recording in which {safe(follows)} goes both ways over all "
+        "that it can be, several times and with other signals, would show its law, and serve the proof of it."
+    )
+
+
 def statements(diagnosis: Diagnosis) -> list[str]:
     """What each finding is, in plain words; of one that is not confirmed, why."""
     return [f"{safe(one.name)}: {one.statement}{_law(one)}{_denied(one)}" for one in diagnosis.effects]

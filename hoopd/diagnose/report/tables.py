@@ -18,7 +18,6 @@ from hoopd.diagnose.record import (
     FitTable,
     FreeRunEffect,
     Number,
-    Placebo,
     Quantity,
     RecordingQuality,
     Visible,
@@ -42,8 +41,7 @@ from hoopd.plots.number_format import (
 Row = tuple[str, ...]
 # Times in tables: to this share of a window.
 OF_A_WINDOW = 0.01
-STATUSES = {"confirmed": "confirm it", "weak": "say little of it", "untested": "never test it",
-            "not_confirmed": "deny it"}  # fmt: skip
+STATUSES = {"confirmed": "confirmed", "weak": "weak", "untested": "untested", "not_confirmed": "denied"}
 
 
 @dataclass(frozen=True)
@@ -73,9 +71,22 @@ def _effect_rows(effect: EffectFinding, numbers: Mapping[str, str]) -> list[Row]
     evidence = effect.evidence
     name = safe(effect.name) + (" (not confirmed)" if effect.status == "not_confirmed" else "")
     gain, needed = nats(evidence.log_likelihood_gain), nats(evidence.threshold)
-    sizes = [(label, value_text(one), interval_text(one)) for label, one in _labelled(effect.parameters, numbers)]
+    like = _sizes(effect.parameters)
+    sizes = [
+        (label, value_text(one, like=like[label.split()[0]]), interval_text(one, like=like[label.split()[0]]))
+        for label, one in _labelled(effect.parameters, numbers)
+    ]
     first, *others = sizes or [(NOTHING, NOTHING, NOTHING)]
     return [(name, *first, gain, needed, chance(effect.probability)), *(("", *size, *[""] * 3) for size in others)]
+
+
+def _sizes(parameters: Mapping[str, Quantity]) -> dict[str, Number]:
+    """The largest value of each parameter, by its name: what several recordings have for themselves is in one unit."""
+    found: dict[str, Number] = {}
+    for label, one in parameters.items():
+        name = safe(label.split("@")[0])
+        found[name] = max(abs(found.get(name) or 0.0), abs(one.value or 0.0))
+    return found
 
 
 def _labelled(parameters: Mapping[str, Quantity], numbers: Mapping[str, str]) -> list[tuple[str, Quantity]]:
@@ -91,19 +102,20 @@ def _labelled(parameters: Mapping[str, Quantity], numbers: Mapping[str, str]) ->
 
 def checks(diagnosis: Diagnosis) -> Table:
     """What became of each finding when it was put to the test."""
-    head = ("effect", "held-out fit", "held-out readings", "taken out again", "best shuffle (nats)", "held-out data")
+    head = ("effect", "held out", "fit", "readings", "taken out", "shuffled")
     rows = [_check(one) for one in diagnosis.effects]
     tested = [row for row in rows if any(cell != NOTHING for cell in row[1:])]
-    return _without_empty(Table("How each finding was tested", head, "lrrrll", tested))
+    return _without_empty(Table("How each finding was tested", head, "llrrrl", tested))
 
 
 def _check(effect: EffectFinding) -> Row:
     gain, without, placebo = effect.evidence.heldout_gain_percent, effect.ablation, effect.placebo
     better = NOTHING if gain is None else f"{gain:+.1f} points"
-    loss = NOTHING if without is None else f"{nats(without.log_likelihood_loss)} nats lost"
-    held = NOTHING if placebo is None else _placebo(placebo, effect.evidence.threshold)
+    loss = NOTHING if without is None else f"-{nats(without.log_likelihood_loss)} nats"
+    held = NOTHING if placebo is None else "gains nothing" if placebo.held else "GAINS TOO"
     known = NOTHING if without is None or without.heldout_nats is None else f"{without.heldout_nats:+.1f} nats"
-    return (safe(effect.name), better, known, loss, held, NOTHING if effect.status is None else STATUSES[effect.status])
+    status = NOTHING if effect.status is None else STATUSES[effect.status]
+    return (safe(effect.name), status, better, known, loss, held)
 
 
 def refused(diagnosis: Diagnosis) -> Table:
@@ -124,18 +136,6 @@ def ablations(diagnosis: Diagnosis) -> Table:
     return Table(title, ("effect", "channel", "with", "without"), "llrr", _without_repeats(known))
 
 
-def _placebo(one: Placebo, needed: Number) -> str:
-    """The gain that was judged, and by what: of the best shuffle where that is known; of one that gains, what the
-    effect needs to be more than weak."""
-    if one.most is None or one.limit is None:
-        return f"{nats(one.log_likelihood_gain)}: {'no gain' if one.held else 'GAINS TOO'}"
-    told = f"{nats(one.most)}, by chance {nats(one.limit)}"
-    if one.held:
-        return f"{told}: no gain"
-    more = "" if needed is None else f", so needs {nats(needed * one.most / one.limit)}"
-    return f"{told}: GAINS TOO{more}"
-
-
 def fit(title: str, fits: Fits) -> Table:
     """Fit before and after."""
     head = ("recording", "channel", "nominal", "re-fitted", "+ effects", "noise floor", "free curves")
@@ -143,6 +143,12 @@ def fit(title: str, fits: Fits) -> Table:
     every = [(names[recording], safe(channel), *_fit_cells(one)) for recording, channel, one in each_fit(fits)]
     rows = [row for row in every if any(cell != NOTHING for cell in row[2:])]
     return _without_empty(Table(title, head, "llrrrrr", _without_repeats(rows)))
+
+
+def free_run(title: str, fits: Fits) -> Table:
+    """The same of runs over whole parts: those that were fitted to are told from those that were held out."""
+    held = " (held out)"
+    return fit(title, {name if name.endswith(held) else f"{name} (fitted to)": one for name, one in fits.items()})
 
 
 def free_run_choice(fit: FitTable) -> Table:
@@ -201,15 +207,20 @@ def _against(behind: Number) -> str:
 
 def parameters(diagnosis: Diagnosis) -> Table:
     """The base, re-estimated, and the effects."""
-    rows = [_parameter("base", name, one) for name, one in diagnosis.base.parameters.items()]
+    rows = [_parameter("base", name, one, one.value) for name, one in diagnosis.base.parameters.items()]
     for effect in diagnosis.effects:
-        rows += [_parameter(effect.name, name, one) for name, one in effect.parameters.items()]
+        like = _sizes(effect.parameters)
+        rows += [
+            _parameter(effect.name, name, one, like[safe(name.split("@")[0])])
+            for name, one in effect.parameters.items()
+        ]
     head = ("of", "parameter", "value", "95 % interval", "nominal")
     return Table("Parameters", head, "llrrr", _without_repeats(rows))
 
 
-def _parameter(of: str, name: str, one: Quantity) -> Row:
-    return (safe(of), safe(name), value_text(one), interval_text(one), amount(one.nominal, one.unit))
+def _parameter(of: str, name: str, one: Quantity, like: Number) -> Row:
+    sizes = value_text(one, like=like), interval_text(one, like=like), amount(one.nominal, one.unit, like=like)
+    return (safe(of), safe(name), *sizes)
 
 
 def power(diagnosis: Diagnosis) -> Table:

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import canonical
-from hoopd.diagnose.report import headline, tables
+from hoopd.diagnose.report import headline, table_notes, tables
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report.tables import Table
 from hoopd.plots.number_format import safe
@@ -42,6 +42,7 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
         [words.likely_sentence(diagnosis), words.numbers_sentence(diagnosis), *words.statements(diagnosis)], console
     )
     _table(tables.checks(diagnosis), console)
+    _sentences([table_notes.checks_sentence(diagnosis)], console)
     _table(tables.ablations(diagnosis), console)
     _sentences([words.compared_sentence(diagnosis)], console)
     _table(tables.refused(diagnosis), console)
@@ -62,10 +63,12 @@ def _verdict(diagnosis: Diagnosis, console: Console) -> None:
     where = words.location_sentence(diagnosis.location, diagnosis.fit.window_s)
     _sentences(
         [
+            headline.certainty_sentence(diagnosis),
             headline.fit_sentence(diagnosis),
             where,
             words.unexplained_sentence(diagnosis),
             words.remains_sentence(diagnosis),
+            headline.next_sentence(diagnosis),
         ],
         console,
     )
@@ -77,7 +80,7 @@ def _fits(diagnosis: Diagnosis, console: Console) -> None:
     _table(tables.fit(f"Fit of held-out data, {words.windows(fit.window_s)} (NRMSE %)", fit.heldout), console)
     _sentences([fit.how_heldout, words.error_sentence(fit), words.source_sentence(fit)], console)
     _table(tables.fit(f"Fit of the data fitted to, {words.windows(fit.window_s)} (NRMSE %)", fit.train), console)
-    _table(tables.fit("One free run over the whole of each part (NRMSE %)", fit.free_run), console)
+    _table(tables.free_run("One free run over the whole of each part (NRMSE %)", fit.free_run), console)
     _table(tables.free_run_choice(fit), console)
     if fit.free_run_choice is not None:
         _table(tables.fit("One free run with these (NRMSE %)", fit.free_run_choice.fits), console)
@@ -85,12 +88,14 @@ def _fits(diagnosis: Diagnosis, console: Console) -> None:
 
 
 def _next(diagnosis: Diagnosis, console: Console) -> None:
-    if (planned := diagnosis.next_experiment) is None:
+    planned, rest = diagnosis.next_experiment, words.rest_experiment_sentence(diagnosis)
+    if planned is None and not rest:
         return
     console.print()
     console.print(Text("Next experiment", style="bold"))
-    _sentences([words.experiment_sentence(planned), planned.reason], console)
-    if planned.command:
+    _sentences([] if planned is None else [words.experiment_sentence(planned), planned.reason], console)
+    _sentences([rest], console)
+    if planned is not None and planned.command:
         console.print(Text(f"  {safe(planned.command)}"), soft_wrap=True)
 
 
