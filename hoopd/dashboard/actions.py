@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import msgspec
+import zenoh
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
@@ -21,6 +22,7 @@ from hoopd.dashboard.device import ShownDevice
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import LONGEST_S, Login, LoginError, Operators
 from hoopd.shell.operator import CommandError
+from hoopd.shell.session import reason
 
 COOKIE = "hoopd_login"
 PROOF = "x-hoopd-proof"
@@ -132,6 +134,8 @@ class Actions:
             return self._operators.command(login, *where, order.command, order.value, order.key)
         except CommandError as error:
             return {"ok": False, "reason": str(error)}
+        except zenoh.ZError as error:  # the connection went meanwhile
+            return {"ok": False, "reason": f"no answer: {reason(error)}"}
 
     def _who(self, request: Request) -> Login:
         return self._operators.find(request.cookies.get(COOKIE, ""), request.headers.get(PROOF, ""))

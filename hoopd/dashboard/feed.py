@@ -24,6 +24,7 @@ POLL_S = 0.01
 RETRY_S = 1.0
 CONNECT_S = 3.0  # to another machine; this one answers at once or not at all
 COMMAND_S = 3.0
+TRIES = 2  # what everybody may send does no harm twice: one that nobody confirmed is sent again
 DEVICES = 8  # of one endpoint, which is one daemon's as a rule
 FORGOTTEN_S = 600.0  # silent and gone for so long: its place may be another's
 KINDS = ("tick", "event", "status")
@@ -151,7 +152,18 @@ class Feed:
         """What became of a command that everybody may give, as the page shows it; waits for the answer."""
         connection = next(one for one in self.connections if one.endpoint == device.endpoint)
         told = {"device": device.identity, "command": name}
-        try:
-            return {**connection.command(device.name, name), **told}
-        except CommandError as error:
-            return {"ok": False, "reason": str(error), **told}
+        for _ in range(TRIES):
+            answer = _tried(connection, device.name, name)
+            if answer["ok"]:
+                break
+        return {**answer, **told}
+
+
+def _tried(connection: Connection, device: str, name: str) -> dict[str, Any]:
+    try:
+        answer = connection.command(device, name)
+        return {**answer, "ok": answer.get("ok") is True}
+    except CommandError as error:
+        return {"ok": False, "reason": str(error)}
+    except Exception as error:  # of one device: the others are stopped and answer all the same
+        return {"ok": False, "reason": f"no answer: {type(error).__name__}"}

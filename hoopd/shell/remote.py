@@ -67,10 +67,19 @@ def _session(endpoint: str, extras: Mapping[str, Any], timeout_s: float) -> Iter
 def _answer(command: str, replies: list[zenoh.Reply], endpoint: str, device: str) -> dict[str, Any]:
     for reply in replies:
         if reply.ok is not None:
-            answer: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
-            return answer
+            return _understood(command, reply.ok.payload.to_bytes())
         if reply.err is not None:
             raise CommandError(f"{command}: refused: {reply.err.payload.to_string().removeprefix(f'{command}: ')}")
     raise NoDaemonError(
         f"no daemon of device {device!r} answers at {endpoint} (or it is flooded, or its access rules forbid it)"
     )
+
+
+def _understood(command: str, payload: bytes) -> dict[str, Any]:
+    try:
+        answer = json.loads(payload)
+    except (ValueError, RecursionError):
+        answer = None
+    if not isinstance(answer, dict):
+        raise CommandError(f"{command}: not the answer of a daemon")
+    return answer

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 import zenoh
@@ -17,6 +19,7 @@ from hoopd.core.records import Command
 from hoopd.dashboard.feed import DEVICES, Feed
 from hoopd.dashboard.process import ServerAddress, bind
 from hoopd.files.reading import InputError
+from hoopd.shell.session import listening
 from hoopd.shell.telemetry import TelemetrySettings
 
 
@@ -81,6 +84,39 @@ def test_rows_come_live_and_stop_disarms_whoever_asks() -> None:
         answer = web.post("/api/stop").json
         assert answer["ok"] and answer["answers"][0]["mode"] == "DISARMED"
         assert ticks.take() == (Command("disarm"),)
+
+
+@pytest.mark.parametrize("reply", [b"nonsense", b"[]", b"{}", b'{"ok": "yes"}'])
+def test_a_device_that_answers_nonsense_keeps_no_other_from_being_stopped(reply: bytes) -> None:
+    settings, elsewhere = TelemetrySettings(endpoint=free_endpoint()), free_endpoint()
+    with (
+        running(settings) as telemetry,
+        Ticks(telemetry.gate) as ticks,
+        zenoh.open(listening(elsewhere, {})) as forger,
+        served(Feed([settings.endpoint, elsewhere], {})) as web,
+    ):
+        ring = zenoh.handlers.RingChannel(4)
+        queryable = forger.declare_queryable("hoopd/evil/cmd/disarm", ring)
+        token = forger.liveliness().declare_token("hoopd/evil/alive")
+        assert wait_until(lambda: len([one for one in web.feed.devices.values() if one.alive]) == 2)
+        with ThreadPoolExecutor(1) as pool:
+            asked = pool.submit(web.post, "/api/stop")
+            wait_until(lambda: answered(queryable, reply) or asked.done())
+            answer = asked.result(10.0).json
+        told = {one["device"].partition("@")[0]: one["ok"] for one in answer["answers"]}
+        assert told == {"hoop": True, "evil": False} and not answer["ok"]
+        assert Command("disarm") in ticks.take()
+        token.undeclare()  # type: ignore[no-untyped-call]
+
+
+def answered(queryable: Any, reply: bytes) -> bool:
+    """A question was there, and has its reply."""
+    query = queryable.try_recv()
+    if query is None:
+        return False
+    with query:
+        query.reply(query.key_expr, reply)
+    return True
 
 
 def test_a_daemon_that_comes_back_is_heard_again() -> None:
