@@ -122,4 +122,4 @@ def test_its_missing_force_is_drawn_in_newtons_over_its_rate(rubbing: Named) -> 
     inside = (over.binned.low <= law) & (law <= over.binned.high)
     assert np.abs(law[fast]) == pytest.approx(FRICTION_N, rel=0.25)
     assert inside[fast].mean() > 0.8
-    assert [strip.slot for strip in shown.strips] == ["slide"]
+    assert [strip.slot for strip in shown.strips] == ["slide", SLIDE.channels["x"].sensor]
