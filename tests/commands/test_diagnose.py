@@ -123,7 +123,7 @@ def test_the_page_stands_alone_and_shows_the_force_with_its_law(made: Path) -> N
     assert {"effects", "where", "force", "proof", "parameters", "quality"} <= set(page.sections)
     assert page.figures >= 5
     assert not page.loaded
-    assert f"The line is {NAME}" in text
+    assert f"In orange: {NAME} with its fitted parameters" in text
 
 
 def test_the_model_that_was_written_loads_with_intervals_and_region(made: Path) -> None:

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.grammar.mechanism import NOTHING
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
 from hoopd.plants.likelihood.stretches import Held, Stretch
 from hoopd.plants.plant_with_effects import Composite
@@ -221,6 +220,7 @@ def fitted_starts(
     """
     simulator = Simulator(windows, effects)
     nx, usual = simulator.composite.nx, state_scales(simulator.composite.plant)[:, None]
+    remembered = np.arange(nx) >= len(windows.stretch.plant.states)  # a memory's states are the last ones
     start = reference[windows.first, :nx].T.copy()
     best, cost, step = start, np.full(start.shape[1], np.inf), np.zeros_like(start)
     for _ in range(START_STEPS):
@@ -231,7 +231,7 @@ def fitted_starts(
         best, cost = np.where(better, start, best), np.minimum(now, cost)
         jacobian = np.nan_to_num((y[..., 1:] - y[..., :1]) / _steps(start, usual)[None, None].transpose(0, 1, 3, 2))
         jacobian = np.where(np.isfinite(windows.y)[..., None], jacobian, 0.0) / sigma[None, :, None, None]
-        jacobian[..., usual[:, 0] <= NOTHING] = 0.0
+        jacobian[..., remembered] = 0.0
         # from a start that is worse no step is taken: half of the one that led there, from the best
         step = np.where(better, _newton(e, jacobian), step / 2.0)
         start = best + step

@@ -12,13 +12,15 @@ Rules of this file: simpler laws only; which law is right beyond that is decided
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
-from hoopd.diagnose.search.candidates import Judge, Tried
+from hoopd.diagnose.search.candidates import Judge, Tried, surprise_of
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.naming import OCCAM_NATS, OCCAM_SHARE, Named, taken_out
 from hoopd.diagnose.search.screen import Score
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
+from hoopd.plants.likelihood.fitting import fit
 
 # Limits of a mechanism that are fitted, those that explain most of what it does.
 MOST_TRIED = 2
@@ -65,7 +67,21 @@ def _contained(found: Named, judge: Judge, one: Tried) -> Iterator[Tried]:
     """Declared cases of an effect, in its place."""
     names = [name for name in one.effect.contains if name in judge.library and name not in found.final.names]
     for score in _scores(found, judge, one.effect.name, [judge.library[name] for name in names]):
-        yield _tried(found, judge, one.effect.name, score)
+        yield _from_the_larger(found, judge, one, _tried(found, judge, one.effect.name, score))
+
+
+def _from_the_larger(found: Named, judge: Judge, larger: Tried, simple: Tried) -> Tried:
+    """The simpler law as it was fitted, or as it ends from where the larger one did, which has found its way on."""
+    final, without = found.final, found.without[larger.effect.name]
+    shared = {p.name for p in simple.effect.parameters} & {p.name for p in larger.effect.parameters}
+    start = {simple.effect.key(name): final.values[larger.effect.key(name)] for name in shared}
+    again = fit(
+        judge.train, simple.fit.effects, {**simple.fit.values, **final.values, **start}, like=final, noise=final.noise
+    )
+    if again.criterion >= simple.fit.criterion:
+        return simple
+    gain = without.criterion - again.criterion
+    return replace(simple, fit=again, gain=gain, surprise=surprise_of(simple.score, gain, judge.train))
 
 
 def _limits(found: Named, judge: Judge, mine: Mechanism, mechanisms: Mapping[str, Mechanism]) -> Iterator[Tried]:
