@@ -10,6 +10,7 @@ over the one of control, which lets nobody in without a password or a certificat
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import threading
 import time
@@ -131,6 +132,8 @@ class Telemetry:
     def start(self) -> None:
         """Open and serve in a helper thread; returns at once."""
         self._thread = start_helper("telemetry", self._run)
+        # an interpreter that ends beneath a thread inside zenoh takes the process along ("exception not rethrown")
+        atexit.register(self.close)
 
     @property
     def trouble(self) -> bool:
@@ -160,6 +163,7 @@ class Telemetry:
 
     def close(self, timeout_s: float = 2.0) -> bool:
         """Close the sessions; False when zenoh did not let go in time (the caller should then end with os._exit)."""
+        atexit.unregister(self.close)
         self._stop.set()
         if self._thread is not None:
             self._thread.join(timeout_s)
