@@ -72,6 +72,16 @@ def test_what_a_mechanism_remembers_begins_a_window_as_it_is_and_is_not_fitted()
     assert not np.array_equal(found.start[:4], reference[windows.first, :4].T)
 
 
+def test_a_slipping_ball_begins_a_window_as_the_readings_have_it() -> None:
+    slip = library(PLANT)["ball.slip"]
+    values = {**PLANT.values, slip.key("mu"): 0.05}
+    stretch = stretch_with(PLANT, "a", 3, 4.0, torque=0.05)
+    still = np.zeros((len(stretch.t), 2))
+    reference = np.column_stack([Track(stretch).z[:, :4], still])
+    found = fitted_starts(windows_of(stretch), (slip,), values, reference, start_weights(stretch))
+    assert np.any(found.start[4:])
+
+
 class Bent:
     """One state that is read as its arc tangent: a full step from beyond 1.4 leads further away."""
 
