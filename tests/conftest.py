@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from disturbance import ROOT, Taken, excuse, taken
+from disturbance import ROOT, Taken, excuse, put_off, taken
 
 from hoopd.linear_algebra import settle
 
@@ -93,8 +93,10 @@ def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
+    error = call.excinfo and call.excinfo.value
     if report.failed and BEGUN in item.stash:
-        excuse(report, call.excinfo and call.excinfo.value, taken().others_since(item.stash[BEGUN]))
+        excuse(report, error, taken().others_since(item.stash[BEGUN]))
+    put_off(report, error)
     return report
 
 

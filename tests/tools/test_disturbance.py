@@ -6,11 +6,12 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Literal
 
 import psutil
 import pytest
-from disturbance import BUSY, ROOT, Taken, excuse, taken
+from disturbance import BUSY, LATE, ROOT, Taken, excuse, put_off, taken
 from harness.timing import is_late, on_the_clock
 
 PLACE = ("shell/test_made_up.py", 3, "test_late")
@@ -59,6 +60,19 @@ def test_every_other_failure_counts(judge: Callable[[], None], share: float) -> 
     made = report("failed")
     excuse(made, raised(judge), share)
     assert made.failed and "assert 0.5 < 0.3" in made.longreprtext
+
+
+@pytest.mark.parametrize(("judge", "later"), [(late, True), (wrong, False)], ids=["late", "wrong"])
+def test_what_is_late_is_asked_again_where_somebody_will(
+    judge: Callable[[], None], later: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(LATE, raising=False)
+    put_off(alone := report("failed"), raised(judge))
+    assert alone.failed
+    monkeypatch.setenv(LATE, str(tmp_path / "late.txt"))
+    put_off(beside := report("failed"), raised(judge))
+    assert beside.skipped == later == (tmp_path / "late.txt").exists()
+    assert not later or (tmp_path / "late.txt").read_text() == "made_up\n"
 
 
 def test_what_passes_passes() -> None:

@@ -27,6 +27,19 @@ def test_long():
 """
 
 
+LATE = """
+import os
+from pathlib import Path
+
+def test_that_is_late_beside_others():
+    if place := os.environ.get("HOOPD_TESTS_LATE"):
+        Path(place).write_text("test_late.py::test_that_is_late_beside_others\\n")
+        import pytest
+        pytest.skip("late beside other tests")
+    assert {alone}
+"""
+
+
 def suite(folder: Path, *arguments: str, first: bool = True, second: bool = True) -> tuple[int, str]:
     (folder / "test_made_up.py").write_text(TESTS.format(first=first, second=second))
     (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n  realtime: the clock counts\n  proof: long\n")
@@ -41,6 +54,13 @@ def test_both_passes_run(tmp_path: Path) -> None:
 
 def test_proofs_run_alone_when_they_are_asked_for(tmp_path: Path) -> None:
     assert suite(tmp_path, "--proof") == (0, "1 passed, 0 failed, 0 skipped")
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_what_was_late_beside_others_is_asked_again_alone(tmp_path: Path, alone: bool) -> None:
+    (tmp_path / "test_late.py").write_text(LATE.format(alone=alone))
+    told = "3 passed, 0 failed, 0 skipped" if alone else "2 passed, 1 failed, 0 skipped"
+    assert suite(tmp_path) == (0 if alone else 1, told)
 
 
 @pytest.mark.parametrize("broken", ["first", "second"])
