@@ -53,13 +53,13 @@ def left_out(outcome: Outcome) -> list[str]:
     own = [one.name for one in outcome.kept.effects if not _is_known(one.name, outcome.kept)]
     denied = [one.name for one in outcome.diagnosis.effects if one.status == "not_confirmed" and not one.is_unknown]
     weak = [
-        one.name for one in outcome.diagnosis.effects
+        (one.name, one.reason or "its evidence is weak") for one in outcome.diagnosis.effects
         if one.status == "weak" and one.name not in outcome.kept.names and not one.is_unknown
     ]  # fmt: skip
     return [
         *(f"{name} is not in the model: a model file holds no effects of your own" for name in own),
         *(f"{name} is not in the model: held-out data do not confirm it" for name in denied),
-        *(f"{name} is not in the model: its evidence is weak" for name in weak),
+        *(f"{name} is not in the model: {why}" for name, why in weak),
     ]
 
 

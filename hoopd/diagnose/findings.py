@@ -147,7 +147,7 @@ def _effect(
         ablation=ablation,
         placebo=placebo,
         status=doubted(said.statuses[name], loss, needed, placebo),
-        reason=said.denials[name].reason if name in said.denials else "",
+        reason=said.reason(name),
     )
 
 

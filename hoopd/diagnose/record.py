@@ -122,7 +122,7 @@ class EffectFinding(_Part, frozen=True):
     ablation: Ablation | None = None
     placebo: Placebo | None = None
     status: Status | None = None  # null in files that are older than it
-    reason: str = ""  # why held-out data do not confirm it
+    reason: str = ""  # why it is not confirmed, or weak
 
     @property
     def is_unknown(self) -> bool:

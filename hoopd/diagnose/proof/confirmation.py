@@ -1,6 +1,7 @@
 """What held-out data say about each named effect: confirmed, weak, untested or not confirmed; and which are kept.
 
-A name beside the others that lowers the held-out simulation of any channel beyond noise, or by which the held-out data
+A name by which the training data themselves are simulated worse is weak, and in no model that is written. A name beside
+the others that lowers the held-out simulation of any channel beyond noise, or by which the held-out data
 lose likelihood, is not confirmed, and is in no model that is written. Where the others together are still worse than
 the re-fitted base, or, several being denied, than all names together, all are taken up again one after the other, the
 one with the most evidence first, the denied ones once more beside what is kept by then; those that still lower a
@@ -21,6 +22,7 @@ from hoopd.diagnose.proof.denial import Denial, denial
 from hoopd.diagnose.proof.fit_tables import Played, nrmse
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.separation import own_columns
+from hoopd.diagnose.proof.training_windows import fitted_with, reason_of, simulated_worse
 from hoopd.diagnose.proof.unknown_proof import Proven
 from hoopd.diagnose.proof.worse_channels import LEAST_POINTS, lowered
 from hoopd.diagnose.record import Status
@@ -49,6 +51,14 @@ class Confirmation:
     statuses: Mapping[str, Status]  # what has no name among them
     denials: Denials = field(default_factory=dict)  # of what is not confirmed
     refused: frozenset[str] = frozenset()  # names that leave no evidence either
+    # names that the training data are simulated worse with, and by how many points of which channels
+    harmful: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def reason(self, name: str) -> str:
+        """Why a finding is not confirmed, or weak; empty where nothing more is to be said."""
+        if name in self.denials:
+            return self.denials[name].reason
+        return reason_of(self.harmful[name]) if name in self.harmful else ""
 
 
 def confirmation(
@@ -56,6 +66,8 @@ def confirmation(
 ) -> Confirmation:
     """Of every accepted effect; `fits`: as of `heldout_fits`; `proof`: of what has no name."""
     own: dict[str, Status] = {one.effect.name: _status(named, one, fits, threshold) for one in named.accepted}
+    harmful = simulated_worse(named, lambda fitted: held.played({"": fitted})[""], seed)
+    own |= dict.fromkeys(harmful, "weak")
     names = _of_names(named, held, fits, seed)
     denials = dict(names.denials)
     own |= dict.fromkeys(denials, "not_confirmed")
@@ -72,10 +84,11 @@ def confirmation(
         and not why.leaves_evidence(surprise_in(named, one), threshold)
     )  # fmt: skip
     left_out = [
-        name for name in names.kept.names if own.get(name) == "weak" and not _simulates_better(name, fits, seed)
-    ]
+        name for name in names.kept.names
+        if name in harmful or (own.get(name) == "weak" and not _simulates_better(name, fits, seed))
+    ]  # fmt: skip
     written = _fitted_without(names.kept, left_out)
-    return Confirmation(names.kept, written, final, shown, own, denials, refused)
+    return Confirmation(names.kept, written, final, shown, own, denials, refused, harmful)
 
 
 def _simulates_better(name: str, fits: Mapping[str, Played], seed: int) -> bool:
@@ -161,7 +174,7 @@ def _taken_up(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int
         name = one.effect.name
         if name in kept.names or beside.get(name) is kept:
             continue
-        more = _with(named, kept, one.effect)
+        more = fitted_with(named, kept, one.effect)
         after = held.played_of(more)
         assert after is not None
         why = denial(on_held, after, named.losses[name], len(order), seed)
@@ -171,18 +184,6 @@ def _taken_up(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int
             kept, on_held = more, after
             denials.pop(name, None)
     return _Names(kept, on_held, denials)
-
-
-def _with(named: Named, kept: HypothesisFit, effect: Effect) -> HypothesisFit:
-    """One more effect fitted beside those that are kept; a fit that was made already is taken."""
-    effects = (*kept.effects, effect)
-    known = [named.final, *named.without.values()]
-    names = {one.name for one in effects}
-    for found in known:
-        if {*found.names} == names:
-            return found
-    stretches = [track.stretch for track in kept.tracks]
-    return fit(stretches, effects, {**named.final.values, **kept.values}, like=kept, noise=kept.noise)
 
 
 # ---------------------------------------------------------------------------------------------- one name

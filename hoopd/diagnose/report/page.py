@@ -229,7 +229,8 @@ def _footer(diagnosis: Diagnosis) -> str:
         f"{words.LIKELY}",
         "Held-out data confirm an effect "
         "where its readings gain and no simulation is surely worse (a loss within its scatter is no denial); they say "
-        "little of it where it barely passes or is weak, never test it where they do not reach what it acts on, and "
+        "little of it where it barely passes or is weak (the training data themselves may be simulated worse with it: "
+        "no model that is written has it then), never test it where they do not reach what it acts on, and "
         "deny it where they refute it reading by reading, or where a simulation of them is worse with it, by more than "
         "their own scatter or by more than a point: then it is in no model that is written.",
         "Free curves: the fit that free curves over one variable each reach in place of laws; no bound: laws may "

@@ -125,12 +125,14 @@ def rest_experiment_sentence(diagnosis: Diagnosis) -> str:
 
 
 def statements(diagnosis: Diagnosis) -> list[str]:
-    """What each finding is, in plain words; of one that is not confirmed, why."""
-    return [f"{safe(one.name)}: {one.statement}{_law(one)}{_denied(one)}" for one in diagnosis.effects]
+    """What each finding is, in plain words; of one that is not confirmed, or weak, why."""
+    return [f"{safe(one.name)}: {one.statement}{_law(one)}{_doubted(one)}" for one in diagnosis.effects]
 
 
-def _denied(effect: EffectFinding) -> str:
-    return f". Not confirmed: {effect.reason}" if effect.reason else ""
+def _doubted(effect: EffectFinding) -> str:
+    if not effect.reason:
+        return ""
+    return f". {'Weak' if effect.status == 'weak' else 'Not confirmed'}: {effect.reason}"
 
 
 def _law(effect: EffectFinding) -> str:
