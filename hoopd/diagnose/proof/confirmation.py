@@ -1,12 +1,12 @@
 """What held-out data say about each named effect: confirmed, weak, untested or not confirmed; and which are kept.
 
 A name by which the training data themselves are simulated worse is weak, and in no model that is written. A name beside
-the others that lowers the held-out simulation of any channel beyond noise, or by which the held-out data
-lose likelihood, is not confirmed, and is in no model that is written. Where the others together are still worse than
-the re-fitted base, or, several being denied, than all names together, all are taken up again one after the other, the
-one with the most evidence first, the denied ones once more beside what is kept by then; those that still lower a
-channel are not confirmed. A denied name that leaves
-evidence stays among the findings, for something is there; one that leaves none is refused.
+the others that lowers the held-out simulation of any channel beyond noise, or by which the held-out data lose
+likelihood, is not confirmed, and is in no model that is written. Where several are denied, each of them beside the
+others, or the rest together is still worse than the re-fitted base, all are taken up again one after the other, the one
+with the most evidence first, the denied ones once more beside what is kept by then; those that still lower a channel
+are not confirmed. A denied name that leaves evidence stays among the findings, for something is there; one that leaves
+none is refused.
 
 Rules of this file: the search is over; nothing is named here, and nothing is refused but by held-out data.
 """
@@ -128,17 +128,14 @@ def _of_names(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int
     if not fits or not named.accepted:
         return _Names(named.final, fits.get("named"), {})
     denials = beside_the_others(named, fits, seed)
+    if len(denials) > 1:  # each was denied beside the others that are
+        return _taken_up(named, held, fits, seed)
     kept = _without(named, [*denials])
     on_held = held.played_of(kept) if denials else fits["named"]
     assert on_held is not None
-    if lowered(fits["base"], on_held, seed) or _stand_in_for_each_other(denials, fits["named"], on_held, seed):
+    if lowered(fits["base"], on_held, seed):
         return _taken_up(named, held, fits, seed)
     return _Names(kept, on_held, denials)
-
-
-def _stand_in_for_each_other(denials: Denials, together: Played, on_held: Played, seed: int) -> bool:
-    """Whether held-out data need one of several denied names, whichever: each was denied beside the others."""
-    return len(denials) > 1 and bool(lowered(together, on_held, seed))
 
 
 def _without(named: Named, dropped: Sequence[str]) -> HypothesisFit:
