@@ -88,6 +88,7 @@ def run(context: typer.Context, options: RunOptions) -> None:
 
         typer.echo(__version__)
         return
+    _end_at_once()
     from hoopd.daemon.app import Options, run_daemon
 
     chosen, direct = checked_speed(options.speed), without_pictures(options.camera)
@@ -110,6 +111,15 @@ def run(context: typer.Context, options: RunOptions) -> None:
         raise typer.Exit(int(summary["exit"]))
 
 
+def _end_at_once() -> None:
+    """Until the daemon unwinds by itself nothing is open: Ctrl-C ends the process.
+
+    As an exception it could be raised in a destructor while modules are imported, and nobody would hear of it.
+    """
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def _refuse_misplaced(context: typer.Context) -> None:
     """An option before a command would be silently without effect: `hoopd --sim check` would check the device."""
     for parameter in context.command.params:
@@ -121,6 +131,7 @@ def _refuse_misplaced(context: typer.Context) -> None:
 
 def check(options: CheckOptions) -> None:
     """Check the device or the rig."""
+    _end_at_once()
     from hoopd.daemon.app import check_device
 
     raise typer.Exit(check_device(options.config, list(options.sets), sim=options.sim, json_path=options.json_path))

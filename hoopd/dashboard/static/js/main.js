@@ -8,13 +8,14 @@ import { Panels } from './panels.js';
 import { Target } from './target.js';
 import { byId, element, say } from './text.js';
 import { Theme } from './theme.js';
+import { Views } from './views.js';
 
 const STALE_S = 1.5; // without a message: what is shown is old
 const PANELS_MS = 200; // text that changes faster cannot be read
 
 class Page {
   constructor(channels) {
-    this.chosen = decodeURIComponent(location.hash.slice(1));
+    this.views = new Views();
     this.hoop = new Hoop(byId('rig'));
     this.panels = new Panels();
     this.charts = new Charts(byId('tools'), byId('charts'), channels);
@@ -33,7 +34,7 @@ class Page {
 
   get device() {
     const { devices } = this.link;
-    return devices.get(this.chosen) ?? devices.values().next().value;
+    return devices.get(this.views.device) ?? devices.values().next().value;
   }
 
   stale(device) {
@@ -50,7 +51,7 @@ class Page {
       if (device) this.panels.show(device, this.stale(device));
       if (device) this.target.describe(device.last('reference'));
     }
-    if (!device) return;
+    if (!device || this.views.shown !== 'drive') return;
     if (this.dirty) this.hoop.show(device, this.stale(device));
     this.charts.draw(device, now, this.link.clock());
     this.dirty = false;
@@ -87,8 +88,7 @@ class Page {
   }
 
   choose(device) {
-    this.chosen = device.identity;
-    history.replaceState(null, '', `#${encodeURIComponent(device.identity)}`);
+    this.views.keep(device.identity);
     this.dirty = true;
     this.textAt = 0;
   }
@@ -105,7 +105,7 @@ class Page {
     if (device) this.choose(device);
     else if (event.key === 't') this.theme.next();
     else if (event.key === '?') this.help();
-    else if (!this.charts.key(event.key)) return;
+    else if (this.views.shown !== 'drive' || !this.charts.key(event.key)) return;
     event.preventDefault();
   }
 }

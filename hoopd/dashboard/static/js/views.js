@@ -1,0 +1,45 @@
+// Which part of the page is shown. The address keeps it, and the device: #VIEW/DEVICE.
+
+const first = () => document.querySelector('[data-to]').dataset.to;
+
+export class Views {
+  constructor() {
+    Object.assign(this, { shown: '', device: '' });
+    addEventListener('hashchange', () => this.read());
+    this.read();
+  }
+
+  get names() {
+    return [...document.querySelectorAll('[data-to]')].map(one => one.dataset.to);
+  }
+
+  /** What the address says; one that names a device alone is of the first view. */
+  read() {
+    const [word, rest] = location.hash.slice(1).split('/', 2);
+    const view = this.names.includes(word) ? word : first();
+    const device = view === word ? rest : word;
+    try {
+      if (device) this.device = decodeURIComponent(device);
+    } catch {
+      // no address of ours
+    }
+    this.show(view);
+  }
+
+  show(view) {
+    const changed = view !== this.shown;
+    this.shown = view;
+    for (const part of document.querySelectorAll('[data-view]')) part.hidden = part.dataset.view !== view;
+    for (const link of document.querySelectorAll('[data-to]')) {
+      if (link.dataset.to === view) link.setAttribute('aria-current', 'page');
+      else link.removeAttribute('aria-current');
+    }
+    this.keep(this.device);
+    if (changed) dispatchEvent(new CustomEvent('view', { detail: view }));
+  }
+
+  keep(device) {
+    this.device = device;
+    history.replaceState(null, '', `#${this.shown}${device ? `/${encodeURIComponent(device)}` : ''}`);
+  }
+}
