@@ -31,11 +31,12 @@ from hoopd.plants.model_file import load_model
 from hoopd.recording.mcap import Header
 from hoopd.shell import config as configuration
 from hoopd.shell import descriptors, log, signals
+from hoopd.shell.camera import CameraThread
 from hoopd.shell.clock import wall_zero_ns
 from hoopd.shell.commands import NO_CONTROL, Gate, Ranges
 from hoopd.shell.commandserver import CommandServer
 from hoopd.shell.config import Config
-from hoopd.shell.loop import Loop, Sink
+from hoopd.shell.loop import Eye, Loop, Sink
 from hoopd.shell.recorder import Recorder
 from hoopd.shell.run_files import Limits as RoomLimits
 from hoopd.shell.service import Notifier, freeze_garbage, is_under_systemd, lock_memory
@@ -193,7 +194,9 @@ async def _run(
         zero_ns = (lambda: 0) if virtual else partial(wall_zero_ns, world.timer.now)
         recorder = _recorder(stack, options, config, texts, reporter, zero_ns)
         telemetry = (
-            None if virtual else _telemetry(stack, config, texts, reporter, operators, lambda: status(loop, recorder))
+            None
+            if virtual
+            else _telemetry(stack, config, texts, reporter, operators, lambda: status(loop, recorder), world.eye)
         )
         watch = Watch(world.truth)
         watchers = (reporter, recorder, telemetry, operators, watch, guest)
@@ -317,9 +320,11 @@ def _telemetry(
     reporter: log.Reporter,
     operators: CommandSink,
     status: Callable[[], dict[str, Any]],
+    eye: Eye,
 ) -> TelemetrySink | None:
     if not config.telemetry.enabled:
         return None
+    from hoopd.shell.live_picture import LivePicture
     from hoopd.shell.telemetry import Telemetry, TelemetrySettings
 
     settings = TelemetrySettings(
@@ -331,7 +336,8 @@ def _telemetry(
         session=operators.session,
         zenoh=config.telemetry.zenoh,
     )
-    telemetry = Telemetry(settings, operators.gate, config_text=texts.config, on_event=_tell(reporter))
+    picture = LivePicture(eye.analysed, config.vision) if isinstance(eye, CameraThread) else None
+    telemetry = Telemetry(settings, operators.gate, config_text=texts.config, on_event=_tell(reporter), picture=picture)
     telemetry.start()
     stack.callback(_close, telemetry.close, "telemetry")
     return TelemetrySink(telemetry, status)

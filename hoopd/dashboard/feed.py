@@ -62,6 +62,11 @@ class Connection:
             return ask(session, name, value, self.endpoint, device, COMMAND_S, key=key)
         return send(name, value, self.endpoint, device, COMMAND_S, key=key, extras=self.extras)
 
+    @property
+    def session(self) -> zenoh.Session | None:
+        """What it listens with; another one after each loss, and none between."""
+        return self._session
+
     # ---- its thread ----
 
     def _run(self) -> None:
@@ -148,9 +153,13 @@ class Feed:
         """Endpoints, and why nothing comes from them; empty for those that are well."""
         return {connection.endpoint: connection.trouble for connection in self.connections}
 
+    def connection_of(self, device: ShownDevice) -> Connection:
+        """The connection that tells of a device."""
+        return next(one for one in self.connections if one.endpoint == device.endpoint)
+
     def send(self, device: ShownDevice, name: str) -> dict[str, Any]:
         """What became of a command that everybody may give, as the page shows it; waits for the answer."""
-        connection = next(one for one in self.connections if one.endpoint == device.endpoint)
+        connection = self.connection_of(device)
         told = {"device": device.identity, "command": name}
         for _ in range(TRIES):
             answer = _tried(connection, device.name, name)

@@ -23,6 +23,7 @@ from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.guards import RequestGuard
 from hoopd.dashboard.live import Live
 from hoopd.dashboard.operators import Operators
+from hoopd.dashboard.pictures import Pictures
 from hoopd.recording.schemas import TICK
 
 SWEEP_S = 30.0
@@ -38,6 +39,7 @@ def application(feed: Feed, operators: Operators, audit: Audit, names: Sequence[
         Route("/api/history", pages.history),
         *Actions(feed, operators, audit).routes,
         WebSocketRoute("/api/live", Live(feed, audit).serve),
+        WebSocketRoute("/api/picture", Pictures(feed).serve),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
 

@@ -25,7 +25,7 @@ class Analyser:
     """Finds the ball in one picture after the other."""
 
     def __init__(self, vision: Vision, minimum_confidence: float) -> None:
-        self._detector = Detector(_settings(vision, minimum_confidence))
+        self._detector = Detector(detector_settings(vision, minimum_confidence))
         self._to_angle = _pixel_to_angle(vision)
 
     def reset(self) -> None:
@@ -61,7 +61,8 @@ def corners_of(picture: Image) -> int:
     return zlib.crc32(data) or 1
 
 
-def _settings(vision: Vision, minimum_confidence: float) -> DetectorSettings:
+def detector_settings(vision: Vision, minimum_confidence: float) -> DetectorSettings:
+    """What the configuration tells the detector; InputError when no picture could satisfy it."""
     red, green, blue = vision.weights
     try:
         settings = DetectorSettings.for_ball(

@@ -18,7 +18,7 @@ from hoopd.files.reading import InputError
 from hoopd.shell.ball_detection import Analyser
 from hoopd.shell.config import Camera
 from hoopd.shell.helpers import start_helper
-from hoopd.shell.pictures import Backend, CameraError, Clock, Frame, Image
+from hoopd.shell.pictures import Analysed, Backend, CameraError, Clock, Frame, Image
 from hoopd.shell.rpicam import RpicamVid
 
 PAUSES_S = (0.5, 1.0, 2.0, 5.0)  # before the restarts; the last one repeats
@@ -96,6 +96,7 @@ class CameraThread:
         self._lock = threading.Lock()
         self._sample: CameraSample | None = None
         self._picture: Frame | None = None
+        self._analysed: Analysed | None = None
         self._last_t = 0.0  # run time at which the last new picture came
         self._number = -1
         self._stop = threading.Event()
@@ -125,6 +126,11 @@ class CameraThread:
     def stalled(self) -> bool:
         """No new picture for longer than stall_s."""
         return self._clock() - self._last_t > self._stall_s
+
+    def analysed(self) -> Analysed | None:
+        """The last picture that was analysed, itself: without the lock, for which the loop would have to wait. Who
+        takes longer than three pictures sees it change."""
+        return self._analysed
 
     def latest_picture(self) -> Frame | None:
         """A copy of the last picture that was read."""
@@ -158,6 +164,7 @@ class CameraThread:
             self.counts.skipped += 1
             return
         sample = self._analyse(frame)._replace(t_arrival=self._clock())
+        self._analysed = Analysed(frame, sample)
         with self._lock:
             self.counts.overwritten += self._sample is not None
             self._sample = sample

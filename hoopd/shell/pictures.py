@@ -12,6 +12,8 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from hoopd.core.records import CameraSample
+
 Image = npt.NDArray[np.uint8]
 Clock = Callable[[], float]
 
@@ -43,6 +45,13 @@ class Frame(NamedTuple):
     data: Image  # bgr: (height, width, 3); i420: flat planes Y, U, V
     kind: Literal["bgr", "i420"]
     size: tuple[int, int, int]  # width, height, stride in pixels
+
+
+class Analysed(NamedTuple):
+    """A picture and what was found in it."""
+
+    frame: Frame
+    sample: CameraSample
 
 
 class Backend(Protocol):

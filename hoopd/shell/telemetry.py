@@ -29,6 +29,7 @@ from hoopd.recording.rows import encode_event, encode_tick_message
 from hoopd.recording.schemas import LogEvent
 from hoopd.shell.commands import LOGGED, NAMES, NO_CONTROL, PAYLOAD_BYTES, Gate, RefusedError, Ticket
 from hoopd.shell.helpers import start_helper
+from hoopd.shell.live_picture import LivePicture
 from hoopd.shell.peer import JSON, RETRY_S, Answer, OnEvent, ZenohPeer
 from hoopd.shell.session import CONTROL, DEVICE, ENDPOINT, asks_who, device_key, listening
 
@@ -105,10 +106,17 @@ class Telemetry:
     """Publishes ticks, events and status; answers queries; hands commands to the tick."""
 
     def __init__(
-        self, settings: TelemetrySettings, gate: Gate, *, config_text: str = "", on_event: OnEvent | None = None
+        self,
+        settings: TelemetrySettings,
+        gate: Gate,
+        *,
+        config_text: str = "",
+        on_event: OnEvent | None = None,
+        picture: LivePicture | None = None,
     ) -> None:
+        """`picture`: of the camera, where there is one."""
         self._settings, self.gate, self._on_event = settings, gate, on_event
-        self._config_text = without_secrets(config_text)
+        self._config_text, self._picture = without_secrets(config_text), picture
         self._peer = ZenohPeer(
             "telemetry",
             listening(settings.endpoint, settings.zenoh),
@@ -208,6 +216,8 @@ class Telemetry:
             if self._peer.session is not None:
                 self._turn()  # the last facts of a run are the ones that somebody waits for
         finally:
+            if self._picture is not None:
+                self._picture.close()
             for peer in self._peers:
                 peer.shut()
 
@@ -222,8 +232,16 @@ class Telemetry:
                 time.sleep(0)  # lets a waiting tick in: no batch may hold the interpreter
         for peer in self._peers:
             peer.serve()
+        if self._picture is not None and self._peer.session is not None:
+            self._serve_picture(self._picture)
         if time.monotonic() >= self._status_at:
             self._publish_status()
+
+    def _serve_picture(self, picture: LivePicture) -> None:
+        try:
+            picture.serve(self._settings.session)
+        except Exception:  # ticks that cannot be put tell whether the session is broken
+            self._errors += 1
 
     def _declare(self, session: zenoh.Session) -> None:
         self._bad_puts = 0
@@ -231,6 +249,8 @@ class Telemetry:
         for name in ("tick", "event", "status"):
             key = device_key(self._settings.device, name)
             self._publishers[name] = session.declare_publisher(key, encoding=JSON, congestion_control=drop)
+        if self._picture is not None:
+            self._picture.declare(session, self._settings.device)
         self._kept = [session.liveliness().declare_token(device_key(self._settings.device, "alive"))]
 
     def _publish(self, item: TickRecord | LogEvent) -> None:

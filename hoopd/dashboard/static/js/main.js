@@ -5,6 +5,7 @@ import { Commands } from './commands.js';
 import { Hoop } from './hoop.js';
 import { Link } from './link.js';
 import { Panels } from './panels.js';
+import { Picture } from './picture.js';
 import { Target } from './target.js';
 import { byId, element, say } from './text.js';
 import { Theme } from './theme.js';
@@ -22,6 +23,7 @@ class Page {
     this.theme = new Theme(() => this.charts.recolour());
     this.commands = new Commands(() => this.device);
     this.target = new Target(this.hoop, this);
+    this.picture = new Picture(() => this.device);
     this.tabs = '';
     this.textAt = 0;
     this.dirty = true;

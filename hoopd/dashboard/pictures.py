@@ -1,0 +1,104 @@
+"""The live picture on its way to a browser: a WebSocket that is open as long as somebody looks.
+
+Rules of this file: nothing is subscribed to without a browser that takes it; of several pictures the newest alone is
+sent, and a browser that is slow misses the others. What it sends is not read.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from typing import Any
+
+import zenoh
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from hoopd.dashboard.device import ShownDevice
+from hoopd.dashboard.feed import Connection, Feed
+from hoopd.dashboard.live import BUSY, STALLED_S
+from hoopd.shell.session import device_key
+
+VIEWS = ("camera", "threshold")
+LOOKERS = 8
+POLL_S = 0.02
+JPEG_BYTES = 1_000_000  # a picture of ours has some thirty thousand
+ABOUT_BYTES = 4096
+UNKNOWN = 1008  # RFC 6455, 7.4.1: policy violation
+
+
+class Pictures:
+    """All browsers that look at a picture."""
+
+    def __init__(self, feed: Feed) -> None:
+        self._feed = feed
+        self.lookers = 0
+
+    async def serve(self, socket: WebSocket) -> None:
+        """One browser, until it goes: binary messages, each a line of JSON about the picture and then the JPEG."""
+        device = self._feed.devices.get(socket.query_params.get("device", ""))
+        view = socket.query_params.get("view", VIEWS[0])
+        if device is None or view not in VIEWS:
+            await socket.close(UNKNOWN, "no such device" if device is None else "no such view")
+            return
+        if self.lookers >= LOOKERS:
+            await socket.close(BUSY, f"{LOOKERS} look already")
+            return
+        self.lookers += 1
+        try:
+            await socket.accept()
+            with contextlib.suppress(WebSocketDisconnect, TimeoutError, RuntimeError, zenoh.ZError):
+                await self._show(socket, device, view)
+        finally:
+            self.lookers -= 1
+
+    async def _show(self, socket: WebSocket, device: ShownDevice, view: str) -> None:
+        key, connection = device_key(device.name, "picture", view), self._feed.connection_of(device)
+        gone = asyncio.ensure_future(_gone(socket))
+        try:
+            while not gone.done():
+                session = connection.session
+                if session is not None:
+                    await _relay(socket, connection, session, key, gone)
+                await asyncio.wait([gone], timeout=POLL_S * 10)
+        finally:
+            gone.cancel()
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+                await asyncio.wait_for(socket.close(), 1.0)
+
+
+async def _relay(
+    socket: WebSocket, connection: Connection, session: zenoh.Session, key: str, gone: asyncio.Future[None]
+) -> None:
+    """Pictures of one session, for as long as it and the browser last."""
+    ring: Any = zenoh.handlers.RingChannel(1)
+    subscriber: Any = await asyncio.to_thread(session.declare_subscriber, key, ring)
+    try:
+        while not gone.done() and connection.session is session:
+            message = _message(subscriber.try_recv())
+            if message:
+                began = time.monotonic()
+                await asyncio.wait_for(socket.send_bytes(message), STALLED_S)
+                await asyncio.wait([gone], timeout=max(0.0, POLL_S - (time.monotonic() - began)))
+            else:
+                await asyncio.wait([gone], timeout=POLL_S)
+    finally:
+        with contextlib.suppress(zenoh.ZError):
+            await asyncio.to_thread(subscriber.undeclare)
+
+
+def _message(sample: zenoh.Sample | None) -> bytes:
+    """What a browser gets of a sample; empty for none, and for one that is none of ours."""
+    if sample is None or sample.attachment is None:
+        return b""
+    if len(sample.payload) > JPEG_BYTES or len(sample.attachment) > ABOUT_BYTES:
+        return b""
+    about = sample.attachment.to_bytes()
+    return b"" if b"\n" in about else about + b"\n" + sample.payload.to_bytes()
+
+
+async def _gone(socket: WebSocket) -> None:
+    """Until the browser hangs up."""
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        while True:
+            await socket.receive_bytes()
