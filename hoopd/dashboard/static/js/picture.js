@@ -4,7 +4,7 @@ import { byId, number, say } from './text.js';
 
 const RETRY_MS = 1000;
 const SILENT_MS = 2000;
-const INK = { circle: '--target', zero: '--warn', ball: '--accent' };
+const INK = { circle: '#3ddc97', zero: '#f0e442', ball: '#56b4e9' }; // bright in both themes: a picture has its own light
 
 export class Picture {
   /** `chosen` gives the device that is shown. */
@@ -93,9 +93,9 @@ export class Picture {
 
   /** Circle, its centre, the direction of zero, and the ball. A pixel's centre is its number, so the corner is -1/2. */
   mark(pen, about, line) {
-    const style = getComputedStyle(document.documentElement), [x, y, radius] = about.circle_px.map((v, i) => i < 2 ? v + 0.5 : v);
+    const [x, y, radius] = about.circle_px.map((v, i) => i < 2 ? v + 0.5 : v);
     const stroke = (ink, draw) => {
-      for (const [colour, wide] of [['#000a', 2.2 * line], [style.getPropertyValue(INK[ink]), line]]) {
+      for (const [colour, wide] of [['#000a', 2.2 * line], [INK[ink], line]]) {
         Object.assign(pen, { strokeStyle: colour, lineWidth: wide });
         pen.beginPath();
         draw();
