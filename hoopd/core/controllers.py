@@ -9,7 +9,7 @@ is a class with the methods of `Controller`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from math import copysign, exp, inf, isfinite, sin, tau
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -145,6 +145,11 @@ class Lqg:
         self.gains = replace(self.gains, **{key: value})
         return True
 
+    @property
+    def tunables(self) -> Log:
+        """What `tune` changes, as it is now."""
+        return asdict(self.gains)
+
     def _target(self, reference: float, dt: float) -> tuple[float, float]:
         """Angle and hoop speed to go for now."""
         g = self.gains
@@ -217,6 +222,11 @@ class LqgLinear:
         self.gains = self.gains._replace(feedforward=value)
         return True
 
+    @property
+    def tunables(self) -> Log:
+        """What `tune` changes, as it is now."""
+        return {"feedforward": self.gains.feedforward}
+
     @staticmethod
     def _innovation(measurement: Measurement, predicted: Vector) -> Vector:
         speed, psi = measurement.dtheta_measured - float(predicted[0]), measurement.psi_measured - float(predicted[1])
@@ -280,3 +290,8 @@ class TransferFunctionController:
             return False
         self.gain = value
         return True
+
+    @property
+    def tunables(self) -> Log:
+        """What `tune` changes, as it is now."""
+        return {"gain": self.gain}

@@ -14,7 +14,7 @@ command is told once, obeyed or refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import isfinite
 
@@ -102,6 +102,12 @@ class Succession:
     def tune(self, key: str, value: float) -> bool:
         """A number of the acting law."""
         return bool(self.acting.law.tune(key, value))
+
+    @property
+    def tunables(self) -> Mapping[str, float]:
+        """Numbers of the acting law by their names; none of a law that tells none."""
+        told = getattr(self.acting.law, "tunables", None)
+        return told if isinstance(told, Mapping) else {}
 
     def _load(self, command: Command, mode: Mode, t: float) -> None:
         try:

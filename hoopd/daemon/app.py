@@ -196,7 +196,9 @@ async def _run(
         telemetry = (
             None
             if virtual
-            else _telemetry(stack, config, texts, reporter, operators, lambda: status(loop, recorder), world.eye)
+            else _telemetry(
+                stack, config, texts, reporter, operators, lambda: status(loop, recorder, TUNABLE), world.eye
+            )
         )
         watch = Watch(world.truth)
         watchers = (reporter, recorder, telemetry, operators, watch, guest)

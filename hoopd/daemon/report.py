@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -20,7 +20,7 @@ from hoopd.core.tick import Note
 from hoopd.daemon.sinks import RecorderSink, TelemetrySink
 from hoopd.daemon.tracking_error import RELEASE_S, TrackingError, Truth
 from hoopd.shell.camera import CameraCounts
-from hoopd.shell.commands import Gate
+from hoopd.shell.commands import Gate, Range
 from hoopd.shell.loop import Loop
 
 STATES = 4  # of the filter, those of `x_hat`; a bias that it knows, too, comes after them
@@ -82,8 +82,8 @@ class Watch:
             self.ended_by, self.ended_at_s = ending, t
 
 
-def status(loop: Loop, recorder: RecorderSink | None) -> dict[str, Any]:
-    """What the status message tells beside the newest tick."""
+def status(loop: Loop, recorder: RecorderSink | None, ranges: Mapping[str, Range]) -> dict[str, Any]:
+    """What the status message tells beside the newest tick; `ranges` are those of `tune`."""
     statistics, counts = loop.statistics, getattr(loop.eye, "counts", None)  # none without a camera
     return {
         "faults": loop.tick.faults,
@@ -93,6 +93,7 @@ def status(loop: Loop, recorder: RecorderSink | None) -> dict[str, Any]:
         "deviation": deviation(loop.tick.succession.acting.filter.estimator),
         "camera": asdict(counts) if isinstance(counts, CameraCounts) else None,
         "controller": controller_status(loop.tick.succession),
+        "tunables": tunables(loop.tick.succession, ranges),
         "innovations": {name: level._asdict() for name, level in loop.tick.health.drift.latest().items()},
         "missed_ticks": statistics.missed,
         "lateness_p99_s": statistics.lateness.quantile(0.99),
@@ -160,6 +161,15 @@ def controller_status(succession: Succession) -> dict[str, Any]:
         "since": succession.since,
         "next": succession.waiting,
     }
+
+
+def tunables(succession: Succession, ranges: Mapping[str, Range]) -> dict[str, dict[str, float]]:
+    """What `tune` changes of the acting law: value now, and from where to where it may be set."""
+    try:
+        now = dict(succession.tunables)
+    except Exception:  # a user's own law may tell nonsense
+        return {}
+    return {name: {"value": now[name], "low": low, "high": high} for name, (low, high) in ranges.items() if name in now}
 
 
 def clearing(fault: Fault, lasts: bool) -> str:

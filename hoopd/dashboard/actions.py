@@ -119,6 +119,7 @@ class Actions:
         except LoginError as error:
             return _refused(error)
         told: dict[str, Any] = {"device": order.device, "command": order.command, "value": order.value}
+        told |= {"key": order.key} if order.key else {}
         device = self._feed.devices.get(order.device)
         answer = {**await asyncio.to_thread(self._answer, login, device, order), **told}
         await self._note(login.user, request, answer)

@@ -34,7 +34,7 @@ CONNECT_S = 3.0
 COMMAND_S = 3.0
 TOKEN_BYTES = 32
 WRONG = "no daemon lets this user in with this password, or none answers"  # zenoh tells both alike
-COMMANDS = ("arm", "disarm", "stop", "clear", "reference", "tune")
+COMMANDS = ("arm", "disarm", "stop", "clear", "reference", "tune", "accept", "revert")
 _USER, _PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"
 
 

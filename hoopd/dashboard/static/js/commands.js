@@ -7,8 +7,8 @@ const TYPING = 'input:not([type=checkbox]), textarea, select';
 const PATIENCE_MS = 8000;
 const ASK_MS = 20000; // whether the login still lasts
 
-const told = ({ device, command, ok, reason, mode, reference }) =>
-  `${(device ?? '').split('@')[0]} ${command}: ${ok ? `${mode}${command === 'reference' ? `, reference ${number(reference, 3, true)} rad` : ''}` : `${reason}`.replace(`${command}: `, '')}`;
+const told = ({ device, command, ok, reason, mode, reference, key, value }) =>
+  `${(device ?? '').split('@')[0]} ${command}${key ? ` ${key} ${value}` : ''}: ${ok ? `${mode}${command === 'reference' ? `, reference ${number(reference, 3, true)} rad` : ''}` : `${reason}`.replace(`${command}: `, '')}`;
 
 export class Commands {
   constructor(chosen) {
@@ -62,12 +62,12 @@ export class Commands {
   }
 
   /** A command to the chosen device; true when it was obeyed. */
-  async send(command, value = null) {
+  async send(command, value = null, key = '') {
     const begun = performance.now(), device = this.chosen()?.identity;
     if (!this.user || !device) return false;
     this.show(`${command} sent …`, 'waiting');
     try {
-      const answer = await this.post('/api/command', { device, command, value });
+      const answer = await this.post('/api/command', { device, command, value, key });
       this.show(`${told({ device, command, ...answer })} (${Math.round(performance.now() - begun)} ms)`, answer.ok ? 'good' : 'bad');
       return answer.ok;
     } catch (error) {

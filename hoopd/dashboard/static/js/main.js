@@ -2,6 +2,7 @@
 
 import { Charts } from './charts.js';
 import { Commands } from './commands.js';
+import { Controller } from './controller.js';
 import { Hoop } from './hoop.js';
 import { Link } from './link.js';
 import { Panels } from './panels.js';
@@ -24,6 +25,7 @@ class Page {
     this.commands = new Commands(() => this.device);
     this.target = new Target(this.hoop, this);
     this.picture = new Picture(() => this.device);
+    this.controller = new Controller(byId('controller'), this);
     this.tabs = '';
     this.textAt = 0;
     this.dirty = true;
@@ -51,6 +53,7 @@ class Page {
       this.showTabs(device);
       this.panels.showAudit(this.link.audit);
       if (device) this.panels.show(device, this.stale(device));
+      if (device) this.controller.show(device);
       if (device) this.target.describe(device.last('reference'));
     }
     if (!device || this.views.shown !== 'drive') return;

@@ -131,7 +131,7 @@ export class Panels {
     this.shownAudit = lines;
     const rows = [...lines].reverse().map(line => element('li', { 'data-level': line.ok ? 'info' : 'warning' },
       element('time', {}, clock(Date.parse(line.time) / 1e3)), element('b', {}, `${line.who || 'somebody'}`),
-      element('span', {}, [line.device?.split('@')[0], line.command, line.command === 'reference' ? number(line.value, 3, true) : '', '→', line.ok ? line.mode ?? 'done' : line.reason].filter(Boolean).join(' '))));
+      element('span', {}, [line.device?.split('@')[0], line.command, line.command === 'reference' ? number(line.value, 3, true) : line.key ? `${line.key} ${line.value}` : '', '→', line.ok ? line.mode ?? 'done' : line.reason].filter(Boolean).join(' '))));
     byId('audit').replaceChildren(...(rows.length ? rows : [element('li', { class: 'nothing' }, 'none yet')]));
   }
 }
