@@ -75,7 +75,7 @@ async def _relay(
     subscriber: Any = await asyncio.to_thread(session.declare_subscriber, key, ring)
     try:
         while not gone.done() and connection.session is session:
-            message = _message(subscriber.try_recv())
+            message = message_of(subscriber.try_recv())
             if message:
                 began = time.monotonic()
                 await asyncio.wait_for(socket.send_bytes(message), STALLED_S)
@@ -87,7 +87,7 @@ async def _relay(
             await asyncio.to_thread(subscriber.undeclare)
 
 
-def _message(sample: zenoh.Sample | None) -> bytes:
+def message_of(sample: zenoh.Sample | None) -> bytes:
     """What a browser gets of a sample; empty for none, and for one that is none of ours."""
     if sample is None or sample.attachment is None:
         return b""

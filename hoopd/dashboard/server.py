@@ -19,6 +19,7 @@ from starlette.staticfiles import StaticFiles
 
 from hoopd.dashboard.actions import Actions
 from hoopd.dashboard.audit import Audit
+from hoopd.dashboard.calibration import Calibration
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.guards import RequestGuard
 from hoopd.dashboard.live import Live
@@ -38,6 +39,7 @@ def application(feed: Feed, operators: Operators, audit: Audit, names: Sequence[
         Route("/api/channels", pages.channels),
         Route("/api/history", pages.history),
         *Actions(feed, operators, audit).routes,
+        *Calibration(feed).routes,
         WebSocketRoute("/api/live", Live(feed, audit).serve),
         WebSocketRoute("/api/picture", Pictures(feed).serve),
         Mount("/static", StaticFiles(directory=STATIC)),

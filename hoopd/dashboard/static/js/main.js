@@ -1,5 +1,6 @@
 // The page: what comes over the link is shown, ten times a second or as often as the screen likes.
 
+import { Calibrate } from './calibrate.js';
 import { Charts } from './charts.js';
 import { Commands } from './commands.js';
 import { Controller } from './controller.js';
@@ -26,6 +27,7 @@ class Page {
     this.target = new Target(this.hoop, this);
     this.picture = new Picture(() => this.device);
     this.controller = new Controller(byId('controller'), this);
+    this.calibrate = new Calibrate(() => this.device, path => this.commands.post(path));
     this.tabs = '';
     this.textAt = 0;
     this.dirty = true;
