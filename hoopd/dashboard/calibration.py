@@ -104,7 +104,7 @@ def told(found: Proposal, about: About, scale: float) -> dict[str, Any]:
     x, y = ((value + 0.5) * scale - 0.5 for value in circle[:2])
     radius, ball = circle.radius_px * scale, found.ball.radius_px * scale
     seen = found.hoop_coverage >= LEAST_COVERAGE, f"{found.hoop_coverage:.0%} of the hoop's edge seen"
-    apart = colour.gap >= LEAST_GAP, f"ball and ring {colour.gap:.0f} grey levels apart"
+    apart = colour.gap >= LEAST_GAP, f"ball and ring {colour.gap:.0f} grey levels apart with the weights below"
     still = abs(found.zero_angle_rad) <= TILT_NOTE_RAD, "holds when the ball is at rest and the hoop stands still"
     sure = found.confidence >= 0.5, f"confidence {found.confidence:.2f}"
     rows = [
