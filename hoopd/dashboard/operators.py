@@ -18,6 +18,7 @@ from typing import Any
 
 import zenoh
 
+from hoopd.shell.commands import ALWAYS
 from hoopd.shell.operator import CommandError
 from hoopd.shell.remote import ask
 from hoopd.shell.session import connecting
@@ -32,6 +33,7 @@ NAME_CHARACTERS = 64
 PASSWORD_CHARACTERS = 256
 CONNECT_S = 3.0
 COMMAND_S = 3.0
+HOLD_S = 30.0  # after somebody's last command nobody else drives the device; everybody may stop it
 TOKEN_BYTES = 32
 WRONG = "no daemon lets this user in with this password, or none answers"  # zenoh tells both alike
 COMMANDS = ("arm", "disarm", "stop", "clear", "reference", "tune", "accept", "revert")
@@ -77,6 +79,7 @@ class Operators:
         """`controls`: by endpoint of telemetry, the endpoint of control and zenoh's own keys for it."""
         self._controls, self._clock, self._lock = dict(controls), clock, threading.Lock()
         self._logins: dict[str, Login] = {}
+        self._holders: dict[tuple[str, str], tuple[str, float]] = {}  # by device: token of a login, its last command
         self._guesses: deque[tuple[float, str]] = deque(maxlen=ALL_GUESSES)
         for endpoint in self._controls:
             self._config(endpoint, "", "")  # InputError now, not when somebody logs in
@@ -133,7 +136,21 @@ class Operators:
         session = self._session(login, endpoint)
         if session is None:
             raise CommandError(f"no daemon at {endpoint} takes commands of {login.user}")
+        if name not in ALWAYS:
+            self._hold(login, (endpoint, device))
         return ask(session, name, value, endpoint, device, COMMAND_S, key=key)
+
+    def _hold(self, login: Login, device: tuple[str, str]) -> None:
+        """Let somebody have a device; CommandError while another login has it."""
+        now = self._clock()
+        with self._lock:
+            token, since = self._holders.get(device, ("", now))
+            holder, left = self._logins.get(token, login), HOLD_S - (now - since)
+            if holder is not login and left > 0.0 and not self._over(holder):
+                raise CommandError(
+                    f"{holder.user} drives it from another login: for {left:.0f} s, or until its log-out"
+                )
+            self._holders[device] = (login.token, now)
 
     def sweep(self) -> None:
         """End what has lasted for too long."""

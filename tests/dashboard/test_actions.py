@@ -16,7 +16,7 @@ from hoopd.core.records import Command
 from hoopd.dashboard.actions import BODY_BYTES, COOKIE, PROOF
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
-from hoopd.dashboard.operators import ALL_GUESSES, GUESSES, GUESSES_S, IDLE_S, LONGEST_S, LoginError, Operators
+from hoopd.dashboard.operators import ALL_GUESSES, GUESSES, GUESSES_S, HOLD_S, IDLE_S, LONGEST_S, LoginError, Operators
 from hoopd.files.reading import InputError
 from hoopd.shell.telemetry import TelemetrySettings
 
@@ -160,6 +160,21 @@ def test_a_login_ends_unused_and_at_the_end_of_the_day(driven: Driven, step_s: f
     assert driven.order("arm", who).status == 401
     assert driven.web.ask("/api/me", cookie=who["cookie"]).json["user"] is None
     assert Command("arm") not in driven.ticks.take()
+
+
+def test_a_second_login_drives_only_when_the_first_has_let_go_and_stops_at_any_time(driven: Driven) -> None:
+    (_, first), (_, second) = driven.login(), driven.login()
+    assert driven.order("arm", first).json["ok"]
+    refused = driven.order("reference", second, value=0.1).json
+    assert not refused["ok"] and "operator drives it from another login" in refused["reason"]
+    assert driven.order("stop", second).json["ok"] and driven.order("disarm", second).json["ok"]
+    assert driven.order("clear", first).json["ok"]  # a refusal takes nothing away
+    driven.clock.now += HOLD_S
+    assert driven.order("clear", second).json["ok"]
+    assert not driven.order("clear", first).json["ok"]
+    driven.web.post("/api/logout", {}, **second)
+    assert driven.order("arm", first).json["ok"]
+    assert Command("reference", 0.1) not in driven.ticks.take()
 
 
 def test_who_logs_out_is_out(driven: Driven) -> None:
