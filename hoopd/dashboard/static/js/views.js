@@ -15,9 +15,9 @@ export class Views {
 
   /** What the address says; one that names a device alone is of the first view. */
   read() {
-    const [word, rest] = location.hash.slice(1).split('/', 2);
-    const view = this.names.includes(word) ? word : first();
-    const device = view === word ? rest : word;
+    const text = location.hash.slice(1), word = text.split('/', 1)[0], named = this.names.includes(word);
+    const view = named ? word : first();
+    const device = named ? text.slice(word.length + 1) : text; // a device's name has slashes, too
     try {
       if (device) this.device = decodeURIComponent(device);
     } catch {
