@@ -139,6 +139,8 @@ def test_what_a_device_tells_is_text_and_never_markup(tmp_path: Path) -> None:
     settings = TelemetrySettings(endpoint=free_endpoint())
     told = {"mode": HTML, "event": HTML, "level": HTML, "fields": {HTML: HTML}, "arming": HTML}
     told |= {"t": 1, "faults": [HTML], "causes": {HTML: {"meaning": HTML, "clears": HTML}}, "recorder": {HTML: HTML}}
+    told["controller"] = {"file": HTML, "sha256": HTML, "purpose": "trial", "accepted": HTML, "next": HTML}
+    told["tunables"] = {HTML: {"value": 1.0, "low": 0.0, "high": 2.0}, "bad": None, "worse": {"value": HTML}}
     with (
         running(settings),
         client(settings.endpoint) as forger,
@@ -152,7 +154,7 @@ def test_what_a_device_tells_is_text_and_never_markup(tmp_path: Path) -> None:
                 forger.put(f"hoopd/evil/{kind}", json.dumps(told))
             page.key("2")
             time.sleep(0.2)
-        for place in ("#events", "#mode", "#faults", "#devices", "#camera"):
+        for place in ("#events", "#mode", "#faults", "#devices", "#camera", "#gains"):
             page.wait_for(f"document.querySelector('{place}').innerText.includes('<img src=x')")
         token.undeclare()  # type: ignore[no-untyped-call]
         assert page.ask("document.querySelectorAll('img, main script').length") == 0
