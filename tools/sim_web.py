@@ -2,7 +2,8 @@
 """The rig and the web page beside it, in one command: prints the page's address, ends both with Ctrl-C.
 
 Rules of this file: it only starts what a person would type in two terminals, in a folder that goes with it; it ends no
-process but those two. Usage: tools/sim_web.py [--listen 127.0.0.1:8765] [--seconds N]
+process but those two. Usage: tools/sim_web.py [--listen 127.0.0.1:8765] [--recordings FOLDER]
+[--seconds N]
 """
 
 from __future__ import annotations
@@ -73,13 +74,21 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Run the rig and its web page.")
     parser.add_argument("--listen", default="127.0.0.1:8765", help="where the page is served")
     parser.add_argument("--seconds", type=float, help="end after this time")
+    parser.add_argument(
+        "--recordings", type=Path, help="where the rig records and the page works; goes with it unless told"
+    )
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix="hoopd-web-") as folder:
         password = secrets.token_hex(4)
         shared = ("--config", str(configuration(Path(folder), password)))
         print(f"to drive from the page, log in as {USER} with the password {password}", flush=True)
-        processes = [started("--sim", *shared), started("dashboard", *shared, "--listen", options.listen)]
+        recordings = options.recordings or Path(folder) / "recordings"
+        recordings.mkdir(exist_ok=True)
+        processes = [
+            started("--sim", "--record", str(recordings), *shared),
+            started("dashboard", *shared, "--listen", options.listen, "--recordings", str(recordings)),
+        ]
         until = None if options.seconds is None else time.monotonic() + options.seconds
         with contextlib.suppress(KeyboardInterrupt):
             while all(process.poll() is None for process in processes) and (until is None or time.monotonic() < until):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Takes docs/figures/dashboard.png and dashboard_fault.png: the web page beside the rig, in Debian's chromium.
+"""Takes docs/figures/dashboard.png, dashboard_fault.png, dashboard_work.png: the page beside the rig, in chromium.
 
 Rules of this file: it looks at what a person would see and drives as one would; the rig is on the clock, so that no two
 pictures are alike, and a busy machine's faults are acknowledged. Usage: tools/web_pictures.py [FOLDER]
@@ -21,6 +21,8 @@ LISTEN = "127.0.0.1:8766"
 FAULT_S = 60.0  # of the rig's own time: after the driving, however often it had to be armed
 REFERENCES_PX = (-9.0, 18.0, -12.0, 8.0, -10.0, 7.0)  # to the side, from where the target is
 HOLD_S = 3.0
+JOB_S = 300.0
+HIDDEN = "sim.effects=[{name: hoop.coulomb_friction, parameters: {Fc: 0.008}}]"
 HANDLE = "document.querySelector('.handle circle').getBoundingClientRect()"
 
 
@@ -54,6 +56,30 @@ def drive(page: Page) -> None:
     page.ask("document.activeElement.blur()")
 
 
+def recorded(folder: Path) -> Path:
+    """Two experiments on a rig with friction that its model does not know."""
+    folder.mkdir()
+    for kind in ("prbs", "multisine"):
+        words = ("experiment", kind, "--sim", "--speed", "max", "--camera", "direct", "--set", HIDDEN)
+        started(*words, "--out", str(folder / f"{kind}.mcap")).wait()
+    return folder
+
+
+def work(page: Page) -> None:
+    """A diagnosis of one, judged by the other, and its report."""
+    page.click("[data-to=work]")
+    for name in ("multisine.mcap", "prbs.mcap"):
+        page.wait_for(f"document.querySelector('[aria-label=\"choose {name}\"]') !== null")
+        page.click(f"[aria-label='choose {name}']")
+    page.ask("document.querySelector('#job-form [name=holdout]').value = 'multisine.mcap'")
+    page.ask("document.querySelector('#job-form [name=model]').value = 'models/hoop.yaml'")
+    page.click("#job-form .primary")
+    page.wait_for("document.querySelector('#jobs li').dataset.state === 'done'", JOB_S)
+    page.click("#jobs .row:last-child button")
+    time.sleep(HOLD_S)
+    page.ask("window.scrollTo(0, 0)")
+
+
 def main() -> int:
     """Exit code 0 when both pictures are there."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "figures"
@@ -63,7 +89,8 @@ def main() -> int:
         # with the priority that the unit grants, where this machine does, too: a browser starts beside it
         first = ("chrt", "--fifo", str(FIFO_PRIORITY)) if fifo_granted() else ()
         rig = started("--sim", "--camera", "direct", *shared, *fault, first=first)
-        server = started("dashboard", *shared, "--listen", LISTEN)
+        recordings = recorded(Path(temporary) / "recordings")
+        server = started("dashboard", *shared, "--listen", LISTEN, "--recordings", str(recordings))
         try:
             with opened(Path(temporary), f"http://{LISTEN}/", 1440, 900) as page:
                 page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
@@ -75,6 +102,9 @@ def main() -> int:
                 page.wait_for("document.querySelector('#faults').innerText.includes('camera_lost')", 2 * FAULT_S)
                 time.sleep(HOLD_S)
                 page.picture(folder / "dashboard_fault.png")
+                page.size(1440, 1000)
+                work(page)
+                page.picture(folder / "dashboard_work.png")
         finally:
             ended([rig, server])
     return 0

@@ -14,7 +14,10 @@ from hoopd.commands.options.dashboard import DashboardOptions
 from hoopd.files.reading import InputError
 
 if TYPE_CHECKING:
+    from hoopd.dashboard.work.bench import Bench
     from hoopd.shell.config import ControlSession
+
+RESULTS = "hoopd-results"
 
 
 def dashboard(options: DashboardOptions) -> None:
@@ -31,7 +34,19 @@ def dashboard(options: DashboardOptions) -> None:
     extras = {key: value for key, value in telemetry.zenoh.items() if key.partition("/")[0] == "transport"}
     where = ServerAddress(listen=options.listen, names=options.names, certificate=options.certificate, key=options.key)
     operators = Operators(_controls(options, endpoints, telemetry.control))
-    serve(Feed(endpoints, extras), operators, Audit(options.audit), where, lambda at: typer.echo(f"dashboard: {at}"))
+    bench = _bench(options)
+    feed, audit = Feed(endpoints, extras), Audit(options.audit)
+    serve(feed, operators, audit, where, lambda at: typer.echo(f"dashboard: {at}"), bench)
+
+
+def _bench(options: DashboardOptions) -> Bench | None:
+    from hoopd.dashboard.work.bench import Bench
+
+    if options.recordings is None:
+        if options.results is not None:
+            raise InputError("--results", "", "goes with --recordings")
+        return None
+    return Bench(options.recordings, options.results or options.recordings / RESULTS)
 
 
 def _controls(

@@ -134,11 +134,11 @@ def check_motion(train: Sequence[Source], held: Sequence[Source], structure: str
     for source in (*train, *held):
         own = _moving(source)
         if structure == "entries" and own != _moving(train[0]):
-            reason = f"{_words(own, source)} moves in it, {_words(_moving(train[0]), source)} in {train[0].name}"
+            reason = f"here {_words(own, source)} moved, in {train[0].name} {_words(_moving(train[0]), source)}"
             raise InputError(source.name, "", f"{reason}: entries differ; a physical structure takes both (--model)")
         if new := own - fitted:
             raise InputError(
-                source.name, "--holdout", f"{_words(new, source)} moves in it, and in nothing that is fitted"
+                source.name, "--holdout", f"here {_words(new, source)} moved, and in nothing that is fitted"
             )
 
 

@@ -20,10 +20,9 @@ LARGEST_MATRIX = 6
 def print_result(result: dict[str, Any]) -> None:
     """A table of keys and values on standard output, one section to each nested record, then the notes."""
     from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
-    console, table = Console(), Table(show_header=False)
+    console, table = Console(), _two_columns()
     for key, value in result.items():
         if key == "notes":
             continue
@@ -31,7 +30,7 @@ def print_result(result: dict[str, Any]) -> None:
             if table.row_count:
                 console.print(table)
             console.print(_columns(key, lines))
-            table = Table(show_header=False)
+            table = _two_columns()
             continue
         if _is_record(value):
             table.add_section()
@@ -43,6 +42,13 @@ def print_result(result: dict[str, Any]) -> None:
         console.print(table)
     for note in result.get("notes", []):
         console.print(Text(f"- {note}"))
+
+
+def _two_columns() -> Any:
+    """Keys and values; a name that is too long goes on in the next line, whole."""
+    from rich.table import Column, Table
+
+    return Table(Column(overflow="fold"), Column(overflow="fold"), show_header=False)
 
 
 def table_rows(value: Any, label: str = "") -> list[tuple[str, dict[str, Any]]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import math
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 import zenoh
@@ -21,15 +21,12 @@ from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.device import ShownDevice
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import LONGEST_S, Login, LoginError, Operators
+from hoopd.dashboard.requests import COOKIE, address_of, read, refused, who
 from hoopd.shell.operator import CommandError
 from hoopd.shell.session import reason
 
-COOKIE = "hoopd_login"
-PROOF = "x-hoopd-proof"
-BODY_BYTES = 4096
 STOPPERS = 32
 EVERYBODY = "everybody"  # who stops needs no name
-Content = TypeVar("Content")
 
 
 class Credentials(msgspec.Struct, forbid_unknown_fields=True):
@@ -78,21 +75,21 @@ class Actions:
     async def stop(self, request: Request) -> Response:
         """Disarm every device that the page shows, all at once, without a login: everybody may stop."""
         devices = list(self._feed.devices.values())
-        loop, who = asyncio.get_running_loop(), self._name(request)
+        loop, name = asyncio.get_running_loop(), self._name(request)
         sent = [loop.run_in_executor(self._stoppers, self._feed.send, one, "disarm") for one in devices]
         answers = await asyncio.gather(*sent)
         for answer in answers:
-            await loop.run_in_executor(self._stoppers, self._audit.note, who, _address(request), answer)
+            await loop.run_in_executor(self._stoppers, self._audit.note, name, address_of(request), answer)
         return JSONResponse({"ok": bool(answers) and all(one["ok"] for one in answers), "answers": answers})
 
     async def login(self, request: Request) -> Response:
         """Let somebody in whom a daemon lets in."""
         try:
-            wanted = await _read(request, Credentials)
-            login = await asyncio.to_thread(self._operators.login, wanted.user, wanted.password, _address(request))
+            wanted = await read(request, Credentials)
+            login = await asyncio.to_thread(self._operators.login, wanted.user, wanted.password, address_of(request))
         except LoginError as error:
             await self._note("", request, {"command": "login", "ok": False, "reason": str(error)})
-            return _refused(error)
+            return refused(error)
         await self._note(login.user, request, {"command": "login", "ok": True})
         answer = JSONResponse({"ok": True, "user": login.user, "proof": login.proof})
         secure = request.url.scheme == "https"
@@ -102,9 +99,9 @@ class Actions:
     async def logout(self, request: Request) -> Response:
         """Let somebody go."""
         try:
-            login = self._who(request)
+            login = who(request, self._operators)
         except LoginError as error:
-            return _refused(error)
+            return refused(error)
         await asyncio.to_thread(self._operators.logout, login)
         await self._note(login.user, request, {"command": "logout", "ok": True})
         answer = JSONResponse({"ok": True})
@@ -114,10 +111,10 @@ class Actions:
     async def command(self, request: Request) -> Response:
         """Hand somebody's command to a device; the answer is the device's."""
         try:
-            login = self._who(request)
-            order = await _read(request, Order)
+            login = who(request, self._operators)
+            order = await read(request, Order)
         except LoginError as error:
-            return _refused(error)
+            return refused(error)
         told: dict[str, Any] = {"device": order.device, "command": order.command, "value": order.value}
         told |= {"key": order.key} if order.key else {}
         device = self._feed.devices.get(order.device)
@@ -138,37 +135,11 @@ class Actions:
         except zenoh.ZError as error:  # the connection went meanwhile
             return {"ok": False, "reason": f"no answer: {reason(error)}"}
 
-    def _who(self, request: Request) -> Login:
-        return self._operators.find(request.cookies.get(COOKIE, ""), request.headers.get(PROOF, ""))
-
     def _name(self, request: Request) -> str:
         try:
             return self._operators.find(request.cookies.get(COOKIE, "")).user
         except LoginError:
             return EVERYBODY
 
-    async def _note(self, who: str, request: Request, told: dict[str, Any]) -> None:
-        await asyncio.to_thread(self._audit.note, who, _address(request), told)
-
-
-async def _read(request: Request, kind: type[Content]) -> Content:
-    """The request's content; LoginError, with status 400, for what is something else."""
-    body = b""
-    if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-        raise LoginError("expected JSON", 415)
-    async for part in request.stream():
-        body += part
-        if len(body) > BODY_BYTES:
-            raise LoginError(f"more than {BODY_BYTES} bytes", 413)
-    try:
-        return msgspec.json.decode(body, type=kind)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-        raise LoginError("not what is expected here", 400) from None
-
-
-def _refused(error: LoginError) -> Response:
-    return JSONResponse({"ok": False, "reason": str(error)}, error.status)
-
-
-def _address(request: Request) -> str:
-    return request.client.host if request.client else ""
+    async def _note(self, name: str, request: Request, told: dict[str, Any]) -> None:
+        await asyncio.to_thread(self._audit.note, name, address_of(request), told)

@@ -120,6 +120,10 @@ class Operators:
             raise LoginError("this does not come from the page that logged in", 403)
         return login
 
+    def seen(self, login: Login) -> None:
+        """Somebody works: the login goes on."""
+        login.used = self._clock()
+
     def logout(self, login: Login) -> None:
         """End it."""
         with self._lock:
@@ -130,7 +134,7 @@ class Operators:
         self, login: Login, endpoint: str, device: str, name: str, value: float | None = None, key: str = ""
     ) -> dict[str, Any]:
         """The daemon's answer to somebody; CommandError when it refuses or none answers."""
-        login.used = self._clock()
+        self.seen(login)
         if name not in COMMANDS:
             raise CommandError(f"unknown command; known: {', '.join(COMMANDS)}")
         session = self._session(login, endpoint)

@@ -21,6 +21,7 @@ from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import Operators
 from hoopd.dashboard.server import application
+from hoopd.dashboard.work.bench import Bench
 from hoopd.files.reading import InputError
 
 LISTEN = "127.0.0.1:8765"
@@ -61,12 +62,17 @@ def bind(where: ServerAddress) -> socket.socket:
 
 
 def server_of(
-    feed: Feed, operators: Operators, audit: Audit, listening: socket.socket, where: ServerAddress | None = None
+    feed: Feed,
+    operators: Operators,
+    audit: Audit,
+    listening: socket.socket,
+    where: ServerAddress | None = None,
+    bench: Bench | None = None,
 ) -> uvicorn.Server:
     """The server of a feed at a socket, not yet running; it answers to that address, to localhost and to its names."""
     where = where or ServerAddress()
     config = uvicorn.Config(
-        application(feed, operators, audit, ("localhost", listening.getsockname()[0], *where.names)),
+        application(feed, operators, audit, ("localhost", listening.getsockname()[0], *where.names), bench),
         log_config=None,
         access_log=False,
         server_header=False,
@@ -88,11 +94,18 @@ def address(listening: socket.socket, where: ServerAddress) -> str:
     return f"{'http' if where.certificate is None else 'https'}://{shown}:{port}/"
 
 
-def serve(feed: Feed, operators: Operators, audit: Audit, where: ServerAddress, say: Callable[[str], None]) -> None:
+def serve(
+    feed: Feed,
+    operators: Operators,
+    audit: Audit,
+    where: ServerAddress,
+    say: Callable[[str], None],
+    bench: Bench | None = None,
+) -> None:
     """Serve until the process is told to end; `say` is told the page's address."""
     with bind(where) as listening:
         try:
-            server = server_of(feed, operators, audit, listening, where)
+            server = server_of(feed, operators, audit, listening, where, bench)
             server.config.load()
         except (ssl.SSLError, OSError) as error:
             raise InputError(where.certificate or "", "--certificate", f"cannot be used: {error}") from None

@@ -25,14 +25,18 @@ from hoopd.dashboard.guards import RequestGuard
 from hoopd.dashboard.live import Live
 from hoopd.dashboard.operators import Operators
 from hoopd.dashboard.pictures import Pictures
+from hoopd.dashboard.work.bench import Bench
+from hoopd.dashboard.work.routes import WorkRoutes
 from hoopd.recording.schemas import TICK
 
 SWEEP_S = 30.0
 STATIC = Path(__file__).parent / "static"
 
 
-def application(feed: Feed, operators: Operators, audit: Audit, names: Sequence[str]) -> Starlette:
-    """The server's routes over a feed; `names` are the hosts that it answers to."""
+def application(
+    feed: Feed, operators: Operators, audit: Audit, names: Sequence[str], bench: Bench | None = None
+) -> Starlette:
+    """The server's routes over a feed; `names` are the hosts that it answers to, `bench` what work it offers."""
     pages = Pages(feed)
     routes = [
         Route("/", pages.page),
@@ -40,6 +44,7 @@ def application(feed: Feed, operators: Operators, audit: Audit, names: Sequence[
         Route("/api/history", pages.history),
         *Actions(feed, operators, audit).routes,
         *Calibration(feed).routes,
+        *WorkRoutes(bench, operators, audit).routes,
         WebSocketRoute("/api/live", Live(feed, audit).serve),
         WebSocketRoute("/api/picture", Pictures(feed).serve),
         Mount("/static", StaticFiles(directory=STATIC)),
@@ -48,9 +53,13 @@ def application(feed: Feed, operators: Operators, audit: Audit, names: Sequence[
     @contextlib.asynccontextmanager
     async def listening(app: Starlette) -> AsyncIterator[None]:
         feed.start()
+        if bench is not None:
+            bench.start()
         sweeping = asyncio.create_task(_sweep(operators))
         yield
         sweeping.cancel()
+        if bench is not None:
+            await asyncio.to_thread(bench.close)
         await asyncio.to_thread(operators.close)
         await asyncio.to_thread(feed.close)
 

@@ -243,7 +243,7 @@ REFUSED: dict[Callable[[Path, Path], list[Any]], str] = {
     _taken_name: "there is an effect of this name already",
     _still_ball: "entries differ",
     _still_ball_of_entries: "entries differ",
-    _still_ball_of_masses: "the ball moves in it, and in nothing that is fitted",
+    _still_ball_of_masses: "here the ball moved, and in nothing that is fitted",
 }
 
 

@@ -17,6 +17,7 @@ from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import Operators
 from hoopd.dashboard.process import ServerAddress, bind, server_of
+from hoopd.dashboard.work.bench import Bench
 
 
 class Answer(NamedTuple):
@@ -62,11 +63,16 @@ class Served:
 
 @contextlib.contextmanager
 def served(
-    feed: Feed, operators: Operators | None = None, audit: Audit | None = None, *, port: int = 0
+    feed: Feed,
+    operators: Operators | None = None,
+    audit: Audit | None = None,
+    bench: Bench | None = None,
+    *,
+    port: int = 0,
 ) -> Iterator[Served]:
     """The page's server on a free port, or on one that is known, until the block ends."""
     with bind(ServerAddress(listen=f"127.0.0.1:{port}")) as listening:
-        server = server_of(feed, operators or Operators({}), audit or Audit(), listening)
+        server = server_of(feed, operators or Operators({}), audit or Audit(), listening, bench=bench)
         thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])))
         thread.start()
         web = Served(feed, listening.getsockname()[1], server, thread)

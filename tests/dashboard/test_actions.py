@@ -13,10 +13,10 @@ from dashboard.served import Answer, Served, served
 from shell.peers import Ticks, controlled, running, wait_until
 
 from hoopd.core.records import Command
-from hoopd.dashboard.actions import BODY_BYTES, COOKIE, PROOF
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import ALL_GUESSES, GUESSES, GUESSES_S, HOLD_S, IDLE_S, LONGEST_S, LoginError, Operators
+from hoopd.dashboard.requests import BODY_BYTES, COOKIE, PROOF
 from hoopd.files.reading import InputError
 from hoopd.shell.telemetry import TelemetrySettings
 

@@ -42,5 +42,15 @@ class DashboardOptions:
     audit: Path | None = option(
         "--audit", text="Who commanded what, a line of JSON each; without it on standard error.", metavar="FILE"
     )
+    recordings: Path | None = option(
+        "--recordings",
+        text="Folder of recordings to list, plot and work on; without it the page has no bench.",
+        metavar="FOLDER",
+    )
+    results: Path | None = option(
+        "--results",
+        text="Where jobs and remarks are kept; hoopd-results in the recordings' folder by default.",
+        metavar="FOLDER",
+    )
     config: Path | None = config_option()
     sets: tuple[str, ...] = sets_option()

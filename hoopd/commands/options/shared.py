@@ -5,6 +5,9 @@ Rules of this file: no command; heavy imports are made inside the functions.
 
 from __future__ import annotations
 
+import contextlib
+import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
 
     from hoopd.commands.work_done import WorkDone
 
+PROGRESS_FILE = "HOOPD_PROGRESS"  # of the environment: where a program that started a command reads how far it is
 SLICE = "FILE[:EXPERIMENT][@START:END]"
 
 
@@ -96,10 +100,19 @@ class ProgressLine:
     def __init__(self, shown: Progress, done: WorkDone | None = None) -> None:
         self._shown, self._done = shown, done
         self._task = shown.add_task("", total=None if done is None else 1.0)
+        self._told_to = os.environ.get(PROGRESS_FILE, "")
 
     def __call__(self, text: str) -> None:
         completed = None if self._done is None else self._done.at(text)
+        if self._told_to:
+            self._tell(Path(self._told_to), completed, text)
         self._shown.update(self._task, description=text, completed=completed)
+
+    def _tell(self, path: Path, share: float | None, step: str) -> None:
+        with contextlib.suppress(OSError):  # who waits sees an old line: the work goes on
+            beside = path.with_name(f".{path.name}")
+            beside.write_text(json.dumps({"share": share, "step": step}), encoding="utf-8")
+            beside.replace(path)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
@@ -114,6 +127,8 @@ class ProgressLine:
 @contextmanager
 def shown_progress(begins: Mapping[str, float] | None = None) -> Iterator[ProgressLine]:
     """What a long command is doing and since when, on a line of standard error; nothing where no one looks.
+
+    A program that started the command names a file for it in HOOPD_PROGRESS.
 
     begins: where its steps begin, in shares of the whole; with them a bar shows how much is done.
     """

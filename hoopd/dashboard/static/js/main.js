@@ -12,6 +12,7 @@ import { Target } from './target.js';
 import { byId, element, say } from './text.js';
 import { Theme } from './theme.js';
 import { Views } from './views.js';
+import { Work } from './work.js';
 
 const STALE_S = 1.5; // without a message: what is shown is old
 const PANELS_MS = 200; // text that changes faster cannot be read
@@ -28,6 +29,7 @@ class Page {
     this.picture = new Picture(() => this.device);
     this.controller = new Controller(byId('controller'), this);
     this.calibrate = new Calibrate(() => this.device, path => this.commands.post(path));
+    this.work = new Work(this.commands, () => this.views.shown === 'work');
     this.tabs = '';
     this.textAt = 0;
     this.dirty = true;

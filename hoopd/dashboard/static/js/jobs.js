@@ -1,0 +1,126 @@
+// Jobs: what may be asked for, what waits, runs and is over, and what it wrote.
+
+import { byId, element, number, say } from './text.js';
+
+const WORDS = { waiting: 'waits', running: 'runs', done: 'done', failed: 'failed', cancelled: 'cancelled' };
+const LABELS = {
+  'report.html': 'Report', 'figure.svg': 'Figure', 'result.json': 'Numbers', 'model.yaml': 'Model', 'controller.yaml': 'Controller', 'output.txt': 'Output',
+};
+const address = (job, name) => `/api/work/file?job=${job}&name=${encodeURIComponent(name)}`;
+
+export class Jobs {
+  constructor(work) {
+    Object.assign(this, { work, chosen: [], told: null, formOf: '', listed: '' });
+    byId('job-form').addEventListener('submit', event => this.ask(event));
+    addEventListener('chosen', event => { this.chosen = event.detail; this.tell(); });
+  }
+
+  show(told) {
+    const first = this.told === null;
+    this.told = told;
+    if (first) this.form('diagnose' in told.forms ? 'diagnose' : Object.keys(told.forms)[0]);
+    this.models();
+    this.tell();
+    const shown = JSON.stringify([told.jobs, this.work.commands.user]);
+    if (shown === this.listed) return;
+    this.listed = shown;
+    byId('jobs').replaceChildren(...(told.jobs.length ? told.jobs.map(job => this.row(job)) : [element('li', { class: 'nothing' }, 'none yet')]));
+  }
+
+  // ---- asking
+
+  form(kind) {
+    this.kind = kind;
+    const { forms } = this.told, form = forms[kind];
+    const choose = element('select', { 'aria-label': 'Job', onchange: event => this.form(event.target.value) },
+      ...Object.keys(forms).map(name => element('option', { value: name, selected: name === kind }, name)));
+    const fields = form.fields.map(field => this.field(field));
+    if (form.laws.length) fields.unshift(this.labelled('Law', this.choice('law', form.laws)));
+    if (form.holdout) fields.unshift(this.labelled('Held back, to judge', this.choice('holdout', [''], { none: 'none of the chosen' })));
+    this.used = element('p', { class: 'detail' });
+    this.send = element('button', { class: 'primary' }, 'Start');
+    byId('job-form').replaceChildren(
+      element('div', { class: 'tools' }, choose, element('span', { class: 'detail' }, form.meaning)),
+      this.used, element('div', { class: 'fields' }, ...fields), element('div', {}, this.send));
+    this.models();
+    this.tell();
+  }
+
+  labelled(label, control) {
+    return element('label', {}, label, control);
+  }
+
+  choice(name, values, { none = 'as usual' } = {}) {
+    return element('select', { name }, ...values.map(value => element('option', { value }, value || none)));
+  }
+
+  field({ option, label, kind, choices, unit }) {
+    const name = option.replace(/^-+/, ''), text = unit ? `${label} (${unit})` : label;
+    if (kind === 'choice') return this.labelled(text, this.choice(name, ['', ...choices]));
+    if (kind === 'model' || kind === 'identified') return this.labelled(text, element('select', { name, 'data-models': kind }));
+    return this.labelled(text, element('input', { name, autocomplete: 'off', inputmode: kind === 'number' ? 'decimal' : null }));
+  }
+
+  /** Models to choose from, kept up to date without losing the choice. */
+  models() {
+    const of = Object.fromEntries(this.told.jobs.map(job => [`${job.number}/model.yaml`, job]));
+    for (const place of byId('job-form').querySelectorAll('[data-models]')) {
+      const fits = this.told.models.filter(name => (of[name]?.order.kind === 'identify') === (place.dataset.models === 'identified'));
+      const text = fits.join();
+      if (place.dataset.shown === text) continue;
+      place.dataset.shown = text;
+      const kept = place.value;
+      place.replaceChildren(element('option', { value: '' }, 'as usual'),
+        ...fits.map(name => element('option', { value: name }, of[name] ? `job ${of[name].number}, ${of[name].order.kind}` : name)));
+      if (fits.includes(kept)) place.value = kept;
+    }
+  }
+
+  tell() {
+    if (!this.told) return;
+    const form = this.told.forms[this.kind], { user } = this.work.commands;
+    const held = byId('job-form').querySelector('[name=holdout]');
+    if (held && held.dataset.shown !== this.chosen.join('\n')) {
+      held.dataset.shown = this.chosen.join('\n');
+      const kept = held.value;
+      held.replaceChildren(element('option', { value: '' }, 'none of the chosen'), ...this.chosen.map(name => element('option', { value: name }, name)));
+      if (this.chosen.includes(kept)) held.value = kept;
+    }
+    say(this.used, !form.recordings ? '' : this.chosen.length ? `On ${this.chosen.join(', ')}.` : 'Choose recordings in the table.');
+    this.used.hidden = !form.recordings;
+    this.send.disabled = !user || (form.recordings && !this.chosen.length);
+    say(this.send, user ? 'Start' : 'Start (log in first)');
+  }
+
+  async ask(event) {
+    event.preventDefault();
+    const fields = Object.fromEntries([...new FormData(byId('job-form'))].filter(([, value]) => value));
+    const held = fields.holdout;
+    delete fields.holdout;
+    const form = this.told.forms[this.kind];
+    await this.work.change(`job ${this.kind}`, 'ask', {
+      kind: this.kind, fields, holdout: held ? [held] : [],
+      recordings: form.recordings ? this.chosen.filter(name => name !== held) : [],
+    });
+  }
+
+  // ---- what there is
+
+  row(job) {
+    const { order, state, progress } = job, may = Boolean(this.work.commands.user);
+    const on = [...order.recordings, ...order.holdout.map(name => `${name} (held back)`), ...Object.entries(order.fields).map(([name, value]) => `${name} ${value}`)];
+    const seconds = job.begun && (job.ended ?? Date.now() / 1e3) - job.begun;
+    const act = (label, path) => element('button', { type: 'button', disabled: !may, onclick: () => this.work.change(`job ${job.number}: ${label}`, path, { number: job.number }) }, label);
+    const over = !['waiting', 'running'].includes(state);
+    return element('li', { 'data-state': state, 'data-job': job.number },
+      element('div', { class: 'row' }, element('b', {}, `${job.number} ${order.kind}`), element('span', {}, `${WORDS[state]}${seconds && over ? ` in ${number(seconds, 0)} s` : ''}`)),
+      element('small', {}, [on.join(', '), `by ${job.who}`].filter(Boolean).join(' · ')),
+      state === 'running' ? element('progress', progress?.share === null || progress?.share === undefined ? {} : { value: progress.share }) : '',
+      progress?.step ? element('small', {}, progress.step) : '',
+      job.line ? element('span', { class: 'wrong' }, job.line) : '',
+      element('div', { class: 'row' },
+        ...job.files.filter(name => name !== 'controller.yaml' && name !== 'model.yaml').map(name => element('button', { type: 'button', onclick: () => this.work.open(`job ${job.number}: ${LABELS[name]}`, address(job.number, name)) }, LABELS[name])),
+        ...job.files.filter(name => name.endsWith('.yaml')).map(name => element('a', { href: address(job.number, name), download: `job${job.number}-${name}` }, LABELS[name])),
+        over ? act('Again', 'again') : act('Cancel', 'cancel'), over ? act('Remove', 'remove') : ''));
+  }
+}

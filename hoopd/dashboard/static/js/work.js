@@ -1,0 +1,70 @@
+// The bench: recordings and jobs, asked for while somebody looks at them.
+
+import { Jobs } from './jobs.js';
+import { Recordings } from './recordings.js';
+import { byId, say } from './text.js';
+
+const ASK_MS = 1500;
+
+export class Work {
+  constructor(commands, seen) {
+    Object.assign(this, { commands, seen, asking: false });
+    this.recordings = new Recordings(this);
+    this.jobs = new Jobs(this);
+    addEventListener('view', () => this.ask());
+    setInterval(() => this.ask(), ASK_MS);
+    byId('viewer-away').addEventListener('click', () => this.close());
+    this.ask();
+  }
+
+  async ask() {
+    if (this.asking || !this.seen() || document.hidden) return;
+    this.asking = true;
+    try {
+      this.show(await (await fetch('/api/work')).json());
+    } catch {
+      // the server is gone; the link says so
+    } finally {
+      this.asking = false;
+    }
+  }
+
+  show(told) {
+    byId('no-bench').hidden = told.offered;
+    for (const part of document.querySelectorAll('[data-bench]')) part.hidden = !told.offered;
+    if (!told.offered) {
+      say(byId('no-bench'), `Recordings and jobs: ${told.reason}.`);
+      return;
+    }
+    this.told = told;
+    this.recordings.show(told.recordings);
+    this.jobs.show(told);
+  }
+
+  /** Something is changed for who is logged in; the answer is shown beside STOP. True when it was done. */
+  async change(what, path, content) {
+    try {
+      const answer = await this.commands.post(`/api/work/${path}`, content);
+      this.commands.show(`${what}: ${answer.ok ? (answer.queued ? `waits as job ${answer.value}` : 'done') : answer.reason}`, answer.ok ? 'good' : 'bad');
+      await this.ask();
+      return answer.ok;
+    } catch (error) {
+      this.commands.show(`${what}: no answer from this page’s server (${error.name})`, 'bad');
+      return false;
+    }
+  }
+
+  /** A page of results, inside this one. */
+  open(title, address) {
+    byId('viewer').hidden = false;
+    say(byId('viewer-title'), title);
+    byId('viewer-link').href = address;
+    byId('viewer-frame').src = address;
+    byId('viewer').scrollIntoView({ behavior: 'smooth', block: 'start' });
+  }
+
+  close() {
+    byId('viewer').hidden = true;
+    byId('viewer-frame').src = 'about:blank';
+  }
+}
