@@ -43,10 +43,11 @@ def _bench(options: DashboardOptions) -> Bench | None:
     from hoopd.dashboard.work.bench import Bench
 
     if options.recordings is None:
-        if options.results is not None:
-            raise InputError("--results", "", "goes with --recordings")
+        for name, given in (("--results", options.results), ("--controllers", options.controllers)):
+            if given is not None:
+                raise InputError(name, "", "goes with --recordings")
         return None
-    return Bench(options.recordings, options.results or options.recordings / RESULTS)
+    return Bench(options.recordings, options.results or options.recordings / RESULTS, options.controllers)
 
 
 def _controls(

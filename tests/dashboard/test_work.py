@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -287,3 +288,18 @@ def test_a_command_tells_how_far_it_is(tmp_path: Path, monkeypatch: pytest.Monke
     with shown_progress({"reading": 0.25}) as progress:
         progress("reading")
     assert json.loads((tmp_path / "progress.json").read_text()) == {"share": 0.25, "step": "reading"}
+
+
+def test_the_servers_end_does_not_wait_for_a_plot(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "hoopd.dashboard.work.plots.background", lambda: (sys.executable, "-c", "import time; time.sleep(60)")
+    )
+    bench = Bench(folder, tmp_path / "results")
+    with ThreadPoolExecutor(1) as threads:
+        asked = threads.submit(bench.plots.page, ["first.csv"])
+        assert wait_until(lambda: bench.plots.busy)
+        bench.plots.close()
+        with pytest.raises(InputError):
+            asked.result(10.0)

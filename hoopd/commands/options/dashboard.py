@@ -52,5 +52,10 @@ class DashboardOptions:
         text="Where jobs and remarks are kept; hoopd-results in the recordings' folder by default.",
         metavar="FOLDER",
     )
+    controllers: Path | None = option(
+        "--controllers",
+        text="The daemon's folder of controllers, where this machine has it: jobs' controllers are laid in.",
+        metavar="FOLDER",
+    )
     config: Path | None = config_option()
     sets: tuple[str, ...] = sets_option()

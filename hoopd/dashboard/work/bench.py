@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from hoopd.dashboard.work import forms
-from hoopd.dashboard.work.forms import MODEL, JobOrder
+from hoopd.dashboard.work.controllers import Controllers
+from hoopd.dashboard.work.forms import CONTROLLER, MODEL, JobOrder
 from hoopd.dashboard.work.jobs import Job, Jobs
 from hoopd.dashboard.work.plots import Plots
 from hoopd.dashboard.work.recordings import Recordings
@@ -21,7 +22,7 @@ SHIPPED = ("models/hoop.yaml", "models/thesis.yaml")
 class Bench:
     """One folder of recordings, one of results."""
 
-    def __init__(self, recordings: Path, results: Path) -> None:
+    def __init__(self, recordings: Path, results: Path, controllers: Path | None = None) -> None:
         """InputError for a folder that there is not, or in which nothing can be written."""
         if not recordings.is_dir():
             raise InputError(recordings, "--recordings", "no such folder")
@@ -34,6 +35,7 @@ class Bench:
         self.recordings = Recordings(recordings.resolve(), results)
         self.plots = Plots(self.recordings, plots)
         self.jobs = Jobs(jobs)
+        self.controllers = None if controllers is None else Controllers(controllers)
 
     def start(self) -> None:
         """Work from now on."""
@@ -42,6 +44,7 @@ class Bench:
     def close(self) -> None:
         """End what runs."""
         self.recordings.close()
+        self.plots.close()
         self.jobs.close()
 
     def told(self) -> dict[str, Any]:
@@ -54,7 +57,14 @@ class Bench:
             "jobs": jobs,
             "models": self.models(),
             "forms": forms.told(),
+            "hands_over": self.controllers is not None,
         }
+
+    def hand_over(self, number: int) -> str:
+        """Lay a job's controller into the daemon's folder; its NAME.yaml@SHA256. It acts only when it is loaded."""
+        if self.controllers is None:
+            raise InputError("controllers", "", "this server was started without --controllers")
+        return self.controllers.lay_in(f"job{number}", self.jobs.file(number, CONTROLLER), self.jobs.folder)
 
     def ask(self, order: JobOrder, who: str) -> Job:
         """Put a job in the queue; InputError for what no form offers."""

@@ -29,7 +29,7 @@ _TEXTS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Field:
+class FormField:
     """One thing that a form asks for."""
 
     option: str
@@ -47,7 +47,7 @@ class Form:
     recordings: bool = True  # what it works on
     holdout: bool = False
     writes: Mapping[str, str]  # file by option
-    fields: tuple[Field, ...] = ()
+    fields: tuple[FormField, ...] = ()
     law: bool = False  # its first word
 
 
@@ -61,11 +61,11 @@ class JobOrder(msgspec.Struct, forbid_unknown_fields=True):
 
 
 PLANT = (
-    Field(option="--plant", label="Plant, if not the hoop", kind="plant"),
-    Field(option="--columns", label="Columns, if not the usual ones", kind="columns"),
-    Field(option="--hold", label="Inputs between rows", choices=("zero", "linear", "smooth")),
+    FormField(option="--plant", label="Plant, if not the hoop", kind="plant"),
+    FormField(option="--columns", label="Columns, if not the usual ones", kind="columns"),
+    FormField(option="--hold", label="Inputs between rows", choices=("zero", "linear", "smooth")),
 )
-START = Field(option="--model", label="Model to start from", kind="model")
+START = FormField(option="--model", label="Model to start from", kind="model")
 LAWS = ("lqg", "lqr", "placement", "pid", "pi", "identified")
 FORMS: Mapping[str, Form] = {
     "fit": Form(
@@ -73,8 +73,8 @@ FORMS: Mapping[str, Form] = {
         holdout=True,
         writes={"--out": MODEL, "--figure": FIGURE, "--json": RESULT},
         fields=(
-            Field(option="--structure", label="Parameters", choices=("entries", "rolling", "published")),
-            Field(option="--method", label="Method", choices=("output", "prediction")),
+            FormField(option="--structure", label="Parameters", choices=("entries", "rolling", "published")),
+            FormField(option="--method", label="Method", choices=("output", "prediction")),
             START,
             *PLANT,
         ),
@@ -84,8 +84,8 @@ FORMS: Mapping[str, Form] = {
         holdout=True,
         writes={"--report": REPORT, "--write": MODEL, "--json": RESULT},
         fields=(
-            Field(option="--model", label="Model that is judged", kind="model"),
-            Field(option="--without", label="Effects not to look for", kind="names"),
+            FormField(option="--model", label="Model that is judged", kind="model"),
+            FormField(option="--without", label="Effects not to look for", kind="names"),
             *PLANT,
         ),
     ),
@@ -94,10 +94,10 @@ FORMS: Mapping[str, Form] = {
         holdout=True,
         writes={"--out": MODEL, "--figure": FIGURE, "--json": RESULT},
         fields=(
-            Field(option="--method", label="Method", choices=("arx", "armax", "oe", "bj", "subspace", "pem")),
-            Field(option="--orders", label="Orders of polynomials", kind="orders"),
-            Field(option="--order", label="States", kind="whole"),
-            Field(option="--outputs", label="Outputs", kind="names"),
+            FormField(option="--method", label="Method", choices=("arx", "armax", "oe", "bj", "subspace", "pem")),
+            FormField(option="--orders", label="Orders of polynomials", kind="orders"),
+            FormField(option="--order", label="States", kind="whole"),
+            FormField(option="--outputs", label="Outputs", kind="names"),
             *PLANT,
         ),
     ),
@@ -107,12 +107,12 @@ FORMS: Mapping[str, Form] = {
         law=True,
         writes={"--out": CONTROLLER, "--figure": FIGURE, "--json": RESULT},
         fields=(
-            Field(option="--model", label="Model", kind="model"),
-            Field(option="--identified", label="identified: its model", kind="identified"),
-            Field(option="--mt", label="pid: largest |T|", kind="number"),
-            Field(option="--phase", label="pi: phase margin; pid: touching point", kind="number", unit="deg"),
-            Field(option="--bandwidth", label="Where the loop is shaped", kind="number", unit="rad/s"),
-            Field(option="--delay", label="Age of a picture", kind="number", unit="s"),
+            FormField(option="--model", label="Model", kind="model"),
+            FormField(option="--identified", label="identified: its model", kind="identified"),
+            FormField(option="--mt", label="pid: largest |T|", kind="number"),
+            FormField(option="--phase", label="pi: phase margin; pid: touching point", kind="number", unit="deg"),
+            FormField(option="--bandwidth", label="Where the loop is shaped", kind="number", unit="rad/s"),
+            FormField(option="--delay", label="Age of a picture", kind="number", unit="s"),
         ),
     ),
 }  # fmt: skip
@@ -167,7 +167,7 @@ def _recordings(form: Form, order: JobOrder, recording: Callable[[str], Path]) -
     return used + [f"--holdout={recording(name)}" for name in order.holdout]
 
 
-def _value(field: Field, value: str, model: Callable[[str], str]) -> str:
+def _value(field: FormField, value: str, model: Callable[[str], str]) -> str:
     name = field.option.lstrip("-")
     if field.kind == "choice":
         return _one_of(name, value, field.choices)

@@ -62,7 +62,7 @@ class Jobs:
 
     def __init__(self, folder: Path, starting: Callable[[], Sequence[str]] = background) -> None:
         """`folder` exists; `starting`: what stands before every command."""
-        self._folder, self._starting = folder, starting
+        self.folder, self._starting = folder, starting
         self._lock = threading.Condition()
         self._jobs: dict[int, Job] = {}
         self._next = 1
@@ -129,7 +129,7 @@ class Jobs:
 
     def of(self, number: int) -> Path:
         """A job's folder."""
-        return self._folder / f"{number:05}"
+        return self.folder / f"{number:05}"
 
     def told(self) -> list[dict[str, Any]]:
         """All of them, the newest first, with progress and with the files that are there."""

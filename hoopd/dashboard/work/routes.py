@@ -51,6 +51,8 @@ class WorkRoutes:
             Route("/api/work/recording", self.recording),
             Route("/api/work/plot", self.plot),
             Route("/api/work/file", self.file),
+            Route("/api/work/controllers", self.controllers),
+            Route("/api/work/hand_over", self.hand_over, methods=["POST"]),
             Route("/api/work/remark", self.remark, methods=["POST"]),
             Route("/api/work/ask", self.ask, methods=["POST"]),
             Route("/api/work/again", self.again, methods=["POST"]),
@@ -93,6 +95,23 @@ class WorkRoutes:
         except InputError as error:
             return _missing(error)
         return FileResponse(path, media_type=FILES[name], headers=RESULT_HEADERS)
+
+    async def controllers(self, request: Request) -> Response:
+        """What a daemon could load, as NAME.yaml@SHA256."""
+        folder = None if self._bench is None else self._bench.controllers
+        listed = [] if folder is None else await asyncio.to_thread(folder.listed)
+        return JSONResponse([one._asdict() for one in listed])
+
+    async def hand_over(self, request: Request) -> Response:
+        """Lay a job's controller where the daemon can load it."""
+
+        def laid_in(bench: Bench, job: JobNumber, name: str) -> dict[str, Any]:
+            return {
+                "command": f"controller of job {job.number} to the daemon's folder",
+                "value": bench.hand_over(job.number),
+            }
+
+        return await self._changed(request, JobNumber, laid_in)
 
     async def remark(self, request: Request) -> Response:
         """Keep tags and a note of a recording."""

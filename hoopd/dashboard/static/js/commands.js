@@ -5,6 +5,8 @@ import { byId, clock, number, say } from './text.js';
 
 const TYPING = 'input:not([type=checkbox]), textarea, select';
 const PATIENCE_MS = 8000;
+const LOADS_MS = 25000; // a file is read, checked, made ready and watched first
+const LOADS = ['controller', 'trial', 'experiment'];
 const ASK_MS = 20000; // whether the login still lasts
 
 const told = ({ device, command, ok, reason, mode, reference, key, value }) =>
@@ -34,12 +36,12 @@ export class Commands {
   }
 
   /** Content of an answer, whatever its status; a login that is over is noticed. */
-  async post(path, content = {}) {
+  async post(path, content = {}, patience = PATIENCE_MS) {
     const answer = await fetch(path, {
       method: 'POST',
       headers: { 'content-type': 'application/json', 'x-hoopd-proof': this.proof },
       body: JSON.stringify(content),
-      signal: AbortSignal.timeout(PATIENCE_MS),
+      signal: AbortSignal.timeout(patience),
     });
     if (answer.status === 401 && this.user) this.be(null);
     return answer.json();
@@ -67,7 +69,7 @@ export class Commands {
     if (!this.user || !device) return false;
     this.show(`${command} sent …`, 'waiting');
     try {
-      const answer = await this.post('/api/command', { device, command, value, key });
+      const answer = await this.post('/api/command', { device, command, value, key }, LOADS.includes(command) ? LOADS_MS : PATIENCE_MS);
       this.show(`${told({ device, command, ...answer })} (${Math.round(performance.now() - begun)} ms)`, answer.ok ? 'good' : 'bad');
       return answer.ok;
     } catch (error) {

@@ -3,6 +3,13 @@
 
 import { element, say, short } from './text.js';
 
+const LIST_MS = 5000, ALIVE_MS = 1000;
+const LOADS = {
+  controller: ['Load', 'take it over; while it runs its filter is watched for 2 s first'],
+  trial: ['Try', 'on trial while this page watches: it goes back by itself when it does worse'],
+  experiment: ['Play', 'a test signal, then back'],
+};
+
 /** What the device says can be set, as far as it is numbers. */
 const told = device => Object.fromEntries(Object.entries(device.state.status.tunables ?? {})
   .filter(([, one]) => Number.isFinite(one?.low) && Number.isFinite(one.high) && Number.isFinite(one.value)));
@@ -16,7 +23,41 @@ export class Controller {
     this.undo = element('button', { type: 'button', id: 'undo', onclick: () => this.back() });
     this.choices = ['accept', 'revert'].map(command => element('button', { type: 'button', id: command, onclick: () => page.commands.send(command) },
       { accept: 'Accept', revert: 'Revert' }[command]));
-    place.append(this.name, this.state, this.gains, element('div', { class: 'gain-tools' }, this.undo, ...this.choices));
+    this.file = element('input', { id: 'load-file', list: 'load-files', autocomplete: 'off', placeholder: 'NAME.yaml@HASH', 'aria-label': 'Controller to load, name and hash' });
+    this.files = element('datalist', { id: 'load-files' });
+    this.loads = Object.entries(LOADS).map(([command, [label, title]]) => element('button', { type: 'button', id: `load-${command}`, title, onclick: () => this.load(command) }, label));
+    place.append(this.name, this.state, this.gains, element('div', { class: 'gain-tools' }, this.undo, ...this.choices),
+      element('div', { class: 'gain-tools' }, this.file, this.files, ...this.loads));
+    this.list();
+    setInterval(() => this.list(), LIST_MS);
+    setInterval(() => this.watch(), ALIVE_MS);
+  }
+
+  /** What the daemon's folder has, where the page's server knows it; any other name and hash can be typed. */
+  async list() {
+    if (document.hidden) return;
+    try {
+      const keys = (await (await fetch('/api/work/controllers')).json()).map(one => one.key);
+      if (keys.join() === this.listed) return;
+      this.listed = keys.join();
+      this.files.replaceChildren(...keys.map(key => element('option', { value: key })));
+    } catch {
+      // the server is gone; the link says so
+    }
+  }
+
+  async load(command) {
+    const { device } = this.page, key = this.file.value.trim();
+    if (!key || !device) return;
+    if (await this.page.commands.send(command, null, key) && command === 'trial') this.watched = device.identity;
+  }
+
+  /** Of a trial that began here this page is the supervisor, as long as it is open: silence takes the trial back. */
+  async watch() {
+    const { device } = this.page;
+    if (!this.watched || device?.identity !== this.watched) return;
+    const answer = await this.page.commands.post('/api/command', { device: device.identity, command: 'alive' }).catch(() => null);
+    if (answer && !answer.ok) this.watched = '';
   }
 
   show(device) {
@@ -37,7 +78,8 @@ export class Controller {
     const [accept, revert] = this.choices;
     accept.hidden = !controller.trial;
     revert.hidden = !controller.purpose || controller.purpose === 'controller';
-    accept.disabled = revert.disabled = !may;
+    accept.disabled = revert.disabled = this.file.disabled = !may;
+    for (const button of this.loads) button.disabled = !may;
   }
 
   words({ sha256 = '', purpose, accepted, next }) {

@@ -107,7 +107,7 @@ export class Jobs {
   // ---- what there is
 
   row(job) {
-    const { order, state, progress } = job, may = Boolean(this.work.commands.user);
+    const { told } = this, { order, state, progress } = job, may = Boolean(this.work.commands.user);
     const on = [...order.recordings, ...order.holdout.map(name => `${name} (held back)`), ...Object.entries(order.fields).map(([name, value]) => `${name} ${value}`)];
     const seconds = job.begun && (job.ended ?? Date.now() / 1e3) - job.begun;
     const act = (label, path) => element('button', { type: 'button', disabled: !may, onclick: () => this.work.change(`job ${job.number}: ${label}`, path, { number: job.number }) }, label);
@@ -121,6 +121,6 @@ export class Jobs {
       element('div', { class: 'row' },
         ...job.files.filter(name => name !== 'controller.yaml' && name !== 'model.yaml').map(name => element('button', { type: 'button', onclick: () => this.work.open(`job ${job.number}: ${LABELS[name]}`, address(job.number, name)) }, LABELS[name])),
         ...job.files.filter(name => name.endsWith('.yaml')).map(name => element('a', { href: address(job.number, name), download: `job${job.number}-${name}` }, LABELS[name])),
-        over ? act('Again', 'again') : act('Cancel', 'cancel'), over ? act('Remove', 'remove') : ''));
+        told.hands_over && job.files.includes('controller.yaml') ? act('To the daemon’s folder', 'hand_over') : '', over ? act('Again', 'again') : act('Cancel', 'cancel'), over ? act('Remove', 'remove') : ''));
   }
 }

@@ -1,0 +1,68 @@
+"""The folder out of which a daemon takes controllers: what lies there, and a job's controller laid into it.
+
+Rules of this file: nothing in the folder is ever changed or replaced; the daemon reads and judges what it loads itself.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from hoopd.files.controller_folder import key_of
+from hoopd.files.reading import InputError, read_text
+from hoopd.files.whole_files import replace_file
+
+MOST = 200
+_MODEL = re.compile(r"(?m)^model: +(?P<path>[^#\n]+?) *$")
+
+
+class ListedController(NamedTuple):
+    """One file of the folder."""
+
+    key: str  # NAME.yaml@SHA256
+    changed: float  # s since 1970
+
+
+class Controllers:
+    """A daemon's folder, where this machine has it."""
+
+    def __init__(self, folder: Path) -> None:
+        """InputError when there is none."""
+        if not folder.is_dir():
+            raise InputError(folder, "--controllers", "no such folder")
+        self._folder = folder
+
+    def listed(self) -> list[ListedController]:
+        """Files that a daemon would look at, the newest first."""
+        found = []
+        for path in [*self._folder.glob("*.yaml")][:MOST]:
+            try:
+                found.append(ListedController(key_of(path), path.stat().st_mtime))
+            except (InputError, OSError):
+                continue  # a link, a name that no command could carry, or gone meanwhile
+        return sorted(found, key=lambda one: (-one.changed, one.key))
+
+    def lay_in(self, name: str, controller: Path, jobs: Path) -> str:
+        """NAME.yaml@SHA256 of a copy; a model that a job of `jobs` made goes with it, as NAME-model.yaml.
+
+        InputError when another file of that name is there already.
+        """
+        text = read_text(controller)
+        match = _MODEL.search(text)
+        model = Path(match["path"].strip("\"'")) if match else None
+        made = None if model is None else (controller.parent / model).resolve()
+        if match and made is not None and made.is_relative_to(jobs.resolve()) and made.is_file():
+            beside = f"{name}-model.yaml"
+            self._add(beside, read_text(made))
+            text = f"{text[: match.start()]}model: {beside}{text[match.end() :]}"
+        return key_of(self._add(f"{name}.yaml", text))
+
+    def _add(self, name: str, text: str) -> Path:
+        path = self._folder / name
+        if path.is_symlink() or path.exists():
+            if path.is_symlink() or read_text(path) != text:
+                raise InputError(name, "", "another file of that name is in the daemon's folder already")
+            return path
+        replace_file(path, text.encode())
+        return path
