@@ -99,11 +99,11 @@ def test_it_is_loaded_in_the_page_and_a_trial_that_is_refused_says_why(tmp_path:
             page.wait_for("!document.querySelector('#load-controller').disabled")
             page.wait_for("document.querySelectorAll('#load-files option').length === 2")
             page.type("#load-file", key)
-            page.click("#load-controller")
+            page.ask("document.querySelector('#load-controller').click()")  # the panel may move under a mouse
             assert bench.controllers is not None
             assert wait_until(lambda: acting().get("file") == "job1.yaml", 15.0), page.text("#answer")
             page.ask("void (document.querySelector('#load-file').value = '')")
             page.type("#load-file", next(one.key for one in bench.controllers.listed() if "second" in one.key))
-            page.click("#load-trial")  # it has nothing to be compared with yet
+            page.ask("document.querySelector('#load-trial').click()")  # it has nothing to be compared with yet
             page.wait_for("document.querySelector('#answer').innerText.includes('has to act for')")
             assert acting().get("file") == "job1.yaml" and page.errors == []
