@@ -27,6 +27,7 @@ MAX_LINE_CHARS = 300
 MAX_FILE_CHARS = 2**18  # a recursion of a thousand frames fits
 _RESERVE_BYTES = 2**18
 
+NO_NEWS = frozenset({"matplotlib.font_manager"})  # loggers whose warnings nobody can act on
 _count = 0
 _lock = threading.RLock()  # a destructor may fail while a failure is told
 _reserve: bytearray | None = None  # given back when the memory is full, so that the line can still be made
@@ -121,14 +122,17 @@ def _written(place: Path, text: str) -> Path:
 
 
 class _Library(logging.Handler):
-    """What a library logs and nobody listens to: an error ends here, a warning is one line."""
+    """What a library logs and nobody listens to: an error ends here, a warning is one line.
+
+    A font that stands in for another one is no news: the font list is the machine's, and a picture is drawn either way.
+    """
 
     def emit(self, record: logging.LogRecord) -> None:
         """One record."""
         error = record.exc_info[1] if record.exc_info else None
         if error is not None:
             _uncaught(error)
-        else:
+        elif record.name not in NO_NEWS:
             _say(" ".join(f"{record.name}: {record.getMessage()}".split())[:MAX_LINE_CHARS])
 
 

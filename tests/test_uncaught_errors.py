@@ -120,3 +120,8 @@ def test_output_that_nobody_takes(tmp_path: Path) -> None:
         done = subprocess.run(["sh", "-c", line], env=environment, capture_output=True, text=True, check=False)
         assert "Traceback" not in done.stderr and "Exception" not in done.stderr
         assert said in done.stderr and done.stderr.endswith("1\n")
+
+
+def test_a_font_that_stands_in_for_another_is_no_news(tmp_path: Path) -> None:
+    code = "import logging\nlogging.getLogger('matplotlib.font_manager').warning('not found')"
+    assert run(BEGIN + code, tmp_path) == (0, [])

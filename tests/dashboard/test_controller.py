@@ -13,17 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dashboard.served import served
-from harness.browser import CHROMIUM, Page, opened
-from harness.realrun import Daemon, fifo_granted
-from shell.peers import controlled, wait_until
+from dashboard.driven import TRIES, driven, log_in
+from harness.browser import CHROMIUM, Page
+from shell.peers import wait_until
 
 from hoopd.core.controllers import Lqg, LqgGains, TransferFunctionController
-from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
-from hoopd.dashboard.operators import Operators
 
-TRIES = 20
 FIELD = "document.querySelector('[data-gain=k_psi]')"
 LOCKED = "[...document.querySelectorAll('#controller button, #controller input')].every(one => one.disabled)"
 
@@ -55,26 +51,13 @@ def set_while_running(page: Page, wanted: str) -> None:
 @pytest.mark.realtime
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")
 def test_gains_are_set_and_taken_back_while_it_runs_and_only_after_a_login(tmp_path: Path) -> None:
-    control = controlled(tmp_path)
-    telemetry = {
-        "endpoint": control.endpoint,
-        "commands": True,
-        "control": {"endpoint": control.control_endpoint, "zenoh": dict(control.control_zenoh)},
-    }
-    operators = Operators({control.endpoint: (control.control_endpoint, control.control_zenoh)})
-    with (
-        Daemon(tmp_path, fifo=fifo_granted(), config={"telemetry": telemetry}),
-        served(Feed([control.endpoint], {}), operators, Audit(tmp_path / "audit.jsonl")) as web,
-        opened(tmp_path, web.origin, 1440, 900) as page,
-    ):
+    with driven(tmp_path) as rig:
+        web, page = rig.web, rig.page
         page.wait_for(f"{FIELD}?.value && !document.querySelector('#login').hidden", 40)
         before = tunables(web.feed)["k_psi"]["value"]
         wanted = round(before * 1.1, 4)
         assert page.ask(LOCKED)
-        page.click("#login")
-        page.type("input[name=user]", "operator")
-        page.type("input[name=password]", "turn")
-        page.key("Enter")
+        log_in(page)
         page.wait_for(f"!{FIELD}.disabled")
         page.ask(f"{FIELD}.select()")
         page.type("[data-gain=k_psi]", "99")

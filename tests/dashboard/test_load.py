@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from dashboard.bench_folder import lay_out
-from dashboard.served import served
-from harness.browser import CHROMIUM, opened
-from harness.realrun import Daemon, fifo_granted
-from shell.peers import controlled, wait_until
+from dashboard.driven import BUSY_S, arm, driven, log_in
+from harness.browser import CHROMIUM, Page
+from shell.peers import wait_until
 
 from hoopd.daemon.loading import ControllerLoader
-from hoopd.dashboard.feed import Feed
-from hoopd.dashboard.operators import Operators
 from hoopd.dashboard.work.bench import Bench
 from hoopd.dashboard.work.controllers import Controllers
 from hoopd.dashboard.work.forms import JobOrder
 from hoopd.files.reading import InputError
 from hoopd.shell import config as configuration
-
-BUSY_S = 90.0
 
 
 def designed(tmp_path: Path) -> tuple[Bench, Path]:
@@ -65,45 +62,66 @@ def test_a_model_of_a_job_goes_with_its_controller(tmp_path: Path) -> None:
         Controllers(tmp_path / "none")
 
 
+def pressed(button: str) -> str:
+    """A click wherever the button is now: the panel moves while the daemon tells more."""
+    return f"document.querySelector('#{button}').click()"
+
+
+def choose(page: Page, key: str) -> None:
+    """The controller to load."""
+    page.ask("void (document.querySelector('#load-file').value = '')")
+    page.type("#load-file", key)
+
+
 @pytest.mark.realtime
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")
-def test_it_is_loaded_in_the_page_and_a_trial_that_is_refused_says_why(tmp_path: Path) -> None:
-    control = controlled(tmp_path)
-    telemetry = {
-        "endpoint": control.endpoint,
-        "commands": True,
-        "control": {"endpoint": control.control_endpoint, "zenoh": dict(control.control_zenoh)},
-    }
-    operators = Operators({control.endpoint: (control.control_endpoint, control.control_zenoh)})
+def test_a_controller_is_loaded_and_another_tried_under_the_pages_eyes(tmp_path: Path) -> None:
     bench, folder = designed(tmp_path)
-    key = bench.hand_over(1)
-    second = folder / "second.yaml"
-    second.write_text((folder / "job1.yaml").read_text() + "# another file\n", encoding="utf-8")
-    settings = {"telemetry": telemetry, "control": {"folder": str(folder)}, "sim": {"commands": []}}
+    first = bench.hand_over(1)
+    (folder / "second.yaml").write_text((folder / "job1.yaml").read_text() + "# another file\n", encoding="utf-8")
     bench = Bench(tmp_path / "recordings", tmp_path / "results", folder)
-    with (
-        Daemon(tmp_path, fifo=fifo_granted(), config=settings),
-        served(Feed([control.endpoint], {}), operators, bench=bench) as web,
-    ):
+    assert bench.controllers is not None
+    second = next(one.key for one in bench.controllers.listed() if one.key != first)
+    with driven(tmp_path, bench, control={"folder": str(folder)}, sim={"commands": []}) as rig:
+        page = rig.page
 
         def acting() -> Any:
-            devices = [*web.feed.devices.values()]
-            return devices[0].status.get("controller", {}) if devices else {}
+            return rig.status.get("controller", {})
 
-        with opened(tmp_path, web.origin, 1440, 900) as page:
-            page.wait_for("!document.querySelector('#login').hidden", BUSY_S)
-            page.click("#login")
-            page.type("input[name=user]", "operator")
-            page.type("input[name=password]", "turn")
-            page.key("Enter")
-            page.wait_for("!document.querySelector('#load-controller').disabled")
-            page.wait_for("document.querySelectorAll('#load-files option').length === 2")
-            page.type("#load-file", key)
-            page.ask("document.querySelector('#load-controller').click()")  # the panel may move under a mouse
-            assert bench.controllers is not None
-            assert wait_until(lambda: acting().get("file") == "job1.yaml", 15.0), page.text("#answer")
-            page.ask("void (document.querySelector('#load-file').value = '')")
-            page.type("#load-file", next(one.key for one in bench.controllers.listed() if "second" in one.key))
-            page.ask("document.querySelector('#load-trial').click()")  # it has nothing to be compared with yet
-            page.wait_for("document.querySelector('#answer').innerText.includes('has to act for')")
-            assert acting().get("file") == "job1.yaml" and page.errors == []
+        def on_trial() -> bool:
+            return bool(acting().get("trial") and acting()["file"] == "second.yaml")
+
+        def tried() -> str:
+            arm(page)
+            time.sleep(4.0)  # the accepted law has to act for 3 s first
+            return rig.answered(pressed("load-trial"))
+
+        log_in(page)
+        page.wait_for("document.querySelectorAll('#load-files option').length === 2")
+        assert page.wait_for("!document.querySelector('#load-file').disabled")
+        assert rig.answered(pressed("load-controller")).endswith("as NAME.yaml@HASH: nothing was sent")
+        choose(page, first)
+        rig.until(
+            lambda: wait_until(lambda: acting().get("file") == "job1.yaml"),
+            lambda: rig.answered(pressed("load-controller")),
+            "not loaded",
+        )
+        choose(page, second)
+        assert "trial: refused" in rig.answered(pressed("load-trial")).replace(f" {second} null", "")
+        assert acting()["file"] == "job1.yaml"
+
+        def lasts() -> bool:  # longer than the 5 s for which the supervisor may be silent
+            return wait_until(on_trial) and not wait_until(lambda: not on_trial(), 8.0)
+
+        rig.until(lasts, tried, "no trial lasts under the page's supervision")
+        page.wait_for("document.querySelector('#controller-state').innerText.includes('on trial against job1.yaml')")
+        page.ask("void (window.page.controller.watched = '')")  # as a page that was closed
+        assert wait_until(lambda: acting()["file"] == "job1.yaml" and not acting()["trial"], 10.0)
+        rig.until(lasts, tried, "no second trial lasts")
+        rig.answered(pressed("accept"))
+        assert wait_until(lambda: acting()["accepted"] == acting()["file"] == "second.yaml" and not acting()["trial"])
+        assert page.errors == []
+    sent = [json.loads(line) for line in (tmp_path / "audit.jsonl").read_text().splitlines()]
+    assert {one["command"] for one in sent} >= {"controller", "trial", "accept"}
+    reasons = [one.get("reason", "") for one in rig.daemon.log() if one.get("event") == "trial_returned"]
+    assert any("supervisor was silent" in reason for reason in reasons), reasons

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from dashboard.bench_folder import HOSTILE, lay_out
+from dashboard.driven import log_in
 from dashboard.served import served
 from harness.browser import CHROMIUM, Page, opened
 from shell.peers import Ticks, controlled, running
@@ -57,10 +58,7 @@ def test_from_a_recording_to_a_model_without_a_shell(tmp_path: Path) -> None:
             f"!document.querySelector('#viewer').hidden && {FRAME}.src.includes('plot?name=first.csv&name=second.csv')"
         )
         assert page.ask("document.querySelector('#job-form button').disabled") is True  # nobody is logged in
-        page.click("#login")
-        page.type("input[name=user]", "operator")
-        page.type("input[name=password]", "turn")
-        page.key("Enter")
+        log_in(page)
         page.wait_for("document.querySelector('#job-form button').innerText === 'Start'")
         change(page, "#job-form select", "identify")
         page.type("#job-form [name=orders]", "1,1")

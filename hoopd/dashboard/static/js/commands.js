@@ -14,7 +14,7 @@ const told = ({ device, command, ok, reason, mode, reference, key, value }) =>
 
 export class Commands {
   constructor(chosen) {
-    Object.assign(this, { chosen, user: null, proof: '', possible: false });
+    Object.assign(this, { chosen, user: null, proof: '', possible: false, turn: 0 });
     byId('stop').addEventListener('click', () => this.stop());
     document.addEventListener('keydown', event => this.key(event), true);
     for (const button of byId('drive').querySelectorAll('button')) {
@@ -66,7 +66,10 @@ export class Commands {
   /** A command to the chosen device; true when it was obeyed. */
   async send(command, value = null, key = '') {
     const begun = performance.now(), device = this.chosen()?.identity;
-    if (!this.user || !device) return false;
+    if (!this.user || !device) {
+      this.show(`${command}: ${device ? 'nobody is logged in' : 'no device is chosen'}: nothing was sent`, 'bad');
+      return false;
+    }
     this.show(`${command} sent …`, 'waiting');
     try {
       const answer = await this.post('/api/command', { device, command, value, key }, LOADS.includes(command) ? LOADS_MS : PATIENCE_MS);
@@ -86,8 +89,10 @@ export class Commands {
   // ---- login
 
   async who() {
+    const { turn } = this;
     try {
       const { possible, user, proof } = await (await fetch('/api/me')).json();
+      if (turn !== this.turn) return; // asked before somebody logged in or out
       this.possible = possible;
       if (this.user && !user) this.show('the login is over: log in again to drive', 'bad');
       this.be(user, proof);
@@ -122,6 +127,7 @@ export class Commands {
       if (answer.ok) {
         form.reset();
         byId('credentials').close();
+        this.turn += 1;
         this.be(answer.user, answer.proof);
         return;
       }
@@ -135,6 +141,7 @@ export class Commands {
 
   async logout() {
     await this.post('/api/logout').catch(() => null);
+    this.turn += 1;
     this.be(null);
   }
 }

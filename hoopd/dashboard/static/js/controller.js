@@ -48,7 +48,10 @@ export class Controller {
 
   async load(command) {
     const { device } = this.page, key = this.file.value.trim();
-    if (!key || !device) return;
+    if (!key || !device) {
+      this.page.commands.show(`${command}: ${key ? 'no device is chosen' : 'name a file first, as NAME.yaml@HASH'}: nothing was sent`, 'bad');
+      return;
+    }
     if (await this.page.commands.send(command, null, key) && command === 'trial') this.watched = device.identity;
   }
 
