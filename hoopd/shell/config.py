@@ -180,6 +180,7 @@ class SimCommand(Strict, frozen=True):
         "shutdown",
         "clear",
         "reference",
+        "speed",
         "tune",
         "controller",
         "trial",
