@@ -6,7 +6,6 @@ import json
 import math
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from dashboard.driven import Driven, arm, driven, log_in

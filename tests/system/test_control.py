@@ -14,8 +14,8 @@ import pytest
 import yaml
 from harness.rigrun import RigRun, run_rig
 
-from hoopd.files.reading import InputError
 from hoopd.daemon.replay import replay
+from hoopd.files.reading import InputError
 from hoopd.recording.mcap import read_run
 
 ROOT = Path(__file__).resolve().parents[2]
