@@ -78,7 +78,7 @@ def tfest(data: Given, method: Method = "welch", **options: float) -> FrequencyE
     """Estimate the frequency response from every input to every output, and the noise beside it.
 
         y = G u + v:   Phi_yu = G Phi_uu,   Phi_vv = Phi_yy - Phi_yu Phi_uu^-1 Phi_uy
-        var G_ij = Phi_vv,ii [Phi_uu^-1]_jj / (means - nu)
+        var |G_ij| = Phi_vv,ii [Phi_uu^-1]_jj / (means - nu) / 2, and twice that at 0 and at half the sampling frequency
     Feedback biases G towards -1/controller: a warning tells of it. Means are not taken off: `detrend` first unless the
     gain at 0 is wanted.
 
@@ -129,7 +129,9 @@ def tfest(data: Given, method: Method = "welch", **options: float) -> FrequencyE
     g = cross.yu @ inverse
     # Phi_vv of `means` means with nu regressors in each is short by (means - nu)/means
     noise = (cross.yy - g @ _adjoint(cross.yu)) * cross.means / spare
-    spread = np.einsum("kii,kjj->ijk", noise.real, inverse.real) / spare
+    # half of the complex error lies along G, all of it where the transform is real
+    along = np.where(_real(cross), 1.0, 0.5)
+    spread = along * np.einsum("kii,kjj->ijk", noise.real, inverse.real) / spare
     system = ct.FRD(np.moveaxis(g, 0, 2), cross.w, cross.dt, **_names(data))
     return FrequencyEstimate(
         system, ct.FRD(np.moveaxis(noise, 0, 2), cross.w, cross.dt), np.sqrt(np.maximum(spread, 0.0)),
@@ -320,6 +322,12 @@ def _inverse(cross: Cross) -> Complex:
     if power.shape[1] > 1 and np.median(np.linalg.cond(relative)) > 1e8:
         raise ValueError("the inputs move together: their effects cannot be told apart")
     return np.asarray(np.linalg.pinv(relative, hermitian=True) / (scale[:, :, None] * scale[:, None, :]))
+
+
+def _real(cross: Cross) -> NDArray[np.bool_]:
+    """Where the transform of real signals is real: at 0 and at half the sampling frequency."""
+    edge = np.pi / cross.dt
+    return np.asarray((cross.w < 1e-9 * edge) | (cross.w > (1.0 - 1e-9) * edge))
 
 
 def _explained(cross: Cross, inverse: Complex) -> Array:

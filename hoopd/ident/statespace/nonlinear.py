@@ -17,13 +17,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize
 
-from hoopd.ident.checks import check_channels, check_determined, unsettled
+from hoopd.ident.checks import check_channels, check_determined, unsettled, warn
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.loopchecks import check_record
+from hoopd.ident.modelchecks import integrator
 from hoopd.ident.statespace.unscented import Map, NonlinearSystem, filtered
 
 Array = NDArray[np.float64]
 
+INTEGRATING = 2.0  # standard errors within which a pole cannot be told from 1
 STEP = 1e-5  # relative, of the central differences
 LOST = 1e6  # errors of a filter that diverged, in standard deviations
 
@@ -151,7 +153,7 @@ def nonlinear_pem(
     """
     each = experiments(data)
     check_channels(each)
-    check_record(each)
+    check_record(each, drift=False)  # a slow plant is no integrator, and the equations are the user's
     p, start = np.atleast_1d(np.asarray(p0, dtype=float)), np.atleast_1d(np.asarray(x0, dtype=float))
     if not (np.isfinite(p).all() and np.isfinite(start).all()):
         raise ValueError("the guess of the parameters and of the initial state must be finite")
@@ -206,9 +208,34 @@ def _result(task: _Task, names: tuple[str, ...], z: Array, bounds: tuple[Array, 
     covariance = linalg.pinvh(gram, rtol=1e-12) / np.outer(scale, scale)
     cost = float(np.mean(np.square(errors)))
     first = tuple(x[:, 0] for x in starts)
+    _check_integrator(task, z, covariance)
     return Nonlinear(
         dict(zip(names, p.tolist(), strict=True)), first, labels, covariance, own[0], r, cost, task.system, evaluations
     )
+
+
+def _check_integrator(task: _Task, z: Array, covariance: Array) -> None:
+    """Warn of a pole of the linearisation about the middle of the first record that cannot be told from 1."""
+    one, m = task.each[0], task.count
+    with np.errstate(all="ignore"):
+        found = filtered(task.system, one.y, one.u, one.t, z[:m, None], _starts(task, z[:, None])[0])
+    x, u = np.median(found.x[:, :, 0], axis=0), np.median(one.u, axis=0)
+    h = STEP * np.maximum(np.abs(z[:m]), 1e-2)
+    sets = np.column_stack([z[:m], z[:m, None] + np.diag(h)])
+    poles = np.array([_nearest_to_one(task.system, x, u, p) for p in sets.T])
+    slope = (poles[1:] - poles[0]) / h
+    spread = float(np.sqrt(max(float((slope.conj() @ covariance[:m, :m] @ slope).real), 0.0)))
+    if abs(poles[0] - 1.0) < max(INTEGRATING * spread, np.sqrt(STEP) * STEP):
+        warn(integrator(complex(poles[0]), sum(each.n for each in task.each)))
+
+
+def _nearest_to_one(system: NonlinearSystem, x: Array, u: Array, p: Array) -> complex:
+    h = STEP * np.maximum(np.abs(x), 1e-2)
+    points = x[:, None] + np.hstack([np.diag(h), -np.diag(h)])
+    moved = np.asarray(system.f(points, u[:, None], np.repeat(p[:, None], 2 * len(x), axis=1), 0.0), dtype=float)
+    moved = np.broadcast_to(moved.reshape(len(x), -1), points.shape)
+    found = np.linalg.eigvals((moved[:, : len(x)] - moved[:, len(x) :]) / (2.0 * h))
+    return complex(found[np.argmin(np.abs(found - 1.0))])
 
 
 def _errors(task: _Task, z: Array) -> Array:
