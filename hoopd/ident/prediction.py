@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.ident.data import Data
 from hoopd.ident.models import Innovations, Model, Polynomials, state_space
+from hoopd.ident.statespace.linear import states
 
 Array = NDArray[np.float64]
 Start = Literal["estimate", "zero"] | ArrayLike
@@ -123,8 +124,8 @@ def predict(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate"
     if horizon == np.inf:
         return simulate(model, data, x0)
     own, h = matched(model, data), _whole(horizon)
-    said, states = _run(own, data, _start(own, data, x0, simulation=False), correct=True)
-    return said if h == 1 else _ahead(own, data, states, h)
+    said, passed = _run(own, data, _start(own, data, x0, simulation=False), correct=True)
+    return said if h == 1 else _ahead(own, data, passed, h)
 
 
 def prediction_error(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate") -> Array:
@@ -335,16 +336,27 @@ def _settled(free: Array, nx: int) -> int:
 
 def _run(model: Innovations, data: Data, start: Array, *, correct: bool) -> tuple[Array, Array]:
     """Predictions (n, ny) and the states (n, nx) that they were made from."""
+    if correct and not data.complete:
+        return _stepped(model, data, start)
+    driven, free = model.b, model.a
+    pushed = driven @ data.u.T
+    if correct:
+        free = model.a - model.k @ model.c
+        pushed = (driven - model.k @ model.d) @ data.u.T + model.k @ data.y.T
+    found = states(free, pushed, start).T
+    return found @ model.c.T + data.u @ model.d.T, found
+
+
+def _stepped(model: Innovations, data: Data, start: Array) -> tuple[Array, Array]:
+    """The same sample by sample: a missing output corrects nothing."""
     a, c, k = model.a, model.c, model.k
     driven, direct = data.u @ model.b.T, data.u @ model.d.T
-    said, states, x = np.empty((data.n, model.ny)), np.empty((data.n, model.nx)), start
+    said, passed, x = np.empty((data.n, model.ny)), np.empty((data.n, model.nx)), start
     for i in range(data.n):
-        states[i] = x
+        passed[i] = x
         said[i] = c @ x + direct[i]
-        x = a @ x + driven[i]
-        if correct:
-            x = x + k @ np.nan_to_num(data.y[i] - said[i])
-    return said, states
+        x = a @ x + driven[i] + k @ np.nan_to_num(data.y[i] - said[i])
+    return said, passed
 
 
 def _ahead(model: Innovations, data: Data, states: Array, h: int) -> Array:
