@@ -48,7 +48,6 @@ CALLS: Mapping[str, str] = MappingProxyType({
     "detrend": "detrend(d)",
     "prefilter": "prefilter(d, (0.01, 0.2))",
     "resample": "resample(d, 0.5)",
-    "residuals": "residuals(arx(d, 2, 2), d)",
     "predict": "predict(arx(d, 2, 2), d, 10)",
     "simulate": "simulate(arx(d, 2, 2), d)",
 })  # fmt: skip
