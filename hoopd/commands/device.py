@@ -8,6 +8,7 @@ from __future__ import annotations
 import typer
 
 from hoopd.commands.options.calibrate import CalibrateOptions
+from hoopd.commands.options.calibration import CalibrationOptions
 from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.replay import ReplayOptions
@@ -70,6 +71,18 @@ def calibrate(options: CalibrateOptions) -> None:
     from hoopd.commands.output import print_result
 
     print_result(run(options.picture, options.positions, options.json_path, options.figure, options.save))
+
+
+def calibration(options: CalibrationOptions) -> None:
+    """What was accepted, and back to it."""
+    from hoopd.commands.calibration import run
+    from hoopd.commands.output import check_json, print_result, write_json
+
+    check_json(options.json_path)
+    result = run(options)
+    write_json(options.json_path, result)
+    print_result({key: value for key, value in result.items() if key != "exit"})
+    raise typer.Exit(result["exit"])
 
 
 def replay(options: ReplayOptions) -> None:
