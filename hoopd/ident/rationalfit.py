@@ -24,6 +24,7 @@ from scipy import optimize
 
 from hoopd.ident.bases import Basis
 from hoopd.ident.denominators import Denominator, Free, Stable, powers_of
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.rationalproblem import RationalFit, RationalProblem, Weight, solved
 
 Array = NDArray[np.float64]
@@ -40,6 +41,7 @@ HOLD_TURNS, HOLD_SETTLED, BELOW_NYQUIST = 8, 1e-6, 0.999
 FEW, MANY = 100, 500
 
 
+@estimated("rational fit")
 def rational(
     response: ct.FRD,
     poles: int | ct.TransferFunction,
@@ -104,9 +106,9 @@ def rational(
     --------
     >>> import control
     >>> import numpy as np
-    >>> from hoopd.ident import rational, response
+    >>> from hoopd.ident import rational, frequency_response
     >>> truth = control.tf([4.0], [1.0, 0.4, 4.0])  # 2 rad/s, damping 0.1
-    >>> found = rational(response(truth, np.geomspace(0.1, 50.0, 60)), poles=2, zeros=0)
+    >>> found = rational(frequency_response(truth, np.geomspace(0.1, 50.0, 60)), poles=2, zeros=0)
     >>> found.system.den[0][0].round(3), bool(found.rms < 1e-6)
     (array([1. , 0.4, 4. ]), True)
     """
@@ -142,6 +144,7 @@ def rational(
     return problem.answered(*_unscaled(*best, problem.unit), phase)
 
 
+@estimated("basis functions over frequency")
 def fit_basis_response(
     response: ct.FRD, basis: Basis, *, direct: bool = False, weight: Weight = "log", phase: bool = False
 ) -> RationalFit:
@@ -171,9 +174,10 @@ def fit_basis_response(
     --------
     >>> import control
     >>> import numpy as np
-    >>> from hoopd.ident import fit_basis_response, laguerre, response
+    >>> from hoopd.ident import fit_basis_response, laguerre, frequency_response
     >>> truth = control.tf([1.0, 5.0], [1.0, 2.0, 1.0])
-    >>> found = fit_basis_response(response(truth, np.geomspace(0.1, 10.0, 40)), laguerre(-1.0, 2), phase=True)
+    >>> measured = frequency_response(truth, np.geomspace(0.1, 10.0, 40))
+    >>> found = fit_basis_response(measured, laguerre(-1.0, 2), phase=True)
     >>> found.system.dcgain().round(3).item()
     5.0
     """

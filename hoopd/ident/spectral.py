@@ -12,25 +12,28 @@ Rules of this file: one matrix of all cross spectra feeds every estimate; each e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import control as ct
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import fft, stats
 
 from hoopd.ident.checks import BROAD, CONSTANT, Orders, check
 from hoopd.ident.crossspectra import Cross, Given, Method, spectra
-from hoopd.ident.data import experiments
+from hoopd.ident.data import Data, experiments
+from hoopd.ident.estimation_report import EstimationReport, estimated
+from hoopd.ident.identified_model import FreeModel
 from hoopd.ident.loopchecks import check_record
+from hoopd.ident.response_model import ResponseModel
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
-class FrequencyEstimate:
+@dataclass(frozen=True, repr=False)
+class FrequencyEstimate(FreeModel):
     """A frequency response and what it is worth.
 
     `system` and `noise` (spectrum of v, unit^2/Hz, ny x ny) are FRDs; `deviation` (ny, nu, nw) is the standard error of
@@ -42,6 +45,25 @@ class FrequencyEstimate:
     deviation: Array
     coherence: Array
     means: float
+    report: EstimationReport | None = field(default=None, compare=False)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(self.system.input_labels)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(self.system.output_labels)
+
+    def simulate(self, data: Data | ArrayLike, x0: Any = "estimate", *, seed: int | None = None) -> Array:
+        """Outputs (n, ny) from the inputs alone, from rest, by the discrete Fourier transform."""
+        return ResponseModel(self.system).simulate(data, x0, seed=seed)
+
+    def predict(self, data: Data, horizon: float = 1, x0: Any = "estimate") -> Array:
+        """The simulation, whatever the horizon."""
+        return self.simulate(data, x0)
 
     @property
     def w(self) -> Array:
@@ -74,6 +96,7 @@ class Correlation(NamedTuple):
 # ---------------------------------------------------------------------------------------------- estimates
 
 
+@estimated("frequency response")
 def tfest(data: Given, method: Method = "welch", **options: float) -> FrequencyEstimate:
     """Estimate the frequency response from every input to every output, and the noise beside it.
 

@@ -16,6 +16,7 @@ from scipy.signal import lfilter, oaconvolve
 
 from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.lagged import lagged_gram
 from hoopd.ident.modelchecks import check_model, check_order
 from hoopd.ident.models import Polynomials
@@ -38,6 +39,7 @@ FAR, OUTLIER_SHARE, OUTLIER_TURNS = 4.0, 0.25, 20
 LONG_SHARE = 4
 
 
+@estimated("AR")
 def ar(
     data: Data | Sequence[Data], na: int, *, ridge: float = 0.0, estimator: Estimator | None = None
 ) -> Polynomials:  # fmt: skip
@@ -72,6 +74,7 @@ def ar(
     return arx(_alone(data), na, (), (), ridge=ridge, estimator=estimator)
 
 
+@estimated("ARMA")
 def arma(
     data: Data | Sequence[Data], na: int, nc: int, *, method: Literal["pem", "two-stage"] = "pem",
     initial_order: int = 20, estimator: Estimator = least_squares,
@@ -121,6 +124,7 @@ def arma(
     return model
 
 
+@estimated("ARMA by singular spectra")
 def arma_ssa(
     data: Data, na: int, nc: int, *, window: int | None = None, signal: float = SIGNAL, robust: bool = False,
     estimator: Estimator = least_squares,

@@ -17,8 +17,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident.checks import check, unsettled, warn
+from hoopd.ident.checks import check, unsettled
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.doubts import warn
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.loopchecks import check_feedback
 from hoopd.ident.modelchecks import DICKEY_FULLER, check_model
 from hoopd.ident.models import Polynomials
@@ -34,6 +36,7 @@ Initial = Literal["estimate", "zero"]
 Kind = Literal["white", "robust"]
 
 
+@estimated("ARMAX")
 def armax(
     data: Data | Sequence[Data], na: int, nb: Counts, nc: int, delay: Counts = 1, *, initial: Initial = "estimate",
     covariance: Kind = "white", start: ArrayLike | Polynomials | None = None,
@@ -89,6 +92,7 @@ def armax(
     return pem(each, own, initial=initial, covariance=covariance, start=start)
 
 
+@estimated("output error")
 def oe(
     data: Data | Sequence[Data], nb: Counts, nf: Counts, delay: Counts = 1, *, initial: Initial = "estimate",
     covariance: Kind = "robust", start: ArrayLike | Polynomials | None = None,
@@ -143,6 +147,7 @@ def oe(
     return pem(each, own, initial=initial, covariance=covariance, start=start)
 
 
+@estimated("Box-Jenkins")
 def bj(
     data: Data | Sequence[Data], nb: Counts, nc: int, nd: int, nf: Counts, delay: Counts = 1, *,
     initial: Initial = "estimate", covariance: Kind = "white", start: ArrayLike | Polynomials | None = None,

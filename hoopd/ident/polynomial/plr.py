@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hoopd.ident.checks import check, warn
+from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.doubts import warn
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.loopchecks import check_feedback
 from hoopd.ident.modelchecks import check_model, check_order
 from hoopd.ident.models import Polynomials
@@ -32,6 +34,7 @@ Array = NDArray[np.float64]
 WORSE = 1.02
 
 
+@estimated("pseudo-linear regression")
 def plr(
     data: Data | Sequence[Data], na: int, nb: Counts, nc: int, delay: Counts = 1, *, initial_order: int = 20,
     passes: int = 1, estimator: Estimator = least_squares,

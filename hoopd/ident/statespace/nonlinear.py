@@ -10,18 +10,25 @@ CasADi functions f(x, u, p) and h(x, u, p) serve as well.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize
 
-from hoopd.ident.checks import check_channels, check_determined, unsettled, warn
-from hoopd.ident.data import Data, experiments
+from hoopd.ident.checks import check_channels, check_determined, unsettled
+from hoopd.ident.data import Data, driving_data, experiments
+from hoopd.ident.doubts import warn
+from hoopd.ident.estimation_report import EstimationReport, estimated
+from hoopd.ident.identified_model import FreeModel
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import integrator
+from hoopd.ident.statespace.nonlinear_prediction import best_start, nonlinear_system, predicted, simulated
 from hoopd.ident.statespace.unscented import Map, NonlinearSystem, filtered
+
+if TYPE_CHECKING:
+    import control as ct
 
 Array = NDArray[np.float64]
 
@@ -30,11 +37,11 @@ STEP = 1e-5  # relative, of the central differences
 LOST = 1e6  # errors of a filter that diverged, in standard deviations
 
 
-@dataclass(frozen=True)
-class Nonlinear:
+@dataclass(frozen=True, repr=False)
+class Nonlinear(FreeModel):
     """Parameters and initial states (by experiment) with the covariance of both (order of `names`), errors, variance.
 
-    `errors` (n, ny) of the first experiment one step ahead; `r` their covariance; `system` holds the filter.
+    `errors` (n, ny) of the first experiment one step ahead; `r` their covariance; `equations` holds the filter.
     """
 
     parameters: Mapping[str, float]
@@ -44,8 +51,45 @@ class Nonlinear:
     errors: Array
     r: Array
     cost: float
-    system: NonlinearSystem
+    equations: NonlinearSystem
     evaluations: int
+    dt: float
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    report: EstimationReport | None = field(default=None, compare=False)
+
+    @property
+    def system(self) -> ct.NonlinearIOSystem:
+        """From u to y, as python-control's nonlinear system; time counts from 0."""
+        own, p = self.equations, self.p[:, None]
+        return nonlinear_system(
+            lambda x, u, t: np.ravel(own.f(x[:, None], u[:, None], p, t)),
+            lambda x, u, t: np.ravel(own.h(x[:, None], u[:, None], p, t)),
+            self.dt, (self.inputs, self.outputs), own.nx,
+        )  # fmt: skip
+
+    def simulate(self, data: Data | ArrayLike, x0: Any = "estimate", *, seed: int | None = None) -> Array:
+        """Outputs (n, ny) from the inputs alone; from the estimated state of the data of the fit, unless one is given.
+
+        A `seed` adds noise of the covariances q and r.
+        """
+        own = driving_data(data, self.equations.ny, len(self.inputs), self.dt)
+        return simulated(self.equations, own.u, own.t, self.p, self._start(own, x0), seed)
+
+    def predict(self, data: Data, horizon: float = 1, x0: Any = "estimate") -> Array:
+        """Outputs (n, ny) from the inputs and from the outputs up to `horizon` samples before, by the filter."""
+        if horizon == np.inf:
+            return self.simulate(data, x0)
+        return predicted(self.equations, data, self.p, self._start(data, x0), int(horizon))
+
+    def _start(self, data: Data, x0: Any) -> Array:
+        if not isinstance(x0, str):
+            return np.asarray(x0, dtype=float).reshape(-1)
+        if x0 == "zero":
+            return np.zeros(self.equations.nx)
+        return best_start(
+            lambda one, start: simulated(self.equations, one.u, one.t, self.p, start), data, self.starts
+        )  # fmt: skip
 
     @property
     def p(self) -> Array:
@@ -70,6 +114,7 @@ class _Task:
     horizon: int
 
 
+@estimated("nonlinear grey box")
 def nonlinear_pem(
     data: Data | Sequence[Data],
     f: Map | Any,
@@ -210,8 +255,9 @@ def _result(task: _Task, names: tuple[str, ...], z: Array, bounds: tuple[Array, 
     first = tuple(x[:, 0] for x in starts)
     _check_integrator(task, z, covariance)
     return Nonlinear(
-        dict(zip(names, p.tolist(), strict=True)), first, labels, covariance, own[0], r, cost, task.system, evaluations
-    )
+        dict(zip(names, p.tolist(), strict=True)), first, labels, covariance, own[0], r, cost, task.system, evaluations,
+        task.each[0].dt, task.each[0].inputs, task.each[0].outputs,
+    )  # fmt: skip
 
 
 def _check_integrator(task: _Task, z: Array, covariance: Array) -> None:
