@@ -8,12 +8,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import inf, isfinite
 
 from hoopd.core.modes import ENERGISED, REVOKING, Mode
-from hoopd.core.records import Inputs, TickRecord
+from hoopd.core.records import Command, Inputs, TickRecord
 from hoopd.core.tick import Note
 from hoopd.shell.keys import pressed
 from hoopd.shell.loop import Loop
@@ -28,6 +28,7 @@ class Conductor:
     """Watches a run from its first tick to its last and ends it when the experiment is over."""
 
     trouble = False
+    loads: Sequence[str] = ()
 
     def __init__(self, seconds: float, *, armed: bool) -> None:
         """`seconds` of signal; `armed`: the run arms by itself, so that its patience counts from the start."""
@@ -57,6 +58,10 @@ class Conductor:
         self._end(ABORTED)
         if self._loop is not None:
             self._loop.request_stop()  # asked again it disarms at once
+
+    def commands(self, t: float) -> tuple[Command, ...]:
+        """None: the signal is the law itself."""
+        return ()
 
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """Look at one tick; what the last one led to is judged first, now that its notes are known."""
