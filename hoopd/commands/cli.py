@@ -19,11 +19,8 @@ from typing import Any, NoReturn
 import typer
 
 from hoopd.commands import device, offline, operator
-from hoopd.commands.compare import compare
 from hoopd.commands.dashboard import dashboard
 from hoopd.commands.options.calibrate import CalibrateOptions
-from hoopd.commands.options.calibration import CalibrationOptions
-from hoopd.commands.options.compare import CompareOptions
 from hoopd.commands.options.convert import ConvertOptions
 from hoopd.commands.options.dashboard import DashboardOptions
 from hoopd.commands.options.declaration import add_command, command_of
@@ -33,6 +30,7 @@ from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.options.linearize import LinearizeOptions
+from hoopd.commands.options.maneuver import ManeuverOptions
 from hoopd.commands.options.plant import PlantOptions
 from hoopd.commands.options.plot import PlotOptions
 from hoopd.commands.options.replay import ReplayOptions
@@ -53,6 +51,7 @@ from hoopd.commands.options.running import (
     without_pictures,
 )
 from hoopd.commands.options.simulate import SimulateOptions
+from hoopd.commands.options.trajectory import TrajectoryOptions
 from hoopd.commands.options.watch import WatchOptions
 from hoopd.commands.output import check_json, write_json
 from hoopd.commands.watch import watch
@@ -149,6 +148,7 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
         (SimulateOptions, offline.simulate),
         (LinearizeOptions, offline.linearize),
         (DesignOptions, offline.design),
+        (TrajectoryOptions, offline.trajectory),
         (DiagnoseOptions, offline.diagnose),
         (IdentifyOptions, offline.identify),
         (PlantOptions, offline.plant),
@@ -156,10 +156,9 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
     "Device and rig": (
         (CheckOptions, check),
         (CalibrateOptions, device.calibrate),
-        (CalibrationOptions, device.calibration),
         (ReplayOptions, device.replay),
         (ExperimentOptions, device.experiment),
-        (CompareOptions, compare),
+        (ManeuverOptions, device.maneuver),
     ),
     "A running daemon": (
         (ArmOptions, operator.arm),
@@ -177,7 +176,7 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
     ),
 }
 # A negative number is a value, not an option.
-NUMBERS = frozenset({"ref", "tune"})
+NUMBERS = frozenset({"ref", "tune", "trajectory"})
 
 app.callback(invoke_without_command=True)(command_of(RunOptions, run, context=True))
 for panel, commands in COMMANDS.items():

@@ -5,12 +5,14 @@ Rules of this file: called by the command line with a record; heavy imports are 
 
 from __future__ import annotations
 
+from typing import Any
+
 import typer
 
 from hoopd.commands.options.calibrate import CalibrateOptions
-from hoopd.commands.options.calibration import CalibrationOptions
 from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.experiment import ExperimentOptions
+from hoopd.commands.options.maneuver import ManeuverOptions
 from hoopd.commands.options.replay import ReplayOptions
 from hoopd.commands.options.running import checked_speed, without_pictures
 from hoopd.files.reading import InputError
@@ -35,7 +37,8 @@ def experiment(options: ExperimentOptions) -> None:
         raise InputError("--at", "", "goes with --plant, and only with it")
     _check_times(options)
     from hoopd.daemon.app import Options
-    from hoopd.daemon.experiment import Where, run
+    from hoopd.daemon.experiment import run
+    from hoopd.daemon.recording_target import Where
     from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan
 
     asked = {name: getattr(options, name) for name in Plan._fields if name not in ("duration_s", "ball")}
@@ -65,24 +68,31 @@ def _check_times(options: ExperimentOptions) -> None:
             )
 
 
+def maneuver(options: ManeuverOptions) -> None:
+    """A planned maneuver, played, recorded and judged."""
+    from hoopd.commands.maneuver import run
+    from hoopd.commands.output import check_json, print_result, write_json
+
+    check_json(options.json_path)
+    result = run(options)
+    write_json(options.json_path, result)
+    print_result({**result, "attempts": {str(k): _brief(one) for k, one in enumerate(result["attempts"], 1)}})
+    raise typer.Exit(result["exit"])
+
+
+def _brief(attempt: dict[str, Any]) -> dict[str, Any]:
+    """A line of the table: what a terminal has room for."""
+    shown = {key: attempt[key] for key in ("turns", "least_contact", "settled_s", "success")}
+    short = attempt["shortfalls"] or [attempt["ended"]]
+    return {"began": attempt["began_s"], **shown, "ended": "; ".join(short)}
+
+
 def calibrate(options: CalibrateOptions) -> None:
     """Where the hoop is in the picture."""
     from hoopd.commands.calibrate import run
     from hoopd.commands.output import print_result
 
     print_result(run(options.picture, options.positions, options.json_path, options.figure, options.save))
-
-
-def calibration(options: CalibrationOptions) -> None:
-    """What was accepted, and back to it."""
-    from hoopd.commands.calibration import run
-    from hoopd.commands.output import check_json, print_result, write_json
-
-    check_json(options.json_path)
-    result = run(options)
-    write_json(options.json_path, result)
-    print_result({key: value for key, value in result.items() if key != "exit"})
-    raise typer.Exit(result["exit"])
 
 
 def replay(options: ReplayOptions) -> None:

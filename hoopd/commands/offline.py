@@ -21,6 +21,7 @@ from hoopd.commands.options.plant import PlantOptions
 from hoopd.commands.options.plot import PlotOptions
 from hoopd.commands.options.shared import check_files, finish, shown_progress
 from hoopd.commands.options.simulate import SimulateOptions
+from hoopd.commands.options.trajectory import TrajectoryOptions
 
 
 def convert(options: ConvertOptions) -> None:
@@ -79,6 +80,15 @@ def design(options: DesignOptions) -> None:
     check_files(inputs, out=options.out, figure=options.figure, json=options.json_path)
     result = run(options)
     finish(result, options.json_path, of_plant_design(result) if "plant" in result else of_design(result, options.out))
+
+
+def trajectory(options: TrajectoryOptions) -> None:
+    """A planned maneuver and its file."""
+    from hoopd.commands.trajectory import run
+
+    inputs: list[Path | str | None] = [options.model, options.controller]
+    check_files(inputs, out=options.out, law=options.law, figure=options.figure, json=options.json_path)
+    finish(run(options), options.json_path)
 
 
 def diagnose(options: DiagnoseOptions) -> None:

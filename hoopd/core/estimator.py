@@ -107,10 +107,12 @@ class DelayedEkf:
         camera: CameraSample | None,
         *,
         held: bool = False,
+        unmodelled: float = 0.0,
     ) -> Estimate:
         """Estimate at `t`: the torque acts since `t_applied`; None or NaN samples predict only; times in s.
 
-        `held`: nobody controls the ball, so that a hand may hold it or carry it round against the model.
+        `held`: nobody controls the ball, so that a hand may hold it or carry it round against the model. `unmodelled`:
+        density of what a fast motion adds to the ball's unmodelled accelerations, (rad/s)^2/s.
         """
         self._open(t)
         hoop, judged = (nan, nan, nan), (False, nan, nan)
@@ -120,7 +122,10 @@ class DelayedEkf:
         if camera is not None and late:
             judged = self._fuse_camera(camera)
         node = self._insert(switch)
-        node.u, node.q = torque_previous if isfinite(torque_previous) else 0.0, self._q_held if held else self._q_free
+        node.u = torque_previous if isfinite(torque_previous) else 0.0
+        node.q = self._q_held if held else self._q_free
+        if unmodelled > 0.0 and not held:
+            node.q = np.array([*self.settings.q[:3], self.settings.q[3] + unmodelled])
         if driver is not None:
             hoop = self._fuse_driver(driver)
         if camera is not None and not late:

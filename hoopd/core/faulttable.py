@@ -88,4 +88,6 @@ CAMERA_FAULTS = (
     *("camera_late", "camera_lost", "ball_missing", "ball_lost", "ball_implausible", "ball_runaway"),
     *PICTURE_FAULTS,
 )
+# What a planned maneuver is, and no fault while it is played: a ball that goes round the hoop. Nothing else may be.
+SUSPENDABLE = frozenset({"ball_runaway"})
 BY_NAME: Mapping[str, Fault] = {fault.name: fault for fault in FAULTS}

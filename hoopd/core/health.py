@@ -7,7 +7,7 @@ are consecutive, never per lifetime; a latched fault stays until it is well agai
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import isfinite, isinf, pi, tau
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from typing import NamedTuple
 from hoopd.core.ballresponse import BallMotion
 from hoopd.core.drift import Drift, Level
 from hoopd.core.encoderchecks import EncoderChecks, HoopMotion
-from hoopd.core.faulttable import BY_NAME, CAMERA_FAULTS, FAULTS, SECOND, Action, Fault
+from hoopd.core.faulttable import BY_NAME, CAMERA_FAULTS, FAULTS, SECOND, SUSPENDABLE, Action, Fault
 from hoopd.core.frames import (
     ERROR_ENCODER,
     ERROR_OVERCURRENT,
@@ -155,11 +155,16 @@ class Health:
         self._seen_enabled = False
         self._id: int | None = None
         self._overran = 0
+        self._suspended: tuple[str, ...] = ()
+
+    def suspend(self, names: Collection[str]) -> None:
+        """From the next update on these rows are not judged, until it is called with others; only of `SUSPENDABLE`."""
+        self._suspended = tuple(name for name in names if name in SUSPENDABLE)
 
     def update(self, inputs: Inputs, estimate: Estimate, sent: Sent) -> None:
         """Advance every count by this tick."""
         for name, weight in self._conditions(inputs, estimate, sent).items():
-            self._counts[name].update(weight)
+            self._counts[name].update(0 if name in self._suspended else weight)
         self._look()
         if inputs.driver is not None:
             self._driver = inputs.driver
@@ -302,10 +307,10 @@ class Health:
         }
 
     def _top(self, psi: float, sent: Sent) -> dict[str, int]:
-        """Without torque a hand may carry the ball round."""
+        """Without torque a hand may carry the ball round, and a maneuver leaves it at another bottom."""
         if not (self.thresholds.ball_expected and isfinite(psi)):
             return {}
-        if sent.torque_nm == 0.0:
+        if sent.torque_nm == 0.0 or "ball_runaway" in self._suspended:
             self._bottom_rad = tau * round(psi / tau)
         return {"ball_runaway": int(abs(psi - self._bottom_rad) > pi)}
 

@@ -27,6 +27,7 @@ class HoopOnly:
         camera: CameraSample | None,
         *,
         held: bool,
+        unmodelled: float = 0.0,
     ) -> Estimate:
         """Ready from the first answer of the board on."""
         if driver is not None and isfinite(driver.theta) and isfinite(driver.dtheta):

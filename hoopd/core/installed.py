@@ -30,6 +30,7 @@ class Estimator(Protocol):
         camera: CameraSample | None,
         *,
         held: bool,
+        unmodelled: float = 0.0,
     ) -> Estimate: ...
 
     def reset(self) -> None: ...
@@ -76,7 +77,7 @@ class Installed:
     filter: Filter
     torque_nm: float
     slew_nm_per_tick: float
-    fed: bool = True  # with the filter's feed-forward; a test signal is played as it was asked for
+    fed: bool = True  # with the filter's feed-forward; a test signal is played as it was asked for, a plan has it in it
     label: ControllerLabel = NO_LABEL
 
     def demand(self, measurement: Measurement, *, acting: bool = True) -> Demanded:

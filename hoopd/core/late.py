@@ -52,11 +52,13 @@ class LateEstimator:
         camera: CameraSample | None,
         *,
         held: bool = False,
+        unmodelled: float = 0.0,
     ) -> Estimate:
         """As `DelayedEkf.update`."""
         self._send(torque_previous, t_applied)
         self._arrive(t)
-        estimate = self.inner.update(t, self._acting, self._since, self._hoop(driver), self._picture(camera), held=held)
+        seen = (self._hoop(driver), self._picture(camera))
+        estimate = self.inner.update(t, self._acting, self._since, *seen, held=held, unmodelled=unmodelled)
         return estimate._replace(ahead=self._ahead(t, estimate.x)) if self.delays.torque_s > 0.0 else estimate
 
     # ------------------------------------------------------------------------------------------ torque

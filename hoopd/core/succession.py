@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import isfinite
 
 from hoopd.core.controllers import DONE, Successor
 from hoopd.core.installed import Demanded, Filter, Installed
@@ -99,6 +99,20 @@ class Succession:
         else:
             self._accept()
 
+    def suspended(self, mode: Mode) -> tuple[str, ...]:
+        """Rows of the fault table that the acting law's plan would raise by itself; of a law that plays one alone."""
+        told = self._of_a_plan("suspended", mode)
+        return told if isinstance(told, tuple) else ()
+
+    def unmodelled(self, mode: Mode) -> float:
+        """What the acting law's plan adds to the ball's unmodelled accelerations, (rad/s)^2/s."""
+        told = self._of_a_plan("unmodelled", mode)
+        return told if isinstance(told, float) else 0.0
+
+    def _of_a_plan(self, name: str, mode: Mode) -> object:
+        """What a law tells of the plan that it plays, while it acts."""
+        return getattr(self.acting.law, name, None) if self.purpose == EXPERIMENT and mode is Mode.RUNNING else None
+
     def tune(self, key: str, value: float) -> bool:
         """A number of the acting law."""
         return bool(self.acting.law.tune(key, value))
@@ -108,12 +122,6 @@ class Succession:
         """Numbers of the acting law by their names; none of a law that tells none."""
         told = getattr(self.acting.law, "tunables", None)
         return told if isinstance(told, Mapping) else {}
-
-    @property
-    def speed_limit(self) -> float:
-        """The fastest hoop, rad/s, that the acting law can be asked for; 0: it follows no speed."""
-        told = getattr(self.acting.law, "speed_limit", 0.0)
-        return float(told) if isinstance(told, float) and 0.0 <= told < inf else 0.0
 
     def _load(self, command: Command, mode: Mode, t: float) -> None:
         try:

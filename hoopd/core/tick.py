@@ -116,6 +116,7 @@ class Tick:
         if not self.health.thresholds.ball_expected:
             inputs = inputs._replace(camera=None)  # whatever the camera takes for a ball is none
         estimate = self._estimate(self.succession.acting.filter, inputs)
+        self.health.suspend(self.succession.suspended(self.mode))
         self.health.update(inputs, estimate, self._sent)
         asked = self.operator.take(inputs.commands, self.mode, inputs.t)
         self._unfed = self._unfed and Event.ARM not in asked
@@ -134,6 +135,7 @@ class Tick:
             inputs.driver,
             inputs.camera,
             held=self.mode is not Mode.RUNNING,
+            unmodelled=self.succession.unmodelled(self.mode),
         )
 
     def _own_events(self, inputs: Inputs, estimate: Estimate) -> frozenset[Event]:
@@ -163,8 +165,6 @@ class Tick:
             return
         if self.mode not in ENERGISED:
             self.operator.reference = 0.0  # the next arm begins at the bottom, not where somebody once wanted the ball
-        if self.mode is not Mode.RUNNING:
-            self.operator.release()
         level = "error" if self.mode is Mode.FAULT else "info"
         causes = [fault.name for fault in self.health.active() if fault.action >= Action.PAUSE]
         self._note("mode", level, mode=str(self.mode), was=str(before), because=causes)
@@ -263,7 +263,6 @@ class Tick:
             torque_previous=self._sent.torque_nm - self._added,  # a law knows the plant without missing physics
             dt=self.settings.period_s,
             torque_added=self._bridge.torque_nm,
-            speed=self.operator.speed,
         )
 
     def _watch(self, t: float, estimate: Estimate) -> None:

@@ -24,6 +24,7 @@ from hoopd.core.hooponly import HoopOnly
 from hoopd.core.installed import ControllerLabel, Filter, Installed
 from hoopd.core.limits import Limiter
 from hoopd.core.tick import Tick
+from hoopd.core.tracker import MotionTracker
 from hoopd.files.controller import ControllerFile, controller_of, levels_of, parse_controller, settings_of
 from hoopd.files.loaded_controller import LoadedController, filter_key, parse_loaded
 from hoopd.files.reading import InputError, read_text
@@ -84,7 +85,6 @@ def without_places(config: Config) -> Config:
     control, device = config.control, config.device
     return change(
         config,
-        calibration=change(config.calibration, folder=""),
         device=change(device, model=_name(device.model)),
         control=change(control, file=_name(control.file), law=_name(control.law), folder=""),
         recording=change(config.recording, directory=""),
@@ -127,6 +127,7 @@ def build_tick(config: Config, texts: Texts, prepared: Prepared | None = None) -
         _needs_no_ball(config, file, law)
         hoop = hoop_motion(effects_of(model), settings_of(file))
         return Tick(config.loop, config.faults, HoopOnly(), law, limiter, hoop=hoop)
+    _holds_the_ball(config, law)
     _watches_the_ball(config, law)
     made = filter_of(config, texts.model, file, limiter.torque_nm)
     feedforward = FeedForward() if isinstance(law, Excitation) else made.feedforward
@@ -187,7 +188,7 @@ def make_controller(config: Config, limit_nm: float, prepared: Prepared, text: s
         filter_ or filter_of(config, loaded.model, file, limit_nm),
         file.limits.torque_nm,
         file.limits.slew_nm_per_tick,
-        fed=not isinstance(law, Excitation),
+        fed=not isinstance(law, Excitation | MotionTracker),
         label=ControllerLabel(loaded.file, loaded.sha256, loaded.by),
     )
 
@@ -202,6 +203,12 @@ def _feed_forward(config: Config, found: FoundEffects, settings: EkfSettings, li
         wire_s=config.loop.wire_s,
         speed_noise_rad_s=settings.r_dtheta**0.5,
     )
+
+
+def _holds_the_ball(config: Config, law: Controller) -> None:
+    """A maneuver begins where another law has brought the ball to rest, and gives it back."""
+    if isinstance(law, MotionTracker):
+        raise InputError(config.control.file, "kind", "a maneuver holds no ball: play it from a law that does")
 
 
 def _watches_the_ball(config: Config, law: Controller) -> None:

@@ -6,15 +6,11 @@ limits, faults and modes, and every way out is the daemon's: brake, disarm, zero
 
 from __future__ import annotations
 
-import contextlib
 import shlex
-import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from itertools import count
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -24,6 +20,7 @@ from hoopd.core.modes import Mode
 from hoopd.daemon.app import Options, check_options, perform
 from hoopd.daemon.build import Texts, read_texts, without_places
 from hoopd.daemon.conductor import START_PATIENCE_S, Conductor
+from hoopd.daemon.recording_target import Where, recorded_parts
 from hoopd.files.controller import ControllerFile, parse_controller
 from hoopd.files.reading import InputError
 from hoopd.ident import signals
@@ -37,14 +34,6 @@ KINDS = ("prbs", "chirp", "multisine", "steps", "decay")
 # After the signal: braking (a second), and a margin; the end of a lock-step run that never began.
 END_PATIENCE_S = 5.0
 LATE_FAULTS = frozenset({"board_timeout", "camera_lost", "link_lost"})
-RUNS = "run-*.mcap"  # what the recorder writes
-
-
-class Where(NamedTuple):
-    """Where the recording goes: into a folder under the next number, or into one file."""
-
-    folder: Path | None = None
-    file: Path | None = None
 
 
 def run(plan: Plan, options: Options, where: Where, figure: Path | None = None) -> dict[str, Any]:
@@ -56,7 +45,7 @@ def run(plan: Plan, options: Options, where: Where, figure: Path | None = None) 
     config, texts, score = prepared(plan, config, options.config)
     options = options._replace(duration_s=_longest(options, score))
     conductor = Conductor(score.seconds, armed=options.sim or options.arm)
-    with _parts(where) as (folder, parts):
+    with recorded_parts(where) as (folder, parts):
         summary = perform(options._replace(record=folder), config, texts, conductor)
     if not parts:
         raise InputError(where.file or folder, "", "nothing could be recorded (see the log)")
@@ -108,12 +97,7 @@ def _check(plan: Plan, config: Config, where: Where, figure: Path | None) -> Non
         raise InputError("--amplitude", "", f"{plan.amplitude_nm:g} N m is outside 0 to the limit of {limit:g}")
     if plan.around is not None and not plan.ball:
         raise InputError("--around", "", "a holding law needs the ball: not together with --no-ball")
-    if where.folder is not None and where.file is not None:
-        raise InputError("--out", "", "either --record FOLDER or --out FILE")
-    if where.folder is not None and not where.folder.is_dir():
-        raise InputError(where.folder, "--record", "no such folder")
-    if where.file is not None:
-        _check_file(where.file)
+    where.check()
     if figure is not None:
         from hoopd.plots.style import check_path
 
@@ -127,40 +111,6 @@ def _check_holding(path: Path, file: ControllerFile, period_s: float) -> None:
     if abs(file.sample_time_s - period_s) > 1e-9:
         reason = f"designed for {file.sample_time_s:g} s, the loop's period is {period_s:g} s"
         raise InputError(path, "sample_time_s", reason)
-
-
-def _check_file(path: Path) -> None:
-    if path.suffix != ".mcap":
-        raise InputError(path, "--out", "must end in .mcap")
-    if not path.parent.is_dir():
-        raise InputError(path, "--out", "no such folder")
-    if path.exists():
-        raise InputError(path, "--out", "exists already and is not overwritten: give another name, or delete it")
-
-
-@contextmanager
-def _parts(where: Where) -> Iterator[tuple[Path, list[Path]]]:
-    """Where the recorder writes (the folder, or one beside the file), and afterwards, whatever ended the run, what it
-    wrote in its place: one file, or more when the disk failed meanwhile."""
-    parts: list[Path] = []
-    folder = where.folder or Path()
-    if where.file is not None:
-        folder = Path(tempfile.mkdtemp(prefix=f".{where.file.name}.", dir=where.file.parent))
-    before = set(folder.glob(RUNS))
-    try:
-        yield folder, parts
-    finally:
-        written = sorted(set(folder.glob(RUNS)) - before)
-        parts += written if where.file is None else _moved(written, where.file)
-        if where.file is not None:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-
-
-def _moved(written: list[Path], file: Path) -> list[Path]:
-    """The first part as the file, the others beside it under the next free numbers."""
-    names = (name for k in count(2) if not (name := file.with_stem(f"{file.stem}-{k}")).exists())
-    return [part.replace(file if k == 0 else next(names)) for k, part in enumerate(written)]
 
 
 def told(

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.core.controllers import LinearGains
-from hoopd.design.lqg import kalman_gain, lqr
-from hoopd.design.weights import Weights
+from hoopd.design.lqg import Weights, kalman_gain, lqr
 
 Array = NDArray[Any]
 

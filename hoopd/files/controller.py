@@ -17,6 +17,7 @@ from hoopd.core.drift import CHANNELS, Level
 from hoopd.core.estimator import DelayedEkf, EkfSettings, Step
 from hoopd.core.limits import SLEW_NM_PER_TICK, TORQUE_LIMIT_NM, Limiter
 from hoopd.files.excitation import excitation_entry, excitation_of
+from hoopd.files.planned_motion import planned_motion_entry, tracker_of
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
 from hoopd.files.records import Strict, between
 
@@ -57,12 +58,12 @@ class ControllerFile(Strict, frozen=True):
     """`hoopd.controller/1`: all numbers of a law, so that nothing is designed at run time.
 
     `gains` holds numbers and (nested) lists of them, by the names of the law: `LqgGains`, `LinearGains`, `b` and
-    `a`, or those of an experiment (`hoopd.files.excitation`).
+    `a`, those of an experiment (`hoopd.files.excitation`), or a planned motion (`hoopd.files.planned_motion`).
     """
 
     schema: Literal["hoopd.controller/1"]
     name: str
-    kind: Literal["lqg", "lqg_linear", "pid", "lead", "transfer_function", "excitation"]
+    kind: Literal["lqg", "lqg_linear", "pid", "lead", "transfer_function", "excitation", "maneuver"]
     gains: dict[str, Any]
     estimator: EstimatorEntry
     limits: ControllerLimits = ControllerLimits()
@@ -94,6 +95,8 @@ def controller_of(file: ControllerFile) -> Controller:
     """The law of a controller file; ValueError when its gains do not fit it."""
     if file.kind == "excitation":
         return _excitation(file)
+    if file.kind == "maneuver":
+        return tracker_of(planned_motion_entry(file.gains))
     if file.kind == "lqg":
         gains = _numbers(file.gains)
         missing = {"k_dtheta", "k_psi", "k_dpsi"} - gains.keys()

@@ -134,7 +134,7 @@ def _fitted(basis: Array, values: Array, name: str) -> Array:
 # ---------------------------------------------------------------------------------------------- values
 
 
-def apply(data: Data, outputs: Map | None = None, inputs: Map | None = None, dt: float | None = None) -> Data:
+def applied(data: Data, outputs: Map | None = None, inputs: Map | None = None, dt: float | None = None) -> Data:
     """Put functions on outputs and inputs.
 
     Parameters
@@ -154,9 +154,9 @@ def apply(data: Data, outputs: Map | None = None, inputs: Map | None = None, dt:
     Examples
     --------
     >>> import numpy as np
-    >>> from hoopd.ident import apply, iddata
+    >>> from hoopd.ident import applied, iddata
     >>> data = iddata([1.0, 2.0, 3.0], [1.0, 0.0, 1.0])
-    >>> apply(data, outputs=np.square).y[:, 0]
+    >>> applied(data, outputs=np.square).y[:, 0]
     array([1., 4., 9.])
     """
     y = data.y if outputs is None else np.asarray(outputs(data.y), dtype=float)
@@ -170,7 +170,7 @@ def apply(data: Data, outputs: Map | None = None, inputs: Map | None = None, dt:
     )  # fmt: skip
 
 
-def scale(data: Data, outputs: ArrayLike = 1.0, inputs: ArrayLike = 1.0) -> Data:
+def scaled(data: Data, outputs: ArrayLike = 1.0, inputs: ArrayLike = 1.0) -> Data:
     """Multiply outputs and inputs.
 
     Parameters
@@ -193,9 +193,9 @@ def scale(data: Data, outputs: ArrayLike = 1.0, inputs: ArrayLike = 1.0) -> Data
     Examples
     --------
     >>> import numpy as np
-    >>> from hoopd.ident import iddata, scale
+    >>> from hoopd.ident import iddata, scaled
     >>> data = iddata(np.ones((3, 2)), np.ones(3))
-    >>> scale(data, outputs=[1.0, 100.0]).y[0]
+    >>> scaled(data, outputs=[1.0, 100.0]).y[0]
     array([  1., 100.])
     """
     return _made(data, _times(data.y, outputs, "outputs"), _times(data.u, inputs, "inputs"), data.x)
@@ -209,7 +209,7 @@ class UnitVariance(NamedTuple):
     u: Array
 
 
-def normalize(data: Data) -> UnitVariance:
+def normalised(data: Data) -> UnitVariance:
     """Divide every channel by its standard deviation.
 
     Parameters
@@ -229,13 +229,13 @@ def normalize(data: Data) -> UnitVariance:
 
     Examples
     --------
-    >>> from hoopd.ident import iddata, normalize
-    >>> unit = normalize(iddata([0.0, 4.0, 0.0, 4.0], [1.0, -1.0, 1.0, -1.0]))
+    >>> from hoopd.ident import iddata, normalised
+    >>> unit = normalised(iddata([0.0, 4.0, 0.0, 4.0], [1.0, -1.0, 1.0, -1.0]))
     >>> unit.y, unit.data.y[:, 0]
     (array([2.]), array([0., 2., 0., 2.]))
     """
     y, u = _deviations(data.y, data.outputs), _deviations(data.u, data.inputs)
-    return UnitVariance(scale(data, 1.0 / y, 1.0 / u), y, u)
+    return UnitVariance(scaled(data, 1.0 / y, 1.0 / u), y, u)
 
 
 def ramp_in(data: Data, samples: int) -> Data:
@@ -314,7 +314,7 @@ def _deviations(values: Array, names: Sequence[str]) -> Array:
 # ---------------------------------------------------------------------------------------------- pieces
 
 
-def concatenate(*pieces: Data) -> Data:
+def joined(*pieces: Data) -> Data:
     """Join pieces one after the other in time to one experiment; the first one's times go on.
 
     Joining claims that the state goes on as well: separate experiments belong in a list (`merged`).
@@ -336,8 +336,8 @@ def concatenate(*pieces: Data) -> Data:
 
     Examples
     --------
-    >>> from hoopd.ident import iddata, concatenate
-    >>> concatenate(iddata([1.0, 2.0]), iddata([3.0])).y[:, 0]
+    >>> from hoopd.ident import iddata, joined
+    >>> joined(iddata([1.0, 2.0]), iddata([3.0])).y[:, 0]
     array([1., 2., 3.])
     """
     each = experiments(pieces)
@@ -346,7 +346,7 @@ def concatenate(*pieces: Data) -> Data:
     return _made(each[0], np.concatenate([one.y for one in each]), np.concatenate([one.u for one in each]), x)
 
 
-def merge(*given: Data | Sequence[Data]) -> list[Data]:
+def merged(*given: Data | Sequence[Data]) -> list[Data]:
     """Put separate experiments of one system into one flat list.
 
     Parameters
@@ -366,9 +366,9 @@ def merge(*given: Data | Sequence[Data]) -> list[Data]:
 
     Examples
     --------
-    >>> from hoopd.ident import iddata, merge
+    >>> from hoopd.ident import iddata, merged
     >>> one, other = iddata([1.0, 2.0]), iddata([3.0, 4.0])
-    >>> len(merge(one, [other, one]))
+    >>> len(merged(one, [other, one]))
     3
     """
     return experiments([one for part in given for one in ([part] if isinstance(part, Data) else part)])

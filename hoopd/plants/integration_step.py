@@ -93,6 +93,11 @@ class Motion:
             raise ValueError("dry friction has no rate of its own")
         return self._rate(x, torque, ca.SX.zeros(len(self._disturbed)), t, self._vector(p), ca.SX(0, 1))
 
+    def smooth_rate(self, x: Any, torque: Any, t: Any, p: Mapping[str, Any], width: float) -> Any:
+        """dx/dt without a disturbance; of dry friction the smooth curve that is steep within `width` of rest."""
+        w = ca.SX.zeros(len(self._disturbed))
+        return self._smoothed(width)(x, torque, w, t, self._vector(p))
+
     def drifted(self, x: Any, d: Any) -> Any:
         """The state d seconds later if no force acted."""
         moved = (one for i in range(self._nq) for one in (x[2 * i] + d * x[2 * i + 1], x[2 * i + 1]))
@@ -141,13 +146,18 @@ class Motion:
     @cached_property
     def _smooth_rate(self) -> ca.Function:
         """(x, torque, w, t, p) -> dx/dt with dry friction as a steep smooth curve."""
+        return self._smoothed(BACK_WIDTH)
+
+    def _smoothed(self, width: float) -> ca.Function:
         s, p = self._symbols, self._named
         point, force, seen, torque, more = self._smooth_forces(s["x"], s["torque"], s["w"], s["t"], p)
         acceleration = self._accelerations(seen, force, torque, s["t"], s["p"])
         for effect, friction in self._frictions:
             middle, most = self._middle_and_level(effect, friction, point, acceleration, p)
             direction = self._direction(friction, point)
-            force += direction * _smooth_friction(friction, middle, most, ca.dot(direction, self._speeds(s["x"])))
+            force += direction * _smooth_friction(
+                friction, middle, most, ca.dot(direction, self._speeds(s["x"])), width
+            )
             acceleration = self._accelerations(seen, force, torque, s["t"], s["p"])
         return ca.Function("smooth_rate", list(s.values()), [self._joined(point, acceleration, more)], _CSE)
 
@@ -262,11 +272,11 @@ def _stop(rate: Any, pull: Any, mobility: Any, middle: Any, level: Any, d: Any) 
     return ca.if_else(ca.fabs(hold) <= level, -(rate / d + pull) / mobility, slides)
 
 
-def _smooth_friction(friction: DryFriction, middle: Any, most: Any, rate: Any) -> Any:
+def _smooth_friction(friction: DryFriction, middle: Any, most: Any, rate: Any, width: float) -> Any:
     if friction.needed is None:
-        return -most * ca.tanh(rate / BACK_WIDTH)
+        return -most * ca.tanh(rate / width)
     # a contact that holds stays as it is
-    return ca.if_else(ca.fabs(rate) > BACK_WIDTH, middle - most * ca.sign(rate), 0.0)
+    return ca.if_else(ca.fabs(rate) > width, middle - most * ca.sign(rate), 0.0)
 
 
 def split_inputs(u: Any, count: int) -> tuple[Any, list[Any]]:

@@ -119,6 +119,11 @@ class NumericPlant:
         """`step_and_jacobian` without the plant: what a filter needs, and what goes to another process."""
         return FilterStep(self._step, timed=self._timed)
 
+    def smooth_rate(self, x: Any, u: Any, width: float) -> Any:
+        """dx/dt of the plant's own states as an expression, dry friction smoothed over `width` of its rate."""
+        c = self._composite(1)
+        return c.smooth_rate_expression(x, u, 0.0, self._numbers(c), width)
+
     def linearize(self, x0: ArrayLike | None = None, u0: Any = 0.0, t: float = 0.0) -> tuple[Matrix, Matrix]:
         """A (n, n), B (n, inputs) of dx/dt around a point (zero without one), exact, without dry friction."""
         start = np.zeros(len(self.states)) if x0 is None else np.asarray(x0, float)

@@ -97,6 +97,10 @@ class Composite:
         """dx/dt of the plant's own state under a demanded torque; dry friction not among the effects."""
         return self._motion.rate(x, torque, t, p)
 
+    def smooth_rate_expression(self, x: Any, torque: Any, t: Any, p: Mapping[str, Any], width: float) -> Any:
+        """The same with dry friction as a curve that is steep within `width` of rest (in the friction's own rate)."""
+        return self._motion.smooth_rate(x, torque, t, p, width)
+
     def output_expressions(self, z: Any, back: Any, w: Any, t: Any, p: Mapping[str, Any]) -> Any:
         """Readings (channels,); back (channels, BACK_STEPS nu): inputs on the way back, the youngest first."""
         found = []

@@ -261,3 +261,28 @@ def test_a_tick_takes_little_time() -> None:
         times.append(time.perf_counter() - start)
         world.torque(0.0)
     assert np.median(times) < 600e-6
+
+
+def test_a_fast_motion_may_leave_its_model_and_is_followed_all_the_same() -> None:
+    """A ball that falls a fifth faster than the model: what is told to be expected keeps its pictures believed."""
+
+    def worst(unmodelled: float) -> float:
+        slow = HoopPlant("rolling", {**DEVICE, "g": 0.8 * DEVICE["g"]})
+        ekf, world = DelayedEkf(slow.step_and_jacobian, EkfSettings()), World(psi=2.5)
+        errors = []
+        for k in range(60):
+            t, u, applied, answer, seen = world.tick()
+            estimate = ekf.update(t, u, applied, answer, seen, unmodelled=unmodelled)
+            errors.append(abs(float(estimate.x[2] - world.at(t)[2])) if k > 20 else 0.0)
+            world.torque(0.0)
+        return max(errors)
+
+    assert worst(20.0) < 0.15 < worst(0.0)
+
+
+def test_nothing_more_expected_changes_nothing() -> None:
+    one, other, world = (DelayedEkf(PLANT.step_and_jacobian), DelayedEkf(PLANT.step_and_jacobian), World())
+    for _ in range(20):
+        told = world.tick()
+        assert one.update(*told).x.tolist() == other.update(*told, unmodelled=0.0).x.tolist()
+        world.torque(0.01)

@@ -10,7 +10,7 @@ from typing import Any
 
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
-from hoopd.daemon.experiment import Where
+from hoopd.daemon.recording_target import Where
 from hoopd.plants.hoop.loop.experiment_plan import Plan
 from hoopd.recording.mcap import RecordedRun, read_run
 from hoopd.sim import torque_log

@@ -16,7 +16,7 @@ from system.experiments import LOCKSTEP, ROOT, ends_at_rest, perform
 from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
-from hoopd.daemon.experiment import Where
+from hoopd.daemon.recording_target import Where
 from hoopd.daemon.replay import replay
 from hoopd.files.reading import InputError, parse_yaml
 from hoopd.plants.hoop.loop.experiment_plan import AMPLITUDES_NM, DURATION_S, DURATIONS_S, Plan

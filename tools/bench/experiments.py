@@ -20,7 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from hoopd.daemon.app import Options  # noqa: E402
-from hoopd.daemon.experiment import KINDS, Where, run  # noqa: E402
+from hoopd.daemon.experiment import KINDS, run  # noqa: E402
+from hoopd.daemon.recording_target import Where  # noqa: E402
 from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan  # noqa: E402
 
 HOLDING = Path("controllers/lqg.yaml")

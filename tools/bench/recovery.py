@@ -39,7 +39,8 @@ sys.path.insert(0, str(ROOT))
 
 from hoopd.core.controllers import DONE  # noqa: E402
 from hoopd.daemon.app import Options  # noqa: E402
-from hoopd.daemon.experiment import Where, run  # noqa: E402
+from hoopd.daemon.experiment import run  # noqa: E402
+from hoopd.daemon.recording_target import Where  # noqa: E402
 from hoopd.plants.fits.uncertainty import Z95  # noqa: E402
 from hoopd.plants.hoop.fitting.fit import FitSettings, fit  # noqa: E402
 from hoopd.plants.hoop.loop.experiment_plan import Plan  # noqa: E402

@@ -44,6 +44,7 @@ class Told:
         camera: CameraSample | None,
         *,
         held: bool,
+        unmodelled: float = 0.0,
     ) -> Estimate:
         if driver is not None:
             self.theta, self.dtheta = driver.theta, driver.dtheta

@@ -32,7 +32,7 @@ def slip(name: str, contact: ContactOf) -> Effect:
         (EffectParameter("mu", "-", NO_SLIP, 0.005, 2.0, "shape", geometric(0.02, 0.5, 8)),),
         plant=lambda plant: slipping_plant(plant, contact),
         # |f| <= mu N
-        friction=DryFriction(_limit, lambda s: {"slip": 1.0}, lambda s, a: _holding_force(s, contact(s), a)),
+        friction=DryFriction(_limit, lambda s: {"slip": 1.0}, lambda s, a: holding_force(s, contact(s), a)),
         depends_on=("u", "psi", "dpsi"),
         formula="|f| <= mu N",
         statement="the ball slips where the contact would need more than mu times the normal force",
@@ -66,7 +66,7 @@ def _limit(s: Point, e: Values) -> Any:
     return e.mu * ca.fmax(normal_force(s), LEAST_FORCE)
 
 
-def _holding_force(s: Point, c: Contact, a: Mapping[str, Any]) -> Any:
+def holding_force(s: Point, c: Contact, a: Mapping[str, Any]) -> Any:
     """Force (N) of the contact that keeps the ball rolling: Ib w' = -Rb f - bb phi'."""
     p = s.p
     spin = c.by_psi * a["psi"] + (c.by_theta * a["theta"] if "theta" in a else 0.0)

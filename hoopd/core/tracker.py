@@ -1,0 +1,189 @@
+"""The law of a maneuver: a planned motion of hoop and ball with its feedback, given up outside of its envelope.
+
+    waits for nothing: at its first tick hoop and ball are at rest at the bottom, or it ends at once
+    plan     u_k = u*_k - K_k (x_k - x*_k),  one row a tick
+    over     ends as `DONE`; the law of before is back in the same tick
+    given up the hoop is braked until hoop and ball are nearly at rest, then it ends with the reason
+
+Rules of this file: pure; a plan is played once; what it left it never takes up again; the torque of a maneuver that was
+given up is the brake's alone, and the brake ends whatever the ball does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite, nan, tau
+
+import numpy as np
+
+from hoopd.core.controllers import DONE, Controller, Log, Measurement
+from hoopd.core.faulttable import SUSPENDABLE
+from hoopd.core.records import Vector
+
+# Rows of the fault table are suspended for a plan, and no plan is longer.
+LONGEST_PLAN_TICKS = 500
+LARGEST_UNMODELLED = 1000.0  # as of a ball that a hand may hold
+STATES = ("theta", "dtheta", "psi", "dpsi")
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How far a state may be from the planned one: hoop speed, ball angle, ball speed."""
+
+    dtheta_rad_s: float
+    psi_rad: float
+    dpsi_rad_s: float
+
+    def __post_init__(self) -> None:
+        """Refuse a bound that bounds nothing."""
+        if not all(isfinite(one) and one > 0.0 for one in (self.dtheta_rad_s, self.psi_rad, self.dpsi_rad_s)):
+            raise ValueError("tolerances must be finite and above zero")
+
+    def breach(self, x: Vector, planned: Vector) -> str:
+        """Which state is too far off; empty when none is."""
+        bounds = (self.dtheta_rad_s, self.psi_rad, self.dpsi_rad_s)
+        for name, unit, index, bound in zip(STATES[1:], ("rad/s", "rad", "rad/s"), (1, 2, 3), bounds, strict=True):
+            off = float(x[index]) - float(planned[index])
+            if not abs(off) <= bound:
+                return f"{name} {off:+.3g} {unit} off, {bound:g} allowed"
+        return ""
+
+
+@dataclass(frozen=True)
+class Brake:
+    """What takes the energy out of a maneuver that was given up."""
+
+    nm_per_rad_s: float = 0.005  # hoop inertia 1.5e-3 kg m2: a time constant of 0.3 s
+    limit_nm: float = 0.1
+    calm: Tolerances = Tolerances(3.0, 0.3, 2.0)  # then the bottom's law holds the ball
+    longest_s: float = 3.0
+
+    def torque(self, dtheta: float) -> float:
+        """Against the hoop's motion."""
+        return min(self.limit_nm, max(-self.limit_nm, -self.nm_per_rad_s * dtheta))
+
+
+class PlannedMotion:
+    """Tables of a maneuver; ValueError when they do not fit each other."""
+
+    def __init__(
+        self,
+        torques_nm: Sequence[float],
+        states: Sequence[Sequence[float]],
+        feedback: Sequence[Sequence[float]],
+        *,
+        start: Tolerances,
+        envelope: Tolerances,
+        unmodelled: float = 0.0,
+        suspends: Sequence[str] = (),
+        brake: Brake = Brake(),
+    ) -> None:
+        """`states`: (n + 1, 4) from rest at the bottom; `feedback`: (n, 4) N m per state; `unmodelled`: density of what
+        the model may leave of so fast a motion, (rad/s)^2/s; `suspends`: rows of the fault table that the plan itself
+        would raise."""
+        self.torques_nm = np.array(torques_nm, float)
+        self.states, self.feedback = np.array(states, float), np.array(feedback, float)
+        self.start, self.envelope, self.brake = start, envelope, brake
+        self.unmodelled, self.suspends = float(unmodelled), tuple(suspends)
+        n = len(self.torques_nm)
+        if not 1 <= n <= LONGEST_PLAN_TICKS:
+            raise ValueError(f"a plan has 1 to {LONGEST_PLAN_TICKS} ticks, not {n}")
+        if self.states.shape != (n + 1, 4) or self.feedback.shape != (n, 4):
+            raise ValueError(f"{n} torques need {n + 1} rows of four states and {n} rows of four gains")
+        if not all(np.isfinite(one).all() for one in (self.torques_nm, self.states, self.feedback)):
+            raise ValueError("torques, states and gains must be finite")
+        if not 0.0 <= self.unmodelled <= LARGEST_UNMODELLED:
+            raise ValueError(f"unmodelled must be from 0 to {LARGEST_UNMODELLED:g}, not {unmodelled:g}")
+        if start.breach(self.states[0], np.zeros(4)):
+            raise ValueError(f"a plan begins at rest at the bottom: {start.breach(self.states[0], np.zeros(4))}")
+        if unknown := [name for name in self.suspends if name not in SUSPENDABLE]:
+            raise ValueError(f"{unknown[0]!r} may not be suspended: only {', '.join(sorted(SUSPENDABLE))}")
+
+
+class MotionTracker:
+    """Plays a `PlannedMotion`; see the head of the file."""
+
+    def __init__(self, plan: PlannedMotion) -> None:
+        self.plan = plan
+        self.reset()
+
+    def reset(self) -> None:
+        """The plan begins anew."""
+        self._k = 0
+        self._origin = np.zeros(4)
+        self._given_up, self._braking_since = "", nan
+        self.ended = ""
+
+    @property
+    def suspended(self) -> tuple[str, ...]:
+        """Rows of the fault table that the plan would raise, while it is played and no longer."""
+        return self.plan.suspends if self._k > 0 and not self._given_up and not self.ended else ()
+
+    @property
+    def unmodelled(self) -> float:
+        """What the filter has to expect beside its model until the maneuver is over, (rad/s)^2/s."""
+        return self.plan.unmodelled if not self.ended else 0.0
+
+    def update(self, measurement: Measurement) -> tuple[float, Log]:
+        """The next torque; zero once it has ended."""
+        if not self.ended and self._k == 0:
+            self._begin(measurement)
+        if self.ended:
+            return 0.0, {}
+        if not self._given_up:
+            self._given_up = self._breach(measurement)
+        if self._given_up:
+            return self._braked(measurement), {}
+        if self._k >= len(self.plan.torques_nm):
+            self.ended = DONE
+            return 0.0, {}
+        planned, k = self.plan.states[self._k] + self._origin, self._k
+        self._k += 1
+        off = measurement.x - planned
+        fed_back = float(self.plan.feedback[k] @ off)
+        return float(self.plan.torques_nm[k]) - fed_back, {
+            "planned_psi_rad": float(planned[2]),
+            "feedback_nm": -fed_back,
+        }
+
+    def follow(self, measurement: Measurement) -> tuple[float, Log]:
+        """Another law drives the hoop: the plan has not begun."""
+        return 0.0, {}
+
+    def take_over(self, other: Controller) -> bool:
+        """It has no memory that another law could fill."""
+        return True
+
+    def tune(self, key: str, value: float) -> bool:
+        """Nothing: the plan is what the recording says it is."""
+        return False
+
+    def _begin(self, m: Measurement) -> None:
+        """Where the hoop is, and the bottom that the ball is at, are the plan's zero."""
+        if not _known(m):
+            self.ended = "the estimate is not ready"
+            return
+        self._origin = np.array([float(m.x[0]), 0.0, tau * round(float(m.x[2]) / tau), 0.0])
+        if breach := self.plan.start.breach(m.x, self._origin):
+            self.ended = f"not begun, not at rest at the bottom: {breach}"
+
+    def _breach(self, m: Measurement) -> str:
+        if not _known(m):
+            return "the estimate was lost"
+        return self.plan.envelope.breach(m.x, self.plan.states[self._k] + self._origin)
+
+    def _braked(self, m: Measurement) -> float:
+        """The brake's torque until hoop and ball are calm, or it has taken too long."""
+        brake = self.plan.brake
+        if not isfinite(self._braking_since):
+            self._braking_since = m.t
+        calm = _known(m) and not brake.calm.breach(m.x, np.array([0.0, 0.0, tau * round(float(m.x[2]) / tau), 0.0]))
+        if calm or not _known(m) or m.t - self._braking_since >= brake.longest_s:
+            self.ended = f"given up: {self._given_up}"
+            return 0.0
+        return brake.torque(float(m.x[1]))
+
+
+def _known(m: Measurement) -> bool:
+    return m.ready and all(map(isfinite, m.x.tolist()))

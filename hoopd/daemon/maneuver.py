@@ -1,0 +1,171 @@
+"""`hoopd maneuver`: a planned motion from rest at the bottom and back, on the rig or the device, recorded and judged.
+
+Rules of this file: nothing here touches the drive; the maneuver enters the daemon's own tick as every controller does,
+behind the same limits, faults and modes. What was recorded stays, and the judgement is of the recording.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from itertools import pairwise
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hoopd.core.controllers import DONE
+from hoopd.core.modes import Mode
+from hoopd.core.succession import EXPERIMENT
+from hoopd.daemon.app import Options, check_options, perform
+from hoopd.daemon.build import Texts, model_path, read_texts
+from hoopd.daemon.maneuver_conductor import REST_PATIENCE_S, SETTLE_S, ManeuverConductor
+from hoopd.daemon.recording_target import Where, recorded_parts
+from hoopd.files.controller import parse_controller
+from hoopd.files.loaded_controller import LoadedController, text_of_loaded
+from hoopd.files.reading import InputError
+from hoopd.files.trajectory import TrajectoryFile, maneuver_controller, trajectory_text
+from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, judge_maneuver
+from hoopd.plants.model_file import parse_model
+from hoopd.recording.mcap import RecordedRun, read_run
+from hoopd.shell import config as configuration
+from hoopd.shell.config import Config
+
+# A repeat of one maneuver at most as long as it may take: rest, plan, brake of one that is given up, settling.
+BRAKE_S = 4.0
+
+
+class AskedManeuver(NamedTuple):
+    """Which maneuver, and how often."""
+
+    trajectory: TrajectoryFile
+    name: str  # of its file
+    repeat: int = 1
+
+
+def filter_model(options: Options) -> Path:
+    """The file of the model that the daemon's filter will use: what a maneuver is planned on unless somebody says
+    otherwise."""
+    config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
+    return model_path(config, options.config)
+
+
+def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
+    """Play, record and judge; `exit` is 0 when every maneuver succeeded."""
+    options = options._replace(sets=(*(("sim.psi_rad=0",) if options.sim else ()), *options.sets))
+    config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
+    check_options(options._replace(duration_s=inf), config)
+    where.check()
+    texts = read_texts(config, options.config)
+    conductor = ManeuverConductor(_command_text(asked, config, texts), asked.repeat)
+    options = options._replace(duration_s=_longest(asked, options))
+    with recorded_parts(where) as (folder, parts):
+        summary = perform(options._replace(record=folder), config, texts, conductor)
+    if not parts:
+        raise InputError(where.file or folder, "", "nothing could be recorded (see the log)")
+    return _told(asked, conductor, summary, parts[0], texts)
+
+
+def _longest(asked: AskedManeuver, options: Options) -> float | None:
+    """No run that arms by itself lasts longer, whatever happens."""
+    each = REST_PATIENCE_S + asked.trajectory.seconds + BRAKE_S + SETTLE_S
+    return asked.repeat * each + 5.0 if options.sim or options.arm else None
+
+
+def _command_text(asked: AskedManeuver, config: Config, texts: Texts) -> str:
+    """What the tick is told: the trajectory as a controller with the filter, the model and the limits in force."""
+    base = parse_controller(texts.controller, config.control.file)
+    if config.control.law or base.kind in ("excitation", "maneuver"):
+        raise InputError(config.control.law or config.control.file, "", "is no law that a maneuver could begin from")
+    if not config.faults.ball_expected:
+        raise InputError("configuration", "faults.ball_expected", "is false, but a maneuver is of the ball")
+    sample_time_s = asked.trajectory.sample_time_s
+    if abs(sample_time_s - config.loop.period_s) > 1e-9:
+        reason = f"planned for {sample_time_s:g} s, the loop's period is {config.loop.period_s:g} s"
+        raise InputError(asked.name, "sample_time_s", reason)
+    loaded = LoadedController(
+        file=asked.name,
+        sha256=hashlib.sha256(trajectory_text(asked.trajectory).encode()).hexdigest(),
+        by="hoopd maneuver",
+        controller=maneuver_controller(asked.trajectory, base),
+        model=texts.model,
+    )
+    return text_of_loaded(loaded)
+
+
+# ---------------------------------------------------------------------------------------------- judgement
+
+
+def _told(
+    asked: AskedManeuver, conductor: ManeuverConductor, summary: dict[str, Any], path: Path, texts: Texts
+) -> dict[str, Any]:
+    trajectory = asked.trajectory
+    attempts = judged(read_run(path), trajectory, texts.model)
+    succeeded = sum(one["success"] for one in attempts)
+    return {
+        "maneuver": trajectory.maneuver,
+        "trajectory": asked.name,
+        "outcome": conductor.outcome or ("done" if succeeded == asked.repeat else "not every maneuver succeeded"),
+        "asked_for": asked.repeat,
+        "played": len(attempts),
+        "succeeded": succeeded,
+        "attempts": attempts,
+        "file": str(path),
+        "faults": summary["faults"],
+        "notes": _notes(trajectory, texts),
+        "exit": 0 if succeeded == asked.repeat else 1,
+    }
+
+
+def _notes(trajectory: TrajectoryFile, texts: Texts) -> list[str]:
+    if hashlib.sha256(texts.model.encode()).hexdigest() == trajectory.model_sha256:
+        return []
+    return [f"planned on {trajectory.model}, which is not the model of the filter"]
+
+
+def recorded_maneuvers(run: RecordedRun) -> list[tuple[RecordedManeuver, str]]:
+    """Every maneuver of a recording with what came after it, and the reason for its end."""
+    began = [event.t for event in run.events if event.event == "controller" and event.fields["command"] == EXPERIMENT]
+    ended = [(event.t, str(event.fields["reason"])) for event in run.events if event.event == "experiment_ended"]
+    missing = [(run.ticks[-1].t, "the run ended")] * (len(began) - len(ended))
+    edges = zip(pairwise([*began, inf]), [*ended, *missing], strict=False)
+    return [(_stretch(run, first, following, end_t), reason) for (first, following), (end_t, reason) in edges]
+
+
+def judged(run: RecordedRun, trajectory: TrajectoryFile, model_text: str) -> list[dict[str, Any]]:
+    """Every maneuver of a recording: when it was played, how it ended, what became of the ball."""
+    values = parse_model(model_text, "model").values()
+    track_m, gravity = values["Ro"] - values["Rb"], values["g"]
+    return [_attempt(trajectory, one, reason, track_m, gravity) for one, reason in recorded_maneuvers(run)]
+
+
+def _stretch(run: RecordedRun, first: float, following: float, ended_t: float) -> RecordedManeuver:
+    """While the law acts: afterwards a hand may move the ball."""
+    # in the tick of the change the law of before has its last torque
+    ticks = [tick for tick in run.ticks if first < tick.t <= following and tick.mode == Mode.RUNNING]
+    table = np.array([(tick.t, tick.u, *tick.x_hat, tick.psi_t, tick.psi) for tick in ticks])
+    return RecordedManeuver(table[:, 0], table[:, 1], table[:, 2:6], table[:, 6], table[:, 7], ended_t)
+
+
+def _attempt(
+    trajectory: TrajectoryFile, run: RecordedManeuver, reason: str, track_m: float, gravity: float
+) -> dict[str, Any]:
+    began, ended = float(run.t[0]), run.ended_t
+    outcome = judge_maneuver(run, track_m, gravity)
+    short = outcome.shortfalls(trajectory.maneuver, trajectory.turn)
+    return {
+        "began_s": began,
+        "played_s": round(ended - began, 6),
+        "ended": reason,
+        "turns": outcome.turns,
+        "least_contact": _number(outcome.least_contact),
+        "settled_s": _number(outcome.settled_s),
+        "largest_angle_rad": _number(outcome.largest_angle_rad),
+        "shortfalls": list(short),
+        "success": reason == DONE and not short,
+    }
+
+
+def _number(value: float) -> float | None:
+    """Four digits; JSON knows no infinity."""
+    return float(f"{value:.4g}") if isfinite(value) else None

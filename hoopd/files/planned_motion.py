@@ -1,0 +1,60 @@
+"""A planned motion with its feedback: `plan` of a trajectory file, `gains` of a controller file of kind `maneuver`.
+
+Rules of this file: plain data to object and back; a recording that holds the file's text repeats the maneuver.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from hoopd.core.limits import TORQUE_LIMIT_NM
+from hoopd.core.tracker import LARGEST_UNMODELLED, LONGEST_PLAN_TICKS, MotionTracker, PlannedMotion, Tolerances
+
+Row = Annotated[list[float], Meta(min_length=4, max_length=4)]
+Torque = Annotated[float, Meta(ge=-TORQUE_LIMIT_NM, le=TORQUE_LIMIT_NM)]
+
+
+class TolerancesEntry(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """How far hoop speed, ball angle and ball speed may be from the planned ones."""
+
+    dtheta_rad_s: Annotated[float, Meta(gt=0, le=100)]
+    psi_rad: Annotated[float, Meta(gt=0, le=3.2)]
+    dpsi_rad_s: Annotated[float, Meta(gt=0, le=100)]
+
+
+class PlannedMotionEntry(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A row a tick: the torque, the state before it, and the gains on (theta, dtheta, psi, dpsi)."""
+
+    torques_nm: Annotated[list[Torque], Meta(min_length=1, max_length=LONGEST_PLAN_TICKS)]
+    states: Annotated[list[Row], Meta(min_length=2, max_length=LONGEST_PLAN_TICKS + 1)]  # one more: where it ends
+    feedback: Annotated[list[Row], Meta(min_length=1, max_length=LONGEST_PLAN_TICKS)]
+    start: TolerancesEntry  # within which it begins
+    envelope: TolerancesEntry  # beyond which it is given up
+    # density of what the model may leave of so fast a motion, (rad/s)^2/s: the filter's own noise is for a ball at rest
+    unmodelled: Annotated[float, Meta(ge=0, le=LARGEST_UNMODELLED)] = 0.0
+    suspends: list[str] = []  # rows of the fault table that the plan itself would raise
+
+
+def planned_motion_entry(gains: dict[str, Any]) -> PlannedMotionEntry:
+    """Checked gains; ValueError names the one that is wrong."""
+    try:
+        return msgspec.convert(gains, PlannedMotionEntry, strict=True)
+    except msgspec.ValidationError as error:
+        raise ValueError(str(error)) from None
+
+
+def tracker_of(entry: PlannedMotionEntry) -> MotionTracker:
+    """The law; ValueError when its tables do not fit each other."""
+    plan = PlannedMotion(
+        entry.torques_nm,
+        entry.states,
+        entry.feedback,
+        start=Tolerances(**msgspec.structs.asdict(entry.start)),
+        envelope=Tolerances(**msgspec.structs.asdict(entry.envelope)),
+        unmodelled=entry.unmodelled,
+        suspends=entry.suspends,
+    )
+    return MotionTracker(plan)

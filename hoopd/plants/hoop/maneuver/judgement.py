@@ -1,0 +1,117 @@
+"""What became of a maneuver, judged from what was recorded of it.
+
+Rules of this file: arrays in, a record out; nothing is read, nothing is believed that was not recorded.
+"""
+
+from __future__ import annotations
+
+from math import inf, nan, tau
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# A ball at the bottom: 0.1 rad are 9 mm; a hoop that nearly stands.
+SETTLED_RAD, SETTLED_HOOP_RAD_S = 0.1, 3.0
+SETTLE_WITHIN_S = 2.0
+
+
+class RecordedManeuver(NamedTuple):
+    """A stretch of a run: one maneuver and what came after it.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times of the ticks, s, from the maneuver's beginning on.
+    torques : ndarray, shape (n,)
+        Held from each tick to the next, N m.
+    states : ndarray, shape (n, 4)
+        Estimated theta, dtheta, psi, dpsi.
+    seen_t, seen : ndarray, shape (n,)
+        psi as the camera saw it, rad, and when; NaN without a picture.
+    ended_t : float
+        When the maneuver ended, s.
+    """
+
+    t: Array
+    torques: Array
+    states: Array
+    seen_t: Array
+    seen: Array
+    ended_t: float
+
+    @property
+    def bottom(self) -> float:
+        """The bottom from which it begins, rad."""
+        return tau * round(float(self.states[0, 2]) / tau)
+
+
+class ManeuverOutcome(NamedTuple):
+    """Of one maneuver.
+
+    Attributes
+    ----------
+    turns : int
+        Whole turns of the ball, as psi counts.
+    least_contact : float
+        Least force between hoop and ball while it was played, in weights of the ball.
+    settled_s : float
+        After its end, until ball and hoop stay settled; infinite when they do not.
+    largest_angle_rad : float
+        Furthest from where it began.
+    """
+
+    turns: int
+    least_contact: float
+    settled_s: float
+    largest_angle_rad: float
+
+    def shortfalls(self, kind: str, turn: int) -> tuple[str, ...]:
+        """What a maneuver of this kind lacks to be one; empty: it succeeded."""
+        wanted = turn if kind == "loop" else 0
+        found = []
+        if self.turns != wanted:
+            found.append(f"went round {self.turns:+d} times, not {wanted:+d}")
+        if not self.least_contact > 0.0:
+            found.append(f"the contact was lost ({self.least_contact:.2f} of the ball's weight)")
+        if not self.settled_s <= SETTLE_WITHIN_S:
+            found.append(f"not settled within {SETTLE_WITHIN_S:g} s")
+        return tuple(found)
+
+
+def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -> ManeuverOutcome:
+    """Judge one maneuver.
+
+    Parameters
+    ----------
+    run : RecordedManeuver
+        From its first tick to the last one before the next.
+    track_m : float
+        Ro - Rb in m.
+    gravity_m_s2 : float
+        In m/s^2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, judge_maneuver
+    >>> t = np.arange(0.0, 3.0, 0.02)
+    >>> rest = RecordedManeuver(t, 0 * t, np.zeros((150, 4)), t, 0 * t, 1.0)
+    >>> judge_maneuver(rest, 0.085, 9.81)
+    ManeuverOutcome(turns=0, least_contact=1.0, settled_s=0.0, largest_angle_rad=0.0)
+    """
+    played, after = run.t <= run.ended_t, run.t > run.ended_t
+    ball = run.seen[np.isfinite(run.seen)]
+    if not ball.size or not after.any() or not played.any():
+        return ManeuverOutcome(0, nan, inf, nan)
+    bottom = tau * round(float(ball[-1]) / tau)
+    states = run.states[played]
+    contact = (track_m * states[:, 3] ** 2 + gravity_m_s2 * np.cos(states[:, 2])) / gravity_m_s2
+    off = np.abs(np.where(np.isfinite(run.seen), run.seen, run.states[:, 2]) - bottom) > SETTLED_RAD
+    restless = after & (off | (np.abs(run.states[:, 1]) > SETTLED_HOOP_RAD_S))
+    last = run.t[restless][-1] if restless.any() else run.ended_t
+    settled_s = float(last - run.ended_t) if last < run.t[-1] else inf
+    turns = round((bottom - float(ball[0])) / tau)
+    return ManeuverOutcome(turns, float(contact.min()), settled_s, float(np.abs(ball - ball[0]).max()))

@@ -1,0 +1,97 @@
+"""A plan played on a plant that may be another one than the one it was planned on: what the feedback leaves.
+
+The whole state is fed back, as it is: what camera and filter add is not part of it, the rig shows that.
+
+Rules of this file: one run, and what it says of the contact and the end; nothing is planned here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.plants.found_effects import FoundEffects
+from hoopd.plants.hoop.maneuver.planning_model import PlanningModel
+from hoopd.plants.plant_with_effects import Composite
+
+Array = NDArray[np.float64]
+
+
+class TrackedRun(NamedTuple):
+    """What became of a plan.
+
+    Attributes
+    ----------
+    states : ndarray, shape (n + 1, 4)
+        At the edges of the ticks.
+    inputs : ndarray, shape (n,)
+        Torques that were asked for, N m.
+    contact : float
+        Least force between hoop and ball in weights of the ball; below zero it would have flown.
+    """
+
+    states: Array
+    inputs: Array
+    contact: float
+
+
+class PlanTracker:
+    """Plays plans with their feedback on a model with any of its numbers changed."""
+
+    def __init__(self, found: FoundEffects) -> None:
+        """`found`: effects that act on the state are played as they are, dry friction included."""
+        self._model = PlanningModel(found)
+        effects = self._model.found.effects()
+        self._composite = Composite(self._model.declared, effects)
+        self._values = self._model.found.values if self._model.found else dict(found.base)
+
+    def run(
+        self,
+        states: Array,
+        inputs: Array,
+        gains: Array,
+        tick_s: float,
+        limit_nm: float,
+        changes: Mapping[str, float] | None = None,
+    ) -> TrackedRun:
+        """Play a plan.
+
+        Parameters
+        ----------
+        states, inputs, gains : ndarray, shapes (n + 1, 4), (n,), (n, 4)
+            The plan and its feedback.
+        tick_s : float
+            Length of a tick in s.
+        limit_nm : float
+            The drive's limit, N m.
+        changes : mapping of str to float, optional
+            Parameters of the plant that is played on, where they are others.
+        """
+        values = {**self._values, **(changes or {})}
+        c, p = self._composite, self._composite.vector(values)
+        x, none = c.beginning(states[0]), np.zeros(c.nw)
+        seen, asked = [x[:4]], []
+        for k, (torque, gain) in enumerate(zip(inputs, gains, strict=True)):
+            u = float(np.clip(torque - gain @ (x[:4] - states[k]), -limit_nm, limit_nm))
+            x = c.step_function(x, np.full(c.substeps, u), none, tick_s, 0.0, p).full().ravel()
+            seen.append(x[:4])
+            asked.append(u)
+        played = np.array(seen)
+        return TrackedRun(played, np.array(asked), float(contact_along(played, values).min()))
+
+
+def contact_along(states: Array, values: Mapping[str, float]) -> Array:
+    """N / (m g) along states (n, 4): ((Ro-Rb) psi'^2 + g cos psi) / g.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.plants.hoop.maneuver.tracked_run import contact_along
+    >>> contact_along(np.zeros((1, 4)), {"Ro": 0.0957, "Rb": 0.0104, "g": 9.81}).tolist()
+    [1.0]
+    """
+    track = values["Ro"] - values["Rb"]
+    return np.asarray((track * states[:, 3] ** 2 + values["g"] * np.cos(states[:, 2])) / values["g"])

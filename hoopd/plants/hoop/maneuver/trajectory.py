@@ -1,0 +1,213 @@
+"""From a model and a question to a trajectory: a plan, its feedback, and how far both may be trusted.
+
+Where a sampled model loses the ball the plan is made again with more force on the contact.
+
+Rules of this file: composition; no mathematics of its own, nothing is read or written.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from math import isfinite
+from typing import Any, Literal, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.core.tracker import Tolerances
+from hoopd.files.model import ModelFile
+from hoopd.files.planned_motion import PlannedMotionEntry, TolerancesEntry
+from hoopd.files.trajectory import KeptLimits, TrajectoryFile, rounded
+from hoopd.plants.collocation import CollocatedMotion
+from hoopd.plants.hoop.loop.writeback import limits_of
+from hoopd.plants.hoop.maneuver.maneuver_question import LOOP, ManeuverQuestion
+from hoopd.plants.hoop.maneuver.planning import InfeasibleError, plan_motion
+from hoopd.plants.hoop.maneuver.planning_model import PlanningModel
+from hoopd.plants.hoop.maneuver.robustness import PlayedPlan, PlayResult, by_parameter, played, sampled
+from hoopd.plants.hoop.maneuver.tracked_run import PlanTracker
+from hoopd.plants.hoop.maneuver.tracking import TrackingWeights, tracking_gains
+from hoopd.plants.model_file import effects_of
+
+Array = NDArray[np.float64]
+
+# More force on the contact, where a sampled model loses the ball, and how often that is tried.
+MORE_CONTACT, TIGHTENINGS = 0.15, 2
+# Rest at the bottom, as far as a law that holds the ball brings it with dry friction, cogs and a camera's noise.
+START = Tolerances(dtheta_rad_s=1.5, psi_rad=0.08, dpsi_rad_s=0.6)
+# Five times what parameters that are a tenth off leave of a tracked loop: beyond, the plan is no longer followed.
+ENVELOPE = Tolerances(dtheta_rad_s=25.0, psi_rad=0.9, dpsi_rad_s=9.0)
+# What a model leaves of an acceleration, and for how long alike.
+UNMODELLED_SHARE, UNMODELLED_S = 0.1, 0.4
+USUAL_WEIGHTS = TrackingWeights()
+
+
+class PlannedTrajectory(NamedTuple):
+    """A plan and what it is worth."""
+
+    motion: CollocatedMotion
+    gains: Array  # (n, 4)
+    contact: Array  # (n,) weights of the ball, at the edges
+    grip: Array  # (n,) friction coefficient that the contact needs there
+    question: ManeuverQuestion  # with the margins that were kept
+    nominal: PlayResult  # on the very model
+    by_parameter: dict[str, PlayResult]
+    sampled: list[PlayResult]
+    open_loop_end: Array  # (4,) of the plan's torques alone, minus the plan's end
+
+
+def plan_trajectory(
+    model: ModelFile, question: ManeuverQuestion, weights: TrackingWeights = USUAL_WEIGHTS
+) -> PlannedTrajectory:
+    """The trajectory that answers a question on a model.
+
+    Parameters
+    ----------
+    model : ModelFile
+        Hoop and ball, with the effects that were found.
+    question : ManeuverQuestion
+        Which motion, under which limits.
+    weights : TrackingWeights
+        Of the feedback.
+
+    Returns
+    -------
+    PlannedTrajectory
+        The first that every sampled model follows, else the one with the most contact that can be planned.
+
+    Raises
+    ------
+    InfeasibleError
+        No motion keeps the limits.
+    """
+    found = effects_of(model)
+    question = replace(question, limits=replace(question.limits, torque_nm=_torque(model, question.limits.torque_nm)))
+    planning, tracker = PlanningModel(found), PlanTracker(found)
+    best = _planned(model, planning, tracker, question, weights)
+    for _ in range(TIGHTENINGS):
+        if all(one.arrived for one in best.sampled) or question.kind != LOOP:
+            break
+        question = replace(question, limits=replace(question.limits, contact=question.limits.contact + MORE_CONTACT))
+        try:
+            best = max((best, _planned(model, planning, tracker, question, weights)), key=_worth)
+        except (InfeasibleError, ValueError):
+            break
+    return best
+
+
+def _torque(model: ModelFile, wanted_nm: float) -> float:
+    """No more than the drive is known to give."""
+    return min(wanted_nm, model.device.torque_limit_nm, *limits_of(effects_of(model)))
+
+
+def _worth(one: PlannedTrajectory) -> tuple[int, float]:
+    return sum(played.arrived for played in one.sampled), min(played.contact for played in one.sampled)
+
+
+def _planned(
+    model: ModelFile,
+    planning: PlanningModel,
+    tracker: PlanTracker,
+    question: ManeuverQuestion,
+    weights: TrackingWeights,
+) -> PlannedTrajectory:
+    motion = plan_motion(planning, question)
+    gains = tracking_gains(planning.step(motion.tick_s), motion.states, motion.inputs, weights)
+    plan = PlayedPlan(motion.states, motion.inputs, gains, motion.tick_s, model.device.torque_limit_nm)
+    contact, friction = (one.full().ravel() for one in planning.pressed(motion.states[:-1].T, motion.inputs[None]))
+    alone = tracker.run(*plan._replace(gains=np.zeros_like(gains)))
+    return PlannedTrajectory(
+        motion,
+        gains,
+        contact,
+        np.abs(friction) / contact,
+        question,
+        played(tracker, plan, {}),
+        by_parameter(tracker, plan, model),
+        sampled(tracker, plan, model),
+        alone.states[-1] - motion.states[-1],
+    )
+
+
+def trajectory_file(planned: PlannedTrajectory, model: str, model_sha256: str, name: str) -> TrajectoryFile:
+    """The file of a planned trajectory.
+
+    Parameters
+    ----------
+    planned : PlannedTrajectory
+        What was planned.
+    model, model_sha256 : str
+        The model file as the trajectory names it, and the hash of its bytes.
+    name : str
+        What recordings call it.
+    """
+    motion, question = planned.motion, planned.question
+    suspends = ["ball_runaway"] if question.kind == LOOP else []
+    plan = PlannedMotionEntry(
+        torques_nm=rounded(motion.inputs.tolist()),
+        states=rounded(motion.states.tolist()),
+        feedback=rounded(planned.gains.tolist()),
+        start=TolerancesEntry(**asdict(START)),
+        envelope=TolerancesEntry(**asdict(ENVELOPE)),
+        unmodelled=_short(_unmodelled(motion)),
+        suspends=suspends,
+    )
+    limits = question.limits
+    kept = KeptLimits(
+        torque_nm=limits.torque_nm,
+        hoop_speed_rad_s=limits.hoop_speed_rad_s,
+        contact=limits.contact,
+        grip=limits.grip if isfinite(limits.grip) else None,
+    )
+    return TrajectoryFile(
+        schema="hoopd.trajectory/1",
+        name=name,
+        maneuver=cast("Literal['loop', 'swing']", question.kind),
+        model=model,
+        model_sha256=model_sha256,
+        sample_time_s=motion.tick_s,
+        turn=question.turn,
+        limits=kept,
+        plan=plan,
+        report=report_of(planned),
+    )
+
+
+def _unmodelled(motion: CollocatedMotion) -> float:
+    """A tenth of the motion's accelerations, alike for a while, as white noise: (share a)^2 T."""
+    acceleration = np.diff(motion.states[:, 3]) / motion.tick_s
+    return float((UNMODELLED_SHARE**2 * np.mean(acceleration**2)) * UNMODELLED_S)
+
+
+def report_of(planned: PlannedTrajectory) -> dict[str, Any]:
+    """What a plan needs, and how far it may be trusted, as plain data."""
+    motion = planned.motion
+    arrived = sum(one.arrived for one in planned.sampled)
+    return {
+        "seconds": _short(motion.seconds),
+        "ticks": len(motion.inputs),
+        "largest_torque_nm": _short(np.abs(motion.inputs).max()),
+        "largest_hoop_speed_rad_s": _short(np.abs(motion.states[:, 1]).max()),
+        "largest_ball_speed_rad_s": _short(np.abs(motion.states[:, 3]).max()),
+        "least_contact": _short(planned.contact.min()),
+        "needed_grip": _short(planned.grip.max()),
+        "open_loop_end_rad": _short(planned.open_loop_end[2]),
+        "tracked": _row(planned.nominal),
+        "sensitivity": {name: _row(one) for name, one in planned.by_parameter.items()},
+        "sampled_models": len(planned.sampled),
+        "sampled_models_arrived": arrived,
+        "sampled_least_contact": _short(min(one.contact for one in planned.sampled)),
+    }
+
+
+def _row(one: PlayResult) -> dict[str, float]:
+    return {
+        "least_contact": _short(one.contact),
+        "end_rad": _short(one.end_rad),
+        "largest_torque_nm": _short(one.torque_nm),
+        "largest_hoop_speed_rad_s": _short(one.hoop_speed_rad_s),
+    }
+
+
+def _short(value: float) -> float:
+    """Four digits: what a person compares."""
+    return float(f"{float(value):.4g}")

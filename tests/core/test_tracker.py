@@ -1,0 +1,258 @@
+"""The law of a maneuver: begins at rest, plays its plan once, is given up into a brake; alone and in the tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import nan, pi, tau
+from typing import Any
+
+import numpy as np
+import pytest
+from harness.smallrig import PERIOD_S, SmallRig, healthy
+
+from hoopd.core.controllers import DONE, Log, Measurement
+from hoopd.core.faulttable import FAULTS, SUSPENDABLE
+from hoopd.core.installed import ControllerLabel, Filter, Installed
+from hoopd.core.records import CameraSample, Command
+from hoopd.core.tracker import LONGEST_PLAN_TICKS, Brake, MotionTracker, PlannedMotion, Tolerances
+
+START, ENVELOPE = Tolerances(1.0, 0.05, 0.5), Tolerances(20.0, 0.5, 8.0)
+TORQUES = [0.0, 0.2, -0.1]
+STATES = [[0.0, 0.0, 0.0, 0.0], [0.1, 2.0, 0.05, 1.0], [0.2, 4.0, 0.1, 1.0], [0.3, 2.0, 0.1, 0.0]]
+FEEDBACK = [[0.0, 0.01, 0.5, 0.1]] * 3
+
+
+def planned(**changes: Any) -> PlannedMotion:
+    told: dict[str, Any] = {"torques_nm": TORQUES, "states": STATES, "feedback": FEEDBACK, "start": START}
+    told |= {"envelope": ENVELOPE, **changes}
+    return PlannedMotion(**told)
+
+
+def measured(x: Sequence[float], t: float = 0.0, *, ready: bool = True) -> Measurement:
+    return Measurement(t, np.array(x), ready, nan, False, nan, 0.0, 0.0, PERIOD_S)
+
+
+def asked(law: MotionTracker, *states: Sequence[float]) -> list[float]:
+    return [law.update(measured(x, PERIOD_S * k))[0] for k, x in enumerate(states)]
+
+
+def test_on_its_plan_it_asks_for_the_planned_torques_and_ends() -> None:
+    law = MotionTracker(planned())
+    assert asked(law, *STATES) == [*TORQUES, 0.0] and law.ended == DONE
+    assert asked(law, STATES[0]) == [0.0] and law.ended == DONE
+    law.reset()
+    assert law.ended == "" and asked(law, *STATES[:2]) == TORQUES[:2]
+
+
+def test_the_hoop_s_angle_and_the_bottom_at_which_it_begins_are_its_zero() -> None:
+    law, zero = MotionTracker(planned()), np.array([17.0, 0.0, -2.0 * tau, 0.0])
+    assert asked(law, *(np.array(STATES) + zero)) == pytest.approx([*TORQUES, 0.0], abs=1e-12)
+
+
+def test_off_its_plan_feedback_is_added() -> None:
+    law = MotionTracker(planned())
+    law.update(measured(STATES[0]))
+    torque, log = law.update(measured([0.1, 3.0, 0.15, 0.0]))
+    # 0.2 - (0.01 * 1 + 0.5 * 0.1 - 0.1 * 1)
+    assert torque == pytest.approx(0.24) and log["feedback_nm"] == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("x", [(0, 1.5, 0, 0), (0, 0, 0.1, 0), (0, 0, 0, -0.6), (0, nan, 0, 0)])
+def test_it_does_not_begin_but_at_rest_at_the_bottom(x: Sequence[float]) -> None:
+    law = MotionTracker(planned())
+    assert asked(law, x) == [0.0] and law.ended
+    assert law.suspended == ()
+
+
+def test_it_does_not_begin_without_an_estimate() -> None:
+    law = MotionTracker(planned())
+    assert law.update(measured(STATES[0], ready=False))[0] == 0.0 and law.ended == "the estimate is not ready"
+
+
+@pytest.mark.parametrize("x", [(0, 23.0, 0, 0), (0, 2.0, 0.6, 0), (0, 2.0, 0.05, 10.0)])
+def test_outside_of_its_envelope_the_hoop_is_braked_and_never_driven_again(x: Sequence[float]) -> None:
+    law = MotionTracker(planned())
+    law.update(measured(STATES[0]))
+    assert law.update(measured(x, 0.02))[0] <= 0.0 and law.ended == ""
+    # back on the plan it is not taken up again
+    torque = law.update(measured([0.2, 4.0, 0.1, 1.0], 0.04))[0]
+    assert torque == pytest.approx(-0.02) and law.suspended == ()
+    assert law.update(measured([0.2, 1.0, 0.1, 1.0], 0.06))[0] == 0.0 and law.ended.startswith("given up: ")
+
+
+def test_without_an_estimate_there_is_no_torque_at_all() -> None:
+    law = MotionTracker(planned())
+    law.update(measured(STATES[0]))
+    assert law.update(measured([nan] * 4, 0.02))[0] == 0.0 and law.ended == "given up: the estimate was lost"
+
+
+def test_the_brake_ends_whatever_the_ball_does() -> None:
+    law, brake = MotionTracker(planned()), Brake()
+    law.update(measured(STATES[0]))
+    falls = [0.0, 30.0, 2.0, 12.0]
+    torques = [law.update(measured(falls, 0.02 * k))[0] for k in range(1, 300) if not law.ended]
+    assert len(torques) == pytest.approx(brake.longest_s / PERIOD_S, abs=2) and min(torques) == -brake.limit_nm
+    assert law.ended.startswith("given up: dtheta") and torques[-1] == 0.0
+
+
+def test_the_filter_is_told_to_expect_more_until_it_is_over() -> None:
+    law = MotionTracker(planned(unmodelled=7.0))
+    assert law.unmodelled == 7.0
+    asked(law, *STATES)
+    assert law.ended == DONE and law.unmodelled == 0.0
+
+
+WRONG = {
+    "no torque": ({"torques_nm": [], "states": STATES[:1], "feedback": []}, "1 to 500 ticks, not 0"),
+    "too long": ({"torques_nm": [0.0] * 501, "states": [STATES[0]] * 502, "feedback": FEEDBACK[:1] * 501}, "not 501"),
+    "a row too few": ({"states": STATES[:3]}, "3 torques need 4 rows"),
+    "three gains": ({"feedback": [[0.0, 1.0, 1.0]] * 3}, "four gains"),
+    "no number": ({"torques_nm": [0.0, nan, 0.0]}, "must be finite"),
+    "begins elsewhere": ({"states": [[0.0, 0.0, 1.0, 0.0], *STATES[1:]]}, "begins at rest"),
+    "a filter of nothing": ({"unmodelled": 2e3}, "unmodelled must be from 0 to 1000"),
+    "suspends a link": ({"suspends": ("link_lost",)}, "'link_lost' may not be suspended: only ball_runaway"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_tables_that_do_not_fit_are_refused(name: str) -> None:
+    changes, says = WRONG[name]
+    with pytest.raises(ValueError, match=says):
+        planned(**changes)
+    with pytest.raises(ValueError, match="above zero"):
+        Tolerances(1.0, 0.0, 1.0)
+
+
+def test_only_the_ball_s_way_over_the_top_may_be_suspended() -> None:
+    assert {"ball_runaway"} == SUSPENDABLE and LONGEST_PLAN_TICKS * PERIOD_S == 10.0
+    assert {fault.name for fault in FAULTS} > SUSPENDABLE
+
+
+# ------------------------------------------------------------------------------------------ in the tick
+
+
+class Idle:
+    """A law that leaves the hoop alone, and has a torque, so that it is one under torque."""
+
+    def update(self, measurement: Measurement) -> tuple[float, Log]:
+        return 1e-3, {}
+
+    def reset(self) -> None: ...
+
+    def tune(self, key: str, value: float) -> bool:
+        return False
+
+
+class RoundRig(SmallRig):
+    """A rig whose ball goes where it is told, whatever the torque."""
+
+    psi: Callable[[int], float] = staticmethod(lambda k: 0.0)
+
+    def _picture(self, t: float) -> CameraSample:
+        seen = super()._picture(t)
+        return seen._replace(psi=seen.psi + self.psi(self.k))
+
+
+TICKS = 60
+ROUND = [[0.0, 0.0, tau * k / TICKS, 0.0] for k in range(TICKS + 1)]
+
+
+def rounding(rig: SmallRig, **changes: Any) -> None:
+    """A plan that takes the ball once round within sixty ticks, to be loaded as `round`."""
+    told = {"torques_nm": [1.5e-3] * TICKS, "states": ROUND, "feedback": [[0.0] * 4] * TICKS}
+    wide = Tolerances(90.0, 1.0, 90.0)
+    plan = planned(**{**told, "envelope": wide, "suspends": ("ball_runaway",), **changes})
+
+    def make(running: Filter) -> Installed:
+        return Installed(MotionTracker(plan), running, 0.7, 0.7, fed=False, label=ControllerLabel("round.yaml"))
+
+    rig.loadable["round"] = make
+
+
+def ready(**changes: Any) -> RoundRig:
+    """A rig that controls a ball at rest, and its hoop, too."""
+    rig = healthy()
+    rig.__class__ = RoundRig
+    assert isinstance(rig, RoundRig)
+    rig.tick.succession.acting.__dict__["law"] = Idle()
+    rounding(rig, **changes)
+    rig.step("arm")
+    assert rig.run(30)[-1] == "RUNNING"
+    return rig
+
+
+def carried(rig: RoundRig, until: float = tau) -> None:
+    """From the next tick on the ball goes round with the plan, up to an angle."""
+    first = rig.k + 2
+    rig.psi = lambda k: min(until, max(0.0, tau * (k - first) / TICKS))
+
+
+def fault_notes(rig: SmallRig) -> list[str]:
+    return [note.fields["fault"] for note in rig.notes if note.name == "fault"]
+
+
+def test_a_ball_that_goes_round_by_plan_is_no_runaway_and_the_bottom_is_the_next_one() -> None:
+    rig = ready()
+    carried(rig)
+    rig.step(Command("experiment", text="round"))
+    assert set(rig.run(TICKS + 40)) == {"RUNNING"} and not fault_notes(rig)
+    assert [note.fields["reason"] for note in rig.notes if note.name == "experiment_ended"] == [DONE]
+    # from now on the row is judged again, from the bottom at which the ball is
+    rig.psi = lambda k: tau + 1.02 * pi
+    assert rig.run(3)[-1] == "STOPPING" and fault_notes(rig) == ["ball_runaway"]
+
+
+def test_without_a_plan_the_same_ball_is_a_runaway() -> None:
+    rig = ready()
+    carried(rig)
+    assert "STOPPING" in rig.run(TICKS) and fault_notes(rig) == ["ball_runaway"]
+
+
+def test_a_plan_that_does_not_name_the_row_is_stopped_by_it() -> None:
+    rig = ready(suspends=())
+    carried(rig)
+    rig.step(Command("experiment", text="round"))
+    assert "STOPPING" in rig.run(TICKS) and fault_notes(rig) == ["ball_runaway"]
+
+
+def test_a_maneuver_that_is_given_up_suspends_nothing_any_more() -> None:
+    rig = ready(envelope=Tolerances(90.0, 0.2, 90.0))
+    carried(rig, 2.0)  # it stays behind at 2 rad
+    rig.step(Command("experiment", text="round"))
+    assert set(rig.run(40)) == {"RUNNING"}
+    assert rig.tick.succession.suspended(rig.tick.mode) == ()
+    rig.psi = lambda k: 4.0
+    assert "STOPPING" in rig.run(5) and fault_notes(rig) == ["ball_runaway"]
+
+
+@pytest.mark.parametrize("command", ["stop", "disarm"])
+def test_what_switches_off_wins_over_a_maneuver(command: str) -> None:
+    rig = ready()
+    carried(rig)
+    rig.step(Command("experiment", text="round"))
+    rig.run(20)
+    first = rig.step(command)
+    assert first.record.mode in ("STOPPING", "DISARMED")
+    outputs = [rig.step() for _ in range(80)]
+    assert outputs[-1].record.mode == "DISARMED" and outputs[-1].command.torque_nm == 0.0
+    assert rig.tick.succession.acting is rig.tick.succession.accepted
+
+
+@pytest.mark.parametrize(("gone", "mode"), [("silent", "FAULT"), ("blind", "DISARMED"), ("late", "DISARMED")])
+def test_a_fault_during_a_maneuver_ends_it_without_torque(gone: str, mode: str) -> None:
+    rig = ready()
+    carried(rig)
+    rig.step(Command("experiment", text="round"))
+    rig.run(20)
+    setattr(rig, gone, 60)
+    outputs = [rig.step() for _ in range(90)]
+    assert outputs[-1].record.mode == mode and outputs[-1].command.torque_nm == 0.0
+
+
+def test_a_ball_out_of_sight_pauses_it_and_it_does_not_go_on() -> None:
+    rig = ready()
+    carried(rig)
+    rig.step(Command("experiment", text="round"))
+    rig.run(20)
+    rig.psi = lambda k: nan
+    assert "READY" in rig.run(20) and rig.tick.succession.acting is rig.tick.succession.accepted

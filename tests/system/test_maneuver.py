@@ -1,0 +1,129 @@
+"""Once round the hoop in lock-step: on the rig that the plan knows, on rigs that are off, and what ends it early."""
+
+from __future__ import annotations
+
+from functools import cache
+from math import tau
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from harness.runs import TORQUE_LIMIT_NM
+
+from hoopd.daemon.app import Options, run_daemon
+from hoopd.daemon.maneuver import AskedManeuver, run
+from hoopd.daemon.recording_target import Where
+from hoopd.daemon.replay import replay
+from hoopd.files.model import Parameter, model_text
+from hoopd.files.reading import InputError
+from hoopd.files.shipped import defaults_folder
+from hoopd.files.trajectory import TrajectoryFile
+from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
+from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
+from hoopd.plants.hoop.maneuver.trajectory import plan_trajectory, trajectory_file
+from hoopd.plants.model_file import load_model
+from hoopd.recording.mcap import read_run
+from hoopd.sim import torque_log, truth
+
+HOOP = load_model(defaults_folder() / "models" / "hoop.yaml")
+
+
+@cache
+def trajectory() -> TrajectoryFile:
+    planned = plan_trajectory(HOOP, ManeuverQuestion("loop", MotionLimits(0.45, 40.0, 0.5, 0.6)))
+    return trajectory_file(planned, "models/hoop.yaml", "ab", "loop")
+
+
+def played(folder: Path, *sets: str, repeat: int = 1, file: TrajectoryFile | None = None) -> dict[str, Any]:
+    """One run, held to what holds of every run: it replays, and no torque was beyond the limit or is left."""
+    asked = AskedManeuver(file or trajectory(), "loop.yaml", repeat)
+    sets = (f"sim.directory={folder}", "log.level=error", *sets)
+    rig = Options(sim=True, speed="max", direct=True, sets=sets)
+    result = run(asked, rig, Where(file=folder / "run.mcap"))
+    assert replay(folder / "run.mcap")["equal"]
+    board = torque_log.read(folder / "torque.jsonl")
+    assert board.max_abs() <= TORQUE_LIMIT_NM and not board.rows[-1].enabled
+    return result
+
+
+def contact(folder: Path) -> float:
+    """Least force between the rig's hoop and ball, in weights of the ball."""
+    true, p = truth.read(folder / "truth.csv"), HOOP.values()
+    return float((((p["Ro"] - p["Rb"]) * true.dpsi**2 + p["g"] * np.cos(true.psi)) / p["g"]).min())
+
+
+def test_the_ball_goes_round_at_the_first_attempt_and_again(tmp_path: Path) -> None:
+    result = played(tmp_path, repeat=2)
+    assert result["exit"] == 0 and result["outcome"] == "done" and result["succeeded"] == result["played"] == 2
+    assert not result["faults"] and all(one["settled_s"] < 0.5 for one in result["attempts"])
+    true = truth.read(tmp_path / "truth.csv")
+    assert true.psi[-1] == pytest.approx(2 * tau, abs=0.02) and contact(tmp_path) > 0.45
+
+
+def test_it_goes_round_where_the_rig_is_another_one(tmp_path: Path) -> None:
+    """Inertias and friction a tenth off, and a dry friction that nobody was told of."""
+    change = {"Ih": 1.1, "Ib": 0.9, "bh": 1.1}
+    parameters = {
+        name: Parameter(value=entry.value * change.get(name, 1.0), unit=entry.unit)
+        for name, entry in HOOP.parameters.items()
+    }
+    path = tmp_path / "other.yaml"
+    path.write_text(model_text(msgspec.structs.replace(HOOP, parameters=parameters)))
+    hidden = "sim.effects=[{name: hoop.coulomb_friction, parameters: {Fc: 0.01}}]"
+    result = played(tmp_path, f"sim.model={path}", hidden)
+    assert result["succeeded"] == 1, result["attempts"]
+
+
+def test_with_rendered_pictures(tmp_path: Path) -> None:
+    asked = AskedManeuver(trajectory(), "loop.yaml")
+    rig = Options(sim=True, speed="max", sets=(f"sim.directory={tmp_path}", "log.level=error"))
+    result = run(asked, rig, Where(file=tmp_path / "run.mcap"))
+    assert result["succeeded"] == 1 and contact(tmp_path) > 0.3
+
+
+@pytest.mark.parametrize(
+    ("fault", "mode"),
+    [("{kind: camera_stall, at_s: 2.2}", "camera_lost"), ("{kind: ball_gone, at_s: 2.2}", "ball_lost")],
+)
+def test_what_goes_wrong_on_the_way_ends_it_with_the_torque_off(tmp_path: Path, fault: str, mode: str) -> None:
+    result = played(tmp_path, f"sim.faults=[{fault}]")
+    assert result["exit"] == 1 and result["succeeded"] == 0 and mode in result["faults"]
+
+
+def test_a_rig_that_cannot_follow_is_given_up_and_braked(tmp_path: Path) -> None:
+    """A drive that gives a third of the torque: the plan is left, the hoop braked, and the law of before is back."""
+    result = played(tmp_path, "sim.effects=[{name: actuator.torque_gain, parameters: {k: 0.35}}]")
+    (attempt,) = result["attempts"]
+    assert attempt["ended"].startswith("given up: ") and not attempt["success"] and result["exit"] == 1
+    record = read_run(tmp_path / "run.mcap")
+    (given_up,) = (event for event in record.events if event.event == "experiment_ended")
+    assert given_up.fields["back_to"] == "lqg.yaml"
+
+
+def test_without_the_suspended_row_the_tick_stops_the_ball(tmp_path: Path) -> None:
+    plan = msgspec.structs.replace(trajectory().plan, suspends=[])
+    result = played(tmp_path, file=msgspec.structs.replace(trajectory(), plan=plan))
+    assert result["outcome"] == "stopped: ball_runaway" and result["exit"] == 1
+
+
+def test_a_maneuver_is_no_law_to_start_with(tmp_path: Path) -> None:
+    from hoopd.commands.options.trajectory import TrajectoryOptions
+    from hoopd.commands.trajectory import run as plan
+
+    law = tmp_path / "law.yaml"
+    plan(TrajectoryOptions(kind="swing", model=Path("models/hoop.yaml"), law=law))
+    sets = (f"control.file={law}", f"device.model={defaults_folder()}/models/hoop.yaml")
+    with pytest.raises(InputError, match="a maneuver holds no ball"):
+        run_daemon(Options(sim=True, speed="max", direct=True, duration_s=1.0, sets=sets))
+    with pytest.raises(InputError, match="no law that a maneuver could begin from"):
+        played(tmp_path, *sets)
+
+
+def test_what_does_not_fit_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    other = msgspec.structs.replace(trajectory(), sample_time_s=0.01)
+    with pytest.raises(InputError, match=r"loop.yaml: sample_time_s: planned for 0.01 s"):
+        played(tmp_path, file=other)
+    with pytest.raises(InputError, match="ball_expected"):
+        played(tmp_path, "faults.ball_expected=false")
