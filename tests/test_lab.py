@@ -16,8 +16,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import hoopd.lab as lab
 from hoopd.design.analysis import linear_model
 from hoopd.design.laws import Spec, design_lqg
-from hoopd.design.lqg import Weights
 from hoopd.design.margins import margins
+from hoopd.design.weights import Weights
 from hoopd.files.controller import load_controller
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.hoop.fitting.fit import FitSettings

@@ -19,8 +19,11 @@ from typing import Any, NoReturn
 import typer
 
 from hoopd.commands import device, offline, operator
+from hoopd.commands.compare import compare
 from hoopd.commands.dashboard import dashboard
 from hoopd.commands.options.calibrate import CalibrateOptions
+from hoopd.commands.options.calibration import CalibrationOptions
+from hoopd.commands.options.compare import CompareOptions
 from hoopd.commands.options.convert import ConvertOptions
 from hoopd.commands.options.dashboard import DashboardOptions
 from hoopd.commands.options.declaration import add_command, command_of
@@ -156,8 +159,10 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
     "Device and rig": (
         (CheckOptions, check),
         (CalibrateOptions, device.calibrate),
+        (CalibrationOptions, device.calibration),
         (ReplayOptions, device.replay),
         (ExperimentOptions, device.experiment),
+        (CompareOptions, compare),
         (ManeuverOptions, device.maneuver),
     ),
     "A running daemon": (

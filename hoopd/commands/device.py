@@ -10,6 +10,7 @@ from typing import Any
 import typer
 
 from hoopd.commands.options.calibrate import CalibrateOptions
+from hoopd.commands.options.calibration import CalibrationOptions
 from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.maneuver import ManeuverOptions
@@ -93,6 +94,18 @@ def calibrate(options: CalibrateOptions) -> None:
     from hoopd.commands.output import print_result
 
     print_result(run(options.picture, options.positions, options.json_path, options.figure, options.save))
+
+
+def calibration(options: CalibrationOptions) -> None:
+    """What was accepted, and back to it."""
+    from hoopd.commands.calibration import run
+    from hoopd.commands.output import check_json, print_result, write_json
+
+    check_json(options.json_path)
+    result = run(options)
+    write_json(options.json_path, result)
+    print_result({key: value for key, value in result.items() if key != "exit"})
+    raise typer.Exit(result["exit"])
 
 
 def replay(options: ReplayOptions) -> None:

@@ -22,9 +22,9 @@ from hoopd.commands.plant_inputs import other_plant
 from hoopd.files.identified import IdentifiedFile, identified_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
-from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.confidence import Estimated
 from hoopd.ident.data import Data
+from hoopd.ident.doubts import IdentificationWarning
 from hoopd.ident.measures import fit_percent
 from hoopd.ident.models import Innovations, Polynomials, state_space
 from hoopd.ident.polynomial.arx import varx

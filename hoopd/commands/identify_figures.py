@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hoopd.ident.confidence import Estimated, pole_spread, response_spread, zero_spread, zeros_of
 from hoopd.ident.data import Data
-from hoopd.ident.frequencydata import response
+from hoopd.ident.frequencydata import frequency_response
 from hoopd.ident.models import Innovations
 from hoopd.ident.prediction import predict
 from hoopd.ident.residualtests import ResidualReport
@@ -50,7 +50,7 @@ def _known(parts: Sequence[Estimated]) -> str:
 def _responses(model: Innovations, parts: Sequence[Estimated]) -> list[Response]:
     """From the torque to each output, over three decades up to half of the sampling frequency."""
     w = np.geomspace(LOWEST_SHARE, 1.0, POINTS) * np.pi / model.dt
-    h = response(model.system, w).frdata
+    h = frequency_response(model.system, w).frdata
     spreads = [response_spread(one, w) for one in parts]
     out = []
     for i, name in enumerate(model.outputs):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from math import copysign, exp, inf, isfinite, sin, tau
+from math import asin, copysign, exp, inf, isfinite, sin, tau
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -34,6 +34,7 @@ class Measurement(NamedTuple):
     torque_previous: float  # N m, what was sent last tick, after all limits
     dt: float  # s, tick period
     torque_added: float = 0.0  # N m, of the torque sent last tick what others than this law asked for (an experiment)
+    speed: float = 0.0  # rad/s, wanted of the hoop while a hand drives it; 0: nobody does, `reference` alone counts
 
 
 class Controller(Protocol):
@@ -90,6 +91,11 @@ class LqgGains:
     hoop_speed_limit: float = 30.0  # rad/s, no reference may ask for more
 
 
+# A wanted hoop speed: by how much the ball's angle is ahead of the one that sustains it, and the sine of the largest.
+AHEAD = 2.0
+DRIVEN_SIN = 0.35
+
+
 class Lqg:
     """State feedback on the filter's estimate; hoop speed is regulated, the hoop's angle is free.
 
@@ -101,6 +107,9 @@ class Lqg:
 
     and the step is tracked without the regulator working against itself. At `hoop_speed_limit` w stops and r falls
     back to the angle which that speed sustains: a larger angle can only be held for a while.
+
+    A wanted hoop speed s is the same the other way round: r is twice the angle that sustains it, so that w is there
+    after ln 2 / hold_rate, and w stops at s.
     """
 
     def __init__(self, gains: LqgGains) -> None:
@@ -113,7 +122,7 @@ class Lqg:
             return 0.0, {}
         g = self.gains
         _, dtheta, psi, dpsi = measurement.x.tolist()
-        r, w = self._target(measurement.reference, measurement.dt)
+        r, w = self._target(*self._wanted(measurement), measurement.dt)
         hold = g.torque_per_sin * sin(r) + g.torque_per_speed * w
         # the ball's own turn of psi: a ball that went round the hoop is regulated to the nearest bottom
         off = psi - r
@@ -150,7 +159,23 @@ class Lqg:
         """What `tune` changes, as it is now."""
         return asdict(self.gains)
 
-    def _target(self, reference: float, dt: float) -> tuple[float, float]:
+    @property
+    def speed_limit(self) -> float:
+        """The fastest hoop, rad/s, that this law can be asked for; 0: it follows none."""
+        g = self.gains
+        follows = g.hold_rate > 0.0 and abs(g.speed_per_sin) > 0.0
+        return min(g.hoop_speed_limit, abs(g.speed_per_sin) * DRIVEN_SIN / AHEAD) if follows else 0.0
+
+    def _wanted(self, measurement: Measurement) -> tuple[float, float]:
+        """Angle of the ball, and the hoop speed at which it is held no longer."""
+        g, limit = self.gains, self.speed_limit
+        if not (abs(measurement.speed) > 0.0 and limit > 0.0):
+            return measurement.reference, g.hoop_speed_limit
+        speed = min(limit, max(-limit, measurement.speed))
+        # speed_per_sin sin r = AHEAD s
+        return asin(AHEAD * speed / g.speed_per_sin), abs(speed)
+
+    def _target(self, reference: float, limit: float, dt: float) -> tuple[float, float]:
         """Angle and hoop speed to go for now."""
         g = self.gains
         if not (g.hold_rate > 0.0 and abs(reference) > 0.0):
@@ -160,9 +185,9 @@ class Lqg:
         if end * self._speed < 0.0 or abs(self._speed) > abs(end):
             self._speed = end if end * self._speed > 0.0 else 0.0  # slowing down is the regulator's own work
         self._speed += (end - self._speed) * (1.0 - exp(-g.hold_rate * dt))
-        if abs(self._speed) < g.hoop_speed_limit:
+        if abs(self._speed) < limit:
             return reference, self._speed
-        self._speed = copysign(g.hoop_speed_limit, self._speed)
+        self._speed = copysign(limit, self._speed)
         return reference * self._speed / end, self._speed
 
 

@@ -14,7 +14,7 @@ from hoopd.core.health import Health
 from hoopd.core.modes import ENERGISED, REVOKING, Event, Mode
 from hoopd.core.records import Command
 from hoopd.core.succession import NAMES as CHANGES
-from hoopd.core.succession import Succession
+from hoopd.core.succession import TRIAL, Succession
 
 # What the board itself has latched goes only by a clearing request, so that an arm may wait this long for it.
 WISH_TICKS = 10
@@ -22,6 +22,11 @@ BOARD_LATCHES = frozenset({"board_fault", "board_timeout", "board_reset"})
 # From here on only what switches off is obeyed.
 SHUTDOWN = "shutdown"
 ENDING = "the daemon is ending"
+ON_TRIAL = "a controller is on trial, which references judge"
+NO_SPEED = "the law in force regulates the ball's angle and follows no hoop speed"
+# A hand that drives the hoop says so ten times a second; when it is silent for so long, the hoop is driven no more.
+HAND_S = 0.3
+SPEED = "speed"
 FOLLOWED = "followed by "  # arm or clear: the one that counts, because it came later
 
 
@@ -38,6 +43,8 @@ class Operator:
         self._health, self._succession, self._tell = health, succession, tell
         self._limit_rad = reference_limit_rad
         self.reference = 0.0  # rad
+        self.speed = 0.0  # rad/s, of the hoop; 0: no hand drives it
+        self._speed_until = 0.0  # s, run time: silence ends it then
         self._wish, self._patience = "", 0
         self._ending = False
 
@@ -48,9 +55,14 @@ class Operator:
 
     def take(self, commands: tuple[Command, ...], mode: Mode, t: float) -> frozenset[Event]:
         """What this tick's commands and the waiting one mean in this mode."""
+        if abs(self.speed) > 0.0 and t >= self._speed_until:
+            self.speed = 0.0
+            self._tell("speed_ended", "warning", reason=f"the hand was silent for {HAND_S:g} s")
         revoking = list(dict.fromkeys(command.name for command in commands if command.name in REVOKING))
         for command in commands:
-            if command.name not in CHANGES:
+            if command.name == SPEED:
+                self._take_speed(command.value, mode, t)
+            elif command.name not in CHANGES:
                 self._take(command)
             elif revoking:
                 self._refuse(command.name, f"revoked by {revoking[0]}")
@@ -94,6 +106,37 @@ class Operator:
             return
         self.reference = min(self._limit_rad, max(-self._limit_rad, value))
         self._tell("reference", "info", reference=self.reference)
+
+    @property
+    def speed_limit(self) -> float:
+        """The fastest hoop, rad/s, that the acting law can be asked for; 0: it follows no speed."""
+        return self._succession.speed_limit
+
+    def release(self) -> None:
+        """No hand drives the hoop any more, and none is needed."""
+        self.speed = 0.0
+
+    def _take_speed(self, value: float, mode: Mode, t: float) -> None:
+        limit = self.speed_limit
+        if not isfinite(value):
+            self._refuse(SPEED, "not a finite number")
+        elif value == 0.0:
+            self._drive(0.0)
+        elif mode is not Mode.RUNNING:
+            self._refuse(SPEED, f"the mode is {mode}")
+        elif self._succession.purpose == TRIAL:
+            self._refuse(SPEED, ON_TRIAL)
+        elif limit == 0.0:
+            self._refuse(SPEED, NO_SPEED)
+        else:
+            self._speed_until = t + HAND_S
+            self._drive(min(limit, max(-limit, value)))
+
+    def _drive(self, speed: float) -> None:
+        """Beginning and end are worth a line; what lies between stands in the recorded commands."""
+        level = "debug" if (abs(speed) > 0.0) == (abs(self.speed) > 0.0) else "info"
+        self.speed = speed
+        self._tell(SPEED, level, speed=speed)
 
     def _tune(self, command: Command) -> None:
         try:

@@ -59,7 +59,7 @@ class LinkCounts(NamedTuple):
 class Command(NamedTuple):
     """A wish of the operator, applied at a tick's edge."""
 
-    # arm | disarm | clear | reference | tune | stop | shutdown
+    # arm | disarm | clear | reference | speed | tune | stop | shutdown
     # controller | trial | experiment | accept | revert | alive (`core.succession`)
     name: str
     value: float = 0.0

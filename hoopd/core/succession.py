@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 
 from hoopd.core.controllers import DONE, Successor
 from hoopd.core.installed import Demanded, Filter, Installed
@@ -122,6 +122,12 @@ class Succession:
         """Numbers of the acting law by their names; none of a law that tells none."""
         told = getattr(self.acting.law, "tunables", None)
         return told if isinstance(told, Mapping) else {}
+
+    @property
+    def speed_limit(self) -> float:
+        """The fastest hoop, rad/s, that the acting law can be asked for; 0: it follows no speed."""
+        told = getattr(self.acting.law, "speed_limit", 0.0)
+        return float(told) if isinstance(told, float) and 0.0 <= told < inf else 0.0
 
     def _load(self, command: Command, mode: Mode, t: float) -> None:
         try:

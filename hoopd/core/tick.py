@@ -165,6 +165,8 @@ class Tick:
             return
         if self.mode not in ENERGISED:
             self.operator.reference = 0.0  # the next arm begins at the bottom, not where somebody once wanted the ball
+        if self.mode is not Mode.RUNNING:
+            self.operator.release()
         level = "error" if self.mode is Mode.FAULT else "info"
         causes = [fault.name for fault in self.health.active() if fault.action >= Action.PAUSE]
         self._note("mode", level, mode=str(self.mode), was=str(before), because=causes)
@@ -263,6 +265,7 @@ class Tick:
             torque_previous=self._sent.torque_nm - self._added,  # a law knows the plant without missing physics
             dt=self.settings.period_s,
             torque_added=self._bridge.torque_nm,
+            speed=self.operator.speed,
         )
 
     def _watch(self, t: float, estimate: Estimate) -> None:

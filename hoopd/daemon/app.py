@@ -11,7 +11,7 @@ import secrets
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -80,12 +80,17 @@ class Guest(Sink, Protocol):
         """Be there while the loop runs."""
         ...
 
-    def commands(self, t: float) -> tuple[Command, ...]:
-        """What it asks of the tick at `t`."""
-        ...
-
     def status(self) -> str:
         """One line for a terminal."""
+        ...
+
+    @property
+    def loads(self) -> Sequence[str]:
+        """Keys of the files that its commands name."""
+        ...
+
+    def commands(self, t: float) -> tuple[Command, ...]:
+        """What it asks of the next tick; the text of a file is filled in for it."""
         ...
 
 
@@ -214,7 +219,7 @@ async def _run(
             world.eye,
             sinks=tuple(sinks),
             troubles=tuple(_trouble(sink) for sink in (recorder, telemetry)),
-            sources=(_script(config, loader), operators.commands, *((guest.commands,) if guest else ())),
+            sources=(_script(config, loader), operators.commands, *_asked_by(guest, loader)),
             beat=_beat(notifier, tick),
             auto_arm=options.sim or options.arm,
             duration_s=options.duration_s,
@@ -250,6 +255,18 @@ def _script(config: Config, loader: ControllerLoader) -> Callable[[float], tuple
         return tuple(commands)
 
     return due
+
+
+def _asked_by(guest: Guest | None, loader: ControllerLoader) -> Iterator[Callable[[float], tuple[Command, ...]]]:
+    """A guest's commands, with the texts of the files that they name (`loads`), which are read before the run."""
+    if guest is None:
+        return
+    texts = {key: loader.load(key, "the run itself") for key in guest.loads}
+
+    def asked(t: float) -> tuple[Command, ...]:
+        return tuple(one._replace(text=texts.get(one.key, one.text)) for one in guest.commands(t))
+
+    yield asked
 
 
 def _beat(notifier: Notifier, tick: Tick) -> Callable[[float], None]:

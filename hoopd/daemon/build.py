@@ -85,6 +85,7 @@ def without_places(config: Config) -> Config:
     control, device = config.control, config.device
     return change(
         config,
+        calibration=change(config.calibration, folder=""),
         device=change(device, model=_name(device.model)),
         control=change(control, file=_name(control.file), law=_name(control.law), folder=""),
         recording=change(config.recording, directory=""),

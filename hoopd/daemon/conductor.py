@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import inf, isfinite
 
@@ -28,6 +28,7 @@ class Conductor:
     """Watches a run from its first tick to its last and ends it when the experiment is over."""
 
     trouble = False
+    loads: Sequence[str] = ()
 
     def __init__(self, seconds: float, *, armed: bool) -> None:
         """`seconds` of signal; `armed`: the run arms by itself, so that its patience counts from the start."""
@@ -58,6 +59,10 @@ class Conductor:
         if self._loop is not None:
             self._loop.request_stop()  # asked again it disarms at once
 
+    def commands(self, t: float) -> tuple[Command, ...]:
+        """None: the signal is the law itself."""
+        return ()
+
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """Look at one tick; what the last one led to is judged first, now that its notes are known."""
         self._judge(record.t)
@@ -78,10 +83,6 @@ class Conductor:
             self._refused = self._refused or self._armed  # it does not arm by itself any more
         elif note.name == "mode":
             self._causes = tuple(note.fields["because"]) or self._causes
-
-    def commands(self, t: float) -> tuple[Command, ...]:
-        """None: the signal is the run's own law."""
-        return ()
 
     def status(self) -> str:
         """How far it is, and the way out."""

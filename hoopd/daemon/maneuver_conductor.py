@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import isfinite, nan, tau
 
@@ -37,6 +37,7 @@ class ManeuverConductor:
     """Asks for `repeat` maneuvers in one run, and ends it after the last one or at the first that cannot go on."""
 
     trouble = False
+    loads: Sequence[str] = ()  # no file: its command brings the text
 
     def __init__(self, text: str, repeat: int) -> None:
         """`text`: of the command that loads the maneuver."""

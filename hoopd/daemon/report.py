@@ -90,6 +90,7 @@ def status(loop: Loop, recorder: RecorderSink | None, ranges: Mapping[str, Range
         "causes": causes(loop),
         "arming": _arming(loop),
         "reference_limit": loop.tick.settings.reference_limit_rad,
+        "speed_limit": loop.tick.operator.speed_limit,
         "deviation": deviation(loop.tick.succession.acting.filter.estimator),
         "camera": asdict(counts) if isinstance(counts, CameraCounts) else None,
         "controller": controller_status(loop.tick.succession),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -17,6 +18,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from hoopd.core.operator import SPEED
 from hoopd.core.succession import ALIVE
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.device import ShownDevice
@@ -27,6 +29,7 @@ from hoopd.shell.operator import CommandError
 from hoopd.shell.session import reason
 
 STOPPERS = 32
+PAUSE_S = 1.0  # a hand that was silent for longer begins anew
 EVERYBODY = "everybody"  # who stops needs no name
 
 
@@ -51,6 +54,7 @@ class Actions:
 
     def __init__(self, feed: Feed, operators: Operators, audit: Audit) -> None:
         self._feed, self._operators, self._audit = feed, operators, audit
+        self._hands: dict[tuple[str, str], float] = {}  # by login and device: when a hand drove last
         # Threads of its own: whoever guesses passwords, or waits for a daemon that is gone, delays no STOP.
         self._stoppers = ThreadPoolExecutor(STOPPERS, "stop")
 
@@ -120,9 +124,20 @@ class Actions:
         told |= {"key": order.key} if order.key else {}
         device = self._feed.devices.get(order.device)
         answer = {**await asyncio.to_thread(self._answer, login, device, order), **told}
-        if order.command != ALIVE:  # every second of a trial; its beginning and its end are written down
+        if self._is_news(login, order, answer):
             await self._note(login.user, request, answer)
         return JSONResponse(answer)
+
+    def _is_news(self, login: Login, order: Order, answer: dict[str, Any]) -> bool:
+        """Worth a line: a trial's watcher and a hand that drives say the same again and again, and are written down
+        when they begin and when they end."""
+        if order.command != SPEED or not answer["ok"]:
+            return order.command != ALIVE
+        hand, now = (login.token, order.device), time.monotonic()
+        before, self._hands[hand] = self._hands.get(hand, 0.0), now
+        if not order.value:
+            del self._hands[hand]
+        return not order.value or now - before > PAUSE_S
 
     def _answer(self, login: Login, device: ShownDevice | None, order: Order) -> dict[str, Any]:
         if device is None:

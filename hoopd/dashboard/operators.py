@@ -18,6 +18,7 @@ from typing import Any
 
 import zenoh
 
+from hoopd.core.operator import SPEED
 from hoopd.core.succession import ALIVE, LOADED
 from hoopd.shell.commands import ALWAYS
 from hoopd.shell.operator import CommandError
@@ -37,7 +38,7 @@ COMMAND_S = 3.0
 HOLD_S = 30.0  # after somebody's last command nobody else drives the device; everybody may stop it
 TOKEN_BYTES = 32
 WRONG = "no daemon lets this user in with this password, or none answers"  # zenoh tells both alike
-COMMANDS = ("arm", "disarm", "stop", "clear", "reference", "tune", "accept", "revert", *LOADED, ALIVE)
+COMMANDS = ("arm", "disarm", "stop", "clear", "reference", SPEED, "tune", "accept", "revert", *LOADED, ALIVE)
 _USER, _PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.core.controllers import LinearGains
-from hoopd.design.lqg import Weights, kalman_gain, lqr
+from hoopd.design.lqg import kalman_gain, lqr
+from hoopd.design.weights import Weights
 
 Array = NDArray[Any]
 

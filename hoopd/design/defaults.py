@@ -18,7 +18,8 @@ from hoopd.core.records import PICTURE_AGE_S
 from hoopd.design.arx import ArxModel, arx_lqg, fit_arx
 from hoopd.design.controller_text import controller_data, controller_text, plain
 from hoopd.design.innovation_levels import innovation_levels
-from hoopd.design.lqg import Weights, lqg_gains
+from hoopd.design.lqg import lqg_gains
+from hoopd.design.weights import Weights
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import load_model, plant_of
 

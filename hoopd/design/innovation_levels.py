@@ -9,7 +9,8 @@ from hoopd.core.controllers import Lqg
 from hoopd.core.drift import BLOCK_S, CHANNELS, LEARNED_BLOCKS, SETTLE_S, Drift
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import SLEW_NM_PER_TICK, TORQUE_LIMIT_NM, Limiter
-from hoopd.design.lqg import Weights, lqg_gains
+from hoopd.design.lqg import lqg_gains
+from hoopd.design.weights import Weights
 from hoopd.plants.hoop.loop.closed_loop import Scenario, picture_timing, simulate
 from hoopd.plants.hoop.plant import HoopPlant
 

@@ -22,9 +22,10 @@ from hoopd.design.controller_text import plain
 from hoopd.design.delay import held
 from hoopd.design.links import lag_link, lead_link_at
 from hoopd.design.loop_shaping import loopshaping_pi, loopshaping_pid, peak_complementary
-from hoopd.design.lqg import Weights, feedback, lqg_law, reduced_model, seen_plant, state_feedback
+from hoopd.design.lqg import feedback, lqg_law, reduced_model, seen_plant, state_feedback
 from hoopd.design.pid import Parallel, pid, to_standard
 from hoopd.design.placement import place, place_pi
+from hoopd.design.weights import Weights
 from hoopd.ident.discretization import c2d
 from hoopd.ident.transfer_functions import transfer_function
 from hoopd.plants.hoop.plant import HoopPlant

@@ -8,7 +8,6 @@ would wind the hoop back to where it stood. The regulated state is (dtheta, psi,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import control
@@ -18,27 +17,13 @@ from scipy.linalg import solve_discrete_are
 
 from hoopd.core.controllers import LqgGains
 from hoopd.core.estimator import EkfSettings
+from hoopd.design.weights import Weights
 from hoopd.plants.compiled import zero_order_hold
 from hoopd.plants.hoop.plant import HoopPlant
 
 Array = NDArray[Any]
 
 REGULATED = [1, 2, 3]  # dtheta, psi, dpsi
-
-
-@dataclass(frozen=True)
-class Weights:
-    """Deviations that cost the same (Bryson's rule): each squared is one unit of cost a tick.
-
-    The default is from a search over 81 combinations (`tools/bench/lqg.py --search`): all settle in time; this one
-    has, with psi three ticks old, more than 60 degrees and 90 ms to spare, the third of the torque noise of the
-    stiffest, and keeps the hoop below 0.5 rad/s under one degree of zero-angle error.
-    """
-
-    dtheta_rad_s: float = 6.0
-    psi_rad: float = 0.2
-    dpsi_rad_s: float = 1.2
-    torque_nm: float = 0.05
 
 
 def reduced_model(plant: HoopPlant, h: float) -> tuple[Array, Array]:

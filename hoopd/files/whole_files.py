@@ -75,6 +75,28 @@ def replace_file(path: Path, data: bytes) -> None:
         raise
 
 
+def new_file(path: Path, data: bytes) -> None:
+    """Put data where nothing is yet, at once; FileExistsError where something is, InputError where nothing can be."""
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name[:100]}.", dir=path.parent)
+    except (OSError, ValueError) as error:
+        raise _unwritable(path, error) from None
+    try:
+        with os.fdopen(handle, "wb") as file:
+            os.fchmod(file.fileno(), 0o666 & ~_umask())
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.link(name, path)
+    except FileExistsError:
+        raise
+    except OSError as error:
+        raise _unwritable(path, error) from None
+    finally:
+        with contextlib.suppress(OSError):
+            Path(name).unlink()
+
+
 def is_special(path: Path) -> bool:
     """Something that bytes are sent to, no file: a device, a pipe, or what stands for an open descriptor."""
     return (path.exists() and not path.is_file()) or path.absolute().is_relative_to("/dev")

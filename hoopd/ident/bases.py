@@ -16,9 +16,8 @@ plane of the basis: s (rad/s), or z when it has a sample time.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
-from typing import NamedTuple
 
 import control as ct
 import numpy as np
@@ -27,6 +26,8 @@ from scipy import linalg
 
 from hoopd.ident.checks import BROAD, Orders, check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.estimation_report import EstimationReport, estimated
+from hoopd.ident.identified_model import IdentifiedModel
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_excess
 
@@ -303,15 +304,32 @@ def pole(w: float, zeta: float) -> complex:
 # ---------------------------------------------------------------------------------------------- from data
 
 
-class BasisFit(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class BasisFit(IdentifiedModel):
     """Coefficients (ny, nu, n), the system they make, residual variances (ny,) and standard errors (ny, nu, n)."""
 
     coefficients: Array
     system: ct.StateSpace
     variance: Array
     deviation: Array
+    report: EstimationReport | None = field(default=None, compare=False)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Coefficients by name: c[k], or c[output, input, k] of several channels."""
+        return dict(zip(self._names(), self.coefficients.reshape(-1).tolist(), strict=True))
+
+    def deviations(self) -> dict[str, float]:
+        """Standard errors of the coefficients by name."""
+        return dict(zip(self._names(), self.deviation.reshape(-1).tolist(), strict=True))
+
+    def _names(self) -> list[str]:
+        ny, nu, n = self.coefficients.shape
+        pairs = [f"{i + 1}, {j + 1}, " if ny * nu > 1 else "" for i in range(ny) for j in range(nu)]
+        return [f"c[{pair}{k + 1}]" for pair in pairs for k in range(n)]
 
 
+@estimated("basis functions")
 def fit_basis(data: Data | Sequence[Data], basis: Basis, *, ridge: float = 0.0) -> BasisFit:
     """Fit every output by all inputs through a basis, by least squares from rest.
 

@@ -9,8 +9,6 @@ its reason; nothing is corrected here.
 
 from __future__ import annotations
 
-import sys
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.doubts import IdentificationWarning, warn  # noqa: F401
 from hoopd.ident.lagged import lagged_gram
 
 Array = NDArray[np.float64]
@@ -32,12 +31,6 @@ CONSTANT = 1e-12
 UNFELT = 1e-10
 # A response at all frequencies, or over any number of lags, is asked for an input of this order: ten lines.
 BROAD = 20
-# Frames of this package are not where a warning is of use.
-ROOM = "hoopd.ident"
-
-
-class IdentificationWarning(UserWarning):
-    """The data or the result make a model doubtful; the message names the cause."""
 
 
 @dataclass(frozen=True)
@@ -109,14 +102,6 @@ def unsettled(steps: int) -> None:
         f"the search has not settled after {steps} steps: the result is no minimum; allow more, start nearer, or take a"
         " lower order"
     )
-
-
-def warn(text: str) -> None:
-    """An IdentificationWarning at the line that called this package."""
-    depth, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(ROOM):
-        frame, depth = frame.f_back, depth + 1
-    warnings.warn(text, IdentificationWarning, stacklevel=depth)
 
 
 # ------------------------------------------------------------------------------------------------- statistics

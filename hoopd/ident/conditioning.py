@@ -134,7 +134,7 @@ def _fitted(basis: Array, values: Array, name: str) -> Array:
 # ---------------------------------------------------------------------------------------------- values
 
 
-def applied(data: Data, outputs: Map | None = None, inputs: Map | None = None, dt: float | None = None) -> Data:
+def apply(data: Data, outputs: Map | None = None, inputs: Map | None = None, dt: float | None = None) -> Data:
     """Put functions on outputs and inputs.
 
     Parameters
@@ -154,9 +154,9 @@ def applied(data: Data, outputs: Map | None = None, inputs: Map | None = None, d
     Examples
     --------
     >>> import numpy as np
-    >>> from hoopd.ident import applied, iddata
+    >>> from hoopd.ident import apply, iddata
     >>> data = iddata([1.0, 2.0, 3.0], [1.0, 0.0, 1.0])
-    >>> applied(data, outputs=np.square).y[:, 0]
+    >>> apply(data, outputs=np.square).y[:, 0]
     array([1., 4., 9.])
     """
     y = data.y if outputs is None else np.asarray(outputs(data.y), dtype=float)
@@ -170,7 +170,7 @@ def applied(data: Data, outputs: Map | None = None, inputs: Map | None = None, d
     )  # fmt: skip
 
 
-def scaled(data: Data, outputs: ArrayLike = 1.0, inputs: ArrayLike = 1.0) -> Data:
+def scale(data: Data, outputs: ArrayLike = 1.0, inputs: ArrayLike = 1.0) -> Data:
     """Multiply outputs and inputs.
 
     Parameters
@@ -193,9 +193,9 @@ def scaled(data: Data, outputs: ArrayLike = 1.0, inputs: ArrayLike = 1.0) -> Dat
     Examples
     --------
     >>> import numpy as np
-    >>> from hoopd.ident import iddata, scaled
+    >>> from hoopd.ident import iddata, scale
     >>> data = iddata(np.ones((3, 2)), np.ones(3))
-    >>> scaled(data, outputs=[1.0, 100.0]).y[0]
+    >>> scale(data, outputs=[1.0, 100.0]).y[0]
     array([  1., 100.])
     """
     return _made(data, _times(data.y, outputs, "outputs"), _times(data.u, inputs, "inputs"), data.x)
@@ -209,7 +209,7 @@ class UnitVariance(NamedTuple):
     u: Array
 
 
-def normalised(data: Data) -> UnitVariance:
+def normalize(data: Data) -> UnitVariance:
     """Divide every channel by its standard deviation.
 
     Parameters
@@ -229,13 +229,13 @@ def normalised(data: Data) -> UnitVariance:
 
     Examples
     --------
-    >>> from hoopd.ident import iddata, normalised
-    >>> unit = normalised(iddata([0.0, 4.0, 0.0, 4.0], [1.0, -1.0, 1.0, -1.0]))
+    >>> from hoopd.ident import iddata, normalize
+    >>> unit = normalize(iddata([0.0, 4.0, 0.0, 4.0], [1.0, -1.0, 1.0, -1.0]))
     >>> unit.y, unit.data.y[:, 0]
     (array([2.]), array([0., 2., 0., 2.]))
     """
     y, u = _deviations(data.y, data.outputs), _deviations(data.u, data.inputs)
-    return UnitVariance(scaled(data, 1.0 / y, 1.0 / u), y, u)
+    return UnitVariance(scale(data, 1.0 / y, 1.0 / u), y, u)
 
 
 def ramp_in(data: Data, samples: int) -> Data:
@@ -314,7 +314,7 @@ def _deviations(values: Array, names: Sequence[str]) -> Array:
 # ---------------------------------------------------------------------------------------------- pieces
 
 
-def joined(*pieces: Data) -> Data:
+def concatenate(*pieces: Data) -> Data:
     """Join pieces one after the other in time to one experiment; the first one's times go on.
 
     Joining claims that the state goes on as well: separate experiments belong in a list (`merged`).
@@ -336,8 +336,8 @@ def joined(*pieces: Data) -> Data:
 
     Examples
     --------
-    >>> from hoopd.ident import iddata, joined
-    >>> joined(iddata([1.0, 2.0]), iddata([3.0])).y[:, 0]
+    >>> from hoopd.ident import iddata, concatenate
+    >>> concatenate(iddata([1.0, 2.0]), iddata([3.0])).y[:, 0]
     array([1., 2., 3.])
     """
     each = experiments(pieces)
@@ -346,7 +346,7 @@ def joined(*pieces: Data) -> Data:
     return _made(each[0], np.concatenate([one.y for one in each]), np.concatenate([one.u for one in each]), x)
 
 
-def merged(*given: Data | Sequence[Data]) -> list[Data]:
+def merge(*given: Data | Sequence[Data]) -> list[Data]:
     """Put separate experiments of one system into one flat list.
 
     Parameters
@@ -366,9 +366,9 @@ def merged(*given: Data | Sequence[Data]) -> list[Data]:
 
     Examples
     --------
-    >>> from hoopd.ident import iddata, merged
+    >>> from hoopd.ident import iddata, merge
     >>> one, other = iddata([1.0, 2.0]), iddata([3.0, 4.0])
-    >>> len(merged(one, [other, one]))
+    >>> len(merge(one, [other, one]))
     3
     """
     return experiments([one for part in given for one in ([part] if isinstance(part, Data) else part)])

@@ -12,19 +12,22 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
-import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
+from hoopd.ident.impulse import Impulse
 from hoopd.ident.models import Innovations, Polynomials, state_space
 from hoopd.ident.polynomial.arx import VectorArx
 from hoopd.ident.statespace import coordinates
+from hoopd.ident.statespace.structured import Structured
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Estimated = Polynomials | VectorArx | Innovations
+# Whatever of these carries a covariance has regions.
+Estimated = Polynomials | VectorArx | Innovations | Structured | Impulse
 
 # Step of the differences: of the coefficient's standard error, and at least of the coefficient.
 STEP, LEAST = 1e-3, 1e-7
@@ -80,8 +83,8 @@ def response_spread(model: Estimated, w: ArrayLike) -> ResponseSpread | None:
 
     Parameters
     ----------
-    model : Polynomials, VectorArx or Innovations
-        An estimated model.
+    model : any model
+        A result of this package; one without a covariance has no regions.
     w : array_like, shape (nw,)
         Frequencies in rad/s.
 
@@ -109,8 +112,9 @@ def response_spread(model: Estimated, w: ArrayLike) -> ResponseSpread | None:
     known = _coefficients(model)
     if known is None:
         return None
-    z = np.exp(1j * np.asarray(w, dtype=float) * model.dt)
-    h = _response(known.made(known.values), z)
+    own = known.made(known.values)
+    z = np.exp(1j * np.asarray(w, dtype=float) * own.dt)
+    h = _response(own, z)
     change = known.change(lambda one: _response(one, z))
     # d ln h = d|h|/|h| + j d arg h
     relative = known.spread(change / h[..., None])
@@ -122,8 +126,8 @@ def pole_spread(model: Estimated) -> RootSpread | None:
 
     Parameters
     ----------
-    model : Polynomials, VectorArx or Innovations
-        An estimated model.
+    model : any model
+        A result of this package; one without a covariance has no regions.
 
     Returns
     -------
@@ -159,8 +163,8 @@ def zero_spread(model: Estimated, output: int, channel: int = 0) -> RootSpread |
 
     Parameters
     ----------
-    model : Polynomials, VectorArx or Innovations
-        An estimated model.
+    model : any model
+        A result of this package; one without a covariance has no regions.
     output : int
         Number of the output.
     channel : int
@@ -199,6 +203,8 @@ def zero_spread(model: Estimated, output: int, channel: int = 0) -> RootSpread |
 
 def zeros_of(model: Innovations, output: int, channel: int = 0) -> Complex:
     """Zeros (k,) of one output from one input; what does not show in that output is left out."""
+    import control as ct
+
     part = ct.StateSpace(
         model.a, model.b[:, [channel]], model.c[[output]], model.d[[output]][:, [channel]], model.dt
     )  # fmt: skip
@@ -228,16 +234,36 @@ def _response(model: Innovations, z: Complex) -> Complex:
 # ------------------------------------------------------------------------------------------- coefficients of a model
 
 
-def _coefficients(model: Estimated) -> _Coefficients | None:
-    if isinstance(model, VectorArx):
-        return _of_rows(model)
+def _coefficients(model: Any) -> _Coefficients | None:
+    known = next((of for kind, of in _KINDS.items() if isinstance(model, kind)), None)
+    return None if known is None else known(model)
+
+
+def _of_polynomials(model: Polynomials) -> _Coefficients | None:
     if model.covariance is None:
         return None
-    if isinstance(model, Polynomials):
-        return _Coefficients(model.values, model.covariance, lambda values: state_space(_changed(model, values)))
-    if model.names != coordinates.names(model):
+    return _Coefficients(model.values, model.covariance, lambda values: state_space(_changed(model, values)))
+
+
+def _of_matrices(model: Innovations) -> _Coefficients | None:
+    if model.covariance is None or model.names != coordinates.names(model):
         return None
     return _Coefficients(model.values, model.covariance, lambda values: coordinates.with_values(model, values))
+
+
+def _of_taps(model: Impulse) -> _Coefficients:
+    n, ny, nu = model.g.shape
+    taps = model.g.transpose(1, 2, 0).reshape(-1)
+    return _Coefficients(
+        taps, linalg.block_diag(*model.covariance),
+        lambda values: replace(model, g=values.reshape(ny, nu, n).transpose(2, 0, 1)).state_space,
+    )  # fmt: skip
+
+
+def _of_parameters(model: Structured) -> _Coefficients | None:
+    if model.built is None or not np.isfinite(model.covariance).all():
+        return None
+    return _Coefficients(np.array(list(model.parameters.values())), model.covariance, model.built)
 
 
 def _place(name: str) -> tuple[str, int, int]:
@@ -317,3 +343,12 @@ def _with_rows(model: VectorArx, values: Array) -> VectorArx:
                 a[power, i, column] = values[at] if column == i else -values[at]
             at += 1
     return replace(model, a=a, b=b)
+
+
+_KINDS: dict[type, Callable[[Any], _Coefficients | None]] = {
+    VectorArx: _of_rows,
+    Impulse: _of_taps,
+    Polynomials: _of_polynomials,
+    Structured: _of_parameters,
+    Innovations: _of_matrices,
+}

@@ -9,7 +9,7 @@ Rules of this file: means are not taken off; a segment never runs across a gap.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -76,16 +76,23 @@ def _welch(each: list[Data], segment: float = 0, overlap: float = -1) -> Cross:
     if size < 2 or shared >= size:
         raise ValueError(f"a segment of {size} samples with {shared} shared: it wants at least 2, and fewer shared")
     window, hop = signal.get_window("hann", size), size - shared
-    pieces = [
-        np.hstack([one.y, one.u])[i : i + size]
-        for data in each for one in runs(data) for i in range(0, one.n - size + 1, hop)
-    ]  # fmt: skip
-    if not pieces:
+    total, count = np.zeros(1, complex), 0
+    for piece in _segments(each, size, hop):
+        total = total + _squared(piece * window[:, None])
+        count += 1
+    if not count:
         raise ValueError(f"no {size} samples in a row without a gap: take shorter segments or fill_gaps(data)")
-    total = sum((_squared(piece * window[:, None]) for piece in pieces), np.zeros(1, complex))
-    phi = total * each[0].dt / (len(pieces) * np.sum(window**2))
+    phi = total * each[0].dt / (count * np.sum(window**2))
     w = TAU * np.fft.rfftfreq(size, each[0].dt)
-    return Cross(np.asarray(w, float), phi, _independent(window, hop, len(pieces)), each[0].ny, each[0].dt)
+    return Cross(np.asarray(w, float), phi, _independent(window, hop, count), each[0].ny, each[0].dt)
+
+
+def _segments(each: list[Data], size: int, hop: int) -> Iterator[Array]:
+    """Channels [y, u] of the segments (size, m), one after the other: no more than one of them exists at a time."""
+    for data in each:
+        for one in runs(data):
+            for i in range(0, one.n - size + 1, hop):
+                yield np.hstack([one.y[i : i + size], one.u[i : i + size]])
 
 
 def _squared(piece: Array) -> Complex:

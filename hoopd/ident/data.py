@@ -1,22 +1,24 @@
 """Uniformly sampled inputs and outputs of an experiment: the one form that every method of this room takes.
 
-Rules of this file: samples run along rows; NaN in an output is a sample that was not measured, an input has none;
-arrays are copies that nobody writes to; every operation gives a new object.
+Rules of this file: samples run along rows once `iddata` has taken them; NaN in an output is a sample that was not
+measured, an input has none; arrays are copies that nobody writes to; every operation gives a new object.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hoopd.ident.doubts import warn
+
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Data:
     """One experiment, sampled uniformly: what `iddata` makes and every method of this package takes.
 
@@ -55,6 +57,12 @@ class Data:
     outputs: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
     x: Array | None = None
+
+    def __repr__(self) -> str:
+        missing = int((~np.isfinite(self.y)).sum())
+        gaps = f", {missing} outputs missing" if missing else ""
+        channels = f"outputs {', '.join(self.outputs) or self.ny}; inputs {', '.join(self.inputs) or self.nu or 'none'}"
+        return f"Data({self.n} samples, step {self.dt:g} s from {self.t0:g} s; {channels}{gaps})"
 
     @property
     def n(self) -> int:
@@ -120,23 +128,27 @@ def iddata(
     x: ArrayLike | None = None,
     outputs: Sequence[str] | None = None,
     inputs: Sequence[str] | None = None,
+    time_axis: Literal[0, 1] | None = None,
 ) -> Data:
-    """Make the data of one experiment of arrays.
+    """Make the data of one experiment of arrays, samples along rows or, as python-control has them, along columns.
 
     Parameters
     ----------
-    y : array_like, shape (n,) or (n, ny)
-        Outputs, samples along rows. NaN is a sample that was not measured; none may be infinite.
-    u : array_like, shape (n,) or (n, nu), optional
+    y : array_like, shape (n,), (n, ny) or (ny, n)
+        Outputs. NaN is a sample that was not measured; none may be infinite.
+    u : array_like, shape (n,), (n, nu) or (nu, n), optional
         Inputs, all finite; without it there are none.
     dt : float
         Step in s.
     t0 : float
         Time of the first sample in s.
-    x : array_like, shape (n, nx), optional
+    x : array_like, shape (n, nx) or (nx, n), optional
         States, where they are known.
     outputs, inputs : sequence of str, optional
         Names by channel; without them y1, y2 ... and u1, u2 ...
+    time_axis : {0, 1}, optional
+        Along which axis of the arrays time runs. Unless given it is the longer one, and arrays that are taken as
+        (channels, n) are told by an `IdentificationWarning`.
 
     Returns
     -------
@@ -146,7 +158,7 @@ def iddata(
     Raises
     ------
     ValueError
-        Lengths that differ, samples along columns, an input that is not finite, a step that is none.
+        Lengths that differ, an input that is not finite, a step that is none.
 
     Examples
     --------
@@ -155,6 +167,8 @@ def iddata(
     >>> data = iddata([0.0, 1.0, np.nan], np.ones((3, 2)), dt=0.01)
     >>> data.y.shape, data.u.shape, data.inputs, data.complete
     ((3, 1), (3, 2), ('u1', 'u2'), False)
+    >>> iddata(np.ones((2, 50)), np.ones((1, 50)), dt=0.01, time_axis=1)
+    Data(50 samples, step 0.01 s from 0 s; outputs y1, y2; inputs u)
     >>> iddata(np.zeros(3), np.zeros(4))
     Traceback (most recent call last):
         ...
@@ -162,9 +176,10 @@ def iddata(
     """
     if not (np.isfinite(dt) and dt > 0.0):
         raise ValueError(f"dt must be a positive number of seconds, not {dt}")
-    outs = _columns(y, "y")
-    ins = np.zeros((len(outs), 0)) if u is None else _columns(u, "u")
-    states = None if x is None else _columns(x, "x")
+    given = {name: np.array(one, dtype=float) for name, one in (("y", y), ("u", u), ("x", x)) if one is not None}
+    found = _by_samples(given, time_axis)
+    outs, states = found["y"], found.get("x")
+    ins = found.get("u", np.zeros((len(outs), 0)))
     for name, part in (("u", ins), ("x", states)):
         if part is not None and len(part) != len(outs):
             raise ValueError(f"{name} has {len(part)} samples and y has {len(outs)}")
@@ -192,6 +207,8 @@ def experiments(data: Data | Sequence[Data]) -> list[Data]:
 
     Raises
     ------
+    TypeError
+        What is no `Data`.
     ValueError
         No experiment, or several that do not have the same channels and step.
 
@@ -206,7 +223,9 @@ def experiments(data: Data | Sequence[Data]) -> list[Data]:
         ...
     ValueError: experiment 1 has a step of 0.2 s, the first one of 0.1 s
     """
-    each = [data] if isinstance(data, Data) else list(data)
+    each = [data] if isinstance(data, Data) else list(data) if isinstance(data, Sequence) else [data]
+    if strange := [type(one).__name__ for one in each if not isinstance(one, Data)]:
+        raise TypeError(f"data (iddata) are wanted, not a {strange[0]}")
     if not each:
         raise ValueError("no experiment given")
     first = each[0]
@@ -247,16 +266,48 @@ def runs(data: Data) -> Iterator[Data]:
         yield data[first:last]
 
 
-def _columns(values: Any, name: str) -> Array:
-    found = np.array(values, dtype=float)
-    if found.ndim == 1:
-        found = found[:, None]
-    if found.ndim != 2:
-        raise ValueError(f"{name} must be (n,) or (n, channels), not {found.shape}")
-    if found.shape[1] > found.shape[0] > 0:
-        raise ValueError(f"{name} has {found.shape[0]} rows and {found.shape[1]} columns: samples run along rows")
-    found.setflags(write=False)
+def driving_data(given: Any, ny: int, nu: int, dt: float | None) -> Data:
+    """Data as they are, or an input array as data whose outputs are missing, from which nothing but rest follows.
+
+    `dt`: the model's step, None where it has none.
+    """
+    if isinstance(given, Data):
+        return given
+    try:
+        u = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise TypeError(f"data (iddata) or an input array is wanted, not a {type(given).__name__}") from None
+    if dt is None:
+        raise ValueError("an array has no step and the model neither: give iddata(y, u, dt)")
+    u = u[:, None] if u.ndim == 1 and nu == 1 else u.T if u.ndim == 2 and u.shape[1] != nu == u.shape[0] else u
+    if u.ndim != 2 or u.shape[1] != nu:
+        raise ValueError(f"the input of a model of {nu} inputs is (n, {nu}) or ({nu}, n), not {u.shape}")
+    return iddata(np.full((len(u), ny), np.nan), u, dt, time_axis=0)
+
+
+def _by_samples(given: Mapping[str, Array], time_axis: int | None) -> dict[str, Array]:
+    """Arrays (n, channels) of arrays of either layout, that nobody writes to."""
+    for name, one in given.items():
+        if one.ndim not in (1, 2):
+            raise ValueError(f"{name} must be (n,), (n, channels) or (channels, n), not {one.shape}")
+    axis = dict.fromkeys(given, time_axis) if time_axis is not None else _longer_axes(given)
+    if time_axis is None and (turned := [f"{name} {given[name].shape}" for name, one in axis.items() if one]):
+        warn(f"{' and '.join(turned)} taken as (channels, n); time_axis=1 says so, time_axis=0 takes rows for samples")
+    found = {}
+    for name, one in given.items():
+        found[name] = one[:, None] if one.ndim == 1 else np.ascontiguousarray(one.T) if axis[name] else one
+        found[name].setflags(write=False)
     return found
+
+
+def _longer_axes(given: Mapping[str, Array]) -> dict[str, int]:
+    """The axis of each array along which time runs: that of the common length, else the longer one."""
+    single = [len(one) for one in given.values() if one.ndim == 1]
+    length = single[0] if single else max(max(one.shape) for one in given.values())
+    return {
+        name: int(one.ndim == 2 and one.shape[0] != length and (one.shape[1] == length or one.shape[1] > one.shape[0]))
+        for name, one in given.items()
+    }
 
 
 def _names(given: Sequence[str] | None, count: int, letter: str) -> tuple[str, ...]:

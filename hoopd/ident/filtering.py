@@ -77,7 +77,7 @@ def prefilter(data: Data, *bands_hz: Band, order: int = 2, stop: bool = False) -
     return _mapped(done, passed)
 
 
-def filtered(data: Data, numerator: ArrayLike | ct.TransferFunction, denominator: ArrayLike = 1.0) -> Data:
+def idfilt(data: Data, numerator: ArrayLike | ct.TransferFunction, denominator: ArrayLike = 1.0) -> Data:
     """Filter outputs and inputs, one way and from rest.
 
     Parameters
@@ -101,8 +101,8 @@ def filtered(data: Data, numerator: ArrayLike | ct.TransferFunction, denominator
 
     Examples
     --------
-    >>> from hoopd.ident import filtered, iddata
-    >>> filtered(iddata([1.0, 2.0, 4.0]), [1.0, -1.0]).y[:, 0]  # differences
+    >>> from hoopd.ident import idfilt, iddata
+    >>> idfilt(iddata([1.0, 2.0, 4.0]), [1.0, -1.0]).y[:, 0]  # differences
     array([1., 1., 2.])
     """
     if isinstance(numerator, ct.TransferFunction):
@@ -161,7 +161,7 @@ def resample(data: Data, ratio: float) -> Data:
     )  # fmt: skip
 
 
-def resampled_system(system: ct.StateSpace | ct.TransferFunction, dt: float) -> ct.StateSpace | ct.TransferFunction:
+def resample_system(system: ct.StateSpace | ct.TransferFunction, dt: float) -> ct.StateSpace | ct.TransferFunction:
     """Give a discrete system at another step, its input held: to continuous time by the matrix logarithm, and back.
 
     Parameters
@@ -184,15 +184,15 @@ def resampled_system(system: ct.StateSpace | ct.TransferFunction, dt: float) -> 
     Examples
     --------
     >>> import control
-    >>> from hoopd.ident import resampled_system
-    >>> slower = resampled_system(control.ss([[0.9]], [[1.0]], [[1.0]], [[0.0]], 0.1), 0.2)
+    >>> from hoopd.ident import resample_system
+    >>> slower = resample_system(control.ss([[0.9]], [[1.0]], [[1.0]], [[0.0]], 0.1), 0.2)
     >>> slower.A.round(6), slower.B.round(6)  # 0.9 ** 2 and 1 + 0.9
     (array([[0.81]]), array([[1.9]]))
     """
     return c2d(d2c(system, "zoh"), dt, "zoh")
 
 
-def resampled_covariance(a: ArrayLike, q: ArrayLike, dt: float, new_dt: float) -> Array:
+def resample_covariance(a: ArrayLike, q: ArrayLike, dt: float, new_dt: float) -> Array:
     """Give the covariance of white process noise over another step.
 
     By way of the density of the continuous noise, F = log(a)/dt.
@@ -215,8 +215,8 @@ def resampled_covariance(a: ArrayLike, q: ArrayLike, dt: float, new_dt: float) -
 
     Examples
     --------
-    >>> from hoopd.ident import resampled_covariance
-    >>> resampled_covariance([[0.9]], [[1.0]], dt=0.1, new_dt=0.2).round(6)  # 1 + 0.9 ** 2
+    >>> from hoopd.ident import resample_covariance
+    >>> resample_covariance([[0.9]], [[1.0]], dt=0.1, new_dt=0.2).round(6)  # 1 + 0.9 ** 2
     array([[1.81]])
     """
     rate = np.real(linalg.logm(np.asarray(a, float))) / dt

@@ -140,7 +140,7 @@ def frequency_axis(dt: float, n: int) -> Array:
     return np.linspace(0.0, np.pi / dt, n)
 
 
-def transformed(data: Data) -> FrequencyData:
+def fft(data: Data) -> FrequencyData:
     """Give the discrete Fourier transform of data.
 
     Y(w_k) = sum_t y(t) exp(-j w_k t)/sqrt(N), w_k = 2 pi k/(N dt) up to pi/dt. So scaled, |Y|^2 of white noise is its
@@ -168,8 +168,8 @@ def transformed(data: Data) -> FrequencyData:
     Examples
     --------
     >>> import numpy as np
-    >>> from hoopd.ident import iddata, transformed
-    >>> found = transformed(iddata(np.cos(2 * np.pi * 5.0 * 0.01 * np.arange(100)), dt=0.01))
+    >>> from hoopd.ident import iddata, fft
+    >>> found = fft(iddata(np.cos(2 * np.pi * 5.0 * 0.01 * np.arange(100)), dt=0.01))
     >>> found.hz[np.abs(found.y[:, 0]).argmax()].round(6).item()
     5.0
     """
@@ -185,7 +185,7 @@ def transformed(data: Data) -> FrequencyData:
 # ---------------------------------------------------------------------------------------------- responses
 
 
-def response(system: Lti, w: ArrayLike) -> ct.FRD:
+def frequency_response(system: Lti, w: ArrayLike) -> ct.FRD:
     """Give the frequency response of a system, with the system's names and sample time.
 
     Parameters
@@ -208,8 +208,8 @@ def response(system: Lti, w: ArrayLike) -> ct.FRD:
     Examples
     --------
     >>> import control
-    >>> from hoopd.ident import response
-    >>> lag = response(control.tf([1.0], [1.0, 1.0]), [1.0])
+    >>> from hoopd.ident import frequency_response
+    >>> lag = frequency_response(control.tf([1.0], [1.0, 1.0]), [1.0])
     >>> abs(lag.frdata[0, 0]).round(3)  # 1/sqrt 2 at the corner
     array([0.707])
     """
@@ -240,8 +240,8 @@ def between(frd: ct.FRD, low: float, high: float) -> ct.FRD:
     Examples
     --------
     >>> import control
-    >>> from hoopd.ident import between, response
-    >>> between(response(control.tf([1.0], [1.0, 1.0]), [1.0, 2.0, 3.0]), 1.5, 3.0).omega
+    >>> from hoopd.ident import between, frequency_response
+    >>> between(frequency_response(control.tf([1.0], [1.0, 1.0]), [1.0, 2.0, 3.0]), 1.5, 3.0).omega
     array([2., 3.])
     """
     rows = _range(frd.omega, low, high)
@@ -266,8 +266,8 @@ def between_hz(frd: ct.FRD, low: float, high: float) -> ct.FRD:
     Examples
     --------
     >>> import control
-    >>> from hoopd.ident import between_hz, response
-    >>> between_hz(response(control.tf([1.0], [1.0, 1.0]), [1.0, 6.2, 12.6]), 0.5, 1.5).omega
+    >>> from hoopd.ident import between_hz, frequency_response
+    >>> between_hz(frequency_response(control.tf([1.0], [1.0, 1.0]), [1.0, 6.2, 12.6]), 0.5, 1.5).omega
     array([6.2])
     """
     return between(frd, TAU * low, TAU * high)
@@ -310,9 +310,9 @@ def feedback(forward: Lti, back: Lti | float = 1.0, sign: int = -1, w: ArrayLike
     axis = next((one.omega for one in (forward, back) if isinstance(one, ct.FRD)), w)
     if axis is None:
         raise ValueError("two systems without frequencies: give w")
-    g = response(forward, axis)
+    g = frequency_response(forward, axis)
     number = isinstance(back, int | float)
-    k = back * np.eye(g.ninputs, g.noutputs)[None] if number else _first(response(back, axis).frdata)
+    k = back * np.eye(g.ninputs, g.noutputs)[None] if number else _first(frequency_response(back, axis).frdata)
     if k.shape[1:] != (g.ninputs, g.noutputs):
         raise ValueError(f"the loop of {g.noutputs} outputs and {g.ninputs} inputs is closed by {k.shape[1:]}")
     through = _first(g.frdata)

@@ -16,8 +16,8 @@ data are; one output after the other, each with all inputs.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -26,9 +26,14 @@ from scipy import linalg, stats
 
 from hoopd.ident.checks import BROAD, Orders, check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.estimation_report import EstimationReport, estimated
+from hoopd.ident.identified_model import IdentifiedModel
 from hoopd.ident.kernels import KERNELS, Tuned, tuned
 from hoopd.ident.loopchecks import check_record
-from hoopd.ident.models import Polynomials
+from hoopd.ident.models import Innovations, Polynomials
+
+if TYPE_CHECKING:
+    import control as ct
 
 Array = NDArray[np.float64]
 Lags = NDArray[np.signedinteger]
@@ -49,8 +54,8 @@ class Triangle(NamedTuple):
     rows: int
 
 
-@dataclass(frozen=True)
-class Impulse:
+@dataclass(frozen=True, repr=False)
+class Impulse(IdentifiedModel):
     """Impulse responses g (n, ny, nu) at t (n,) s with their covariance by output (ny, n nu, n nu), inputs outermost.
 
     `variance` (ny,) of the disturbance; `priors` by output where there was one: its hyperparameters.
@@ -64,6 +69,38 @@ class Impulse:
     priors: tuple[Tuned, ...] = ()
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    report: EstimationReport | None = field(default=None, compare=False)
+
+    @property
+    def state_space(self) -> Innovations:
+        """The finite impulse responses as an output-error model: its states are the last n - 1 inputs."""
+        n, ny, nu = self.g.shape
+        taps = self.g * self.dt
+        a, b = np.eye((n - 1) * nu, k=-nu), np.eye((n - 1) * nu, nu)
+        c = np.hstack([*taps[1:]]) if n > 1 else np.zeros((ny, 0))
+        return Innovations(
+            a, b, c, taps[0], np.zeros(((n - 1) * nu, ny)), self.dt, r=np.diag(self.variance),
+            inputs=self.inputs, outputs=self.outputs,
+        )  # fmt: skip
+
+    @property
+    def system(self) -> ct.StateSpace:
+        """From u to y."""
+        return self.state_space.system
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The responses by name: g[k] of one input and output, g[k] (u -> y) of several."""
+        return dict(zip(self._names(), self.g.transpose(1, 2, 0).reshape(-1).tolist(), strict=True))
+
+    def deviations(self) -> dict[str, float]:
+        """Standard errors of the responses by name."""
+        return dict(zip(self._names(), self.deviation.transpose(1, 2, 0).reshape(-1).tolist(), strict=True))
+
+    def _names(self) -> list[str]:
+        n, ny, nu = self.g.shape
+        pairs = [f" ({u} -> {y})" if ny * nu > 1 else "" for y in self.outputs for u in self.inputs]
+        return [f"g[{k}]{pair}" for pair in pairs for k in range(n)]
 
     @property
     def deviation(self) -> Array:
@@ -91,6 +128,7 @@ class Impulse:
         )  # fmt: skip
 
 
+@estimated("impulse response")
 def impulseest(
     data: Data | Sequence[Data], n: int = 50, prior: Prior | None = None, *, ridge: float = 0.0, direct: bool = True
 ) -> Impulse:

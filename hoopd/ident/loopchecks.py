@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from hoopd.ident.checks import SINGULAR, check_channels, warn
+from hoopd.ident.checks import SINGULAR, check_channels
 from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.doubts import warn
 from hoopd.ident.lagged import lagged_gram
 from hoopd.ident.modelchecks import drifting, integrator
 

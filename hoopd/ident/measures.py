@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hoopd.ident.data import Data, experiments
-from hoopd.ident.models import Model, Polynomials
+from hoopd.ident.identified_model import FreeModel
+from hoopd.ident.model_forms import innovation_form, named_models
+from hoopd.ident.models import Polynomials
 from hoopd.ident.prediction import Start, predict, prediction_error
 
 Array = NDArray[np.float64]
@@ -347,7 +350,7 @@ def criteria(e: ArrayLike, parameters: int) -> Criteria:
     return Criteria(n, d, aic(v, n, d), aicc(v, n, d), bic(v, n, d), fpe(v, n, d))
 
 
-def parameters_of(model: Model) -> int:
+def parameters_of(model: Any) -> int:
     """Count the coefficients of a model that the data had to tell.
 
     Of a state space of order n with m inputs and p outputs, by whatever method: n (m + p) for the dynamics from u, n p
@@ -357,8 +360,8 @@ def parameters_of(model: Model) -> int:
 
     Parameters
     ----------
-    model : Polynomials or Innovations
-        The model.
+    model : any model
+        A result of this package, or a python-control system.
 
     Returns
     -------
@@ -380,11 +383,16 @@ def parameters_of(model: Model) -> int:
     """
     if isinstance(model, Polynomials):
         return len(model.values) or _coefficients(model)
-    if len(model.values) and model.names[:1] != ("a[0,0]",):
-        return len(model.values)
-    direct = int(np.count_nonzero(np.any(model.d != 0.0, axis=0)))
-    gain = model.ny if np.any(model.k != 0.0) else 0
-    return model.nx * (model.nu + model.ny + gain) + direct * model.ny
+    if isinstance(model, FreeModel) or hasattr(model, "parameters"):
+        return len(getattr(model, "parameters", ()))
+    if rows := getattr(model, "rows", ()):
+        return int(sum(parameters_of(one) for one in rows))
+    own = innovation_form(model, 1.0)
+    if len(own.values) and own.names[:1] != ("a[0,0]",):
+        return len(own.values)
+    direct = int(np.count_nonzero(np.any(own.d != 0.0, axis=0)))
+    gain = own.ny if np.any(own.k != 0.0) else 0
+    return own.nx * (own.nu + own.ny + gain) + direct * own.ny
 
 
 def _coefficients(model: Polynomials) -> int:
@@ -408,20 +416,29 @@ class Compared:
     criteria: Criteria | None
 
 
+class ModelComparison(list[Compared]):
+    """Models side by side; as text, a table."""
+
+    def __str__(self) -> str:
+        return table(self)
+
+    __repr__ = __str__
+
+
 def compare(
-    models: Mapping[str, Model],
+    models: Any,
     validation: Data | Sequence[Data],
     horizons: Sequence[float] = (1, 10, np.inf),
     x0: Start = "estimate",
     *,
     estimation: Data | Sequence[Data] | None = None,
-) -> list[Compared]:
+) -> ModelComparison:
     """Compare models by their fit on data that none of them was fitted to, and by criteria on the data of the fit.
 
     Parameters
     ----------
-    models : mapping of str to Polynomials or Innovations
-        The models by name.
+    models : mapping of str to any model, sequence of models, or a model
+        Results of this package, python-control systems or FRDs; without names they are called as their estimators.
     validation : Data or sequence of Data
         Data that nothing was fitted to.
     horizons : sequence of int or inf
@@ -429,13 +446,14 @@ def compare(
     x0 : {"estimate", "zero"} or array_like, shape (nx,)
         The initial state.
     estimation : Data or sequence of Data, optional
-        The data of the fit; without it there are no criteria, as a penalty for fitted parameters has no meaning
-        elsewhere.
+        The data of the fit, for the criteria: a penalty for fitted parameters has no meaning elsewhere. Without it
+        they are those that the result itself was made from; a model that knows none has no criteria.
 
     Returns
     -------
-    list of Compared
-        By model its `name`, its fit `percent` (ny,) by horizon and its `criteria`.
+    ModelComparison
+        A list of `Compared`, by model its `name`, its fit `percent` (ny,) by horizon and its `criteria`; it prints as
+        a table.
 
     Examples
     --------
@@ -451,11 +469,12 @@ def compare(
     held = experiments(validation)
     fitted = [] if estimation is None else experiments(estimation)
     y = np.concatenate([one.y for one in held])
-    found = []
-    for name, model in models.items():
-        said = {h: np.concatenate([predict(model, one, h, x0) for one in held]) for h in horizons}
-        percent = {h: fit_percent(y, one) for h, one in said.items()}
-        found.append(Compared(name, percent, _criteria(model, fitted, x0)))
+    found = ModelComparison()
+    for name, model in named_models(models).items():
+        with np.errstate(over="ignore", invalid="ignore"):
+            said = {h: np.concatenate([predict(model, one, h, x0) for one in held]) for h in horizons}
+            percent = {h: fit_percent(y, one) for h, one in said.items()}
+        found.append(Compared(name, percent, _criteria(model, fitted or _own_data(model), x0)))
     return found
 
 
@@ -492,7 +511,12 @@ def table(compared: Sequence[Compared]) -> str:
     )
 
 
-def _criteria(model: Model, fitted: Sequence[Data], x0: Start) -> Criteria | None:
+def _own_data(model: Any) -> list[Data]:
+    report = getattr(model, "report", None)
+    return [] if report is None else [one for one in report.data if isinstance(one, Data)]
+
+
+def _criteria(model: Any, fitted: Sequence[Data], x0: Start) -> Criteria | None:
     if not fitted:
         return None
     e = np.concatenate([prediction_error(model, one, 1, x0) for one in fitted])

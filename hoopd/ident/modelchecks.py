@@ -12,7 +12,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import warn
+from hoopd.ident.doubts import warn
 from hoopd.ident.models import Innovations, Model, Polynomials
 
 Array = NDArray[np.float64]

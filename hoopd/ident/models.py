@@ -1,7 +1,7 @@
 """What the methods of this room give: polynomial models and state-space models in innovation form.
 
 Both hand out python-control's systems; beside them they hold what those have no place for: the noise, its variance,
-the parameters' covariance.
+the parameters' covariance, the report of their estimation.
 
 Rules of this file: polynomials are in q^-1, the first coefficient belongs to q^0, leading zeros of B are the delay.
 """
@@ -11,18 +11,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from typing import TYPE_CHECKING
 
-import control as ct
 import numpy as np
 from numpy.typing import NDArray
+
+from hoopd.ident.estimation_report import EstimationReport
+from hoopd.ident.identified_model import IdentifiedModel
+
+if TYPE_CHECKING:
+    import control as ct
 
 Array = NDArray[np.float64]
 
 ONE = np.ones(1)
 
 
-@dataclass(frozen=True)
-class Polynomials:
+@dataclass(frozen=True, repr=False)
+class Polynomials(IdentifiedModel):
     """A polynomial model of one output, A(q) y = sum_i B_i(q)/F_i(q) u_i + C(q)/D(q) e.
 
     Attributes
@@ -47,6 +53,8 @@ class Polynomials:
         Names of the inputs.
     output : str
         Name of the output.
+    report : EstimationReport or None
+        Method, data, choices and warnings of the estimation.
 
     Notes
     -----
@@ -75,6 +83,7 @@ class Polynomials:
     covariance: Array | None = None
     inputs: tuple[str, ...] = ()
     output: str = "y"
+    report: EstimationReport | None = field(default=None, compare=False)
 
     @property
     def nu(self) -> int:
@@ -92,6 +101,8 @@ class Polynomials:
     @property
     def system(self) -> ct.TransferFunction:
         """From u to y, 1 x nu."""
+        import control as ct
+
         pairs = [in_z(*self.dynamics(i)) for i in range(self.nu)]
         if not pairs:
             raise ValueError("a model without inputs has no system from u to y")
@@ -103,17 +114,22 @@ class Polynomials:
     @property
     def noise(self) -> ct.TransferFunction:
         """From e to y; e has the variance `variance`."""
+        import control as ct
+
         return ct.TransferFunction(*in_z(*self.noise_dynamics()), self.dt)
+
+    @property
+    def state_space(self) -> Innovations:
+        """The innovation form."""
+        return state_space(self)
 
     def deviations(self) -> dict[str, float]:
         """Standard errors of the coefficients by name; empty without a covariance."""
-        if self.covariance is None:
-            return {}
-        return dict(zip(self.names, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist(), strict=True))
+        return standard_errors(self.names, self.covariance)
 
 
-@dataclass(frozen=True)
-class Innovations:
+@dataclass(frozen=True, repr=False)
+class Innovations(IdentifiedModel):
     """A state-space model in innovation form, x+ = a x + b u + k e, y = c x + d u + e with white e.
 
     Attributes
@@ -144,6 +160,8 @@ class Innovations:
         The estimated parameters with their covariance.
     inputs, outputs : tuple of str
         Names of the channels.
+    report : EstimationReport or None
+        Method, data, choices and warnings of the estimation.
 
     Examples
     --------
@@ -173,6 +191,7 @@ class Innovations:
     covariance: Array | None = None
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    report: EstimationReport | None = field(default=None, compare=False)
 
     @property
     def nx(self) -> int:
@@ -190,8 +209,19 @@ class Innovations:
         return int(self.b.shape[1])
 
     @property
+    def state_space(self) -> Innovations:
+        """The innovation form, which this is."""
+        return self
+
+    def deviations(self) -> dict[str, float]:
+        """Standard errors of the coordinates by name; empty without a covariance."""
+        return standard_errors(self.names, self.covariance)
+
+    @property
     def system(self) -> ct.StateSpace:
         """From u to y."""
+        import control as ct
+
         return ct.StateSpace(
             self.a, self.b, self.c, self.d, self.dt,
             inputs=list(self.inputs) or None, outputs=list(self.outputs) or None,
@@ -200,11 +230,15 @@ class Innovations:
     @property
     def noise(self) -> ct.StateSpace:
         """From e to y."""
+        import control as ct
+
         return ct.StateSpace(self.a, self.k, self.c, np.eye(self.ny), self.dt)
 
     @property
     def predictor(self) -> ct.StateSpace:
         """From [u; y] to the one-step prediction: x+ = (a - k c) x + (b - k d) u + k y."""
+        import control as ct
+
         return ct.StateSpace(
             self.a - self.k @ self.c,
             np.hstack([self.b - self.k @ self.d, self.k]),
@@ -309,6 +343,13 @@ def state_space(model: Polynomials) -> Innovations:
         a, b, c, d, (e - den)[1:, None], model.dt, r=np.array([[model.variance]]),
         inputs=model.inputs, outputs=(model.output,),
     )  # fmt: skip
+
+
+def standard_errors(names: Sequence[str], covariance: Array | None) -> dict[str, float]:
+    """Roots of the variances by name; empty without a covariance."""
+    if covariance is None:
+        return {}
+    return dict(zip(names, np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), strict=True))
 
 
 def in_z(numerator: Array, denominator: Array) -> tuple[Array, Array]:

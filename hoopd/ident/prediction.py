@@ -9,14 +9,19 @@ Rules of this file: nothing is estimated but the initial state; every result has
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident.data import Data
-from hoopd.ident.models import Innovations, Model, Polynomials, state_space
+from hoopd.ident.data import Data, driving_data
+from hoopd.ident.identified_model import FreeModel
+from hoopd.ident.model_forms import innovation_form, predicting_form
+from hoopd.ident.models import Innovations
+from hoopd.ident.statespace.linear import states
+
+if TYPE_CHECKING:
+    import control as ct
 
 Array = NDArray[np.float64]
 Start = Literal["estimate", "zero"] | ArrayLike
@@ -27,15 +32,15 @@ SLOWEST = 3.0
 RAN_AWAY = 1e100
 
 
-def simulate(model: Model, data: Data, x0: Start = "estimate", *, seed: int | None = None) -> Array:
+def simulate(model: Any, data: Data | ArrayLike, x0: Start = "estimate", *, seed: int | None = None) -> Array:
     """Simulate a model: the outputs from the inputs alone.
 
     Parameters
     ----------
-    model : Polynomials or Innovations
-        The model, at the step of the data.
-    data : Data
-        Inputs (n, nu); the outputs count for the initial state only.
+    model : any model
+        A result of this package, or a python-control system or FRD; a continuous one is sampled with held inputs.
+    data : Data or array_like, shape (n,), (n, nu) or (nu, n)
+        Inputs; the outputs of data count for the initial state only. An array alone begins at rest.
     x0 : {"estimate", "zero"} or array_like, shape (nx,)
         The initial state: the one that fits the first outputs best, rest, or a given one.
     seed : int, optional
@@ -60,10 +65,14 @@ def simulate(model: Model, data: Data, x0: Start = "estimate", *, seed: int | No
     >>> simulate(model, step, x0="zero")[:, 0]
     array([0.   , 1.   , 1.5  , 1.75 , 1.875])
     """
-    own = matched(model, data)
-    start = _start(own, data, x0, simulation=True)
-    said = _run(own, data, start, correct=False)[0]
-    return said if seed is None else said + _disturbance(own, data.n, seed)
+    form = predicting_form(model, data.dt if isinstance(data, Data) else None)
+    if isinstance(form, FreeModel):
+        return form.simulate(data, x0, seed=seed)
+    given = driving_data(data, form.ny, form.nu, form.dt or None)
+    own = matched(form, given)
+    start = _start(own, given, x0, simulation=True)
+    said = _run(own, given, start, correct=False)[0]
+    return said if seed is None else said + _disturbance(own, given.n, seed)
 
 
 def _disturbance(model: Innovations, n: int, seed: int) -> Array:
@@ -78,7 +87,7 @@ def _disturbance(model: Innovations, n: int, seed: int) -> Array:
     return out
 
 
-def predict(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate") -> Array:
+def predict(model: Any, data: Data, horizon: float = 1, x0: Start = "estimate") -> Array:
     """Predict the outputs from the inputs, and from the outputs up to `horizon` samples before.
 
     The first samples, where so much is not known, are predicted from the initial state.
@@ -86,8 +95,8 @@ def predict(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate"
 
     Parameters
     ----------
-    model : Polynomials or Innovations
-        The model, at the step of the data.
+    model : any model
+        A result of this package, or a python-control system or FRD; a continuous one is sampled with held inputs.
     data : Data
         Inputs (n, nu) and outputs (n, ny).
     horizon : int or inf
@@ -120,20 +129,24 @@ def predict(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate"
     >>> predict(model, data, 2)[2:, 0]
     array([1.  , 0.75])
     """
+    _needs_data(data)
     if horizon == np.inf:
         return simulate(model, data, x0)
-    own, h = matched(model, data), _whole(horizon)
-    said, states = _run(own, data, _start(own, data, x0, simulation=False), correct=True)
-    return said if h == 1 else _ahead(own, data, states, h)
+    form, h = predicting_form(model, data.dt), _whole(horizon)
+    if isinstance(form, FreeModel):
+        return form.predict(data, h, x0)
+    own = matched(form, data)
+    said, passed = _run(own, data, _start(own, data, x0, simulation=False), correct=True)
+    return said if h == 1 else _ahead(own, data, passed, h)
 
 
-def prediction_error(model: Model, data: Data, horizon: float = 1, x0: Start = "estimate") -> Array:
+def prediction_error(model: Any, data: Data, horizon: float = 1, x0: Start = "estimate") -> Array:
     """Give the errors of prediction, y - yhat.
 
     Parameters
     ----------
-    model : Polynomials or Innovations
-        The model, at the step of the data.
+    model : any model
+        A result of this package, or a python-control system or FRD; a continuous one is sampled with held inputs.
     data : Data
         Inputs (n, nu) and outputs (n, ny).
     horizon : int or inf
@@ -159,7 +172,7 @@ def prediction_error(model: Model, data: Data, horizon: float = 1, x0: Start = "
     return np.asarray(data.y - predict(model, data, horizon, x0))
 
 
-def predictor_system(model: Model, horizon: float = 1) -> ct.StateSpace:
+def predictor_system(model: Any, horizon: float = 1) -> ct.StateSpace:
     """Give the predictor as a system from [u; y] to the prediction `horizon` samples ahead.
 
     x(t|t-h) = x(t|t-1) - sum_{j=1}^{h-1} a^(j-1) k e(t-j), so beside the state of the one-step predictor the last h - 1
@@ -167,8 +180,8 @@ def predictor_system(model: Model, horizon: float = 1) -> ct.StateSpace:
 
     Parameters
     ----------
-    model : Polynomials or Innovations
-        The model.
+    model : any model
+        A result of this package, or a python-control system.
     horizon : int or inf
         Samples ahead; infinity is the simulation, in which y plays no part.
 
@@ -186,7 +199,9 @@ def predictor_system(model: Model, horizon: float = 1) -> ct.StateSpace:
     >>> predictor.C @ predictor.B
     array([[2. , 0.5]])
     """
-    own = state_space(model) if isinstance(model, Polynomials) else model
+    import control as ct
+
+    own = innovation_form(model)
     if horizon == np.inf:
         b, d = np.hstack([own.b, np.zeros_like(own.k)]), np.hstack([own.d, np.zeros((own.ny, own.ny))])
         return ct.StateSpace(own.a, b, own.c, d, own.dt)
@@ -201,13 +216,13 @@ def predictor_system(model: Model, horizon: float = 1) -> ct.StateSpace:
     return ct.StateSpace(a, b, c, np.hstack([own.d, np.zeros((own.ny, own.ny))]), own.dt)
 
 
-def error_system(model: Model, horizon: float = 1) -> ct.StateSpace:
+def error_system(model: Any, horizon: float = 1) -> ct.StateSpace:
     """Give the error filter as a system from [u; y] to y - yhat, `horizon` samples ahead.
 
     Parameters
     ----------
-    model : Polynomials or Innovations
-        The model.
+    model : any model
+        A result of this package, or a python-control system.
     horizon : int or inf
         Samples ahead; infinity is the simulation.
 
@@ -225,6 +240,8 @@ def error_system(model: Model, horizon: float = 1) -> ct.StateSpace:
     >>> error.D, error.C @ error.B
     (array([[0., 1.]]), array([[-2. , -0.5]]))
     """
+    import control as ct
+
     said = predictor_system(model, horizon)
     nu = said.ninputs - said.noutputs
     own = np.hstack([np.zeros((said.noutputs, nu)), np.eye(said.noutputs)])
@@ -232,7 +249,7 @@ def error_system(model: Model, horizon: float = 1) -> ct.StateSpace:
 
 
 def estimate_x0(
-    model: Model, data: Data, *, samples: int | None = None, simulation: bool = False, fixed: ArrayLike | None = None
+    model: Any, data: Data, *, samples: int | None = None, simulation: bool = False, fixed: ArrayLike | None = None
 ) -> Array:
     """Estimate the initial state that makes the first prediction errors least.
 
@@ -240,8 +257,8 @@ def estimate_x0(
 
     Parameters
     ----------
-    model : Polynomials or Innovations
-        The model, at the step of the data.
+    model : any model
+        A result of this package, or a python-control system or FRD; a continuous one is sampled with held inputs.
     data : Data
         Inputs (n, nu) and outputs (n, ny).
     samples : int, optional
@@ -304,8 +321,15 @@ def _whole(horizon: float) -> int:
     return int(horizon)
 
 
-def matched(model: Model, data: Data) -> Innovations:
-    own = state_space(model) if isinstance(model, Polynomials) else model
+def _needs_data(data: Any) -> None:
+    if not isinstance(data, Data):
+        raise TypeError(f"data (iddata) are wanted, not a {type(data).__name__}")
+
+
+def matched(model: Any, data: Data) -> Innovations:
+    """The innovation form of a model that has the channels and the step of the data."""
+    _needs_data(data)
+    own = innovation_form(model, data.dt)
     if (own.ny, own.nu) != (data.ny, data.nu):
         raise ValueError(f"the model has {own.ny} outputs and {own.nu} inputs, the data have {data.ny} and {data.nu}")
     if not np.isclose(own.dt, data.dt, rtol=1e-6):
@@ -335,16 +359,27 @@ def _settled(free: Array, nx: int) -> int:
 
 def _run(model: Innovations, data: Data, start: Array, *, correct: bool) -> tuple[Array, Array]:
     """Predictions (n, ny) and the states (n, nx) that they were made from."""
+    if correct and not data.complete:
+        return _stepped(model, data, start)
+    driven, free = model.b, model.a
+    pushed = driven @ data.u.T
+    if correct:
+        free = model.a - model.k @ model.c
+        pushed = (driven - model.k @ model.d) @ data.u.T + model.k @ data.y.T
+    found = states(free, pushed, start).T
+    return found @ model.c.T + data.u @ model.d.T, found
+
+
+def _stepped(model: Innovations, data: Data, start: Array) -> tuple[Array, Array]:
+    """The same sample by sample: a missing output corrects nothing."""
     a, c, k = model.a, model.c, model.k
     driven, direct = data.u @ model.b.T, data.u @ model.d.T
-    said, states, x = np.empty((data.n, model.ny)), np.empty((data.n, model.nx)), start
+    said, passed, x = np.empty((data.n, model.ny)), np.empty((data.n, model.nx)), start
     for i in range(data.n):
-        states[i] = x
+        passed[i] = x
         said[i] = c @ x + direct[i]
-        x = a @ x + driven[i]
-        if correct:
-            x = x + k @ np.nan_to_num(data.y[i] - said[i])
-    return said, states
+        x = a @ x + driven[i] + k @ np.nan_to_num(data.y[i] - said[i])
+    return said, passed
 
 
 def _ahead(model: Innovations, data: Data, states: Array, h: int) -> Array:

@@ -15,6 +15,8 @@ off it is.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import control as ct
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,7 @@ from scipy import optimize
 
 from hoopd.ident.bases import Basis
 from hoopd.ident.denominators import Denominator, Free, Stable, powers_of
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.rationalproblem import RationalFit, RationalProblem, Weight, solved
 
 Array = NDArray[np.float64]
@@ -31,10 +34,14 @@ Complex = NDArray[np.complex128]
 SETTLED = 1e-10
 # Powers of |l| by which the first stage weighs relative errors, from valleys to peaks; the nearest answer counts.
 SHARES = (0.0, 0.5, 1.0)
+# Turns in which the hold of a sampled response is settled, and when it is; at half the sampling frequency nothing tells
+# a system from its images.
+HOLD_TURNS, HOLD_SETTLED, BELOW_NYQUIST = 8, 1e-6, 0.999
 # Steps of the second stage from every start, and those that finish the best of them.
 FEW, MANY = 100, 500
 
 
+@estimated("rational fit")
 def rational(
     response: ct.FRD,
     poles: int | ct.TransferFunction,
@@ -44,9 +51,13 @@ def rational(
     phase: bool = False,
     refine: bool = True,
     stable: bool = False,
+    hold: bool | None = None,
     iterations: int = 50,
 ) -> RationalFit:
     """Fit B(s)/A(s) to a measured frequency response of one input and output.
+
+    A sampled response is that of the system behind a hold: the fit is that of the continuous system, whose sampled
+    response, with the images of the hold, is the one given.
 
     First Sanathanan and Koerner's iteration, min sum |w (B - A l)/(A' l)|^2 with A' the denominator before; then
     min sum w^2 |log(B/A) - log l|^2, or of log |.| alone. Logarithms weigh each decade of gain alike, where differences
@@ -70,6 +81,9 @@ def rational(
         Whether there is a second stage.
     stable : bool
         Poles stay in the left half plane.
+    hold : bool, optional
+        Whether the input was held between samples; unless given, where the response has a step. False fits the response
+        as it is.
     iterations : int
         Of the first stage.
 
@@ -92,13 +106,27 @@ def rational(
     --------
     >>> import control
     >>> import numpy as np
-    >>> from hoopd.ident import rational, response
+    >>> from hoopd.ident import rational, frequency_response
     >>> truth = control.tf([4.0], [1.0, 0.4, 4.0])  # 2 rad/s, damping 0.1
-    >>> found = rational(response(truth, np.geomspace(0.1, 50.0, 60)), poles=2, zeros=0)
+    >>> found = rational(frequency_response(truth, np.geomspace(0.1, 50.0, 60)), poles=2, zeros=0)
     >>> found.system.den[0][0].round(3), bool(found.rms < 1e-6)
     (array([1. , 0.4, 4. ]), True)
     """
     problem = RationalProblem.of(response, weight)
+    step = float(response.dt or 0.0) if hold is not False else 0.0
+    if hold and not step:
+        raise ValueError("a hold wants a sampled response, one with a step dt")
+    if step:
+        kept, w, data = _below_half(response, step)
+        share = weight if isinstance(weight, str) else np.asarray(weight, dtype=float)[kept]
+
+        def fitted(without_hold: ct.FRD) -> RationalFit:
+            return rational(
+                without_hold, poles, zeros, weight=share, phase=phase, refine=refine, stable=stable, hold=False,
+                iterations=iterations,
+            )  # fmt: skip
+
+        return _behind_hold(w, data, step, fitted)
     guess = poles if isinstance(poles, ct.TransferFunction) else None
     n = len(guess.den[0][0]) - 1 if guess else int(poles)
     m = (len(guess.num[0][0]) - 1 if guess else n - 1) if zeros is None else zeros
@@ -116,6 +144,7 @@ def rational(
     return problem.answered(*_unscaled(*best, problem.unit), phase)
 
 
+@estimated("basis functions over frequency")
 def fit_basis_response(
     response: ct.FRD, basis: Basis, *, direct: bool = False, weight: Weight = "log", phase: bool = False
 ) -> RationalFit:
@@ -145,9 +174,10 @@ def fit_basis_response(
     --------
     >>> import control
     >>> import numpy as np
-    >>> from hoopd.ident import fit_basis_response, laguerre, response
+    >>> from hoopd.ident import fit_basis_response, laguerre, frequency_response
     >>> truth = control.tf([1.0, 5.0], [1.0, 2.0, 1.0])
-    >>> found = fit_basis_response(response(truth, np.geomspace(0.1, 10.0, 40)), laguerre(-1.0, 2), phase=True)
+    >>> measured = frequency_response(truth, np.geomspace(0.1, 10.0, 40))
+    >>> found = fit_basis_response(measured, laguerre(-1.0, 2), phase=True)
     >>> found.system.dcgain().round(3).item()
     5.0
     """
@@ -202,6 +232,43 @@ def minimum_phase(system: ct.TransferFunction | ct.StateSpace) -> ct.TransferFun
     before, after = (np.polyval(one, at) * np.polyval(other, at) for one, other in ((num, den), (top, bottom)))
     sign = np.sign(before) * np.sign(after) or 1.0
     return ct.tf(sign * top, bottom, tf.dt)
+
+
+# ---------------------------------------------------------------------------------------------- the hold
+
+
+def _below_half(response: ct.FRD, step: float) -> tuple[NDArray[np.bool_], Array, Complex]:
+    """Which frequencies lie between 0 and half the sampling frequency, those frequencies, the response there."""
+    w = np.asarray(response.omega, float)
+    kept = (w > 0.0) & (w * step < BELOW_NYQUIST * np.pi)
+    return kept, w[kept], np.asarray(response.frdata, complex)[:, :, kept]
+
+
+def _behind_hold(w: Array, data: Complex, step: float, fitted: Callable[[ct.FRD], RationalFit]) -> RationalFit:
+    """The continuous system whose response, sampled behind a hold, is nearest to the one given.
+
+    At first the hold is (1 - e^-jwT)/(jwT) alone; then what the system found makes of it, with its images, until that
+    stays.
+    """
+    z = np.exp(-1j * w * step)
+    hold = (1.0 - z) / (1j * w * step)
+    for _ in range(HOLD_TURNS):
+        found = fitted(ct.FRD(data / hold, w))
+        sampled = _sampled_response(found.system, w, step)
+        if sampled is None:
+            break
+        before, hold = hold, sampled / found.system(1j * w)
+        if np.abs(hold / before - 1.0).max() < HOLD_SETTLED:
+            break
+    return found
+
+
+def _sampled_response(system: ct.TransferFunction, w: Array, step: float) -> Complex | None:
+    """Of the system behind a hold; None where it has more zeros than poles."""
+    num, den = system.num[0][0], system.den[0][0]
+    if len(np.trim_zeros(num, "f")) > len(den):
+        return None
+    return np.asarray(ct.ss(ct.sample_system(ct.ss(system), step, "zoh"))(np.exp(1j * w * step)), dtype=complex)
 
 
 # ---------------------------------------------------------------------------------------------- stages

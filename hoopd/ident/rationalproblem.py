@@ -5,24 +5,30 @@ Rules of this file: one input and output; w in rad/s; polynomials run from the h
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hoopd.ident.estimation_report import EstimationReport
+from hoopd.ident.identified_model import IdentifiedModel
+
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Weight = Literal["log", "equal"] | ArrayLike
 
 
-class RationalFit(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class RationalFit(IdentifiedModel):
     """The system, log(system/data) (nw,) nepers + j rad at w (nw,) rad/s, and the weighted root mean square of it."""
 
     system: ct.TransferFunction | ct.StateSpace
     w: Array
     error: Complex
     rms: float
+    report: EstimationReport | None = field(default=None, compare=False)
 
 
 class RationalProblem(NamedTuple):

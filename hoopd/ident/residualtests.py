@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal, stats
 
 from hoopd.ident.data import Data, experiments
-from hoopd.ident.models import Model
 from hoopd.ident.normal import Z95
 from hoopd.ident.prediction import Start, prediction_error
 from hoopd.ident.spectral import correlation
@@ -263,15 +263,13 @@ class ResidualReport:
         ]  # fmt: skip
 
 
-def residuals(
-    model: Model, data: Data | Sequence[Data], lags: int = MOST_LAGS, x0: Start = "estimate"
-) -> ResidualReport:
+def residuals(model: Any, data: Data | Sequence[Data], lags: int = MOST_LAGS, x0: Start = "estimate") -> ResidualReport:
     """Test the one-step errors of a model: white, independent of past inputs, no way from them back to the input.
 
     Parameters
     ----------
-    model : Polynomials or Innovations
-        The model, at the step of the data.
+    model : any model
+        A result of this package, or a python-control system or FRD; a continuous one is sampled with held inputs.
     data : Data or sequence of Data
         One or several experiments, tested together.
     lags : int

@@ -48,7 +48,7 @@ class _Step(NamedTuple):
     a: Array
 
 
-def smoothed(
+def smooth(
     model: Model,
     data: Data,
     x0: Start = "estimate",
@@ -62,8 +62,8 @@ def smoothed(
 
     Parameters
     ----------
-    model : Polynomials or Innovations
-        The model, at the step of the data.
+    model : any model
+        A result of this package, or a python-control system or FRD; a continuous one is sampled with held inputs.
     data : Data
         Inputs (n, nu) and outputs (n, ny).
     x0 : {"estimate", "zero"} or array_like, shape (nx,)
@@ -91,12 +91,12 @@ def smoothed(
     --------
     >>> import control
     >>> import numpy as np
-    >>> from hoopd.ident import iddata, innovations, smoothed
+    >>> from hoopd.ident import iddata, innovations, smooth
     >>> rng = np.random.default_rng(0)
     >>> walk = np.cumsum(0.1 * rng.standard_normal(300))
     >>> data = iddata(walk + rng.standard_normal(300), np.zeros(300))
     >>> model = innovations(control.ss([[1.0]], [[0.0]], [[1.0]], [[0.0]], 1.0))
-    >>> states = smoothed(model, data, noise=([[0.01]], [[1.0]])).states[:, 0]
+    >>> states = smooth(model, data, noise=([[0.01]], [[1.0]])).states[:, 0]
     >>> float(np.std(states - walk).round(2)), float(np.std(data.y[:, 0] - walk).round(2))
     (0.18, 0.98)
     """

@@ -12,25 +12,28 @@ Rules of this file: one matrix of all cross spectra feeds every estimate; each e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import control as ct
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import fft, stats
 
 from hoopd.ident.checks import BROAD, CONSTANT, Orders, check
 from hoopd.ident.crossspectra import Cross, Given, Method, spectra
-from hoopd.ident.data import experiments
+from hoopd.ident.data import Data, experiments
+from hoopd.ident.estimation_report import EstimationReport, estimated
+from hoopd.ident.identified_model import FreeModel
 from hoopd.ident.loopchecks import check_record
+from hoopd.ident.response_model import ResponseModel
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
-class FrequencyEstimate:
+@dataclass(frozen=True, repr=False)
+class FrequencyEstimate(FreeModel):
     """A frequency response and what it is worth.
 
     `system` and `noise` (spectrum of v, unit^2/Hz, ny x ny) are FRDs; `deviation` (ny, nu, nw) is the standard error of
@@ -42,6 +45,25 @@ class FrequencyEstimate:
     deviation: Array
     coherence: Array
     means: float
+    report: EstimationReport | None = field(default=None, compare=False)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(self.system.input_labels)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(self.system.output_labels)
+
+    def simulate(self, data: Data | ArrayLike, x0: Any = "estimate", *, seed: int | None = None) -> Array:
+        """Outputs (n, ny) from the inputs alone, from rest, by the discrete Fourier transform."""
+        return ResponseModel(self.system).simulate(data, x0, seed=seed)
+
+    def predict(self, data: Data, horizon: float = 1, x0: Any = "estimate") -> Array:
+        """The simulation, whatever the horizon."""
+        return self.simulate(data, x0)
 
     @property
     def w(self) -> Array:
@@ -74,11 +96,12 @@ class Correlation(NamedTuple):
 # ---------------------------------------------------------------------------------------------- estimates
 
 
+@estimated("frequency response")
 def tfest(data: Given, method: Method = "welch", **options: float) -> FrequencyEstimate:
     """Estimate the frequency response from every input to every output, and the noise beside it.
 
         y = G u + v:   Phi_yu = G Phi_uu,   Phi_vv = Phi_yy - Phi_yu Phi_uu^-1 Phi_uy
-        var G_ij = Phi_vv,ii [Phi_uu^-1]_jj / (means - nu)
+        var |G_ij| = Phi_vv,ii [Phi_uu^-1]_jj / (means - nu) / 2, and twice that at 0 and at half the sampling frequency
     Feedback biases G towards -1/controller: a warning tells of it. Means are not taken off: `detrend` first unless the
     gain at 0 is wanted.
 
@@ -129,7 +152,9 @@ def tfest(data: Given, method: Method = "welch", **options: float) -> FrequencyE
     g = cross.yu @ inverse
     # Phi_vv of `means` means with nu regressors in each is short by (means - nu)/means
     noise = (cross.yy - g @ _adjoint(cross.yu)) * cross.means / spare
-    spread = np.einsum("kii,kjj->ijk", noise.real, inverse.real) / spare
+    # half of the complex error lies along G, all of it where the transform is real
+    along = np.where(_real(cross), 1.0, 0.5)
+    spread = along * np.einsum("kii,kjj->ijk", noise.real, inverse.real) / spare
     system = ct.FRD(np.moveaxis(g, 0, 2), cross.w, cross.dt, **_names(data))
     return FrequencyEstimate(
         system, ct.FRD(np.moveaxis(noise, 0, 2), cross.w, cross.dt), np.sqrt(np.maximum(spread, 0.0)),
@@ -320,6 +345,12 @@ def _inverse(cross: Cross) -> Complex:
     if power.shape[1] > 1 and np.median(np.linalg.cond(relative)) > 1e8:
         raise ValueError("the inputs move together: their effects cannot be told apart")
     return np.asarray(np.linalg.pinv(relative, hermitian=True) / (scale[:, :, None] * scale[:, None, :]))
+
+
+def _real(cross: Cross) -> NDArray[np.bool_]:
+    """Where the transform of real signals is real: at 0 and at half the sampling frequency."""
+    edge = np.pi / cross.dt
+    return np.asarray((cross.w < 1e-9 * edge) | (cross.w > (1.0 - 1e-9) * edge))
 
 
 def _explained(cross: Cross, inverse: Complex) -> Array:

@@ -12,6 +12,7 @@ of the command line and in its units: SI, angles in rad, but phases of a design 
 the same way; the ball's angle psi is 0 at the bottom. A lesson with it: `docs/lesson.py`.
 """
 
+from hoopd.lab.comparison import ComparedControllers, compare
 from hoopd.lab.controllers import Controller, Design, controller, design
 from hoopd.lab.diagnosis import Diagnosed, diagnose
 from hoopd.lab.fitting import Fitted, fit
@@ -29,6 +30,7 @@ from hoopd.recording import Recording, save
 
 __all__ = [
     "ClosedLoop",
+    "ComparedControllers",
     "Controller",
     "Design",
     "DesignedPlant",
@@ -41,6 +43,7 @@ __all__ = [
     "PlantRun",
     "Recording",
     "Simulation",
+    "compare",
     "controller",
     "daemon",
     "design",

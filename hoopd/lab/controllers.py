@@ -20,9 +20,9 @@ from hoopd.design.arx_law import design_arx
 from hoopd.design.controller_text import controller_data, controller_text
 from hoopd.design.gang_of_four import gang_of_four
 from hoopd.design.laws import LAWS, Law, Spec
-from hoopd.design.lqg import Weights
 from hoopd.design.margins import Margins, margins
 from hoopd.design.poles import Pole, closed_loop_poles, unstable
+from hoopd.design.weights import Weights
 from hoopd.files.controller import ControllerFile, load_controller, parse_controller
 from hoopd.files.shipped import defaults_folder, way_to
 from hoopd.files.whole_files import replace_file

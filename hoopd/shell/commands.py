@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from hoopd.core.modes import ENERGISED
-from hoopd.core.operator import FOLLOWED
+from hoopd.core.operator import FOLLOWED, SPEED
 from hoopd.core.records import Command, TickRecord
 from hoopd.core.succession import ACCEPT, LOADED, REVERT
 from hoopd.core.succession import NAMES as CHANGES
@@ -32,7 +32,7 @@ from hoopd.files.reading import InputError
 from hoopd.shell.helpers import start_helper
 
 ALWAYS = ("disarm", "stop")  # first, and from everybody
-NAMES = (*ALWAYS, "arm", "clear", "reference", "tune", *CHANGES)
+NAMES = (*ALWAYS, "arm", "clear", "reference", SPEED, "tune", *CHANGES)
 WAITING = 16  # commands that one tick may bring: more than a hand can send in 20 ms
 TAKEN = 64  # tickets that may wait for their note; older ones are answered as unsettled
 PAYLOAD_BYTES = 1000
@@ -52,9 +52,9 @@ NO_CONTROL = (
 REFUSED = "command_refused"
 # Notes of the tick that settle commands, and of which command each speaks when it does not say so itself.
 SETTLING: Mapping[str, str] = MappingProxyType(
-    {"operator": "", "controller": "", REFUSED: "", "reference": "reference", "tuned": "tune"}
+    {"operator": "", "controller": "", REFUSED: "", "reference": "reference", SPEED: SPEED, "tuned": "tune"}
 )
-ONE_NOTE_EACH = frozenset({"reference", "tune", *CHANGES})  # of the others one note settles all that were sent
+ONE_NOTE_EACH = frozenset({"reference", SPEED, "tune", *CHANGES})  # of the others one note settles all that were sent
 
 Range = tuple[float, float]
 # Key of a file, and who asked -> what the command brings; InputError says why there is none.
@@ -66,6 +66,7 @@ class Ranges(NamedTuple):
 
     reference: Range = (-1.5, 1.5)  # rad, of the ball: it leaves the track near a quarter turn
     tune: Mapping[str, Range] = MappingProxyType({})
+    speed: Range = (-40.0, 40.0)  # rad/s, of the hoop: the law's own limit, which the tick holds, is no wider
 
 
 class RefusedError(Exception):
@@ -230,6 +231,8 @@ def _parsed(payload: bytes) -> Payload:
 def _command(name: str, content: Payload, ranges: Ranges) -> Command:
     if name == "reference":
         return Command(name, _inside(name, content.value, ranges.reference))
+    if name == SPEED:
+        return Command(name, _inside(name, content.value, ranges.speed))
     if name != "tune":
         return Command(name)
     table = ranges.tune

@@ -9,6 +9,7 @@ among the shipped ones.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from math import cos, sin
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,6 +21,7 @@ from msgspec import Meta
 from hoopd.core.health import Thresholds
 from hoopd.core.limits import SLEW_NM_PER_TICK, TORQUE_LIMIT_NM
 from hoopd.core.ticksettings import TickSettings
+from hoopd.files.calibration import Calibrations, Part
 from hoopd.files.reading import ANY_NUMBER, InputError, load_yaml, os_reason, parse_yaml, read_text, to_struct
 from hoopd.files.records import Strict
 from hoopd.files.shipped import defaults_folder
@@ -105,6 +107,12 @@ class Vision(Strict, frozen=True):
             raise ValueError("homography must be three rows of three numbers that can be inverted")
 
 
+class CalibrationConfig(Strict, frozen=True):
+    """Accepted calibrations (`hoopd calibration`): the newest counts over `vision` and `camera` of the user's file."""
+
+    folder: str = ""  # of the versions; empty: none are kept
+
+
 class Control(Strict, frozen=True):
     """Which law acts: a controller file, or a Python file with a law of the user's own."""
 
@@ -180,6 +188,7 @@ class SimCommand(Strict, frozen=True):
         "shutdown",
         "clear",
         "reference",
+        "speed",
         "tune",
         "controller",
         "trial",
@@ -236,6 +245,7 @@ class Config(Strict, frozen=True):
     """Everything."""
 
     device: Device = Device()
+    calibration: CalibrationConfig = CalibrationConfig()
     serial: Serial = Serial()
     camera: Camera = Camera()
     vision: Vision = Vision()
@@ -257,13 +267,56 @@ def load(path: Path | None, *, sim: bool, overrides: list[str]) -> Config:
         layers.append(_layer(defaults_folder() / "sim.yaml"))
     if path is not None:
         layers.append(_layer(path))
-    layers += [_override(text) for text in overrides]
+    over = [_override(text) for text in overrides]
+    layers += [*_calibration(layers + over, path), *over]
     merged: dict[str, Any] = {}
     for source, layer in layers:
         merged = _merge(merged, layer)
         config = to_struct(merged, Config, source)  # a mistake is reported with the layer that brought it
     _check_picture(config.camera, config.vision)
     return config
+
+
+def calibrations(path: Path | None, overrides: list[str]) -> Calibrations | None:
+    """The folder of a device's calibrations, whatever lies in it; None where no configuration names one."""
+    layers = [_layer(path)] if path is not None else []
+    return _calibrations(layers + [_override(text) for text in overrides], path)
+
+
+def calibration_part(data: dict[str, Any], source: object) -> Part:
+    """Keys of a calibration with values in their usual units; InputError for what the configuration would refuse."""
+    whole = msgspec.to_builtins(to_struct(data, Config, source))
+    part = {name: section for name, section in data.items() if isinstance(section, dict)}
+    return {name: {key: whole[name][key] for key in section} for name, section in part.items()}
+
+
+def _calibrations(layers: Sequence[tuple[object, dict[str, Any]]], path: Path | None) -> Calibrations | None:
+    source, name = _told(layers, "calibration", "folder", "")
+    if not isinstance(name, str):
+        raise InputError(source, "calibration.folder", "expected the name of a folder")
+    return Calibrations((path.parent if path is not None else Path()) / Path(name).expanduser()) if name else None
+
+
+def _calibration(
+    layers: Sequence[tuple[object, dict[str, Any]]], path: Path | None
+) -> list[tuple[object, dict[str, Any]]]:
+    """What was accepted last, as a layer above the user's file."""
+    folder = _calibrations(layers, path)
+    version = folder.in_force() if folder is not None else None
+    if folder is None or version is None:
+        return []
+    source, (_, device) = folder.folder / f"{version.number:04}.yaml", _told(layers, "device", "name", Device().name)
+    if version.device != device:
+        raise InputError(source, "device", f"is of {version.device!r}, this daemon's is {str(device)[:40]!r}")
+    return [(source, version.configuration)]
+
+
+def _told(
+    layers: Sequence[tuple[object, dict[str, Any]]], section: str, key: str, otherwise: object
+) -> tuple[object, Any]:
+    """The last layer that tells a key, and what it tells."""
+    found = [(source, layer[section]) for source, layer in layers if isinstance(layer.get(section), dict)]
+    return next(((source, part[key]) for source, part in reversed(found) if key in part), ("", otherwise))
 
 
 def _check_picture(camera: Camera, vision: Vision) -> None:

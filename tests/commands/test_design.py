@@ -22,8 +22,8 @@ from hoopd.daemon.build import build_tick, mismatch, read_texts
 from hoopd.design.arx_law import arriving
 from hoopd.design.gang_of_four import noise_gain
 from hoopd.design.laws import LAWS, Spec
-from hoopd.design.lqg import Weights
 from hoopd.design.margins import margins
+from hoopd.design.weights import Weights
 from hoopd.files.controller import controller_of, load_controller
 from hoopd.files.reading import InputError
 from hoopd.plants.hoop.loop.closed_loop import LinearPlant, Scenario, picture_timing

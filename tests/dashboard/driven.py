@@ -48,6 +48,7 @@ class Driven(NamedTuple):
     web: Served
     page: Page
     daemon: Daemon
+    folder: Path  # of the daemon's files
 
     @property
     def status(self) -> Any:
@@ -89,4 +90,4 @@ def driven(folder: Path, bench: Bench | None = None, **settings: Any) -> Iterato
         served(Feed([control.endpoint], {}), operators, Audit(folder / "audit.jsonl"), bench) as web,
         opened(folder, web.origin, 1440, 900) as page,
     ):
-        yield Driven(web, page, daemon)
+        yield Driven(web, page, daemon, folder)

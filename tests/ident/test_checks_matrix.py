@@ -122,7 +122,7 @@ def begun(data: Data, n: int) -> object:
 def over_frequency(data: Data, n: int) -> object:
     """Spectra of the record; a measured response with white noise where the order is asked about."""
     if n == LOW:
-        done = ident.transformed(data)
+        done = ident.fft(data)
         return ident.frequency_subspace(done.w, done.y, done.u, dt=1.0, order=n)
     rng, w = np.random.default_rng(0), np.linspace(0.05, 3.0, 60)
     z = np.exp(1j * w)
@@ -178,7 +178,7 @@ ESTIMATORS: dict[str, tuple[Estimator, Mapping[str, str]]] = {
     "tfest": (lambda d, n: ident.tfest(d), {"order": NO_ORDER}),
     "coherence": (lambda d, n: ident.coherence(d), {"order": NO_ORDER}),
     "fit_basis": (lambda d, n: ident.fit_basis(d, ident.orthonormal([0.75 + 0.37j] + [0.3] * (n - 1), 1.0)), {}),
-    "empirical": (lambda d, n: ident.empirical(d), {"order": NO_ORDER}),
+    "empirical": (lambda d, n: ident.etfe(d), {"order": NO_ORDER}),
 }
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from hoopd.ident import conditioning as cond
 from hoopd.ident.data import Data, iddata
-from hoopd.ident.filtering import filtered, prefilter, resample, resampled_covariance, resampled_system
+from hoopd.ident.filtering import idfilt, prefilter, resample, resample_covariance, resample_system
 
 
 def noise(n: int = 200, ny: int = 2, nu: int = 1, seed: int = 0) -> Data:
@@ -48,25 +48,25 @@ def test_ramps_fade_every_channel_and_one_sample_does_nothing() -> None:
 
 def test_scales_and_functions() -> None:
     data = noise()
-    mixed = cond.scaled(data, [[1.0, 2.0], [0.0, 3.0]], 4.0)
+    mixed = cond.scale(data, [[1.0, 2.0], [0.0, 3.0]], 4.0)
     assert np.allclose(mixed.y[:, 0], data.y[:, 0] + 2.0 * data.y[:, 1]) and np.allclose(mixed.u, 4.0 * data.u)
-    unit = cond.normalised(data)
+    unit = cond.normalize(data)
     assert np.allclose(unit.data.y.std(axis=0), 1.0) and np.allclose(unit.data.u * unit.u, data.u)
-    every = cond.applied(data, lambda v: v[::2], lambda v: v[::2], dt=0.2)
+    every = cond.apply(data, lambda v: v[::2], lambda v: v[::2], dt=0.2)
     assert np.array_equal(every.y, data[::2].y) and every.dt == 0.2 and every.outputs == data.outputs
     with pytest.raises(ValueError, match="u is constant"):
-        cond.normalised(iddata(np.arange(5.0), np.ones(5)))
+        cond.normalize(iddata(np.arange(5.0), np.ones(5)))
     with pytest.raises(ValueError, match="2 channels want"):
-        cond.scaled(data, [1.0, 2.0, 3.0])
+        cond.scale(data, [1.0, 2.0, 3.0])
 
 
 def test_pieces_in_time_and_separate_experiments() -> None:
     data = noise()
-    whole = cond.joined(data[:80], data[80:])
+    whole = cond.concatenate(data[:80], data[80:])
     assert np.array_equal(whole.y, data.y) and whole.t0 == data.t0
-    assert [one.n for one in cond.merged(data, [data[:30], data[30:]])] == [200, 30, 170]
+    assert [one.n for one in cond.merge(data, [data[:30], data[30:]])] == [200, 30, 170]
     with pytest.raises(ValueError, match="step"):
-        cond.merged(data, data[::2])
+        cond.merge(data, data[::2])
     assert cond.predictor_data(data).nu == 3
 
 
@@ -87,7 +87,7 @@ def test_a_filter_leaves_the_dynamics_between_input_and_output() -> None:
     system = ct.TransferFunction([0.5], [1.0, -0.8], 0.1)
     u = np.random.default_rng(1).standard_normal(3000)
     y = ct.forced_response(system, U=u).outputs
-    for done in (prefilter(iddata(y, u, 0.1), (0.5, 2.0)), filtered(iddata(y, u, 0.1), [1.0, -0.5], [1.0, 0.3])):
+    for done in (prefilter(iddata(y, u, 0.1), (0.5, 2.0)), idfilt(iddata(y, u, 0.1), [1.0, -0.5], [1.0, 0.3])):
         again = ct.forced_response(system, U=done.u[:, 0]).outputs
         assert np.abs(again - done.y[:, 0])[100:-300].max() < 1e-4
 
@@ -121,14 +121,14 @@ def test_a_rate_changes_without_aliases() -> None:
 
 def test_a_model_at_another_rate_is_the_same_continuous_system() -> None:
     plant = ct.ss(ct.TransferFunction([1.0, 2.0], [1.0, 0.6, 4.0]))
-    moved = resampled_system(ct.c2d(plant, 0.1), 0.03)
+    moved = resample_system(ct.c2d(plant, 0.1), 0.03)
     again = ct.c2d(plant, 0.03)
     assert np.allclose(ct.frequency_response(moved, [0.1, 3.0]).frdata, ct.frequency_response(again, [0.1, 3.0]).frdata)
     with pytest.raises(ValueError, match="at or left of 0"):
-        resampled_system(ct.TransferFunction([1.0], [1.0, 0.5], 0.1), 0.2)
+        resample_system(ct.TransferFunction([1.0], [1.0, 0.5], 0.1), 0.2)
 
 
 def test_a_covariance_over_two_steps_is_that_of_two_steps() -> None:
     a, q = np.array([[0.9, 0.1], [-0.2, 0.8]]), np.array([[2.0, 0.3], [0.3, 1.0]])
-    assert np.allclose(resampled_covariance(a, q, 0.1, 0.2), a @ q @ a.T + q)
-    assert np.allclose(resampled_covariance(a @ a, a @ q @ a.T + q, 0.2, 0.1), q)
+    assert np.allclose(resample_covariance(a, q, 0.1, 0.2), a @ q @ a.T + q)
+    assert np.allclose(resample_covariance(a @ a, a @ q @ a.T + q, 0.2, 0.1), q)

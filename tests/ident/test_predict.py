@@ -169,7 +169,6 @@ def test_data_are_sliced_by_samples_seconds_and_names() -> None:
     ("y", "u", "dt", "why"),
     [
         (np.ones(5), np.ones(4), 1.0, "4 samples"),
-        (np.ones((2, 50)), None, 1.0, "samples run along rows"),
         (np.ones(3), np.array([1.0, np.nan, 1.0]), 1.0, "sample 1"),
         (np.array([1.0, np.inf, 1.0]), None, 1.0, "infinite at sample 1"),
         (np.ones(3), None, 0.0, "positive number of seconds"),

@@ -77,3 +77,18 @@ def test_what_cannot_be_fitted_is_refused() -> None:
         rational(ct.FRD([1.0, 0.0, 3.0], [1.0, 2.0, 3.0]), 1)
     with pytest.raises(ValueError, match="one input and output"):
         rational(ct.FRD(np.ones((1, 2, 3)), [1.0, 2.0, 3.0]), 1)
+
+
+def test_a_sampled_response_gives_the_continuous_system_behind_its_hold() -> None:
+    true, step = ct.tf([4.0], [1.0, 0.4, 4.0]), 0.3
+    w = np.linspace(0.1, np.pi / step, 60)
+    sampled = ct.FRD(ct.ss(ct.sample_system(ct.ss(true), step, "zoh"))(np.exp(1j * w * step)), w, step)
+    found = rational(sampled, 2, 0)
+    assert np.allclose(found.system.den[0][0], [1.0, 0.4, 4.0], rtol=1e-4) and found.rms < 1e-6
+    weights = np.ones(len(w))
+    weights[-1] = 0.0
+    assert np.allclose(rational(sampled, 2, 0, weight=weights, phase=True).system.num[0][0], [4.0], rtol=1e-4)
+    as_it_is = rational(sampled, 2, 0, hold=False)
+    assert as_it_is.system.den[0][0][1] == pytest.approx(0.33, abs=0.02)
+    with pytest.raises(ValueError, match="a hold wants"):
+        rational(measured(true), 2, 0, hold=True)

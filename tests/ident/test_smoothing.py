@@ -10,7 +10,7 @@ from scipy import linalg
 
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Innovations
-from hoopd.ident.smoothing import smoothed
+from hoopd.ident.smoothing import smooth
 
 A = np.array([[0.9, 0.3, 0.0], [-0.2, 0.8, 0.1], [0.0, 0.0, 0.5]])
 MODEL = Innovations(
@@ -51,7 +51,7 @@ def data() -> Data:
 def test_states_are_the_conditional_means_of_unrelated_noises(data: Data) -> None:
     x0 = np.array([0.5, -1.0, 0.2])
     mean, cov = dense(data, x0, P0, linalg.block_diag(Q, R))
-    found = smoothed(replace(MODEL, r=None), data, x0, P0, noise=(Q, R))
+    found = smooth(replace(MODEL, r=None), data, x0, P0, noise=(Q, R))
     assert np.allclose(found.states, mean, atol=1e-8) and np.allclose(found.covariances, cov, atol=1e-8)
     assert np.allclose(found.outputs, mean @ MODEL.c.T + data.u @ MODEL.d.T, atol=1e-8)
 
@@ -59,7 +59,7 @@ def test_states_are_the_conditional_means_of_unrelated_noises(data: Data) -> Non
 def test_states_are_the_conditional_means_of_an_innovation_form(data: Data) -> None:
     both = np.vstack([MODEL.k, np.eye(2)])
     mean, cov = dense(data, np.zeros(3), P0, both @ MODEL.r @ both.T)
-    found = smoothed(MODEL, data, "zero", P0)
+    found = smooth(MODEL, data, "zero", P0)
     assert np.allclose(found.states, mean, atol=1e-7) and np.allclose(found.covariances, cov, atol=1e-7)
 
 
@@ -72,7 +72,7 @@ def test_a_gap_is_bridged_from_both_sides() -> None:
         states[i], y[i] = x, MODEL.c @ x + MODEL.d @ u[i] + v[i]
         x = A @ x + MODEL.b @ u[i] + w[i]
     y[200:204] = np.nan
-    found = smoothed(MODEL, iddata(y, u, 0.1), noise=(0.01 * np.eye(3), 0.01 * np.eye(2)))
+    found = smooth(MODEL, iddata(y, u, 0.1), noise=(0.01 * np.eye(3), 0.01 * np.eye(2)))
     error = np.einsum("ni,nij,nj->n", states - found.states, np.linalg.inv(found.covariances), states - found.states)
     # chi-square with 3 degrees of freedom at each sample, and wider in the gap
     assert 2.5 < error[20:-20].mean() < 3.5 and error[200:204].max() < 20.0
@@ -81,8 +81,8 @@ def test_a_gap_is_bridged_from_both_sides() -> None:
 
 def test_what_cannot_be_weighed_is_refused(data: Data) -> None:
     with pytest.raises(ValueError, match="does not know"):
-        smoothed(replace(MODEL, r=None), data)
+        smooth(replace(MODEL, r=None), data)
     with pytest.raises(ValueError, match="of 3 states"):
-        smoothed(MODEL, data, noise=(np.eye(2), R))
+        smooth(MODEL, data, noise=(np.eye(2), R))
     with pytest.raises(ValueError, match="x0 has 2 numbers"):
-        smoothed(MODEL, data, np.zeros(2))
+        smooth(MODEL, data, np.zeros(2))

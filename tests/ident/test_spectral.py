@@ -32,8 +32,8 @@ def test_inputs_that_move_together_in_part_are_told_apart(method: str) -> None:
     found = tfest(data, method, **options)  # type: ignore[arg-type]
     true = ct.FRD(system, found.w).frdata
     miss = np.abs(found.system.frdata - true)[:, :, 1:-1] / found.deviation[:, :, 1:-1]
-    # |error|^2 / variance of a complex error is exponential with mean 1
-    assert 0.8 < np.mean(miss**2) < 1.35 and found.system.dt == 0.05
+    # half of the square of a complex error lies along the response
+    assert 0.8 < np.mean(miss**2) / 2.0 < 1.35 and found.system.dt == 0.05
     spectrum = 0.3**2 * 0.05 / np.abs(1.0 - 0.5 * np.exp(-1j * found.w * 0.05)) ** 2
     level = found.noise.frdata[0, 0].real / spectrum
     assert np.mean(level[1:-1]) == pytest.approx(1.0, abs=0.06)
@@ -134,3 +134,16 @@ def test_the_spectrum_of_a_model_is_that_of_its_samples() -> None:
     found = power_spectrum(iddata(signal.lfilter([1.0, 0.4], POLES, e), None, 0.05), segment=400)
     ratio = found.density[2:, 0] / noise_spectrum(model, found.w[2:])[:, 0, 0].real
     assert np.abs(ratio - 1.0).max() < 0.25 and np.mean(ratio) == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_error_of_a_gain_is_the_spread_of_many_estimates() -> None:
+    gains, claimed = [], []
+    for seed in range(150):
+        u, e = np.random.default_rng(seed).standard_normal((2, 2000))
+        found = tfest(iddata(signal.lfilter([0.0, 1.0], [1.0, -0.5], u) + 0.5 * e, u), segment=100)
+        gains.append(np.abs(found.system.frdata[0, 0]))
+        claimed.append(found.deviation[0, 0])
+    ratio = np.sqrt(np.mean(np.square(claimed), axis=0)) / np.std(gains, axis=0)
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.07)
+    # at 0 and at half the sampling frequency the whole error lies along the gain
+    assert ratio[[0, -1]] == pytest.approx([1.0, 1.0], abs=0.25)

@@ -40,7 +40,7 @@ def test_every_name_of_the_table_is_there(path: str) -> None:
 def test_the_table_is_the_whole_toolbox() -> None:
     shown = {path.removeprefix("hoopd.ident.") for path in NAMES if path.startswith("hoopd.ident.")}
     unshown = set(hoopd.ident.__all__) - shown
-    assert unshown <= {"IdentificationWarning", "Polynomials", "normalised", "noise_spectrum", "crest_factor", "steps"}
+    assert unshown <= {"IdentificationWarning", "Polynomials", "normalize", "noise_spectrum", "crest_factor", "steps"}
     assert len(NAMES) > 90
 
 

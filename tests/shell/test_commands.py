@@ -103,6 +103,7 @@ def test_order_and_safe_ones_last() -> None:
     [
         ("reference", b"", "expected a finite number from -1 to 1"),
         ("reference", b"1.5", "1.5 is outside -1 to 1"),
+        ("speed", b"41", "41 is outside -40 to 40"),
         ("reference", b"NaN", "expected a number or"),
         ("reference", b"1e999", "expected a"),
         ("reference", b'{"valu": 1}', "expected a number or"),

@@ -184,6 +184,18 @@ def test_a_large_reference_is_limited_by_the_hoop_speed_it_would_need(tmp_path: 
     assert run.summary["final_mode"] == "DISARMED" and "hoop_overspeed" not in run.summary["faults"]
 
 
+def test_a_hoop_driven_by_hand_turns_as_wanted_stops_by_itself_and_replays(tmp_path: Path) -> None:
+    """10 rad/s for six seconds, then silence: the same without the operator's last word."""
+    hand = ", ".join(f"{{at_s: {3 + 0.1 * k:g}, name: speed, value: 10}}" for k in range(60))
+    run = run_rig(tmp_path, AT_REST, commands(hand), duration_s=12.0)
+    ends = 9.0 - (12.0 - run.t[-1])  # of the run's own time
+    held = run.after(ends - 3.0) & (run.t < ends)
+    np.testing.assert_allclose(run.dtheta[held], 10.0, atol=0.3)
+    assert np.abs(run.psi[run.after(1.0)]).max() < 0.15
+    assert np.abs(run.dtheta[run.after(ends + 1.0)]).max() < 1.0  # 0.3 s of patience, then the brake of the law
+    assert replay(tmp_path / "run-0001.mcap")["equal"] is True
+
+
 def test_a_disarm_forgets_the_reference(tmp_path: Path) -> None:
     rows = "{at_s: 1.5, name: reference, value: 0.2}, {at_s: 2, name: disarm}, {at_s: 2.2, name: arm}"
     run_rig(tmp_path, AT_REST, commands(rows), duration_s=4.0)

@@ -18,8 +18,9 @@ from hoopd.core.controllers import Lqg
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.limits import Limiter
 from hoopd.design.defaults import TICK_S
-from hoopd.design.lqg import Weights, feedback, lqg_gains, lqg_loop
+from hoopd.design.lqg import feedback, lqg_gains, lqg_loop
 from hoopd.design.margins import margins
+from hoopd.design.weights import Weights
 from hoopd.files.controller import controller_of, estimator_of, limiter_of, load_controller
 from hoopd.plants.hoop.loop.closed_loop import Scenario, simulate
 from hoopd.plants.hoop.plant import HoopPlant

@@ -104,12 +104,13 @@ class Page:
 
     def drag(self, points: list[tuple[float, float]]) -> None:
         """Press at the first point, px, move along, let go at the last."""
-        self._mouse("mousePressed", *points[0])
+        self.mouse("mousePressed", *points[0])
         for point in points[1:]:
-            self._mouse("mouseMoved", *point)
-        self._mouse("mouseReleased", *points[-1])
+            self.mouse("mouseMoved", *point)
+        self.mouse("mouseReleased", *points[-1])
 
-    def _mouse(self, kind: str, x: float, y: float) -> None:
+    def mouse(self, kind: str, x: float, y: float) -> None:
+        """One event of the left button, px: mousePressed, mouseMoved or mouseReleased."""
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
     def key(self, key: str, code: str = "") -> None:

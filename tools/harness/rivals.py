@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.rigrun import RigRun, run_rig
-from hoopd.design.lqg import Weights
+from hoopd.design.weights import Weights
 
 REST = "sim.psi_rad=0"
 # The ball is told where to be; 0.1 rad needs 23 rad/s of hoop speed on the rig's device.

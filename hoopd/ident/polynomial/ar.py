@@ -16,11 +16,12 @@ from scipy.signal import lfilter, oaconvolve
 
 from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.lagged import lagged_gram
 from hoopd.ident.modelchecks import check_model, check_order
 from hoopd.ident.models import Polynomials
 from hoopd.ident.polynomial.arx import arx
-from hoopd.ident.polynomial.estimators import Estimator, least_squares
+from hoopd.ident.polynomial.estimators import MAD, Estimator, least_squares
 from hoopd.ident.polynomial.pem import pem
 from hoopd.ident.polynomial.plr import regressed
 from hoopd.ident.polynomial.regression import regressors, residuals, solve_arx
@@ -32,10 +33,13 @@ Array = NDArray[np.float64]
 # Largest window of the singular spectra, and the share of their directions that is signal.
 WINDOW = 2000
 SIGNAL = 0.75
+# Outliers lie so many robust standard deviations from the strongest directions, so large a share of those that stay.
+FAR, OUTLIER_SHARE, OUTLIER_TURNS = 4.0, 0.25, 20
 # Two values on each coefficient of a long AR model at least.
 LONG_SHARE = 4
 
 
+@estimated("AR")
 def ar(
     data: Data | Sequence[Data], na: int, *, ridge: float = 0.0, estimator: Estimator | None = None
 ) -> Polynomials:  # fmt: skip
@@ -70,6 +74,7 @@ def ar(
     return arx(_alone(data), na, (), (), ridge=ridge, estimator=estimator)
 
 
+@estimated("ARMA")
 def arma(
     data: Data | Sequence[Data], na: int, nc: int, *, method: Literal["pem", "two-stage"] = "pem",
     initial_order: int = 20, estimator: Estimator = least_squares,
@@ -119,8 +124,9 @@ def arma(
     return model
 
 
+@estimated("ARMA by singular spectra")
 def arma_ssa(
-    data: Data, na: int, nc: int, *, window: int | None = None, signal: float = SIGNAL,
+    data: Data, na: int, nc: int, *, window: int | None = None, signal: float = SIGNAL, robust: bool = False,
     estimator: Estimator = least_squares,
 ) -> Polynomials:  # fmt: skip
     """Fit an ARMA model A y = C e of a signal under white measurement noise, by singular spectra.
@@ -138,6 +144,9 @@ def arma_ssa(
         Lags; the smaller of half the samples and 2000 unless given.
     signal : float
         Share of the window's directions that stays.
+    robust : bool
+        Whether outliers are told from the signal and taken out first: low rank and a few large values by turns, as in
+        a robust principal component analysis.
     estimator : callable
         Solves the regression, (A, y) -> x.
 
@@ -153,7 +162,8 @@ def arma_ssa(
 
     Notes
     -----
-    Source: Golyandina, Nekrutkin & Zhigljavsky, Analysis of Time Series Structure: SSA (2001).
+    Sources: Golyandina, Nekrutkin & Zhigljavsky, Analysis of Time Series Structure: SSA (2001); Candes, Li, Ma &
+    Wright, J. ACM 58 (2011), on a low rank beside a few large values.
 
     Examples
     --------
@@ -179,6 +189,8 @@ def arma_ssa(
     long = min(max(size // 5, na + nc), one.n // LONG_SHARE)
     own = structure(0, na, (), nc, delay=())
     check(one, orders=replace(own.asked, parameters=own.size + long, lost=own.lost + long))
+    if robust:
+        one = replace(one, y=without_outliers(one.y[:, 0], size, signal)[:, None])
     smooth = reconstructed(one.y[:, 0], size, signal)[:, None]
     driven = replace(one, y=smooth, u=_innovations(one, long), inputs=("e",))
     a, y = regressors(driven, na, nc, 1)
@@ -215,6 +227,22 @@ def reconstructed(y: Array, window: int, signal: float) -> Array:
         noise += oaconvolve(oaconvolve(y, v, "valid"), v[::-1])
     held = np.minimum(np.minimum(np.arange(1, n + 1), n - np.arange(n)), min(window, n - window + 1))
     return np.asarray(y - noise / held)
+
+
+def without_outliers(y: Array, window: int, signal: float) -> Array:
+    """A series (n,) without what lies far from its strongest singular directions.
+
+    A quarter of the directions that stay is enough to tell an outlier by: with all of them it would be kept itself.
+    """
+    clean = y.copy()
+    for _ in range(OUTLIER_TURNS):
+        rest = y - reconstructed(clean, window, OUTLIER_SHARE * signal)
+        far = np.abs(rest - np.median(rest)) > FAR * np.median(np.abs(rest - np.median(rest))) / MAD
+        found = np.where(far, y - rest, y)
+        if np.array_equal(found, clean):
+            break
+        clean = found
+    return clean
 
 
 def driving_noise(model: Polynomials, data: Data) -> Array:

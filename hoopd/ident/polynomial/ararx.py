@@ -19,6 +19,7 @@ from scipy.signal import lfilter
 
 from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.loopchecks import check_feedback
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Polynomials
@@ -33,6 +34,7 @@ SHARES = 12
 REAL = 1e-9
 
 
+@estimated("ARARX")
 def ararx(
     data: Data | Sequence[Data], na: int, nb: Counts, nd: int, delay: Counts = 1, *,
     method: Literal["pem", "gls"] = "pem", prior: ArrayLike | None = None, iterations: int = 30,

@@ -6,13 +6,16 @@ Rules of this file: an equation with a missing output in it is dropped; nothing 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.estimation_report import EstimationReport, estimated
+from hoopd.ident.identified_model import IdentifiedModel
 from hoopd.ident.loopchecks import check_feedback
 from hoopd.ident.modelchecks import check_excess, check_model, check_order, coefficient, wald
 from hoopd.ident.models import Innovations, Polynomials
@@ -20,9 +23,13 @@ from hoopd.ident.polynomial.estimators import Estimator, band
 from hoopd.ident.polynomial.regression import least_regression, regressors, residuals
 from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
 
+if TYPE_CHECKING:
+    import control as ct
+
 Array = NDArray[np.float64]
 
 
+@estimated("ARX")
 def arx(
     data: Data | Sequence[Data],
     na: int,
@@ -107,8 +114,8 @@ def _judged(model: Polynomials, squares: Polynomials, each: Sequence[Data], ridg
         check_feedback(_padded(squares, one), one.u, one.inputs)
 
 
-@dataclass(frozen=True)
-class VectorArx:
+@dataclass(frozen=True, repr=False)
+class VectorArx(IdentifiedModel):
     """A(q) y = B(q) u + e: a (na + 1, ny, ny) with a[0] = 1, b (lags, ny, nu), r (ny, ny) covariance of e.
 
     `rows`: one model an output, its inputs being the other outputs and then the inputs.
@@ -121,6 +128,17 @@ class VectorArx:
     rows: tuple[Polynomials, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    report: EstimationReport | None = field(default=None, compare=False)
+
+    @property
+    def system(self) -> ct.StateSpace:
+        """From u to y."""
+        return self.state_space.system
+
+    def deviations(self) -> dict[str, float]:
+        """Standard errors of the coefficients of each row, by coefficient and output; empty without a covariance."""
+        rows = zip(self.outputs, self.rows, strict=True)
+        return {f"{name} ({output})": sd for output, row in rows for name, sd in row.deviations().items()}
 
     @property
     def state_space(self) -> Innovations:
@@ -138,6 +156,7 @@ class VectorArx:
         )  # fmt: skip
 
 
+@estimated("ARX of several outputs")
 def varx(
     data: Data | Sequence[Data], na: int, nb: Counts, delay: Counts = 1, *, coupled: bool = True, ridge: float = 0.0
 ) -> VectorArx:

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from hoopd.ident.checks import Orders, check, check_channels, warn
+from hoopd.ident.checks import Orders, check, check_channels
 from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.doubts import warn
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.polynomial.gaussnewton import PolynomialExperiment, errors, search
 from hoopd.ident.polynomial.regression import solve_arx

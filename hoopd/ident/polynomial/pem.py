@@ -4,8 +4,9 @@ One search for all (`gaussnewton`), from linear starts (`starts`). The estimate 
 (Ljung, System Identification, 1999, 7.4); its covariance is variance (J'J)^-1 where the noise model is right, and
 H^-1 Q H^-1 with the residuals' correlation where it is not (9.4).
 
-Rules of this file: initial states are estimated unless "zero" is asked for; missing outputs cut the data into
-stretches of their own, but for output error, where they only do not count.
+Rules of this file: initial states are estimated unless "zero" is asked for. Missing outputs of an output-error model
+do not count; with noise dynamics, and where many short experiments start anywhere, the likelihood is exact
+(`incomplete`).
 """
 
 from __future__ import annotations
@@ -16,21 +17,26 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident.checks import check, unsettled, warn
-from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.checks import check, unsettled
+from hoopd.ident.data import Data, experiments
+from hoopd.ident.doubts import warn
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.loopchecks import check_feedback
 from hoopd.ident.modelchecks import DICKEY_FULLER, check_model
 from hoopd.ident.models import Polynomials
+from hoopd.ident.polynomial import incomplete
 from hoopd.ident.polynomial.gaussnewton import Optimum, PolynomialExperiment, errors, jacobian, search
 from hoopd.ident.polynomial.stable import EDGE, radius
 from hoopd.ident.polynomial.starts import long_model, starts
 from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
+from hoopd.ident.prediction import prediction_error
 
 Array = NDArray[np.float64]
 Initial = Literal["estimate", "zero"]
 Kind = Literal["white", "robust"]
 
 
+@estimated("ARMAX")
 def armax(
     data: Data | Sequence[Data], na: int, nb: Counts, nc: int, delay: Counts = 1, *, initial: Initial = "estimate",
     covariance: Kind = "white", start: ArrayLike | Polynomials | None = None,
@@ -40,7 +46,7 @@ def armax(
     Parameters
     ----------
     data : Data or sequence of Data
-        One or several experiments; missing outputs cut them into stretches.
+        One or several experiments; of missing outputs the exact likelihood is taken.
     na : int
         Coefficients of A after the leading 1.
     nb : int or tuple of int
@@ -86,6 +92,7 @@ def armax(
     return pem(each, own, initial=initial, covariance=covariance, start=start)
 
 
+@estimated("output error")
 def oe(
     data: Data | Sequence[Data], nb: Counts, nf: Counts, delay: Counts = 1, *, initial: Initial = "estimate",
     covariance: Kind = "robust", start: ArrayLike | Polynomials | None = None,
@@ -140,6 +147,7 @@ def oe(
     return pem(each, own, initial=initial, covariance=covariance, start=start)
 
 
+@estimated("Box-Jenkins")
 def bj(
     data: Data | Sequence[Data], nb: Counts, nc: int, nd: int, nf: Counts, delay: Counts = 1, *,
     initial: Initial = "estimate", covariance: Kind = "white", start: ArrayLike | Polynomials | None = None,
@@ -149,7 +157,7 @@ def bj(
     Parameters
     ----------
     data : Data or sequence of Data
-        One or several experiments; missing outputs cut them into stretches.
+        One or several experiments; of missing outputs the exact likelihood is taken.
     nb : int or tuple of int
         Coefficients of B, for all inputs or by input, from q^-delay on.
     nc, nd : int
@@ -208,11 +216,35 @@ def pem(
     each = experiments(data)
     single(each)
     check(each, orders=own.asked)
-    pieces = stretches(own, each, initial)
     free = initial == "estimate"
+    if incomplete.wanted(own, each, free_start=free):
+        return _likeliest(own, each, start, covariance, free)
+    pieces = stretches(own, each)
     candidates = _given(own, start) if start is not None else _found(own, pieces)
     best = _best(own, pieces, candidates, free)
     return _reported(own, each, pieces, best, covariance)
+
+
+def _likeliest(
+    own: Structure, each: Sequence[Data], start: ArrayLike | Polynomials | None, kind: Kind, free: bool
+) -> Polynomials:  # fmt: skip
+    """Through gaps and from many short starts: the exact likelihood."""
+    candidates = _given(own, start) if start is not None else _found(own, incomplete.bridged(each))
+    best = incomplete.search(own, each, candidates, free_start=free)
+    spread = best.covariance if kind == "white" else _sandwich(best.covariance, best)
+    model = own.model(best.x, each[0], best.variance, spread)
+    if not best.settled:
+        unsettled(best.steps)
+    _judged(model, best.count)
+    for one in each:
+        check_feedback(np.nan_to_num(prediction_error(model, one)[:, 0]), one.u, each[0].inputs)
+    return model
+
+
+def _sandwich(inverse: Array, best: incomplete.IncompleteOptimum) -> Array:
+    """H^-1 Q H^-1 of errors with what is missing eliminated."""
+    outer = inverse / best.variance
+    return np.asarray(outer @ _serial(best.jacobian, best.errors) @ outer)
 
 
 def prediction_errors(model: Polynomials, data: Data, *, initial: Initial = "estimate") -> Array:
@@ -221,8 +253,10 @@ def prediction_errors(model: Polynomials, data: Data, *, initial: Initial = "est
     As `predict.prediction_error`, but with the initial state that is best for all of the data and at filter speed.
     """
     own = orders_of(model)
+    if incomplete.wanted(own, [data], free_start=initial == "estimate"):
+        return np.asarray(prediction_error(model, data, x0=initial)[:, 0])
     out = np.full(data.n, np.nan)
-    for first, piece in _placed(own, data, initial):
+    for first, piece in _placed(own, data):
         p = np.zeros(0) if initial == "zero" else _initial(own, own.values(model), piece)
         e = errors(own, own.values(model), p, piece).e
         out[first : first + len(e)] = e if piece.seen is None else np.where(piece.seen > 0.0, e, np.nan)
@@ -239,10 +273,8 @@ def orders_of(model: Polynomials) -> Structure:
 
 
 def stretches(own: Structure, each: Sequence[Data], initial: Initial = "estimate") -> list[PolynomialExperiment]:
-    """What the search takes: whole experiments, cut at missing outputs unless the structure is output error."""
-    if any(not np.isfinite(one.u).all() for one in each):
-        raise ValueError("an input must be known at every sample: fill it or cut the data there")
-    found = [piece for one in each for _, piece in _placed(own, one, initial)]
+    """What the plain search takes: whole experiments; a missing output, of output error, does not count."""
+    found = [piece for one in each for _, piece in _placed(own, one)]
     free = own.size + (own.states * len(found) if initial == "estimate" else 0)
     if sum(piece.count for piece in found) <= free:
         raise ValueError(
@@ -255,19 +287,12 @@ def stretches(own: Structure, each: Sequence[Data], initial: Initial = "estimate
 # ------------------------------------------------------------------------------------------------- steps
 
 
-def _placed(own: Structure, data: Data, initial: Initial) -> list[tuple[int, PolynomialExperiment]]:
-    """Stretches of one experiment and the samples at which they begin."""
+def _placed(own: Structure, data: Data) -> list[tuple[int, PolynomialExperiment]]:
+    """The experiment and the sample at which it begins; missing outputs of output error do not count."""
     if data.complete:
         return [(0, _stretch(data))]
-    if own.na == own.nc == own.nd == 0:
-        seen = np.isfinite(data.y[:, 0])
-        filled = PolynomialExperiment(np.where(seen, data.y[:, 0], 0.0), _inputs(data), seen.astype(float))
-        return [(0, filled)]
-    if initial == "zero":
-        raise ValueError('after a missing output the state is not zero: use initial="estimate"')
-    # a stretch no longer than its initial state tells nothing of the coefficients
-    pieces = [piece for piece in runs(data) if piece.n > own.states + own.lost]
-    return [(round((piece.t0 - data.t0) / data.dt), _stretch(piece)) for piece in pieces]
+    seen = np.isfinite(data.y[:, 0])
+    return [(0, PolynomialExperiment(np.where(seen, data.y[:, 0], 0.0), _inputs(data), seen.astype(float)))]
 
 
 def _stretch(data: Data) -> PolynomialExperiment:
@@ -323,13 +348,17 @@ def _reported(
     model = own.model(best.x, each[0], variance, spread)
     if not best.settled:
         unsettled(best.steps)
+    _judged(model, count)
+    for one, p in zip(pieces, best.p, strict=True):
+        check_feedback(errors(own, best.x, p, one).e, one.u.T, each[0].inputs)
+    return model
+
+
+def _judged(model: Polynomials, count: int) -> None:
     at_edge = [name for name, one in _guarded(model) if radius(one) > EDGE - 1e-7]
     if at_edge:
         warn(f"{', '.join(at_edge)} ends at the limit of stability: there the estimate has no covariance")
     check_model(model, count)
-    for one, p in zip(pieces, best.p, strict=True):
-        check_feedback(errors(own, best.x, p, one).e, one.u.T, each[0].inputs)
-    return model
 
 
 def _guarded(model: Polynomials) -> list[tuple[str, Array]]:
@@ -341,14 +370,17 @@ def _robust(own: Structure, pieces: Sequence[PolynomialExperiment], best: Optimu
     q = np.zeros((own.size, own.size))
     for one, p in zip(pieces, best.p, strict=True):
         found = errors(own, best.x, p, one)
-        rows = jacobian(own, found, one, 0)
-        r = _correlation(found.e, min(len(found.e) // 4, round(4.0 * len(found.e) ** (1.0 / 3.0))))
-        # white inputs are independent of e: Q = sum_tau r(tau) sum_t psi(t) psi(t + tau)'
-        smooth = np.apply_along_axis(np.convolve, 1, rows, np.concatenate([r[:0:-1], r]), "same")
-        q += rows @ smooth.T
-    q = 0.5 * (q + q.T)
+        q += _serial(jacobian(own, found, one, 0), found.e)
     count = sum(one.count for one in pieces)
     return np.asarray(best.inverse @ q @ best.inverse * count / max(count - own.size - best.p.size, 1))
+
+
+def _serial(rows: Array, e: Array) -> Array:
+    """Sum of psi(t) r(t - s) psi(s)' of derivatives psi (m, n); white inputs are independent of e."""
+    r = _correlation(e, min(len(e) // 4, round(4.0 * len(e) ** (1.0 / 3.0))))
+    smooth = np.apply_along_axis(np.convolve, 1, rows, np.concatenate([r[:0:-1], r]), "same")
+    q = rows @ smooth.T
+    return np.asarray(0.5 * (q + q.T))
 
 
 def _correlation(e: Array, lags: int) -> Array:

@@ -10,7 +10,7 @@ the regressors are estimates themselves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +18,23 @@ from scipy.signal import lfilter
 
 from hoopd.ident.checks import check
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.doubts import warn
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.loopchecks import check_feedback
 from hoopd.ident.modelchecks import check_model, check_order
 from hoopd.ident.models import Polynomials
 from hoopd.ident.polynomial.estimators import Estimator, least_squares
-from hoopd.ident.polynomial.regression import regressors, residuals
+from hoopd.ident.polynomial.regression import least_regression, regressors, residuals
 from hoopd.ident.polynomial.stable import reflected
 from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
 
 Array = NDArray[np.float64]
 
+# Passes end when one leaves prediction errors whose squares are so much larger than the least before.
+WORSE = 1.02
 
+
+@estimated("pseudo-linear regression")
 def plr(
     data: Data | Sequence[Data], na: int, nb: Counts, nc: int, delay: Counts = 1, *, initial_order: int = 20,
     passes: int = 1, estimator: Estimator = least_squares,
@@ -54,7 +60,8 @@ def plr(
     initial_order : int
         Of the ARX model.
     passes : int
-        Above 1 it repeats with the residuals of the model just found (extended least squares).
+        Above 1 it repeats with the residuals of the model just found (extended least squares). That need not converge:
+        the pass with the least prediction errors counts, and a warning tells when a later one was worse.
     estimator : callable
         Solves the last regression, (A, y) -> x in the order of the names.
 
@@ -96,6 +103,7 @@ def regressed(
 ) -> tuple[Polynomials, Array]:  # fmt: skip
     """The regression on innovations, with nothing checked, and its covariance if those were known, not estimated."""
     e = _long(each, own, initial_order)
+    best: _Pass | None = None
     for i in range(passes):
         wide = [replace(one, u=np.column_stack([one.u, ei]), inputs=()) for one, ei in zip(each, e, strict=True)]
         a, y = regressors(wide, own.na, (*own.nb, own.nc), (*own.delay, 1))
@@ -104,17 +112,47 @@ def regressed(
         x = estimator(a, y)
         rest = y - a @ x
         model = own.model(x, each[0], float(rest @ rest) / (len(y) - own.size))
-        if i + 1 < passes:
-            e = [_driving(model, one) for one in each]
-    inverse = np.asarray(np.linalg.pinv(a.T @ a, rcond=1e-12, hermitian=True), dtype=float)
-    return model, model.variance * inverse
+        if passes == 1:
+            return model, model.variance * _inverse(a)
+        e = [_driving(model, one) for one in each]
+        last = _Pass(i + 1, model, model.variance * _inverse(a), _mean_square(e))
+        best = last if best is None or last.loss < best.loss else best
+        if last.loss > WORSE * best.loss:
+            break
+    assert best is not None
+    if last.loss > WORSE * best.loss:
+        warn(
+            f"extended least squares does not converge: after pass {last.number} the prediction errors are "
+            f"{100.0 * (np.sqrt(last.loss / best.loss) - 1.0):.0f} % larger than after pass {best.number}, whose model "
+            "is given; armax finds the least"
+        )
+    return best.model, best.spread
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """A pass, its model, the covariance if the innovations were known, the mean square of its prediction errors."""
+
+    number: int
+    model: Polynomials
+    spread: Array
+    loss: float
+
+
+def _inverse(a: Array) -> Array:
+    return np.asarray(np.linalg.pinv(a.T @ a, rcond=1e-12, hermitian=True), dtype=float)
+
+
+def _mean_square(e: Sequence[Array]) -> float:
+    """Of errors that are known; infinite where they run away."""
+    with np.errstate(all="ignore"):
+        total = float(np.nanmean(np.square(np.concatenate(e))))
+    return total if np.isfinite(total) else np.inf
 
 
 def _long(each: Sequence[Data], own: Structure, order: int) -> list[Array]:
     """Innovations (n,) by a long ARX model; NaN where its lags reach before the data or a missing output."""
-    a, y = regressors(each, order, (order,) * own.nu, own.delay)
-    x = least_squares(a, y)
-    model = structure(own.nu, order, (order,) * own.nu, delay=own.delay).model(x, each[0])
+    model = least_regression(each, structure(own.nu, order, (order,) * own.nu, delay=own.delay), 0.0)
     out = []
     for one in each:
         rest = residuals(model, one)

@@ -166,7 +166,8 @@ class RecursiveArx:
 
     def _check_told(self) -> None:
         """Warn of channels that never moved and of inputs whose lags in memory depend on each other."""
-        from hoopd.ident.checks import SINGULAR, warn
+        from hoopd.ident.checks import SINGULAR
+        from hoopd.ident.doubts import warn
 
         for i in np.flatnonzero(self._low >= self._high):
             warn(f"{f'input {i}' if i else 'the output'} is constant: it tells nothing of its coefficients")

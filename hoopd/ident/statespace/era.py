@@ -12,8 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import warn
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.doubts import warn
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.modelchecks import check_predictor
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace.okid import okid
@@ -22,6 +23,7 @@ from hoopd.ident.statespace.ordering import check_states
 Array = NDArray[np.float64]
 
 
+@estimated("realisation (ERA)")
 def era(
     markov: Array, order: int | None = None, *, dt: float = 1.0, rows: int | None = None, columns: int | None = None
 ) -> Innovations:
@@ -91,6 +93,7 @@ def era(
     return found
 
 
+@estimated("realisation (ERA)")
 def era_of_data(
     data: Data | Sequence[Data], order: int, *, lags: int | None = None, drop: int | None = None,
     rows: int | None = None, columns: int | None = None, ridge: float = 0.0, curvature: float = 0.0,

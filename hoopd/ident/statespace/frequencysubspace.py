@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from hoopd.ident.checks import SINGULAR, warn
+from hoopd.ident.checks import SINGULAR
+from hoopd.ident.doubts import warn
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace.frequencyinputs import Spectra, fit_inputs, fit_outputs, fit_rest, ones
-from hoopd.ident.statespace.stabilise import stabilise
+from hoopd.ident.statespace.stabilise import stabilize
 
 # Singular values of white noise lie within so many times their median (Marchenko & Pastur, 1967, for square matrices).
 CHANCE = 3.0
@@ -40,6 +42,7 @@ class GivenMatrices:
     c: Array | None = None
 
 
+@estimated("subspace over frequency")
 def frequency_subspace(
     w: ArrayLike,
     y: ArrayLike,
@@ -118,7 +121,7 @@ def frequency_subspace(
     _check_power(own, data)
     if given.a is None:
         a, c, s = _dynamics(data, order, most_order, horizon, has_transient)
-        model = fit_rest(data, stabilise(a) if stable else a, c, direct, has_transient)
+        model = fit_rest(data, stabilize(a) if stable else a, c, direct, has_transient)
         model = replace(model, singular_values=s)
     elif given.c is not None:
         model = fit_inputs(data, given.a, given.c, direct, has_transient)
@@ -186,9 +189,9 @@ def from_response(response: ct.FrequencyResponseData, *, dt: float | None = None
     --------
     >>> import control
     >>> import numpy as np
-    >>> from hoopd.ident import from_response, response
+    >>> from hoopd.ident import from_response, frequency_response
     >>> truth = control.tf([1.0], [1.0, 0.4, 4.0])
-    >>> model = from_response(response(truth, np.linspace(0.1, 10.0, 80)), order=2)
+    >>> model = from_response(frequency_response(truth, np.linspace(0.1, 10.0, 80)), order=2)
     >>> np.poly(model.a).round(6)
     array([1. , 0.4, 4. ])
     """

@@ -12,18 +12,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from hoopd.ident.checks import IdentificationWarning, Orders, check, check_channels, check_determined, unsettled
+from hoopd.ident.checks import Orders, check, check_channels, check_determined, unsettled
 from hoopd.ident.damped_least_squares import Damping, Ends, NormalEquations, minimise
-from hoopd.ident.data import Data, experiments
+from hoopd.ident.data import Data, driving_data, experiments
+from hoopd.ident.doubts import IdentificationWarning
+from hoopd.ident.estimation_report import EstimationReport, estimated
+from hoopd.ident.identified_model import FreeModel
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
-from hoopd.ident.models import Innovations
+from hoopd.ident.models import Innovations, standard_errors
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coordinates import Freedom
 from hoopd.ident.statespace.hammersteinerrors import (
@@ -35,9 +39,13 @@ from hoopd.ident.statespace.hammersteinerrors import (
     same,
 )
 from hoopd.ident.statespace.linear import states
+from hoopd.ident.statespace.nonlinear_prediction import best_start, nonlinear_system
 from hoopd.ident.statespace.ordering import check_states
 from hoopd.ident.statespace.sensitivities import paired, piece
 from hoopd.ident.statespace.subspace import Focus, check_focus, subspaceid
+
+if TYPE_CHECKING:
+    import control as ct
 
 Array = NDArray[np.float64]
 
@@ -48,8 +56,8 @@ DAMPING = Damping(first=1e-3, easier=0.2, harder=8.0, least=1e-9, again=1e-6, tr
 AGREE = 1.01  # two starts that end within a percent of the least cost have found the same minimum
 
 
-@dataclass(frozen=True)
-class HammersteinWiener:
+@dataclass(frozen=True, repr=False)
+class HammersteinWiener(FreeModel):
     """The linear part, the parameters of the maps with their covariance, initial states by experiment, errors."""
 
     linear: Innovations
@@ -61,19 +69,87 @@ class HammersteinWiener:
     input_map: Static
     output_map: Static
     costs: tuple[float, ...]  # of the starts that were finished, the least first
+    report: EstimationReport | None = field(default=None, compare=False)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return self.linear.inputs
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self.linear.outputs
+
+    @property
+    def system(self) -> ct.NonlinearIOSystem:
+        """From u to y, as python-control's nonlinear system."""
+        own = self.linear
+        return nonlinear_system(
+            lambda x, u, t: own.a @ x + own.b @ self._driving(u[:, None])[:, 0],
+            lambda x, u, t: self._measured(own.c @ x + own.d @ self._driving(u[:, None])[:, 0]),
+            own.dt, (self.inputs, self.outputs), own.nx,
+        )  # fmt: skip
+
+    def deviations(self) -> dict[str, float]:
+        """Standard errors of the maps' parameters by name."""
+        return standard_errors(tuple(self.parameters), self.covariance)
 
     @property
     def p(self) -> Array:
         """Parameters of the maps as an array."""
         return np.array(list(self.parameters.values()))
 
-    def simulate(self, data: Data, x0: Array | None = None) -> Array:
-        """Outputs (n, ny) from the inputs alone; from rest where no state is given."""
-        v = self.input_map(np.ascontiguousarray(data.u.T), self.p)
+    def simulate(self, data: Data | ArrayLike, x0: Any = "estimate", *, seed: int | None = None) -> Array:
+        """Outputs (n, ny) from the inputs alone; the state that fits the first outputs, rest ("zero"), or a given one.
+
+        A `seed` adds white noise of covariance r to the outputs.
+        """
+        own = driving_data(data, len(self.outputs), len(self.inputs), self.linear.dt)
+        said = self._simulated(own, self._start(own, x0))
+        if seed is None:
+            return said
+        return said + np.random.default_rng(seed).multivariate_normal(np.zeros(len(self.r)), self.r, own.n)
+
+    def predict(self, data: Data, horizon: float = 1, x0: Any = "estimate") -> Array:
+        """Outputs (n, ny) from the inputs and from the outputs up to `horizon` samples before, by the gain K."""
+        if horizon == np.inf or not self.linear.k.any():
+            return self.simulate(data, x0)
+        v, own, h = self._driving(np.ascontiguousarray(data.u.T)), self.linear, int(horizon)
+        driven, direct = own.b @ v, own.d @ v
+        now, seen, out = self._start(data, x0), np.empty((own.nx, data.n)), np.empty((data.n, len(self.outputs)))
+        for i in range(data.n):
+            seen[:, i] = now
+            e = data.y[i] - self._measured(own.c @ now + direct[:, i])
+            now = own.a @ now + driven[:, i] + own.k @ np.nan_to_num(e)
+        for i in range(data.n):
+            first = max(i - h + 1, 0)
+            x = seen[:, first]
+            for j in range(first, i):
+                x = own.a @ x + driven[:, j]
+            out[i] = self._measured(own.c @ x + direct[:, i])
+        return out
+
+    def _driving(self, u: Array) -> Array:
+        """v (linear inputs, n) of u (nu, n)."""
+        return np.asarray(self.input_map(u, self.p), dtype=float)
+
+    def _measured(self, z: Array) -> Array:
+        """y (ny,) of z (ny,)."""
+        return np.asarray(self.output_map(z[:, None], self.p), dtype=float)[:, 0]
+
+    def _simulated(self, data: Data, x0: Array) -> Array:
+        v = self._driving(np.ascontiguousarray(data.u.T))
         x = states(self.linear.a, self.linear.b @ v, x0)
         return np.asarray(self.output_map(self.linear.c @ x + self.linear.d @ v, self.p).T)
 
+    def _start(self, data: Data, x0: Any) -> Array:
+        if not isinstance(x0, str):
+            return np.asarray(x0, dtype=float).reshape(-1)
+        return np.zeros(self.linear.nx) if x0 == "zero" else best_start(self._simulated, data, self.starts)
 
+
+@estimated("Hammerstein-Wiener")
 def hammerstein_wiener(
     data: Data | Sequence[Data],
     order: int,
@@ -299,6 +375,7 @@ def _result(
     whole = inverse * best.cost / max(count - len(gram), 1)
     r = paired([path.e for path in best.paths], [own.known for own in task.pieces])
     return HammersteinWiener(
-        replace(best.model, dt=one.dt, x0=best.starts[0]), dict(zip(names, best.p.tolist(), strict=True)),
+        replace(best.model, dt=one.dt, x0=best.starts[0], inputs=one.inputs, outputs=one.outputs),
+        dict(zip(names, best.p.tolist(), strict=True)),
         whole[first:, first:], best.starts, best.cost / count, r, task.g, task.h, tuple(costs),
     )  # fmt: skip

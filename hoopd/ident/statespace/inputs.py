@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 # Above this condition number of the scaled columns, normal equations lose digits that matter.
 SQUARED_BELOW = 1e4
+# Samples whose columns exist at a time where there are more.
+CHUNK = 32768
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ def fit_inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], *, direct:
     nu = len(pieces[0].u)
     # in the Schur basis of the recursion an unknown drives one row of it, and two changes of basis are saved
     t, z = linalg.schur(a - k @ c)
+    if sum(one.n for one in pieces) > CHUNK:
+        return _unpacked(_from_chunks(t, c @ z, z.T @ k, pieces, direct), z, k, (nu, ny), direct)
     blocks = [_columns(t, c @ z, z.T @ k, one, direct) for one in pieces]
     shared = blocks[0][0].shape[1]
     rows = [len(block) for block, _, _ in blocks]
@@ -49,9 +53,33 @@ def fit_inputs(a: Array, c: Array, k: Array, pieces: Sequence[Piece], *, direct:
         x[first : first + len(block), shared + i * nx : shared + (i + 1) * nx] = free
         first += len(block)
     found = least_squares(x, np.concatenate([target for _, _, target in blocks]))
+    return _unpacked(found, z, k, (nu, ny), direct)
+
+
+def _unpacked(found: Array, z: Array, k: Array, sizes: tuple[int, int], direct: bool) -> InputMatrices:
+    """Matrices and initial states out of the vector, in the basis of the states."""
+    (nu, ny), nx = sizes, len(z)
+    shared = nu * nx + nu * ny * direct
     d = found[nu * nx : shared].reshape(nu, ny).T if direct else np.zeros((ny, nu))
     b = z @ found[: nu * nx].reshape(nu, nx).T + k @ d
-    return InputMatrices(b, d, tuple(z @ found[shared + i * nx : shared + (i + 1) * nx] for i in range(len(pieces))))
+    return InputMatrices(b, d, tuple(z @ one for one in found[shared:].reshape(-1, nx)))
+
+
+def _from_chunks(t: Array, c: Array, k: Array, pieces: Sequence[Piece], direct: bool) -> Array:
+    """The same unknowns from the triangular factor of rows that exist some thousands at a time."""
+    nx, nu = len(t), len(pieces[0].u)
+    shared = nu * nx + nu * len(c) * direct
+    width = shared + nx * len(pieces)
+    r = np.zeros((0, width + 1))
+    for i, one in enumerate(pieces):
+        before = np.zeros((nx, nu + 1, nx)), np.zeros(nx)
+        own = [*range(shared), *range(shared + i * nx, shared + (i + 1) * nx), width]
+        for first in range(0, one.n, CHUNK):
+            block, free, target, before = _part(t, c, k, one, direct, slice(first, min(first + CHUNK, one.n)), before)
+            rows = np.zeros((len(target), width + 1))
+            rows[:, own] = np.column_stack([block, free, target])
+            r = linalg.qr(np.vstack([r, rows]), mode="r", check_finite=False)[0][: width + 1]
+    return least_squares(r[:, :width], r[:, width])
 
 
 def least_squares(x: Array, y: Array) -> Array:
@@ -77,17 +105,34 @@ def _columns(t: Array, c: Array, k: Array, data: Piece, direct: bool) -> tuple[A
 
     t: a real Schur form, c and k in its basis.
     """
-    nx, ny, n, nu = len(t), len(c), data.n, len(data.u)
+    nx = len(t)
+    rest = np.zeros((nx, len(data.u) + 1, nx)), np.zeros(nx)
+    return _part(t, c, k, data, direct, slice(0, data.n), rest)[:3]
+
+
+Carried = tuple[Array, Array]
+
+
+def _part(
+    t: Array, c: Array, k: Array, data: Piece, direct: bool, span: slice, before: Carried
+) -> tuple[Array, Array, Array, Carried]:
+    """`_columns` of the samples of a span, and the states at its end; `before`: those before it."""
+    nx, ny, nu, n = len(t), len(c), len(data.u), span.stop - span.start
+    early = max(span.start - 1, 0)
     driven = np.zeros((nx, nu + 1, nx, n))
-    for state in range(nx):
-        driven[state, :nu, state, 1:] = data.u[:, :-1]
-        driven[state, nu, state, 0] = 1.0
     reading = np.zeros((nx, n))
-    reading[:, 1:] = k @ data.y[:, :-1]
+    skip = int(span.start == 0)
+    for state in range(nx):
+        driven[state, :nu, state, skip:] = data.u[:, early : span.stop - 1]
+        driven[state, nu, state, 0] = skip
+    reading[:, skip:] = k @ data.y[:, early : span.stop - 1]
+    driven[..., 0] += np.tensordot(t, before[0], 1)
+    reading[:, 0] += t @ before[1]
     with np.errstate(over="ignore", invalid="ignore"):
-        seen = np.tensordot(c, run_down(t, driven), 1).reshape(ny, (nu + 1) * nx, n).transpose(0, 2, 1)
-        target = data.y - c @ run_down(t, reading)
+        x, z = run_down(t, driven), run_down(t, reading)
+        seen = np.tensordot(c, x, 1).reshape(ny, (nu + 1) * nx, n).transpose(0, 2, 1)
+        target = data.y[:, span] - c @ z
     rows, free = seen[:, :, : nu * nx].reshape(ny * n, -1), seen[:, :, nu * nx :].reshape(ny * n, nx)
     if direct:
-        rows = np.hstack([rows, np.einsum("ij,kn->inkj", np.eye(ny), data.u).reshape(ny * n, nu * ny)])
-    return rows, free, target.ravel()
+        rows = np.hstack([rows, np.einsum("ij,kn->inkj", np.eye(ny), data.u[:, span]).reshape(ny * n, nu * ny)])
+    return rows, free, target.ravel(), (x[..., -1].copy(), z[:, -1].copy())

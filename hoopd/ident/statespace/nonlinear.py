@@ -10,29 +10,38 @@ CasADi functions f(x, u, p) and h(x, u, p) serve as well.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize
 
 from hoopd.ident.checks import check_channels, check_determined, unsettled
-from hoopd.ident.data import Data, experiments
+from hoopd.ident.data import Data, driving_data, experiments
+from hoopd.ident.doubts import warn
+from hoopd.ident.estimation_report import EstimationReport, estimated
+from hoopd.ident.identified_model import FreeModel
 from hoopd.ident.loopchecks import check_record
+from hoopd.ident.modelchecks import integrator
+from hoopd.ident.statespace.nonlinear_prediction import best_start, nonlinear_system, predicted, simulated
 from hoopd.ident.statespace.unscented import Map, NonlinearSystem, filtered
+
+if TYPE_CHECKING:
+    import control as ct
 
 Array = NDArray[np.float64]
 
+INTEGRATING = 2.0  # standard errors within which a pole cannot be told from 1
 STEP = 1e-5  # relative, of the central differences
 LOST = 1e6  # errors of a filter that diverged, in standard deviations
 
 
-@dataclass(frozen=True)
-class Nonlinear:
+@dataclass(frozen=True, repr=False)
+class Nonlinear(FreeModel):
     """Parameters and initial states (by experiment) with the covariance of both (order of `names`), errors, variance.
 
-    `errors` (n, ny) of the first experiment one step ahead; `r` their covariance; `system` holds the filter.
+    `errors` (n, ny) of the first experiment one step ahead; `r` their covariance; `equations` holds the filter.
     """
 
     parameters: Mapping[str, float]
@@ -42,8 +51,45 @@ class Nonlinear:
     errors: Array
     r: Array
     cost: float
-    system: NonlinearSystem
+    equations: NonlinearSystem
     evaluations: int
+    dt: float
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    report: EstimationReport | None = field(default=None, compare=False)
+
+    @property
+    def system(self) -> ct.NonlinearIOSystem:
+        """From u to y, as python-control's nonlinear system; time counts from 0."""
+        own, p = self.equations, self.p[:, None]
+        return nonlinear_system(
+            lambda x, u, t: np.ravel(own.f(x[:, None], u[:, None], p, t)),
+            lambda x, u, t: np.ravel(own.h(x[:, None], u[:, None], p, t)),
+            self.dt, (self.inputs, self.outputs), own.nx,
+        )  # fmt: skip
+
+    def simulate(self, data: Data | ArrayLike, x0: Any = "estimate", *, seed: int | None = None) -> Array:
+        """Outputs (n, ny) from the inputs alone; from the estimated state of the data of the fit, unless one is given.
+
+        A `seed` adds noise of the covariances q and r.
+        """
+        own = driving_data(data, self.equations.ny, len(self.inputs), self.dt)
+        return simulated(self.equations, own.u, own.t, self.p, self._start(own, x0), seed)
+
+    def predict(self, data: Data, horizon: float = 1, x0: Any = "estimate") -> Array:
+        """Outputs (n, ny) from the inputs and from the outputs up to `horizon` samples before, by the filter."""
+        if horizon == np.inf:
+            return self.simulate(data, x0)
+        return predicted(self.equations, data, self.p, self._start(data, x0), int(horizon))
+
+    def _start(self, data: Data, x0: Any) -> Array:
+        if not isinstance(x0, str):
+            return np.asarray(x0, dtype=float).reshape(-1)
+        if x0 == "zero":
+            return np.zeros(self.equations.nx)
+        return best_start(
+            lambda one, start: simulated(self.equations, one.u, one.t, self.p, start), data, self.starts
+        )  # fmt: skip
 
     @property
     def p(self) -> Array:
@@ -68,6 +114,7 @@ class _Task:
     horizon: int
 
 
+@estimated("nonlinear grey box")
 def nonlinear_pem(
     data: Data | Sequence[Data],
     f: Map | Any,
@@ -151,7 +198,7 @@ def nonlinear_pem(
     """
     each = experiments(data)
     check_channels(each)
-    check_record(each)
+    check_record(each, drift=False)  # a slow plant is no integrator, and the equations are the user's
     p, start = np.atleast_1d(np.asarray(p0, dtype=float)), np.atleast_1d(np.asarray(x0, dtype=float))
     if not (np.isfinite(p).all() and np.isfinite(start).all()):
         raise ValueError("the guess of the parameters and of the initial state must be finite")
@@ -206,9 +253,35 @@ def _result(task: _Task, names: tuple[str, ...], z: Array, bounds: tuple[Array, 
     covariance = linalg.pinvh(gram, rtol=1e-12) / np.outer(scale, scale)
     cost = float(np.mean(np.square(errors)))
     first = tuple(x[:, 0] for x in starts)
+    _check_integrator(task, z, covariance)
     return Nonlinear(
-        dict(zip(names, p.tolist(), strict=True)), first, labels, covariance, own[0], r, cost, task.system, evaluations
-    )
+        dict(zip(names, p.tolist(), strict=True)), first, labels, covariance, own[0], r, cost, task.system, evaluations,
+        task.each[0].dt, task.each[0].inputs, task.each[0].outputs,
+    )  # fmt: skip
+
+
+def _check_integrator(task: _Task, z: Array, covariance: Array) -> None:
+    """Warn of a pole of the linearisation about the middle of the first record that cannot be told from 1."""
+    one, m = task.each[0], task.count
+    with np.errstate(all="ignore"):
+        found = filtered(task.system, one.y, one.u, one.t, z[:m, None], _starts(task, z[:, None])[0])
+    x, u = np.median(found.x[:, :, 0], axis=0), np.median(one.u, axis=0)
+    h = STEP * np.maximum(np.abs(z[:m]), 1e-2)
+    sets = np.column_stack([z[:m], z[:m, None] + np.diag(h)])
+    poles = np.array([_nearest_to_one(task.system, x, u, p) for p in sets.T])
+    slope = (poles[1:] - poles[0]) / h
+    spread = float(np.sqrt(max(float((slope.conj() @ covariance[:m, :m] @ slope).real), 0.0)))
+    if abs(poles[0] - 1.0) < max(INTEGRATING * spread, np.sqrt(STEP) * STEP):
+        warn(integrator(complex(poles[0]), sum(each.n for each in task.each)))
+
+
+def _nearest_to_one(system: NonlinearSystem, x: Array, u: Array, p: Array) -> complex:
+    h = STEP * np.maximum(np.abs(x), 1e-2)
+    points = x[:, None] + np.hstack([np.diag(h), -np.diag(h)])
+    moved = np.asarray(system.f(points, u[:, None], np.repeat(p[:, None], 2 * len(x), axis=1), 0.0), dtype=float)
+    moved = np.broadcast_to(moved.reshape(len(x), -1), points.shape)
+    found = np.linalg.eigvals((moved[:, : len(x)] - moved[:, len(x) :]) / (2.0 * h))
+    return complex(found[np.argmin(np.abs(found - 1.0))])
 
 
 def _errors(task: _Task, z: Array) -> Array:

@@ -8,7 +8,7 @@ Rules of this file: missing outputs drop the rows that need them; several experi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from hoopd.ident.data import Data, experiments
 from hoopd.ident.loopchecks import check_record
 
 Array = NDArray[np.float64]
+
+# Rows that exist at a time.
+CHUNK = 16384
 
 
 def okid(
@@ -76,25 +79,41 @@ def okid(
         raise ValueError(f"lags must be at least 1, not {lags}")
     check(each, orders=Orders(0, lags))
     check_record(each)
-    pairs = [_regression(one, lags, lags if drop is None else drop) for one in each]
-    x, y = np.vstack([a for a, _ in pairs]), np.vstack([b for _, b in pairs])
-    if len(x) < x.shape[1]:
-        raise ValueError(f"{len(x)} complete rows for {x.shape[1]} parameters of each output: fewer lags or more data")
+    triangle, complete = _triangle(each, lags, lags if drop is None else drop)
+    width = triangle.shape[1] - each[0].ny
+    if complete < width:
+        raise ValueError(f"{complete} complete rows for {width} parameters of each output: fewer lags or more data")
     nu, m = each[0].nu, each[0].nu + each[0].ny
-    extra = _penalty(x.shape[1], nu, m, ridge, curvature)
-    observer = _least(np.vstack([x, extra]), np.vstack([y, np.zeros((len(extra), y.shape[1]))]))
+    extra = _penalty(width, nu, m, ridge, curvature)
+    observer = _least(np.vstack([triangle, np.hstack([extra, np.zeros((len(extra), each[0].ny))])]), width)
     return _system(observer, nu, lags if count is None else count)
 
 
-def _regression(one: Data, lags: int, drop: int) -> tuple[Array, Array]:
-    """Rows [u(t), v(t-1), ..., v(t-l)] and y(t), those with a gap left out."""
+def _triangle(each: Sequence[Data], lags: int, drop: int) -> tuple[Array, int]:
+    """The triangular factor of all complete rows [u(t), v(t-1), ..., v(t-l), y(t)], and how many they are."""
+    r: Array | None = None
+    count = 0
+    for one in each:
+        for rows in _rows(one, lags, drop):
+            r = linalg.qr(rows if r is None else np.vstack([r, rows]), mode="r", check_finite=False)[0]
+            r = r[: rows.shape[1]]
+            count += len(rows)
+    if r is None:
+        raise ValueError("no row is complete: fewer lags or more data")
+    return np.asarray(r), count
+
+
+def _rows(one: Data, lags: int, drop: int) -> Iterator[Array]:
+    """`CHUNK` rows at a time, those with a gap left out."""
     v = np.hstack([one.u, one.y])
     padded = np.vstack([np.zeros((lags, v.shape[1])), v])
-    n = one.n
-    x = np.hstack([one.u, *(padded[lags - i : lags - i + n] for i in range(1, lags + 1))])
-    whole = np.isfinite(x).all(axis=1) & np.isfinite(one.y).all(axis=1)
-    whole[:drop] = False
-    return x[whole], one.y[whole]
+    for first in range(drop, one.n, CHUNK):
+        last = min(first + CHUNK, one.n)
+        past = (padded[lags - i + first : lags - i + last] for i in range(1, lags + 1))
+        rows = np.hstack([one.u[first:last], *past, one.y[first:last]])
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        if len(rows):
+            yield rows
 
 
 def _penalty(width: int, nu: int, m: int, ridge: float, curvature: float) -> Array:
@@ -107,10 +126,10 @@ def _penalty(width: int, nu: int, m: int, ridge: float, curvature: float) -> Arr
     return np.vstack(rows) if rows else np.zeros((0, width))
 
 
-def _least(x: Array, y: Array) -> Array:
-    """The solution of least length; the rows are first brought to a triangle."""
-    r = linalg.qr(np.hstack([x, y]), mode="r", check_finite=False)[0][: x.shape[1] + y.shape[1]]
-    return np.asarray(linalg.lstsq(r[:, : x.shape[1]], r[:, x.shape[1] :], cond=1e-12)[0].T)
+def _least(rows: Array, width: int) -> Array:
+    """The solution of least length of the first `width` columns for the others."""
+    r = linalg.qr(rows, mode="r", check_finite=False)[0][: rows.shape[1]]
+    return np.asarray(linalg.lstsq(r[:, :width], r[:, width:], cond=1e-12)[0].T)
 
 
 def _system(observer: Array, nu: int, count: int) -> Array:

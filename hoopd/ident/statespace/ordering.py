@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import Orders, check, warn
+from hoopd.ident.checks import Orders, check
 from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.doubts import warn
 from hoopd.ident.statespace import projection, windows
 from hoopd.ident.statespace.projection import TriangularFactor, WindowSplit
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.ident.checks import check_channels, unsettled
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
@@ -47,6 +48,7 @@ class PemSettings:
     tolerance: float
 
 
+@estimated("prediction errors (PEM)")
 def pem(
     data: Data | Sequence[Data],
     order: int | None = None,

@@ -19,7 +19,7 @@ from hoopd.ident.models import Innovations
 Array = NDArray[np.float64]
 
 
-def sampled(model: Innovations, dt: float) -> Innovations:
+def c2d(model: Innovations, dt: float) -> Innovations:
     """Sample a continuous model with noise, inputs and innovations held over the step.
 
     Parameters
@@ -46,9 +46,9 @@ def sampled(model: Innovations, dt: float) -> Innovations:
     Examples
     --------
     >>> import numpy as np
-    >>> from hoopd.ident import Innovations, sampled
+    >>> from hoopd.ident import Innovations, c2d
     >>> one = np.ones((1, 1))
-    >>> lag = sampled(Innovations(-2.0 * one, one, one, 0.0 * one, 0.0 * one, dt=0.0), 0.1)
+    >>> lag = c2d(Innovations(-2.0 * one, one, one, 0.0 * one, 0.0 * one, dt=0.0), 0.1)
     >>> lag.a.round(4), lag.b.round(4)  # exp(-0.2) and (1 - exp(-0.2))/2
     (array([[0.8187]]), array([[0.0906]]))
     """
@@ -63,7 +63,7 @@ def sampled(model: Innovations, dt: float) -> Innovations:
     )  # fmt: skip
 
 
-def unsampled(model: Innovations) -> Innovations:
+def d2c(model: Innovations) -> Innovations:
     """Give the continuous model that a sampled one comes from.
 
     Parameters
@@ -84,9 +84,9 @@ def unsampled(model: Innovations) -> Innovations:
     Examples
     --------
     >>> import numpy as np
-    >>> from hoopd.ident import Innovations, unsampled
+    >>> from hoopd.ident import Innovations, d2c
     >>> one = np.ones((1, 1))
-    >>> unsampled(Innovations(np.exp(-0.2) * one, one, one, 0.0 * one, 0.0 * one, dt=0.1)).a.round(6)
+    >>> d2c(Innovations(np.exp(-0.2) * one, one, one, 0.0 * one, 0.0 * one, dt=0.1)).a.round(6)
     array([[-2.]])
     """
     if model.dt <= 0.0:
@@ -101,7 +101,7 @@ def unsampled(model: Innovations) -> Innovations:
     )  # fmt: skip
 
 
-def resampled(model: Innovations, dt: float) -> Innovations:
+def d2d(model: Innovations, dt: float) -> Innovations:
     """Bring a sampled model to another step, by way of continuous time.
 
     Parameters
@@ -124,13 +124,13 @@ def resampled(model: Innovations, dt: float) -> Innovations:
     Examples
     --------
     >>> import numpy as np
-    >>> from hoopd.ident import Innovations, resampled
+    >>> from hoopd.ident import Innovations, d2d
     >>> one = np.ones((1, 1))
-    >>> slower = resampled(Innovations(0.9 * one, one, one, 0.0 * one, 0.0 * one, dt=0.1), 0.2)
+    >>> slower = d2d(Innovations(0.9 * one, one, one, 0.0 * one, 0.0 * one, dt=0.1), 0.2)
     >>> slower.a.round(6), slower.b.round(6)
     (array([[0.81]]), array([[1.9]]))
     """
-    return sampled(unsampled(model), dt)
+    return c2d(d2c(model), dt)
 
 
 def sampled_noise(a: Array, q: Array, dt: float) -> Array:

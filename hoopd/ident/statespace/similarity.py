@@ -66,7 +66,7 @@ def observability(a: Array, c: Array, rows: int | None = None) -> Array:
     return np.vstack(blocks)
 
 
-def balanced(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Array]:
+def balance(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Array]:
     """Give the balanced realisation of a stable model and its Hankel singular values.
 
     Parameters
@@ -95,9 +95,9 @@ def balanced(model: Innovations, *, noise: bool = False) -> tuple[Innovations, A
     Examples
     --------
     >>> import control
-    >>> from hoopd.ident import balanced, innovations
+    >>> from hoopd.ident import balance, innovations
     >>> model = innovations(control.ss([[0.9, 0.0], [0.0, 0.1]], [[1.0], [1.0]], [[1.0, 0.1]], [[0.0]], 0.1))
-    >>> balanced(model)[1].round(2)  # the second state does little
+    >>> balance(model)[1].round(2)  # the second state does little
     array([5.29, 0.08])
     """
     if radius(model.a) >= 1.0:
@@ -113,7 +113,7 @@ def balanced(model: Innovations, *, noise: bool = False) -> tuple[Innovations, A
     return _projected(model, t, inverse), s
 
 
-def reduced(model: Innovations, order: int, *, noise: bool = False) -> Innovations:
+def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovations:
     """Keep the states of the balanced realisation with the largest Hankel singular values (balanced truncation).
 
     Parameters
@@ -138,9 +138,9 @@ def reduced(model: Innovations, order: int, *, noise: bool = False) -> Innovatio
     Examples
     --------
     >>> import control
-    >>> from hoopd.ident import innovations, reduced
+    >>> from hoopd.ident import innovations, reduce
     >>> model = innovations(control.ss([[0.9, 0.0], [0.0, 0.1]], [[1.0], [1.0]], [[1.0, 0.1]], [[0.0]], 0.1))
-    >>> reduced(model, 1).a.round(2)
+    >>> reduce(model, 1).a.round(2)
     array([[0.9]])
     """
     if not 0 < order <= model.nx:

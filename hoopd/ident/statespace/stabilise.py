@@ -14,7 +14,7 @@ from scipy import linalg
 Array = NDArray[np.float64]
 
 
-def stabilise(a: Array, margin: float = 0.01) -> Array:
+def stabilize(a: Array, margin: float = 0.01) -> Array:
     """Give the matrix nearest to a given one by Schur form whose eigenvalues lie inside the circle of radius 1 -
     margin.
 
@@ -36,8 +36,8 @@ def stabilise(a: Array, margin: float = 0.01) -> Array:
     Examples
     --------
     >>> import numpy as np
-    >>> from hoopd.ident import stabilise
-    >>> stabilise(np.array([[1.2, 1.0], [0.0, 0.5]])).round(6)
+    >>> from hoopd.ident import stabilize
+    >>> stabilize(np.array([[1.2, 1.0], [0.0, 0.5]])).round(6)
     array([[0.8, 1. ],
            [0. , 0.5]])
     """

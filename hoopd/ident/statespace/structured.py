@@ -10,7 +10,7 @@ Rules of this file: the user's function is the only model; a continuous system i
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import control as ct
@@ -20,6 +20,8 @@ from scipy import linalg, optimize
 
 from hoopd.ident.checks import Orders, check, check_determined, unsettled
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.estimation_report import EstimationReport, estimated
+from hoopd.ident.identified_model import IdentifiedModel
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
@@ -43,8 +45,8 @@ Constructor = Callable[[Array], Any]
 ROUNDS = 3  # of weights of the outputs
 
 
-@dataclass(frozen=True)
-class Structured:
+@dataclass(frozen=True, repr=False)
+class Structured(IdentifiedModel):
     """Parameters by name with their covariance (the order of `names`), the sampled model, x0 by experiment, the cost.
 
     `cost` is the mean squared error by output (ny,); `at_bound` names the parameters that stand on a bound: their
@@ -58,6 +60,18 @@ class Structured:
     cost: Array
     at_bound: tuple[str, ...]
     evaluations: int
+    built: Callable[[Array], Innovations] | None = field(default=None, compare=False)  # the sampled model of parameters
+    report: EstimationReport | None = field(default=None, compare=False)
+
+    @property
+    def state_space(self) -> Innovations:
+        """The sampled model."""
+        return self.model
+
+    @property
+    def system(self) -> ct.StateSpace:
+        """From u to y, sampled."""
+        return self.model.system
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -69,6 +83,7 @@ class Structured:
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
 
+@estimated("grey box")
 def structured_pem(
     data: Data | Sequence[Data],
     constructor: Constructor,
@@ -268,8 +283,9 @@ def _finished(
     check_model(model, sum(piece.n for piece in task.pieces))
     at = tuple(n for n, on in zip(task.names, bound, strict=True) if on)
     return Structured(
-        dict(zip(task.names, p.tolist(), strict=True)), covariance, model, starts, variance, at, evaluations
-    )
+        dict(zip(task.names, p.tolist(), strict=True)), covariance, model, starts, variance, at, evaluations,
+        task.constructor,
+    )  # fmt: skip
 
 
 def _covariance(task: Task, z: Array, paths: Sequence[Array], free: NDArray[np.bool_]) -> Array:

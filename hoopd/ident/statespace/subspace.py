@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hoopd.ident.checks import check_channels
 from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.estimation_report import estimated
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
@@ -61,6 +62,7 @@ class ChannelScale:
     y: Array
 
 
+@estimated("subspace")
 def subspaceid(
     data: Data | Sequence[Data],
     order: int | None = None,

@@ -67,3 +67,13 @@ def test_arma_by_singular_spectra() -> None:
     assert np.allclose(np.mean([one.values for one in models], axis=0), [-1.2, 0.6, 0.5], atol=0.15)
     with pytest.raises(ValueError, match="window"):
         arma_ssa(made(100), 2, 1, window=80)
+
+
+def test_outliers_are_told_from_the_signal_where_that_is_asked() -> None:
+    rng = np.random.default_rng(0)
+    e, v = rng.standard_normal((2, 1000))
+    y = lfilter([1.0], [1.0, -1.8, 0.9], e) + 0.5 * v
+    y[rng.choice(1000, 20, replace=False)] += 40.0
+    plain, robust = (arma_ssa(iddata(y), 2, 1, window=60, robust=one) for one in (False, True))
+    assert np.abs(np.abs(np.roots(robust.a)) - 0.95).max() < 0.03
+    assert np.abs(np.abs(np.roots(plain.a)) - 0.95).max() > 0.1

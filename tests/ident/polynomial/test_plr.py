@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.polynomial.estimators import robust
 from hoopd.ident.polynomial.pem import armax
@@ -45,3 +46,12 @@ def test_holes_and_outliers() -> None:
 def test_few_samples_stop() -> None:
     with pytest.raises(ValueError, match="too few samples"):
         plr(made(30), 1, [1, 1], 1, [1, 0])
+
+
+def test_passes_that_diverge_are_told_and_do_not_count() -> None:
+    u, e = np.random.default_rng(0).standard_normal((2, 2000))
+    data = iddata(lfilter([0.0, 1.0], [1.0, -0.8], u) + lfilter([1.0, -1.8, 0.9], [1.0, -0.8], e), u)
+    with pytest.warns(IdentificationWarning, match="does not converge: after pass 2 .* pass 1"):
+        model = plr(data, 1, 1, 2, passes=20)
+    assert np.allclose(model.values, plr(data, 1, 1, 2).values)
+    assert model.a[1] == pytest.approx(-0.8, abs=0.05)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import casadi
@@ -170,6 +171,9 @@ def test_a_nonlinear_model_by_the_filter() -> None:
     y[50:55] = np.nan
     data = iddata(y, u)
     noise = {"process": 1e-6, "measurement": 4e-4}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message="an integrator")  # a slow tank is none
+        nonlinear_pem(data, f, h, [0.7], [1.0], **noise)
     found = nonlinear_pem(data, f, h, [0.7], [1.0], **noise)
     assert abs(found.p[0] - 0.9) < 4.0 * found.deviations()["p1"] < 0.02
     assert abs(found.starts[0][0] - 2.0) < 0.1

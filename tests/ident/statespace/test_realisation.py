@@ -15,7 +15,7 @@ from hoopd.ident.statespace import sampling, similarity
 from hoopd.ident.statespace.era import era, era_of_data
 from hoopd.ident.statespace.frequencysubspace import frequency_subspace, from_response
 from hoopd.ident.statespace.okid import okid
-from hoopd.ident.statespace.stabilise import bounded, stabilise
+from hoopd.ident.statespace.stabilise import bounded, stabilize
 
 
 @pytest.mark.parametrize("number", [20, 21, 22, 33, 34, 35, 36, 37, 41])
@@ -73,13 +73,13 @@ def test_truncation_keeps_what_matters_and_refuses_unstable_models() -> None:
     b = np.array([[1.0], [1.0], [1e-4]])
     model = Innovations(a, b, b.T, np.zeros((1, 1)), np.full((3, 1), 0.1), 1.0)
     w = np.linspace(0.1, 3.0, 10)
-    small = similarity.reduced(model, 2)
+    small = similarity.reduce(model, 2)
     assert small.nx == 2
     assert np.abs(responses(small, w) - responses(model, w)).max() < 1e-6
     assert small.k.shape == (2, 1)
     unstable = Innovations(a + 0.2 * np.eye(3), model.b, model.c, model.d, model.k, 1.0)
     with pytest.raises(ValueError, match="stable"):
-        similarity.balanced(unstable)
+        similarity.balance(unstable)
 
 
 def test_channels_of_a_model_are_its_part() -> None:
@@ -91,11 +91,11 @@ def test_channels_of_a_model_are_its_part() -> None:
 def test_a_pole_without_a_logarithm_is_refused() -> None:
     one = np.ones((1, 1))
     with pytest.raises(ValueError, match="negative real axis"):
-        sampling.unsampled(Innovations(-0.5 * one, one, one, one, one, 1.0))
+        sampling.d2c(Innovations(-0.5 * one, one, one, one, one, 1.0))
 
 
 def test_poles_inside_stay_where_they_are() -> None:
     a = np.diag([0.5, 0.9])
-    assert np.array_equal(stabilise(a), a)
+    assert np.array_equal(stabilize(a), a)
     turn = 1.2 * np.array([[0.0, 1.0], [-1.0, 0.0]])
     assert np.allclose(np.sort_complex(np.linalg.eigvals(bounded(turn, 0.7))), [-0.7j, 0.7j])

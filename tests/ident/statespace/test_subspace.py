@@ -13,7 +13,7 @@ from harness.identcriteria.statespacesets import made, mimo4, mimo4k_gain, mimo_
 from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Innovations
-from hoopd.ident.statespace import windows
+from hoopd.ident.statespace import inputs, windows
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.projection import WEIGHTINGS
 from hoopd.ident.statespace.subspace import subspaceid
@@ -148,3 +148,11 @@ def test_bad_data_are_refused_by_name() -> None:
         subspaceid(data, 4, weighting="SSARX")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="horizon"):
         subspaceid(data, 4, horizon=2)
+
+
+def test_long_data_are_taken_in_parts_with_the_same_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    data, _ = noisy(3, 1200)
+    parts = [data[:700], data[700:]]
+    whole = subspaceid(parts, 4, direct=True)
+    monkeypatch.setattr(inputs, "CHUNK", 130)
+    assert off(subspaceid(parts, 4, direct=True), whole) < 1e-9

@@ -22,7 +22,7 @@ from hoopd.ident.statespace import sampling, similarity
 from hoopd.ident.statespace.era import era, era_of_data
 from hoopd.ident.statespace.frequencysubspace import GivenMatrices, frequency_subspace
 from hoopd.ident.statespace.okid import okid
-from hoopd.ident.statespace.stabilise import stabilise
+from hoopd.ident.statespace.stabilise import stabilize
 from hoopd.ident.statespace.subspace import subspaceid
 
 Array = NDArray[np.float64]
@@ -170,8 +170,8 @@ def criterion_35(seed: int) -> Verdicts:
     rng = np.random.default_rng(seed)
     model = _noisy(rng)
     turned = model.transformed(rng.standard_normal((4, 4)))
-    whole, _ = similarity.balanced(model)
-    wide = similarity.reduced(_with_idle_state(model, rng), 4)
+    whole, _ = similarity.balance(model)
+    wide = similarity.reduce(_with_idle_state(model, rng), 4)
     poles = max(_pole_distance(model, other) for other in (turned, whole, wide))
     w = np.linspace(0.1, 3.0, 20)
     noise = max(float(np.abs(_noise(model, w) - _noise(other, w)).max()) for other in (turned, whole, wide))
@@ -187,7 +187,7 @@ def criterion_35(seed: int) -> Verdicts:
 
 
 def _round_trip(model: Innovations) -> float:
-    again = sampling.sampled(sampling.unsampled(model), model.dt)
+    again = sampling.c2d(sampling.d2c(model), model.dt)
     assert again.q is not None and model.q is not None
     return max(float(np.abs(again.k - model.k).max()), float(np.abs(again.q - model.q).max()))
 
@@ -202,7 +202,7 @@ def _with_idle_state(model: Innovations, rng: np.random.Generator) -> Innovation
 
 
 def _truncated(model: Innovations, w: Array) -> bool:
-    small, (_, hankel) = similarity.reduced(model, 3), similarity.balanced(model)
+    small, (_, hankel) = similarity.reduce(model, 3), similarity.balance(model)
     off = np.linalg.norm(responses(small, w) - responses(model, w), ord=2, axis=(1, 2)).max()
     return bool(small.k.shape == (3, 2) and off <= 2.0 * hankel[3] * (1.0 + 1e-9))
 
@@ -242,7 +242,7 @@ def criterion_37(seed: int) -> Verdicts:
     """Poles 1.1, 0.999, 0.5, 0 become 0.9, 0.99, 0.5, 0 in any basis."""
     t = np.random.default_rng(seed).standard_normal((4, 4))
     a = t @ np.diag([1.1, 0.999, 0.5, 0.0]) @ np.linalg.inv(t)
-    poles = np.sort(np.linalg.eigvals(stabilise(a)).real)
+    poles = np.sort(np.linalg.eigvals(stabilize(a)).real)
     off = float(np.abs(poles - [0.0, 0.5, 0.9, 0.99]).max())
     return {"off": off, "exact": off < 1e-8}
 

@@ -5,6 +5,7 @@ import { Charts } from './charts.js';
 import { Commands } from './commands.js';
 import { Controller } from './controller.js';
 import { Hoop } from './hoop.js';
+import { Joystick } from './joystick.js';
 import { Link } from './link.js';
 import { Panels } from './panels.js';
 import { Picture } from './picture.js';
@@ -26,6 +27,7 @@ class Page {
     this.theme = new Theme(() => this.charts.recolour());
     this.commands = new Commands(() => this.device);
     this.target = new Target(this.hoop, this);
+    this.joystick = new Joystick(this);
     this.picture = new Picture(() => this.device);
     this.controller = new Controller(byId('controller'), this);
     this.calibrate = new Calibrate(() => this.device, path => this.commands.post(path));
@@ -58,6 +60,7 @@ class Page {
       this.panels.showAudit(this.link.audit);
       if (device) this.panels.show(device, this.stale(device));
       if (device) this.controller.show(device);
+      if (device) this.joystick.show(device);
       if (device) this.target.describe(device.last('reference'));
     }
     if (!device || this.views.shown !== 'drive') return;

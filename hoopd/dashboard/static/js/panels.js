@@ -117,7 +117,7 @@ export class Panels {
     const newest = device.events.at(-1) ?? device.identity;
     if (newest === this.shownEvent) return;
     this.shownEvent = newest;
-    const rows = device.events.slice(-SHOWN_EVENTS).reverse().map(event => {
+    const rows = device.events.filter(one => one.event !== 'speed' || one.level !== 'debug').slice(-SHOWN_EVENTS).reverse().map(event => {
       const fields = Object.entries(event.fields ?? {}).map(([name, value]) => `${name === event.event ? '' : `${name} `}${typeof value === 'object' ? JSON.stringify(value) : value}`);
       return element('li', { 'data-level': String(event.level) }, element('time', {}, clock(event.wall)),
         element('b', {}, String(event.event)), element('span', {}, fields.join(' · ')));

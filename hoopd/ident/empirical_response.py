@@ -12,15 +12,16 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import BROAD, SINGULAR, Orders, check, warn
+from hoopd.ident.checks import BROAD, SINGULAR, Orders, check
 from hoopd.ident.data import Data, experiments
-from hoopd.ident.frequencydata import FrequencyData, transformed
+from hoopd.ident.doubts import warn
+from hoopd.ident.frequencydata import FrequencyData, fft
 from hoopd.ident.loopchecks import check_record
 
 Complex = NDArray[np.complex128]
 
 
-def empirical(data: FrequencyData | Data | Sequence[Data]) -> ct.FRD:
+def etfe(data: FrequencyData | Data | Sequence[Data]) -> ct.FRD:
     """Give the empirical transfer function estimate, outputs over inputs at each frequency.
 
     H = Y U^-1 over the experiments at each frequency (least squares if there are more than inputs). No frequency is
@@ -48,16 +49,16 @@ def empirical(data: FrequencyData | Data | Sequence[Data]) -> ct.FRD:
     Examples
     --------
     >>> import numpy as np
-    >>> from hoopd.ident import empirical, iddata
+    >>> from hoopd.ident import etfe, iddata
     >>> u = np.random.default_rng(0).standard_normal(200)
-    >>> found = empirical(iddata(2.0 * u, u, 0.1))  # a gain of 2
+    >>> found = etfe(iddata(2.0 * u, u, 0.1))  # a gain of 2
     >>> np.allclose(found.frdata, 2.0)
     True
     """
     if not isinstance(data, FrequencyData):
         check(data, orders=Orders(0, BROAD))
         check_record(data)
-    each = [data] if isinstance(data, FrequencyData) else [transformed(one) for one in experiments(data)]
+    each = [data] if isinstance(data, FrequencyData) else [fft(one) for one in experiments(data)]
     if len(each) < each[0].nu or not each[0].nu:
         raise ValueError(f"{each[0].nu} inputs want at least so many experiments, not {len(each)}: see tfest")
     if any(one.n != each[0].n for one in each):
