@@ -33,7 +33,7 @@ from hoopd.diagnose.proof.confirmation import confirmation
 from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.proof.error_windows import error_windows
 from hoopd.diagnose.proof.finding_standings import Asked, standings
-from hoopd.diagnose.proof.fit_tables import Played, channel_source, played, window_of
+from hoopd.diagnose.proof.fit_tables import Played, channel_source, window_of
 from hoopd.diagnose.proof.free_run_record import free_choice
 from hoopd.diagnose.proof.free_runs import free_runs
 from hoopd.diagnose.proof.held_out import HeldOut
@@ -143,7 +143,7 @@ def diagnose(case: Case) -> Outcome:
     refused = refused_of(named, said, missing.refused)
     if unknown is None and not is_any_told(named, said):
         drop_names(named)
-    fitted = played({"nominal": named.nominal, "base": named.base, "final": said.final})
+    fitted = runs.played({"nominal": named.nominal, "base": named.base, "final": said.final})
     table = FitTable(
         train=fits_of(fitted),
         heldout=fits_of(said.fits) if fits else {},

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import NOTHING
+from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
 from hoopd.plants.likelihood.stretches import Held, Stretch
 from hoopd.plants.plant_with_effects import Composite
@@ -129,14 +130,14 @@ class Simulator:
         c, w = self.composite, self.windows
         n, nz, b, k = states.shape
         nodes, count, each = self._nodes(), n * b * k, _each(values, k)
-        # (k, steps, nc, n, b): the function takes a (nc, steps) matrix a column, side by side
+        # (k, steps, nc, n, b), of which each node takes its (nc, steps) column after column
         back = np.stack([one[:, :, nodes] for one in _by_value(each, self._back)])
-        side = back.transpose(2, 3, 4, 0, 1).reshape(len(c.channels), -1)
-        z = states.transpose(1, 0, 2, 3).reshape(nz, count)
-        t = np.repeat(w.stretch.t[nodes][..., None], k, axis=-1).reshape(1, count)
-        p = np.tile(np.stack([c.vector(one) for one in each], axis=1), (1, n * b))
-        y = np.asarray(c.output_function.map(count)(z, side, np.zeros((c.nw, count)), t, p).full())
-        return y.reshape(len(c.channels), n, b, k).transpose(1, 0, 2, 3)
+        side = back.transpose(3, 4, 0, 1, 2).reshape(count, -1)
+        z, t = states.transpose(0, 2, 3, 1).reshape(count, nz), np.repeat(w.stretch.t[nodes], k)
+        alike = isinstance(values, Mapping)
+        p = c.vector(each[0]) if alike else np.tile(np.stack([c.vector(one) for one in each]), (n * b, 1))
+        call = mapped(c.output_function, count, (4,) if alike else ())
+        return call(z, side, np.zeros((count, c.nw)), t, p)[0].reshape(n, b, k, -1).transpose(0, 3, 1, 2)
 
     def _back(self, values: Mapping[str, float]) -> Array:
         """(steps inputs, nc, nodes) inputs on the way back to each channel's latency."""
@@ -184,10 +185,9 @@ class _Mapped:
     """A function on many columns, repeatedly, on memory of its own."""
 
     def __init__(self, function: ca.Function, count: int) -> None:
-        mapped = function.map(count)
         self._args = [np.zeros((count, function.nnz_in(i))) for i in range(function.n_in())]
         self._out = np.zeros((count, function.size1_out(0)))
-        self._buffer, self._trigger = mapped.buffer()
+        self._buffer, self._trigger = function.map(count).buffer()
         for i, array in enumerate(self._args):
             self._buffer.set_arg(i, memoryview(array))  # type: ignore[call-arg, arg-type, unused-ignore]
         self._buffer.set_res(0, memoryview(self._out))  # type: ignore[call-arg, arg-type, unused-ignore]
@@ -238,11 +238,14 @@ def fitted_starts(
         # from a start that is worse no step is taken: half of the one that led there, from the best
         step = np.where(better, _newton(e, jacobian), step / 2.0)
         start = best + step
-    y = simulator.readings(values, simulator.run(values, start[:, :, None]))[..., 0]
-    worse = np.sum(_errors(windows, y, sigma) ** 2, axis=(0, 1)) > cost
-    start = np.where(worse, best, start)
     states = simulator.run(values, start[:, :, None])
-    return Simulated(windows, start, simulator.readings(values, states)[..., 0], states[..., 0])
+    y = simulator.readings(values, states)
+    worse = np.sum(_errors(windows, y[..., 0], sigma) ** 2, axis=(0, 1)) > cost
+    if worse.any():
+        start = np.where(worse, best, start)
+        states = simulator.run(values, start[:, :, None])
+        y = simulator.readings(values, states)
+    return Simulated(windows, start, y[..., 0], states[..., 0])
 
 
 def _steps(start: Array, usual: Array) -> Array:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from hoopd.recording.spans import spans
 
@@ -70,7 +70,7 @@ def threshold(pieces: Sequence[Array], width: int, step: float, chance_a_minute:
     nu = width**2 / (width + 2.0 * np.sum((width - lags) * rho**2))
     # neighbouring windows overlap: in effect so many are tried
     tries = 60.0 / step / width * 4.0
-    return float(chi2.isf(chance_a_minute / tries, nu) / nu)
+    return float(chdtri(nu, chance_a_minute / tries) / nu)
 
 
 def correlation(pieces: Sequence[Array], width: int) -> Array:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2 as chi2_law
+from scipy.special import chdtrc
 
 from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.output_error import Solution
@@ -146,7 +146,7 @@ def judge(
     free = minimum_chi2("rolling", e, c, device, ())
     chi2 = {kind: minimum_chi2(kind, e, c, device, known) for kind in KINEMATICS}
     evidence = chi2["published"] - chi2["rolling"]
-    contradicted = bool(chi2_law.sf(max(min(chi2.values()) - free, 0.0), max(len(known), 1)) < CONTRADICTED)
+    contradicted = bool(chdtrc(max(len(known), 1), max(min(chi2.values()) - free, 0.0)) < CONTRADICTED)
     best = min(chi2, key=lambda kind: chi2[kind])
     supported = best if known and abs(evidence) > DECISIVE and not contradicted else None
     truth = physical_from_entries("rolling", e, device, covariance=c, known=wide, starts=STARTS).parameters
@@ -286,7 +286,7 @@ def _why_not(v: KinematicsVerdict, said: str) -> str:
 
 def _missing_words(v: KinematicsVerdict) -> list[str]:
     # eight entries carry six combinations
-    if chi2_law.sf(v.chi2_free, 2) > MISSING:
+    if chdtrc(2, v.chi2_free) > MISSING:
         return []
     return [
         f"Whatever the geometry, no parameters give the fitted entries (chi2 {v.chi2_free:.1f} for two constraints): "

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from hoopd.ident.normal import Z95
 from hoopd.plants.fits.uncertainty import Uncertainty
@@ -81,7 +81,7 @@ def whiteness(runs: Sequence[Array]) -> Whiteness:
     r = np.array([sum(float(e[k:] @ e[: max(len(e) - k, 0)]) for e in runs) for k in range(LAGS + 1)])
     square, r = r[0] / n, r / r[0]
     q = n * (n + 2) * float(np.sum(r[1:] ** 2 / (n - np.arange(1, LAGS + 1))))
-    return Whiteness(n, float(square), float(r[1]), q, float(chi2.sf(q, LAGS)))
+    return Whiteness(n, float(square), float(r[1]), q, float(chdtrc(LAGS, q)))
 
 
 def hessian(problem: Likelihood, v: Array, unit: Array) -> Array:

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import gammaincinv, stdtrit
 
 from hoopd.ident.normal import Z95
 from hoopd.plants.likelihood.fitting import HypothesisFit
@@ -101,10 +101,10 @@ def _width(plain: float, scattered: float, freedom: float) -> float:
     """From the two standard deviations; `freedom`: of the second."""
     if freedom < FEWEST - 1.0 or not np.isfinite(scattered):
         return Z95 * plain
-    usual = plain * float(np.sqrt(stats.chi2.ppf(1.0 - CHANCE, freedom) / freedom))
+    usual = plain * float(np.sqrt(2.0 * gammaincinv(freedom / 2.0, 1.0 - CHANCE) / freedom))
     if scattered <= usual:
         return Z95 * plain
-    return max(float(stats.t.ppf(0.5 + LEVEL / 2.0, freedom)) * scattered, Z95 * plain)
+    return max(float(stdtrit(freedom, 0.5 + LEVEL / 2.0)) * scattered, Z95 * plain)
 
 
 def _pieces(track: Track, rows: Array) -> list[_Piece]:
