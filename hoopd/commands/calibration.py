@@ -70,7 +70,7 @@ def _show(folder: Calibrations, options: CalibrationOptions) -> dict[str, Any]:
 def _add(folder: Calibrations, options: CalibrationOptions) -> dict[str, Any]:
     path = Path(options.what)
     part = configuration.calibration_part(parse_yaml(read_text(path), path), path)
-    device = configuration.load(options.config, sim=False, overrides=list(options.sets)).device.name
+    device = configuration.load_to_ask(options.config, list(options.sets)).device.name
     return _added(folder.add(part, device=device, who=_user(), why=options.why or f"from {path.name}"))
 
 

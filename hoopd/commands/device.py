@@ -93,6 +93,13 @@ def calibrate(options: CalibrateOptions) -> None:
     from hoopd.commands.calibrate import run
     from hoopd.commands.output import print_result
 
+    if options.moving is not None:
+        from hoopd.commands.calibrate_moving import run as measure
+
+        print_result({key: value for key, value in measure(options).items() if key != "curves"})
+        return
+    if options.model is not None:
+        raise InputError("--model", "", "goes with --moving")
     print_result(run(options.picture, options.positions, options.json_path, options.figure, options.save))
 
 

@@ -41,7 +41,7 @@ def ask(request: dict[str, Any], config: Path | None, sets: Sequence[str]) -> di
     from hoopd.shell import config as configuration
     from hoopd.shell import operator
 
-    settings = configuration.load(config, sim=False, overrides=list(sets))
+    settings = configuration.load_to_ask(config, list(sets))
     try:
         return operator.ask(request, settings.device.name, settings.commands.socket)
     except operator.NoDaemonError:

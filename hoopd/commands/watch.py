@@ -73,11 +73,11 @@ class DaemonWatch:
 
 def watch(options: WatchOptions) -> None:
     """Show it until Ctrl-C, or once."""
-    from hoopd.shell.config import load
+    from hoopd.shell.config import load_to_ask
 
     if options.json_path is not None and not options.once:
         raise InputError("--json", "", "only with --once")
-    config = load(options.config, sim=False, overrides=list(options.sets))
+    config = load_to_ask(options.config, list(options.sets))
     with _connected(options, config.telemetry) as connection:
         shown = DaemonWatch(connection, config.device.name)
         if options.once:

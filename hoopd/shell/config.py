@@ -277,6 +277,11 @@ def load(path: Path | None, *, sim: bool, overrides: list[str]) -> Config:
     return config
 
 
+def load_to_ask(path: Path | None, overrides: list[str]) -> Config:
+    """For who speaks with a daemon: a calibration that cannot be used keeps nobody from a disarm."""
+    return load(path, sim=False, overrides=[*overrides, "calibration.folder=''"])
+
+
 def calibrations(path: Path | None, overrides: list[str]) -> Calibrations | None:
     """The folder of a device's calibrations, whatever lies in it; None where no configuration names one."""
     layers = [_layer(path)] if path is not None else []

@@ -20,6 +20,12 @@ class CalibrateOptions:
     positions: Path | None = option(
         "--positions", text="Recorded ball positions (.csv, .npy or .mcap).", metavar="FILE"
     )
+    moving: Path | None = option(
+        "--moving", text="Recorded test signal: signs, torque and the camera's delay.", metavar="REC"
+    )
+    model: Path | None = option(
+        "--model", text="With --moving: the model in force; a shipped one by default.", metavar="MODEL"
+    )
     json_path: Path | None = json_option()
     figure: Path | None = option("--figure", text="Where the drawn proposal goes.")
     save: Path | None = option("--save", text="Save the proposal as a configuration file.")
