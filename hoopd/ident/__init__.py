@@ -269,6 +269,7 @@ if TYPE_CHECKING:
     )
     from hoopd.ident.spectrogram import model_spectrum as model_spectrum
     from hoopd.ident.spectrogram import noise_spectrum as noise_spectrum
+    from hoopd.ident.stacked_models import stack as stack
     from hoopd.ident.statespace.era import era as era
     from hoopd.ident.statespace.era import era_of_data as era_of_data
     from hoopd.ident.statespace.frequencysubspace import (
@@ -312,6 +313,7 @@ _GIVEN = {
     "data": "Data iddata experiments runs",
     "models": "Polynomials Innovations state_space innovations",
     "model_forms": "innovation_form",
+    "stacked_models": "stack",
     "result_summary": "summary",
     "doubts": "IdentificationWarning",
     "prediction": "simulate predict prediction_error estimate_x0 predictor_system error_system",
@@ -490,6 +492,7 @@ __all__ = [
     "smooth",
     "sse",
     "stabilize",
+    "stack",
     "state_space",
     "step",
     "steps",

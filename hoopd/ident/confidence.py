@@ -21,13 +21,14 @@ from scipy import linalg
 from hoopd.ident.impulse import Impulse
 from hoopd.ident.models import Innovations, Polynomials, state_space
 from hoopd.ident.polynomial.arx import VectorArx
+from hoopd.ident.stacked_models import StackedModels
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.structured import Structured
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 # Whatever of these carries a covariance has regions.
-Estimated = Polynomials | VectorArx | Innovations | Structured | Impulse
+Estimated = Polynomials | VectorArx | StackedModels | Innovations | Structured | Impulse
 
 # Step of the differences: of the coefficient's standard error, and at least of the coefficient.
 STEP, LEAST = 1e-3, 1e-7
@@ -251,6 +252,21 @@ def _of_matrices(model: Innovations) -> _Coefficients | None:
     return _Coefficients(model.values, model.covariance, lambda values: coordinates.with_values(model, values))
 
 
+def _of_stack(model: StackedModels) -> _Coefficients | None:
+    covariances = [row.covariance for row in model.rows if row.covariance is not None]
+    if len(covariances) < len(model.rows):
+        return None
+    ends = np.cumsum([len(row.values) for row in model.rows])[:-1]
+
+    def made(values: Array) -> Innovations:
+        parts = zip(model.rows, np.split(values, ends), strict=True)
+        return replace(model, rows=tuple(_changed(row, part) for row, part in parts)).state_space
+
+    return _Coefficients(
+        np.concatenate([row.values for row in model.rows]), linalg.block_diag(*covariances), made
+    )  # fmt: skip
+
+
 def _of_taps(model: Impulse) -> _Coefficients:
     n, ny, nu = model.g.shape
     taps = model.g.transpose(1, 2, 0).reshape(-1)
@@ -347,6 +363,7 @@ def _with_rows(model: VectorArx, values: Array) -> VectorArx:
 
 _KINDS: dict[type, Callable[[Any], _Coefficients | None]] = {
     VectorArx: _of_rows,
+    StackedModels: _of_stack,
     Impulse: _of_taps,
     Polynomials: _of_polynomials,
     Structured: _of_parameters,

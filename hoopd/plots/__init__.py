@@ -1,1 +1,24 @@
-"""Every figure, drawn without a screen."""
+"""Every figure, drawn without a screen: `from hoopd.plots import bode, compare_plot, plot, pzmap, resid`.
+
+The names of this package are pictures of models and data, one call each; they are looked up when they are used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hoopd.plots.model_plots import bode as bode
+    from hoopd.plots.model_plots import compare_plot as compare_plot
+    from hoopd.plots.model_plots import plot as plot
+    from hoopd.plots.model_plots import pzmap as pzmap
+    from hoopd.plots.model_plots import resid as resid
+
+__all__ = ["bode", "compare_plot", "plot", "pzmap", "resid"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.model_plots"), name)

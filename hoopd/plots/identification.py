@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -46,6 +47,7 @@ class Response:
     h: Complex
     gain_sd: Array | None = None
     phase_sd: Array | None = None
+    colour: str = ""  # of what stands behind the models, such as the data's own; else each has its own
 
 
 @dataclass(frozen=True)
@@ -69,11 +71,46 @@ def draw_said(
     for i, (axes, name) in enumerate(zip(made.axes, names, strict=True)):
         axes.plot(data.t[part], data.y[part, i], color=MEASURED, linewidth=3.0, label="measured")
         for own, one in said.items():
-            percent = fit_percent(data.y[:, i], one[:, i])[0]
-            axes.plot(data.t[part], one[part, i], linewidth=1.1, label=f"{own}, {how}: {percent:.1f} %")
+            with np.errstate(all="ignore"):
+                percent = fit_percent(data.y[:, i], one[:, i])[0]
+            told = f"{percent:.1f} %" if np.isfinite(percent) else "diverges"
+            axes.plot(data.t[part], one[part, i], linewidth=1.1, label=f"{own}, {how}: {told}")
+        _show_measured(axes, data.y[part, i])
         unit = (units or {}).get(name)
         style.labelled(axes, "time (s)" if axes is made.axes[-1] else "", f"{name} ({unit})" if unit else name)
-        style.legend(axes, ncols=2)
+        style.legend(axes, ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    return made
+
+
+def _show_measured(axes: Axes, measured: Array) -> None:
+    """What a model says may leave the picture; what was measured may not."""
+    known = measured[np.isfinite(measured)]
+    if len(known) and np.ptp(known) > 0.0:
+        low, high = float(known.min()), float(known.max())
+        bottom, top = axes.get_ylim()
+        reach = high - low
+        axes.set_ylim(max(bottom, low - reach), min(top, high + reach))
+
+
+def draw_data(each: Mapping[str, Data], title: str = "", units: Mapping[str, str] | None = None) -> Figure:
+    """Outputs and, held from sample to sample, inputs over time; several experiments over each other by name."""
+    first = next(iter(each.values()))
+    names = [*first.outputs, *first.inputs]
+    made = style.figure(WIDTH_IN, 1.0 + 1.6 * len(names), rows=len(names), columns=1, title=title, sharex=True)
+    part = slice(0, MOST_SAMPLES)
+    for (label, data), colour in zip(each.items(), _colours(len(each)), strict=True):
+        for i, axes in enumerate(made.axes):
+            held: Any = {"drawstyle": "steps-post"} if i >= data.ny else {}
+            values = data.y[part, i] if i < data.ny else data.u[part, i - data.ny]
+            axes.plot(data.t[part], values, color=colour, linewidth=1.1, label=label, **held)
+    for axes, name in zip(made.axes, names, strict=True):
+        unit = (units or {}).get(name)
+        kind = "" if name in first.outputs else "input "
+        style.labelled(
+            axes, "time (s)" if axes is made.axes[-1] else "", f"{kind}{name} ({unit})" if unit else f"{kind}{name}"
+        )  # fmt: skip
+    if len(each) > 1:
+        style.legend(made.axes[0])
     return made
 
 
@@ -109,37 +146,76 @@ def _say(axes: Axes, tests: Sequence[tuple[str, Test]]) -> None:
 
 def draw_responses(responses: Sequence[Response], title: str = "Frequency response", unit: str = "") -> Figure:
     """Gain in dB and phase in degrees over rad/s, with 95 % bands."""
-    made = style.figure(WIDTH_IN, 5.4, rows=2, columns=1, title=title, sharex=True)
-    gain, phase = made.axes
-    limits = [(np.inf, -np.inf)] * 2
-    for one, colour in zip(responses, _colours(len(responses)), strict=True):
-        size, angle = 20.0 * np.log10(np.abs(one.h)), np.degrees(np.unwrap(np.angle(one.h)))
-        gain.semilogx(one.w, size, color=colour, label=one.name)
-        phase.semilogx(one.w, angle, color=colour)
+    return draw_response_matrix([[responses]], title, unit=unit)
+
+
+def draw_response_matrix(
+    matrix: Sequence[Sequence[Sequence[Response]]], title: str = "Frequency response", *, outputs: Sequence[str] = (),
+    inputs: Sequence[str] = (), unit: str = "",
+) -> Figure:  # fmt: skip
+    """Gain over phase for each output (rows) and input (columns), curves of one model in one colour everywhere."""
+    rows, columns = len(matrix), len(matrix[0])
+    height = 5.4 if rows == 1 else 0.6 + 3.4 * rows
+    made = style.figure(
+        max(WIDTH_IN, 4.0 * columns), height, rows=2 * rows, columns=columns, title=title, sharex=True, squeeze=False
+    )
+    grid = np.array(made.axes).reshape(2 * rows, columns)
+    for i, row in enumerate(matrix):
+        for j, responses in enumerate(row):
+            gain, phase = grid[2 * i, j], grid[2 * i + 1, j]
+            _responses_on(gain, phase, responses)
+            pair = f"{outputs[i]} from {inputs[j]}" if rows * columns > 1 else ""
+            style.labelled(gain, "", f"gain (dB{', ' + unit if unit else ''})" if j == 0 else "", pair)
+            style.labelled(phase, "frequency (rad/s)" if i == rows - 1 else "", "phase (deg)" if j == 0 else "")
+    style.legend(grid[0, 0])
+    return made
+
+
+def _responses_on(gain: Axes, phase: Axes, responses: Sequence[Response]) -> None:
+    limits, colours, reference = [(np.inf, -np.inf)] * 2, iter(_colours(len(responses))), None
+    for one in responses:
+        colour = one.colour or next(colours)
+        size, angle = 20.0 * np.log10(np.maximum(np.abs(one.h), 1e-300)), np.degrees(np.unwrap(np.angle(one.h)))
+        reference = _first(angle) if reference is None else reference
+        angle = angle - 360.0 * np.round((_first(angle) - reference) / 360.0)
+        look: Any = {"color": colour, "linewidth": 3.0, "zorder": 1.0} if one.colour else {"color": colour}
+        gain.semilogx(one.w, size, label=one.name, **look)
+        phase.semilogx(one.w, angle, **look)
         if one.gain_sd is not None:
             # d 20 log10 |h| = 8.69 d|h|/|h|
             _band(gain, one.w, size, SIGMAS * 20.0 / np.log(10.0) * one.gain_sd, colour)
         if one.phase_sd is not None:
             _band(phase, one.w, angle, SIGMAS * np.degrees(one.phase_sd), colour)
-        limits = [_wider(limits[0], size), _wider(limits[1], angle)]
+        if not one.colour:
+            limits = [_wider(limits[0], size), _wider(limits[1], angle)]
     # a band that leaves the picture says that nothing is known there; the curves are to be seen all the same
     for axes, (low, high) in zip((gain, phase), limits, strict=True):
-        axes.set_ylim(low - ROOM * (high - low) - 1.0, high + ROOM * (high - low) + 1.0)
-    style.labelled(gain, "", f"gain (dB{', ' + unit if unit else ''})")
-    style.labelled(phase, "frequency (rad/s)", "phase (deg)")
-    style.legend(gain)
-    return made
+        if np.isfinite(high - low):
+            axes.set_ylim(low - ROOM * (high - low) - 1.0, high + ROOM * (high - low) + 1.0)
+
+
+def _first(angle: Array) -> float:
+    """Where a phase begins, in degrees."""
+    known = angle[np.isfinite(angle)]
+    return float(known[0]) if len(known) else 0.0
 
 
 def _wider(limits: tuple[float, float], values: Array) -> tuple[float, float]:
-    return min(limits[0], float(values.min())), max(limits[1], float(values.max()))
+    return min(limits[0], float(np.nanmin(values))), max(limits[1], float(np.nanmax(values)))
 
 
-def draw_roots(models: Sequence[Roots], title: str = "Poles and zeros") -> Figure:
-    """Poles (crosses) and zeros (rings) in the z-plane with 95 % ellipses and the unit circle; how many lie farther."""
+def draw_roots(models: Sequence[Roots], title: str = "Poles and zeros", *, continuous: bool = False) -> Figure:
+    """Poles (crosses) and zeros (rings) with 95 % ellipses: in the z-plane with the unit circle, or in the s-plane.
+
+    Roots of the z-plane that lie farther out are counted at the axis.
+    """
     made = style.figure(6.0, 6.0, title=title)
     axes, far = made.axes[0], 0
-    axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color=style.GREY, linewidth=1.0))
+    reach = np.inf if continuous else FAR
+    if continuous:
+        axes.axvline(0.0, color=style.GREY, linewidth=1.0)
+    else:
+        axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color=style.GREY, linewidth=1.0))
     for one, colour in zip(models, _colours(len(models)), strict=True):
         label: str | None = one.name
         for roots, mark in ((one.poles, "x"), (one.zeros, "o")):
@@ -149,22 +225,26 @@ def draw_roots(models: Sequence[Roots], title: str = "Poles and zeros") -> Figur
                     label=label,
                 )  # fmt: skip
                 label = None
-            far += int((~_near(roots)).sum())
+            far += int((~_near(roots, reach)).sum())
         for roots, sizes in ((one.poles, one.pole_covariances), (one.zeros, one.zero_covariances)):
-            for root, covariance, near in zip(roots, sizes, _near(roots), strict=False):
+            for root, covariance, near in zip(roots, sizes, _near(roots, reach), strict=False):
                 # of a root far out only a corner of its ellipse would show
                 if near:
                     axes.add_patch(_ellipse(root, covariance, colour))
-    axes.set_aspect("equal")
-    axes.set_xlim(-FAR, FAR)
-    axes.set_ylim(-FAR, FAR)
-    style.labelled(axes, f"real part{f' ({far} farther out)' if far else ''}", "imaginary part")
+    if continuous:
+        axes.margins(0.15)
+    else:
+        axes.set_aspect("equal")
+        axes.set_xlim(-FAR, FAR)
+        axes.set_ylim(-FAR, FAR)
+    unit = " (rad/s)" if continuous else ""
+    style.labelled(axes, f"real part{unit}{f' ({far} farther out)' if far else ''}", f"imaginary part{unit}")
     style.legend(axes, loc="upper left")
     return made
 
 
-def _near(roots: Complex) -> NDArray[np.bool_]:
-    return np.asarray(np.maximum(np.abs(roots.real), np.abs(roots.imag)) <= FAR)
+def _near(roots: Complex, reach: float) -> NDArray[np.bool_]:
+    return np.asarray(np.maximum(np.abs(roots.real), np.abs(roots.imag)) <= reach)
 
 
 def _ellipse(pole: complex, covariance: Array, colour: str) -> Ellipse:

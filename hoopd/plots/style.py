@@ -64,6 +64,13 @@ class _Steady(ConstrainedLayoutEngine):
         return found
 
 
+class ShownFigure(Figure):
+    """A figure that a notebook shows by itself."""
+
+    def _repr_png_(self) -> bytes:
+        return rendered(self, ".png")
+
+
 def figure(
     width_in: float = 7.0,
     height_in: float = 4.5,
@@ -76,7 +83,7 @@ def figure(
 ) -> Figure:
     """A figure with `rows` x `columns` styled axes (`.axes`, row by row), or a `mosaic` of named ones (`named`);
     `grid` goes to `Figure.subplots` or `Figure.subplot_mosaic`."""
-    made = Figure(figsize=(width_in, height_in), dpi=DPI, layout=_Steady(), facecolor="white")
+    made = ShownFigure(figsize=(width_in, height_in), dpi=DPI, layout=_Steady(), facecolor="white")
     FigureCanvasAgg(made)
     if mosaic is None:
         made.subplots(rows, columns, **grid)

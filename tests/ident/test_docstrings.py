@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hoopd import ident, lab
+from hoopd import ident, lab, plots
 
 # A heading, and dashes under it.
 HEADING = re.compile(r"^([A-Z]\w+)\n-{3,}$", re.MULTILINE)
@@ -38,11 +38,15 @@ PLANTS = {
     "effects.grammar.mechanisms": "mechanisms",
     "relative_degree": "relative_degrees",
 }
-DOCUMENTED = {f"ident.{name}": getattr(ident, name) for name in ident.__all__} | {
-    f"plants.{module}.{name}": getattr(import_module(f"hoopd.plants.{module}"), name)
-    for module, names in PLANTS.items()
-    for name in names.split()
-}
+DOCUMENTED = (
+    {f"ident.{name}": getattr(ident, name) for name in ident.__all__}
+    | {f"plots.{name}": getattr(plots, name) for name in plots.__all__}
+    | {
+        f"plants.{module}.{name}": getattr(import_module(f"hoopd.plants.{module}"), name)
+        for module, names in PLANTS.items()
+        for name in names.split()
+    }
+)
 # This list grows, too. The examples of the lab, some of which run the daemon, are run by tests/test_lab.py.
 FUNCTIONS = """
     controller daemon design diagnose experiment feedback fit fit_plant linearize load model plant plot save simulate
