@@ -36,7 +36,6 @@ class PlannedFile(NamedTuple):
 
     planned: PlannedTrajectory
     file: TrajectoryFile
-    model: ModelFile
 
 
 def run(options: TrajectoryOptions) -> dict[str, Any]:
@@ -66,20 +65,24 @@ def planned(options: TrajectoryOptions) -> PlannedFile:
     """The trajectory of a question; InputError."""
     path = or_shipped(options.model)
     text = read_text(path)
-    model = parse_model(text, options.model)
+    found = plan_on(parse_model(text, options.model), options)
+    name = options.kind if options.out is None else options.out.stem
+    sha256 = hashlib.sha256(text.encode()).hexdigest()
+    return PlannedFile(found, trajectory_file(found, way_to(path, options.out), sha256, name))
+
+
+def plan_on(model: ModelFile, options: TrajectoryOptions) -> PlannedTrajectory:
+    """The plan of a question on a model that was read; InputError."""
     try:
         limits = MotionLimits(options.torque_nm, options.hoop_speed_rad_s, options.contact, options.grip)
         question = ManeuverQuestion(
             options.kind, limits, options.angle_rad, options.seconds, model.sample_time_s, options.turn
         )
-        found = plan_trajectory(model, question)
+        return plan_trajectory(model, question)
     except InfeasibleError as error:
         raise InputError(options.model, "", str(error)) from None
     except ValueError as error:
         raise InputError("trajectory", "", str(error)) from None
-    name = options.kind if options.out is None else options.out.stem
-    sha256 = hashlib.sha256(text.encode()).hexdigest()
-    return PlannedFile(found, trajectory_file(found, way_to(path, options.out), sha256, name), model)
 
 
 def _law_text(options: TrajectoryOptions, made: PlannedFile) -> str:

@@ -19,6 +19,7 @@ from hoopd.lab.fitting import Fitted, fit
 from hoopd.lab.former_names import fit_plant, simulate_plant
 from hoopd.lab.linear import Linear, linearize
 from hoopd.lab.loops import ClosedLoop, feedback
+from hoopd.lab.maneuvers import PlannedManeuver, trajectory
 from hoopd.lab.models import Model, model
 from hoopd.lab.pictures import Picture, plot
 from hoopd.lab.plant_controllers import DesignedPlant
@@ -40,6 +41,7 @@ __all__ = [
     "Linear",
     "Model",
     "Picture",
+    "PlannedManeuver",
     "PlantRun",
     "Recording",
     "Simulation",
@@ -60,4 +62,5 @@ __all__ = [
     "save",
     "simulate",
     "simulate_plant",
+    "trajectory",
 ]

@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 
 # Of order six: a ball's angle that moves by 0.4 rad in a tick of 20 ms is right within 1e-5 rad.
 DEGREE = 3
-ITERATIONS = 300
+# A search that takes longer goes nowhere: a loop takes one or two seconds.
+ITERATIONS, LONGEST_S = 300, 20.0
 # What a slack of one costs beside an effort of about one: an infeasible plan gives up little, and in few groups.
 SLACK_COST = 1e3
 # A group that is kept within this share is kept.
@@ -203,6 +204,7 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.max_iter": ITERATIONS,
+    "ipopt.max_cpu_time": LONGEST_S,
     "print_time": False,
     "error_on_fail": False,
 }

@@ -31,6 +31,7 @@ from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.commands.options.simulate import SimulateOptions
+from hoopd.commands.options.trajectory import TrajectoryOptions
 from hoopd.files.reading import InputError
 
 RECORDS = [record for commands in COMMANDS.values() for record, _ in commands]
@@ -137,6 +138,7 @@ IN_PYTHON = {
     "fit": FitOptions,
     "simulate": SimulateOptions,
     "experiment": ExperimentOptions,
+    "trajectory": TrajectoryOptions,
 }
 
 
