@@ -127,7 +127,7 @@ def _unnamed(asked: Asked, screen: MechanismScreen) -> list[Option]:
     stretches = [track.stretch for track in asked.named.base.tracks]
     gains = {s.member.effect.name: surprise_of(s, s.gain, stretches) for s in asked.named.scores}
     gains |= {one.effect.name: one.surprise for one in asked.named.tried}
-    costs = {one.effect.name: one.surprise - one.effect.cost_nats - screen.cost for one in screen.proposals}
+    costs = {one.effect.name: one.worth for one in screen.proposals}
     curves = [Option(NONE_OF_THESE, asked.base.curves[0].surprise)] if asked.base.curves else []
     names = [Option(name, worth) for name, worth in {**costs, **gains}.items()]
     return [*names, Option(PARAMETERS, asked.threshold), *curves, too_small(asked.threshold)]

@@ -118,11 +118,17 @@ class EffectTakenOut:
                 # held-out data say no
                 yield Option(name, 0.0)
             elif name in self.library:
-                columns, looked_at = columns_of(self.library[name], self.stretches)
-                worth = surprise(gain / self.colour, columns, looked_at)
-                yield Option(name, worth, self._same(self.library[name], abs(behind)))
+                yield Option(name, self._refitted_worth(name, gain), self._same(self.library[name], abs(behind)))
             elif (proposed := self._proposed.get(name)) is not None:
-                yield Option(name, self._worth(proposed, gain), abs(behind) < ALIKE_NATS)
+                alike = not proposed.mechanism.textbook and abs(behind) < ALIKE_NATS
+                yield Option(name, self._worth(proposed, gain), alike)
+
+    def _refitted_worth(self, name: str, gain: float) -> float:
+        """Of a name that was fitted: what was looked at to find it (the times of a push) is many things."""
+        tried = next((one for one in self.named.tried if one.effect.name == name), None)
+        if tried is not None:
+            return surprise_of(tried.score, gain / self.colour, self.stretches)
+        return surprise(gain / self.colour, *columns_of(self.library[name], self.stretches))
 
     def _library(self) -> Iterator[Option]:
         for score in self.screen.scores():
@@ -132,15 +138,16 @@ class EffectTakenOut:
 
     def _mechanisms(self) -> Iterator[Option]:
         for one in self._proposed.values():
-            yield Option(one.effect.name, self._worth(one, self.scale * one.gain), self._apart(one.vector) < ALIKE_NATS)
+            # a textbook's law is another one, however little these recordings tell them apart
+            alike = not one.mechanism.textbook and self._apart(one.vector) < ALIKE_NATS
+            yield Option(one.effect.name, self._worth(one, self.scale * one.gain), alike)
 
     @cached_property
     def _proposed(self) -> Mapping[str, ProposedMechanism]:
         return {one.effect.name: one for one in self.grammar.proposals}
 
     def _worth(self, one: ProposedMechanism, gain: float) -> float:
-        costs = one.effect.cost_nats + self.grammar.cost
-        return surprise(gain / self.colour, one.columns, one.looked_at) - costs
+        return surprise(gain / self.colour, one.columns, one.looked_at) - one.cost
 
     def _same(self, other: Effect, apart: float) -> bool:
         """Whether nothing tells a name of the library from the effect."""

@@ -42,7 +42,13 @@ class MechanismChoice:
 
     mechanism: Mechanism
     constants: dict[str, float]
-    columns: int  # two where it has a phase
+    phases: int = 1  # two where it has a phase
+    parts: int = 1  # recordings, where each has a phase of its own
+
+    @property
+    def columns(self) -> int:
+        """Of all recordings."""
+        return self.phases * self.parts
 
 
 class ColumnPlace(NamedTuple):
@@ -95,13 +101,14 @@ class FollowedTrack:
         return np.broadcast_to(np.asarray(axis.way(self._nodes), dtype=float), (len(self.track.z),))
 
     def rows(self, place: ColumnPlace, choices: Sequence[MechanismChoice]) -> Array:
-        """(m, n nc) whitened columns of choices that act at one place, choice after choice, each a row."""
+        """(m, n nc) whitened columns of choices that act at one place, choice after choice and phase after phase, each
+        a row."""
         if place not in self._by:
             self._by[place] = np.ascontiguousarray(self._matrix(place).transpose(0, 2, 1))
         by, count = self._by[place], len(self._blocks.begin)
         own = {ERRORS: BLOCK, POINTS: BLOCK * len(self._share), LINES: BLOCK}[place.form]
         # of a line, the last node of a block is the next one's first
-        inputs = np.zeros((sum(one.columns for one in choices), count * own + 1))
+        inputs = np.zeros((sum(one.phases for one in choices), count * own + 1))
         first = 0
         for one in choices:
             for values in self._values(one, place.form):
@@ -121,12 +128,12 @@ class FollowedTrack:
             laws = [law if nodes else law[:-1, None] + self._share * onward]
         else:
             v = self._along(axis, nodes=nodes)
-            at = [{**one.constants, "phi": phi} for phi in (0.0, np.pi / 2)] if one.columns == 2 else [one.constants]
-            laws = [mechanism.along(v, v, t, constants) for constants in at]
+            at = [{**one.constants, "phi": phi} for phi in (0.0, np.pi / 2)] if one.phases == 2 else [one.constants]
+            laws = [mechanism.screened(v, t, constants) for constants in at]
         if mechanism.factor is not None:
             laws = [law * self._along(mechanism.factor, nodes=nodes) for law in laws]
         if mechanism.dry is not None:
-            laws = [law * np.sign(self._along(mechanism.dry, nodes=nodes)) for law in laws]
+            laws = [law * mechanism.side_of(self._along(mechanism.dry, nodes=nodes)) for law in laws]
         n = len(self.track.z)
         shape = (n,) if nodes else (n - 1, len(self._share))
         return [np.broadcast_to(mechanism.sign * law, shape) for law in laws]

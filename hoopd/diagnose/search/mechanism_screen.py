@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import atan2, hypot
+from math import atan2, exp
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from hoopd.diagnose.search.mechanism_columns import ColumnPlace, FollowedTrack, 
 from hoopd.diagnose.search.screen import orthonormal
 from hoopd.diagnose.search.surprise import log_chances, surprise
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.grammar.axes import TIME
 from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.effects.grammar.mechanisms import code_nats
 from hoopd.plants.likelihood.fitting import HypothesisFit
@@ -45,11 +46,17 @@ class ProposedMechanism:
     constants: dict[str, float]
     gain: float  # nats
     columns: int
-    looked_at: int  # choices of its constants
+    looked_at: float  # choices of its constants, as many as differ
     surprise: float  # nats, told the colour of the residual and how much was looked at; its cost is not taken off
+    cost: float  # nats, to say which it is
     start: dict[str, float]  # by the whole model's names
     vector: Array  # (rows,) the change it would make, whitened and projected
     effect: Effect  # its constants in a range about those that were tried
+
+    @property
+    def worth(self) -> float:
+        """Nats that are left when its cost is paid."""
+        return self.surprise - self.cost
 
 
 class MechanismScreen:
@@ -65,11 +72,12 @@ class MechanismScreen:
         self._basis = orthonormal(rows[:, 1:])
         self.residual = self._projected(rows[:, :1])[:, 0]
         self._tracks = [FollowedTrack(track, fit, gains) for track, gains in zip(fit.tracks, fit.gains, strict=True)]
+        self._recordings = [*dict.fromkeys(track.stretch.recording for track in fit.tracks)]
         self._choices = [one for mechanism in wanted for one in self._tried(mechanism)]
         self._constants: dict[str, list[dict[str, float]]] = {}
         for one in self._choices:
             self._constants.setdefault(one.mechanism.name, []).append(one.constants)
-        self.cost = code_nats(len(wanted) if among is None else among)
+        self._code = code_nats(len(wanted) if among is None else among)
         self._null: Null | None = None
         self._score(DRAWS if level else 0)
 
@@ -91,9 +99,11 @@ class MechanismScreen:
             return
         t = _joined_times(own)
         phased = mechanism.shape is not None and mechanism.shape.phased
+        # a clock begins anew with each recording
+        parts = len(self._recordings) if phased and mechanism.axis.kind == TIME else 1
         followed = v if mechanism.memory is None else np.concatenate([one.way(mechanism.axis) for one in own])
         for constants in mechanism.grid(followed, t):
-            yield MechanismChoice(mechanism, constants, 2 if phased else 1)
+            yield MechanismChoice(mechanism, constants, 2 if phased else 1, parts)
 
     # ------------------------------------------------------------------------------------------ scores
 
@@ -115,12 +125,12 @@ class MechanismScreen:
 
     def _together(self, indices: Sequence[int]) -> Iterator[tuple[ColumnPlace, list[int]]]:
         """Choices that act at one place and have as many columns, not too many at once."""
-        found: dict[tuple[ColumnPlace, int], list[int]] = {}
+        found: dict[tuple[ColumnPlace, int, int], list[int]] = {}
         for i in indices:
             one = self._choices[i]
-            found.setdefault((place_of(one.mechanism), one.columns), []).append(i)
-        for (place, columns), every in found.items():
-            most = max(1, AT_ONCE // columns)
+            found.setdefault((place_of(one.mechanism), one.phases, one.parts), []).append(i)
+        for (place, phases, _), every in found.items():
+            most = max(1, AT_ONCE // phases)
             yield from ((place, every[i : i + most]) for i in range(0, len(every), most))
 
     def _products(self, place: ColumnPlace, some: Sequence[MechanismChoice], beside: Array) -> tuple[Array, Array]:
@@ -129,8 +139,10 @@ class MechanismScreen:
         with_all, gram = np.zeros((len(some) * count, beside.shape[1])), np.zeros((len(some), count, count))
         for mine, columns, rows in self._whitened(place, some):
             with_all[columns] += rows @ beside[mine]
-            own = rows.reshape(-1, count, rows.shape[1])
-            gram[columns[::count] // count] += own @ own.transpose(0, 2, 1)
+            own = rows.reshape(-1, some[0].phases, rows.shape[1])
+            which, first = np.divmod(columns[:: some[0].phases], count)
+            part = slice(first[0], first[0] + some[0].phases)
+            gram[which, part, part] += own @ own.transpose(0, 2, 1)
         return with_all.reshape(len(some), count, -1), gram
 
     def _whitened(
@@ -143,7 +155,9 @@ class MechanismScreen:
             first += len(track_rows)
             fitting = [i for i, one in enumerate(some) if one.mechanism.effect.fits(own.track.stretch.plant)]
             if fitting:
-                columns = (np.array(fitting)[:, None] * count + np.arange(count)).ravel()
+                part = self._recordings.index(own.track.stretch.recording) if some[0].parts > 1 else 0
+                within = part * some[0].phases + np.arange(some[0].phases)
+                columns = (np.array(fitting)[:, None] * count + within).ravel()
                 yield mine, columns, own.rows(place, [some[i] for i in fitting])
 
     def _projected(self, x: Array) -> Array:
@@ -165,12 +179,14 @@ class MechanismScreen:
     def proposals(self) -> list[ProposedMechanism]:
         """The best of each mechanism that gains anything, most surprising first."""
         order: dict[str, int] = {}
-        counts: dict[str, int] = {}
+        alike: dict[str, list[float]] = {}
         for i in np.argsort(-self._gains, kind="stable"):
             name = self._choices[i].mechanism.name
-            counts[name] = counts.get(name, 0) + 1
+            alike.setdefault(name, []).append(float(self._gains[i]))
             if self._gains[i] > 0.0:
                 order.setdefault(name, int(i))
+        # of choices that explain as much as the best one, it does not matter which it is
+        counts = {name: len(gains) / sum(exp(one - gains[0]) for one in gains) for name, gains in alike.items()}
         found = []
         for place, indices in self._together([*order.values()][:COLOURED]):
             some = [self._choices[i] for i in indices]
@@ -180,9 +196,9 @@ class MechanismScreen:
             for k, i in enumerate(indices):
                 found.append((i, self._proposal(i, raw[:, k], counts[self._choices[i].mechanism.name])))
         by_gain = [one for _, one in sorted(found, key=lambda both: (-self._gains[both[0]], both[0]))]
-        return sorted(by_gain, key=lambda one: -(one.surprise - one.effect.cost_nats))
+        return sorted(by_gain, key=lambda one: -one.worth)
 
-    def _proposal(self, index: int, raw: Array, looked_at: int) -> ProposedMechanism:
+    def _proposal(self, index: int, raw: Array, looked_at: float) -> ProposedMechanism:
         choice = self._choices[index]
         z = self._projected(raw)
         size, values, vectors = independent(z, np.sqrt(np.sum(raw**2, axis=0)), OWN_SHARE)
@@ -194,8 +210,10 @@ class MechanismScreen:
         inflated = colour(unit, self.residual, shapes) if unit.shape[1] else 1.0
         beyond = surprise(gain / inflated, choice.columns, looked_at)
         return ProposedMechanism(
-            choice.mechanism, choice.constants, gain, choice.columns, looked_at, beyond, _start(choice, weights),
-            z @ weights, choice.mechanism.effect_near(self._constants[choice.mechanism.name]),
+            choice.mechanism, choice.constants, gain, choice.columns, looked_at, beyond,
+            choice.mechanism.effect.cost_nats + (0.0 if choice.mechanism.textbook else self._code),
+            _start(choice, weights, self._recordings), z @ weights,
+            choice.mechanism.effect_near(self._constants[choice.mechanism.name]),
         )  # fmt: skip
 
 
@@ -210,16 +228,19 @@ def _gains(gram: Array, square: Array, along: Array) -> Array:
     return np.asarray(np.sum(inverse[:, :, None] * turned**2, axis=1) / 2.0)
 
 
-def _start(choice: MechanismChoice, weights: Array) -> dict[str, float]:
-    effect = choice.mechanism.effect
+def _start(choice: MechanismChoice, weights: Array, recordings: Sequence[str]) -> dict[str, float]:
+    mechanism, effect = choice.mechanism, choice.mechanism.effect
     found = {effect.key(name): value for name, value in choice.constants.items()}
-    if choice.columns == 2:
-        return found | {
-            effect.key("A"): hypot(*weights),
-            effect.key("phi"): atan2(float(weights[1]), float(weights[0])),
-        }
     a = effect.parameter("A")
-    return found | {effect.key("A"): float(np.clip(weights[0], a.low, a.high))}
+    if choice.phases == 1:
+        return found | {effect.key("A"): float(np.clip(weights[0], a.low, a.high))}
+    assert mechanism.shape is not None
+    # A sin(x + phi) = a sin x + b cos x, one A of all recordings
+    pairs = weights.reshape(-1, 2)
+    found[effect.key("A")] = float(np.sqrt(np.sum(pairs**2) / len(pairs))) / mechanism.shape.first
+    marks = [f"@{name}" for name in recordings] if choice.parts > 1 else [""]
+    angles = (atan2(float(b), float(a)) for a, b in pairs)
+    return found | {effect.key("phi") + mark: angle for mark, angle in zip(marks, angles, strict=True)}
 
 
 def _joined_times(own: Sequence[FollowedTrack]) -> Array:

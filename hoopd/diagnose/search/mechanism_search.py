@@ -19,7 +19,7 @@ from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMech
 from hoopd.diagnose.search.naming import NEAR_SHARE, OCCAM_NATS, Named, Refusal, reconsider, taken_out, widen_ranges
 from hoopd.diagnose.search.scan_score import scanned
 from hoopd.diagnose.search.screen import Member, Score, Screen
-from hoopd.diagnose.search.surprise import log_chance
+from hoopd.diagnose.search.surprise import log_chance, surprise
 from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
@@ -30,6 +30,9 @@ MOST_SWAPS = 2
 # Beside no other effect the first order of a screen is rough: a mechanism that explains this share is fitted in place
 # of all names.
 WORTH_SHARE = 0.5
+# A textbook's law is as likely as a name beforehand: it takes the name's place where more than this speaks for it. To
+# first order a name that has sunk into the fit's noise is that much ahead, in nats or as a share.
+TEXTBOOK_NATS, FIRST_ORDER_NATS, FIRST_ORDER_SHARE = 1.0, 3.0, 0.1
 # How often the best of all mechanisms may be as surprising by chance.
 CHANCE = 0.01
 
@@ -90,21 +93,62 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
     """A mechanism that explains what a name does, and clearly more: the name stands for another law."""
     judge.settings.progress(f"mechanisms in place of {one.effect.name}")
     without, loss = found.without[one.effect.name], found.losses[one.effect.name]
-    screen = MechanismScreen(without, [m for m in mechanisms if m.name not in found.final.names], level=False)
+    wanted = {each.name: each for each in mechanisms if each.name not in found.final.names}
+    screen = MechanismScreen(without, [*wanted.values()], level=False)
     found.in_place[one.effect.name] = screen
-    # to first order, as the mechanisms are: a fit finds more of either
-    own = max((score.gain for score in Screen(without, [one.effect]).scores()), default=loss)
-    ahead = [score for score in _scores(screen, without) if score.gain > own + OCCAM_NATS]
-    for score in ahead[:MOST_SWAPS]:
+    own, own_worth = _in_its_own_place(without, one, mechanisms, loss, judge)
+    near = [score for score in _scores(screen, without) if _is_near(score, own, wanted[score.member.effect.name])]
+    tried: list[Tried] = []
+    for score in near[:MOST_SWAPS]:
         judge.settings.progress(f"fitting {score.member.effect.name}")
-        other = judge.tried(without, score)
+        tried.append(judge.tried(without, score))
+    found.rivals.setdefault(one.effect.name, []).extend((other.effect.name, loss - other.gain) for other in tried)
+    for other in sorted(tried, key=lambda other: -_fitted_worth(screen, other)):
+        needed = own_worth + swap_nats(wanted[other.effect.name])
         more = found.final.criterion - other.fit.criterion
-        if other.surprise < surprise_of(one.score, loss, judge.train) + OCCAM_NATS:
+        if _fitted_worth(screen, other) < needed or other.surprise < judge.settings.threshold:
             continue
         if judge.fold_loss(found.final, other.fit, more) is None:
-            found.rivals[other.effect.name] = [(one.effect.name, more)]
+            rest = [(each.effect.name, other.gain - each.gain) for each in tried if each is not other]
+            found.rivals[other.effect.name] = [(one.effect.name, more), *rest]
             return other
     return None
+
+
+def _in_its_own_place(
+    without: HypothesisFit, one: Tried, mechanisms: Sequence[Mechanism], loss: float, judge: Judge
+) -> tuple[float, float]:
+    """What a name gains to first order, as mechanisms are screened there, and what it is worth as it was fitted."""
+    mine = [each for each in mechanisms if each.name == one.effect.name]
+    if not mine:
+        own = max((score.gain for score in Screen(without, [one.effect]).scores()), default=loss)
+        return own, surprise_of(one.score, loss, judge.train)
+    screen = MechanismScreen(without, mine, level=False, among=len(mechanisms))
+    own = max((each.gain for each in screen.proposals), default=loss)
+    return own, _worth_of(screen, one.effect.name, loss)
+
+
+def _fitted_worth(screen: MechanismScreen, one: Tried) -> float:
+    """What a fitted mechanism is worth beside others: the residual's colour, which a screen took at constants that
+    were not fitted yet, is the same to all of them."""
+    return _worth_of(screen, one.effect.name, one.gain)
+
+
+def _worth_of(screen: MechanismScreen, name: str, gain: float) -> float:
+    proposed = next((each for each in screen.proposals if each.effect.name == name), None)
+    return gain if proposed is None else surprise(gain, proposed.columns, proposed.looked_at) - proposed.cost
+
+
+def swap_nats(mechanism: Mechanism) -> float:
+    """Nats that a mechanism must explain beyond a name whose place it takes, its cost paid."""
+    return TEXTBOOK_NATS if mechanism.textbook else OCCAM_NATS
+
+
+def _is_near(score: Score, own: float, mechanism: Mechanism) -> bool:
+    """Whether a fit may show that it explains more than a name which gains `own` to first order."""
+    if mechanism.textbook:
+        return score.gain > own - max(FIRST_ORDER_NATS, FIRST_ORDER_SHARE * own)
+    return score.gain > own + OCCAM_NATS
 
 
 def _next(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> Tried | None:
@@ -119,7 +163,7 @@ def _next(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> Tried 
     for score in [one for one in proposals if _worth(one) >= NEAR_SHARE * best][:MOST_REFITS]:
         judge.settings.progress(f"fitting {score.member.effect.name}")
         tried.append(judge.tried(found.final, score))
-    tried.sort(key=lambda one: -one.surprise)
+    tried.sort(key=lambda one: -_fitted_worth(screen, one))
     for one in tried:
         if one.surprise < level:
             continue
@@ -137,13 +181,12 @@ def _worth(score: Score) -> float:
 
 def _scores(screen: MechanismScreen, about: HypothesisFit) -> list[Score]:
     """Proposals as scores: what they cost, and the residual's colour, are so many more places looked at."""
-    found = [_score(one, screen.cost, about) for one in screen.proposals]
+    found = [_score(one, about) for one in screen.proposals]
     return sorted(found, key=lambda one: -_worth(one))
 
 
-def _score(one: ProposedMechanism, cost: float, about: HypothesisFit) -> Score:
+def _score(one: ProposedMechanism, about: HypothesisFit) -> Score:
     member = Member(one.effect, dict(one.constants), ())
-    worth = one.surprise - one.effect.cost_nats - cost
-    places = exp(min(-log_chance(one.gain, one.columns) - worth, 600.0))
+    places = exp(min(-log_chance(one.gain, one.columns) - one.worth, 600.0))
     score = Score(member, one.gain, one.start, one.vector)
     return replace(scanned(score, one.columns, places), origin=about)

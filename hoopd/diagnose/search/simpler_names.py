@@ -16,6 +16,7 @@ from dataclasses import replace
 
 from hoopd.diagnose.search.candidates import Judge, Tried, surprise_of
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
+from hoopd.diagnose.search.mechanism_search import swap_nats
 from hoopd.diagnose.search.naming import OCCAM_NATS, OCCAM_SHARE, Named, taken_out
 from hoopd.diagnose.search.screen import Score
 from hoopd.plants.effects.base import Effect
@@ -45,7 +46,7 @@ def _simpler(found: Named, judge: Judge, one: Tried, mechanisms: Mapping[str, Me
     best: Tried | None = None
     for other in _contained(found, judge, one) if mine is None else _limits(found, judge, mine, mechanisms):
         lost = other.fit.criterion - found.final.criterion
-        allowed = _allowed(found.losses[one.effect.name], one.effect, other.effect, is_mechanism=mine is not None)
+        allowed = _allowed(found.losses[one.effect.name], one.effect, other.effect, mine)
         if lost >= allowed or other.surprise < judge.settings.threshold:
             continue
         # in blocks that were not fitted it loses no more than chance explains
@@ -56,10 +57,10 @@ def _simpler(found: Named, judge: Judge, one: Tried, mechanisms: Mapping[str, Me
     return best
 
 
-def _allowed(gain: float, larger: Effect, simple: Effect, *, is_mechanism: bool) -> float:
-    """Nats that the larger law must gain beyond the simple one."""
-    if is_mechanism:
-        return OCCAM_NATS + larger.cost_nats - simple.cost_nats
+def _allowed(gain: float, larger: Effect, simple: Effect, mine: Mechanism | None) -> float:
+    """Nats that the larger law must gain beyond the simple one; `mine`: it as a mechanism."""
+    if mine is not None:
+        return swap_nats(mine) + larger.cost_nats - simple.cost_nats
     return max(OCCAM_NATS, OCCAM_SHARE * gain)
 
 
@@ -91,7 +92,7 @@ def _limits(found: Named, judge: Judge, mine: Mechanism, mechanisms: Mapping[str
     known = [e for name, e in judge.library.items() if e.slot == mine.site.slot and name not in found.final.names]
     known += [each.effect for each in mechanisms.values() if _is_limit(each, mine) and each.name not in without.names]
     every = _scores(found, judge, mine.name, known)
-    near = [one for one in every if one.gain > own - _allowed(own, mine.effect, one.member.effect, is_mechanism=True)]
+    near = [one for one in every if one.gain > own - _allowed(own, mine.effect, one.member.effect, mine)]
     for score in near[:MOST_TRIED]:
         yield _tried(found, judge, mine.name, score)
 

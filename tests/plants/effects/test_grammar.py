@@ -9,8 +9,10 @@ from scipy.integrate import solve_ivp
 
 from hoopd.plants.effects.grammar.axes import INPUT, POSITION
 from hoopd.plants.effects.grammar.mechanism import READING
-from hoopd.plants.effects.grammar.mechanisms import mechanism_named, mechanisms
-from hoopd.plants.effects.grammar.memories import MEMORIES, PARTS, MemoryLaw
+from hoopd.plants.effects.grammar.mechanisms import NAMED, mechanism_named, mechanisms
+from hoopd.plants.effects.grammar.memories import MEMORIES, PARTS, STOP, MemoryLaw
+from hoopd.plants.effects.grammar.shapes import LENS
+from hoopd.plants.effects.grammar.textbook import ACTUATOR, BODY, PLACE, RATE, ROLLING
 from hoopd.plants.effects.library import library
 from hoopd.plants.effects.usual_sizes import state_unit
 from hoopd.plants.free_run import run
@@ -33,7 +35,7 @@ def sweep(t: np.ndarray) -> np.ndarray:
 )
 def test_memory_follows_its_rates(memory: MemoryLaw) -> None:
     """The recursion over samples is the law that the model integrates."""
-    constants = {memory.constant: CONSTANTS[memory.constant], "zeta": 0.1}
+    constants = {"zeta": 0.1, "w": STOP * PARTS / SAMPLE_S, memory.constant: CONSTANTS[memory.constant]}
     shortest = SAMPLE_S / PARTS
     # an input that turns back at other times than the way
     driven = memory.kinds == (INPUT,)
@@ -46,7 +48,7 @@ def test_memory_follows_its_rates(memory: MemoryLaw) -> None:
         return np.array(memory.rates(np, z, float(v_of(t)), slope(t), constants, shortest), dtype=float)
 
     t = np.arange(0.0, 6.0, SAMPLE_S)
-    begin = [float(v_of(0.0)), 0.0] if memory.states == 2 else [0.0]
+    begin = [float(v_of(0.0)), 0.0] if memory.name == "resonance" else [0.0] * memory.states
     states = solve_ivp(rates, (0.0, t[-1]), begin, t_eval=t, max_step=SAMPLE_S, rtol=1e-6, atol=1e-8, method="LSODA").y
     expected = np.array([memory.value(np, states[:, k], float(v_of(t[k])), constants) for k in range(len(t))])
     found = memory.along(v_of(t), sweep(t), t, constants)
@@ -164,6 +166,52 @@ def test_a_tilted_axis_has_both_positions_and_their_difference() -> None:
     ):  # fmt: skip
         assert wanted in names, wanted
     assert names["hoop.dahl_of_theta"].axis.kind == POSITION
+
+
+def test_textbooks_laws_are_names_of_the_grammar() -> None:
+    """A misspelt one would be no law's: of all plants together every one is somewhere."""
+    plants = [plant_named(name) for name in ("hoop", "axis", "pendulum", "falling", "drives")]
+    laws = {law for table in (BODY, ROLLING, ACTUATOR, PLACE, RATE) for law in table}
+    every = [(plant, mechanisms(plant)) for plant in plants]
+    there = {
+        law
+        for plant, names in every
+        for slot in plant.slots
+        for q in plant.coordinates
+        for o in (plant.coordinates if len(plant.coordinates) > 1 else ("",))
+        for law in laws
+        if names.get(f"{slot}.{law.format(q=q, o=o, u=plant.inputs[0].name if plant.inputs else '')}".lower())
+    }
+    assert there == laws
+    hoop = mechanisms(plant_named("hoop"))
+    known = sum(one.textbook for one in hoop.values())
+    # as many as a library has names, or a few more
+    assert NAMED <= known < 1.5 * NAMED < len(hoop) / 5
+
+
+def test_friction_of_one_direction_lets_the_other_one_go() -> None:
+    one = mechanisms(plant_named("hoop"))["hoop.well_of_theta_on_backward_dtheta"]
+    assert one.side_of(np.array([-2.0, 0.0, 3.0])).tolist() == [-1.0, 0.0, 0.0]
+    assert "backward" in one.sentence and "< 0" in one.formula
+
+
+def test_a_lens_on_the_axis_turns_nothing_and_one_beside_it_bends() -> None:
+    """Brown's radial distortion, of a point on the unit circle, is what the law says of its angle."""
+    v, k, e, v0 = np.linspace(-1.0, 1.0, 9), 1e-4, 0.6, 0.4
+    x, c = np.array([np.sin(v), np.cos(v)]), e * np.array([[np.sin(v0)], [np.cos(v0)]])
+    seen = c + (x - c) * (1.0 + k * np.sum((x - c) ** 2, axis=0))
+    turned = np.arctan2(seen[0], seen[1]) - v
+    assert turned == pytest.approx(k * e * LENS.of(np, v, {"v0": v0, "e": e}), rel=1e-3)
+
+
+def test_the_scale_of_an_angle_that_is_not_known_is_searched_without_gaps() -> None:
+    phi = mechanisms(plant_named("hoop"))["ball.wave_of_phi_pair"]
+    v = np.linspace(0.0, 300.0, 400)
+    tried = np.array([one["n"] for one in phi.grid(v, v)])
+    assert (tried[0], tried[-1]) == pytest.approx((0.8, 1.2))
+    # half a turn over the whole reach, at most
+    assert np.diff(tried).max() * 300.0 <= np.pi
+    assert not phi.effect.parameter("n").discrete
 
 
 CART = """

@@ -47,6 +47,8 @@ class Axis:
         That way, where it is not the variable itself.
     way_of : str
         Its unit.
+    scale_share : float
+        Of an angle whose scale is another than the model's: by which share it may be off.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Axis:
     rate: Callable[[Point], Any] | None = None
     way: Callable[[Point], Any] | None = None
     way_of: str = ""
+    scale_share: float = 0.0
 
     @property
     def way_unit(self) -> str:
@@ -121,6 +124,17 @@ def power(plant: Plant, q: str) -> Axis:
     unit = "W" if plant.force_unit in ("N", "N m") else f"{plant.force_unit} {units(plant, q).rate}"
     return Axis(f"{name}_d{q}", f"{name} {q}'", unit, POWER, lambda s: s.u * getattr(s, f"d{q}"),
                 "the power of the drive", coordinates=(q,))  # fmt: skip
+
+
+def drawn(plant: Plant, q: str) -> Axis:
+    """What the drive takes from its supply, and does not give back."""
+    found = power(plant, q)
+    return replace(found, name=f"drawn_{found.name}", text=f"max({found.text}, 0)",
+                   of=lambda s: _positive(found.of(s)), words="the power that the drive draws")  # fmt: skip
+
+
+def _positive(value: Any) -> Any:
+    return (abs(value) + value) / 2.0
 
 
 def losses(plant: Plant, q: str) -> Iterator[Axis]:

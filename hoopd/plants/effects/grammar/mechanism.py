@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from hoopd.files.dimensions import product_text
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point, phase
-from hoopd.plants.effects.grammar.axes import Axis
-from hoopd.plants.effects.grammar.memories import DAMPING, PARTS, MemoryLaw
-from hoopd.plants.effects.grammar.shapes import ShapeLaw
+from hoopd.plants.effects.grammar.axes import TIME, Axis
+from hoopd.plants.effects.grammar.memories import PARTS, MemoryLaw
+from hoopd.plants.effects.grammar.shapes import WAVE, ShapeLaw
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ NOTHING = 1e-6
 # Its constants are looked for so far beyond those that a screen tries: further off the law is its own limit there.
 BEYOND_TRIED = 10.0
 # Shapes whose v0 is a place, with either sign.
-PLACED = ("above", "below", "well", "detent", "bent")
+PLACED = ("above", "below", "well", "detent", "bent", "lens")
 # Each constant of a law costs evidence.
 NATS_A_CONSTANT = 1.5
 
@@ -76,6 +76,10 @@ class Mechanism:
         It takes energy away: -A with A >= 0.
     dry : Axis, optional
         The rate that it opposes as dry friction, whose level it is; it sticks exactly.
+    way : int
+        Of dry friction, the only sign of the rate that it opposes; 0: both.
+    textbook : bool
+        A law that textbooks have for such a place: it costs no more than a library's name.
     """
 
     site: ActingPlace
@@ -85,6 +89,8 @@ class Mechanism:
     factor: Axis | None = None
     dissipates: bool = False
     dry: Axis | None = None
+    way: int = 0
+    textbook: bool = False
 
     @property
     def _law(self) -> ShapeLaw | MemoryLaw:
@@ -95,7 +101,9 @@ class Mechanism:
     @cached_property
     def name(self) -> str:
         """`slot.law_of_variable`, with `_on_factor` where it multiplies something."""
-        more = f"_on_{self.factor.name}" if self.factor else f"_on_sign_{self.dry.name}" if self.dry else ""
+        sides = {0: "sign", 1: "forward", -1: "backward"}
+        more = f"_on_{sides[self.way]}_{self.dry.name}" if self.dry else ""
+        more = f"_on_{self.factor.name}" if self.factor else more
         channel = f"_in_{next(iter(self.site.on))}" if self.site.acts == READING and len(self.site.on) == 1 else ""
         return f"{self.site.slot}.{self._law.name}_of_{self.axis.name}{more}{channel}".lower()
 
@@ -105,17 +113,31 @@ class Mechanism:
         if self.shape is not None:
             return self.shape.constants
         assert self.memory is not None
-        return (self.memory.constant, "zeta") if self.memory.states == 2 else (self.memory.constant,)
+        return tuple(name for name in (self.memory.constant, self.memory.second) if name)
 
     @property
     def formula(self) -> str:
         """With its amplitude, as a page shows it."""
         text = self._law.text.format(v=self.axis.text)
         law, _, where = text.partition(", ")
-        times = f" {self.factor.text}" if self.factor else f" sign({self.dry.text})" if self.dry else ""
+        times = f" {self.factor.text}" if self.factor else self._side
         sign = "-A" if self.dissipates else "A"
         body = f"{sign}{times} {law}" if law else f"{sign}{times}"
         return f"{body}, {where}" if where else body
+
+    @property
+    def _side(self) -> str:
+        """Of dry friction, what its level is multiplied with."""
+        if self.dry is None:
+            return ""
+        return {0: f" sign({self.dry.text})", 1: f" [{self.dry.text} > 0]", -1: f" [{self.dry.text} < 0] (-1)"}[
+            self.way
+        ]
+
+    def side_of(self, rate: Array) -> Array:
+        """(...,) of rates, the direction of dry friction: 0 where it opposes nothing."""
+        found = np.sign(rate)
+        return found if not self.way else np.where(found == self.way, found, 0.0)
 
     @property
     def unit(self) -> str:
@@ -130,7 +152,8 @@ class Mechanism:
         if self.shape is not None:
             return [dict(one) for one in self.shape.grid(self.axis, v)]
         assert self.memory is not None
-        more = {"zeta": DAMPING} if self.memory.states == 2 else {}
+        second, h = self.memory.second, float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+        more = {second: self.memory.second_at(h)} if second else {}
         return [{self.memory.constant: float(one), **more} for one in self.memory.grid(v, t)]
 
     def along(self, v: Array, way: Array, t: Array, constants: Mapping[str, float]) -> Array:
@@ -141,6 +164,11 @@ class Mechanism:
             assert self.memory is not None
             found = self.memory.along(v, way, t, constants)
         return found if self.dry is None else np.maximum(found, 0.0)
+
+    def screened(self, v: Array, t: Array, constants: Mapping[str, float]) -> Array:
+        """(n,) the same as a screen takes it: of what has a phase, the sine that it begins with."""
+        phased = self.shape is not None and self.shape.phased
+        return np.sin(constants["n"] * v + constants["phi"]) if phased else self.along(v, v, t, constants)
 
     @property
     def sign(self) -> float:
@@ -172,7 +200,7 @@ class Mechanism:
             sign="A >= 0: it takes energy away" if self.dissipates else "either sign",
             write_back="feed forward the formula where its variable is known; the estimator knows it",
             formula=self.formula,
-            cost_nats=NATS_A_CONSTANT * len(self.constants),
+            cost_nats=0.0 if self.textbook else NATS_A_CONSTANT * len(self.constants),
         )
 
     def effect_near(self, tried: Sequence[Mapping[str, float]]) -> Effect:
@@ -185,25 +213,28 @@ class Mechanism:
     def sentence(self) -> str:
         """In plain words."""
         if self.dry is not None:
-            return f"dry friction whose level {self._law.words} {self.axis.words}"
+            side = {0: "", 1: " against forward motion alone", -1: " against backward motion alone"}[self.way]
+            return f"dry friction{side} whose level {self._law.words} {self.axis.words}"
         kind = "an error of the reading" if self.site.acts == READING else self.site.words
         times = f" in proportion to {self.factor.words}, with a factor" if self.factor is not None else ""
         return f"{kind}{times} that {self._law.words} {self.axis.words}"
 
     def _parameters(self) -> Iterator[EffectParameter]:
-        low = 0.0 if self.dissipates or (self.shape is not None and self.shape.phased) else -inf
+        low = 0.0 if self.dissipates or (self.shape is not None and self.shape is WAVE) else -inf
         yield EffectParameter("A", self.unit, 0.0, low, inf, grid=(1.0,))
         for name in self.constants:
             place = self.shape is not None and name == "v0" and self.shape.name in PLACED
-            whole = name == "n" and self.axis.turning
+            whole = name == "n" and self.axis.turning and not self.axis.scale_share
             unit = self._unit_of(name)
             yield EffectParameter(name, unit, 1.0, -inf if place else 1e-9, inf, "shape", (1.0,), discrete=whole)
         if self.shape is not None and self.shape.phased:
-            yield phase(per_recording=self.axis.turning)
+            yield phase(per_recording=self.axis.turning or self.axis.kind == TIME)
 
     def _unit_of(self, name: str) -> str:
         if self.memory is not None:
-            return "-" if name == "zeta" else self.memory.unit(self.axis)
+            return {"zeta": "-", "w": "rad/s"}.get(name) or self.memory.unit(self.axis)
+        if name == "e":
+            return "-"
         if name == "n":
             return "-" if self.axis.turning else product_text(("rad", 1), (self.axis.unit, -1))
         return self.axis.unit
@@ -221,7 +252,8 @@ class Mechanism:
         return self.memory.value(ca, states, v, e.__dict__)
 
     def _level(self, s: Point, e: Any) -> Any:
-        return e.A * ca.fmax(self._law_at(s, e), 0.0)
+        level = e.A * ca.fmax(self._law_at(s, e), 0.0)
+        return level * (1.0 + ca.sign(self.way * self.dry.of(s))) / 2.0 if self.dry is not None and self.way else level
 
     def _value(self, s: Point, e: Any) -> Any:
         found = self.sign * e.A * self._law_at(s, e)

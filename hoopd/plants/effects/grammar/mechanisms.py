@@ -20,6 +20,7 @@ from hoopd.plants.effects.grammar.axes import (
     RATE,
     Axis,
     demand,
+    drawn,
     driving,
     losses,
     motions,
@@ -32,7 +33,8 @@ from hoopd.plants.effects.grammar.axes import (
 from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
 from hoopd.plants.effects.grammar.mechanism import FORCE, READING, TORQUE, ActingPlace, Mechanism
 from hoopd.plants.effects.grammar.memories import MEMORIES, MemoryLaw
-from hoopd.plants.effects.grammar.shapes import BENTS, ShapeLaw, shapes_of
+from hoopd.plants.effects.grammar.shapes import BEAT, BENTS, LENS, ShapeLaw, shapes_of
+from hoopd.plants.effects.grammar.textbook import textbook_names
 from hoopd.plants.effects.usual_sizes import input_with_article, units
 
 # A library has some forty names; more mechanisms than these cost evidence.
@@ -64,9 +66,10 @@ def mechanisms(plant: Plant) -> dict[str, Mechanism]:
     "-A z, z' = (alpha' - |alpha'| z)/xs"
     """
     found: dict[str, Mechanism] = {}
+    textbooks = textbook_names(plant)
     for name, slot in plant.slots.items():
         for one in _of_slot(plant, name, slot):
-            found.setdefault(one.name, one)
+            found.setdefault(one.name, replace(one, textbook=one.name in textbooks))
     return found
 
 
@@ -77,7 +80,7 @@ def mechanism_named(plant: Plant, name: str) -> Effect | None:
 
 
 def code_nats(count: int) -> float:
-    """What it costs to say which of so many mechanisms it is, beyond what a library's name costs."""
+    """What it costs to say which of so many mechanisms it is, beyond what a name or a textbook's law costs."""
     return max(0.0, log(max(count, 1) / NAMED))
 
 
@@ -107,6 +110,8 @@ def _of_body(plant: Plant, site: ActingPlace, q: str) -> Iterator[Mechanism]:
         for shape in _coefficients(axis):
             yield Mechanism(site, axis, shape, factor=own, dissipates=shape.name in TAKING)
     yield from _dry(plant, site, q, (*motions(plant, q), *_own_axes(plant, site.slot)), own)
+    yield from _one_way(site, position(plant, q), own)
+    yield from (Mechanism(site, own, memory=memory, dissipates=True) for memory in _memories("swing", "loose"))
     yield from (Mechanism(site, CLOCK, shape) for shape in shapes_of(CLOCK))
     yield from (
         Mechanism(site, CLOCK, shape, factor=own)
@@ -134,6 +139,13 @@ def _dry(plant: Plant, site: ActingPlace, q: str, axes: Sequence[Axis], own: Axi
     if plant.inputs:
         for axis in losses(plant, q):
             yield from (Mechanism(site, axis, memory=m, dissipates=True, dry=own) for m in _memories("heat"))
+
+
+def _one_way(site: ActingPlace, place: Axis, own: Axis) -> Iterator[Mechanism]:
+    """Dry friction at one place, against motion of one sign alone."""
+    for shape in shapes_of(place):
+        if shape.name == "well":
+            yield from (Mechanism(site, place, shape, dissipates=True, dry=own, way=way) for way in (1, -1))
 
 
 def _followed(site: ActingPlace, axis: Axis, own: Axis) -> Iterator[Mechanism]:
@@ -166,6 +178,9 @@ def _between(plant: Plant, site: ActingPlace, q: str, other: str) -> Iterator[Me
         if shape.name != "linear":
             yield Mechanism(site, its, shape, dissipates=shape.odd)
     own = (position(plant, q), position(plant, other), place, rate(plant, q), rate(plant, other), CLOCK)
+    for axis in _own_axes(plant, site.slot):
+        if axis.kind == POSITION:
+            yield from (Mechanism(site, _paired(axis), shape) for shape in shapes_of(axis))
     for axis in (*own, *_own_axes(plant, site.slot)):
         for shape in _coefficients(axis):
             yield Mechanism(site, _paired(axis), shape, factor=speed, dissipates=shape.name in TAKING)
@@ -185,7 +200,7 @@ def _own_axes(plant: Plant, slot: str) -> Sequence[Axis]:
 
 def _coefficients(axis: Axis) -> list[ShapeLaw]:
     """Shapes that a friction's coefficient may have."""
-    names = (*TAKING, "threshold", "above", "below", "wave", "linear")
+    names = (*TAKING, "threshold", "above", "below", "linear", *(() if axis.scale_share else ("wave",)))
     return [one for one in shapes_of(axis) if one.name in names]
 
 
@@ -212,6 +227,7 @@ def _of_actuator(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
         yield Mechanism(site, axis, memory=memory, factor=first)
     for axis in losses(plant, q):
         yield from (Mechanism(site, axis, memory=memory, factor=first) for memory in _memories("heat"))
+    yield from (Mechanism(site, drawn(plant, q), memory=memory, factor=first) for memory in _memories("lag"))
 
 
 def _of_store(plant: Plant, name: str, own: str) -> Iterator[Mechanism]:
@@ -246,11 +262,17 @@ def _of_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
 
 
 def _of_reading(plant: Plant, site: ActingPlace, q: str) -> Iterator[Mechanism]:
-    """Of a place that is read: an image that is bent about a centre of its own, and an age that is not constant."""
+    """Of a place that is read: an image that is bent about a centre of its own, an age that is not constant, and what
+    the first input twists before the sensor."""
     place, speed = position(plant, q), rate(plant, q)
     yield Mechanism(site, place, BENTS[place.turning])
+    if place.unit == "rad":
+        yield Mechanism(site, place, LENS)
     for axis, names in ((place, ("linear", "magnitude")), (CLOCK, ("linear", "wave"))):
         yield from (Mechanism(site, axis, shape, factor=speed) for shape in shapes_of(axis) if shape.name in names)
+    yield Mechanism(site, CLOCK, BEAT, factor=speed)
+    if plant.inputs and plant.inputs[0].coordinate == q:
+        yield from (Mechanism(site, demand(plant), memory=memory) for memory in _memories("twist"))
 
 
 def _memories(*names: str) -> Sequence[MemoryLaw]:

@@ -10,8 +10,12 @@ samples for a screen that tries many constants at once. Both are the same law; a
     fading     1 - z of the same                           what was there at first and wears off
     reversal   z' = (sign x' - z) |x'| / W, from 0 at a reversal; 1 - |z| is 1 there and dies out over the way W
     resonance  z'' = w^2 (v - z) - 2 zeta w z'             something that swings on it; z - v is what it adds
+    swing      z' = -w (w r + 2 zeta r'), r' = z - v: a body that hangs on what moves at the rate v, and feels z'/w
+    loose      z' = -w (w o + 0.4 r') where it is pushed, r' = z - v, o what r exceeds +-b: a body that coasts in a gap
+               on what moves at the rate v, and feels z'/w at its stops (Nordin, Gutman 2002)
     age        z' = 1/T - z |x'| / L, T a usual sample: how old a contact is that its way renews; it strengthens with
                log(1 + z) (Dieterich 1979, Ruina 1983)
+    twist      z' = (v - z)/T of an input that is held between samples, T of some samples and less
     hesitation T z' = v - z, T a part of a sample; (z - v) exp(-|v|/v0) makes a small v later than a large one
 
 Rules of this file: no plant; laws only.
@@ -26,7 +30,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.effects.grammar.axes import INPUT, LOSS, POSITION, RATE, STATE, Axis
+from hoopd.files.dimensions import product_text
+from hoopd.plants.effects.grammar.axes import INPUT, LOSS, POSITION, POWER, RATE, STATE, Axis
 
 Array = NDArray[np.float64]
 Constants = Mapping[str, Any]
@@ -34,9 +39,13 @@ Constants = Mapping[str, Any]
 # Lags that a search tries, in sample times; ways in mean ways a second; frequencies below half of Nyquist's.
 LAG_SAMPLES = (3.0, 8.0, 20.0, 60.0, 200.0, 600.0)
 HEAT_SAMPLES = (50.0, 150.0, 500.0, 1500.0)
+TWIST_SAMPLES = (0.25, 0.75, 2.0, 6.0)
 WAY_S = (0.01, 0.03, 0.1, 0.3, 1.0)
 WEAR_SHARES = (0.05, 0.15, 0.4, 1.0)
-RESONANCES = 12
+RESONANCES, SWINGS = 12, 24
+# Gaps, in ways at the mean rate; a stop's radians in a memory's substep, its damping, a screen's steps in a sample.
+GAPS_S = (0.005, 0.01, 0.02, 0.04, 0.08)
+STOP, STOP_DAMPING, STOP_STEPS = 0.5, 0.2, 10
 SLOWEST_SAMPLES = 100.0  # of a period
 DAMPING, LARGEST_DAMPING = 0.1, 0.99
 # Sizes below which something is late, in usual ones.
@@ -64,7 +73,7 @@ class MemoryLaw:
     along : callable
         (v (n,), way (n,), t (n,), constants) -> that value (n,) at samples.
     constant : str
-        Its constant beside `zeta`.
+        Its first constant.
     unit : callable
         Of an axis, the constant's.
     grid : callable
@@ -75,6 +84,10 @@ class MemoryLaw:
         As a formula and a sentence say it.
     states : int
         How many states it has.
+    second : str
+        Its other constant, where it has one.
+    second_at : callable
+        What a search begins with for it, of the usual sample time.
     dissipates : bool
         As a force on what moves, it takes energy away: its amplitude has a sign.
     """
@@ -93,6 +106,8 @@ class MemoryLaw:
     dissipates: bool = False
     scaled: bool = False  # its value has the unit of the variable; else it is a number
     held: bool = False
+    second: str = ""
+    second_at: Callable[[float], float] = lambda h: DAMPING
 
 
 def _steps(x: Array) -> Array:
@@ -161,6 +176,12 @@ def _lag_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
     left = np.exp(-_steps(t) / c["T"])
     middle = (v + np.concatenate([v[:1], v[:-1]])) / 2.0
     return _carried(left, middle * (1.0 - left))
+
+
+def _twist_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+    # what was held until a sample has acted by then
+    left = np.exp(-_steps(t) / c["T"])
+    return _carried(left, np.concatenate([v[:1], v[:-1]]) * (1.0 - left))
 
 
 def _lags(samples: Sequence[float]) -> Callable[[Array, Array], list[float]]:
@@ -271,9 +292,81 @@ def _resonance_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
     return np.asarray(np.append(v[:1], c["w"] ** 2 / p.imag * after.imag) - v)
 
 
-def _resonance_grid(v: Array, t: Array) -> list[float]:
-    h = float(np.median(np.diff(t)))
-    return [float(one) for one in np.geomspace(2 * np.pi / (SLOWEST_SAMPLES * h), np.pi / (2 * h), RESONANCES)]
+def _frequencies(count: int) -> Callable[[Array, Array], list[float]]:
+    def grid(v: Array, t: Array) -> list[float]:
+        h = float(np.median(np.diff(t)))
+        return [float(one) for one in np.geomspace(2 * np.pi / (SLOWEST_SAMPLES * h), np.pi / (2 * h), count)]
+
+    return grid
+
+
+# ---------------------------------------------------------------------------------------------- swing
+
+
+def _swing(ops: Any, z: Sequence[Any], v: Any, c: Constants) -> Any:
+    return -(c["w"] * z[0] + 2.0 * c["zeta"] * (z[1] - v))
+
+
+def _swing_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
+    return [z[1] - v, c["w"] * _swing(ops, z, v, c)]
+
+
+def _swing_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+    # r'' + 2 zeta w r' + w^2 r = -v';  y = r' - conj(p) r follows y' = p y - v', p as of a resonance
+    zeta, h = min(c.get("zeta", DAMPING), LARGEST_DAMPING), float(np.median(np.diff(t)))
+    p = c["w"] * complex(-zeta, np.sqrt(1.0 - zeta**2))
+    left = np.exp(p * h)
+    from scipy.signal import lfilter  # the daemon, which never asks for it, starts without scipy
+
+    begin = -complex(v[0])  # the body at rest, whatever the rate is
+    after, _ = lfilter([1.0], [1.0, -left], -np.diff(v) / h * (left - 1.0) / p, zi=[begin * left])
+    y = np.append(begin, after)
+    r = y.imag / p.imag
+    return np.asarray(-(c["w"] * r + 2.0 * zeta * (y.real + p.real * r)))
+
+
+# ---------------------------------------------------------------------------------------------- loose
+
+
+def _pushed(ops: Any, r: Any, slip: Any, b: Any, w: Any) -> Any:
+    """Acceleration of a loose body over the stop's rate: it is pushed out of a stop, never pulled into it."""
+    into = ops.fmax(r - b, 0.0) - ops.fmax(-r - b, 0.0)
+    push = ops.fmax(ops.fabs(into) * w + 2.0 * STOP_DAMPING * slip * ops.sign(into), 0.0)
+    return -ops.sign(into) * push
+
+
+def _loose(ops: Any, z: Sequence[Any], v: Any, c: Constants) -> Any:
+    return _pushed(ops, z[0], z[1] - v, c["b"], c["w"])
+
+
+def _loose_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shortest_s: float) -> Sequence[Any]:
+    # no faster than a step of integration can follow
+    w = ops.fmin(c["w"], 1.0 / shortest_s)
+    return [z[1] - v, w * _pushed(ops, z[0], z[1] - v, c["b"], w)]
+
+
+def _loose_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+    b, w, step = float(c["b"]), float(c["w"]), float(np.median(np.diff(t))) / STOP_STEPS
+    rates = np.interp(np.arange((len(v) - 1) * STOP_STEPS) / STOP_STEPS, np.arange(len(v)), v).tolist()
+    r = z = 0.0
+    felt = [0.0]
+    for k, rate in enumerate(rates, 1):
+        r += step * (z - rate)
+        into = r - b if r > b else r + b if r < -b else 0.0
+        f = 0.0
+        if into > 0.0:
+            f = -max(into * w + 2.0 * STOP_DAMPING * (z - rate), 0.0)
+        elif into < 0.0:
+            f = max(-into * w - 2.0 * STOP_DAMPING * (z - rate), 0.0)
+        z += step * w * f
+        if not k % STOP_STEPS:
+            felt.append(f)
+    return np.array(felt)
+
+
+def _gaps(v: Array, t: Array) -> list[float]:
+    rate = float(np.mean(np.abs(v)))
+    return [share * rate for share in GAPS_S] if rate > 0.0 else []
 
 
 MEMORIES: tuple[MemoryLaw, ...] = (
@@ -288,8 +381,12 @@ MEMORIES: tuple[MemoryLaw, ...] = (
         dissipates=True,
     ),
     MemoryLaw(
-        "lag", (RATE, INPUT, STATE), _lag_rates, lambda ops, z, v, c: z[0], _lag_along, "T", lambda axis: "s",
+        "lag", (RATE, INPUT, STATE, POWER), _lag_rates, lambda ops, z, v, c: z[0], _lag_along, "T", lambda axis: "s",
         _lags(LAG_SAMPLES), "z, T z' = {v} - z", "follows, with a lag,", scaled=True,
+    ),
+    MemoryLaw(
+        "twist", (INPUT,), _lag_rates, lambda ops, z, v, c: z[0], _twist_along, "T", lambda axis: "s",
+        _lags(TWIST_SAMPLES), "z, T z' = {v} - z", "winds up under", scaled=True,
     ),
     MemoryLaw(
         "heat", (LOSS,), _lag_rates, lambda ops, z, v, c: z[0], _lag_along, "T", lambda axis: "s",
@@ -319,8 +416,19 @@ MEMORIES: tuple[MemoryLaw, ...] = (
     _reversal(INPUT),
     MemoryLaw(
         "resonance", (RATE, INPUT, POSITION, STATE), _resonance_rates, lambda ops, z, v, c: z[0] - v, _resonance_along,
-        "w", lambda axis: "rad/s", _resonance_grid,
+        "w", lambda axis: "rad/s", _frequencies(RESONANCES),
         "(z - {v}), z'' = w^2 ({v} - z) - 2 zeta w z'",
-        "swings, elastically driven by,", states=2, scaled=True,
+        "swings, elastically driven by,", states=2, scaled=True, second="zeta",
+    ),
+    MemoryLaw(
+        "swing", (RATE,), _swing_rates, _swing, _swing_along, "w", lambda axis: "rad/s", _frequencies(SWINGS),
+        "z'/w, z' = -w (w r + 2 zeta r'), r' = z - {v}", "comes from a part that hangs elastically and swings with",
+        states=2, dissipates=True, scaled=True, second="zeta",
+    ),
+    MemoryLaw(
+        "loose", (RATE,), _loose_rates, _loose, _loose_along, "b", lambda axis: product_text((axis.unit, 1), ("s", 1)),
+        _gaps, "z'/w, z' = -w (w o + 0.4 r') at the stops, o = r beyond +-b, r' = z - {v}",
+        "comes from a part that is loose and is taken along at the ends of its play, by", states=2, dissipates=True,
+        scaled=True, second="w", second_at=lambda h: STOP * PARTS / h,
     ),
 )  # fmt: skip

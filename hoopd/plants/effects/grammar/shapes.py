@@ -24,15 +24,23 @@ Constants = Mapping[str, Any]
 LEVELS = (0.15, 0.35, 0.55, 0.75, 0.9)
 PLACES = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
 PLACES_A_TURN = 16
+# Where the axis of a lens may be: directions, and distances in radii of the circle that it looks at.
+PLACES_OF_LENS, LENSES = 12, (0.4, 0.65, 1.0)
 # A well is so wide, as a share of the range that the variable has (of a turn: of a radian).
 WIDTHS, WIDTHS_RAD = (0.05, 0.15), (0.12, 0.3)
 # Times of what settles with time, as shares of the longest.
 SETTLING = (0.05, 0.15, 0.4)
+# Choices to each side of one wave a turn, where the scale of the angle is not known.
+MOST_SCALES = 150
 WAVES = tuple(float(n) for n in range(1, 37))
 # Below, a root is a straight line: its slope has no end.
 LEAST = 1e-12
 # Waves over what does not turn: so many in the range of the variable.
 WAVES_IN_RANGE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
+# Over the time a wave is coherent: one of half a turn more is another one.
+WAVES_IN_TIME = tuple(0.5 * k for k in range(2, 41))
+# A beat drops within a few samples: of its harmonics the k-th is this to the power k of a saw-tooth's.
+DROP = 0.9
 
 
 @dataclass(frozen=True)
@@ -61,6 +69,8 @@ class ShapeLaw:
         It changes sign with its variable.
     phased : bool
         A wave: it has a phase.
+    first : float
+        Of what has a phase, its first harmonic, the sine that a screen takes for it: its amplitude.
     """
 
     name: str
@@ -73,6 +83,7 @@ class ShapeLaw:
     grid: Callable[[Axis, Array], Sequence[Constants]] = lambda axis, v: ({},)
     odd: bool = False
     phased: bool = False
+    first: float = 1.0
 
 
 def _levels(axis: Axis, v: Array) -> list[Constants]:
@@ -94,10 +105,18 @@ def _wells(axis: Axis, v: Array) -> list[Constants]:
 
 
 def _waves(axis: Axis, v: Array) -> list[Constants]:
+    if axis.scale_share:
+        return [{"n": float(n)} for n in _scales(axis.scale_share, float(np.ptp(v)))]
     if axis.turning:
         return [{"n": n} for n in WAVES]
-    reach = float(np.ptp(v))
-    return [{"n": float(2 * np.pi * n / reach)} for n in WAVES_IN_RANGE] if reach > 0.0 else []
+    reach, every = float(np.ptp(v)), WAVES_IN_TIME if axis.kind == TIME else WAVES_IN_RANGE
+    return [{"n": float(2 * np.pi * n / reach)} for n in every] if reach > 0.0 else []
+
+
+def _scales(share: float, reach: float) -> Array:
+    """About one wave a turn, so near to each other that none is missed over the whole reach."""
+    count = min(int(np.ceil(share * reach / np.pi)), MOST_SCALES)
+    return np.linspace(1.0 - share, 1.0 + share, 2 * count + 1)
 
 
 def _times(axis: Axis, v: Array) -> list[Constants]:
@@ -166,11 +185,33 @@ def _bent_of(turning: bool) -> ShapeLaw:
                     _places)  # fmt: skip
 
 
+def _lens(ops: Any, v: Any, c: Constants) -> Any:
+    # of a point on a circle, seen from its middle: what a lens whose axis is e radii off adds to the angle
+    return ops.sin(v - c["v0"]) * (1.0 + c["e"] ** 2 - 2.0 * c["e"] * ops.cos(v - c["v0"]))
+
+
+def _lenses(axis: Axis, v: Array) -> list[Constants]:
+    places = np.linspace(-np.pi, np.pi, PLACES_OF_LENS, endpoint=False)
+    return [{"v0": float(p), "e": e} for e in LENSES for p in places]
+
+
+LENS = ShapeLaw("lens", _lens, "sin({v} - v0) (1 + e^2 - 2 e cos({v} - v0))",
+             "is that of a lens whose axis is beside the middle of", (POSITION,), 0, ("v0", "e"), _lenses)  # fmt: skip
 BENTS = {turning: _bent_of(turning) for turning in (False, True)}
 WELLS = {turning: _well_of(turning) for turning in (False, True)}
 DETENTS = {turning: _detent_of(turning) for turning in (False, True)}
 WAVE = ShapeLaw("wave", lambda ops, v, c: ops.sin(c["n"] * v + c["phi"]), "sin(n {v} + phi)", "comes back in waves of",
              (POSITION, TIME), 0, ("n",), _waves, phased=True)  # fmt: skip
+
+
+def _saw(ops: Any, v: Any, c: Constants) -> Any:
+    # frac(x) = 1/2 - sum over k of sin(2 pi k x)/(pi k), and that sum, damped by DROP^k, in closed form
+    x = c["n"] * v + c["phi"]
+    return 0.5 - ops.arctan2(DROP * ops.sin(x), 1.0 - DROP * ops.cos(x)) / np.pi
+
+
+BEAT = ShapeLaw("beat", _saw, "frac((n {v} + phi)/2 pi)", "grows and falls back in a saw-tooth of", (TIME,), 0, ("n",),
+             _waves, phased=True, first=-DROP / np.pi)  # fmt: skip
 
 
 def shapes_of(axis: Axis) -> list[ShapeLaw]:

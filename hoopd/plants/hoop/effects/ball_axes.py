@@ -11,6 +11,9 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.grammar.axes import FORCE, POSITION, Axis
 from hoopd.plants.hoop.effects.normal_force import signed_normal_force
 
+# Of Ro/Rb: both radii are a device file's, to a tenth each; the tracks that the ball rolls on are another matter again.
+RATIO_SHARE = 0.2
+
 
 def axes(plant: Plant, slot: str) -> Iterable[Axis]:
     """Of the slot of a rolling ball; of the hoop, which bears it, its load."""
@@ -25,5 +28,5 @@ def axes(plant: Plant, slot: str) -> Iterable[Axis]:
         yield Axis(
             "phi", "phi", "rad", POSITION, lambda s: s.p["Ro"] / s.p["Rb"] * (s.theta - s.psi),
             "the turning of the ball", True, ("theta", "psi"),
-            lambda s: s.p["Ro"] / s.p["Rb"] * (s.dtheta - s.dpsi),
+            lambda s: s.p["Ro"] / s.p["Rb"] * (s.dtheta - s.dpsi), scale_share=RATIO_SHARE,
         )  # fmt: skip
