@@ -3,7 +3,7 @@
 
 Rules of this file: it only starts what a person would type in two terminals, in a folder that goes with it; it ends no
 process but those two. Usage: tools/sim_web.py [--listen 127.0.0.1:8765] [--recordings FOLDER]
-[--seconds N]
+[--controllers FOLDER] [--set KEY=VALUE ...] [--seconds N]
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import argparse
 import contextlib
 import json
 import secrets
+import shutil
 import signal
 import socket
 import subprocess
@@ -20,6 +21,8 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
+
+from hoopd.files.shipped import defaults_folder
 
 END_S = 8.0  # a controlled stop
 WATCH_S = 0.2
@@ -47,6 +50,15 @@ def configuration(folder: Path, password: str) -> Path:
     content = {"telemetry": {"endpoint": free_endpoint(), "commands": True, "control": control}}
     path.write_text(json.dumps(content), encoding="utf-8")  # JSON is YAML, too
     return path
+
+
+def controllers(folder: Path) -> tuple[str, ...]:
+    """The shipped controllers in a folder that the page may lay others into, and the one that the rig begins with."""
+    folder.mkdir(exist_ok=True)
+    for path in (defaults_folder() / "controllers").glob("*.yaml"):
+        if not (folder / path.name).exists():
+            shutil.copyfile(path, folder / path.name)
+    return "--set", f"control.file={folder / 'lqg.yaml'}"
 
 
 def started(*words: str, first: Sequence[str] = ()) -> subprocess.Popen[bytes]:
@@ -77,6 +89,8 @@ def main() -> int:
     parser.add_argument(
         "--recordings", type=Path, help="where the rig records and the page works; goes with it unless told"
     )
+    parser.add_argument("--controllers", type=Path, help="folder of controllers of the rig; goes with it unless told")
+    parser.add_argument("--set", dest="sets", action="append", default=[], help="a key of the rig's configuration")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix="hoopd-web-") as folder:
@@ -85,9 +99,12 @@ def main() -> int:
         print(f"to drive from the page, log in as {USER} with the password {password}", flush=True)
         recordings = options.recordings or Path(folder) / "recordings"
         recordings.mkdir(exist_ok=True)
+        loaded = (options.controllers or Path(folder) / "controllers").resolve()
+        own = [*controllers(loaded), *(word for one in options.sets for word in ("--set", one))]
+        bench = ("--recordings", str(recordings), "--controllers", str(loaded))
         processes = [
-            started("--sim", "--record", str(recordings), *shared),
-            started("dashboard", *shared, "--listen", options.listen, "--recordings", str(recordings)),
+            started("--sim", "--record", str(recordings), *shared, *own),
+            started("dashboard", *shared, "--listen", options.listen, *bench),
         ]
         until = None if options.seconds is None else time.monotonic() + options.seconds
         with contextlib.suppress(KeyboardInterrupt):

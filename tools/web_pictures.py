@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Takes docs/figures/dashboard.png, dashboard_fault.png, dashboard_work.png: the page beside the rig, in chromium.
+"""Takes docs/figures/dashboard.png and those of a fault, of work and of a comparison: the page beside the rig.
 
 Rules of this file: it looks at what a person would see and drives as one would; the rig is on the clock, so that no two
 pictures are alike, and a busy machine's faults are acknowledged. Usage: tools/web_pictures.py [FOLDER]
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from harness.browser import Page, opened
 from harness.realrun import FIFO_PRIORITY, fifo_granted
-from sim_web import USER, configuration, ended, started
+from sim_web import USER, configuration, controllers, ended, started
 
 ROOT = Path(__file__).resolve().parents[1]
 LISTEN = "127.0.0.1:8766"
@@ -80,17 +80,37 @@ def work(page: Page) -> None:
     page.ask("window.scrollTo(0, 0)")
 
 
+def compare(page: Page) -> None:
+    """The shipped controllers, in turns, again when a fault came between."""
+    page.ask("void (location.hash = '#try')")
+    page.wait_for("[...document.querySelectorAll('#candidate option')].some(one => one.value.startsWith('arx'))")
+    candidate = "[...document.querySelectorAll('#candidate option')].find(one => one.value.startsWith('arx'))"
+    page.ask(f"void (document.querySelector('#candidate').value = {candidate}.value)")
+    for _ in range(10):
+        while page.text("#mode") != "RUNNING":
+            page.ask("void document.querySelector('#compare .arm').click()")
+            time.sleep(1.5)
+        page.ask("page.compare.begin()")
+        page.wait_for("page.compare.last && !page.compare.last.running", JOB_S)
+        if page.ask("page.compare.last.verdict === 'better'"):
+            time.sleep(HOLD_S)
+            return
+    raise SystemExit("no comparison came to its end")
+
+
 def main() -> int:
-    """Exit code 0 when both pictures are there."""
+    """Exit code 0 when all pictures are there."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "figures"
     with tempfile.TemporaryDirectory(prefix="hoopd-web-") as temporary:
         shared = ("--config", str(configuration(Path(temporary), "turn")))
         fault = ("--set", f"sim.faults=[{{kind: camera_stall, at_s: {FAULT_S}}}]")
         # with the priority that the unit grants, where this machine does, too: a browser starts beside it
         first = ("chrt", "--fifo", str(FIFO_PRIORITY)) if fifo_granted() else ()
-        rig = started("--sim", "--camera", "direct", *shared, *fault, first=first)
+        own = controllers(Path(temporary) / "controllers")
+        rig = started("--sim", "--camera", "direct", *shared, *own, *fault, first=first)
         recordings = recorded(Path(temporary) / "recordings")
-        server = started("dashboard", *shared, "--listen", LISTEN, "--recordings", str(recordings))
+        bench = ("--recordings", str(recordings), "--controllers", str(Path(temporary) / "controllers"))
+        server = started("dashboard", *shared, "--listen", LISTEN, *bench)
         try:
             with opened(Path(temporary), f"http://{LISTEN}/", 1440, 900) as page:
                 page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
@@ -105,6 +125,8 @@ def main() -> int:
                 page.size(1440, 1000)
                 work(page)
                 page.picture(folder / "dashboard_work.png")
+                compare(page)
+                page.picture(folder / "dashboard_try.png")
         finally:
             ended([rig, server])
     return 0

@@ -38,7 +38,7 @@ def experiment(options: ExperimentOptions) -> None:
         raise InputError("--at", "", "goes with --plant, and only with it")
     _check_times(options)
     from hoopd.daemon.app import Options
-    from hoopd.daemon.experiment import run
+    from hoopd.daemon.experiment import run, write_signal
     from hoopd.daemon.recording_target import Where
     from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan
 
@@ -54,7 +54,10 @@ def experiment(options: ExperimentOptions) -> None:
         direct=without_pictures(options.camera),
         arm=options.arm,
     )
-    result = run(plan, rig, Where(options.record, options.out), options.figure)
+    if options.signal_out is not None:
+        result = write_signal(plan, rig, options.signal_out)
+    else:
+        result = run(plan, rig, Where(options.record, options.out), options.figure)
     write_json(options.json_path, result)
     print_result(result)
     raise typer.Exit(result["exit"])

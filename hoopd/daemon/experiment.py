@@ -23,6 +23,7 @@ from hoopd.daemon.conductor import START_PATIENCE_S, Conductor
 from hoopd.daemon.recording_target import Where, recorded_parts
 from hoopd.files.controller import ControllerFile, parse_controller
 from hoopd.files.reading import InputError
+from hoopd.files.whole_files import check_target, replace_file
 from hoopd.ident import signals
 from hoopd.plants.hoop.loop.experiment_plan import FinishedPlan, Plan, write_score
 from hoopd.recording.mcap import read
@@ -56,6 +57,28 @@ def run(plan: Plan, options: Options, where: Where, figure: Path | None = None) 
     if figure is not None:
         result["notes"] += _draw(path, plan, figure)
     return result
+
+
+def write_signal(plan: Plan, options: Options, path: Path) -> dict[str, Any]:
+    """The signal as a controller file for a running daemon, around the law that it goes back to; nothing is played."""
+    if plan.around is None:
+        raise InputError("--signal-out", "", "goes with --around: a running daemon holds the ball meanwhile")
+    check_target(path, "--signal-out")
+    config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
+    _check(plan, config, Where(), None)
+    _, _, score = prepared(plan, config, options.config)
+    replace_file(path, score.text.encode())
+    return {
+        "experiment": plan.kind,
+        "signal": str(path),
+        "amplitude_nm": score.amplitude_nm,
+        "seconds": score.seconds,
+        "foreseen_hoop_speed_rad_s": _short(score.forecast.hoop_speed_rad_s),
+        "foreseen_ball_angle_rad": _short(score.forecast.ball_angle_rad),
+        "notes": list(score.warnings),
+        "next": f"hoopd controller --experiment {shlex.quote(str(path))}",
+        "exit": 0,
+    }
 
 
 def prepared(plan: Plan, config: Config, config_path: Path | None) -> tuple[Config, Texts, FinishedPlan]:

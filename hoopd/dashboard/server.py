@@ -20,6 +20,8 @@ from starlette.staticfiles import StaticFiles
 from hoopd.dashboard.actions import Actions
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.calibration import Calibration
+from hoopd.dashboard.comparisons import Comparisons
+from hoopd.dashboard.experiments import Experiments
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.guards import RequestGuard
 from hoopd.dashboard.live import Live
@@ -37,13 +39,15 @@ def application(
     feed: Feed, operators: Operators, audit: Audit, names: Sequence[str], bench: Bench | None = None
 ) -> Starlette:
     """The server's routes over a feed; `names` are the hosts that it answers to, `bench` what work it offers."""
-    pages = Pages(feed)
+    pages, comparisons = Pages(feed), Comparisons(feed, operators, audit, bench)
     routes = [
         Route("/", pages.page),
         Route("/api/channels", pages.channels),
         Route("/api/history", pages.history),
         *Actions(feed, operators, audit).routes,
         *Calibration(feed).routes,
+        *comparisons.routes,
+        *Experiments(feed, operators, audit, bench).routes,
         *WorkRoutes(bench, operators, audit).routes,
         WebSocketRoute("/api/live", Live(feed, audit).serve),
         WebSocketRoute("/api/picture", Pictures(feed).serve),
@@ -58,6 +62,7 @@ def application(
         sweeping = asyncio.create_task(_sweep(operators))
         yield
         sweeping.cancel()
+        await asyncio.to_thread(comparisons.close)
         if bench is not None:
             await asyncio.to_thread(bench.close)
         await asyncio.to_thread(operators.close)

@@ -24,6 +24,7 @@ LOOK_S = 0.04
 ROWS = 250  # five seconds
 SILENCE_S = 3.0
 END_S = 5.0  # for the last orders
+LAST_S = 20.0  # and for a candidate that is still being loaded
 CHANNELS = ("u", "dtheta", "psi", "psi_t", "reference")
 
 # The daemon's answer to an order; CommandError when it refuses or none answers.
@@ -71,12 +72,16 @@ class ComparisonSupervisor:
         while end is None or time.monotonic() < end:
             if why := self._wrong():
                 self.comparison.stop(why)
+                if self._is_gone:
+                    break
             while not self._refused.empty():
                 self.comparison.refuse(*self._refused.get())
             for order in self._news():
                 self._orders.put(order)
+            if self.comparison.settled:
+                break
             if self.comparison.over and end is None:
-                end = time.monotonic() + 10 * LOOK_S  # the last orders are of a tick after it
+                end = time.monotonic() + LAST_S
             time.sleep(LOOK_S)
         self._orders.put(None)
 
@@ -94,10 +99,15 @@ class ComparisonSupervisor:
             except Exception as error:  # of a connection that went meanwhile
                 self._refused.put((order, f"{order.name}: no answer ({type(error).__name__})"))
 
+    @property
+    def _is_gone(self) -> bool:
+        """Nobody is there whom an order could reach."""
+        return self._device.run != self._run or time.monotonic() - self._heard > SILENCE_S
+
     def _wrong(self) -> str:
         if self._device.run != self._run:
             return "the daemon was started again"
-        if time.monotonic() - self._heard > SILENCE_S:
+        if self._is_gone:
             return f"the daemon was silent for {SILENCE_S:g} s"
         return self._attended()
 

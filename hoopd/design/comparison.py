@@ -30,6 +30,8 @@ ALIVE_S = 1.0
 # The candidate is read, checked, made ready and watched first; the accepted one is back in a tick.
 PATIENCE_S = {"asked": 25.0, "back": 5.0}
 START_S = 20.0  # until the loop runs
+# What a hand does to the run that is none of ours.
+MEDDLING = frozenset({"tuned", "speed"})
 FOREIGN_S = 1.5  # a command of ours is obeyed by then
 LEAST_SHARE = 0.9  # of a block's ticks: fewer, and the pair does not count
 
@@ -86,9 +88,19 @@ class ControllerComparison:
         return bool(self.verdict)
 
     @property
+    def settled(self) -> bool:
+        """It is over, its last orders were given, and no candidate is about to act."""
+        return self._farewell and self._phase != "asked"
+
+    @property
     def block(self) -> AlternationBlock:
         """The one that is next or goes on."""
         return self._blocks[min(self._place, len(self._blocks) - 1)]
+
+    @property
+    def share(self) -> float:
+        """Of the blocks, how many are over."""
+        return self._place / len(self._blocks)
 
     @property
     def step(self) -> str:
@@ -114,15 +126,15 @@ class ControllerComparison:
     def note(self, event: str, fields: Mapping[str, Any]) -> None:
         """One fact that the daemon tells."""
         if self.over:
-            return
-        if event == "controller":
+            self._note_late(event, fields)
+        elif event == "controller":
             self._took_over(fields)
         elif event == "trial_returned":
             self._returned(str(fields.get("reason", "")))
         elif event == "command_refused" and fields.get("command") == TRIAL and self._phase == "asked":
             self._end(STOPPED, f"the candidate was refused: {fields.get('reason', '')}")
-        elif event == "tuned" or (event == "operator" and fields.get("command") == ACCEPT):
-            self._end(STOPPED, "somebody else changed the controller meanwhile")
+        elif event in MEDDLING or (event == "operator" and fields.get("command") == ACCEPT):
+            self._end(STOPPED, "somebody else changed gains or controller, or drove the hoop, meanwhile")
 
     def refuse(self, order: WantedCommand, reason: str) -> None:
         """An order was not obeyed."""
@@ -210,9 +222,18 @@ class ControllerComparison:
         elif self._place >= len(self._blocks):
             self._end(OPEN, f"not clear after {len(ratios)} pairs")
 
+    def _note_late(self, event: str, fields: Mapping[str, Any]) -> None:
+        """A candidate that was asked for before the end and acts after it goes back, too."""
+        if self._phase == "asked" and event in ("controller", "command_refused") and fields.get("command") == TRIAL:
+            self._phase = "before"
+            if event == "controller" and self._is_ours(fields):
+                self._on_trial, self._farewell = True, False
+
+    def _is_ours(self, fields: Mapping[str, Any]) -> bool:
+        return fields.get("command") == TRIAL and str(fields.get("sha256", "")).startswith(self._sha256)
+
     def _took_over(self, fields: Mapping[str, Any]) -> None:
-        ours = fields.get("command") == TRIAL and str(fields.get("sha256", "")).startswith(self._sha256)
-        if ours and self._phase == "asked":
+        if self._phase == "asked" and self._is_ours(fields):
             self._on_trial, self._alive_at = True, self._t
             self._enter("settling")
         else:

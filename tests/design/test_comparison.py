@@ -144,6 +144,7 @@ MEDDLING = {
     "another reference": (moved, "somebody else moves the reference"),
     "another controller": (lambda rig: rig.comparison.note("controller", {"command": "controller"}), "somebody else"),
     "tuned": (lambda rig: rig.comparison.note("tuned", {}), "somebody else changed"),
+    "driven by hand": (lambda rig: rig.comparison.note("speed", {"speed": 3.0}), "drove the hoop"),
     "accepted": (lambda rig: rig.comparison.note("operator", {"command": "accept"}), "somebody else changed"),
     "ended from outside": (lambda rig: rig.comparison.stop("nobody watches"), "nobody watches"),
     "an order refused": (lambda rig: rig.comparison.refuse(WantedCommand(REVERT), "no answer"), "no answer"),
@@ -161,6 +162,19 @@ def test_who_meddles_ends_it_with_the_accepted_law_asked_for(what: str) -> None:
     assert sum(order.name == REVERT for _, order in rig.sent) == 1
     rig.comparison.note("controller", OURS)  # what comes later changes nothing
     assert rig.comparison.verdict == STOPPED
+
+
+def test_a_candidate_that_acts_only_after_the_end_goes_back_too() -> None:
+    rig = begun(wait_s=2.0)
+    while not any(order.name == TRIAL for _, order in rig.sent):
+        rig.tick()
+    rig.comparison.stop("nobody watches")
+    rig.tick()
+    assert not rig.comparison.settled and not any(order.name == REVERT for _, order in rig.sent)
+    for _ in range(150):
+        rig.tick()
+    assert rig.comparison.settled and rig.law == "A"
+    assert sum(order.name == REVERT for _, order in rig.sent) == 1
 
 
 def test_a_candidate_that_is_refused_or_never_acts_ends_it() -> None:

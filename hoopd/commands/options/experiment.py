@@ -64,6 +64,12 @@ class ExperimentOptions:
         "--centring", min=0.0, max=0.05, text="Feedback that slows the hoop, N m per rad/s.", default=0.0
     )
     around: Path | None = option("--around", text="On top of this holding law.", metavar="CONTROLLER")
+    signal_out: Path | None = option(
+        "--signal-out",
+        text="Write the signal for `hoopd controller --experiment` of a running daemon; nothing is played.",
+        metavar="FILE",
+        python=False,
+    )
     no_ball: bool = option("--no-ball", text="There is no ball in the hoop; no camera needed.", default=False)
     record: Path | None = option("--record", text="Existing folder for the recording.", python=False)
     out: Path | None = option("--out", text="The recording's file (.mcap).", metavar="FILE", python="file")

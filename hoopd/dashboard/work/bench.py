@@ -27,7 +27,8 @@ class Bench:
         if not recordings.is_dir():
             raise InputError(recordings, "--recordings", "no such folder")
         jobs, plots = results / "jobs", results / "plots"
-        for folder in (results, jobs, plots):
+        self.comparisons = results / "comparisons"
+        for folder in (results, jobs, plots, self.comparisons):
             try:
                 folder.mkdir(exist_ok=True)
             except OSError as error:

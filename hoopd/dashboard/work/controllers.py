@@ -9,11 +9,12 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from hoopd.files.controller_folder import key_of
+from hoopd.files.controller_folder import key_of, parse_key, read_controller
 from hoopd.files.reading import InputError, read_text
 from hoopd.files.whole_files import replace_file
 
 MOST = 200
+SIGNAL = "signal-"  # what the names of test signals begin with
 _MODEL = re.compile(r"(?m)^model: +(?P<path>[^#\n]+?) *$")
 
 
@@ -38,10 +39,31 @@ class Controllers:
         found = []
         for path in [*self._folder.glob("*.yaml")][:MOST]:
             try:
+                if path.name.startswith(SIGNAL):
+                    continue
                 found.append(ListedController(key_of(path), path.stat().st_mtime))
             except (InputError, OSError):
                 continue  # a link, a name that no command could carry, or gone meanwhile
         return sorted(found, key=lambda one: (-one.changed, one.key))
+
+    @property
+    def folder(self) -> Path:
+        """Where they lie."""
+        return self._folder
+
+    def drop(self, key: str) -> None:
+        """Take a signal away that was laid in to be played once; no other file."""
+        name = parse_key(key).name
+        if name.startswith(SIGNAL):
+            (self._folder / name).unlink(missing_ok=True)
+
+    def text(self, key: str) -> str:
+        """What the file of NAME.yaml@SHA256 holds; InputError when it is not there, or is another one."""
+        return read_controller(self._folder, parse_key(key))[0]
+
+    def add(self, name: str, text: str) -> str:
+        """NAME.yaml@SHA256 of a file that is laid in; InputError when another one of that name is there already."""
+        return key_of(self._add(name, text))
 
     def lay_in(self, name: str, controller: Path, jobs: Path) -> str:
         """NAME.yaml@SHA256 of a copy; a model that a job of `jobs` made goes with it, as NAME-model.yaml.

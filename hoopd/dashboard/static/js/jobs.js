@@ -104,6 +104,25 @@ export class Jobs {
     });
   }
 
+  /** Into the daemon's folder, and on to the comparison with what acts. */
+  async compare(number) {
+    const key = await this.work.change(`job ${number}: to the daemon’s folder`, 'hand_over', { number });
+    if (!key) return;
+    dispatchEvent(new CustomEvent('candidate', { detail: key }));
+    location.hash = '#try';
+  }
+
+  /** The experiment that a diagnosis proposes, into the form that plays it. */
+  async next(number) {
+    const { next_experiment: planned } = await (await fetch(address(number, 'result.json'))).json().catch(() => ({}));
+    if (!planned?.command) {
+      this.work.commands.show(`job ${number} proposes no experiment: ${planned?.reason || 'nothing is left to be told apart'}`, 'waiting');
+      return;
+    }
+    dispatchEvent(new CustomEvent('signal', { detail: planned }));
+    location.hash = '#try';
+  }
+
   // ---- what there is
 
   row(job) {
@@ -121,6 +140,8 @@ export class Jobs {
       element('div', { class: 'row' },
         ...job.files.filter(name => name !== 'controller.yaml' && name !== 'model.yaml').map(name => element('button', { type: 'button', onclick: () => this.work.open(`job ${job.number}: ${LABELS[name]}`, address(job.number, name)) }, LABELS[name])),
         ...job.files.filter(name => name.endsWith('.yaml')).map(name => element('a', { href: address(job.number, name), download: `job${job.number}-${name}` }, LABELS[name])),
-        told.hands_over && job.files.includes('controller.yaml') ? act('To the daemon’s folder', 'hand_over') : '', over ? act('Again', 'again') : act('Cancel', 'cancel'), over ? act('Remove', 'remove') : ''));
+        told.hands_over && job.files.includes('controller.yaml') ? act('To the daemon’s folder', 'hand_over') : '',
+        order.kind === 'diagnose' && job.files.includes('result.json') ? element('button', { type: 'button', onclick: () => this.next(job.number) }, 'Next experiment') : '',
+        told.hands_over && job.files.includes('controller.yaml') ? element('button', { type: 'button', disabled: !may, onclick: () => this.compare(job.number) }, 'Compare') : '', over ? act('Again', 'again') : act('Cancel', 'cancel'), over ? act('Remove', 'remove') : ''));
   }
 }

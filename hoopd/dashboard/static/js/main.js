@@ -3,7 +3,9 @@
 import { Calibrate } from './calibrate.js';
 import { Charts } from './charts.js';
 import { Commands } from './commands.js';
+import { Compare } from './compare.js';
 import { Controller } from './controller.js';
+import { Experiment } from './experiment.js';
 import { Hoop } from './hoop.js';
 import { Joystick } from './joystick.js';
 import { Link } from './link.js';
@@ -32,6 +34,8 @@ class Page {
     this.controller = new Controller(byId('controller'), this);
     this.calibrate = new Calibrate(() => this.device, path => this.commands.post(path));
     this.work = new Work(this.commands, () => this.views.shown === 'work');
+    this.experiment = new Experiment(byId('experiment'), this);
+    this.compare = new Compare(byId('compare'), this);
     this.tabs = '';
     this.textAt = 0;
     this.dirty = true;
@@ -61,6 +65,8 @@ class Page {
       if (device) this.panels.show(device, this.stale(device));
       if (device) this.controller.show(device);
       if (device) this.joystick.show(device);
+      this.compare.show(device);
+      this.experiment.show(device);
       if (device) this.target.describe(device.last('reference'));
     }
     if (!device || this.views.shown !== 'drive') return;

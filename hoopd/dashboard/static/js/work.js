@@ -41,13 +41,13 @@ export class Work {
     this.jobs.show(told);
   }
 
-  /** Something is changed for who is logged in; the answer is shown beside STOP. True when it was done. */
+  /** Something is changed for who is logged in; the answer is shown beside STOP. What was made when it was done, else false. */
   async change(what, path, content) {
     try {
       const answer = await this.commands.post(`/api/work/${path}`, content);
       this.commands.show(`${what}: ${answer.ok ? (answer.queued ? `waits as job ${answer.value}` : 'done') : answer.reason}`, answer.ok ? 'good' : 'bad');
       await this.ask();
-      return answer.ok;
+      return answer.ok && (answer.value ?? true);
     } catch (error) {
       this.commands.show(`${what}: no answer from this page’s server (${error.name})`, 'bad');
       return false;

@@ -1,0 +1,233 @@
+"""A test signal played from the page, on top of the law that acts, and the recording of it.
+
+Rules of this file: the signal is made by `hoopd experiment` in a process of its own and loaded by the daemon as any
+controller is; every number is inside the limits that the page shows; what was recorded is cut out of the daemon's own
+recording, which is never changed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import zenoh
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from hoopd.core.succession import EXPERIMENT
+from hoopd.dashboard.audit import Audit
+from hoopd.dashboard.comparisons import accepted_by
+from hoopd.dashboard.device import Seen, ShownDevice
+from hoopd.dashboard.feed import Feed
+from hoopd.dashboard.operators import Login, LoginError, Operators
+from hoopd.dashboard.requests import address_of, read, refused, who
+from hoopd.dashboard.work.background import background
+from hoopd.dashboard.work.bench import Bench
+from hoopd.dashboard.work.controllers import SIGNAL
+from hoopd.files.controller_folder import parse_key
+from hoopd.files.reading import InputError, read_text
+from hoopd.shell.operator import CommandError
+from hoopd.shell.session import reason
+
+MAKE_S, CUT_S = 30.0, 60.0
+LOOK_S = 0.1
+MARGIN_S = 0.5  # of the recording, before and after the signal
+FRESH_S = 30.0  # a recording that grows was written to so lately
+FLUSH_S = 1.0  # the recorder closes its chunks every quarter of a second
+NO_FOLDER = "this server was started without --controllers: it cannot hand a signal to the daemon"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalNumber:
+    """One number of a signal, with the limits that the page shows and the server keeps."""
+
+    name: str  # of the option
+    label: str
+    unit: str
+    low: float
+    high: float
+    usual: float | None  # None: what the model lets through
+    whole: bool = False
+
+
+DURATION = SignalNumber(name="duration", label="Length", unit="s", low=2.0, high=120.0, usual=20.0)
+AMPLITUDE = SignalNumber(name="amplitude", label="Torque", unit="N m", low=0.005, high=0.3, usual=None)
+ANGLE = SignalNumber(name="max-angle", label="Ends beyond a ball angle of", unit="rad", low=0.05, high=1.25, usual=0.6)
+LOW = SignalNumber(name="low", label="Lowest frequency", unit="Hz", low=0.05, high=10.0, usual=0.3)
+HIGH = SignalNumber(name="high", label="Highest frequency", unit="Hz", low=0.1, high=20.0, usual=5.0)
+CLOCK = SignalNumber(name="clock", label="Ticks of each value", unit="", low=1, high=100, usual=1, whole=True)
+HOLD = SignalNumber(name="hold", label="Each step", unit="s", low=0.04, high=10.0, usual=0.4)
+SEED = SignalNumber(name="seed", label="Seed", unit="", low=0, high=1e6, usual=0, whole=True)
+SIGNALS: Mapping[str, tuple[SignalNumber, ...]] = {
+    "prbs": (DURATION, AMPLITUDE, ANGLE, CLOCK, SEED),
+    "multisine": (DURATION, AMPLITUDE, ANGLE, LOW, HIGH, SEED),
+    "chirp": (DURATION, AMPLITUDE, ANGLE, LOW, HIGH, SEED),
+    "steps": (DURATION, AMPLITUDE, ANGLE, HOLD, SEED),
+}
+
+
+class SignalOrder(msgspec.Struct, forbid_unknown_fields=True):
+    """What somebody asks for."""
+
+    device: str
+    kind: str
+    numbers: dict[str, float] = {}
+
+
+class Experiments:
+    """Routes over at most one test signal."""
+
+    def __init__(self, feed: Feed, operators: Operators, audit: Audit, bench: Bench | None) -> None:
+        self._feed, self._operators, self._audit, self._bench = feed, operators, audit, bench
+        self._lock = threading.Lock()
+        self._told: dict[str, Any] | None = None  # the last one
+
+    @property
+    def routes(self) -> list[Route]:
+        """All of them."""
+        return [Route("/api/experiment", self.look), Route("/api/experiment/begin", self.begin, methods=["POST"])]
+
+    async def look(self, request: Request) -> Response:
+        """What may be asked for, and how the last one stands."""
+        offered = self._bench is not None and self._bench.controllers is not None
+        signals = {kind: [asdict(one) for one in numbers] for kind, numbers in SIGNALS.items()}
+        return JSONResponse({"offered": offered, "reason": NO_FOLDER, "signals": signals, "last": self._told})
+
+    async def begin(self, request: Request) -> Response:
+        """Make a signal and let the daemon play it."""
+        try:
+            login = who(request, self._operators)
+            order = await read(request, SignalOrder)
+        except LoginError as error:
+            return refused(error)
+        address = address_of(request)
+        try:
+            told = await asyncio.to_thread(self._begin, login, address, order)
+        except (InputError, CommandError) as error:
+            return JSONResponse({"ok": False, "reason": str(error)}, 400)
+        await asyncio.to_thread(self._audit.note, login.user, address, {**told, "ok": True})
+        return JSONResponse({"ok": True, **told})
+
+    def _begin(self, login: Login, address: str, order: SignalOrder) -> dict[str, Any]:
+        device, numbers = self._feed.devices.get(order.device), words_of_signal(order)
+        if device is None:
+            raise InputError("experiment", "", "no such device")
+        if self._bench is None or self._bench.controllers is None:
+            raise InputError("experiment", "", NO_FOLDER)
+        controllers, accepted = self._bench.controllers, accepted_by(device)
+        controllers.text(accepted)  # it lies there, and is the one that acts
+        self._operators.seen(login)
+        with self._lock:
+            if self._told is not None and self._told["state"] in ("making", "playing"):
+                raise InputError("experiment", "", "another signal is being played")
+            self._told = {"kind": order.kind, "state": "making", "device": device.identity, "recording": "", "why": ""}
+        try:
+            key = self._made(order.kind, numbers, controllers.folder / parse_key(accepted).name)
+            seen = Seen(row=device.history.count)
+            device.news(seen, 0)  # what was before is no news
+            try:
+                answer = self._operators.command(login, device.endpoint, device.name, EXPERIMENT, None, key)
+            except zenoh.ZError as error:
+                raise CommandError(f"no answer: {reason(error)}") from None
+            finally:
+                controllers.drop(key)
+        except (InputError, CommandError) as error:
+            self._tell(state="refused", why=str(error))
+            raise
+        self._tell(state="playing")
+        began = float(answer.get("t", math.nan))
+        threading.Thread(target=self._follow, args=(login.user, address, device, seen, began), daemon=True).start()
+        return {"command": f"experiment {order.kind}", "device": device.identity, "key": " ".join(numbers)}
+
+    def _made(self, kind: str, numbers: list[str], around: Path) -> str:
+        """NAME.yaml@SHA256 of a signal in the daemon's folder."""
+        assert self._bench is not None and self._bench.controllers is not None
+        with tempfile.TemporaryDirectory(prefix="hoopd-signal-") as folder:
+            path = Path(folder) / "signal.yaml"
+            words = ["experiment", kind, *numbers, f"--around={around}", f"--signal-out={path}"]
+            _ran(words, MAKE_S, str(around.parent))
+            return self._bench.controllers.add(f"{SIGNAL}{kind}-{time.time_ns()}.yaml", read_text(path))
+
+    def _follow(self, user: str, address: str, device: ShownDevice, seen: Seen, began: float) -> None:
+        """Until it is over, which is written down; then its recording."""
+        ended, why = self._ended(device, seen)
+        try:
+            recording = self._cut(began, ended) if math.isfinite(began) and math.isfinite(ended) else ""
+        except InputError as error:
+            recording, why = "", f"{why}; no recording: {error}"
+        self._tell(state="over", why=why, recording=recording)
+        told = {"device": device.identity, "command": "experiment over", "value": recording, "reason": why}
+        self._audit.note(user, address, {**told, "ok": why == "done"})
+
+    def _ended(self, device: ShownDevice, seen: Seen) -> tuple[float, str]:
+        """Run time of the signal's end, and why it ended."""
+        run = device.run
+        while device.alive and device.run == run:
+            for event in device.news(seen, 1).get("events", []):
+                if event.get("event") == "experiment_ended":
+                    t, fields = event.get("t"), event.get("fields") or {}
+                    return (float(t) if isinstance(t, int | float) else math.nan), str(fields.get("reason", ""))[:200]
+            time.sleep(LOOK_S)
+        return math.nan, "the daemon is gone"
+
+    def _cut(self, began: float, ended: float) -> str:
+        """The signal's own recording out of the one that the daemon writes; its name."""
+        assert self._bench is not None and self._told is not None
+        time.sleep(MARGIN_S + FLUSH_S)
+        listed = [one for one in self._bench.recordings.listed() if one.name.startswith("run-")]
+        fresh = next((one for one in listed if time.time() - one.changed < FRESH_S), None)
+        if fresh is None:
+            raise InputError("experiment", "", "the daemon does not record into the page's folder (--record)")
+        folder = self._bench.recordings.folder
+        stem = f"{self._told['kind']}-{time.strftime('%Y%m%d-%H%M%S')}"
+        words = ["convert", str(folder / fresh.name), str(folder / f"{stem}.mcap")]
+        span = (f"--from={began - MARGIN_S:.3f}", f"--to={ended + MARGIN_S:.3f}")
+        _ran([*words, *span], CUT_S, str(folder))
+        return f"{stem}.mcap"
+
+    def _tell(self, **changes: Any) -> None:
+        with self._lock:
+            self._told = {**(self._told or {}), **changes}
+
+
+def words_of_signal(order: SignalOrder) -> list[str]:
+    """Options of `hoopd experiment`; InputError for a number that is outside of what the page shows."""
+    known = SIGNALS.get(order.kind)
+    if known is None:
+        raise InputError("experiment", order.kind[:40], f"unknown; known: {', '.join(SIGNALS)}")
+    limits, words = {one.name: one for one in known}, []
+    for name, value in order.numbers.items():
+        limit = limits.get(name)
+        if limit is None:
+            raise InputError(order.kind, name[:40], f"unknown; known: {', '.join(limits)}")
+        if not limit.low <= value <= limit.high or (limit.whole and value != int(value)):
+            raise InputError(order.kind, name, f"must be {limit.low:g} to {limit.high:g}, not {value:g}")
+        words.append(f"--{name}={int(value) if limit.whole else repr(float(value))}")
+    if order.numbers.get("low", 0.0) >= order.numbers.get("high", math.inf):
+        raise InputError(order.kind, "low", "must be below the highest frequency")
+    return words
+
+
+def _ran(words: list[str], patience_s: float, folder: str) -> None:
+    """A command of ours; InputError with its own line when it failed."""
+    command = [*background(), sys.executable, "-m", "hoopd", *words]
+    try:
+        done = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=patience_s, check=False, text=True
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise InputError(words[0], "", f"not done: {type(error).__name__}") from None
+    if done.returncode:
+        said = [line for line in done.stderr.splitlines() if line.strip()] or ["failed"]
+        raise InputError(words[0], "", said[-1].removeprefix("hoopd: ").replace(f"{folder}/", "")[:300])

@@ -1,0 +1,157 @@
+"""Who watches an alternating run: ticks and events of a device in, commands out, and an end whatever becomes silent."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from typing import Any
+
+import pytest
+from shell.peers import wait_until
+
+from hoopd.core.succession import ALIVE, REVERT, TRIAL
+from hoopd.dashboard.comparisons import accepted_by
+from hoopd.dashboard.device import ShownDevice
+from hoopd.dashboard.experiments import SIGNALS, SignalOrder, words_of_signal
+from hoopd.dashboard.turns import ComparisonSupervisor
+from hoopd.design.alternation import Alternation
+from hoopd.design.comparison import STOPPED, ControllerComparison, WantedCommand
+from hoopd.files.reading import InputError
+from hoopd.shell.operator import CommandError
+
+KEY = "other.yaml@" + "ab" * 32
+
+
+TOLD = {
+    TRIAL: ("controller", {"command": TRIAL, "sha256": "ab" * 32}),
+    REVERT: ("trial_returned", {"reason": "reverted"}),
+}
+NOT_ACCEPTED: tuple[dict[str, Any], ...] = (
+    {},
+    {"controller": None},
+    {"controller": {"purpose": "trial"}},
+    {"controller": {"purpose": "controller", "next": "b.yaml"}},
+)
+
+
+class MadeUp:
+    """A device that tells a hundred ticks in a moment, and takes what it is sent."""
+
+    def __init__(self, attended: Any = lambda: "", refuse: str = "") -> None:
+        self.device = ShownDevice("hoop", "tcp/127.0.0.1:1")
+        self.sent: list[WantedCommand] = []
+        self.reference, self._refuse, self._t = 0.0, refuse, 0.0
+        self.tell("tick", t=0.0, mode="RUNNING")
+        self.comparison = ControllerComparison(Alternation(blocks=6, settle_s=1.0, hold_s=0.5), KEY)
+        self.watch = ComparisonSupervisor(self.comparison, self.device, self.send, attended)
+        self.quiet, self._over = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def tell(self, kind: str, **fields: Any) -> None:
+        self.device.take(kind, json.dumps(fields).encode(), "a run")
+
+    def send(self, order: WantedCommand) -> dict[str, Any]:
+        if order.name == self._refuse:
+            raise CommandError(f"{order.name}: refused: the model does not fit")
+        self.sent.append(order)
+        if order.name == "reference":
+            self.reference = order.value
+        if order.name in (TRIAL, REVERT):
+            event, fields = TOLD[order.name]
+            self.tell("event", t=self._t, event=event, level="info", fields=fields)
+        return {"ok": True}
+
+    def _run(self) -> None:
+        while not self._over.wait(0.02):
+            for _ in range(0 if self.quiet.is_set() else 12):
+                self._t = round(self._t + 0.02, 3)
+                reading = {"u": 0.01, "dtheta": 0.0, "psi": self.reference + 0.01, "psi_t": self._t - 0.05}
+                self.tell("tick", t=self._t, mode="RUNNING", reference=self.reference, **reading)
+
+    def __enter__(self) -> MadeUp:
+        self._thread.start()
+        self.watch.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.comparison.stop("the test is over")
+        self._over.set()
+        self._thread.join()
+        self.watch.join(5.0)
+        assert not self.watch.alive
+
+
+def names(made: MadeUp) -> list[str]:
+    return [order.name for order in made.sent if order.name != ALIVE]
+
+
+def test_a_whole_run_is_commanded_and_judged() -> None:
+    with MadeUp() as made:
+        assert wait_until(lambda: made.comparison.over, 20.0)
+        assert len(made.comparison.pairs) == 3, made.comparison.result()
+        assert names(made).count(TRIAL) == names(made).count(REVERT) == 3
+        assert any(order.name == ALIVE for order in made.sent)
+        assert wait_until(lambda: made.reference == 0.0)
+
+
+def test_a_page_that_is_closed_ends_it_with_the_accepted_controller_back() -> None:
+    closed: list[str] = []
+    with MadeUp(lambda: closed[0] if closed else "") as made:
+        assert wait_until(lambda: TRIAL in names(made), 10.0)
+        closed.append("the page was closed")
+        assert wait_until(lambda: REVERT in names(made), 5.0)
+        assert (made.comparison.verdict, made.comparison.reason) == (STOPPED, "the page was closed")
+
+
+def test_a_daemon_that_is_silent_or_new_ends_it() -> None:
+    with MadeUp() as silent:
+        silent.quiet.set()
+        assert wait_until(lambda: "silent" in silent.comparison.reason, 6.0)
+    with MadeUp() as restarted:
+        restarted.quiet.set()
+        time.sleep(0.1)
+        restarted.device.take("tick", b"{}", "another run")
+        assert wait_until(lambda: "started again" in restarted.comparison.reason, 5.0)
+
+
+def test_what_the_daemon_refuses_ends_it_with_its_reason() -> None:
+    with MadeUp(refuse=TRIAL) as made:
+        assert wait_until(lambda: made.comparison.over, 10.0)
+        assert "the model does not fit" in made.comparison.reason and TRIAL not in names(made)
+
+
+def test_only_a_device_whose_controller_is_accepted_is_compared() -> None:
+    device = ShownDevice("hoop", "tcp/127.0.0.1:1")
+    for told in NOT_ACCEPTED:
+        device.take("status", json.dumps(told).encode(), "")
+        with pytest.raises(InputError, match="accepted"):
+            accepted_by(device)
+    acting = {"purpose": "controller", "file": "a.yaml", "sha256": "cd" * 32, "next": ""}
+    device.take("status", json.dumps({"controller": acting}).encode(), "")
+    assert accepted_by(device) == "a.yaml@" + "cd" * 32
+
+
+WRONG = {
+    "unknown kind": ("noise", {}),
+    "another number": ("prbs", {"hold": 1.0}),
+    "too large": ("prbs", {"amplitude": 0.31}),
+    "too long": ("chirp", {"duration": 1e9}),
+    "not a whole number": ("prbs", {"clock": 1.5}),
+    "not a number": ("steps", {"hold": float("nan")}),
+    "the wrong way round": ("chirp", {"low": 5.0, "high": 1.0}),
+    "an option of its own": ("prbs", {"around": 1.0}),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_signal_outside_of_what_the_page_shows_is_refused(name: str) -> None:
+    kind, numbers = WRONG[name]
+    with pytest.raises(InputError):
+        words_of_signal(SignalOrder("hoop", kind, numbers))
+
+
+def test_the_ends_of_every_limit_are_words_of_the_command() -> None:
+    for kind, limits in SIGNALS.items():
+        words = words_of_signal(SignalOrder("hoop", kind, {one.name: one.high for one in limits if one.name != "low"}))
+        assert all(word.startswith("--") and "=" in word for word in words) and len(words) >= len(limits) - 1
