@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 # Of order six: a ball's angle that moves by 0.4 rad in a tick of 20 ms is right within 1e-5 rad.
 DEGREE = 3
 # A search that takes longer goes nowhere: a loop takes one or two seconds.
-ITERATIONS, LONGEST_S = 300, 20.0
+ITERATIONS, LONGEST_S = 300, 12.0
 # What a slack of one costs beside an effort of about one: an infeasible plan gives up little, and in few groups.
 SLACK_COST = 1e3
 # A group that is kept within this share is kept.

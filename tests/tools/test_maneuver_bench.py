@@ -37,3 +37,14 @@ def test_what_the_rig_s_own_state_says_counts_too() -> None:
     assert bench.judged(good, 0.3) == {"success": True, "why": ""}
     assert bench.judged(good, -0.01) == {"success": False, "why": "the rig's contact was lost"}
     assert not bench.judged({"attempts": [], "outcome": "the ball did not come to rest"}, 0.3)["success"]
+
+
+def test_the_strip_of_pictures_is_of_a_first_attempt() -> None:
+    sys.path.append(str(TOOLS))
+    import maneuver_picture as drawn
+
+    one = drawn.played()
+    pictures = drawn.strip(one)
+    assert len(pictures) == drawn.PICTURES and 0.0 < pictures[0][0] < pictures[-1][0] < one.trajectory.seconds
+    figure = drawn.draw(one)
+    assert len(figure.axes) == drawn.PICTURES + 2
