@@ -58,8 +58,8 @@ def run(
 def holding(path: Path) -> ControllerFile:
     """A controller that can hold the ball; InputError for any other file."""
     file = load_controller(path)
-    if file.kind == "excitation":
-        raise InputError(path, "kind", "an excitation holds nothing: compare laws for the ball")
+    if file.kind in ("excitation", "maneuver"):
+        raise InputError(path, "kind", f"{file.kind}: holds nothing, compare laws for the ball")
     return file
 
 

@@ -129,8 +129,8 @@ def _check(plan: Plan, config: Config, where: Where, figure: Path | None) -> Non
 
 def _check_holding(path: Path, file: ControllerFile, period_s: float) -> None:
     """InputError for a law that cannot hold the ball in this loop."""
-    if file.kind == "excitation":
-        raise InputError(path, "kind", "an excitation holds nothing: --around takes a law for the ball")
+    if file.kind in ("excitation", "maneuver"):
+        raise InputError(path, "kind", f"{file.kind}: holds nothing, and --around takes a law for the ball")
     if abs(file.sample_time_s - period_s) > 1e-9:
         reason = f"designed for {file.sample_time_s:g} s, the loop's period is {period_s:g} s"
         raise InputError(path, "sample_time_s", reason)

@@ -32,8 +32,8 @@ def signal_around(law: str, path: object) -> str:
     path : what a message calls it
     """
     base = parse_controller(law, path)
-    if base.kind == "excitation":
-        raise InputError(path, "kind", "an excitation holds no ball")
+    if base.kind == "excitation" or base.kind == "maneuver":  # noqa: PLR1714  # so that the type is narrowed
+        raise InputError(path, "kind", f"{base.kind}: holds no ball")
     limits = msgspec.structs.replace(base.limits, torque_nm=min(base.limits.torque_nm, TORQUE_NM))
     ticks, hold = round(SECONDS / base.sample_time_s), round(HOLD_S / base.sample_time_s)
     soft = round(SOFT_S / base.sample_time_s)
