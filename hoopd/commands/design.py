@@ -15,6 +15,7 @@ import numpy as np
 
 from hoopd.commands import plant_design_record, plant_linear
 from hoopd.commands.design_options import spec_from
+from hoopd.commands.identified_design import design_for
 from hoopd.commands.inputs import read_recording
 from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.output_files import check_results
@@ -53,6 +54,8 @@ def run(options: DesignOptions) -> dict[str, Any]:
     """Design, judge, write and draw; the result as plain data. InputError: unusable input or an unstable loop."""
     if plant_linear.is_other(options.plant, options.model):
         return plant_design_record.run(options)
+    if options.model is None and options.law == "identified" and options.identified is not None:
+        return design_for(options.identified, options)
     if options.model is None:
         raise InputError("Missing option '--model'", "", "a model file, or --plant for another plant than the hoop")
     if options.at:

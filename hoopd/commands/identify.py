@@ -5,96 +5,190 @@ Rules of this file: files in, files out; the mathematics is in `hoopd.ident`. No
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
+from numpy.typing import NDArray
 
+from hoopd.commands.identify_columns import column_choice, offsets_of, read_columns, without
 from hoopd.commands.identify_data import OUTPUTS, check_held, read, split
-from hoopd.commands.identify_figures import draw, poles_of
+from hoopd.commands.identify_figures import HOOP_UNITS, draw
+from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.output_files import check_targets
 from hoopd.commands.plant_inputs import other_plant
 from hoopd.files.identified import IdentifiedFile, identified_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
-from hoopd.ident.confidence import Estimated
 from hoopd.ident.data import Data
 from hoopd.ident.doubts import IdentificationWarning
+from hoopd.ident.identified_model import IdentifiedModel
 from hoopd.ident.measures import fit_percent
-from hoopd.ident.models import Innovations, Polynomials, state_space
+from hoopd.ident.models import Innovations, Polynomials
 from hoopd.ident.polynomial.arx import varx
 from hoopd.ident.polynomial.pem import armax, bj, oe
 from hoopd.ident.prediction import predict
 from hoopd.ident.residualtests import residuals
+from hoopd.ident.result_summary import estimates
+from hoopd.ident.stacked_models import stack
 from hoopd.ident.statespace.pem import pem
 from hoopd.ident.statespace.subspace import subspaceid
+from hoopd.ident.structure_search import identify
 from hoopd.plants.declaration import Plant
 from hoopd.plots import style
 
 Progress = Callable[[str], None]
 
 HOOP_OUTPUTS = ("theta", "dtheta", "psi")
-METHODS = ("arx", "armax", "oe", "bj", "subspace", "pem")
+AUTO = "auto"
+METHODS = ("arx", "armax", "oe", "bj", "subspace", "pem", AUTO)
 STATE_SPACE = ("subspace", "pem")
+# Samples ahead of the predictions of the hoop that are drawn; of columns the simulation is.
+AHEAD = 10
+# Candidates that are told, and those of other families that are drawn.
+MOST_ROWS, MOST_BESIDE = 12, 2
+COLUMNS_ALONE = "goes with columns: --input COLUMN,... --output COLUMN,..."
 HORIZONS = {"1": 1.0, "10": 10.0, "simulation": np.inf}
+
+
+@dataclass(frozen=True)
+class IdentifyTask:
+    """What is asked for: data of the fit and of the comparison, units, operating point, and what was said of them."""
+
+    options: IdentifyOptions
+    train: list[Data]
+    held: list[Data]
+    how: str
+    notes: list[str]
+    units: Mapping[str, str] = field(default_factory=dict)
+    offsets: Mapping[str, float] = field(default_factory=dict)
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Identified:
+    """The model, others to stand beside it, and what is told of the choice."""
+
+    name: str
+    model: IdentifiedModel
+    beside: Mapping[str, IdentifiedModel]
+    notes: list[str]
+    told: Mapping[str, Any] = field(default_factory=dict)
 
 
 def run(options: IdentifyOptions, *, progress: Progress = lambda text: None) -> dict[str, Any]:
     """Identify, compare, write and draw; the result as plain data. InputError: nothing that can be used."""
-    recordings, holdout, out, figure = options.recordings, options.holdout, options.out, options.figure
-    plant = other_plant(options.plant)
-    options = replace(options, outputs=options.outputs or (OUTPUTS if plant is None else tuple(plant.channels)))
-    if plant is not None and not options.inputs:
-        options = replace(options, inputs=tuple(one.name for one in plant.inputs))
-    _check(options, plant)
-    check_targets([*recordings, *holdout], {"--out": out, "--figure": figure})
-    if figure is not None:
-        style.check_path(figure)
-    progress("reading the recordings")
-    train, said = read(recordings, options, plant)
-    held, more = read(holdout, options, plant)
-    how = ", ".join(holdout) or "the last third of every recording"
-    if not held:
-        train, held = split(train)
-    check_held(train, held, ", ".join(holdout) or f"{', '.join(recordings)}, last third")
-    progress(f"fitting {options.method}")
-    model, parts, doubts = _identified(train, options, recordings)
+    check_targets([*options.recordings, *options.holdout], {"--out": options.out, "--figure": options.figure})
+    if options.figure is not None:
+        style.check_path(options.figure)
+    task = _task(options, progress)
+    found = _identified(task, progress)
     progress("comparing")
-    percent, lost = _percents(model, held)
+    form = found.model.state_space
+    percent, lost = _percents(form, task.held)
     try:
-        report = residuals(model, held)
+        report = residuals(found.model, task.held)
     except ValueError as error:
-        raise InputError("--method", options.method, str(error)) from None
-    notes = [*said, *more, *doubts, *lost, *report.warnings]
-    file = _file(model, options, recordings, percent, notes, train[0].inputs)
-    if figure is not None:
-        draw(model, parts, options.method, max(held, key=lambda one: one.n), how, report, figure)
-    if out is not None:
-        replace_file(out, identified_text(file).encode())
+        raise InputError("--method", task.options.method, str(error)) from None
+    notes = list(dict.fromkeys([*task.notes, *found.notes, *lost, *report.warnings]))
+    if options.out is not None:
+        replace_file(options.out, identified_text(_file(task, found, percent, notes)).encode())
+    if options.figure is not None:
+        progress("drawing")
+        shown = max(task.held, key=lambda one: one.n)
+        horizon = math.inf if task.columns else AHEAD
+        draw({found.name: found.model, **found.beside}, shown, task.how, options.figure, task.units, horizon)
     return {
-        "method": options.method,
-        "states": model.nx,
-        "outputs": list(options.outputs),
-        "held_out": how,
+        "method": task.options.method,
+        **({"structure": found.name} if task.options.method == AUTO else {}),
+        "states": form.nx,
+        "outputs": list(form.outputs),
+        "held_out": task.how,
         "fit_percent": percent,
-        "poles": [{"re": float(z.real), "im": float(z.imag)} for z in poles_of(model)],
+        **found.told,
+        "poles": [{"re": float(z.real), "im": float(z.imag)} for z in poles_of(form)],
+        **({"estimates": estimates(found.model)} if task.columns else {}),
         "residual_tests": {one.name: {"p": one.chance, "passed": one.passed}
                            for one in (*report.white, *report.independent, *report.feedback)},
         "warnings": notes,
     }  # fmt: skip
 
 
+# ---------------------------------------------------------------------------------------------- data
+
+
+def _task(options: IdentifyOptions, progress: Progress) -> IdentifyTask:
+    progress("reading the recordings")
+    if options.plant is None and options.inputs:
+        return _task_of_columns(options)
+    for name in ("time", "step_s", "keep_means"):
+        if getattr(options, name) != IdentifyOptions.__dataclass_fields__[name].default:
+            raise InputError(
+                option_name(IdentifyOptions, name), "", "goes with columns: --input COLUMN,... --output COLUMN,..."
+            )
+    plant = other_plant(options.plant)
+    options = replace(options, outputs=options.outputs or (OUTPUTS if plant is None else tuple(plant.channels)))
+    options = replace(options, method=options.method or "arx")
+    if plant is not None and not options.inputs:
+        options = replace(options, inputs=tuple(one.name for one in plant.inputs))
+    _check(options, plant)
+    train, said = read(options.recordings, options, plant)
+    held, more = read(options.holdout, options, plant)
+    return _divided(IdentifyTask(options, train, held, "", [*said, *more], HOOP_UNITS if plant is None else {}))
+
+
+def _task_of_columns(options: IdentifyOptions) -> IdentifyTask:
+    if options.columns is not None or options.delay_s is not None or options.detrend:
+        raise InputError(
+            "--input", "", "names the columns: --columns, --delay and --detrend go with the hoop or a --plant"
+        )
+    choice = column_choice(options.inputs, options.outputs, options.time, options.step_s)
+    options = replace(
+        options, method=options.method or AUTO, outputs=tuple(choice.outputs), inputs=tuple(choice.inputs)
+    )
+    _check_method(options)
+    train, units, said = read_columns(options.recordings, choice, options.hold)
+    held, more, notes = read_columns(options.holdout, choice, options.hold) if options.holdout else ([], {}, [])
+    columns = {name: column for name, (column, _) in {**choice.inputs, **choice.outputs}.items()}
+    columns |= {"t": options.time} if options.time else {}
+    task = _divided(
+        IdentifyTask(
+            options,
+            train,
+            held,
+            "",
+            [*said, *notes],
+            more | units,
+            {},
+            columns | ({"t": options.time} if options.time else {}),
+        )
+    )
+    offsets = {} if options.keep_means else offsets_of(task.train)
+    return replace(
+        task, offsets=offsets, train=[without(one, offsets) for one in task.train],
+        held=[without(one, offsets) for one in task.held],
+    )  # fmt: skip
+
+
+def _divided(task: IdentifyTask) -> IdentifyTask:
+    """The same with a part held out, where no other recording is."""
+    options = task.options
+    how = ", ".join(options.holdout) or "the last third of every recording"
+    train, held = (task.train, task.held) if task.held else split(task.train)
+    check_held(train, held, ", ".join(options.holdout) or f"{', '.join(options.recordings)}, last third")
+    return replace(task, train=train, held=held, how=how)
+
+
 # ---------------------------------------------------------------------------------------------- models
 
 
 def _check(options: IdentifyOptions, plant: Plant | None) -> None:
-    if options.method not in METHODS:
-        raise InputError("--method", "", f"unknown method {options.method!r}; known: {', '.join(METHODS)}")
+    _check_method(options)
     known = HOOP_OUTPUTS if plant is None else tuple(plant.channels)
     if plant is not None and not plant.inputs:
         raise InputError("--plant", plant.name, "has no input: there is nothing to identify a response to")
@@ -108,33 +202,57 @@ def _check(options: IdentifyOptions, plant: Plant | None) -> None:
         raise InputError("--outputs", "", f"different ones of {', '.join(known)}, not {','.join(options.outputs)}")
     if options.delay_s is not None and set(options.outputs) - set(OUTPUTS):
         raise InputError("--delay", "", f"is known of {', '.join(OUTPUTS)} only")
+
+
+def _check_method(options: IdentifyOptions) -> None:
+    if options.method not in METHODS:
+        raise InputError("--method", "", f"unknown method {options.method!r}; known: {', '.join(METHODS)}")
     if not 2 <= len(options.orders) <= 3 or min(options.orders) < 1:
         raise InputError("--orders", "", "two or three whole numbers from 1 on: na,nb or na,nb,nc")
     if options.order is not None and options.order < 1:
         raise InputError("--order", "", f"at least 1, not {options.order}")
 
 
-def _identified(
-    train: Sequence[Data], options: IdentifyOptions, recordings: Sequence[str]
-) -> tuple[Innovations, list[Estimated], list[str]]:
-    """The model in innovation form, as its method gave it (a part an output, or one), and what that warned of."""
+def _identified(task: IdentifyTask, progress: Progress) -> Identified:
+    """The model that was asked for, or the best of all; what it warned of."""
+    options, where = task.options, ", ".join(task.options.recordings)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", IdentificationWarning)
         try:
-            model, parts = _by_method(train, options)
+            if options.method == AUTO:
+                found = _searched(task.train, progress)
+            else:
+                progress(f"fitting {options.method}")
+                found = Identified(options.method, _by_method(task.train, options), {}, [])
         except (ValueError, ArithmeticError) as error:
-            raise InputError(", ".join(recordings), "", str(error)) from None
+            raise InputError(where, "", str(error)) from None
     notes = [str(one.message) for one in caught if issubclass(one.category, IdentificationWarning)]
-    return model, parts, list(dict.fromkeys(notes))
+    return replace(found, notes=[*found.notes, *dict.fromkeys(notes)])
 
 
-def _by_method(train: Sequence[Data], options: IdentifyOptions) -> tuple[Innovations, list[Estimated]]:
+def _searched(train: Sequence[Data], progress: Progress) -> Identified:
+    """The best of all structures, with the best of other families to stand beside it."""
+    found = identify(train, progress=progress)
+    beside: dict[str, IdentifiedModel] = {}
+    families = {found.best.family}
+    for one in found.candidates:
+        if one.family not in families and one.stable and len(beside) < MOST_BESIDE:
+            families.add(one.family)
+            beside[one.name] = one.model
+    rows = {
+        one.name: {"parameters": one.parameters, **{name: round(fit, 2) for name, fit in one.fit.items()},
+                   "mean": round(one.score, 2)}
+        for one in found.candidates[:MOST_ROWS]
+    }  # fmt: skip
+    told = {"recommendation": found.recommendation, "candidates": rows}
+    return Identified(found.best.name, found.model, beside, [], told)
+
+
+def _by_method(train: Sequence[Data], options: IdentifyOptions) -> IdentifiedModel:
     if options.method == "arx":
-        joint = varx(train, *options.orders[:2])
-        return joint.state_space, [joint]
+        return varx(train, *options.orders[:2])
     if options.method in STATE_SPACE:
-        model = subspaceid(train, options.order) if options.method == "subspace" else pem(train, options.order)
-        return model, [model]
+        return subspaceid(train, options.order) if options.method == "subspace" else pem(train, options.order)
     na, nb, nc = (*options.orders, options.orders[0])[:3]
     fits: Mapping[str, Callable[[Sequence[Data]], Polynomials]] = {
         "armax": lambda each: armax(each, na, nb, nc),
@@ -142,19 +260,7 @@ def _by_method(train: Sequence[Data], options: IdentifyOptions) -> tuple[Innovat
         "bj": lambda each: bj(each, nb, nc, nc, na),
     }
     rows = [fits[options.method]([one.channels([i]) for one in train]) for i in range(train[0].ny)]
-    return beside([state_space(one) for one in rows]), [*rows]
-
-
-def beside(models: Sequence[Innovations]) -> Innovations:
-    """Models of one output each as one of all outputs, their states under each other."""
-    first = models[0]
-    r = block_diag(*(np.zeros((1, 1)) if one.r is None else one.r for one in models))
-    return Innovations(
-        block_diag(*(one.a for one in models)), np.vstack([one.b for one in models]),
-        block_diag(*(one.c for one in models)), np.vstack([one.d for one in models]),
-        block_diag(*(one.k for one in models)), first.dt, r=r, inputs=first.inputs,
-        outputs=tuple(one.outputs[0] for one in models),
-    )  # fmt: skip
+    return rows[0] if len(rows) == 1 else stack(rows)
 
 
 def _percents(model: Innovations, held: Sequence[Data]) -> tuple[dict[str, dict[str, float]], list[str]]:
@@ -172,20 +278,42 @@ def _percents(model: Innovations, held: Sequence[Data]) -> tuple[dict[str, dict[
 
 
 def _file(
-    model: Innovations, options: IdentifyOptions, recordings: Sequence[str], percent: Mapping[str, dict[str, float]],
-    notes: Sequence[str], inputs: Sequence[str],
+    task: IdentifyTask, found: Identified, percent: Mapping[str, dict[str, float]], notes: Sequence[str]
 ) -> IdentifiedFile:  # fmt: skip
+    options, model = task.options, found.model.state_space
     r = np.zeros((model.ny, model.ny)) if model.r is None else model.r
+    of_columns: dict[str, Any] = {}
+    if task.columns:
+        of_columns = {
+            "structure": found.name,
+            "units": dict(task.units),
+            "operating_point": dict(task.offsets),
+            "usual_size": _sizes(task.train),
+            "columns": dict(task.columns),
+            "estimates": estimates(found.model),
+        }
     return IdentifiedFile(
         schema="hoopd.identified/1",
         name=options.method if options.out is None else options.out.stem,
-        method=options.method,
+        method=found.name.replace(",", " ").split()[0],
         sample_time_s=model.dt,
-        inputs=[*inputs],
+        inputs=[*task.train[0].inputs],
         outputs=list(options.outputs),
         **{name: getattr(model, name).tolist() for name in ("a", "b", "c", "d", "k")},
         r=r.tolist(),
-        recordings=[Path(one).name for one in recordings],
+        recordings=[Path(one).name for one in options.recordings],
         fit_percent={name: dict(one) for name, one in percent.items()},
         notes=list(notes),
+        **of_columns,
     )
+
+
+def _sizes(each: Sequence[Data]) -> dict[str, float]:
+    y, u = np.concatenate([one.y for one in each]), np.concatenate([one.u for one in each])
+    names = (*each[0].outputs, *each[0].inputs)
+    return dict(zip(names, [*np.nanstd(y, axis=0).tolist(), *u.std(axis=0).tolist()], strict=True))
+
+
+def poles_of(model: Innovations) -> NDArray[np.complex128]:
+    """The slowest first."""
+    return np.asarray(sorted(np.linalg.eigvals(model.a), key=lambda z: -abs(z)), dtype=complex)

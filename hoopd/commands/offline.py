@@ -79,6 +79,9 @@ def design(options: DesignOptions) -> None:
     inputs: list[Path | str | None] = [options.recording, options.identified, options.model]
     check_files(inputs, out=options.out, figure=options.figure, json=options.json_path)
     result = run(options)
+    if "feedback" in result:  # of an identified model
+        finish(result, options.json_path)
+        return
     finish(result, options.json_path, of_plant_design(result) if "plant" in result else of_design(result, options.out))
 
 

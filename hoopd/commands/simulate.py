@@ -11,11 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hoopd.commands.identified_simulation import simulate_identified
 from hoopd.commands.inputs import read_ages, read_recording, read_values
 from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
 from hoopd.commands.plant_inputs import number, other_model
 from hoopd.commands.simulate_plant import simulate_other_plant, zero_words
+from hoopd.files.identified import is_identified
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
@@ -36,6 +38,8 @@ STEP_RANGE_S = (1e-4, 0.1)
 
 def run(options: SimulateOptions) -> dict[str, Any]:
     """Simulate, compare, write; the result as a record. InputError when anything cannot be used or written."""
+    if options.model is not None and is_identified(or_shipped(options.model)):
+        return simulate_identified(or_shipped(options.model), options)
     if (other := other_model(options.plant, options.model)) is not None:
         return simulate_other_plant(other, options)
     out, figure, step_s = options.out, options.figure, options.step_s

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 Rows = list[list[float]]
 
 MATRICES = ("a", "b", "c", "d", "k", "r")
+# Keys that files of the hoop do without.
+LATER = ("structure", "units", "operating_point", "usual_size", "columns", "estimates")
 
 
 class IdentifiedFile(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
@@ -39,12 +41,27 @@ class IdentifiedFile(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_f
     recordings: list[str] = []
     fit_percent: dict[str, dict[str, float]] = {}  # by horizon ("1", "10", "simulation") and output
     notes: list[str] = []
+    structure: str = ""  # orders, where the method alone does not tell them
+    units: dict[str, str] = {}  # by signal, as a person writes them
+    operating_point: dict[str, float] = {}  # by signal: what the model is about, 0 where nothing stands
+    usual_size: dict[str, float] = {}  # by signal: standard deviation in the data of the fit
+    columns: dict[str, str] = {}  # by signal, and t: the column of the files that it was fitted to
+    estimates: dict[str, dict[str, float | None]] = {}  # coefficients by name: value, standard_error
 
     def matrices(self) -> dict[str, Array]:
         """By their letters."""
         nx, nu, ny = len(self.a), len(self.inputs), len(self.outputs)
         shapes = {"a": (nx, nx), "b": (nx, nu), "c": (ny, nx), "d": (ny, nu), "k": (nx, ny), "r": (ny, ny)}
         return {name: _matrix(name, getattr(self, name), shape) for name, shape in shapes.items()}
+
+
+def is_identified(path: Path) -> bool:
+    """Whether a file says that it is one; whatever else is wrong with it is told by who reads it."""
+    try:
+        found = parse_yaml(read_text(path), path)
+    except InputError:
+        return False
+    return isinstance(found, dict) and str(found.get("schema", "")).startswith("hoopd.identified/")
 
 
 def load_identified(path: Path) -> IdentifiedFile:
@@ -61,6 +78,10 @@ def parse_identified(text: str, path: object) -> IdentifiedFile:
         names = getattr(file, key)
         if not names or len(set(names)) != len(names):
             raise InputError(path, key, "must be different names, at least one")
+    for key in ("operating_point", "usual_size"):
+        for name, value in getattr(file, key).items():
+            if name not in (*file.inputs, *file.outputs) or not np.isfinite(value):
+                raise InputError(path, f"{key}.{name}", "a finite number of an input or output")
     try:
         file.matrices()
     except ValueError as error:
@@ -72,7 +93,7 @@ def parse_identified(text: str, path: object) -> IdentifiedFile:
 def identified_text(file: IdentifiedFile) -> str:
     """As YAML, a row of a matrix on a line."""
     plain = msgspec.to_builtins(file)
-    head = {key: value for key, value in plain.items() if key not in MATRICES}
+    head = {key: value for key, value in plain.items() if key not in MATRICES and (key not in LATER or value)}
     text = text_of(head, allow_unicode=True)
     return text + "".join(f"{name}:\n{_rows(plain[name])}" for name in MATRICES)
 

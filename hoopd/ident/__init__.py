@@ -307,6 +307,7 @@ if TYPE_CHECKING:
     from hoopd.ident.statespace.uncertainty import (
         response_covariance as response_covariance,
     )
+    from hoopd.ident.structure_search import identify as identify
 
 # Module by module, what it gives.
 _GIVEN = {
@@ -314,6 +315,7 @@ _GIVEN = {
     "models": "Polynomials Innovations state_space innovations",
     "model_forms": "innovation_form",
     "stacked_models": "stack",
+    "structure_search": "identify",
     "result_summary": "summary",
     "doubts": "IdentificationWarning",
     "prediction": "simulate predict prediction_error estimate_x0 predictor_system error_system",
@@ -434,6 +436,7 @@ __all__ = [
     "from_response",
     "hammerstein_wiener",
     "iddata",
+    "identify",
     "idfilt",
     "impulseest",
     "independence",

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
-from hoopd.recording.column_choice import Pick, SignalLayout, choose, is_time, time_column
+from hoopd.recording.column_choice import ANY_UNIT, Pick, SignalLayout, choose, is_time, time_column
 from hoopd.recording.recording import HOLDS, Recording, Signal, from_columns, from_signals
 from hoopd.recording.tables import MAX_ROWS, Columns, Place, by_row, checked, numbers, row, vector
 
@@ -42,10 +42,13 @@ def from_fields(
     """
     units = {name: field.unit for name, field in fields.items()}
     time = time_column(units, columns, layout, path)
-    t = vector(fields[str(time.column)].values, path, _place(key, str(time.column)))
-    if len(t) > MAX_ROWS:
+    if time.column is None:
+        rows = _usual_length(fields)
+    else:
+        rows = len(vector(fields[time.column].values, path, _place(key, time.column)))
+    if rows > MAX_ROWS:
         raise InputError(path, key, f"more than {MAX_ROWS} rows")
-    single = _split(fields, len(t), path, key)
+    single = _split(fields, rows, path, key)
     picks = choose({name: field.unit for name, field in single.items()}, columns, layout, path)
     return built(picks, {name: field.values for name, field in single.items()}, layout, hold, path)
 
@@ -62,12 +65,13 @@ def built(
     """Recording of chosen columns in the plant's units; InputError names row and column of an impossible number."""
     if hold not in HOLDS:
         raise InputError(path, "hold", f"unknown {hold!r}; known: {', '.join(HOLDS)}")
-    t = _scaled(picks["t"], arrays, 0)
+    t = _time(picks, arrays, path)
     if not len(t):
         raise InputError(path, "", "holds no rows")
-    columns = {name: _scaled(pick, arrays, len(t)) for name, pick in picks.items()}
+    columns = {name: _scaled(pick, arrays, len(t)) for name, pick in picks.items()} | {"t": t}
+    own = _with_units(layout, picks)
     try:
-        recording = _recording(columns, layout, hold, source=Path(path).name, **about)
+        recording = _recording(columns, own, hold, source=Path(path).name, **about)
     except ValueError as error:
         raise InputError(path, "", str(error)) from None
     return checked(recording, path, place)
@@ -109,6 +113,36 @@ def _recording(columns: dict[str, Array], layout: SignalLayout, hold: str, **abo
     inputs = {name: signal(name, unit) for name, unit in layout.inputs.items()}
     channels = {name: dataclasses.replace(signal(name, unit), hold=HOLDS[0]) for name, unit in layout.channels.items()}
     return from_signals(t, inputs, channels, **about)
+
+
+def _time(picks: Mapping[str, Pick], arrays: Mapping[str, Array], path: Path) -> Array:
+    """The time of the rows: a column, or rows that are a step apart."""
+    pick = picks["t"]
+    if pick.column is not None:
+        return _scaled(pick, arrays, 0)
+    if not pick.scale > 0.0:
+        raise InputError(path, "t", f"rows are a positive number of seconds apart, not {pick.scale:g}")
+    rows = next((len(arrays[one.column]) for one in picks.values() if one.column is not None), 0)
+    return np.asarray(pick.scale * np.arange(rows), dtype=float)
+
+
+def _with_units(layout: SignalLayout, picks: Mapping[str, Pick]) -> SignalLayout:
+    """The layout with the units that a file says where no plant does."""
+    if ANY_UNIT not in layout.units.values():
+        return layout
+    said = {name: pick.unit for name, pick in picks.items()}
+    inputs, channels = (
+        {name: said.get(name, "") if unit == ANY_UNIT else unit for name, unit in part.items()}
+        for part in (layout.inputs, layout.channels)
+    )
+    return SignalLayout(inputs, channels)
+
+
+def _usual_length(fields: Mapping[str, NamedValues]) -> int:
+    """The length that most fields have along their longer side."""
+    arrays = [np.asarray(field.values) for field in fields.values()]
+    sides = [max(one.shape) for one in arrays if one.dtype.kind in "fiu" and one.ndim in (1, 2) and one.size > 1]
+    return max(set(sides), key=lambda side: (sides.count(side), side)) if sides else 0
 
 
 def _scaled(pick: Pick, arrays: Mapping[str, Array], rows: int) -> Array:

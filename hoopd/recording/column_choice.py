@@ -1,7 +1,8 @@
 """Which columns of a file are which signals of a plant, and in which unit: `--columns CHANNEL=COLUMN[:UNIT],...`.
 
 Rules of this file: names and factors only; nothing is guessed: what is not found is one `InputError` that says what is
-there. A column's unit is the one that was asked for, else the one behind its name ("Angle [deg]"), else the plant's.
+there. A column's unit is the one that was asked for, else the one behind its name ("Angle [deg]"), else the plant's;
+where there is no plant (`ANY_UNIT`) numbers stay in the unit that the file or the user says, whatever that is.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from hoopd.recording.tables import SKIP, Columns
 from hoopd.recording.tick_columns import CHANNELS, INPUTS, TIMES
 
 TIME = "t"
+# Of a signal that no plant declares.
+ANY_UNIT = "*"
 # What programs call their time, in any case of letters; our own word for it is t, and T a temperature.
 TIME_NAMES = ("time", "timestamps", "timestamp")
 SHOWN = 12  # columns of a file that a message names
@@ -49,10 +52,14 @@ TICK = SignalLayout(INPUTS, CHANNELS)
 
 
 class Pick(NamedTuple):
-    """Where a column comes from: a column of the file times a factor; without a column the factor itself."""
+    """Where a column comes from: a column of the file times a factor; without a column the factor itself.
+
+    Of the time a factor without a column is the step from row to row.
+    """
 
     column: str | None
     scale: float = 1.0
+    unit: str = ""  # of a signal that no plant declares
 
 
 def by_name(columns: Columns | None) -> bool:
@@ -185,12 +192,15 @@ def _pick(name: str, column: str, unit: str, available: Mapping[str, str], layou
     if place is None and not unit and ":" in column:
         column, _, unit = (part.strip() for part in column.rpartition(":"))
         place = _place(column, available)
-    if place is None and name != TIME and (value := _number(column)) is not None:
+    open_unit = layout.units[name] == ANY_UNIT
+    if place is None and not open_unit and (value := _number(column)) is not None:
         return Pick(None, value * _scale(unit, layout.units[name], path, name))
     if place is None:
         close = difflib.get_close_matches(column, available, 1)
         meant = f"; did you mean {close[0]!r}?" if close else _there(available)
         raise InputError(path, f"column {column}", f"no such column for {name}{meant}")
+    if open_unit:
+        return Pick(place, unit=unit or available[place])
     return Pick(place, _scale(unit or available[place], layout.units[name], path, f"column {place}"))
 
 

@@ -10,8 +10,10 @@ one, so a file may be larger than the memory that its text would take; every ref
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterable, Iterator
 from io import TextIOWrapper
+from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -35,7 +37,7 @@ _MISSING = frozenset(("", "nan", "NaN", "NAN"))
 def read(
     path: Path, columns: Columns | None = None, layout: SignalLayout | None = None, hold: str = "zero"
 ) -> Recording:
-    """Recording of a .csv file; InputError names line and column of what is wrong.
+    """Recording of a .csv file, or of text between blanks or tabs; InputError names line and column of what is wrong.
 
     columns: what the columns after `t` hold, in order, against the header's names; or CHANNEL=COLUMN[:UNIT], as
     `column_choice.choose` takes it. layout: the plant's signals.
@@ -64,7 +66,7 @@ def _cell(text: str) -> str:
 
 
 def _read(file: TextIO, path: Path, columns: Columns | None, layout: SignalLayout | None, hold: str) -> Recording:
-    rows = _rows(file, path)
+    rows = _rows(file, path) if path.suffix.lower() == ".csv" else _blank_rows(file, path)
     number, cells = next(rows, (1, []))
     header = [cell.strip() for cell in cells]
     if layout is not None or by_name(columns):
@@ -88,6 +90,8 @@ def _by_name(
     place = f"line {number}"
     if len(header) == 1 and ";" in header[0]:
         raise InputError(path, place, f"expected a header with names between commas{_hint(header)}")
+    if _is_of_numbers(header):  # no names: columns are called by their place
+        rows, header = chain([(number, header)], rows), [str(k + 1) for k in range(len(header))]
     named = [name for name in header if name]
     refuse_double(named, path, place)
     picks = choose({name: split_unit(name)[1] for name in named}, columns, layout, path)
@@ -96,6 +100,13 @@ def _by_name(
     line, data = _table(rows, names, path)
     arrays = {name: data[:, k] for k, name in enumerate(names) if name != SKIP}
     return built(picks, arrays, layout, hold, path, lambda index: f"line {line[index]}")
+
+
+def _is_of_numbers(header: list[str]) -> bool:
+    try:
+        return bool(header) and not any(np.isnan(_number(cell)) for cell in header)
+    except ValueError:
+        return False
 
 
 def _table(
@@ -158,6 +169,14 @@ def _rows(file: TextIO, path: Path) -> Iterator[tuple[int, list[str]]]:
                 yield reader.line_num, cells
     except csv.Error as error:
         raise InputError(path, f"line {reader.line_num}", f"not CSV: {error}") from None
+
+
+def _blank_rows(file: TextIO, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The same of cells between tabs, or else between blanks, commas or semicolons; % and # begin a remark."""
+    for number, line in enumerate(_lines(file, path), start=1):
+        text = re.split("[%#]", line, maxsplit=1)[0].strip()
+        if text:
+            yield number, [cell.strip() for cell in (text.split("\t") if "\t" in text else re.split(r"[\s,;]+", text))]
 
 
 def _blocks(

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 HDF5 = (".h5", ".hdf5")
 EXTENSIONS = (".mcap", ".mat", *HDF5, ".csv")
+# Numbers between blanks or tabs, as many programs and data bases leave them: read by column, not written.
+TEXT = (".dat", ".txt", ".tsv")
 _WITH_EXPERIMENT = re.compile(r"(?is)(.+\.(?:h5|hdf5)):([^/:]+)")
 
 
@@ -62,7 +64,7 @@ def _loaded(
     file, found = split_path(path)
     if found and experiment and found != experiment:
         raise InputError(file, "experiment", f"{found} in the path and {experiment} beside it")
-    extension = extension_of(file)
+    extension = extension_of(file, readable=layout is not None)
     if extension in HDF5:
         from hoopd.recording import hdf5
 
@@ -73,7 +75,7 @@ def _loaded(
         return mat_file.read(file, columns, layout, hold, experiment)
     if experiment:
         raise InputError(file, "experiment", "only an .h5 file holds several experiments, a .mat file several structs")
-    if extension == ".csv":
+    if extension in (".csv", *TEXT):
         from hoopd.recording import csv_file
 
         return csv_file.read(file, columns, layout, hold)
@@ -85,7 +87,7 @@ def load_all(
 ) -> tuple[Recording, ...]:
     """Every recording of a file: the experiments of an .h5 file in order, else the one there is."""
     file, found = split_path(path)
-    if found or extension_of(file) not in HDF5:
+    if found or extension_of(file, readable=True) not in HDF5:
         return (load(path, columns, layout=layout, hold=hold),)
     from hoopd.recording import hdf5
 
@@ -132,11 +134,11 @@ def split_path(path: Path | str) -> tuple[Path, str | None]:
     return Path(match.group(1)), match.group(2)
 
 
-def extension_of(path: Path) -> str:
-    """Extension in lower case; InputError when no format has it."""
-    extension = path.suffix.lower()
-    if extension not in EXTENSIONS:
-        raise InputError(path, "", f"unknown extension {extension or '(none)'}; known: {', '.join(EXTENSIONS)}")
+def extension_of(path: Path, *, readable: bool = False) -> str:
+    """Extension in lower case; InputError when no format that is written (or only read) has it."""
+    extension, known = path.suffix.lower(), (*EXTENSIONS, *TEXT) if readable else EXTENSIONS
+    if extension not in known:
+        raise InputError(path, "", f"unknown extension {extension or '(none)'}; known: {', '.join(known)}")
     return extension
 
 

@@ -31,12 +31,15 @@ def whole_numbers(text: str) -> tuple[int, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyOptions:
-    """Identify a linear model from recordings, compare it with data it has not seen (docs/guides/identify.md)."""
+    """Identify a linear model from recordings or from columns of any file, compare it with data it has not seen."""
 
     recordings: tuple[str, ...] = argument(f"Recordings: {SLICE}.", metavar="REC...")
     holdout: tuple[str, ...] = holdout_option("Recording that is compared, never fitted; repeatable.")
     method: str = option(
-        "--method", text="arx, armax, oe, bj (polynomials), subspace or pem (state space).", default="arx"
+        "--method",
+        text="arx, armax, oe, bj (polynomials), subspace, pem (state space), or auto: all of them, the best by data "
+        "held back. Of the hoop arx unless told, of columns auto.",
+        default="",
     )
     orders: tuple[int, ...] = option(
         "--orders", text="Polynomials: na,nb or na,nb,nc.", metavar="4,6", default="4,6", read=whole_numbers
@@ -44,18 +47,29 @@ class IdentifyOptions:
     order: int | None = option("--order", min=1, text="State space: states; without it the data choose.")
     outputs: tuple[str, ...] = option(
         "--outputs",
-        text="Of theta, dtheta, psi (dtheta,psi unless told), or channels of another plant (all of them).",
+        "--output",
+        text="Columns of any file, as --input; or of theta, dtheta, psi (dtheta,psi unless told), or channels of "
+        "another plant (all of them).",
         metavar="NAMES",
         default="",
         read=names_of,
     )
     inputs: tuple[str, ...] = option(
         "--inputs",
-        text="Of another plant: those that its outputs answer to (all of them).",
+        "--input",
+        text="Columns of any file that drive the outputs, COLUMN[:UNIT],... or NAME=COLUMN[:UNIT],...; of another "
+        "plant those that its outputs answer to (all of them).",
         metavar="NAMES",
         default="",
         read=names_of,
     )
+    time: str = option(
+        "--time", text="Column of the time, where it is not called so.", metavar="COLUMN[:UNIT]", default=""
+    )
+    step_s: float | None = option(
+        "--sample-time", text="Seconds from row to row where a file has no time; else rows are brought to this step."
+    )
+    keep_means: bool = option("--keep-means", text="Leave the means in: zero is the operating point.", default=False)
     delay_s: float | None = option(
         "--delay", text="Age of a picture in s when a tick uses it, for rows that were taken at once."
     )
@@ -63,6 +77,8 @@ class IdentifyOptions:
     plant: str | None = plant_option()
     columns: str | None = columns_option()
     hold: str = hold_option()
-    out: Path | None = option("--out", text="Write the model here (.yaml), for `hoopd design`.", metavar="FILE")
+    out: Path | None = option(
+        "--out", text="Write the model here (.yaml), for `hoopd design` and `simulate`.", metavar="FILE"
+    )
     figure: Path | None = figure_option()
     json_path: Path | None = json_option()
