@@ -197,6 +197,26 @@ def test_a_mechanism_takes_the_place_of_a_name_that_stood_for_it(monkeypatch: py
     assert found.losses.keys() == found.without.keys() == {name}
 
 
+def rubbing(x: float, v: float, u: float, memory: dict[str, float]) -> float:
+    """Coulomb's friction of 0.8 N."""
+    return float(-0.8 * np.tanh(v / 0.005))
+
+
+def test_a_law_at_its_limit_is_the_name_and_no_rival_of_it() -> None:
+    """Friction that wears off over a way that nobody goes is Coulomb's: it takes no share of its probability."""
+    train = [recorded("day1", 1, rubbing), recorded("day2", 2, rubbing)]
+    base, judge = fit(train, (), SLIDE.values), Judge(train, {}, Settings())
+    screen = MechanismScreen(base, [mechanisms(SLIDE)["slide.fading_of_x_on_sign_dx"]], level=False)
+    (score,) = mechanism_search._scores(screen, base)
+    found = judge.tried(base, score)
+    (low, high) = screen.tried(found.effect.name)["W"]
+    assert 0.0 < low < high
+    key = "slide.fading_of_x_on_sign_dx.W"
+    for value, itself in ((high, True), (5.0 * high, False), (low / 5.0, False)):
+        other = replace(found, fit=replace(found.fit, values={**found.fit.values, key: value}))
+        assert mechanism_search._is_itself(screen, other) is itself
+
+
 def test_what_a_mechanism_costs_is_taken_off_what_it_is_worth() -> None:
     """A textbook's law costs what a name does: nothing beyond that it was looked for."""
     train = [recorded("day1", 1, bumper)]

@@ -105,6 +105,11 @@ class MechanismScreen:
         for constants in mechanism.grid(followed, t):
             yield MechanismChoice(mechanism, constants, 2 if phased else 1, parts)
 
+    def tried(self, name: str) -> dict[str, tuple[float, float]]:
+        """Least and largest of each constant that was tried of a mechanism."""
+        every = self._constants.get(name, [{}])
+        return {key: (min(one[key] for one in every), max(one[key] for one in every)) for key in every[0]}
+
     # ------------------------------------------------------------------------------------------ scores
 
     def _score(self, draws: int) -> None:

@@ -33,6 +33,8 @@ WORTH_SHARE = 0.5
 # A textbook's law is as likely as a name beforehand: it takes the name's place where more than this speaks for it. To
 # first order a name that has sunk into the fit's noise is that much ahead, in nats or as a share.
 TEXTBOOK_NATS, FIRST_ORDER_NATS, FIRST_ORDER_SHARE = 1.0, 3.0, 0.1
+# A law is itself within so many times the constants that a screen tries of it.
+BEYOND_TRIED = 2.0
 # How often the best of all mechanisms may be as surprising by chance.
 CHANCE = 0.01
 
@@ -102,14 +104,15 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
     for score in near[:MOST_SWAPS]:
         judge.settings.progress(f"fitting {score.member.effect.name}")
         tried.append(judge.tried(without, score))
-    found.rivals.setdefault(one.effect.name, []).extend((other.effect.name, loss - other.gain) for other in tried)
+    others = [other for other in tried if _is_itself(screen, other)]
+    found.rivals.setdefault(one.effect.name, []).extend((other.effect.name, loss - other.gain) for other in others)
     for other in sorted(tried, key=lambda other: -_fitted_worth(screen, other)):
         needed = own_worth + swap_nats(wanted[other.effect.name])
         more = found.final.criterion - other.fit.criterion
         if _fitted_worth(screen, other) < needed or other.surprise < judge.settings.threshold:
             continue
         if judge.fold_loss(found.final, other.fit, more) is None:
-            rest = [(each.effect.name, other.gain - each.gain) for each in tried if each is not other]
+            rest = [(each.effect.name, other.gain - each.gain) for each in others if each is not other]
             found.rivals[other.effect.name] = [(one.effect.name, more), *rest]
             return other
     return None
@@ -137,6 +140,16 @@ def _fitted_worth(screen: MechanismScreen, one: Tried) -> float:
 def _worth_of(screen: MechanismScreen, name: str, gain: float) -> float:
     proposed = next((each for each in screen.proposals if each.effect.name == name), None)
     return gain if proposed is None else surprise(gain, proposed.columns, proposed.looked_at) - proposed.cost
+
+
+def _is_itself(screen: MechanismScreen, one: Tried) -> bool:
+    """Whether a fit has left a mechanism what it is: far beyond the constants that were tried it is another law, as
+    often as not the name in whose place it was fitted."""
+    return all(
+        low / BEYOND_TRIED <= one.fit.values[one.effect.key(name)] <= BEYOND_TRIED * high
+        for name, (low, high) in screen.tried(one.effect.name).items()
+        if 0.0 < low < high
+    )
 
 
 def swap_nats(mechanism: Mechanism) -> float:
