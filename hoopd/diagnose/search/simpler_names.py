@@ -92,7 +92,13 @@ def _limits(found: Named, judge: Judge, mine: Mechanism, mechanisms: Mapping[str
     known = [e for name, e in judge.library.items() if e.slot == mine.site.slot and name not in found.final.names]
     known += [each.effect for each in mechanisms.values() if _is_limit(each, mine) and each.name not in without.names]
     every = _scores(found, judge, mine.name, known)
-    near = [one for one in every if one.gain > own - _allowed(own, mine.effect, one.member.effect, mine)]
+    behind = dict(found.rivals.get(mine.name, []))
+    near = []
+    for one in every:
+        allowed = _allowed(own, mine.effect, one.member.effect, mine)
+        # what was fitted in its place already, and lost more, is not fitted again
+        if one.gain > own - allowed and behind.get(one.member.effect.name, 0.0) < allowed:
+            near.append(one)
     for score in near[:MOST_TRIED]:
         yield _tried(found, judge, mine.name, score)
 
