@@ -189,6 +189,19 @@ def test_textbooks_laws_are_names_of_the_grammar() -> None:
     assert NAMED <= known < 1.5 * NAMED < len(hoop) / 5
 
 
+@pytest.mark.parametrize("law", ["well", "detent", "wave"])
+def test_what_follows_a_turning_angle_is_the_same_after_a_turn(law: str) -> None:
+    """And the pull of a magnet is the slope of its potential, exp((cos(v - v0) - 1)/w^2)."""
+    one = mechanisms(plant_named("hoop"))[f"ball.{law}_of_psi_less_theta_pair"]
+    assert one.shape is not None
+    v, constants = np.linspace(-3.0, 3.0, 601), {"v0": 0.4, "w": 0.3, "n": 3.0, "phi": 0.2}
+    found = one.shape.of(np, v, constants)
+    assert one.shape.of(np, v + 2.0 * np.pi, constants) == pytest.approx(found, abs=1e-9)
+    if law == "detent":
+        slope = np.gradient(np.exp((np.cos(v - 0.4) - 1.0) / 0.09), v)
+        assert np.corrcoef(found, slope)[0, 1] > 0.9999
+
+
 def test_friction_of_one_direction_lets_the_other_one_go() -> None:
     one = mechanisms(plant_named("hoop"))["hoop.well_of_theta_on_backward_dtheta"]
     assert one.side_of(np.array([-2.0, 0.0, 3.0])).tolist() == [-1.0, 0.0, 0.0]

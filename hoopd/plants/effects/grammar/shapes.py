@@ -123,9 +123,14 @@ def _times(axis: Axis, v: Array) -> list[Constants]:
     return [{"v0": float(one * np.max(v))} for one in SETTLING if np.max(v) > 0.0]
 
 
+def _squared(ops: Any, v: Any, v0: Any, turning: bool) -> Any:
+    """(v - v0)^2, on a turn 2 - 2 cos(v - v0): the same near v0, and again after every turn."""
+    return 2.0 * (1.0 - ops.cos(v - v0)) if turning else (v - v0) ** 2
+
+
 def _apart(ops: Any, v: Any, v0: Any, turning: bool) -> Any:
-    """v - v0, on a turn the shorter way."""
-    return 2.0 * ops.sin((v - v0) / 2.0) if turning else v - v0
+    """v - v0, on a turn the sine of it: half of the derivative of the square."""
+    return ops.sin(v - v0) if turning else v - v0
 
 
 SIGNED, ANY = (RATE, INPUT, STATE, POSITION, POWER), (POSITION, RATE, INPUT, STATE, POWER, FORCE)
@@ -162,7 +167,7 @@ SHAPES: tuple[ShapeLaw, ...] = (
 def _well_of(turning: bool) -> ShapeLaw:
     return ShapeLaw(
         "well",
-        lambda ops, v, c: ops.exp(-((_apart(ops, v, c["v0"], turning) / c["w"]) ** 2) / 2.0),
+        lambda ops, v, c: ops.exp(-_squared(ops, v, c["v0"], turning) / c["w"] ** 2 / 2.0),
         "exp(-(({v} - v0)/w)^2/2)", "sits at one value of", (POSITION, RATE, STATE, INPUT), 0, ("v0", "w"), _wells,
     )  # fmt: skip
 
@@ -171,8 +176,8 @@ def _detent_of(turning: bool) -> ShapeLaw:
     """The force of a well in the potential: it pulls from both sides."""
 
     def force(ops: Any, v: Any, c: Constants) -> Any:
-        x = _apart(ops, v, c["v0"], turning) / c["w"]
-        return -x * ops.exp((1.0 - x**2) / 2.0)
+        x, square = _apart(ops, v, c["v0"], turning) / c["w"], _squared(ops, v, c["v0"], turning) / c["w"] ** 2
+        return -x * ops.exp((1.0 - square) / 2.0)
 
     return ShapeLaw("detent", force, "x exp((1 - x^2)/2), x = (v0 - {v})/w", "pulls to one value of", (POSITION,), 0,
                  ("v0", "w"), _wells)  # fmt: skip
@@ -180,7 +185,11 @@ def _detent_of(turning: bool) -> ShapeLaw:
 
 def _bent_of(turning: bool) -> ShapeLaw:
     """The least odd power after the first one, about any centre: how a lens bends what it shows."""
-    return ShapeLaw("bent", lambda ops, v, c: _apart(ops, v, c["v0"], turning) ** 3, "({v} - v0)^3",
+
+    def cube(ops: Any, v: Any, c: Constants) -> Any:
+        return _apart(ops, v, c["v0"], turning) * _squared(ops, v, c["v0"], turning)
+
+    return ShapeLaw("bent", cube, "({v} - v0)^3",
                     "grows with the cube of the distance from one value of", (POSITION,), 3, ("v0",),
                     _places)  # fmt: skip
 
