@@ -32,6 +32,8 @@ WIDTHS, WIDTHS_RAD = (0.05, 0.15), (0.12, 0.3)
 SETTLING = (0.05, 0.15, 0.4)
 # Choices to each side of one wave a turn, where the scale of the angle is not known.
 MOST_SCALES = 150
+# Of a pull that changes its sign at its place, widths and how many places of each: half a width off it is another one.
+DETENT_PLACES = ((0.15, 42), (0.35, 28), (0.6, 16))
 WAVES = tuple(float(n) for n in range(1, 37))
 # Below, a root is a straight line: its slope has no end.
 LEAST = 1e-12
@@ -113,6 +115,13 @@ def _waves(axis: Axis, v: Array) -> list[Constants]:
     return [{"n": float(2 * np.pi * n / reach)} for n in every] if reach > 0.0 else []
 
 
+def _detents(axis: Axis, v: Array) -> list[Constants]:
+    if not axis.turning:
+        return _wells(axis, v)
+    turn = 2 * np.pi
+    return [{"v0": float(p), "w": w} for w, n in DETENT_PLACES for p in turn * (np.arange(n) / n - 0.5)]
+
+
 def _scales(share: float, reach: float) -> Array:
     """About one wave a turn, so near to each other that none is missed over the whole reach."""
     count = min(int(np.ceil(share * reach / np.pi)), MOST_SCALES)
@@ -180,7 +189,7 @@ def _detent_of(turning: bool) -> ShapeLaw:
         return -x * ops.exp((1.0 - square) / 2.0)
 
     return ShapeLaw("detent", force, "x exp((1 - x^2)/2), x = (v0 - {v})/w", "pulls to one value of", (POSITION,), 0,
-                 ("v0", "w"), _wells)  # fmt: skip
+                 ("v0", "w"), _detents)  # fmt: skip
 
 
 def _bent_of(turning: bool) -> ShapeLaw:
