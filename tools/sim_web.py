@@ -27,6 +27,7 @@ from hoopd.files.shipped import defaults_folder
 END_S = 8.0  # a controlled stop
 WATCH_S = 0.2
 USER = "operator"
+CALIBRATION = "calibration"
 
 
 def free_endpoint() -> str:
@@ -47,7 +48,11 @@ def configuration(folder: Path, password: str) -> Path:
         "dictionary_file": str(users),
     }  # zenoh wants the daemon to have a name
     control = {"endpoint": free_endpoint(), "zenoh": {"transport": {"auth": {"usrpwd": proof}}}}
-    content = {"telemetry": {"endpoint": free_endpoint(), "commands": True, "control": control}}
+    (folder / CALIBRATION).mkdir()
+    content = {
+        "telemetry": {"endpoint": free_endpoint(), "commands": True, "control": control},
+        "calibration": {"folder": str(folder / CALIBRATION)},
+    }
     path.write_text(json.dumps(content), encoding="utf-8")  # JSON is YAML, too
     return path
 

@@ -6,10 +6,10 @@ Rules of this file: files in, a result record and a figure out; the numbers are 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hoopd.commands.calibrate import write_text
 from hoopd.commands.options.calibrate import CalibrateOptions
@@ -17,13 +17,16 @@ from hoopd.commands.output_files import check_targets
 from hoopd.files.reading import InputError, parse_yaml
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.yaml_text import text_of
-from hoopd.plants.fits.plant_simulation import PlantSimulation, simulate_plant
 from hoopd.plants.hoop.fitting.moving_calibration import MovingCalibration, judged, measure
 from hoopd.plants.model_file import load_model
 from hoopd.recording.formats import load
 from hoopd.recording.recording import Recording
 
-POINTS = 400  # of a curve that is shown: eight seconds at 50 Hz
+Column = NDArray[np.float64]
+Curve = dict[str, Any]
+
+POINTS = 500  # of a curve that is shown: ten seconds at 50 Hz
+TIME = "time, s"
 
 
 def run(options: CalibrateOptions) -> dict[str, Any]:
@@ -36,12 +39,13 @@ def run(options: CalibrateOptions) -> dict[str, Any]:
     model = load_model(options.model or defaults_folder() / "models" / "hoop.yaml")
     recording = load(moving)
     found = measure(recording, model)
-    constant, delay_s = _in_force(recording)
-    steps = judged(found, constant, delay_s)
-    simulation = simulate_plant(found.fit.fitted, found.told)
-    result = {"recording": moving.name, **steps, "curves": _curves(found, simulation), "notes": []}
+    steps, drawings = judged(found, *_in_force(recording)), _drawings(found)
+    result = {"recording": moving.name, **steps, "drawings": drawings}
     if options.figure is not None:
-        _draw(options, found, simulation)
+        from hoopd.plots.moving_calibration import draw_moving
+        from hoopd.plots.style import save
+
+        save(draw_moving(moving.name, [one for step in drawings.values() for one in step]), options.figure)
     if options.save is not None:
         write_text(options.save, text_of(_part(steps), default_flow_style=None))
     if options.json_path is not None:
@@ -64,47 +68,52 @@ def _part(steps: dict[str, dict[str, Any]]) -> dict[str, Any]:
     return {name: keys for step in steps.values() for name, keys in step["part"].items()}
 
 
-def _curves(found: MovingCalibration, simulation: PlantSimulation) -> dict[str, list[dict[str, Any]]]:
-    """What a page draws of each step: measured points, foretold lines."""
-    told, foretold = found.told, simulation.simulated.channels
-    t0 = float(told.t[0])
+# ---------------------------------------------------------------------------------------------- what is drawn
 
-    def curve(label: str, t: Any, values: Any, kind: str) -> dict[str, Any]:
-        known = np.isfinite(t) & np.isfinite(values)
-        rows = np.flatnonzero(known)[:POINTS]
-        x, y = np.asarray(t)[rows], np.asarray(values)[rows]
-        return {"label": label, "kind": kind, "x": np.round(x, 5).tolist(), "y": np.round(y, 5).tolist()}
 
-    def both(channel: str) -> list[dict[str, Any]]:
-        measured, line = told.channels[channel], foretold[channel]
-        return [
-            curve("measured", measured.t - t0, measured.values, "points"),
-            curve("foretold", line.t - t0, line.values, "line"),
-        ]
-
+def _drawings(found: MovingCalibration) -> dict[str, list[dict[str, Any]]]:
+    """By step: axes and curves, measured and foretold."""
+    told = found.told
+    torque = [_curve("demanded", "steps", told.t - told.t[0], told.u)]
     return {
-        "signs": [curve("torque, N m", told.t - t0, told.u, "steps"), *both("dtheta")],
-        "torque": _current_curves(found, curve),
-        "delay": both("psi"),
+        "signs": [
+            {"x": TIME, "y": "torque, N m", "curves": torque},
+            {"x": TIME, "y": "hoop speed, rad/s", "curves": _both(found, "dtheta")},
+        ],
+        "torque": _current(found),
+        "delay": [{"x": TIME, "y": "ball angle, rad", "curves": _both(found, "psi")}],
     }
 
 
-def _current_curves(found: MovingCalibration, curve: Callable[..., dict[str, Any]]) -> list[dict[str, Any]]:
+def _both(found: MovingCalibration, channel: str) -> list[Curve]:
+    """What was measured, and what the fitted model makes of it at the same times."""
+    times, measured, foretold = [], [], []
+    for run_, errors in zip(found.fit.runs, found.fit.solution.residuals, strict=True):
+        if channel in run_.series:
+            series = run_.series[channel]
+            times.append(run_.t[series.nodes] - found.told.t[0])
+            measured.append(series.values)
+            foretold.append(series.values + errors[channel])
+    t = np.concatenate(times or [np.empty(0)])
+    return [
+        _curve("measured", "points", t, np.concatenate(measured or [t])),
+        _curve("foretold", "line", t, np.concatenate(foretold or [t])),
+    ]
+
+
+def _current(found: MovingCalibration) -> list[dict[str, Any]]:
     """The current over the torque, and the line that the constant stands for."""
     if found.constant_nm_per_a is None:
         return []
     u = found.held_torque_nm
     ends = np.array([np.nanmin(u), np.nanmax(u)])
-    return [
-        curve("measured", u, found.told.current, "points"),
-        curve("line of the constant", ends, ends / found.constant_nm_per_a[0], "line"),
+    curves = [
+        _curve("measured", "points", u, np.asarray(found.told.current)),
+        _curve("line of the constant", "line", ends, ends / found.constant_nm_per_a[0]),
     ]
+    return [{"x": "torque, N m", "y": "current, A", "curves": curves}]
 
 
-def _draw(options: CalibrateOptions, found: MovingCalibration, simulation: PlantSimulation) -> None:
-    from hoopd.plots.plant import draw_comparison
-    from hoopd.plots.style import save
-
-    assert options.figure is not None
-    percent = {name: one.nrmse_percent for name, one in simulation.percent.items()}
-    save(draw_comparison("the model, calibrated", found.told, simulation.simulated, percent), options.figure)
+def _curve(label: str, kind: str, x: Column, y: Column) -> Curve:
+    rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))[:POINTS]
+    return {"label": label, "kind": kind, "x": np.round(x[rows], 5).tolist(), "y": np.round(y[rows], 5).tolist()}

@@ -24,11 +24,13 @@ def dashboard(options: DashboardOptions) -> None:
     """Serve the page until the process is told to end."""
     from hoopd.dashboard.audit import Audit
     from hoopd.dashboard.feed import Feed
+    from hoopd.dashboard.guide.guide import KeptCalibrations
     from hoopd.dashboard.operators import Operators
     from hoopd.dashboard.process import ServerAddress, serve
-    from hoopd.shell.config import load
+    from hoopd.shell.config import calibrations, load_to_ask
 
-    telemetry = load(options.config, sim=False, overrides=list(options.sets)).telemetry
+    config = load_to_ask(options.config, list(options.sets))
+    telemetry, kept = config.telemetry, calibrations(options.config, list(options.sets))
     endpoints = options.connect or (telemetry.endpoint,)
     # Of zenoh's keys a reader shares user, password and certificates with the daemon, not where it listens.
     extras = {key: value for key, value in telemetry.zenoh.items() if key.partition("/")[0] == "transport"}
@@ -36,7 +38,15 @@ def dashboard(options: DashboardOptions) -> None:
     operators = Operators(_controls(options, endpoints, telemetry.control))
     bench = _bench(options)
     feed, audit = Feed(endpoints, extras), Audit(options.audit)
-    serve(feed, operators, audit, where, lambda at: typer.echo(f"dashboard: {at}"), bench)
+    serve(
+        feed,
+        operators,
+        audit,
+        where,
+        lambda at: typer.echo(f"dashboard: {at}"),
+        bench,
+        KeptCalibrations(kept, config.device.name),
+    )
 
 
 def _bench(options: DashboardOptions) -> Bench | None:

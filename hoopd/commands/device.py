@@ -99,7 +99,7 @@ def calibrate(options: CalibrateOptions) -> None:
     if options.moving is not None:
         from hoopd.commands.calibrate_moving import run as measure
 
-        print_result({key: value for key, value in measure(options).items() if key != "curves"})
+        print_result({key: value for key, value in measure(options).items() if key != "drawings"})
         return
     if options.model is not None:
         raise InputError("--model", "", "goes with --moving")

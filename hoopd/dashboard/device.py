@@ -9,13 +9,13 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 
-from hoopd.dashboard.history import History
+from hoopd.dashboard.history import History, Numbers
 
 EVENTS = 200  # kept: what happened in the last minutes of a bad day
 MESSAGE_BYTES = 65536  # more than a daemon of ours would send
@@ -101,6 +101,16 @@ class ShownDevice:
             if events:
                 told["events"], seen.event = events, self._event_count
             return told
+
+    def events_since(self, wall_s: float) -> list[dict[str, Any]]:
+        """What happened from a moment on, oldest first."""
+        with self._lock:
+            return [event for _, event in self._events if event["wall"] >= wall_s]
+
+    def columns(self, names: Sequence[str]) -> dict[str, Numbers]:
+        """Numbers of these channels, oldest first; NaN where one was never told."""
+        with self._lock:
+            return self.history.columns(names)
 
     def packed(self) -> bytes:
         """Its history for a browser."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -63,6 +63,11 @@ class History:
         places = np.arange(first, self.count) % self._rows
         table = np.column_stack([column[places] for column in self._columns.values()])
         return first, table.tolist()
+
+    def columns(self, names: Sequence[str]) -> dict[str, Numbers]:
+        """All that is kept of these channels; NaN where one was never told."""
+        places, missing = np.arange(self.first, self.count) % self._rows, np.full(self._rows, np.nan)
+        return {name: self._columns.get(name, missing)[places] for name in names}
 
     def packed(self) -> bytes:
         """All that is kept, for a browser: length and text of a JSON header, then columns of float64.

@@ -19,6 +19,7 @@ import uvicorn
 
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
+from hoopd.dashboard.guide.guide import NOT_KEPT, KeptCalibrations
 from hoopd.dashboard.operators import Operators
 from hoopd.dashboard.server import application
 from hoopd.dashboard.work.bench import Bench
@@ -68,11 +69,12 @@ def server_of(
     listening: socket.socket,
     where: ServerAddress | None = None,
     bench: Bench | None = None,
+    kept: KeptCalibrations = NOT_KEPT,
 ) -> uvicorn.Server:
     """The server of a feed at a socket, not yet running; it answers to that address, to localhost and to its names."""
     where = where or ServerAddress()
     config = uvicorn.Config(
-        application(feed, operators, audit, ("localhost", listening.getsockname()[0], *where.names), bench),
+        application(feed, operators, audit, ("localhost", listening.getsockname()[0], *where.names), bench, kept),
         log_config=None,
         access_log=False,
         server_header=False,
@@ -101,11 +103,12 @@ def serve(
     where: ServerAddress,
     say: Callable[[str], None],
     bench: Bench | None = None,
+    kept: KeptCalibrations = NOT_KEPT,
 ) -> None:
     """Serve until the process is told to end; `say` is told the page's address."""
     with bind(where) as listening:
         try:
-            server = server_of(feed, operators, audit, listening, where, bench)
+            server = server_of(feed, operators, audit, listening, where, bench, kept)
             server.config.load()
         except (ssl.SSLError, OSError) as error:
             raise InputError(where.certificate or "", "--certificate", f"cannot be used: {error}") from None

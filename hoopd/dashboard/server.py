@@ -24,6 +24,8 @@ from hoopd.dashboard.comparisons import Comparisons
 from hoopd.dashboard.experiments import Experiments
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.guards import RequestGuard
+from hoopd.dashboard.guide.guide import NOT_KEPT, Guide, KeptCalibrations
+from hoopd.dashboard.guide.routes import GuideRoutes
 from hoopd.dashboard.live import Live
 from hoopd.dashboard.operators import Operators
 from hoopd.dashboard.pictures import Pictures
@@ -36,9 +38,19 @@ STATIC = Path(__file__).parent / "static"
 
 
 def application(
-    feed: Feed, operators: Operators, audit: Audit, names: Sequence[str], bench: Bench | None = None
+    feed: Feed,
+    operators: Operators,
+    audit: Audit,
+    names: Sequence[str],
+    bench: Bench | None = None,
+    kept: KeptCalibrations = NOT_KEPT,
 ) -> Starlette:
-    """The server's routes over a feed; `names` are the hosts that it answers to, `bench` what work it offers."""
+    """The server's routes over a feed.
+
+    names : hosts that it answers to
+    bench : what work it offers
+    kept : where accepted calibrations go
+    """
     pages, comparisons = Pages(feed), Comparisons(feed, operators, audit, bench)
     routes = [
         Route("/", pages.page),
@@ -48,6 +60,7 @@ def application(
         *Calibration(feed).routes,
         *comparisons.routes,
         *Experiments(feed, operators, audit, bench).routes,
+        *GuideRoutes(Guide(feed, bench, kept), feed, operators, audit).routes,
         *WorkRoutes(bench, operators, audit).routes,
         WebSocketRoute("/api/live", Live(feed, audit).serve),
         WebSocketRoute("/api/picture", Pictures(feed).serve),

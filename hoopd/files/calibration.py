@@ -23,10 +23,12 @@ from hoopd.files.records import Strict
 from hoopd.files.whole_files import new_file
 from hoopd.files.yaml_text import text_of
 
-# What a calibration may say: where the hoop is in the picture, what counts as ball, how old a picture without time is.
+# What a calibration may say: where the hoop is in the picture, what counts as ball, how old a picture without time is,
+# and the torque of a current, by which the current is judged.
 KEYS: Mapping[str, tuple[str, ...]] = {
     "vision": ("weights", "threshold", "circle_px", "zero_angle_rad", "ball_radius_px", "band_px"),
     "camera": ("delay_s",),
+    "faults": ("torque_constant_nm_per_a",),
 }
 MOST = 9999
 TRIES = 5  # for a number that somebody else takes meanwhile
@@ -246,6 +248,8 @@ def _check_keys(part: Part, source: object) -> None:
         for key in keys:
             if key not in KEYS.get(section, ()):
                 raise InputError(source, f"configuration.{section}.{key}"[:100], "no key that a calibration may set")
+    if part.get("faults", {}).get("torque_constant_nm_per_a") == 0.0:
+        raise InputError(source, "faults.torque_constant_nm_per_a", "must be above 0, which would switch a check off")
 
 
 def _hash(version: AcceptedCalibration) -> str:

@@ -15,6 +15,7 @@ from shell.peers import controlled
 
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
+from hoopd.dashboard.guide.guide import NOT_KEPT, KeptCalibrations
 from hoopd.dashboard.operators import Operators
 from hoopd.dashboard.work.bench import Bench
 
@@ -76,9 +77,11 @@ class Driven(NamedTuple):
 
 
 @contextlib.contextmanager
-def driven(folder: Path, bench: Bench | None = None, **settings: Any) -> Iterator[Driven]:
+def driven(
+    folder: Path, bench: Bench | None = None, kept: KeptCalibrations = NOT_KEPT, *, direct: bool = True, **settings: Any
+) -> Iterator[Driven]:
     """`folder` gets the daemon's files and `audit.jsonl`; `settings` are keys of its configuration."""
-    control = controlled(folder)
+    control, sim = controlled(folder), settings.pop("sim", {})
     telemetry = {
         "endpoint": control.endpoint,
         "commands": True,
@@ -86,8 +89,10 @@ def driven(folder: Path, bench: Bench | None = None, **settings: Any) -> Iterato
     }
     operators = Operators({control.endpoint: (control.control_endpoint, control.control_zenoh)})
     with (
-        Daemon(folder, fifo=fifo_granted(), config={"telemetry": telemetry, **settings}) as daemon,
-        served(Feed([control.endpoint], {}), operators, Audit(folder / "audit.jsonl"), bench) as web,
+        Daemon(
+            folder, direct=direct, fifo=fifo_granted(), config={"telemetry": telemetry, **settings}, **sim
+        ) as daemon,
+        served(Feed([control.endpoint], {}), operators, Audit(folder / "audit.jsonl"), bench, kept=kept) as web,
         opened(folder, web.origin, 1440, 900) as page,
     ):
         yield Driven(web, page, daemon, folder)

@@ -15,6 +15,7 @@ from shell.peers import wait_until
 
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
+from hoopd.dashboard.guide.guide import NOT_KEPT, KeptCalibrations
 from hoopd.dashboard.operators import Operators
 from hoopd.dashboard.process import ServerAddress, bind, server_of
 from hoopd.dashboard.work.bench import Bench
@@ -69,10 +70,11 @@ def served(
     bench: Bench | None = None,
     *,
     port: int = 0,
+    kept: KeptCalibrations = NOT_KEPT,
 ) -> Iterator[Served]:
     """The page's server on a free port, or on one that is known, until the block ends."""
     with bind(ServerAddress(listen=f"127.0.0.1:{port}")) as listening:
-        server = server_of(feed, operators or Operators({}), audit or Audit(), listening, bench=bench)
+        server = server_of(feed, operators or Operators({}), audit or Audit(), listening, bench=bench, kept=kept)
         thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])))
         thread.start()
         web = Served(feed, listening.getsockname()[1], server, thread)

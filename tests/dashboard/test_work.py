@@ -261,12 +261,19 @@ def test_the_words_of_a_command_are_made_here() -> None:
 
 
 def test_every_form_is_a_command_with_these_options() -> None:
+    from hoopd.commands.options.calibrate import CalibrateOptions
     from hoopd.commands.options.design import DesignOptions
     from hoopd.commands.options.diagnose import DiagnoseOptions
     from hoopd.commands.options.fit import FitOptions
     from hoopd.commands.options.identify import IdentifyOptions
 
-    records = {"fit": FitOptions, "diagnose": DiagnoseOptions, "identify": IdentifyOptions, "design": DesignOptions}
+    records = {
+        "fit": FitOptions,
+        "diagnose": DiagnoseOptions,
+        "identify": IdentifyOptions,
+        "design": DesignOptions,
+        "calibrate": CalibrateOptions,
+    }
     assert set(records) == set(forms.FORMS)
     for name, form in forms.FORMS.items():
         known = str([field.metadata for field in records[name].__dataclass_fields__.values()])

@@ -89,8 +89,9 @@ def test_the_command_writes_what_the_page_draws(sound: Recording, tmp_path: Path
     options = CalibrateOptions(moving=path, json_path=tmp_path / "result.json", figure=tmp_path / "figure.svg")
     run(options)
     told = msgspec.json.decode((tmp_path / "result.json").read_bytes())
-    assert {name: [one["label"] for one in told["curves"][name]] for name in ("torque", "delay")} == {
-        "torque": ["measured", "line of the constant"],
-        "delay": ["measured", "foretold"],
-    }
+    curves = {name: [one["label"] for one in step[-1]["curves"]] for name, step in told["drawings"].items()}
+    assert curves["torque"] == ["measured", "line of the constant"]
+    assert curves["signs"] == curves["delay"] == ["measured", "foretold"]
+    measured, foretold = (one["y"] for one in told["drawings"]["delay"][0]["curves"])
+    assert len(measured) > 300 and np.std(np.subtract(measured, foretold)) < 0.01
     assert (tmp_path / "figure.svg").stat().st_size > 1000

@@ -46,6 +46,7 @@ class Form:
     meaning: str
     recordings: bool = True  # what it works on
     holdout: bool = False
+    recording_option: str = ""  # what stands before the only recording; without it several, as words of their own
     writes: Mapping[str, str]  # file by option
     fields: tuple[FormField, ...] = ()
     law: bool = False  # its first word
@@ -100,6 +101,12 @@ FORMS: Mapping[str, Form] = {
             FormField(option="--outputs", label="Outputs", kind="names"),
             *PLANT,
         ),
+    ),
+    "calibrate": Form(
+        meaning="Signs, torque and camera delay of a recorded test signal.",
+        recording_option="--moving",
+        writes={"--figure": FIGURE, "--json": RESULT},
+        fields=(FormField(option="--model", label="Model in force", kind="model"),),
     ),
     "design": Form(
         meaning="Design a controller for a model.",
@@ -157,13 +164,18 @@ def words(order: JobOrder, recording: Callable[[str], Path], model: Callable[[st
 def _recordings(form: Form, order: JobOrder, recording: Callable[[str], Path]) -> list[str]:
     if len(order.recordings) + len(order.holdout) > RECORDINGS:
         raise InputError(order.kind, "recordings", f"at most {RECORDINGS}")
+    if order.holdout and not form.holdout:
+        raise InputError(order.kind, "holdout", "takes none")
     if form.recordings and not order.recordings:
         raise InputError(order.kind, "recordings", "choose one at least")
     if not form.recordings and (order.recordings or order.holdout):
         raise InputError(order.kind, "recordings", "takes none")
     if both := sorted({*order.recordings} & {*order.holdout}):
         raise InputError(order.kind, "holdout", f"{both[0]} cannot judge what it was fitted to")
-    used = [str(recording(name)) for name in order.recordings]
+    if form.recording_option and len(order.recordings) > 1:
+        raise InputError(order.kind, "recordings", "takes one")
+    before = f"{form.recording_option}=" if form.recording_option else ""
+    used = [f"{before}{recording(name)}" for name in order.recordings]
     return used + [f"--holdout={recording(name)}" for name in order.holdout]
 
 

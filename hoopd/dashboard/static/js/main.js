@@ -6,6 +6,7 @@ import { Commands } from './commands.js';
 import { Compare } from './compare.js';
 import { Controller } from './controller.js';
 import { Experiment } from './experiment.js';
+import { Guide } from './guide.js';
 import { Hoop } from './hoop.js';
 import { Joystick } from './joystick.js';
 import { Link } from './link.js';
@@ -40,6 +41,7 @@ class Page {
     this.textAt = 0;
     this.dirty = true;
     this.link = new Link(() => { this.dirty = true; });
+    this.guide = new Guide(this);
     document.addEventListener('keydown', event => this.key(event));
     byId('help').addEventListener('click', () => this.help());
     const draw = now => { this.draw(now); requestAnimationFrame(draw); };

@@ -33,6 +33,7 @@ LATENCY = "camera.latency.d"
 GAIN_TOLERANCE = 0.1
 # Half a picture's period at 50 Hz: what the filter is off by at 5 rad/s is then 0.05 rad.
 DELAY_TOLERANCE_S = 0.01
+ALIKE = 0.75  # correlation from which two signals are the same, or its opposite
 LARGEST_DELAY_S = 0.2  # that the configuration takes
 LEAST_TORQUE_NM = 0.005  # rms: less moves nothing that could be told from noise
 LEAST_ROWS = 150
@@ -177,8 +178,8 @@ def _signs(found: MovingCalibration) -> dict[str, Any]:
     checks: Mapping[str, bool | None] = {
         "the hoop follows the torque": _sign(found.torque_to_hoop),
         "the ball follows the torque": _sign(found.torque_to_ball),
-        "the hoop's speed is the slope of its angle": found.angle_to_speed > 0.7 or (
-            False if found.angle_to_speed < -0.7 else None
+        "the hoop's speed is the slope of its angle": found.angle_to_speed > ALIKE or (
+            False if found.angle_to_speed < -ALIKE else None
         ),
     }  # fmt: skip
     wrong = [name for name, good in checks.items() if good is False]
@@ -213,8 +214,10 @@ def _torque(found: MovingCalibration, constant: float) -> dict[str, Any]:
     part, values = {}, {"gain": list(gain)}
     if told is not None and told[0] > 0.0:
         values["constant_nm_per_a"] = list(told)
-        part = {"faults": {"torque_constant_nm_per_a": float(f"{told[0]:.4g}")}}
-        why += f"; {told[0]:.4f} N m/A" + (f", in force {constant:g}" if constant else ", none in force")
+        if not told[1] <= constant <= told[2]:
+            part = {"faults": {"torque_constant_nm_per_a": float(f"{told[0]:.4g}")}}
+        in_force = f", in force {constant:g}" if constant else ", none in force"
+        why += f"; {told[0]:.4f} ± {0.5 * (told[2] - told[1]):.4f} N m/A{in_force}"
     return {"good": known and near, "why": why, "values": values, "part": part}
 
 

@@ -1,0 +1,1 @@
+"""The guided calibration: steps in their order, what each found, and the versions that were accepted."""
