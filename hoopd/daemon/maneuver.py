@@ -12,6 +12,7 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from hoopd.core.controllers import DONE
@@ -26,13 +27,14 @@ from hoopd.files.loaded_controller import LoadedController, text_of_loaded
 from hoopd.files.reading import InputError
 from hoopd.files.trajectory import TrajectoryFile, maneuver_controller, trajectory_text
 from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, judge_maneuver
-from hoopd.plants.model_file import parse_model
+from hoopd.plants.model_file import load_model, parse_model
 from hoopd.recording.mcap import RecordedRun, read_run
 from hoopd.shell import config as configuration
-from hoopd.shell.config import Config
+from hoopd.shell.config import Config, SimEffect
 
 # A repeat of one maneuver at most as long as it may take: rest, plan, brake of one that is given up, settling.
 BRAKE_S = 4.0
+LIFT_OFF = "ball.lift_off"
 
 
 class AskedManeuver(NamedTuple):
@@ -56,6 +58,8 @@ def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
     config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
     check_options(options._replace(duration_s=inf), config)
     where.check()
+    if options.sim:
+        config = _with_flights(config, options.config)
     texts = read_texts(config, options.config)
     conductor = ManeuverConductor(_command_text(asked, config, texts), asked.repeat)
     options = options._replace(duration_s=_longest(asked, options))
@@ -64,6 +68,15 @@ def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
     if not parts:
         raise InputError(where.file or folder, "", "nothing could be recorded (see the log)")
     return _told(asked, conductor, summary, parts[0], texts)
+
+
+def _with_flights(config: Config, config_path: Path | None) -> Config:
+    """The rig's ball may leave the hoop: one that is glued to it would go round whatever the plan."""
+    told = {entry.name for entry in load_model(configuration.find(config.sim.model, config_path)).effects}
+    if LIFT_OFF in told | {entry.name for entry in config.sim.effects}:
+        return config
+    effects = [*config.sim.effects, SimEffect(name=LIFT_OFF)]
+    return msgspec.structs.replace(config, sim=msgspec.structs.replace(config.sim, effects=effects))
 
 
 def _longest(asked: AskedManeuver, options: Options) -> float | None:

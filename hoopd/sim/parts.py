@@ -63,7 +63,8 @@ def rig_effects(config: Config, model: ModelFile) -> dict[str, dict[str, float]]
     for name in told:
         if known[name].found_by == "quality":
             raise InputError("configuration", "sim.effects", f"{name} is no physics of a plant: see sim.faults")
-    return {name: values for name, values in told.items() if values != known[name].neutral()}
+    # a switch has no number that could be neutral: where it stands it is on
+    return {name: values for name, values in told.items() if not values or values != known[name].neutral()}
 
 
 def fault_list(config: Config) -> list[ScriptedFault]:

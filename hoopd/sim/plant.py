@@ -1,5 +1,8 @@
 """The plant of the rig: a model moved through time, with any physics that the daemon's model does not have.
 
+With `ball.lift_off` the ball leaves the hoop where nothing presses it on, flies, and lands: psi is then the direction
+in which it is seen. Further from its track than the detector looks it is not seen at all, and psi is not a number.
+
 Rules of this file: time is an argument and never runs backwards; a segment between two events is integrated in steps
 of at most 1 ms. What acts late is kept with its time, so that delays and latencies of any length are exact at the
 plant's own steps.
@@ -19,6 +22,7 @@ from numpy.typing import NDArray
 from hoopd.core.records import Vector
 from hoopd.plants.compiled import Call
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
+from hoopd.plants.hoop.effects.contact_modes import ContactCourse, ContactModes
 from hoopd.plants.numeric_plant import ADVANCE_STEPS, NumericPlant
 from hoopd.plants.plant_with_effects import Composite
 
@@ -30,6 +34,8 @@ SEGMENT_S, STEP_S = 0.02, 0.001
 # The past that is kept, beyond the largest latency: a picture is looked at when it is taken.
 MEMORY_S = 0.05
 SAME_S = 1e-9
+# Off its track by more of its radius a ball is outside of the ring in which the detector looks (15 of 182 px).
+SEEN_SHARE = 0.08
 READ = ("theta", "dtheta", "psi")
 
 
@@ -50,6 +56,8 @@ class RigPlant:
         self._remembers = any(self._late.values())
         self._errors = _readings(c, values) if any(one.sensor or one.sensor_lag for one in effects) else None
         self._z, self._t = c.beginning(np.asarray(x0, float)), t
+        flies = any(one.flight is not None for one in effects)
+        self._course = ContactCourse(ContactModes(found.plant, effects), values, self._z) if flies else None
         self._held, self._release_t = held, t + hold_s
         self._torques: deque[tuple[float, float]] = deque([(-inf, 0.0)])  # from when on
         self._past: deque[tuple[float, Array]] = deque([(t, self._z)])
@@ -70,7 +78,18 @@ class RigPlant:
     def shown(self) -> State:
         """The state that a picture taken now shows: late, and with the camera's own errors."""
         theta, dtheta, psi, dpsi = _state(self._seen("psi"))
-        return theta, dtheta, psi if self._errors is None else self._read("psi"), dpsi
+        psi = psi if self._errors is None else self._read("psi")
+        return theta, dtheta, psi if abs(self.distance - 1.0) <= SEEN_SHARE else nan, dpsi
+
+    @property
+    def distance(self) -> float:
+        """Of the ball's centre from the axis, in shares of what it is on the hoop; below 1 it flies."""
+        return 1.0 if self._course is None else self._course.distance
+
+    @property
+    def flights(self) -> list[tuple[float, float]]:
+        """Begin and end of every flight so far, s."""
+        return [] if self._course is None else self._course.flights(self._t)
 
     def sample(self) -> tuple[float, float, float]:
         """theta, dtheta as the encoder gives them now, and no current of its own: the board takes torque over torque
@@ -88,10 +107,17 @@ class RigPlant:
             self._torques.append((self._t, torque_nm))
         while t - self._t > SAME_S:
             h = min(min(t, self._next_torque()) - self._t, self._segment_s)
-            self._z = self._model.advance(self._z, self._torques[0][1], h, self._t)
+            self._move(self._torques[0][1], h)
             self._t += h
             if self._remembers:
                 self._remember()
+
+    def _move(self, torque_nm: float, h: float) -> None:
+        if self._course is None:
+            self._z = self._model.advance(self._z, torque_nm, h, self._t)
+            return
+        self._course.step(torque_nm, h, self._t)
+        self._z = self._course.seen()
 
     def _next_torque(self) -> float:
         """When another torque arrives; what has arrived is dropped."""

@@ -9,7 +9,7 @@ to the left).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, degrees, hypot, pi, sin
+from math import cos, degrees, hypot, isfinite, pi, sin
 
 import cv2
 import numpy as np
@@ -68,7 +68,7 @@ class Scene:
         picture = self._turned(theta)
         if red_object is not None:
             self._blend(picture, red_object[0], red_object[1], red_object[2], 0.0, 0.0)
-        if ball:
+        if ball and isfinite(psi):
             self._ball(picture, psi, dpsi)
         lit = cv2.multiply(picture, self._lamp, scale=brightness, dtype=cv2.CV_8U)
         return self._with_noise(np.asarray(lit, np.uint8), frame)

@@ -7,7 +7,7 @@ the picture afterwards, so that a fault does not shift the noise of later pictur
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, nan, sin
+from math import cos, isfinite, nan, sin
 from typing import Protocol
 
 import numpy as np
@@ -81,7 +81,7 @@ class DirectWatcher:
         x = self._centre[0] - self._radius * sin(psi)
         y = self._centre[1] + self._radius * cos(psi)
         # what differs from picture to picture, as a sensor's noise does
-        return CameraSample(frame, t, t, wrap(psi), 1.0, x, y, frame)
+        return CameraSample(frame, t, t, wrap(psi), 1.0 if isfinite(psi) else 0.0, x, y, frame)
 
 
 class PictureWatcher:

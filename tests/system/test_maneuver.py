@@ -102,6 +102,17 @@ def test_a_rig_that_cannot_follow_is_given_up_and_braked(tmp_path: Path) -> None
     assert given_up.fields["back_to"] == "lqg.yaml"
 
 
+def test_torques_alone_lose_the_ball_of_a_weaker_drive_and_feedback_does_not(tmp_path: Path) -> None:
+    """A drive that gives nine tenths: the ball leaves the hoop and falls, out of sight, and the torque ends."""
+    plan = msgspec.structs.replace(trajectory().plan, feedback=[[0.0] * 4] * len(trajectory().plan.feedback))
+    weaker = "sim.effects=[{name: actuator.torque_gain, parameters: {k: 0.9}}]"
+    for name in ("alone", "fed_back"):
+        (tmp_path / name).mkdir()
+    alone = played(tmp_path / "alone", weaker, file=msgspec.structs.replace(trajectory(), plan=plan))
+    assert alone["succeeded"] == 0 and contact(tmp_path / "alone") < 0.0 and alone["faults"]["ball_missing"]
+    assert played(tmp_path / "fed_back", weaker)["succeeded"] == 1
+
+
 def test_without_the_suspended_row_the_tick_stops_the_ball(tmp_path: Path) -> None:
     plan = msgspec.structs.replace(trajectory().plan, suspends=[])
     result = played(tmp_path, file=msgspec.structs.replace(trajectory(), plan=plan))

@@ -5,7 +5,7 @@ Rules of this file: arrays in, a record out; nothing is read, nothing is believe
 
 from __future__ import annotations
 
-from math import inf, nan, tau
+from math import inf, isnan, nan, tau
 from typing import NamedTuple
 
 import numpy as np
@@ -74,6 +74,8 @@ class ManeuverOutcome(NamedTuple):
         found = []
         if self.turns != wanted:
             found.append(f"went round {self.turns:+d} times, not {wanted:+d}")
+        if isnan(self.least_contact):
+            return ("too little was recorded of it",)
         if not self.least_contact > 0.0:
             found.append(f"the contact was lost ({self.least_contact:.2f} of the ball's weight)")
         if not self.settled_s <= SETTLE_WITHIN_S:

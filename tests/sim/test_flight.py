@@ -1,0 +1,96 @@
+"""A ball of the rig that leaves the hoop: when, where it flies and lands, by an integrator of its own; what is seen."""
+
+from __future__ import annotations
+
+from math import hypot, isnan
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from hoopd.core.records import CameraSample
+from hoopd.plants.found_effects import FoundEffect, FoundEffects
+from hoopd.plants.model_file import load_model
+from hoopd.shell import config as configuration
+from hoopd.sim import parts
+from hoopd.sim.faults import FaultScript
+from hoopd.sim.plant import SEEN_SHARE, RigPlant
+from hoopd.sim.watchers import DirectWatcher
+from tests.plants.maneuver.independent import accelerations
+
+Array = NDArray[np.float64]
+FILE = load_model(Path(__file__).resolve().parents[2] / "config" / "models" / "hoop.yaml")
+V = FILE.values()
+R = V["Ro"] - V["Rb"]
+# fast enough to pass the axis, too slow for the top
+THROWN = np.array([0.0, 17.0 * R / V["Ro"], 0.0, 17.0])
+
+
+def rig(x0: Array, *names: str) -> RigPlant:
+    entries = tuple(FoundEffect(name, {}) for name in names)
+    return RigPlant(FoundEffects(FILE.structure, V, entries), x0)
+
+
+def rate(t: float, x: Array) -> list[float]:
+    theta2, psi2 = accelerations(x, 0.0, V)
+    return [x[1], theta2, x[3], psi2]
+
+
+def pressed(t: float, x: Array) -> float:
+    return float(R * x[3] ** 2 + V["g"] * np.cos(x[2]))
+
+
+pressed.terminal = True  # type: ignore[attr-defined]
+
+
+def test_it_takes_off_flies_and_lands_when_an_integrator_of_its_own_says() -> None:
+    off = solve_ivp(rate, (0.0, 1.0), THROWN, events=pressed, rtol=1e-10, atol=1e-12)
+    begin, x = float(off.t_events[0][0]), off.y_events[0][0]
+    # in the plane, x across and y up: a parabola, until it is as far from the axis as it was
+    place, speed = np.array([np.sin(x[2]), -np.cos(x[2])]) * R, np.array([np.cos(x[2]), np.sin(x[2])]) * R * x[3]
+
+    def flown(s: float) -> Array:
+        return np.asarray(place + speed * s - np.array([0.0, V["g"] * s**2 / 2]))
+
+    times = np.linspace(1e-3, 0.5, 200_000)
+    away = np.hypot(place[0] + speed[0] * times, place[1] + speed[1] * times - V["g"] * times**2 / 2)
+    end = begin + float(times[np.argmax(away >= R)])
+    plant = rig(THROWN, "ball.lift_off")
+    for k in range(1, 300):
+        t = 0.002 * k
+        plant.advance(t, 0.0)
+        if begin + 0.003 < t < end - 0.002:
+            across, up = flown(t - begin)
+            assert plant.state[2] == pytest.approx(np.arctan2(across, -up), abs=0.03)
+            assert plant.distance == pytest.approx(hypot(across, up) / R, abs=0.01)
+    # a start is found within a step of 1 ms
+    (flight, *_) = plant.flights
+    assert flight[0] == pytest.approx(begin, abs=1.1e-3) and flight[1] == pytest.approx(end, abs=4e-3)
+    assert plant.distance == 1.0
+
+
+def test_a_ball_that_is_pressed_on_moves_as_it_did() -> None:
+    one, other = rig(np.array([0.0, 0.0, 0.4, 0.0]), "ball.lift_off"), rig(np.array([0.0, 0.0, 0.4, 0.0]))
+    for k in range(1, 100):
+        for plant in (one, other):
+            plant.advance(0.01 * k, 0.05 * (-1) ** (k // 9))
+    assert one.flights == [] and one.state == pytest.approx(other.state, abs=1e-7)
+
+
+def test_off_its_track_it_is_not_seen() -> None:
+    plant, seen = rig(THROWN, "ball.lift_off"), []
+    watcher = DirectWatcher(FaultScript([], 0), 0, noise_rad=0.0, offset_rad=0.0, centre_px=(240, 240), radius_px=182)
+    for k in range(1, 40):
+        plant.advance(0.01 * k, 0.0)
+        sample: CameraSample = watcher.see(k, 0.01 * k, plant.shown)
+        off = abs(plant.distance - 1.0) > SEEN_SHARE
+        assert isnan(sample.psi) == off and sample.confidence == (0.0 if off else 1.0)
+        seen.append(off)
+    assert any(seen) and not seen[-1]
+
+
+def test_the_configuration_switches_it_on() -> None:
+    config = configuration.load(None, sim=True, overrides=["sim.effects=[{name: ball.lift_off}]"])
+    assert parts.plant_arguments(config, FILE)["effects"] == {"ball.lift_off": {}}
