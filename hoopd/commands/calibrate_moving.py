@@ -27,6 +27,7 @@ Curve = dict[str, Any]
 
 POINTS = 500  # of a curve that is shown: ten seconds at 50 Hz
 TIME = "time, s"
+NOTHING = "# Found by `hoopd calibrate --moving`: nothing of the configuration has to change.\n{}\n"
 
 
 def run(options: CalibrateOptions) -> dict[str, Any]:
@@ -40,14 +41,22 @@ def run(options: CalibrateOptions) -> dict[str, Any]:
     recording = load(moving)
     found = measure(recording, model)
     steps, drawings = judged(found, *_in_force(recording)), _drawings(found)
-    result = {"recording": moving.name, **steps, "drawings": drawings}
+    written = {"json": options.json_path, "figure": options.figure, "save": options.save}
+    result = {
+        "recording": moving.name,
+        **steps,
+        "drawings": drawings,
+        **{name: str(path) for name, path in written.items() if path is not None},
+        "notes": ["values: what was found, then both ends of its 95 % interval"],
+    }
     if options.figure is not None:
         from hoopd.plots.moving_calibration import draw_moving
         from hoopd.plots.style import save
 
         save(draw_moving(moving.name, [one for step in drawings.values() for one in step]), options.figure)
     if options.save is not None:
-        write_text(options.save, text_of(_part(steps), default_flow_style=None))
+        part = _part(steps)
+        write_text(options.save, text_of(part, default_flow_style=None) if part else NOTHING)
     if options.json_path is not None:
         write_text(options.json_path, json.dumps(result, indent=2) + "\n")
     return result

@@ -130,3 +130,11 @@ def test_links_are_no_versions_and_names_lead_nowhere_else(tmp_path: Path) -> No
     assert versions.listed()[-1].wrong == "is a link: no version"
     with pytest.raises(InputError, match="no such evidence"):
         versions.evidence(versions.read(1), "../../secret")
+
+
+def test_one_that_cannot_be_used_keeps_nobody_from_a_disarm(tmp_path: Path) -> None:
+    versions = folder(tmp_path)
+    (versions.folder / "0003.yaml").write_text("nonsense\n")
+    with pytest.raises(InputError):
+        loaded(tmp_path)
+    assert configuration.load_to_ask(tmp_path / "hoop.yaml", []).vision.threshold == 60.0

@@ -206,7 +206,7 @@ def _torque(found: MovingCalibration, constant: float) -> dict[str, Any]:
     gain, told = found.gain, found.constant_nm_per_a
     half = 0.5 * (gain[2] - gain[1])
     known, near = half < GAIN_TOLERANCE, abs(gain[0] - 1.0) <= max(GAIN_TOLERANCE, half)
-    why = f"the drive gives {gain[0]:.3f} ± {half:.3f} of the torque that the model foretells"
+    why = f"the drive gives {gain[0]:.4f} ± {half:.4f} of the torque that the model foretells"
     if not known:
         why = f"known to ± {half:.2f} only: play it again"
     elif not near:
