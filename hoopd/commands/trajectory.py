@@ -6,6 +6,7 @@ limit is written nowhere.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +30,8 @@ from hoopd.plants.model_file import parse_model
 
 BASE = Path("controllers/lqg.yaml")
 EXTENSIONS = (".yaml", ".yml")
+# Of the drive's torque feedback has a third, and where that cannot be, a seventh.
+TORQUES_NM = (0.45, 0.6)
 
 
 class PlannedFile(NamedTuple):
@@ -73,16 +76,26 @@ def planned(options: TrajectoryOptions) -> PlannedFile:
 
 def plan_on(model: ModelFile, options: TrajectoryOptions) -> PlannedTrajectory:
     """The plan of a question on a model that was read; InputError."""
+    *first, last = TORQUES_NM if options.torque_nm is None else (options.torque_nm,)
+    for torque_nm in first:
+        with contextlib.suppress(InfeasibleError):
+            return _planned(model, options, torque_nm)
     try:
-        limits = MotionLimits(options.torque_nm, options.hoop_speed_rad_s, options.contact, options.grip)
+        return _planned(model, options, last)
+    except InfeasibleError as error:
+        raise InputError(options.model, "", str(error)) from None
+
+
+def _planned(model: ModelFile, options: TrajectoryOptions, torque_nm: float) -> PlannedTrajectory:
+    """InfeasibleError where there is none, InputError for a question without an answer."""
+    try:
+        limits = MotionLimits(torque_nm, options.hoop_speed_rad_s, options.contact, options.grip)
         question = ManeuverQuestion(
             options.kind, limits, options.angle_rad, options.seconds, model.sample_time_s, options.turn
         )
-        return plan_trajectory(model, question)
-    except InfeasibleError as error:
-        raise InputError(options.model, "", str(error)) from None
     except ValueError as error:
         raise InputError("trajectory", "", str(error)) from None
+    return plan_trajectory(model, question)
 
 
 def _law_text(options: TrajectoryOptions, made: PlannedFile) -> str:

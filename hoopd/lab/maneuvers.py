@@ -78,7 +78,7 @@ def trajectory(
     seconds: float | None = None,
     angle: float = 1.0,
     turn: int = 1,
-    max_torque: float = 0.45,
+    max_torque: float | None = None,
     max_speed: float = 40.0,
     contact: float = 0.5,
     grip: float = 0.6,
@@ -97,8 +97,8 @@ def trajectory(
         swing: how far out, in rad.
     turn : int
         1 or -1: which way round, as the ball's angle counts.
-    max_torque : float
-        Torque of the plan in N m; feedback has the rest.
+    max_torque : float, optional
+        Torque of the plan in N m, the rest is feedback's; 0.45, and 0.6 where nothing can be planned with that.
     max_speed : float
         Hoop speed of the plan in rad/s.
     contact : float

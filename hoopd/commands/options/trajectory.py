@@ -23,8 +23,7 @@ def torque_option() -> Any:
     return option(
         "--max-torque",
         min=0.001,
-        text="Torque of the plan in N m; feedback has the rest.",
-        default=0.45,
+        text="Torque of the plan in N m, the rest is feedback's; 0.45, and 0.6 where nothing can be planned with that.",
     )
 
 
@@ -52,7 +51,7 @@ class TrajectoryOptions:
     seconds: float | None = option("--seconds", text="How long it takes; as suits it without.")
     angle_rad: float = option("--angle", text="swing: how far out, in rad.", default=1.0)
     turn: int = option("--turn", text="1 or -1: which way round, as the angle counts.", default=1)
-    torque_nm: float = torque_option()
+    torque_nm: float | None = torque_option()
     hoop_speed_rad_s: float = speed_limit_option()
     contact: float = option(
         "--contact", text="Least force between hoop and ball, in weights of the ball (below 0 it flies).", default=0.5
