@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -23,6 +24,7 @@ from hoopd.dashboard.work import forms
 from hoopd.dashboard.work.bench import Bench
 from hoopd.dashboard.work.forms import JobOrder
 from hoopd.dashboard.work.jobs import KEPT, STARTS, STATE, WAITING_AT_MOST, Jobs
+from hoopd.dashboard.work.recordings import GROWS_S, Recordings
 from hoopd.files.reading import InputError
 
 BUSY_S = 60.0
@@ -310,3 +312,34 @@ def test_the_servers_end_does_not_wait_for_a_plot(
         bench.plots.close()
         with pytest.raises(InputError):
             asked.result(10.0)
+
+
+def test_a_recording_that_is_being_written_is_looked_at_when_it_is_finished(tmp_path: Path) -> None:
+    folder, results = lay_out(tmp_path / "recordings"), tmp_path / "results"
+    results.mkdir()
+    recordings = Recordings(folder, results)
+    (folder / "first.csv").touch()
+
+    def first() -> Any:
+        return next(one["glance"] for one in recordings.told() if one["name"] == "first.csv")
+
+    until = time.monotonic() + GROWS_S + 2.0
+    while time.monotonic() < until:
+        os.utime(folder / "first.csv")
+        assert first() is None
+        time.sleep(0.2)
+    long_ago = time.time() - 60.0
+    os.utime(folder / "first.csv", (long_ago, long_ago))
+
+    assert wait_until(lambda: bool(first()), BUSY_S) and "curves" in first()
+    recordings.close()
+
+
+def test_a_doubtful_model_is_written_when_the_page_asks_for_it_and_the_acting_one_is_proposed() -> None:
+    offered = {field["option"]: field for field in forms.told()["diagnose"]["fields"]}
+    assert offered["--model"]["usual"] == "models/hoop.yaml"
+    (choice,) = offered["--yes"]["choices"]
+    order = JobOrder("diagnose", ["a.csv"], fields={"yes": choice})
+    assert "--yes" in forms.words(order, Path, lambda name: name)
+    with pytest.raises(InputError, match="yes"):
+        forms.words(JobOrder("diagnose", ["a.csv"], fields={"yes": "no"}), Path, lambda name: name)

@@ -138,7 +138,7 @@ def opened(folder: Path, address: str, width: int = 1280, height: int = 900, sca
     command = [str(CHROMIUM), *FLAGS, f"--user-data-dir={profile}", "about:blank"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        with connect(_debugger(profile), max_size=None) as socket:
+        with connect(_debugger(profile), max_size=None, ping_interval=None) as socket:
             page = Page(socket)
             page.size(width, height, scale)
             page.open(address)

@@ -34,9 +34,10 @@ class FormField:
 
     option: str
     label: str
-    kind: str = "choice"  # or number, model, identified, or the name of a text
+    kind: str = "choice"  # or number, model, identified, flag, or the name of a text
     choices: tuple[str, ...] = ()
     unit: str = ""
+    usual: str = ""  # what the page proposes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +62,7 @@ class JobOrder(msgspec.Struct, forbid_unknown_fields=True):
     fields: dict[str, str] = {}
 
 
+ACTING_MODEL = "models/hoop.yaml"  # of the shipped controllers
 PLANT = (
     FormField(option="--plant", label="Plant, if not the hoop", kind="plant"),
     FormField(option="--columns", label="Columns, if not the usual ones", kind="columns"),
@@ -85,7 +87,8 @@ FORMS: Mapping[str, Form] = {
         holdout=True,
         writes={"--report": REPORT, "--write": MODEL, "--json": RESULT},
         fields=(
-            FormField(option="--model", label="Model that is judged", kind="model"),
+            FormField(option="--model", label="Model that is judged", kind="model", usual=ACTING_MODEL),
+            FormField(option="--yes", label="A doubtful model (see output)", kind="flag", choices=("write it, too",)),
             FormField(option="--without", label="Effects not to look for", kind="names"),
             *PLANT,
         ),
@@ -114,7 +117,7 @@ FORMS: Mapping[str, Form] = {
         law=True,
         writes={"--out": CONTROLLER, "--figure": FIGURE, "--json": RESULT},
         fields=(
-            FormField(option="--model", label="Model", kind="model"),
+            FormField(option="--model", label="Model", kind="model", usual=ACTING_MODEL),
             FormField(option="--identified", label="identified: its model", kind="identified"),
             FormField(option="--mt", label="pid: largest |T|", kind="number"),
             FormField(option="--phase", label="pi: phase margin; pid: touching point", kind="number", unit="deg"),
@@ -156,7 +159,10 @@ def words(order: JobOrder, recording: Callable[[str], Path], model: Callable[[st
     for name, value in fields.items():
         if name not in offered:
             raise InputError(order.kind, name[:40], f"unknown; known: {', '.join(offered)}")
-        if value:
+        if value and offered[name].kind == "flag":
+            _one_of(name, value, offered[name].choices)
+            line.append(offered[name].option)
+        elif value:
             line.append(f"{offered[name].option}={_value(offered[name], value, model)}")
     return line + [f"{option}={file}" for option, file in form.writes.items()]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +25,8 @@ MOST = 2000  # recordings that a page lists
 TAGS, TAG_CHARACTERS, NOTE_CHARACTERS = 12, 40, 4000
 GLANCE_S = 120.0  # a recording that takes longer to read shows no picture of itself
 NOTES = "notes.json"
+# A recording that is being written changes four times a second: it is looked at once it is finished, not each time.
+GROWS_S = 2.0
 
 
 class Listed(NamedTuple):
@@ -84,7 +87,8 @@ class Recordings:
         with self._lock:
             self._glances = {one: glance for one, glance in self._glances.items() if one in set(listed)}
             glances, remarks = dict(self._glances), dict(self._remarks)
-        self._look([one for one in listed if one not in glances])
+        finished = [one for one in listed if time.time() - one.changed > GROWS_S]
+        self._look([one for one in finished if one not in glances])
         return [{**one._asdict(), "glance": glances.get(one), **_words(remarks.get(one.name))} for one in listed]
 
     def remark(self, remark: Remark) -> None:

@@ -54,10 +54,11 @@ export class Jobs {
     return element('select', { name }, ...values.map(value => element('option', { value }, value || none)));
   }
 
-  field({ option, label, kind, choices, unit }) {
+  field({ option, label, kind, choices, unit, usual }) {
     const name = option.replace(/^-+/, ''), text = unit ? `${label} (${unit})` : label;
     if (kind === 'choice') return this.labelled(text, this.choice(name, ['', ...choices]));
-    if (kind === 'model' || kind === 'identified') return this.labelled(text, element('select', { name, 'data-models': kind }));
+    if (kind === 'flag') return this.labelled(text, this.choice(name, ['', ...choices], { none: 'leave it out' }));
+    if (kind === 'model' || kind === 'identified') return this.labelled(text, element('select', { name, 'data-models': kind, 'data-usual': usual }));
     return this.labelled(text, element('input', { name, autocomplete: 'off', inputmode: kind === 'number' ? 'decimal' : null }));
   }
 
@@ -68,8 +69,8 @@ export class Jobs {
       const fits = this.told.models.filter(name => (of[name]?.order.kind === 'identify') === (place.dataset.models === 'identified'));
       const text = fits.join();
       if (place.dataset.shown === text) continue;
+      const kept = place.dataset.shown ? place.value : place.dataset.usual;
       place.dataset.shown = text;
-      const kept = place.value;
       place.replaceChildren(element('option', { value: '' }, 'as usual'),
         ...fits.map(name => element('option', { value: name }, of[name] ? `job ${of[name].number}, ${of[name].order.kind}` : name)));
       if (fits.includes(kept)) place.value = kept;
