@@ -126,7 +126,7 @@ def _task(options: IdentifyOptions, progress: Progress) -> IdentifyTask:
     progress("reading the recordings")
     if options.plant is None and options.inputs:
         return _task_of_columns(options)
-    for name in ("time", "step_s", "keep_means"):
+    for name in ("time", "step_s", "keep_means", "no_direct"):
         if getattr(options, name) != IdentifyOptions.__dataclass_fields__[name].default:
             raise InputError(
                 option_name(IdentifyOptions, name), "", "goes with columns: --input COLUMN,... --output COLUMN,..."
@@ -220,7 +220,7 @@ def _identified(task: IdentifyTask, progress: Progress) -> Identified:
         warnings.simplefilter("always", IdentificationWarning)
         try:
             if options.method == AUTO:
-                found = _searched(task.train, progress)
+                found = _searched(task, progress)
             else:
                 progress(f"fitting {options.method}")
                 found = Identified(options.method, _by_method(task.train, options), {}, [])
@@ -230,9 +230,10 @@ def _identified(task: IdentifyTask, progress: Progress) -> Identified:
     return replace(found, notes=[*found.notes, *dict.fromkeys(notes)])
 
 
-def _searched(train: Sequence[Data], progress: Progress) -> Identified:
+def _searched(task: IdentifyTask, progress: Progress) -> Identified:
     """The best of all structures, with the best of other families to stand beside it."""
-    found = identify(train, progress=progress)
+    # what arrives in a tick of the daemon cannot answer to that tick's torque
+    found = identify(task.train, direct=bool(task.columns) and not task.options.no_direct, progress=progress)
     beside: dict[str, IdentifiedModel] = {}
     families = {found.best.family}
     for one in found.candidates:

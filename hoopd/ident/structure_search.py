@@ -107,7 +107,7 @@ class StructureSearch:
 
 
 def identify(
-    data: Data | Sequence[Data], *, families: Sequence[str] = FAMILIES, most_order: int = 10,
+    data: Data | Sequence[Data], *, families: Sequence[str] = FAMILIES, most_order: int = 10, direct: bool = True,
     progress: Callable[[str], None] = lambda text: None,
 ) -> StructureSearch:  # fmt: skip
     """Find the structure and order that describe data best, by data held back inside them.
@@ -123,6 +123,8 @@ def identify(
         Which are tried.
     most_order : int
         Largest order.
+    direct : bool
+        Whether models are tried, too, that answer in the sample in which an input acts; no control law can use them.
     progress : callable
         Told what is being fitted.
 
@@ -152,14 +154,15 @@ def identify(
     first = [one[: round(one.n * (1.0 - HELD_SHARE))] for one in each]
     held = [one[round(one.n * (1.0 - HELD_SHARE)) :] for one in each]
     delays = _delays(first)
-    found, failed = _candidates(_fits(first, families, most_order, delays), first, held, progress)
+    late = {*delays.values(), 1} | ({0} if direct else set())
+    found, failed = _candidates(_fits(families, most_order, late), first, held, progress)
     if "pem" in families:
         more, why = _candidates(_refined(found, most_order), first, held, progress)
         found, failed = [*found, *more], failed | why
     if not found:
         raise ValueError(f"no structure can be fitted: {next(iter(failed.values()), 'no order asked for')}")
     ranked = _ranked(found)
-    fits = dict(_fits(first, families, most_order, delays)) | dict(_refined(found, most_order))
+    fits = dict(_fits(families, most_order, late)) | dict(_refined(found, most_order))
     for one in ranked:
         progress(f"fitting {one.name} to all data")
         try:
@@ -181,22 +184,19 @@ def _check(each: Sequence[Data], families: Sequence[str]) -> None:
         raise ValueError("no input: there is nothing to find the response to (ar, arma tell a signal without one)")
 
 
-def _fits(
-    each: Sequence[Data], families: Sequence[str], most: int, delays: Mapping[str, int]
-) -> Iterator[tuple[str, Fit]]:
-    """Names and fits of what is tried."""
+def _fits(families: Sequence[str], most: int, late: set[int]) -> Iterator[tuple[str, Fit]]:
+    """Names and fits of what is tried; `late`: delays in samples, 0 a direct term."""
     for family in families:
-        late = {1} if family == "subspace" else {1, *delays.values()}
         for order in ORDERS.get(family, ORDERS["other"]):
             if order <= most:
-                for k in sorted(late):
+                for k in sorted(late & {0, 1} if family == "subspace" else late):
                     yield _fit_of(family, order, k)
     if "subspace" in families:
         yield "subspace, order by the data", subspaceid
 
 
 def _fit_of(family: str, n: int, k: int) -> tuple[str, Fit]:
-    words = f", delay {k}" if k > 1 else ""
+    words = f", delay {k}" if k > 1 else ", direct" if k == 0 else ""
     if family == "arx":
         return f"arx {n},{n}{words}", lambda data: _arx(data, n, k)
     if family == "armax":
@@ -205,15 +205,19 @@ def _fit_of(family: str, n: int, k: int) -> tuple[str, Fit]:
         return f"oe {n},{n}{words}", lambda data: _by_output(data, lambda one: oe(one, n, n, k))
     if family == "bj":
         return f"bj {n},{n},{n}{words}", lambda data: _by_output(data, lambda one: bj(one, n, n, n, n, k))
-    return f"subspace, order {n}", lambda data: subspaceid(data, n)
+    return f"subspace, order {n}{words}", lambda data: subspaceid(data, n, direct=k == 0)
 
 
 def _refined(found: Sequence[StructureCandidate], most: int) -> Iterator[tuple[str, Fit]]:
     """Prediction errors of the two best orders of the subspace models."""
     own = sorted((one for one in found if one.family == "subspace"), key=lambda one: -one.score)
-    orders = list(dict.fromkeys(one.model.state_space.nx for one in own))[:2]
-    for order in orders:
-        yield f"pem, order {order}", lambda data, order=order: pem(data, order)  # type: ignore[misc]
+    forms = [one.model.state_space for one in own]
+    for order, direct in list(dict.fromkeys((form.nx, bool(form.d.any())) for form in forms))[:2]:
+        yield _pem_of(order, direct)
+
+
+def _pem_of(order: int, direct: bool) -> tuple[str, Fit]:
+    return f"pem, order {order}{', direct' if direct else ''}", lambda data: pem(data, order, direct=direct)
 
 
 def _arx(each: list[Data], n: int, k: int) -> IdentifiedModel:
@@ -301,6 +305,8 @@ def _sentences(found: StructureSearch) -> Iterator[str]:
         yield "No structure that was tried is stable: its simulation grows without bound."
     if best.fit["1 step"] - best.fit["simulation"] > 30.0:
         yield "It predicts much better than it simulates: disturbances that no input tells of drive the output."
+    if best.name.endswith("direct"):
+        yield "It answers in the sample in which its input acts: a law needs a model without that (direct=False, --no-direct)."
     for output, samples in found.delays.items():
         yield f"{output} answers {samples} samples after its input."
 

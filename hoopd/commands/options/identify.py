@@ -70,6 +70,7 @@ class IdentifyOptions:
         "--sample-time", text="Seconds from row to row where a file has no time; else rows are brought to this step."
     )
     keep_means: bool = option("--keep-means", text="Leave the means in: zero is the operating point.", default=False)
+    no_direct: bool = option("--no-direct", text="auto: only models on which a law can be designed.", default=False)
     delay_s: float | None = option(
         "--delay", text="Age of a picture in s when a tick uses it, for rows that were taken at once."
     )
