@@ -254,6 +254,7 @@ if TYPE_CHECKING:
     from hoopd.ident.signals import (
         steps as steps,
     )
+    from hoopd.ident.simulated_example import example_data as example_data
     from hoopd.ident.smoothing import smooth as smooth
     from hoopd.ident.spectral import (
         coherence as coherence,
@@ -312,6 +313,7 @@ if TYPE_CHECKING:
 # Module by module, what it gives.
 _GIVEN = {
     "data": "Data iddata experiments runs",
+    "simulated_example": "example_data",
     "models": "Polynomials Innovations state_space innovations",
     "model_forms": "innovation_form",
     "stacked_models": "stack",
@@ -422,6 +424,7 @@ __all__ = [
     "error_system",
     "estimate_x0",
     "etfe",
+    "example_data",
     "experiments",
     "fft",
     "fill_gaps",

@@ -219,7 +219,7 @@ def _table(head: str, value: str, rows: Sequence[tuple[str, str, str]]) -> Itera
 def _pair(value: float, sd: float | None) -> tuple[str, str]:
     """A value to the digit of its standard error's first one."""
     if sd is None or sd <= 0.0 or not math.isfinite(value):
-        return f"{value:.4g}", "" if sd is None else f"{sd:.1g}"
+        return f"{value:.4g}", "" if not sd else f"{sd:.1g}"
     digits = -math.floor(math.log10(float(f"{sd:.1g}")))
     if abs(value) < 1e-4 or abs(value) >= 1e6 or digits > 9:
         return f"{value:.4g}", f"{sd:.1g}"

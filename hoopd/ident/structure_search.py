@@ -306,7 +306,10 @@ def _sentences(found: StructureSearch) -> Iterator[str]:
     if best.fit["1 step"] - best.fit["simulation"] > 30.0:
         yield "It predicts much better than it simulates: disturbances that no input tells of drive the output."
     if best.name.endswith("direct"):
-        yield "It answers in the sample in which its input acts: a law needs a model without that (direct=False, --no-direct)."
+        yield (
+            "It answers in the sample in which its input acts: a law needs a model that does not (direct=False, "
+            "--no-direct)."
+        )
     for output, samples in found.delays.items():
         yield f"{output} answers {samples} samples after its input."
 

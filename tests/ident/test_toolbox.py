@@ -14,7 +14,7 @@ import pytest
 import hoopd.ident
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "ident.md"
-TABLE = PAGE.read_text(encoding="utf-8").split("## What is there")[1]
+TABLE = PAGE.read_text(encoding="utf-8").split("## What is there")[1].split("\n## ")[0]
 NAMES = sorted(set(re.findall(r"`((?:hoopd|control|scipy|numpy)\.[\w.]+)`", TABLE)))
 
 
