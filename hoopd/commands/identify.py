@@ -253,7 +253,10 @@ def _by_method(train: Sequence[Data], options: IdentifyOptions) -> IdentifiedMod
     if options.method == "arx":
         return varx(train, *options.orders[:2])
     if options.method in STATE_SPACE:
-        return subspaceid(train, options.order) if options.method == "subspace" else pem(train, options.order)
+        # what a tick sends answers what it has read: no input tells an output of its own row
+        if options.method == "subspace":
+            return subspaceid(train, options.order, direct=False)
+        return pem(train, options.order)
     na, nb, nc = (*options.orders, options.orders[0])[:3]
     fits: Mapping[str, Callable[[Sequence[Data]], Polynomials]] = {
         "armax": lambda each: armax(each, na, nb, nc),

@@ -37,8 +37,10 @@ RESOLVED = 1e-10
 REGULAR = 100.0 * SINGULAR
 
 
-def check_record(data: Data | Sequence[Data], *, drift: bool = True) -> None:
+def check_record(data: Data | Sequence[Data], *, drift: bool = True) -> bool:
     """Warn of feedback and (`drift`) of outputs that integrate, for methods whose own errors or poles do not tell.
+
+    Gives whether feedback is suspected.
 
     A long ARX model of each output gives the innovations that an input must not follow, and poles that tell an
     integrator (Said & Dickey, Biometrika 71, 1984). Missing outputs: stretches without gaps are used.
@@ -47,12 +49,13 @@ def check_record(data: Data | Sequence[Data], *, drift: bool = True) -> None:
     each = experiments(data)
     check_channels(each)
     parts = [_channels(part) for one in each for part in runs(one) if part.n > 2 * LONG]
-    if not parts:
-        return
-    long = _long_models(parts, each[0].ny)
-    if long:
-        for said in (*_drifting(long, each[0].outputs if drift else ()), *_looped(long, parts, each[0].inputs)):
-            warn(said)
+    long = _long_models(parts, each[0].ny) if parts else []
+    if not long:
+        return False
+    looped = list(_looped(long, parts, each[0].inputs))
+    for said in (*_drifting(long, each[0].outputs if drift else ()), *looped):
+        warn(said)
+    return bool(looped)
 
 
 def check_feedback(errors: Array, u: Array, names: Sequence[str] = ()) -> None:

@@ -32,7 +32,13 @@ def check_model(model: Model, n: int, *, order: bool = True) -> None:
 
     `order`: the covariance is that of an efficient estimate, so it tells whether the last coefficients are needed.
     """
-    for said in (*_integrator(model, n), *_cancelled(model), *_undetermined(model), *_predictor(model)):
+    for said in (
+        *_unstable(model, n),
+        *_integrator(model, n),
+        *_cancelled(model),
+        *_undetermined(model),
+        *_predictor(model),
+    ):
         warn(said)
     if order:
         check_order(model, n)
@@ -117,6 +123,18 @@ def integrator(pole: complex, n: int, where: str = "") -> str:
 def _integrator(model: Model, n: int) -> Iterator[str]:
     for pole in drifting(poles(model), n)[:1]:
         yield integrator(pole, n)
+
+
+def _unstable(model: Model, n: int) -> Iterator[str]:
+    """Poles outside of the unit circle, of those that are no integrators."""
+    found = poles(model)
+    outside = found[(np.abs(found) > 1.0) & (np.abs(found - 1.0) * n >= DICKEY_FULLER)]
+    if len(outside):
+        worst = outside[np.argmax(np.abs(outside))]
+        yield (
+            f"the model is unstable: the pole {_number(complex(worst))} has the modulus {abs(worst):.4g}; simulations "
+            "grow without bound"
+        )
 
 
 def _predictor(model: Model) -> Iterator[str]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from hoopd.ident.estimation_report import EstimationReport
 from hoopd.ident.identified_model import IdentifiedModel
+from hoopd.ident.statespace.structure_choice import StructureChoice
 
 if TYPE_CHECKING:
     import control as ct
@@ -160,6 +161,8 @@ class Innovations(IdentifiedModel):
         The estimated parameters with their covariance.
     inputs, outputs : tuple of str
         Names of the channels.
+    choice : StructureChoice or None
+        What the data chose of the structure, where they did.
     report : EstimationReport or None
         Method, data, choices and warnings of the estimation.
 
@@ -191,6 +194,7 @@ class Innovations(IdentifiedModel):
     covariance: Array | None = None
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    choice: StructureChoice | None = None
     report: EstimationReport | None = field(default=None, compare=False)
 
     @property

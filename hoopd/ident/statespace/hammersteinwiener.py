@@ -42,7 +42,8 @@ from hoopd.ident.statespace.linear import states
 from hoopd.ident.statespace.nonlinear_prediction import best_start, nonlinear_system
 from hoopd.ident.statespace.ordering import check_states
 from hoopd.ident.statespace.sensitivities import paired, piece
-from hoopd.ident.statespace.subspace import Focus, check_focus, subspaceid
+from hoopd.ident.statespace.subspace import check_focus, subspaceid
+from hoopd.ident.statespace.subspacefit import Focus
 
 if TYPE_CHECKING:
     import control as ct

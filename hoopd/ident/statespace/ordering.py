@@ -48,13 +48,8 @@ def check_states(data: Data | Sequence[Data], order: int) -> None:
 
 
 def check_order(found: TriangularFactor, nx: int) -> None:
-    """Warn when the correlation of past and future by state nx is no more than independent ones have.
-
-    The edge of the correlations of independent past and future: Marchenko & Pastur, 1967, for many more samples.
-    """
-    own = projection.correlations(found)[nx - 1]
-    _, past, future = found.split.sizes
-    chance = (np.sqrt(past) + np.sqrt(future)) / np.sqrt(found.count)
+    """Warn when the correlation of past and future by state nx is no more than independent ones have."""
+    own, chance = projection.correlations(found)[nx - 1], projection.chance(found)
     if own < chance:
         warn(
             f"order too high: order {nx} is more than the data hold; past and future are correlated to {own:.2g} by "
@@ -85,6 +80,26 @@ def autoregression(parts: Sequence[Data], most: int) -> Lags:
         if aic < best - 1e-9:
             best, chosen, level = aic, lags, np.linalg.norm(tail, axis=1) / np.sqrt(t)
     return Lags(chosen, level)
+
+
+def has_direct_term(parts: Sequence[Data], lags: int) -> bool:
+    """Whether the inputs of a sample tell its outputs beyond what the samples before do, by BIC of the autoregression.
+
+    T log(det S_without / det S_with) > ny nu log T, S the covariance of the errors.
+    """
+    nu, ny = parts[0].nu, parts[0].ny
+    if not nu:
+        return False
+    m, z = nu + ny, [joined(part) for part in parts]
+    now = lags * m
+    order = np.array([*range(now), *range(now, now + m)], dtype=int)
+    t, low = windows.count(z, lags + 1), windows.factor(z, lags + 1, order)
+    if t <= 2 * (now + m):
+        return False
+    rest = low[-ny:]
+    floor = 1e-14 * float(np.square(rest).sum()) * np.eye(ny)
+    told = [float(np.linalg.slogdet(tail @ tail.T + floor)[1]) for tail in (rest[:, now:], rest[:, now + nu :])]
+    return bool(t * (told[0] - told[1]) > ny * nu * np.log(t))
 
 
 def _newest_last(length: int, m: int, nu: int) -> Array:

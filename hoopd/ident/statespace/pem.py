@@ -22,13 +22,15 @@ from hoopd.ident.estimation_report import estimated
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
+from hoopd.ident.simulationcheck import check_simulation
 from hoopd.ident.statespace import coordinates, gaussnewton, losses
 from hoopd.ident.statespace.coordinates import Freedom
 from hoopd.ident.statespace.gaussnewton import PemPoint, PemProblem
 from hoopd.ident.statespace.losses import Loss
 from hoopd.ident.statespace.ordering import check_states
 from hoopd.ident.statespace.sensitivities import Piece, paired, piece
-from hoopd.ident.statespace.subspace import Focus, check_focus, check_stable, subspaceid
+from hoopd.ident.statespace.subspace import check_focus, check_stable, subspaceid
+from hoopd.ident.statespace.subspacefit import Focus
 from hoopd.ident.statespace.uncertainty import coordinates_covariance
 
 Array = NDArray[np.float64]
@@ -154,6 +156,7 @@ def pem(
         inputs=each[0].inputs, outputs=each[0].outputs,
     )  # fmt: skip
     check_model(found, sum(one.n for one in each))
+    check_simulation(found, each)
     return found
 
 
@@ -162,11 +165,13 @@ def _start(
 ) -> Innovations:
     if start is None:
         try:
-            start = subspaceid(each, order, direct=direct, focus=focus, stable=stable)
+            start = subspaceid(each, order, direct=direct, focus=focus, stable=stable, refine=0)
         except ValueError:
             if all(one.complete for one in each):
                 raise
-            start = subspaceid([_filled(one) for one in each], order, direct=direct, focus=focus, stable=stable)
+            start = subspaceid(
+                [_filled(one) for one in each], order, direct=direct, focus=focus, stable=stable, refine=0
+            )
     if (start.ny, start.nu) != (each[0].ny, each[0].nu):
         raise ValueError(f"the start has {start.ny} outputs and {start.nu} inputs, not those of the data")
     return replace(start, k=np.zeros_like(start.k)) if focus == "simulation" else start

@@ -132,15 +132,26 @@ def correlations(found: TriangularFactor) -> Array:
 
 
 def choose_order(found: TriangularFactor, most: int) -> int:
-    """The order that makes SVC(n) = s(n+1)^2 + log(T) d(n) / T least, d(n) = n (2 ny + nu) numbers of the model.
+    """The order that makes the information criterion least, of d(n) = n (2 ny + nu) numbers of the model:
 
-    s are the canonical correlations, T the windows (Bauer, Automatica 37, 2001, with the penalty of BIC).
+        NIC(n) = sum_(k > n) -log(1 - s_k^2) + log(T) d(n) / T
+    s are the canonical correlations, T the windows: correlations near 1, of states that are left out, count without
+    bound, as they do in the likelihood (Peternell, Scherrer & Deistler, Signal Processing 52, 1996); those no larger
+    than chance gives do not count.
     """
     split, t = found.split, found.count
-    s = correlations(found)
+    s = np.minimum(correlations(found), 1.0 - ROUNDING)
     n = np.arange(min(most, len(s) - 1) + 1)
-    criterion = s[n] ** 2 + np.log(t) * n * (2 * split.ny + split.nu) / t
+    told = np.where(s > chance(found), -np.log1p(-(s**2)), 0.0)
+    left = np.concatenate([np.cumsum(told[::-1])[::-1], [0.0]])
+    criterion = left[n] + np.log(t) * n * (2 * split.ny + split.nu) / t
     return max(int(np.argmin(criterion)), 1)
+
+
+def chance(found: TriangularFactor) -> float:
+    """The largest correlation of independent past and future (Marchenko & Pastur, 1967, for many more samples)."""
+    _, past, future = found.split.sizes
+    return float((np.sqrt(past) + np.sqrt(future)) / np.sqrt(found.count))
 
 
 def state_map(found: TriangularFactor, gamma: Array) -> Array:

@@ -37,7 +37,8 @@ from hoopd.ident.statespace.structurederrors import (
     variance_of,
     weight_of,
 )
-from hoopd.ident.statespace.subspace import Focus, check_focus
+from hoopd.ident.statespace.subspace import check_focus
+from hoopd.ident.statespace.subspacefit import Focus
 
 Array = NDArray[np.float64]
 Constructor = Callable[[Array], Any]
