@@ -20,7 +20,7 @@ from hoopd.dashboard.work.bench import Bench
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")
 AXE = "axe_core_python"
-VIEWS = ("drive", "work", "try")
+VIEWS = ("drive", "calibrate", "work", "try")
 # WCAG 2.1, levels A and AA, and what axe's authors recommend beside them.
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]}
 # Where the focus is, from one press of the tabulator to the next.
@@ -30,6 +30,7 @@ FOCUSED = (
 OUTLINED = "getComputedStyle(document.activeElement).outlineStyle"
 REACHED = {
     "drive": {"login", "arm", "brake", "clear", "picture-open", "load-file", "stop"},
+    "calibrate": {"picture-open", "guide-why", "stop"},
     "work": {"Search recordings", "choose first.csv", "stop"},
     "try": {"signal-kind", "candidate", "stop"},
 }

@@ -14,6 +14,7 @@ from harness.browser import CHROMIUM
 
 from hoopd.dashboard.guide.guide import KeptCalibrations
 from hoopd.dashboard.work.bench import Bench
+from hoopd.dashboard.work.jobs import Jobs
 from hoopd.files.calibration import Calibrations
 from hoopd.files.shipped import defaults_folder
 
@@ -27,6 +28,7 @@ def laid_out(folder: Path) -> tuple[Bench, KeptCalibrations]:
         (folder / name).mkdir()
     shutil.copy(defaults_folder() / "controllers" / "lqg.yaml", folder / "controllers")
     bench = Bench(folder / "recordings", folder / "results", folder / "controllers")
+    bench.jobs = Jobs(folder / "results" / "jobs", starting=tuple)  # not at idle priority: others may leave it no time
     return bench, KeptCalibrations(Calibrations(folder / "versions"), "hoop")
 
 
