@@ -7,7 +7,8 @@
 #
 # Run it cell by cell as a notebook (VS Code and Jupyter with jupytext open this file as it is), or as a whole:
 # `python docs/lesson.py FOLDER` writes the figures into FOLDER, in about half a minute. Everything happens on the
-# simulated rig. Each step ends with a question and names the figure that answers it. SI units, angles in rad.
+# simulated rig. Each step ends with a question and names the figure that answers it; the answers are in
+# `docs/lesson_solutions.md`. SI units, angles in rad.
 
 # %%
 import sys
@@ -24,9 +25,12 @@ folder.mkdir(parents=True, exist_ok=True)
 
 
 def show(name, picture):
-    """Save a figure; a notebook shows it too."""
+    """Save a figure; a notebook shows it too, wherever in a cell it stands."""
     picture.save(folder / f"{name}.png")
-    return picture
+    if in_notebook:
+        from IPython.display import display
+
+        display(picture)
 
 
 # %% [markdown]

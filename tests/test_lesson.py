@@ -11,6 +11,7 @@ import os
 import re
 import subprocess
 import sys
+import types
 
 import pytest
 from shared import ROOT
@@ -94,3 +95,25 @@ def test_the_files_are_those_that_the_daemon_takes(lesson):
     folder, _ = lesson
     law = lab.controller(folder / "figures" / "lqg.yaml")
     assert law.model.parameters == lab.model(folder / "figures" / "model.yaml").parameters
+
+
+def test_a_notebook_shows_every_figure_not_only_the_last_of_a_cell(tmp_path, monkeypatch):
+    shown, saved = [], []
+    display = types.ModuleType("IPython.display")
+    display.display = shown.append
+    for name in ("ipykernel", "IPython"):
+        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    monkeypatch.chdir(tmp_path)
+    first = LESSON.read_text(encoding="utf-8").split("# %%")[2]
+    space = {}
+    exec(compile(first, "lesson", "exec"), space)
+
+    class Picture:
+        def save(self, path):
+            saved.append(path.name)
+
+    pictures = [Picture(), Picture()]
+    for place, picture in enumerate(pictures):
+        assert space["show"](str(place), picture) is None  # or the cell would show its last one twice
+    assert shown == pictures and saved == ["0.png", "1.png"]

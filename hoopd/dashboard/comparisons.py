@@ -212,7 +212,7 @@ class Comparisons:
         if shown is None or shown.running:
             raise InputError("compare", "", "there is nothing to decide" if shown is None else "it goes on")
         key = shown.comparison.key if decision.accept else shown.accepted
-        if accepted_by(shown.device) != key:
+        if _acting(shown.device) != key:
             self._operators.command(login, shown.device.endpoint, shown.device.name, CONTROLLER, None, key)
         shown.decided = f"{'accepted' if decision.accept else 'rolled back'} by {login.user}"
         self._keep(shown)
@@ -270,6 +270,14 @@ class Comparisons:
             replace_file(self._bench.comparisons / f"{int(shown.begun)}.json", content + b"\n")
         except InputError as error:
             self._audit.note(shown.login.user, "", {"command": "comparison kept", "ok": False, "reason": str(error)})
+
+
+def _acting(device: ShownDevice) -> str:
+    """What a device told last, which may be a second old; empty when that was a trial."""
+    try:
+        return accepted_by(device)
+    except InputError:
+        return ""
 
 
 def accepted_by(device: ShownDevice) -> str:
