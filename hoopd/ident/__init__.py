@@ -282,6 +282,7 @@ if TYPE_CHECKING:
     from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener as hammerstein_wiener
     from hoopd.ident.statespace.nonlinear import nonlinear_pem as nonlinear_pem
     from hoopd.ident.statespace.okid import okid as okid
+    from hoopd.ident.statespace.pbsid import pbsid as pbsid
     from hoopd.ident.statespace.pem import pem as pem
     from hoopd.ident.statespace.sampling import c2d as c2d
     from hoopd.ident.statespace.sampling import d2c as d2c
@@ -349,6 +350,7 @@ _GIVEN = {
     "statespace.subspace": "subspaceid",
     "statespace.frequencysubspace": "frequency_subspace from_response",
     "statespace.okid": "okid",
+    "statespace.pbsid": "pbsid",
     "statespace.era": "era era_of_data",
     "statespace.pem": "pem",
     "statespace.structured": "structured_pem",
@@ -464,6 +466,7 @@ __all__ = [
     "okid",
     "orthonormal",
     "parameters_of",
+    "pbsid",
     "pem",
     "plr",
     "pole",
