@@ -166,7 +166,8 @@ def _written(outcome: Outcome, base: PlantModel, options: DiagnoseOptions, said:
     """The diagnosis; every file is made before the first one is written. `said`: of the model."""
     diagnosis, files = outcome.diagnosis, list[tuple[Path, bytes]]()
     if options.write is not None:
-        diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *left_out(outcome), *said])
+        notes = [outcome.written.note] if outcome.written.note else []
+        diagnosis = msgspec.structs.replace(diagnosis, notes=[*diagnosis.notes, *left_out(outcome), *notes, *said])
         files.append((options.write, _model_text(outcome, base, options.write).encode()))
     if options.report is not None:
         from hoopd.diagnose.report.page import page

@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 
 from hoopd.diagnose.findings import base_of, parameters_of
-from hoopd.diagnose.record import Diagnosis, Quantity
+from hoopd.diagnose.proof.training_windows import reason_of
+from hoopd.diagnose.record import Base, Quantity
 from hoopd.diagnose.record_file import to_digits
 from hoopd.diagnose.run import Outcome
 from hoopd.diagnose.search.effect_changes import at_nodes
@@ -34,12 +35,14 @@ SAME_PHASE = 0.3
 
 def found_model(outcome: Outcome, base: Model, name: str) -> Model:
     """The base with re-estimated parameters, and its effects and the named ones, where the library knows them."""
-    quantities = base_of(base.name, outcome.named, outcome.kept).parameters
+    final = outcome.written.fit
+    quantities = base_of(base.name, outcome.named, final).parameters
     parameters = {key: _parameter(one) for key, one in quantities.items() if "." not in key}
-    final, old = outcome.kept, {entry.name: entry for entry in base.effects}
+    old = {entry.name: entry for entry in base.effects}
     entries = {**old, **{effect.name: entry_of(effect, final, old.get(effect.name)) for effect in _known(final)}}
+    accepted = {one.effect.name for one in outcome.named.accepted}
     for one in outcome.diagnosis.effects:  # faults of a sensor are in no fit
-        if one.status in DOUBTED:
+        if one.status in DOUBTED or one.name in accepted:
             continue
         if one.slot in final.tracks[0].stretch.plant.slots and one.name not in entries and _is_known(one.name, final):
             entries[one.name] = EffectEntry(name=one.name, parameters=_parameters(one.parameters))
@@ -56,7 +59,13 @@ def left_out(outcome: Outcome) -> list[str]:
         (one.name, one.reason or "its evidence is weak") for one in outcome.diagnosis.effects
         if one.status == "weak" and one.name not in outcome.kept.names and not one.is_unknown
     ]  # fmt: skip
+    doubted = {one.name for one in outcome.diagnosis.effects if one.status in DOUBTED}
+    known = {one.effect.name for one in outcome.named.accepted} - doubted - {*outcome.kept.names}
     return [
+        *(
+            f"{name} is not in the model: {reason_of({})}; where it is off by part of its period it does harm"
+            for name in sorted(known)
+        ),
         *(f"{name} is not in the model: a model file holds no effects of your own" for name in own),
         *(f"{name} is not in the model: held-out data do not confirm it" for name in denied),
         *(f"{name} is not in the model: {why}" for name, why in weak),
@@ -65,14 +74,14 @@ def left_out(outcome: Outcome) -> list[str]:
 
 def doubts(outcome: Outcome) -> list[str]:
     """What of the model no one would expect of a device: to be said, and agreed to, before it is written."""
-    return [*flipped(outcome.diagnosis), *outside(outcome)]
+    return [*flipped(base_of("", outcome.named, outcome.written.fit)), *outside(outcome)]
 
 
-def flipped(diagnosis: Diagnosis) -> list[str]:
+def flipped(base: Base) -> list[str]:
     """Parameters that have another sign than in the judged model."""
     return [
         f"{name} has the other sign: {one.value:g} {one.unit}, {one.nominal:g} before{_either(one)}"
-        for name, one in diagnosis.base.parameters.items()
+        for name, one in base.parameters.items()
         if one.value is not None and one.nominal is not None and one.value * one.nominal < 0.0
     ]
 
@@ -84,7 +93,7 @@ def _either(one: Quantity) -> str:
 
 def outside(outcome: Outcome) -> list[str]:
     """Parameters of the plant and of effects beyond the bounds that they are declared with."""
-    final, found = outcome.kept, list[str]()
+    final, found = outcome.written.fit, list[str]()
     bounds = {n: ends for track in final.tracks for n, ends in track.stretch.plant.bounds.items()}
     bounds |= {e.key(p.name): (p.low, p.high) for e in _known(final) for p in e.parameters if p.role != "phase"}
     for name, (low, high) in bounds.items():

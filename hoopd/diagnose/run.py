@@ -45,6 +45,7 @@ from hoopd.diagnose.proof.power import visible
 from hoopd.diagnose.proof.probabilities import beside_faults
 from hoopd.diagnose.proof.replacement import replace_denied
 from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
+from hoopd.diagnose.proof.written_parameters import Written, written_parameters
 from hoopd.diagnose.quality.hold_doubt import hold_doubts
 from hoopd.diagnose.quality.unusual_intervals import Interval
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, FreeRunChoice, RecordingQuality
@@ -98,6 +99,12 @@ class Outcome:
     kept: HypothesisFit  # with the names that a model is written with
     heldout: Mapping[str, Played]
     unknown: Unknown | None = None
+    progress: Progress = lambda text: None
+
+    @cached_property
+    def written(self) -> Written:
+        """What a model is written from: the names that are kept, with the parameters that simulate best."""
+        return written_parameters(self.kept, self.named.nominal.values, self.progress)
 
     @cached_property
     def shown(self) -> Shown:
@@ -196,7 +203,7 @@ def diagnose(case: Case) -> Outcome:
         power=visible(named, case.library, threshold),
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )
-    return Outcome(rounded(diagnosis), named, said.written, said.fits, unknown)
+    return Outcome(rounded(diagnosis), named, said.written, said.fits, unknown, case.progress)
 
 
 def _mechanisms(case: Case, data: CountedData) -> list[Mechanism]:

@@ -1,12 +1,12 @@
 """What held-out data say about each named effect: confirmed, weak, untested or not confirmed; and which are kept.
 
-A name by which the training data themselves are simulated worse is weak, and in no model that is written. A name beside
-the others that lowers the held-out simulation of any channel beyond noise, or by which the held-out data lose
-likelihood, is not confirmed, and is in no model that is written. Where several are denied, each of them beside the
-others, or the rest together is still worse than the re-fitted base, all are taken up again one after the other, the one
-with the most evidence first, the denied ones once more beside what is kept by then; those that still lower a channel
-are not confirmed. A denied name that leaves evidence stays among the findings, for something is there; one that leaves
-none is refused.
+A name by which blocks of the training data are simulated worse is weak, and in no model that is written; nor is a law
+with a phase that moves the plant and does not surely improve them. A name beside the others that lowers the held-out
+simulation of any channel beyond noise, or by which the held-out data lose likelihood, is not confirmed, and is in no
+model that is written. Where several are denied, each of them beside the others, or the rest together is still worse
+than the re-fitted base, all are taken up again one after the other, the one with the most evidence first, the denied
+ones once more beside what is kept by then; those that still lower a channel are not confirmed. A denied name that
+leaves evidence stays among the findings, for something is there; one that leaves none is refused.
 
 Rules of this file: the search is over; nothing is named here, and nothing is refused but by held-out data.
 """
@@ -18,11 +18,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hoopd.diagnose.proof.denial import Denial, denial
+from hoopd.diagnose.proof.denial import STRONG, Denial, denial
 from hoopd.diagnose.proof.fit_tables import Played, nrmse
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.separation import own_columns
-from hoopd.diagnose.proof.training_windows import fitted_with, reason_of, simulated_worse
+from hoopd.diagnose.proof.training_windows import fitted_with, is_wave, reason_of, simulated_worse
 from hoopd.diagnose.proof.unknown_proof import Proven
 from hoopd.diagnose.proof.worse_channels import LEAST_POINTS, lowered
 from hoopd.diagnose.record import Status
@@ -45,20 +45,23 @@ class Confirmation:
     """Names by what held-out data say about them."""
 
     kept: HypothesisFit  # of the training data, with the names that are not denied
-    written: HypothesisFit  # the same without weak names that simulate nothing better: what a model is written from
+    # the same without names that do harm, and without weak ones of little evidence that simulate nothing better: what a
+    # model is written from
+    written: HypothesisFit
     final: HypothesisFit  # the same with what has no name, where that is not denied
     fits: Mapping[str, Played]  # on the held-out data, `final` among them; none without any
     statuses: Mapping[str, Status]  # what has no name among them
     denials: Denials = field(default_factory=dict)  # of what is not confirmed
     refused: frozenset[str] = frozenset()  # names that leave no evidence either
-    # names that the training data are simulated worse with, and by how many points of which channels
+    # names that blocks of the training data speak against: points of fit that channels lose by them; no points where
+    # they are not surely better with a name that needs it
     harmful: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def reason(self, name: str) -> str:
         """Why a finding is not confirmed, or weak; empty where nothing more is to be said."""
         if name in self.denials:
             return self.denials[name].reason
-        return reason_of(self.harmful[name]) if name in self.harmful else ""
+        return reason_of(self.harmful[name]) if self.harmful.get(name) else ""
 
 
 def confirmation(
@@ -66,9 +69,9 @@ def confirmation(
 ) -> Confirmation:
     """Of every accepted effect; `fits`: as of `heldout_fits`; `proof`: of what has no name."""
     own: dict[str, Status] = {one.effect.name: _status(named, one, fits, threshold) for one in named.accepted}
-    harmful = simulated_worse(named, lambda fitted: held.played({"": fitted})[""], seed)
-    own |= dict.fromkeys(harmful, "weak")
     names = _of_names(named, held, fits, seed)
+    harmful = simulated_worse(named, names.kept.names, seed)
+    own |= {name: "weak" for name, lost in harmful.items() if lost}
     denials = dict(names.denials)
     own |= dict.fromkeys(denials, "not_confirmed")
     final = names.kept
@@ -83,9 +86,10 @@ def confirmation(
         if (why := names.denials.get(one.effect.name)) is not None
         and not why.leaves_evidence(surprise_in(named, one), threshold)
     )  # fmt: skip
+    barely = {one.effect.name for one in named.accepted if surprise_in(named, one) < STRONG * threshold}
     left_out = [
         name for name in names.kept.names
-        if name in harmful or (own.get(name) == "weak" and not _simulates_better(name, fits, seed))
+        if name in harmful or (name in barely and own[name] == "weak" and not _simulates_better(name, fits, seed))
     ]  # fmt: skip
     written = _fitted_without(names.kept, left_out)
     return Confirmation(names.kept, written, final, shown, own, denials, refused, harmful)
@@ -140,13 +144,7 @@ def _of_names(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int
 
 def _without(named: Named, dropped: Sequence[str]) -> HypothesisFit:
     """The others fitted again; a fit that was made already is taken."""
-    if len(dropped) < 2:
-        return named.without[dropped[0]] if dropped else named.final
-    own = [one.effect for one in named.accepted if one.effect.name not in dropped]
-    if not own:
-        return named.base
-    stretches = [track.stretch for track in named.final.tracks]
-    return fit(stretches, (*named.base.effects, *own), named.final.values, like=named.final, noise=named.final.noise)
+    return fitted_with(named, [one.effect for one in named.accepted if one.effect.name not in dropped])
 
 
 def _of_curve(proof: Proven, fits: Mapping[str, Played], seed: int) -> tuple[Status, Denial | None]:
@@ -171,7 +169,7 @@ def _taken_up(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int
         name = one.effect.name
         if name in kept.names or beside.get(name) is kept:
             continue
-        more = fitted_with(named, kept, one.effect)
+        more = fitted_with(named, [*kept.effects[len(named.base.effects) :], one.effect])
         after = held.played_of(more)
         assert after is not None
         why = denial(on_held, after, named.losses[name], len(order), seed)
@@ -196,15 +194,9 @@ def _status(named: Named, one: Tried, fits: Mapping[str, Played], threshold: flo
         return "untested"
     # what held-out data are not more likely with, they do not bear out
     gained = without.fit.criterion - with_it.fit.criterion
-    if gained <= 0.0 or (_is_wave(one.effect) and _points_gained(without, with_it) < -LEAST_POINTS):
+    if gained <= 0.0 or (is_wave(one.effect) and _points_gained(without, with_it) < -LEAST_POINTS):
         return "weak"
     return status_of(surprise_in(named, one), threshold)
-
-
-def _is_wave(effect: Effect) -> bool:
-    """Whether it comes again and again along its variable. A simulation that has lost the variable by part of a period
-    is farther off with such a law than without it: it has to be right about where it is."""
-    return any(p.role == "phase" for p in effect.parameters)
 
 
 def _points_gained(without: Played, with_it: Played) -> float:

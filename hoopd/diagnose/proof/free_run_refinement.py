@@ -50,6 +50,15 @@ START_WEIGHT = 1e-4
 PRIOR_SIZE, PRIOR_WEIGHT = 3.0, 1e-4
 
 
+@dataclass(frozen=True)
+class Pull:
+    """Parameters drawn to values that are believed: weight (value - centre)^2 / size^2 each, added to the cost."""
+
+    centre: Mapping[str, float]
+    size: Mapping[str, float]
+    weight: float
+
+
 @dataclass
 class Refined:
     """A hypothesis on free runs."""
@@ -68,14 +77,16 @@ def refine(
     free: Sequence[str],
     lengths_s: Sequence[float | None] = LENGTHS_S,
     settled: float = SETTLED,
+    drawn: Pull | None = None,
 ) -> Refined:
-    """The hypothesis with the free parameters that simulate best; references (nodes, nx or more): a smoother's."""
+    """The hypothesis with the free parameters that simulate best; references (nodes, nx or more): a smoother's;
+    `drawn`: to where they are drawn beside the runs' error, which counts in `cost`."""
     here, starts = dict(values), list(references)
     weights = channel_weights(stretches)
     parts: list[Part] = []
     for length in lengths_s:
         parts = [part_of(s, r, effects, w, free, length) for s, r, w in zip(stretches, starts, weights, strict=True)]
-        here, cost = _search(parts, here, tuple(free), effects, settled)
+        here, cost = _search(parts, here, tuple(free), effects, settled, drawn)
         starts = [node_states(part, here) for part in parts]
     runs = [simulated(part, here) for part in parts]
     return Refined(here, tuple(free), runs, cost)
@@ -94,19 +105,24 @@ class _Point:
 
 
 def _search(
-    parts: list[Part], values: dict[str, float], free: tuple[str, ...], effects: Sequence[Effect], settled: float
+    parts: list[Part],
+    values: dict[str, float],
+    free: tuple[str, ...],
+    effects: Sequence[Effect],
+    settled: float,
+    drawn: Pull | None,
 ) -> tuple[dict[str, float], float]:
     """Parameters and starts of least cost; the parts keep the starts."""
-    scale = sizes(values, free, effects, [part.stretch.plant for part in parts])
-    centre = np.array([values[name] for name in free])
+    plants = [part.stretch.plant for part in parts]
+    scale, bounds = sizes(values, free, effects, plants), _bounds(effects, plants)
+    centre, pull = _pulls(values, free, scale, drawn)
 
     def at(values: dict[str, float], starts: list[Array]) -> _Point:
-        return _Point(values, starts, _cost(parts, values, starts, free, centre, scale))
+        return _Point(values, starts, _cost(parts, values, starts, free, centre, pull / scale**2))
 
     def linearised(point: _Point) -> StartsEliminated:
         off = (np.array([point.values[name] for name in free]) - centre) / scale
-        pull = PRIOR_WEIGHT / PRIOR_SIZE**2
-        normal, slope, groups = np.eye(len(free)) * pull, pull * off, []
+        normal, slope, groups = np.diag(pull), pull * off, []
         for part, start in zip(parts, point.starts, strict=True):
             pp, p, group = _equations(part, start, point.values, free, scale)
             normal, slope = normal + pp, slope + p
@@ -115,7 +131,7 @@ def _search(
 
     def moved(point: _Point, step: tuple[Array, list[Array]]) -> _Point:
         starts = [start + move.T for start, move in zip(point.starts, step[1], strict=True)]
-        return at(_moved(point.values, free, step[0] * scale, effects), starts)
+        return at(_moved(point.values, free, step[0] * scale, bounds), starts)
 
     first = at(values, [part.start for part in parts])
     if not np.isfinite(first.cost):  # there is no such plant here: no step could be called better
@@ -140,21 +156,39 @@ def sizes(
     return np.array(out)
 
 
-def _moved(
-    values: Mapping[str, float], free: Sequence[str], delta: Array, effects: Sequence[Effect]
-) -> dict[str, float]:
-    """Values after a step, effects within their ranges."""
-    ranges = {e.key(p.name): (p.low, p.high) for e in effects for p in e.parameters if p.role != "phase"}
+def _pulls(values: Mapping[str, float], free: Sequence[str], scale: Array, drawn: Pull | None) -> tuple[Array, Array]:
+    """(m,) where each parameter is drawn to, and how strongly (m,), in units of `scale`: to where it begins where
+    nothing is believed."""
+    centre = np.array([values[name] for name in free], dtype=float)
+    pull = np.full(len(free), PRIOR_WEIGHT / PRIOR_SIZE**2)
+    for i, name in enumerate(free if drawn is not None else ()):
+        if drawn is not None and name in drawn.size:
+            centre[i] = drawn.centre[name]
+            pull[i] = drawn.weight * (scale[i] / drawn.size[name]) ** 2
+    return centre, pull
+
+
+Bounds = Mapping[str, tuple[float, float]]
+
+
+def _bounds(effects: Sequence[Effect], plants: Sequence[Plant]) -> Bounds:
+    """By name, of the plants and of effects; phases go round."""
+    own = {e.key(p.name): (p.low, p.high) for e in effects for p in e.parameters if p.role != "phase"}
+    return {name: ends for plant in plants for name, ends in plant.bounds.items()} | own
+
+
+def _moved(values: Mapping[str, float], free: Sequence[str], delta: Array, bounds: Bounds) -> dict[str, float]:
+    """Values after a step, within their ranges."""
     out = dict(values)
     for name, step in zip(free, delta, strict=True):
-        low, high = ranges.get(plain(name), (-np.inf, np.inf))
+        low, high = bounds.get(plain(name), (-np.inf, np.inf))
         out[name] = float(np.clip(values[name] + step, low, high))
     return out
 
 
 def _cost(
     parts: Sequence[Part], values: Mapping[str, float], starts: Sequence[Array], free: Sequence[str], centre: Array,
-    scale: Array,
+    pull: Array,
 ) -> float:  # fmt: skip
     total = 0.0
     for part, start in zip(parts, starts, strict=True):
@@ -162,8 +196,8 @@ def _cost(
         y = part.simulator.readings(local, part.simulator.run(local, start[:, :, None]))[..., 0]
         off = (start - part.anchor) / start_spread(part)
         total += float(np.sum(errors(part, y) ** 2)) + START_WEIGHT * float(np.sum(off**2)) / off.size
-    off = (np.array([values[name] for name in free]) - centre) / (PRIOR_SIZE * scale)
-    return total + PRIOR_WEIGHT * float(off @ off)
+    off = np.array([values[name] for name in free]) - centre
+    return total + float(pull @ off**2)
 
 
 def _equations(

@@ -33,9 +33,11 @@ MOST_POINTS = 1.0
 PIECES = 2
 
 
-def lowered(before: Played, after: Played, seed: int = 0, names: int = 1) -> dict[str, float]:
+def lowered(
+    before: Played, after: Played, seed: int = 0, names: int = 1, most: float = MOST_POINTS
+) -> dict[str, float]:
     """Points of fit lost by the second hypothesis, by channel; only channels in which it is worse beyond noise, or by
-    more than a point. `names`: how many hypotheses are asked so (Bonferroni)."""
+    more than `most` points. `names`: how many hypotheses are asked so (Bonferroni)."""
     own = {name: one.by_recording() for name, one in (("before", before), ("after", after))}
     blocks = {
         recording: (_blocks(series(runs)), _blocks(series(own["after"][recording])))
@@ -46,7 +48,7 @@ def lowered(before: Played, after: Played, seed: int = 0, names: int = 1) -> dic
     for channel in channels:
         pairs = [(one[channel], two[channel]) for one, two in blocks.values() if channel in one]
         lost, sure = _loss(pairs, chance, np.random.default_rng(seed))
-        if lost > MOST_POINTS or (lost > LEAST_POINTS and sure > 0.0):
+        if lost > most or (lost > LEAST_POINTS and sure > 0.0):
             found[channel] = lost
     return found
 

@@ -193,7 +193,9 @@ def next_sentence(diagnosis: Diagnosis) -> str:
     """What to do now."""
     planned = diagnosis.next_experiment
     record = (
-        "" if planned is None else f"record {safe(planned.signal)}, which tells {listed(planned.tells_apart, 'from')}"
+        ""
+        if planned is None or not planned.signal
+        else f"record {safe(planned.signal)}, which tells {listed(planned.tells_apart, 'from')}"
     )
     if diagnosis.verdict == "consistent":
         return (

@@ -11,7 +11,8 @@ candidates.py.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.priors import inverse, prior, ranges
 from hoopd.plants.likelihood.recording_parameters import plain
+from hoopd.plants.likelihood.stretches import Stretch
 
 Array = NDArray[np.float64]
 
@@ -38,22 +40,49 @@ def fold_gain(before: HypothesisFit, after: HypothesisFit) -> float | None:
     return float(sum(gains)) if gains else None
 
 
+def fold_values(found: HypothesisFit) -> list[dict[str, float]]:
+    """The parameters that the other blocks ask for, block by block."""
+    if not found.free:
+        return [dict(found.values)] * FOLDS
+    moves = (_within(found, one.known @ one.right) for one in _folds(found))
+    return [{**found.values, **dict(zip(found.free, _values(found) + move, strict=True))} for move in moves]
+
+
+def _values(found: HypothesisFit) -> Array:
+    return np.array([found.values[name] for name in found.free])
+
+
 def _losses(found: HypothesisFit, own: Collection[str]) -> Iterator[float | None]:
     """Of each fold; None where the rest does not know the effects `own`."""
-    rows, log_s, fold = found.stacked(), _log_s(found), fold_of_rows(found)
+    rows, log_s = found.stacked(), _log_s(found)
     r, x = rows[:, 0], -rows[:, 1:]
-    weight, centre = prior(found.effects, found.tracks, found.free, found.values)
+    weight, _ = prior(found.effects, found.tracks, found.free, found.values)
     asked = [i for i, name in enumerate(found.free) if plain(name).rpartition(".")[0] in own]
     whole = np.diag(inverse(x.T @ x + np.diag(weight)))
-    for k in range(FOLDS):
-        rest = fold != k
-        known = inverse(x[rest].T @ x[rest] + np.diag(weight))
-        if any(whole[i] < LEAST_KNOWN * known[i, i] for i in asked):
+    for one in _folds(found):
+        if any(whole[i] < LEAST_KNOWN * one.known[i, i] for i in asked):
             yield None
             continue
-        delta = _within(found, known @ (x[rest].T @ r[rest] + weight * centre))
-        left = r[~rest] - x[~rest] @ delta
-        yield float(left @ left + log_s[~rest].sum()) / 2.0
+        delta = _within(found, one.known @ one.right)
+        left = r[one.rows] - x[one.rows] @ delta
+        yield float(left @ left + log_s[one.rows].sum()) / 2.0
+
+
+class _Fold(NamedTuple):
+    """A block left out: its rows, and the normal equations of the others."""
+
+    rows: NDArray[np.bool_]
+    known: Array  # (m, m) covariance
+    right: Array  # (m,)
+
+
+def _folds(found: HypothesisFit) -> Iterator[_Fold]:
+    rows, fold = found.stacked(), fold_of_rows(found)
+    r, x = rows[:, 0], -rows[:, 1:]
+    weight, centre = prior(found.effects, found.tracks, found.free, found.values)
+    for k in range(FOLDS):
+        rest = fold != k
+        yield _Fold(~rest, inverse(x[rest].T @ x[rest] + np.diag(weight)), x[rest].T @ r[rest] + weight * centre)
 
 
 def _log_s(found: HypothesisFit) -> Array:
@@ -67,16 +96,21 @@ def _log_s(found: HypothesisFit) -> Array:
 
 def fold_of_rows(found: HypothesisFit) -> NDArray[np.int64]:
     """(rows,) which block of its recording each row belongs to: as many seconds in each."""
-    spans: dict[str, tuple[float, float]] = {}
-    for t, name in ((track.stretch.t, track.stretch.recording) for track in found.tracks):
-        low, high = spans.get(name, (np.inf, -np.inf))
-        spans[name] = min(low, float(t[0])), max(high, float(t[-1]))
-    parts = []
+    spans, parts = spans_of([track.stretch for track in found.tracks]), []
     for track in found.tracks:
         low, high = spans[track.stretch.recording]
         block = np.clip((FOLDS * (track.stretch.t - low) / (high - low)).astype(np.int64), 0, FOLDS - 1)
         parts.append(np.repeat(block, track.stretch.y.shape[1]))
     return np.concatenate(parts)
+
+
+def spans_of(stretches: Sequence[Stretch]) -> dict[str, tuple[float, float]]:
+    """By recording: where its first stretch begins and its last one ends, s."""
+    spans: dict[str, tuple[float, float]] = {}
+    for one in stretches:
+        low, high = spans.get(one.recording, (np.inf, -np.inf))
+        spans[one.recording] = min(low, float(one.t[0])), max(high, float(one.t[-1]))
+    return spans
 
 
 def _within(found: HypothesisFit, delta: Array) -> Array:

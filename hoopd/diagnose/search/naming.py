@@ -53,6 +53,7 @@ class Named:
     tried: list[Tried] = field(default_factory=list)  # everything refitted in the first round
     losses: dict[str, float] = field(default_factory=dict)  # nats lost without each accepted effect
     without: dict[str, HypothesisFit] = field(default_factory=dict)
+    others: list[HypothesisFit] = field(default_factory=list)  # of the accepted effects, with fewer of them
     scores: list[Score] = field(default_factory=list)  # first screen, best first
     screens: dict[int, Screen] = field(default_factory=dict)  # by the fit they are about (its id)
     left: list[Score] = field(default_factory=list)  # screen of the final fit

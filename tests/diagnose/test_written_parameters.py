@@ -1,0 +1,101 @@
+"""A model is written with the parameters that simulate best what was held back in the fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnose.madeup import shipped_plant, stretch_with
+
+from hoopd.diagnose.proof import written_parameters as module
+from hoopd.diagnose.proof.fit_tables import nrmse
+from hoopd.diagnose.proof.fold_runs import blocks_of, fold_runs
+from hoopd.diagnose.proof.written_parameters import ParameterSet, chosen, mean_percent, written_parameters
+from hoopd.diagnose.search.folds import FOLDS, fold_values
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
+from hoopd.plants.likelihood.stretch_scatter import interval
+
+PLANT = shipped_plant()
+SECONDS = 12.0
+
+
+@pytest.fixture(scope="module")
+def found() -> HypothesisFit:
+    """The base, of data that the shipped numbers made."""
+    return fit([stretch_with(PLANT, "train", 3, SECONDS)], (), PLANT.values)
+
+
+def test_blocks_are_thirds_with_the_states_that_stood_there(found: HypothesisFit) -> None:
+    blocks = blocks_of(found)
+    assert len(blocks) == FOLDS and [len(one) for one in blocks] == [1] * FOLDS
+    (track,) = found.tracks
+    for k, (one,) in enumerate(blocks):
+        assert one.stretch.t[0] == pytest.approx(SECONDS * k / FOLDS, abs=0.05)
+        at = int(np.searchsorted(track.stretch.t, one.stretch.t[0]))
+        np.testing.assert_array_equal(one.reference, track.z[at : at + len(one.stretch.t)])
+
+
+def test_a_block_is_simulated_with_parameters_that_the_others_ask_for(found: HypothesisFit) -> None:
+    values = fold_values(found)
+    own = np.array([[one[name] for name in found.free] for one in values])
+    assert (np.ptp(own, axis=0) > 0.0).all()
+    held = fold_runs(found)
+    assert mean_percent(held) == pytest.approx(mean_percent(fold_runs(found, values)))
+    # a block that is simulated with what is wrong is worse
+    wrong = [{**one, "K2": 0.8 * one["K2"]} for one in values]
+    assert nrmse(fold_runs(found, wrong).runs)["psi"] < nrmse(held.runs)["psi"] - 5.0
+
+
+def test_what_has_nothing_free_is_simulated_as_it_is(found: HypothesisFit) -> None:
+    stretches = [track.stretch for track in found.tracks]
+    held = fit(stretches, (), PLANT.values, free=())
+    assert fold_values(held) == [held.values] * FOLDS
+    assert written_parameters(held, PLANT.values).fit is held
+
+
+def _candidate(kind: str, percent: float) -> ParameterSet:
+    return ParameterSet(kind, {}, [], percent)
+
+
+def test_of_equally_good_ones_the_one_nearest_to_the_users_is_taken() -> None:
+    each = [_candidate(*one) for one in (("yours", 80.0), ("drawn", 91.95), ("less", 92.0), ("likelihood", 91.0))]
+    assert chosen(each).kind == "drawn"
+    assert chosen([_candidate("yours", float("nan")), *each]).kind == "drawn"
+    assert chosen([each[0], each[3]]).kind == "likelihood"
+
+
+def test_the_written_model_is_simulated_no_worse_than_any_kind_and_says_which_it_is(
+    found: HypothesisFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    each: list[ParameterSet] = []
+    judged = module._judged
+    monkeypatch.setattr(module, "_judged", lambda *a: each.append(judged(*a)) or each[-1])  # type: ignore[func-returns-value]
+    users = {**PLANT.values, "K2": 0.9 * PLANT.values["K2"]}
+    written = written_parameters(found, users)
+    assert len(each) == 2 + len(module.DRAWN)
+    best = max(each, key=lambda one: one.percent)
+    assert best.percent > each[0].percent + 1.0  # the user's is off
+    assert written.note.startswith(f"parameters of the model: {chosen(each).kind}, for blocks ")
+    assert abs(written.fit.values["K2"] / PLANT.values["K2"] - 1.0) < 0.03
+    assert found.values["K2"] != users["K2"]  # the fit itself is as it was
+
+
+def test_where_the_users_own_are_as_good_they_stay(found: HypothesisFit) -> None:
+    """What the data move by noise alone is not moved."""
+    written = written_parameters(found, PLANT.values)
+    assert "yours" in written.note.split(", for blocks")[0]
+    moved = [abs(written.fit.values[name] - PLANT.values[name]) for name in found.free]
+    least = [abs(found.values[name] - PLANT.values[name]) for name in found.free]
+    assert all(one <= other + 1e-12 for one, other in zip(moved, least, strict=True)) and sum(moved) < sum(least)
+
+
+def test_an_interval_holds_what_two_kinds_of_estimate_are_apart_by(found: HypothesisFit) -> None:
+    half = {name: (ends[1] - ends[0]) / 2.0 for name in found.free if (ends := interval(found, name)) is not None}
+    off = {**found.values, "K2": found.values["K2"] + 3.0 * half["K2"]}
+    low, high = interval(module._with(found, off), "K2") or (0.0, 0.0)
+    assert low < found.values["K2"] < high
+    assert (high - low) / 2.0 == pytest.approx(np.sqrt(10.0) * half["K2"])
+    same: Any = interval(module._with(replace(found, widths={}), found.values), "K2")
+    assert (same[1] - same[0]) / 2.0 == pytest.approx(half["K2"])
