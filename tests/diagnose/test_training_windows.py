@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
@@ -76,11 +77,26 @@ def test_a_law_with_a_phase_that_moves_the_plant_has_to_bring_a_sure_gain(
     base, final = fits
     sensor = library(PLANT)["encoder.harmonic"]
     monkeypatch.setattr(training_windows, "lowered", lambda *_: {})
-    each = [harm(lambda one: one, base, final, one, 0, 1) for one in (FRICTION, sensor, COGGING)]  # type: ignore[arg-type, return-value]
+    each = [harm(lambda one, _: one, base, final, one, 0, 1) for one in (FRICTION, sensor, COGGING)]  # type: ignore[arg-type, return-value]
     assert each == [None, None, {}]
     assert reason_of({}) == "blocks of the training data that were held back are not surely simulated better with it"
     monkeypatch.setattr(training_windows, "lowered", lambda one, *_: {"psi": 2.0} if one is final else {})
-    assert harm(lambda one: one, base, final, COGGING, 0, 1) is None  # type: ignore[arg-type, return-value]
+    assert harm(lambda one, _: one, base, final, COGGING, 0, 1) is None  # type: ignore[arg-type, return-value]
+
+
+def test_a_law_with_a_phase_may_not_lose_its_place_in_a_run_over_a_block(
+    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Better in windows, and a point worse where the run is longer: it is in no model."""
+    base, final = fits
+
+    def lowered(one: Any, *_: Any) -> dict[str, float]:
+        fitted, length_s = one
+        return {"psi": 2.0} if (fitted is final) is (length_s is not None) else {}
+
+    monkeypatch.setattr(training_windows, "lowered", lowered)
+    assert harm(lambda *one: one, base, final, COGGING, 0, 1) == {}  # type: ignore[arg-type, return-value]
+    assert harm(lambda *one: one, base, final, FRICTION, 0, 1) is None  # type: ignore[arg-type, return-value]
 
 
 def test_laws_without_a_phase_are_asked_beside_each_other(monkeypatch: pytest.MonkeyPatch) -> None:

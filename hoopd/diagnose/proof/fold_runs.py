@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.proof.fit_tables import Played, start_weights, window_of
-from hoopd.diagnose.proof.simulation import fitted_starts, windows_of
+from hoopd.diagnose.proof.simulation import WINDOW_S, fitted_starts, windows_of
 from hoopd.diagnose.search.folds import FOLDS, fold_values, spans_of
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.reference_track import Track
@@ -50,13 +50,15 @@ def _part(track: Track, spans: Mapping[str, tuple[float, float]], k: int) -> Hel
     return HeldBlock(part, track.z[begin : begin + len(part.t)], track)
 
 
-def fold_runs(found: HypothesisFit, values: Values | None = None) -> Played:
-    """A hypothesis on every block, in windows; `values`: of each block, fitted without it (not given: those of the
-    likelihood)."""
+def fold_runs(found: HypothesisFit, values: Values | None = None, length_s: float | None = WINDOW_S) -> Played:
+    """A hypothesis on every block, in windows of this length (None: in one run over each).
+
+    `values`: of each block, fitted without it; not given: those of the likelihood.
+    """
     values, runs = fold_values(found) if values is None else values, []
     for own, blocks in zip(values, blocks_of(found), strict=True):
         for one in blocks:
-            windows = windows_of(one.stretch)
+            windows = windows_of(one.stretch, length_s)
             sigma = start_weights(one.stretch)
             runs.append(fitted_starts(windows, found.effects, one.track.local(own), one.reference, sigma))
     return Played(found, runs)

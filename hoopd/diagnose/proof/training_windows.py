@@ -1,10 +1,11 @@
 """Which names blocks of the training data speak against, simulated with parameters fitted to the other blocks.
 
 A larger model that foretells the next reading better need not have learnt what moves the plant for seconds. Of most
-laws it is asked whether windows are worse with them beyond noise: a single window, in which something that has no name
-moves the plant, says nothing about a friction. A law with a phase that moves the plant (a cogging) has to bring a sure
-gain: a simulation that has lost the angle by part of a period is farther off with it than without, and another
-recording is where it will be off. A sensor's error moves nothing.
+laws it is asked whether windows are worse with them beyond noise: a single window, in which something that has no
+name moves the plant, says nothing about a friction. A law with a phase that moves the plant (a cogging) has to bring
+a sure gain, and one run over each block may not be a point worse with it: a simulation that has lost the angle by
+part of a period is farther off with it than without, and another recording is where it will be off. A sensor's error
+moves nothing.
 
 Laws without a phase are taken out one at a time beside each other, the one that costs most first: what a friction and
 a delay say together, neither may say alone. The others are then taken up one at a time, the one with the most evidence
@@ -21,14 +22,15 @@ from math import inf
 
 from hoopd.diagnose.proof.fit_tables import Played
 from hoopd.diagnose.proof.fold_runs import fold_runs
+from hoopd.diagnose.proof.simulation import WINDOW_S
 from hoopd.diagnose.proof.worse_channels import lowered
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 
 SENSOR = "sensor"
-# A fit's blocks, simulated in windows.
-Play = Callable[[HypothesisFit], Played]
+# A fit's blocks, simulated in windows of a length; None: in one run each.
+Play = Callable[[HypothesisFit, float | None], Played]
 # Points of fit by channel that a name costs; none where it brings no sure gain, and needs one.
 Lost = Mapping[str, float]
 
@@ -75,12 +77,13 @@ class _Played:
 
     def __init__(self) -> None:
         # with the fits themselves: the address of one that is gone is soon another's
-        self._known: dict[int, tuple[HypothesisFit, Played]] = {}
+        self._known: dict[tuple[int, float | None], tuple[HypothesisFit, Played]] = {}
 
-    def __call__(self, found: HypothesisFit) -> Played:
-        if id(found) not in self._known:
-            self._known[id(found)] = found, fold_runs(found)
-        return self._known[id(found)][1]
+    def __call__(self, found: HypothesisFit, length_s: float | None) -> Played:
+        key = id(found), length_s
+        if key not in self._known:
+            self._known[key] = found, fold_runs(found, length_s=length_s)
+        return self._known[key][1]
 
 
 def reason_of(lost: Lost) -> str:
@@ -96,11 +99,13 @@ def harm(play: Play, before: HypothesisFit, after: HypothesisFit, effect: Effect
 
     A channel that is worse counts where no other one is better by more.
     """
-    one, other = play(before), play(after)
+    one, other = play(before, WINDOW_S), play(after, WINDOW_S)
     lost, gained = (lowered(*pair, seed, names, inf) for pair in ((one, other), (other, one)))
     if sum(lost.values()) > sum(gained.values()):
         return lost
-    return {} if is_wave(effect) and moves(effect, after) and not gained else None
+    if not (is_wave(effect) and moves(effect, after)):
+        return None
+    return {} if not gained or lowered(play(before, None), play(after, None), seed, names) else None
 
 
 def moves(effect: Effect, found: HypothesisFit) -> bool:
