@@ -25,6 +25,7 @@ from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from hoopd.commands import cli, diagnose
 from hoopd.commands.diagnose_inputs import check_distinct, expanded
 from hoopd.commands.options.diagnose import DiagnoseOptions
+from hoopd.diagnose.proof.written_parameters import Written
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import parse
 from hoopd.diagnose.run import Outcome
@@ -273,6 +274,7 @@ DOUBT = "J12 has the other sign: -2.5 1/s, 1.5 before"
 def doubtful(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A diagnosis whose model no one would expect; the path that it is to be written to."""
     found: Any = Outcome(coulomb()[0], *[cast(Any, None)] * 3)
+    monkeypatch.setattr(Outcome, "written", Written(cast(Any, None)))
     monkeypatch.setattr(diagnose, "outcome_of", lambda *given, **more: found)
     monkeypatch.setattr(diagnose, "doubts", lambda outcome: [DOUBT])
     monkeypatch.setattr(diagnose, "left_out", lambda outcome: [])
