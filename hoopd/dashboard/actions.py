@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import msgspec
-import zenoh
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
@@ -26,7 +25,6 @@ from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import LONGEST_S, Login, LoginError, Operators
 from hoopd.dashboard.requests import COOKIE, address_of, read, refused, who
 from hoopd.shell.operator import CommandError
-from hoopd.shell.session import reason
 
 STOPPERS = 32
 PAUSE_S = 1.0  # a hand that was silent for longer begins anew
@@ -149,8 +147,6 @@ class Actions:
             return self._operators.command(login, *where, order.command, order.value, order.key)
         except CommandError as error:
             return {"ok": False, "reason": str(error)}
-        except zenoh.ZError as error:  # the connection went meanwhile
-            return {"ok": False, "reason": f"no answer: {reason(error)}"}
 
     def _name(self, request: Request) -> str:
         try:

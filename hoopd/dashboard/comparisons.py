@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import msgspec
-import zenoh
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
@@ -34,8 +33,6 @@ from hoopd.files.controller import parse_controller
 from hoopd.files.controller_folder import parse_key
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
-from hoopd.shell.operator import CommandError
-from hoopd.shell.session import reason
 
 # The page asks every second; a browser slows down what nobody looks at.
 ATTENTION_S = 5.0
@@ -161,7 +158,7 @@ class Comparisons:
         address = address_of(request)
         try:
             told = await asyncio.to_thread(change, login, address, wanted)
-        except (InputError, CommandError) as error:
+        except InputError as error:
             return JSONResponse({"ok": False, "reason": str(error)}, 400)
         await asyncio.to_thread(self._audit.note, login.user, address, {**told, "ok": True})
         return JSONResponse({"ok": True, **told})
@@ -212,7 +209,8 @@ class Comparisons:
         if shown is None or shown.running:
             raise InputError("compare", "", "there is nothing to decide" if shown is None else "it goes on")
         key = shown.comparison.key if decision.accept else shown.accepted
-        if _acting(shown.device) != key:
+        # what a device told may be from before the last decision, which would then stand
+        if shown.decided or _acting(shown.device) != key:
             self._operators.command(login, shown.device.endpoint, shown.device.name, CONTROLLER, None, key)
         shown.decided = f"{'accepted' if decision.accept else 'rolled back'} by {login.user}"
         self._keep(shown)
@@ -239,10 +237,7 @@ class Comparisons:
             value = order.value if order.name == "reference" else None
             where = (shown.device.endpoint, shown.device.name)
             told: dict[str, Any] = {"device": shown.device.identity, "command": order.name}
-            try:
-                answer = self._operators.command(shown.login, *where, order.name, value, order.key)
-            except zenoh.ZError as error:
-                raise CommandError(f"no answer: {reason(error)}") from None
+            answer = self._operators.command(shown.login, *where, order.name, value, order.key)
             if order.name not in (ALIVE, "reference"):  # by the hundred: what they are for is written down
                 self._audit.note(shown.login.user, shown.address, {**answer, **told})
             return answer

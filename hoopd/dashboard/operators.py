@@ -23,7 +23,7 @@ from hoopd.core.succession import ALIVE, LOADED
 from hoopd.shell.commands import ALWAYS
 from hoopd.shell.operator import CommandError
 from hoopd.shell.remote import ask
-from hoopd.shell.session import connecting
+from hoopd.shell.session import connecting, reason
 
 IDLE_S = 15 * 60.0  # without a command
 LONGEST_S = 8 * 3600.0  # a working day
@@ -144,7 +144,10 @@ class Operators:
             raise CommandError(f"no daemon at {endpoint} takes commands of {login.user}")
         if name not in ALWAYS:
             self._hold(login, (endpoint, device))
-        return ask(session, name, value, endpoint, device, COMMAND_S, key=key)
+        try:
+            return ask(session, name, value, endpoint, device, COMMAND_S, key=key)
+        except zenoh.ZError as error:  # the connection went meanwhile
+            raise CommandError(f"no answer: {reason(error)}") from None
 
     def _hold(self, login: Login, device: tuple[str, str]) -> None:
         """Let somebody have a device; CommandError while another login has it."""

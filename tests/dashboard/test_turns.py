@@ -5,15 +5,21 @@ from __future__ import annotations
 import json
 import threading
 import time
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
+import zenoh
 from shell.peers import wait_until
 
 from hoopd.core.succession import ALIVE, REVERT, TRIAL
-from hoopd.dashboard.comparisons import accepted_by
-from hoopd.dashboard.device import ShownDevice
-from hoopd.dashboard.experiments import SIGNALS, SignalOrder, words_of_signal
+from hoopd.dashboard import experiments
+from hoopd.dashboard.audit import Audit
+from hoopd.dashboard.comparisons import Comparisons, Decision, ShownComparison, accepted_by
+from hoopd.dashboard.device import Seen, ShownDevice
+from hoopd.dashboard.experiments import SIGNALS, Experiments, SignalOrder, words_of_signal
+from hoopd.dashboard.feed import Feed
+from hoopd.dashboard.operators import Login, Operators
 from hoopd.dashboard.turns import ComparisonSupervisor
 from hoopd.design.alternation import Alternation
 from hoopd.design.comparison import STOPPED, ControllerComparison, WantedCommand
@@ -130,6 +136,42 @@ def test_only_a_device_whose_controller_is_accepted_is_compared() -> None:
     acting = {"purpose": "controller", "file": "a.yaml", "sha256": "cd" * 32, "next": ""}
     device.take("status", json.dumps({"controller": acting}).encode(), "")
     assert accepted_by(device) == "a.yaml@" + "cd" * 32
+
+
+def test_a_decision_that_is_taken_back_at_once_reaches_the_daemon(monkeypatch: pytest.MonkeyPatch) -> None:
+    device, sent = ShownDevice("hoop", "tcp/127.0.0.1:1"), list[str]()
+    before = {"purpose": "controller", "file": "a.yaml", "sha256": "cd" * 32, "next": ""}
+    device.take("status", json.dumps({"controller": before}).encode(), "")  # and no news of it since
+    operators, login = Operators({}), Login("operator", {}, 0.0, 0.0)
+    monkeypatch.setattr(operators, "command", lambda *order: sent.append(order[-1]))
+    comparisons = Comparisons(Feed([], {}), operators, Audit(), None)
+    over = ControllerComparison(Alternation(), KEY)
+    comparisons._last = ShownComparison(login, "", device, accepted_by(device), over, False, 0.0)
+    for accept in (True, False):
+        comparisons._decide(login, "", Decision(accept))
+    assert sent == [KEY, accepted_by(device)]
+
+
+def test_a_signal_of_whose_end_nothing_is_heard_is_over_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = ShownDevice("hoop", "tcp/127.0.0.1:1")
+    device.presence(True)
+    monkeypatch.setattr(experiments, "LOST_S", -experiments.DURATION.high)
+    monkeypatch.setattr(experiments, "LOOK_S", 0.01)
+    signals, ended = Experiments(Feed([], {}), Operators({}), Audit(), None), list[str]()
+    watch = threading.Thread(target=lambda: ended.append(signals._ended(device, Seen())[1]), daemon=True)
+    watch.start()
+    watch.join(2.0)
+    assert ended == ["nothing was heard of its end"]
+
+
+def test_a_connection_that_goes_meanwhile_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(*_: Any, **__: Any) -> None:
+        raise zenoh.ZError("closed")
+
+    operators = Operators({})
+    monkeypatch.setattr(operators, "_session", lambda *_: cast(zenoh.Session, SimpleNamespace(get=gone)))
+    with pytest.raises(CommandError, match="no answer: closed"):
+        operators.command(Login("operator", {}, 0.0, 0.0), "tcp/127.0.0.1:1", "hoop", "arm")
 
 
 WRONG = {
