@@ -137,12 +137,14 @@ def _notes(trajectory: TrajectoryFile, texts: Texts) -> list[str]:
 
 
 def recorded_maneuvers(run: RecordedRun) -> list[tuple[RecordedManeuver, str]]:
-    """Every maneuver of a recording with what came after it, and the reason for its end."""
+    """Every maneuver of a recording with what came after it, and the reason for its end; none that was switched off
+    before its first torque."""
     began = [event.t for event in run.events if event.event == "controller" and event.fields["command"] == EXPERIMENT]
     ended = [(event.t, str(event.fields["reason"])) for event in run.events if event.event == "experiment_ended"]
     missing = [(run.ticks[-1].t, "the run ended")] * (len(began) - len(ended))
     edges = zip(pairwise([*began, inf]), [*ended, *missing], strict=False)
-    return [(_stretch(run, first, following, end_t), reason) for (first, following), (end_t, reason) in edges]
+    found = [(_stretch(run, first, following, end_t), reason) for (first, following), (end_t, reason) in edges]
+    return [(one, reason) for one, reason in found if len(one.t)]
 
 
 def judged(run: RecordedRun, trajectory: TrajectoryFile, model_text: str) -> list[dict[str, Any]]:
@@ -156,7 +158,7 @@ def _stretch(run: RecordedRun, first: float, following: float, ended_t: float) -
     """While the law acts: afterwards a hand may move the ball."""
     # in the tick of the change the law of before has its last torque
     ticks = [tick for tick in run.ticks if first < tick.t <= following and tick.mode == Mode.RUNNING]
-    table = np.array([(tick.t, tick.u, *tick.x_hat, tick.psi_t, tick.psi) for tick in ticks])
+    table = np.array([(tick.t, tick.u, *tick.x_hat, tick.psi_t, tick.psi) for tick in ticks]).reshape(-1, 8)
     return RecordedManeuver(table[:, 0], table[:, 1], table[:, 2:6], table[:, 6], table[:, 7], ended_t)
 
 

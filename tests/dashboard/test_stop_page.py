@@ -34,9 +34,7 @@ def test_the_torque_is_zero_within_a_tenth_of_a_second(tmp_path: Path) -> None:
         at = clicked(rig.page)
         rig.page.wait_for("document.querySelector('#answer').dataset.state === 'good'", BUSY_S)
     run = rig.daemon.result()
-    before = [row for row in run.torque.rows if at - 1.0 < row.t < at]
-    assert any(row.torque_nm for row in before), "no torque that could become zero"
     last = max(row.t for row in run.torque.rows if row.torque_nm)
-    assert last >= at - 1.0
     with on_the_clock():
+        assert last > at - WITHIN_S, "no torque that could become zero: something else had switched off"
         assert last - at <= WITHIN_S, f"{1e3 * (last - at):.0f} ms from the click to the last torque"

@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import cache
 from math import tau
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from harness.runs import TORQUE_LIMIT_NM
 
 from hoopd.daemon.app import Options, run_daemon
-from hoopd.daemon.maneuver import AskedManeuver, run
+from hoopd.daemon.maneuver import AskedManeuver, recorded_maneuvers, run
 from hoopd.daemon.recording_target import Where
 from hoopd.daemon.replay import replay
 from hoopd.files.model import Parameter, model_text
@@ -24,7 +25,7 @@ from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
 from hoopd.plants.hoop.maneuver.trajectory import plan_trajectory, trajectory_file
 from hoopd.plants.model_file import load_model
-from hoopd.recording.mcap import read_run
+from hoopd.recording.mcap import RecordedRun, read_run
 from hoopd.sim import torque_log, truth
 
 HOOP = load_model(defaults_folder() / "models" / "hoop.yaml")
@@ -138,3 +139,12 @@ def test_what_does_not_fit_is_refused_before_anything_moves(tmp_path: Path) -> N
         played(tmp_path, file=other)
     with pytest.raises(InputError, match="ball_expected"):
         played(tmp_path, "faults.ball_expected=false")
+
+
+def test_one_that_is_switched_off_before_its_first_torque_is_none() -> None:
+    events = [
+        SimpleNamespace(t=1.0, event="controller", fields={"command": "experiment"}),
+        SimpleNamespace(t=1.02, event="experiment_ended", fields={"reason": "the mode is FAULT"}),
+    ]
+    ticks = [SimpleNamespace(t=1.0, mode="RUNNING"), SimpleNamespace(t=1.02, mode="FAULT")]
+    assert recorded_maneuvers(cast(RecordedRun, SimpleNamespace(events=events, ticks=ticks))) == []
