@@ -82,7 +82,7 @@ class ShownDevice:
                 self.status, self._version = message, self._version + 1
             elif kind == "event":
                 self._event_count += 1
-                self._events.append((self._event_count, {"wall": now, **message}))
+                self._events.append((self._event_count, {**message, "wall": now}))
 
     def news(self, seen: Seen, at_most: int) -> dict[str, Any]:
         """What a reader has not seen yet, and note that it has now; empty when there is nothing."""

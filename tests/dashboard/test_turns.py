@@ -164,6 +164,12 @@ def test_a_signal_of_whose_end_nothing_is_heard_is_over_in_time(monkeypatch: pyt
     assert ended == ["nothing was heard of its end"]
 
 
+def test_when_an_event_came_is_told_by_this_computer_and_by_no_stranger() -> None:
+    device = ShownDevice("hoop", "tcp/127.0.0.1:1")
+    device.take("event", json.dumps({"event": "experiment_ended", "wall": "never"}).encode(), "", now_s=5.0)
+    assert [event["wall"] for event in device.events_since(5.0)] == [5.0] and device.events_since(6.0) == []
+
+
 def test_a_connection_that_goes_meanwhile_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     def gone(*_: Any, **__: Any) -> None:
         raise zenoh.ZError("closed")
