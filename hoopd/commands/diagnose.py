@@ -125,6 +125,7 @@ def searched(
             progress=progress,
             settings=Settings(progress=progress, grammar=options.grammar),
             without=without,
+            jobs=options.jobs,
         )
     )
 

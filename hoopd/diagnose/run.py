@@ -57,6 +57,7 @@ from hoopd.diagnose.search.candidates import Judge, Settings, free_of_recordings
 from hoopd.diagnose.search.excluded_intervals import CountedData, looked_at_again, start_ups, without_events
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, name_effects
+from hoopd.diagnose.search.processes import side_by_side
 from hoopd.diagnose.search.simpler_names import tell_simply
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
@@ -86,6 +87,7 @@ class Case:
     seed: int = 0
     held_out_how: str = ""
     without: Collection[str] = ()  # names that are not looked for
+    jobs: int = 1  # processes that share the work; the numbers are the same with any
     progress: Progress = lambda text: None
     settings: Settings = field(default_factory=Settings)
 
@@ -126,7 +128,12 @@ def last_third(sources: Sequence[Source]) -> tuple[list[Source], list[Source]]:
 
 
 def diagnose(case: Case) -> Outcome:
-    """The whole chain."""
+    """The whole chain, by as many processes as the case says."""
+    with side_by_side(case.jobs):
+        return _diagnosed(case)
+
+
+def _diagnosed(case: Case) -> Outcome:
     train, held = stretches_of(case.train), stretches_of(case.heldout)
     case.progress("base parameters")
     nominal = fit(train, case.effects, case.values, move=False)

@@ -89,6 +89,7 @@ def diagnose(
     free_run: bool = True,
     free_run_choice: bool = False,
     grammar: bool = True,
+    jobs: int = 1,
 ) -> Diagnosed:
     """Say where recordings and a model differ, name the physics that was left out, prove it on data never fitted.
 
@@ -114,6 +115,8 @@ def diagnose(
         Look, too, for effects that make that run better (minutes).
     grammar : bool
         Also look for mechanisms that the library has no name for.
+    jobs : int
+        Processes that share the work: less time, the same numbers.
 
     Returns
     -------
@@ -150,6 +153,7 @@ def diagnose(
         free_run=free_run,
         free_run_choice=free_run_choice,
         grammar=grammar,
+        jobs=jobs,
     )
     # many small matrices gain nothing from threads; a notebook has imported numpy long before anyone could say so
     with threadpool_limits(limits=1, user_api="blas"):

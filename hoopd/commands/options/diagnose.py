@@ -59,4 +59,11 @@ class DiagnoseOptions:
     grammar: bool = option(
         "--grammar/--library-only", text="Also look for mechanisms that the library has no name for.", default=True
     )
+    jobs: int = option(
+        "--jobs",
+        min=1,
+        text="Processes that share the work: less time, the same numbers. One leaves the other cores to whoever needs "
+        "them.",
+        default=1,
+    )
     json_path: Path | None = json_option()

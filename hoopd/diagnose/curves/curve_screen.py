@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from hoopd.diagnose.curves.curve import UnnamedCurve, curves
 from hoopd.diagnose.curves.curve_changes import add_change, within
 from hoopd.diagnose.search.chance import Group, Null, colour, independent, null_of
 from hoopd.diagnose.search.effect_changes import at_nodes
+from hoopd.diagnose.search.processes import computed
 from hoopd.diagnose.search.screen import Screen, orthonormal
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.likelihood.fitting import HypothesisFit
@@ -29,6 +31,10 @@ Array = NDArray[np.float64]
 # the base's (a scale of the camera at small angles is) would be decided by how well the disturbance's spectrum is
 # known, because the angles answer to the disturbance: 3 of 26 clean tuning cases had a false scale, with this none.
 OWN_SHARE = 0.01
+
+
+# Curves whose hats one task whitens.
+TOGETHER = 12
 
 
 @dataclass(frozen=True)
@@ -137,21 +143,27 @@ class CurveScreen:
         return len(curve.knots) * (len(self.recordings) if curve.per_recording else 1)
 
     def _whitened(self) -> Array:
+        parts = [range(i, min(i + TOGETHER, len(self.curves))) for i in range(0, len(self.curves), TOGETHER)]
+        found = computed([partial(self._whitened_together, part) for part in parts])
+        return np.concatenate(found, axis=1) if found else np.zeros((len(self.residual), 0))
+
+    def _whitened_together(self, part: range) -> Array:
         out = []
         for track, columns, found in zip(self.fit.tracks, self.fit.columns, self.fit.gains, strict=True):
-            f, eps = self._changes(track)
+            f, eps = self._changes(track, part)
             white = whitened(columns.model, found, f, eps)
             out.append(white.reshape(-1, white.shape[2]))
         # what is added to the model is taken from the residual
         return -np.concatenate(out)
 
-    def _changes(self, track: Track) -> tuple[Array, Array]:
-        n, total = len(track.z), int(self._first[-1])
+    def _changes(self, track: Track, part: range) -> tuple[Array, Array]:
+        n, begin = len(track.z), int(self._first[part.start])
+        total = int(self._first[part.stop]) - begin
         f = np.zeros((n - 1, track.composite.nz, total))
         eps = np.zeros((n, len(track.composite.channels), total))
         points = within(track, self.fit), at_nodes(track, self.fit)
         which = self.recordings.index(track.stretch.recording)
-        for first, curve in zip(self._first[:-1], self.curves, strict=True):
+        for first, curve in ((self._first[i] - begin, self.curves[i]) for i in part):
             if curve.fits(track.stretch.plant):
                 m = len(curve.knots)
                 start = first + (m * which if curve.per_recording else 0)

@@ -10,17 +10,21 @@ Rules of this file: numbers in, numbers out.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from math import log
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.search.processes import computed
 from hoopd.diagnose.search.surprise import log_chances
 
 Array = NDArray[np.float64]
 
 EULER = 0.5772156649015329
+# Groups whose chance gains one task draws.
+TOGETHER = 32
 
 
 def surprises(gains: Array, columns: int) -> Array:
@@ -95,7 +99,12 @@ def colour(unit: Array, residual: Array, shapes: Sequence[tuple[int, int]]) -> f
 def drawn_maxima(groups: Sequence[Group], draws: int, seed: int) -> Array:
     """(draws,) log chance of the best group of pure noise."""
     noise = np.random.default_rng([seed, 11]).standard_normal((groups[0].vectors.shape[0], draws))
-    best = np.zeros(draws)
+    parts = [groups[i : i + TOGETHER] for i in range(0, len(groups), TOGETHER)]
+    return np.asarray(np.min(computed([partial(_best_of, part, noise) for part in parts]), axis=0))
+
+
+def _best_of(groups: Sequence[Group], noise: Array) -> Array:
+    best = np.zeros(noise.shape[1])
     for group in groups:
         found = projections(group, noise)
         best = np.minimum(best, log_chances(found.gains, found.columns))

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import groupby
 from math import atan2, exp
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from hoopd.diagnose.search.chance import EULER, Null, colour, independent
 from hoopd.diagnose.search.mechanism_columns import ColumnPlace, FollowedTrack, MechanismChoice, place_of
+from hoopd.diagnose.search.processes import computed
 from hoopd.diagnose.search.screen import orthonormal
 from hoopd.diagnose.search.surprise import log_chances, surprise
 from hoopd.plants.effects.base import Effect
@@ -29,8 +31,9 @@ from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Array = NDArray[np.float64]
 
-# Columns that are whitened at once: they stay near the processor.
+# Columns that are whitened at once: they stay near the processor. So many times in one task.
 AT_ONCE = 64
+SCORED_TOGETHER = 6
 DRAWS, DRAW_SEED = 64, 17
 # Of a direction's squared length, what must be its own, not the free parameters'.
 OWN_SHARE = 0.01
@@ -115,18 +118,37 @@ class MechanismScreen:
     def _score(self, draws: int) -> None:
         noise = np.random.default_rng(DRAW_SEED).standard_normal((len(self.residual), draws))
         beside = np.column_stack([self.residual, self._projected(noise), self._basis])
+        every = list(self._together(range(len(self._choices))))
+        # what a place does to the residual is worked out once for those that one task scores
+        parts = [
+            same[i : i + SCORED_TOGETHER]
+            for same in (list(group) for _, group in groupby(every, key=lambda one: one[0]))
+            for i in range(0, len(same), SCORED_TOGETHER)
+        ]
         self._gains = np.zeros(len(self._choices))
         best = np.zeros(draws)
-        for place, indices in self._together(range(len(self._choices))):
+        for part, scored in zip(
+            parts, computed([partial(self._scored, part, beside, draws) for part in parts]), strict=True
+        ):
+            for (_, indices), (gains, chances) in zip(part, scored, strict=True):
+                self._gains[indices] = gains
+                best = np.minimum(best, chances)
+        self._null = Null(max(1.0, float(np.exp(-np.mean(best) - EULER)))) if draws else None
+
+    def _scored(
+        self, part: Sequence[tuple[ColumnPlace, list[int]]], beside: Array, draws: int
+    ) -> list[tuple[Array, Array]]:
+        """Gains of choices that act at one place, and the log chance (draws,) of the best of each draw."""
+        found = []
+        for place, indices in part:
             some = [self._choices[i] for i in indices]
             with_all, gram = self._products(place, some, beside)
             along, shared = with_all[:, :, : 1 + draws], with_all[:, :, 1 + draws :]
             size = np.einsum("kii->ki", gram).copy()
             gains = _gains(gram - shared @ shared.transpose(0, 2, 1), size, along)
-            self._gains[indices] = gains[:, 0]
-            if draws:
-                best = np.minimum(best, log_chances(gains[:, 1:].max(axis=0), some[0].columns))
-        self._null = Null(max(1.0, float(np.exp(-np.mean(best) - EULER)))) if draws else None
+            best = log_chances(gains[:, 1:].max(axis=0), some[0].columns) if draws else np.zeros(0)
+            found.append((gains[:, 0], best))
+        return found
 
     def _together(self, indices: Sequence[int]) -> Iterator[tuple[ColumnPlace, list[int]]]:
         """Choices that act at one place and have as many columns, not too many at once."""

@@ -15,6 +15,7 @@ from dataclasses import replace
 from math import exp
 
 from hoopd.diagnose.search.candidates import Judge, Tried, surprise_of
+from hoopd.diagnose.search.fits_side_by_side import tried_all
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMechanism
 from hoopd.diagnose.search.naming import NEAR_SHARE, OCCAM_NATS, Named, Refusal, reconsider, taken_out, widen_ranges
 from hoopd.diagnose.search.scan_score import scanned
@@ -100,10 +101,7 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
     found.in_place[one.effect.name] = screen
     own, own_worth = _in_its_own_place(without, one, mechanisms, loss, judge)
     near = [score for score in _scores(screen, without) if _is_near(score, own, wanted[score.member.effect.name])]
-    tried: list[Tried] = []
-    for score in near[:MOST_SWAPS]:
-        judge.settings.progress(f"fitting {score.member.effect.name}")
-        tried.append(judge.tried(without, score))
+    tried = tried_all(judge, without, near[:MOST_SWAPS])
     others = [other for other in tried if _is_itself(screen, other)]
     found.rivals.setdefault(one.effect.name, []).extend((other.effect.name, loss - other.gain) for other in others)
     for other in sorted(tried, key=lambda other: -_fitted_worth(screen, other)):
@@ -172,10 +170,8 @@ def _next(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> Tried 
     if not proposals:
         return None
     best = _worth(proposals[0])
-    tried: list[Tried] = []
-    for score in [one for one in proposals if _worth(one) >= NEAR_SHARE * best][:MOST_REFITS]:
-        judge.settings.progress(f"fitting {score.member.effect.name}")
-        tried.append(judge.tried(found.final, score))
+    near = [one for one in proposals if _worth(one) >= NEAR_SHARE * best]
+    tried = tried_all(judge, found.final, near[:MOST_REFITS])
     tried.sort(key=lambda one: -_fitted_worth(screen, one))
     for one in tried:
         if one.surprise < level:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from hoopd.diagnose.search.bounded_disturbance import deflated, far_beyond, stiffened
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried, surprise_of
+from hoopd.diagnose.search.fits_side_by_side import tried_all
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.range_widening import in_wider_ranges
 from hoopd.diagnose.search.screen import Score, Screen
@@ -110,11 +111,7 @@ def _next(found: Named, judge: Judge) -> Tried | None:
             settings.progress("screening with usual disturbances")
             held = stiffened(about)
             chosen += _other_starts(chosen, deflated(judge.proposals(held, about.names), held), judge)
-    tried = []
-    for score in chosen:
-        settings.progress(f"fitting {score.member.effect.name}")
-        tried.append(judge.tried(found.final, score))
-    tried.sort(key=lambda one: -one.surprise)
+    tried = sorted(tried_all(judge, found.final, chosen), key=lambda one: -one.surprise)
     if first:
         found.tried = tried
     found.left = scores

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby, product
 from math import atan2, hypot
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from hoopd.diagnose.search.effect_changes import changes_of
+from hoopd.diagnose.search.processes import computed
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import whitened
@@ -29,6 +31,8 @@ Array = NDArray[np.float64]
 
 # A change tried at one value of a parameter that is not proportional may be stretched by up to this.
 MOST_STRETCH = 1.5
+# Changes that one task whitens.
+TOGETHER = 48
 # A limit is tried where it cuts off these shares of the samples.
 TOUCHED = (0.002, 0.005, 0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8)
 
@@ -244,6 +248,21 @@ def orthonormal(x: Array) -> Array:
 
 def whitened_changes(fit: HypothesisFit, changes: Sequence[tuple[Effect, Column]]) -> Array:
     """(rows, m) what changes of the model would add to the whitened residuals' explanation, not projected."""
+    parts = computed([partial(_whitened_together, fit, part) for part in _parts(changes)])
+    return np.concatenate(parts, axis=1) if parts else np.zeros((sum(len(rows) for rows in fit.rows), 0))
+
+
+def _parts(changes: Sequence[tuple[Effect, Column]]) -> list[list[tuple[Effect, Column]]]:
+    """Changes of whole effects, TOGETHER or a few more in each part."""
+    found: list[list[tuple[Effect, Column]]] = []
+    for _, group in groupby(changes, key=lambda one: one[0].name):
+        if not found or len(found[-1]) >= TOGETHER:
+            found.append([])
+        found[-1] += group
+    return found
+
+
+def _whitened_together(fit: HypothesisFit, changes: Sequence[tuple[Effect, Column]]) -> Array:
     out = np.zeros((sum(len(rows) for rows in fit.rows), len(changes)))
     first = 0
     for track, columns, gains in zip(fit.tracks, fit.columns, fit.gains, strict=True):

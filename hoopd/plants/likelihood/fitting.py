@@ -219,6 +219,12 @@ def _moved(found: HypothesisFit, delta: Array) -> dict[str, float]:
     return values
 
 
+def linear_again(found: HypothesisFit) -> HypothesisFit:
+    """A fit of which only numbers and references are there, with its linear model and whitened rows."""
+    _linearise(found)
+    return found
+
+
 def _linearise(found: HypothesisFit) -> None:
     found.columns = _columns(found)
     _whiten(found)

@@ -1,0 +1,82 @@
+"""Effects that are tried beside one fit, each in a process of its own.
+
+A fit has effects, plants and functions, which no pipe takes; what comes back is its numbers, from which the model is
+made linear again: the same bits.
+
+Rules of this file: nothing is decided; `candidates` says how an effect is tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.diagnose.search.candidates import Judge, Tried
+from hoopd.diagnose.search.processes import computed
+from hoopd.diagnose.search.screen import Score
+from hoopd.plants.effects.base import Effect
+from hoopd.plants.likelihood.fitting import HypothesisFit, linear_again
+from hoopd.plants.likelihood.kalman_filter import Noise
+from hoopd.plants.likelihood.reference_track import Track
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """Of a tried effect and the fit with it."""
+
+    ranges: tuple[tuple[float, float], ...]  # of the effect's parameters
+    values: dict[str, float]
+    free: tuple[str, ...]
+    noise: dict[str, Noise]
+    references: tuple[tuple[Array, Array, Array, Array], ...]  # z, w, filtered, predicted of each track
+    covariance: Array
+    criterion: float
+    steps: int
+    gain: float
+    surprise: float
+
+
+def tried_all(judge: Judge, before: HypothesisFit, scores: Sequence[Score]) -> list[Tried]:
+    """Each proposed effect fitted together with everything that was there, in the order of the scores."""
+    for score in scores:
+        judge.settings.progress(f"fitting {score.member.effect.name}")
+    found = computed([partial(_numbers, judge, before, score) for score in scores])
+    return [_restored(judge, before, score, one) for score, one in zip(scores, found, strict=True)]
+
+
+def _numbers(judge: Judge, before: HypothesisFit, score: Score) -> _Numbers:
+    tried = judge.tried(before, score)
+    found = tried.fit
+    return _Numbers(
+        tuple((p.low, p.high) for p in tried.effect.parameters), found.values, found.free, found.noise,
+        tuple((one.z, one.w, one.filtered, one.predicted) for one in found.tracks),
+        found.covariance, found.criterion, found.steps, tried.gain, tried.surprise,
+    )  # fmt: skip
+
+
+def _restored(judge: Judge, before: HypothesisFit, score: Score, numbers: _Numbers) -> Tried:
+    effect = _in_ranges(score.member.effect, numbers.ranges)
+    effects = (*before.effects, effect)
+    tracks = [Track(stretch, effects) for stretch in judge.train]
+    for track, reference in zip(tracks, numbers.references, strict=True):
+        track.moved(*reference)
+    found = HypothesisFit(
+        effects, numbers.values, numbers.free, tracks, numbers.noise,
+        covariance=numbers.covariance, criterion=numbers.criterion, steps=numbers.steps,
+    )  # fmt: skip
+    return Tried(effect, linear_again(found), numbers.gain, numbers.surprise, score)
+
+
+def _in_ranges(effect: Effect, ranges: Sequence[tuple[float, float]]) -> Effect:
+    """The effect with these ranges; itself where they are its own."""
+    own = [(p.low, p.high) for p in effect.parameters]
+    if own == [*ranges]:
+        return effect
+    wider = (replace(p, low=low, high=high) for p, (low, high) in zip(effect.parameters, ranges, strict=True))
+    return replace(effect, parameters=tuple(wider))
