@@ -122,7 +122,7 @@ def test_the_columns_are_those_of_the_effect(clean: HypothesisFit, screened: Cur
         index, curve = next(
             (i, c) for i, c in enumerate(screened.curves) if c.depends_on == (variable,) and not c.per_recording
         )
-        f, eps = screened._changes(track)
+        f, eps = screened._changes(track, range(len(screened.curves)))
         own = slice(screened._first[index], screened._first[index + 1])
         for k in (1, 3):
             values = {**curve.effect.neutral(), f"c{k}": step}
