@@ -39,8 +39,9 @@ WAVES = tuple(float(n) for n in range(1, 37))
 LEAST = 1e-12
 # Waves over what does not turn: so many in the range of the variable.
 WAVES_IN_RANGE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
-# Over the time a wave is coherent: one of half a turn more is another one.
-WAVES_IN_TIME = tuple(0.5 * k for k in range(2, 41))
+# Over the time a beat is coherent: one of half a turn more is another one. Plain waves over the time are asked for at
+# few frequencies: a disturbance of another colour than is believed shows at some frequency or other.
+BEATS_IN_TIME = tuple(0.5 * k for k in range(2, 41))
 # A beat drops within a few samples: of its harmonics the k-th is this to the power k of a saw-tooth's.
 DROP = 0.9
 
@@ -111,8 +112,17 @@ def _waves(axis: Axis, v: Array) -> list[Constants]:
         return [{"n": float(n)} for n in _scales(axis.scale_share, float(np.ptp(v)))]
     if axis.turning:
         return [{"n": n} for n in WAVES]
-    reach, every = float(np.ptp(v)), WAVES_IN_TIME if axis.kind == TIME else WAVES_IN_RANGE
-    return [{"n": float(2 * np.pi * n / reach)} for n in every] if reach > 0.0 else []
+    return _periods(v, WAVES_IN_RANGE)
+
+
+def _beats(axis: Axis, v: Array) -> list[Constants]:
+    return _periods(v, BEATS_IN_TIME)
+
+
+def _periods(v: Array, counts: Sequence[float]) -> list[Constants]:
+    """So many over the whole range."""
+    reach = float(np.ptp(v))
+    return [{"n": float(2 * np.pi * n / reach)} for n in counts] if reach > 0.0 else []
 
 
 def _detents(axis: Axis, v: Array) -> list[Constants]:
@@ -229,7 +239,7 @@ def _saw(ops: Any, v: Any, c: Constants) -> Any:
 
 
 BEAT = ShapeLaw("beat", _saw, "frac((n {v} + phi)/2 pi)", "grows and falls back in a saw-tooth of", (TIME,), 0, ("n",),
-             _waves, phased=True, first=-DROP / np.pi)  # fmt: skip
+             _beats, phased=True, first=-DROP / np.pi)  # fmt: skip
 
 
 def shapes_of(axis: Axis) -> list[ShapeLaw]:
