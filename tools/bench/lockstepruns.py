@@ -11,7 +11,7 @@ import gc
 import io
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ import yaml
 from hoopd.core import ballresponse, encoderchecks, picturechecks
 from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.modes import Mode
-from hoopd.core.records import Inputs, TickRecord
+from hoopd.core.records import Command, Inputs, TickRecord
 from hoopd.core.tick import Note
 from hoopd.daemon import app
 from hoopd.daemon.build import Texts, read_texts
@@ -68,6 +68,7 @@ class Onlooker:
     """A guest who writes down faults, and ends the run after the first that ends control, or when the law is over."""
 
     trouble = False
+    loads: Sequence[str] = ()
 
     def __init__(self) -> None:
         self.raised: list[Raised] = []
@@ -94,6 +95,9 @@ class Onlooker:
 
     def status(self) -> str:
         return ""
+
+    def commands(self, t: float) -> tuple[Command, ...]:
+        return ()
 
 
 def prepared(content: Mapping[str, Any], folder: Path) -> tuple[Config, Texts]:

@@ -10,7 +10,7 @@ import contextlib
 import io
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import pytest
 import yaml
 from harness.runs import Run, load, serve_late
 
-from hoopd.core.records import Inputs, TickRecord
+from hoopd.core.records import Command, Inputs, TickRecord
 from hoopd.core.tick import Note
 from hoopd.daemon import app
 from hoopd.daemon.build import read_texts
@@ -37,6 +37,7 @@ class Ender:
     """A guest who has the loop asked to stop before given ticks."""
 
     trouble = False
+    loads: Sequence[str] = ()
 
     def __init__(self, signals: list[int]) -> None:
         self._signals = list(signals)
@@ -56,6 +57,9 @@ class Ender:
 
     def status(self) -> str:
         return ""
+
+    def commands(self, t: float) -> tuple[Command, ...]:
+        return ()
 
 
 def play(script: Script, folder: Path) -> Run:
