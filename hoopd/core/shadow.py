@@ -39,16 +39,15 @@ class Shadow:
     def misfit(self) -> str:
         """The first channel whose innovations are larger than chance allows, with the numbers; empty: it fits.
 
-        Against what is told, they last longer and are larger, as `core.drift` has it, and longer than those of the
-        acting filter: with that one the ball is held, and a model that fits better is why another is loaded. More noise
-        alone is a sensor's, which the acting filter sees as well.
+        Against what is told, they last longer and are larger, as `core.drift` has it; more noise alone is a sensor's,
+        which the acting filter sees as well.
         """
         for name in CHANNELS:
             now, acting = self._candidate[name].level(), self._acting[name].level()
             if now is None or acting is None:
                 return f"{name}: too few samples in {SHADOW_S - BEGIN_S:g} s"
             normal = self._told.get(name, acting)
-            if beyond(now, normal, FACTOR) and now.slow > acting.slow:
+            if beyond(now, normal, FACTOR):
                 return f"innovations of {name} that last: {now.slow:.3g}, normal is {normal.slow:.3g}"
             most = max(normal.all, acting.all)
             if now.all > FACTOR * most:
