@@ -53,7 +53,7 @@ BAD: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "holding with a test signal": (
         ("prbs", *LOCKSTEP, "--around", "FOLDER/../signal.yaml"),
-        "kind: an excitation",
+        "kind: excitation",
     ),
     "holding at another pace": (
         ("prbs", *LOCKSTEP, "--around", "FOLDER/../slow.yaml"),
