@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +27,19 @@ from hoopd.plants.likelihood.reference_track import Track
 Array = NDArray[np.float64]
 
 
+class _Range(NamedTuple):
+    """Of a parameter, which a fit may have widened."""
+
+    low: float
+    high: float
+    usual: tuple[float, float] | None  # before it was widened
+
+
 @dataclass(frozen=True)
 class _Numbers:
     """Of a tried effect and the fit with it."""
 
-    ranges: tuple[tuple[float, float], ...]  # of the effect's parameters
+    ranges: tuple[_Range, ...]  # of the effect's parameters
     values: dict[str, float]
     free: tuple[str, ...]
     noise: dict[str, Noise]
@@ -54,7 +63,7 @@ def _numbers(judge: Judge, before: HypothesisFit, score: Score) -> _Numbers:
     tried = judge.tried(before, score)
     found = tried.fit
     return _Numbers(
-        tuple((p.low, p.high) for p in tried.effect.parameters), found.values, found.free, found.noise,
+        _ranges(tried.effect), found.values, found.free, found.noise,
         tuple((one.z, one.w, one.filtered, one.predicted) for one in found.tracks),
         found.covariance, found.criterion, found.steps, tried.gain, tried.surprise,
     )  # fmt: skip
@@ -73,10 +82,13 @@ def _restored(judge: Judge, before: HypothesisFit, score: Score, numbers: _Numbe
     return Tried(effect, linear_again(found), numbers.gain, numbers.surprise, score)
 
 
-def _in_ranges(effect: Effect, ranges: Sequence[tuple[float, float]]) -> Effect:
+def _ranges(effect: Effect) -> tuple[_Range, ...]:
+    return tuple(_Range(p.low, p.high, p.usual) for p in effect.parameters)
+
+
+def _in_ranges(effect: Effect, ranges: Sequence[_Range]) -> Effect:
     """The effect with these ranges; itself where they are its own."""
-    own = [(p.low, p.high) for p in effect.parameters]
-    if own == [*ranges]:
+    if _ranges(effect) == tuple(ranges):
         return effect
-    wider = (replace(p, low=low, high=high) for p, (low, high) in zip(effect.parameters, ranges, strict=True))
+    wider = (replace(p, **one._asdict()) for p, one in zip(effect.parameters, ranges, strict=True))
     return replace(effect, parameters=tuple(wider))
