@@ -29,14 +29,13 @@ def test_results_stand_in_the_order_of_the_tasks_whoever_does_them() -> None:
 
 
 def test_another_process_does_some_of_it() -> None:
-    parent, (mine, other) = os.getpid(), os.pipe()
+    parent, (here, to_here), (there, to_there) = os.getpid(), os.pipe(), os.pipe()
 
     def task() -> int:
         # who is there first waits for the other one: one takes a task each
-        if os.getpid() == parent:
-            os.read(mine, 1)
-        else:
-            os.write(other, b".")
+        told, heard = (to_there, here) if os.getpid() == parent else (to_here, there)
+        os.write(told, b".")
+        os.read(heard, 1)
         return os.getpid()
 
     with side_by_side(2):
