@@ -5,9 +5,6 @@ Rules of this file: it only ever asks the loop to stop; nothing here makes torqu
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import inf, isfinite
@@ -15,13 +12,11 @@ from math import inf, isfinite
 from hoopd.core.modes import ENERGISED, REVOKING, Mode
 from hoopd.core.records import Command, Inputs, TickRecord
 from hoopd.core.tick import Note
-from hoopd.shell.keys import pressed
+from hoopd.daemon.operator_abort import ABORTED, heard_from_terminal
 from hoopd.shell.loop import Loop
 
-ABORT_KEYS = "qQ \x1b"
 # From the start, or from the operator's arm, until the ball is seen and the drive is on; measured: 1.1 s on the rig.
 START_PATIENCE_S = 20.0
-ABORTED = "aborted by the operator"
 
 
 class Conductor:
@@ -48,9 +43,7 @@ class Conductor:
     def attend(self, loop: Loop) -> Iterator[None]:
         """Listen to the terminal while the loop runs; Ctrl-C and the abort keys switch the drive off at once."""
         self._loop = loop
-        with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
-            asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self.abort)
-        with pressed(lambda key: self.abort() if key in ABORT_KEYS else None):
+        with heard_from_terminal(self.abort):
             yield
 
     def abort(self) -> None:

@@ -8,9 +8,6 @@ here may wait.
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import isfinite, nan, tau
@@ -20,11 +17,9 @@ from hoopd.core.records import Command, Inputs, TickRecord
 from hoopd.core.succession import EXPERIMENT
 from hoopd.core.tick import Note
 from hoopd.core.tracker import Tolerances
-from hoopd.shell.keys import pressed
+from hoopd.daemon.operator_abort import ABORTED, heard_from_terminal
 from hoopd.shell.loop import Loop
 
-ABORT_KEYS = "qQ \x1b"
-ABORTED = "aborted by the operator"
 # From the start, from the operator's arm, or from the last maneuver, until the ball rests.
 REST_PATIENCE_S = 25.0
 # It has to rest for so long, so that the filter knows it, and settles for so long before the next one is asked for.
@@ -56,9 +51,7 @@ class ManeuverConductor:
     def attend(self, loop: Loop) -> Iterator[None]:
         """Listen to the terminal while the loop runs; Ctrl-C and the abort keys switch the drive off at once."""
         self._loop = loop
-        with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):  # not the main thread
-            asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self.abort)
-        with pressed(lambda key: self.abort() if key in ABORT_KEYS else None):
+        with heard_from_terminal(self.abort):
             yield
 
     def abort(self) -> None:

@@ -20,7 +20,7 @@ from system.test_bad_input import one_line
 
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
-from hoopd.daemon.conductor import ABORTED
+from hoopd.daemon.operator_abort import ABORTED
 from hoopd.daemon.recording_target import Where
 from hoopd.exit_codes import PORT_MISSING, UNUSABLE_INPUT
 from hoopd.files.reading import InputError

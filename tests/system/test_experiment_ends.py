@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 from system.experiments import ends_at_rest, perform
 
-from hoopd.daemon.conductor import ABORTED, Conductor
+from hoopd.daemon.conductor import Conductor
+from hoopd.daemon.operator_abort import ABORTED
 from hoopd.daemon.replay import replay
 from hoopd.plants.hoop.loop.experiment_plan import Plan
 from hoopd.shell import recorder

@@ -1,4 +1,4 @@
-"""What a guided calibration knows of each device: results of this session, and the versions that were accepted.
+"""What a guided calibration knows of each device: results since the page began, and the versions that were accepted.
 
 Rules of this file: a result is no calibration before somebody accepts it; what is accepted becomes a version and is
 written nowhere else. Calls wait for pictures and disks, so they belong into a thread.
@@ -62,7 +62,7 @@ class DeviceGuide:
     """One device's session."""
 
     results: dict[str, StepResult] = field(default_factory=dict)
-    accepted: dict[str, int] = field(default_factory=dict)  # version by step, of what was accepted in this session
+    accepted: dict[str, int] = field(default_factory=dict)  # version by step, of what was accepted since the page began
     motion: str = ""  # what the test signal does, for a person
     job: int = 0  # that computes what the signal told
     config: dict[str, Any] = field(default_factory=dict)
