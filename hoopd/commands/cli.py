@@ -21,6 +21,7 @@ import typer
 from hoopd.commands import device, offline, operator
 from hoopd.commands.compare import compare
 from hoopd.commands.dashboard import dashboard
+from hoopd.commands.learn import learn
 from hoopd.commands.options.calibrate import CalibrateOptions
 from hoopd.commands.options.calibration import CalibrationOptions
 from hoopd.commands.options.compare import CompareOptions
@@ -32,6 +33,7 @@ from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.options.identify import IdentifyOptions
+from hoopd.commands.options.learn import LearnOptions
 from hoopd.commands.options.linearize import LinearizeOptions
 from hoopd.commands.options.maneuver import ManeuverOptions
 from hoopd.commands.options.plant import PlantOptions
@@ -164,6 +166,7 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
         (ExperimentOptions, device.experiment),
         (CompareOptions, compare),
         (ManeuverOptions, device.maneuver),
+        (LearnOptions, learn),
     ),
     "A running daemon": (
         (ArmOptions, operator.arm),

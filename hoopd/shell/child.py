@@ -20,12 +20,12 @@ PIPE_BYTES = 1 << 20  # the most that an ordinary user may ask for
 _F_SETPIPE_SZ, _F_GETPIPE_SZ = 1031, 1032
 # The kernel ends the child together with the thread that started it, however that ends. Python's own way (preexec_fn)
 # would fork the whole daemon, whose locked memory makes that a pause of every thread.
-_DIE_WITH_PARENT = ("setpriv", "--pdeathsig", "KILL", "--")
+_SETPRIV = "setpriv"
 
 
-def end_with_parent() -> tuple[str, ...]:
-    """Prefix of a command that dies with its parent; empty where the system has no setpriv."""
-    return _DIE_WITH_PARENT if shutil.which(_DIE_WITH_PARENT[0]) else ()
+def end_with_parent(signal_name: str = "KILL") -> tuple[str, ...]:
+    """Prefix of a command that is sent this signal when its parent dies; empty where the system has no setpriv."""
+    return (_SETPRIV, "--pdeathsig", signal_name, "--") if shutil.which(_SETPRIV) else ()
 
 
 def readable(descriptor: int, timeout_s: float) -> bool:

@@ -1,0 +1,331 @@
+"""`hoopd learn`: record, diagnose, choose the next run, until it is known; then design, and try old against new.
+
+Rules of this file: every step is an ordinary command in a process of its own, which ends with this one; nothing here
+touches a drive. What a step has written stays, and a step whose file is there is not repeated.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import typer
+
+from hoopd.commands.options.learn import LearnOptions, seconds_of
+from hoopd.commands.options.shared import ProgressLine, finish, shown_progress
+from hoopd.commands.output import check_json
+from hoopd.files.reading import InputError
+from hoopd.files.whole_files import file_bytes, replace_file
+from hoopd.learn.belief import Belief
+from hoopd.learn.campaign import Campaign, CampaignRequest, DiagnosedRun, RunFiles
+from hoopd.learn.choice import ChosenRun
+from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S
+from hoopd.plants.layout import layout_of
+from hoopd.plants.model_file import HOOP
+from hoopd.plants.registry import resolve_plant
+from hoopd.recording.slices import read_recording
+from hoopd.shell.child import end_with_parent
+
+Progress = Callable[[str], None]
+# Whether this may be played on a device.
+MayPlay = Callable[[str], bool]
+QUIETLY = ("--speed", "max", "--camera", "direct", "--set", "log.level=error")
+# What a run takes beside its signal: until everything is well, and braking.
+AROUND_S = 2.0
+LEAST_S = 5.0  # of a recording that is worth a diagnosis
+LAW = "lqg"
+
+
+class StepError(Exception):
+    """A command of a step failed; its own words."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Runs the commands of a campaign."""
+
+    campaign: Campaign
+    options: LearnOptions
+    progress: Progress
+
+    def command(
+        self, words: Sequence[str | Path], log: Path, accepted: Sequence[int] = (0,), *, seen: bool = False
+    ) -> int:
+        """Run `hoopd` with these words; StepError with its last line when it ends with another code.
+
+        `seen`: an operator at the device has to see what it says while it runs.
+        """
+        line = [*end_with_parent("TERM"), sys.executable, "-m", "hoopd", *map(str, words)]
+        with log.open("wb") as out:
+            errors = None if seen else subprocess.STDOUT
+            done = subprocess.run(line, stdout=out, stderr=errors, check=False)
+        if done.returncode not in accepted:
+            said = log.read_text("utf-8", "replace").strip().splitlines()
+            raise StepError(f"hoopd {words[0]}: {said[-1] if said else f'ended with {done.returncode}'}")
+        return done.returncode
+
+    def place(self) -> list[str]:
+        """Words that say where a run is played."""
+        asked = self.options
+        words = ["--sim", *QUIETLY] if asked.sim else []
+        words += [] if asked.config is None else ["--config", str(asked.config)]
+        return [*words, *(word for one in asked.sets for word in ("--set", one))]
+
+    def record(self, files: RunFiles, choice: ChosenRun, number: int) -> None:
+        """The recording, unless it is there; what a broken run has left is kept under another name."""
+        if files.experiment.exists():
+            return
+        _set_aside(files.recording)
+        self.progress(f"run {number}: recording {' '.join(choice.words)}")
+        words: list[str | Path] = [
+            "experiment",
+            *choice.words,
+            "--seed",
+            str(self.options.seed + number),
+            *self.place(),
+        ]
+        told = files.folder / ".experiment.json"
+        words += ["--out", str(files.recording), "--json", str(told)]
+        self.command(words, files.folder / "experiment.log", (0, 1), seen=not self.options.sim)
+        told.replace(files.experiment)
+
+    def diagnose(self, files: RunFiles, recordings: Sequence[Path | str], number: int) -> None:
+        """The diagnosis of all recordings so far, unless it is there."""
+        if files.diagnosis.exists():
+            return
+        self.progress(f"run {number}: diagnosing {len(recordings)} recording{'s' if len(recordings) > 1 else ''}")
+        words: list[str | Path] = ["diagnose", *recordings, "--yes", "--seed", str(self.options.seed)]
+        words += [] if self.options.plant is None else ["--plant", self.options.plant]
+        words += ["--jobs", str(self.options.jobs), "--report", files.report, "--write", files.model]
+        self.command([*words, "--json", files.diagnosis], files.folder / "diagnosis.log")
+
+    def design(self, model: Path) -> None:
+        """A controller on what was found, unless it is there."""
+        if self.campaign.design.exists():
+            return
+        self.progress("designing a controller on what was found")
+        words: list[str | Path] = [
+            "design",
+            LAW,
+            "--model",
+            model,
+            "--out",
+            self.campaign.controller,
+            "--json",
+            self.campaign.design,
+        ]
+        self.command(words, self.campaign.folder / "design.log")
+
+    def compare(self, accepted: str) -> dict[str, Any]:
+        """Old against new in an alternating run, unless it is there."""
+        path = self.campaign.comparison
+        if not path.exists():
+            self.progress("trying the new controller against the old one")
+            place = [word for word in self.place() if word not in ("--speed", "max")]
+            words: list[str | Path] = [
+                "compare",
+                accepted,
+                self.campaign.controller,
+                *place,
+                "--seed",
+                str(self.options.seed),
+            ]
+            figure = self.campaign.folder / "comparison.png"
+            self.command([*words, "--figure", figure, "--json", path], self.campaign.folder / "comparison.log", (0, 1))
+        return _json(path)
+
+
+def learn(options: LearnOptions) -> None:
+    """The campaign, its story and its result; exit code 1 when it was not settled."""
+    check_json(options.json_path)
+    _check(options)
+    with shown_progress() as progress:
+        try:
+            result = run(options, progress, lambda text: _asked_for(text, options, progress))
+        except StepError as error:
+            raise InputError(options.out, "", str(error)) from None
+    finish(result, options.json_path, {key: value for key, value in result.items() if key != "beliefs"})
+    raise typer.Exit(0 if result["settled"] else 1)
+
+
+def run(
+    options: LearnOptions, progress: Progress = lambda text: None, may_play: MayPlay = lambda text: True
+) -> dict[str, Any]:
+    """The result as plain data; StepError, InputError. `may_play` is asked before a device is driven."""
+    campaign, budget_s = Campaign(options.out), seconds_of(options.budget)
+    campaign.begin(_asked(options, budget_s))
+    steps = Steps(campaign, options, progress)
+    if options.recordings:
+        return _given(steps)
+    runs, ended = _recorded(steps, budget_s, may_play)
+    comparison, kept, why = _tried(steps, runs)
+    result = _result(runs, ended, comparison, kept, why)
+    _tell(campaign, runs, result, comparison)
+    return result
+
+
+def _check(options: LearnOptions) -> None:
+    """InputError for what cannot be begun."""
+    if options.recordings:
+        if options.sim or options.config is not None:
+            raise InputError("--recording", "", "what was recorded by hand drives nothing: not with --sim or --config")
+        return
+    if options.plant not in (None, HOOP):
+        raise InputError("--plant", "", "another plant is not driven from here: --recording FILE for each recording")
+    if not options.sim and options.config is None:
+        raise InputError("--sim", "", "or --config FILE: where shall be recorded?")
+
+
+def _asked_for(text: str, options: LearnOptions, progress: ProgressLine) -> bool:
+    """Whether a device may be driven: asked on a terminal, unless nothing shall be."""
+    if options.sim or options.yes:
+        return True
+    if not sys.stdin.isatty():
+        raise InputError("--yes", "", "nobody is there to be asked before the device is driven")
+    with progress.hidden():
+        return typer.confirm(f"{text} Play it?", err=True)
+
+
+def _given(steps: Steps) -> dict[str, Any]:
+    """What recordings of another plant say together, and the input that is to be played next, by hand."""
+    campaign, texts = steps.campaign, steps.options.recordings
+    runs = campaign.runs(steps.options.confidence)
+    if not runs or runs[-1].choice.words != texts:
+        files = campaign.run_files(len(runs) + 1)
+        campaign.keep(files, ChosenRun(texts, "was recorded by hand"), _seconds_of(texts, steps.options.plant))
+        steps.diagnose(files, texts, len(runs) + 1)
+        runs = campaign.runs(steps.options.confidence)
+    last = runs[-1]
+    proposed = last.diagnosis.next_experiment
+    told = "" if proposed is None else proposed.command or proposed.signal
+    ended = "Everything that is named is sure and confirmed." if last.belief.settled else "; ".join(last.belief.open)
+    result = _result(runs, ended, None, False, f"Next: {told}" if told else "No input is proposed.")
+    result |= {"recorded_s": last.seconds, "next": told}
+    _tell(campaign, runs, result, None)
+    return result
+
+
+def _seconds_of(texts: Sequence[str], plant: str | None) -> float:
+    """Recorded time of files."""
+    declared = None if plant is None else resolve_plant(plant)
+    found = [read_recording(text, layout=None if declared is None else layout_of(declared)) for text in texts]
+    return float(sum(one.t[-1] - one.t[0] for one in found))
+
+
+def _asked(options: LearnOptions, budget_s: float) -> CampaignRequest:
+    config = None if options.config is None else str(options.config)
+    return CampaignRequest(
+        budget_s=budget_s, confidence=options.confidence, seed=options.seed, sim=options.sim, config=config,
+        sets=options.sets, plant=options.plant,
+    )  # fmt: skip
+
+
+def _recorded(steps: Steps, budget_s: float, may_play: MayPlay) -> tuple[list[DiagnosedRun], str]:
+    """Runs until it is settled, nothing more can be learned, or the budget ends; and which of these it was."""
+    campaign, confidence = steps.campaign, steps.options.confidence
+    while True:
+        runs = campaign.runs(confidence)
+        if runs and runs[-1].belief.settled:
+            return runs, f"Everything that is named is {confidence:.0%} sure, confirmed, and nothing else stands out."
+        choice = campaign.choose(runs)
+        if choice is None:
+            return runs, f"No signal inside the limits tells more: {'; '.join(runs[-1].belief.open)}."
+        spent = sum(one.seconds for one in runs)
+        if spent + _longest(choice) > budget_s:
+            return runs, f"The budget of {budget_s:.0f} s leaves no room for the next run of {_longest(choice):.0f} s."
+        if not may_play(f"{' '.join(choice.words)}, {_longest(choice):.0f} s: {choice.reason}."):
+            return runs, "The operator wanted no further run."
+        _one_run(steps, runs, choice)
+
+
+def _one_run(steps: Steps, runs: Sequence[DiagnosedRun], choice: ChosenRun) -> None:
+    number = len(runs) + 1
+    files = steps.campaign.run_files(number)
+    steps.record(files, choice, number)
+    seconds = float(_json(files.experiment)["ended_at_s"] or 0.0)
+    if seconds < LEAST_S:
+        raise StepError(f"run {number} lasted {seconds:.1f} s: {_json(files.experiment)['outcome']}")
+    steps.diagnose(files, [*(one.files.recording for one in runs), files.recording], number)
+
+
+def _longest(choice: ChosenRun) -> float:
+    """Seconds that the run will take."""
+    words = choice.words
+    told = float(words[words.index("--duration") + 1]) if "--duration" in words else None
+    return (DURATIONS_S.get(words[0], DURATION_S) if told is None else told) + AROUND_S
+
+
+def _tried(steps: Steps, runs: Sequence[DiagnosedRun]) -> tuple[dict[str, Any] | None, bool, str]:
+    """The alternating run, whether the new controller is kept, and why."""
+    if not runs:
+        return None, False, "Nothing was recorded."
+    last = runs[-1]
+    if last.diagnosis.verdict == "consistent":
+        return None, False, "The model stays: there is nothing to design anew."
+    steps.design(last.files.model)
+    if not steps.options.sim:
+        told = f"hoopd compare {_accepted(steps.options)} {steps.campaign.controller}"
+        return None, False, f"On a device an alternating run is one armed run beside its daemon: {told}"
+    comparison = steps.compare(_accepted(steps.options))
+    kept = comparison["verdict"] == "better"
+    word = "is kept" if kept else "is left, the old one stays"
+    return comparison, kept, f"The new controller {word}: {comparison['reason']}."
+
+
+def _accepted(options: LearnOptions) -> str:
+    from hoopd.shell import config as configuration
+
+    return str(configuration.load(options.config, sim=options.sim, overrides=list(options.sets)).control.file)
+
+
+def _result(
+    runs: Sequence[DiagnosedRun], ended: str, comparison: dict[str, Any] | None, kept: bool, why: str
+) -> dict[str, Any]:
+    belief: Belief | None = runs[-1].belief if runs else None
+    return {
+        "settled": bool(belief and belief.settled),
+        "explanation": belief.explanation if belief else "nothing was recorded",
+        "laws": list(belief.laws) if belief else [],
+        "probability": belief.probability if belief else None,
+        "unknown": belief.unknown if belief else None,
+        "runs": len(runs),
+        "recorded_s": sum(one.seconds for one in runs),
+        "ended_because": ended,
+        "comparison": comparison["verdict"] if comparison else None,
+        "kept": kept,
+        "kept_because": why,
+        "beliefs": [dict(one.belief.shares) for one in runs],
+    }
+
+
+def _tell(
+    campaign: Campaign, runs: Sequence[DiagnosedRun], result: dict[str, Any], comparison: dict[str, Any] | None
+) -> None:
+    from hoopd.learn.story import story
+
+    result |= {"story": str(campaign.story), "model": str(runs[-1].files.model) if runs else None}
+    if runs:
+        replace_file(campaign.story, story(runs, result, comparison))
+    replace_file(campaign.result, msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
+
+
+def _set_aside(path: Path) -> None:
+    """A recording that nobody finished."""
+    if path.exists():
+        number = 1
+        while (other := path.with_name(f"broken_{number}.mcap")).exists():
+            number += 1
+        path.replace(other)
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        found: dict[str, Any] = msgspec.json.decode(file_bytes(path), type=dict)
+    except msgspec.MsgspecError as error:
+        raise InputError(path, "", str(error)) from None
+    return found

@@ -1,0 +1,96 @@
+"""What is believed after a diagnosis, and what is still open.
+
+A diagnosis keeps a share for laws that are in no vocabulary. No recording lowers it, so that what has to reach the
+confidence that was asked for is the probability among the laws that are known; the other share is told beside it.
+
+Rules of this file: diagnosis in, words and numbers out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding
+
+PARAMETERS = "parameters"
+# Nothing is missing: one signal alone may never have reached what it acts on.
+QUIET_RUNS = 2
+# What is believed less than so is not drawn or listed.
+LEAST_SHOWN = 0.01
+MOST_SHOWN = 6
+
+
+@dataclass(frozen=True)
+class Belief:
+    """After one diagnosis.
+
+    `laws`: findings, the strongest first; `probability`: of the least sure of them among the laws that are known, or of
+    nothing being missing; `unknown`: of a law that nobody knows; `open`: why it is not settled, in sentences; `shares`:
+    probabilities by name as the diagnosis tells them, the largest first.
+    """
+
+    laws: tuple[str, ...]
+    probability: float
+    unknown: float
+    open: tuple[str, ...]
+    shares: tuple[tuple[str, float], ...]
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing is open."""
+        return not self.open
+
+    @property
+    def explanation(self) -> str:
+        """In words."""
+        return " and ".join(self.laws) if self.laws else "nothing that these signals show is missing"
+
+
+def belief_of(diagnosis: Diagnosis, confidence: float, kinds: int) -> Belief:
+    """What is believed; `confidence`: the probability that is asked for; `kinds`: of signals that were recorded."""
+    shares = {one.name: one.probability or 0.0 for one in diagnosis.candidates}
+    unknown = shares.get(NONE_OF_THESE, 0.0)
+    if not diagnosis.effects:
+        sure = _among_known(shares.get(PARAMETERS, 1.0 - unknown), unknown)
+        missing = _unsure("that nothing is missing", sure, confidence)
+        if kinds < QUIET_RUNS:
+            missing += ("one kind of signal has not shown it: another may",)
+        return Belief((), sure, unknown, missing, _shown(shares))
+    shares |= {one.name: one.probability or 0.0 for one in diagnosis.effects}
+    sure = min(_among_known(one.probability or 0.0, _share_of_none(one, unknown)) for one in diagnosis.effects)
+    found = tuple(one.name for one in diagnosis.effects)
+    return Belief(found, sure, unknown, _open(diagnosis, unknown, confidence), _shown(shares))
+
+
+def _share_of_none(finding: EffectFinding, unknown: float) -> float:
+    """Of what stands in a finding's place; what has no name is itself what nobody knows."""
+    return 0.0 if finding.is_unknown else unknown
+
+
+def _among_known(probability: float, unknown: float) -> float:
+    return min(1.0, probability / (1.0 - unknown)) if unknown < 1.0 else 0.0
+
+
+def _unsure(what: str, sure: float, confidence: float) -> tuple[str, ...]:
+    return () if sure >= confidence else (f"{what} is {sure:.0%} sure, {confidence:.0%} are asked for",)
+
+
+def _open(diagnosis: Diagnosis, unknown: float, confidence: float) -> tuple[str, ...]:
+    sentences: list[str] = []
+    for one in diagnosis.effects:
+        if one.is_unknown:
+            sentences.append(f"{one.name} has no law yet")
+            continue
+        sentences += _unsure(one.name, _among_known(one.probability or 0.0, unknown), confidence)
+        if one.status in ("weak", "untested", "not_confirmed"):
+            sentences.append(f"{one.name} is {one.status.replace('_', ' ')}")
+    if diagnosis.unexplained is not None and diagnosis.unexplained.fires:
+        sentences.append(f"something without a name acts at {diagnosis.unexplained.slot}")
+    if diagnosis.remains is not None:
+        sentences.append(f"what remains at {diagnosis.remains.slot} follows {diagnosis.remains.follows}")
+    return tuple(sentences)
+
+
+def _shown(shares: dict[str, float]) -> tuple[tuple[str, float], ...]:
+    ordered = sorted(shares.items(), key=lambda one: (-one[1], one[0]))
+    return tuple((name, share) for name, share in ordered if share >= LEAST_SHOWN)[:MOST_SHOWN]

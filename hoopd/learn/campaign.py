@@ -1,0 +1,197 @@
+"""The folder of a campaign: what was asked, and of each run the files of the ordinary commands.
+
+    learn.json                what was asked for
+    run_01/choice.json        what is recorded and why
+    run_01/recording.mcap     of `hoopd experiment`, with experiment.json
+    run_01/diagnosis.json     of `hoopd diagnose` on all recordings so far, with report.html and model.yaml
+    controller.yaml           of `hoopd design`, with design.json
+    comparison.json           of `hoopd compare`, with comparison.png
+    result.json, story.html   what became of it
+
+A step is done when its last file is there, and every file appears whole: whoever is killed goes on where it was.
+
+Rules of this file: names and contents of files; nothing is run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from hoopd.diagnose.record import Diagnosis
+from hoopd.diagnose.record_file import parse
+from hoopd.files.reading import InputError
+from hoopd.files.whole_files import file_bytes, replace_file
+from hoopd.learn.belief import Belief, belief_of
+from hoopd.learn.choice import ChosenRun, first, next_choice
+
+SCHEMA = "hoopd.learn/1"
+
+
+class CampaignRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """What a campaign was asked for; who goes on with it asks for the same."""
+
+    schema: str = SCHEMA
+    budget_s: float
+    confidence: float
+    seed: int
+    sim: bool
+    config: str | None
+    sets: tuple[str, ...]
+    plant: str | None = None
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """Files of one recording and of what was thought after it."""
+
+    folder: Path
+
+    @property
+    def choice(self) -> Path:
+        """What is recorded and why."""
+        return self.folder / "choice.json"
+
+    @property
+    def recording(self) -> Path:
+        """Of `hoopd experiment`."""
+        return self.folder / "recording.mcap"
+
+    @property
+    def experiment(self) -> Path:
+        """What `hoopd experiment` said."""
+        return self.folder / "experiment.json"
+
+    @property
+    def diagnosis(self) -> Path:
+        """Of all recordings so far."""
+        return self.folder / "diagnosis.json"
+
+    @property
+    def report(self) -> Path:
+        """Its page."""
+        return self.folder / "report.html"
+
+    @property
+    def model(self) -> Path:
+        """The model with what was found."""
+        return self.folder / "model.yaml"
+
+
+@dataclass(frozen=True)
+class DiagnosedRun:
+    """A run that was recorded and diagnosed."""
+
+    files: RunFiles
+    choice: ChosenRun
+    seconds: float
+    diagnosis: Diagnosis
+    belief: Belief
+
+
+class Campaign:
+    """A folder and what is in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def begin(self, asked: CampaignRequest) -> None:
+        """Make the folder, or go on with one that was asked the same; InputError where it was not."""
+        path = self.folder / "learn.json"
+        if path.exists():
+            self._check_same(asked, path)
+            return
+        if self.folder.exists() and any(self.folder.iterdir()):
+            raise InputError(self.folder, "--out", "holds other files and no campaign")
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(self.folder, "--out", (error.strerror or "cannot be made").lower()) from None
+        _write(path, asked)
+
+    def _check_same(self, asked: CampaignRequest, path: Path) -> None:
+        before = _read(path, CampaignRequest)
+        for name in CampaignRequest.__struct_fields__:
+            if getattr(before, name) != getattr(asked, name):
+                told = f"was begun with {getattr(before, name)!r}, not {getattr(asked, name)!r}: another --out"
+                raise InputError(path, name, told)
+
+    def run_files(self, number: int) -> RunFiles:
+        """Of the run with this number, from 1."""
+        return RunFiles(self.folder / f"run_{number:02d}")
+
+    def runs(self, confidence: float) -> list[DiagnosedRun]:
+        """Every run that has been diagnosed, in their order."""
+        found: list[DiagnosedRun] = []
+        while (files := self.run_files(len(found) + 1)).diagnosis.exists():
+            choice = _read(files.choice, ChosenRun)
+            diagnosis = parse(file_bytes(files.diagnosis), files.diagnosis)
+            kinds = {one.choice.words for one in found} | {choice.words}
+            belief = belief_of(diagnosis, confidence, len(kinds))
+            found.append(DiagnosedRun(files, choice, recorded_s(files), diagnosis, belief))
+        return found
+
+    def choose(self, runs: list[DiagnosedRun]) -> ChosenRun | None:
+        """What is recorded next: what was chosen before it was broken off, or what the last diagnosis asks for."""
+        files = self.run_files(len(runs) + 1)
+        if files.choice.exists():
+            chosen: ChosenRun = _read(files.choice, ChosenRun)
+            return chosen
+        played = [one.choice.words for one in runs]
+        choice = next_choice(runs[-1].diagnosis, runs[-1].belief, played) if runs else first()
+        if choice is not None:
+            files.folder.mkdir(exist_ok=True)
+            _write(files.choice, choice)
+        return choice
+
+    def keep(self, files: RunFiles, choice: ChosenRun, seconds: float) -> None:
+        """A run that somebody else has recorded: what it is, and how long."""
+        files.folder.mkdir(exist_ok=True)
+        _write(files.choice, choice)
+        _write(files.experiment, {"ended_at_s": seconds})
+
+    @property
+    def controller(self) -> Path:
+        """The controller that is designed on what was found."""
+        return self.folder / "controller.yaml"
+
+    @property
+    def design(self) -> Path:
+        """What `hoopd design` said."""
+        return self.folder / "design.json"
+
+    @property
+    def comparison(self) -> Path:
+        """What `hoopd compare` said."""
+        return self.folder / "comparison.json"
+
+    @property
+    def result(self) -> Path:
+        """What became of it."""
+        return self.folder / "result.json"
+
+    @property
+    def story(self) -> Path:
+        """The page."""
+        return self.folder / "story.html"
+
+
+def recorded_s(files: RunFiles) -> float:
+    """Seconds that a run took, from its experiment's own words."""
+    told = _read(files.experiment, dict[str, Any])
+    return float(told["ended_at_s"] or 0.0)
+
+
+def _read(path: Path, kind: Any) -> Any:
+    """A JSON file that this program wrote; InputError where somebody spoiled it."""
+    try:
+        return msgspec.json.decode(file_bytes(path), type=kind)
+    except msgspec.MsgspecError as error:
+        raise InputError(path, "", str(error)) from None
+
+
+def _write(path: Path, value: Any) -> None:
+    replace_file(path, msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")

@@ -1,0 +1,79 @@
+"""Which run comes next: the one that a diagnosis proposes to tell two laws apart, or the next of a menu of signals.
+
+Rules of this file: a choice is the words of `hoopd experiment`; sizes and limits are that command's own.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hoopd.diagnose.record import Diagnosis
+from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS
+from hoopd.learn.belief import Belief
+
+# Signals that move the ball and the hoop in different ways: fast and slow, small and large, driven and left alone.
+MENU = (
+    ("prbs",),
+    ("multisine", "--low", "0.05", "--high", "1"),
+    ("steps", "--hold", "0.8"),
+    ("chirp",),
+    ("prbs", "--clock", "4"),
+    ("decay", "--rest", "6"),
+)
+# Options of a proposal that say where to play it: the campaign knows.
+_PLACES = frozenset({"--sim"})
+_SETTINGS = frozenset({"--seed", "--set", "--config"})
+
+
+@dataclass(frozen=True)
+class ChosenRun:
+    """Words of `hoopd experiment` behind the command, the reason, and nats that are expected of it where they are."""
+
+    words: tuple[str, ...]
+    reason: str
+    expected_nats: float | None = None
+
+
+def first() -> ChosenRun:
+    """When nothing was recorded yet."""
+    return ChosenRun(MENU[0], "nothing is known yet: a fast two-level signal has most of what moves both")
+
+
+def next_choice(diagnosis: Diagnosis, belief: Belief, played: Sequence[tuple[str, ...]]) -> ChosenRun | None:
+    """The run that is recorded next; None where no signal inside the limits would tell more.
+
+    `played`: the words of the runs that there are.
+    """
+    proposed = _proposed(diagnosis)
+    if proposed is not None and (proposed.expected_nats or 0.0) >= NOT_EXCLUDED_NATS:
+        return proposed
+    other = next((words for words in MENU if words not in played), None)
+    if other is not None:
+        return ChosenRun(other, f"{_because(belief)}; this signal has not been played yet")
+    weak = proposed is not None and (proposed.expected_nats or 0.0) > 0.0
+    return proposed if weak and _times(proposed, played) < 2 else None
+
+
+def _because(belief: Belief) -> str:
+    return belief.open[0] if belief.open else "to see it once more"
+
+
+def _times(choice: ChosenRun | None, played: Sequence[tuple[str, ...]]) -> int:
+    return 0 if choice is None else list(played).count(choice.words)
+
+
+def _proposed(diagnosis: Diagnosis) -> ChosenRun | None:
+    """The proposal's own command without where it would be played."""
+    told = diagnosis.next_experiment
+    if told is None or not told.command:
+        return None
+    words, given = list[str](), iter(shlex.split(told.command)[2:])
+    for word in given:
+        if word in _SETTINGS:
+            next(given, None)
+        elif word not in _PLACES:
+            words.append(word)
+    first_law, second_law = told.tells_apart
+    return ChosenRun(tuple(words), f"to tell {first_law} from {second_law}: {told.signal}", told.expected_nats)

@@ -1,0 +1,205 @@
+"""`hoopd learn`: it goes on until it knows, resumes where it was broken off, and keeps to its budget."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from inprocess import call
+from saiddiagnosis import said
+
+from hoopd.commands import learn as command
+from hoopd.commands.options.learn import LearnOptions, seconds_of
+from hoopd.diagnose.record import Diagnosis
+from hoopd.diagnose.record_file import to_json_bytes
+from hoopd.files.reading import InputError
+
+FRICTION = "sim.effects=[{name: hoop.coulomb_friction, parameters: {Fc: 0.006}}]"
+
+
+class Played:
+    """Stands for the commands of a campaign: writes what they would, and counts them."""
+
+    def __init__(self, diagnoses: Sequence[Diagnosis], verdict: str = "better") -> None:
+        self.diagnoses, self.verdict, self.words = list(diagnoses), verdict, list[list[str]]()
+        self.fails = ""
+
+    def __call__(self, words: Sequence[Any]) -> int:
+        text = [str(one) for one in words]
+        self.words.append(text)
+        if text[0] == self.fails:
+            raise command.StepError("hoopd experiment: killed")
+        told = Path(text[text.index("--json") + 1])
+        content: dict[str, Any] = {"ended_at_s": 21.0, "outcome": "done"}
+        if text[0] == "experiment":
+            Path(text[text.index("--out") + 1]).write_bytes(b"recording")
+        if text[0] == "diagnose":
+            told.write_bytes(to_json_bytes(self.diagnoses.pop(0)))
+            return 0
+        if text[0] == "compare":
+            content = {
+                "verdict": self.verdict, "reason": "clear after 4 pairs", "pairs": [],
+                "cost": {"intervals_percent": [], "change_percent": None},
+            }  # fmt: skip
+        told.write_text(json.dumps(content))
+        return 0
+
+    @property
+    def commands(self) -> list[str]:
+        return [one[0] for one in self.words]
+
+
+def played(monkeypatch: pytest.MonkeyPatch, *diagnoses: Diagnosis, verdict: str = "better") -> Played:
+    found = Played(diagnoses, verdict)
+    monkeypatch.setattr(command.Steps, "command", lambda self, words, log, accepted=(0,), seen=False: found(words))
+    return found
+
+
+def options(folder: Path, **more: Any) -> LearnOptions:
+    return LearnOptions(**({"sim": True, "out": folder / "campaign", "budget": "3min"} | more))
+
+
+def test_it_records_until_the_law_is_sure_then_designs_and_keeps_what_is_better(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps = played(monkeypatch, said(0.6), said(0.92))
+    result = command.run(options(tmp_path))
+    assert steps.commands == ["experiment", "diagnose", "experiment", "diagnose", "design", "compare"]
+    assert result["settled"] and result["kept"] and result["laws"] == ["hoop.coulomb_friction"]
+    assert result["recorded_s"] == 42.0 and len(steps.words[3]) == len(steps.words[1]) + 1
+    page = (tmp_path / "campaign" / "story.html").read_text()
+    assert "hoop.coulomb_friction is 65% sure" in page and "clear after 4 pairs" in page
+    assert str(tmp_path) not in page
+
+
+def test_it_says_that_nothing_is_missing_and_designs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = played(monkeypatch, said(), said())
+    result = command.run(options(tmp_path))
+    assert steps.commands == ["experiment", "diagnose"] * 2
+    assert result["settled"] and result["laws"] == [] and not result["kept"]
+
+
+def test_the_budget_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = played(monkeypatch, said(0.5), said(0.5), verdict="worse")
+    result = command.run(options(tmp_path, budget="45s"))
+    assert steps.commands.count("experiment") == 2
+    assert not result["settled"] and not result["kept"] and "budget of 45 s" in result["ended_because"]
+
+
+def test_what_was_broken_off_goes_on_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = played(monkeypatch, said(0.6), said(0.92))
+    steps.fails = "design"
+    with pytest.raises(command.StepError):
+        command.run(options(tmp_path))
+    before = {path: path.read_bytes() for path in (tmp_path / "campaign").rglob("*") if path.is_file()}
+    (tmp_path / "campaign" / "run_03").mkdir()
+    steps.fails, steps.words = "", []
+    assert command.run(options(tmp_path))["kept"]
+    assert steps.commands == ["design", "compare"]
+    assert all(path.read_bytes() == data for path, data in before.items())
+
+
+def test_a_recording_that_nobody_finished_is_kept_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "campaign" / "run_01"
+    steps = played(monkeypatch, said(), said())
+    steps.fails = "experiment"
+    with pytest.raises(command.StepError):
+        command.run(options(tmp_path))
+    (folder / "recording.mcap").write_bytes(b"half")
+    steps.fails = ""
+    command.run(options(tmp_path))
+    assert (folder / "broken_1.mcap").read_bytes() == b"half"
+
+
+def test_another_question_is_no_campaign_to_go_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    played(monkeypatch, said(), said())
+    command.run(options(tmp_path))
+    with pytest.raises(InputError, match=r"learn.json: confidence: was begun with 0.95, not 0.8"):
+        command.run(options(tmp_path, confidence=0.8))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "mine.txt").write_text("x")
+    with pytest.raises(InputError, match="holds other files"):
+        command.run(options(tmp_path, out=tmp_path / "other"))
+
+
+def test_a_device_is_not_driven_unasked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = played(monkeypatch)
+    here = options(tmp_path, sim=False, config=tmp_path / "device.yaml")
+    asked: list[str] = []
+    result = command.run(here, may_play=lambda text: bool(asked.append(text)))
+    assert steps.words == [] and len(asked) == 1 and result["ended_because"] == "The operator wanted no further run."
+    code, _, errors = call(["learn", "--config", str(tmp_path / "device.yaml"), "--out", str(tmp_path / "c")])
+    assert code == 2 and "nobody is there to be asked" in errors
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ([], "hoopd: --sim: or --config FILE: where shall be recorded?"),
+        (["--sim", "--budget", "4x"], "hoopd: --budget: must be a time up to a day, as 10min or 90s, not '4x'"),
+        (["--plant", "pendulum"], "hoopd: --plant: another plant is not driven from here: --recording FILE for each"),
+        (["--sim", "--recording", "a.csv"], "hoopd: --recording: what was recorded by hand drives nothing"),
+    ],
+)
+def test_what_cannot_be_begun_is_one_line(words: list[str], line: str, tmp_path: Path) -> None:
+    code, _, errors = call(["learn", "--out", str(tmp_path / "campaign"), *words])
+    assert code == 2 and errors.startswith(line) and errors.count("\n") == 1
+    assert not (tmp_path / "campaign").exists()
+
+
+def test_times_have_units() -> None:
+    assert [seconds_of(text) for text in ("10min", "90s", "1.5h", "600")] == [600.0, 90.0, 5400.0, 600.0]
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(900)
+def test_a_concealed_friction_is_learned_on_the_rig_however_often_it_is_killed(tmp_path: Path) -> None:
+    """Nothing of it is left running when it is killed, and what it had is not done again."""
+    folder = tmp_path / "campaign"
+    line = [
+        sys.executable,
+        "-m",
+        "hoopd",
+        "learn",
+        "--sim",
+        "--budget",
+        "3min",
+        "--set",
+        FRICTION,
+        "--out",
+        str(folder),
+    ]
+    for wait_s in (0.7, 1.9, 4.0, 8.0):
+        process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(wait_s)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait(10.0)
+        deadline = time.monotonic() + 10.0
+        while (left := _running(folder)) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert not left
+    told = folder / "told.json"
+    subprocess.run([*line, "--json", str(told)], check=False, capture_output=True, timeout=600.0)
+    result = json.loads(told.read_text())
+    assert result["settled"] and result["laws"][0] == "hoop.coulomb_friction" and result["runs"] <= 4
+
+
+def _running(folder: Path) -> list[str]:
+    """Processes that name the campaign's folder."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            text = path.read_bytes().replace(b"\0", b" ").decode()
+        except OSError:
+            continue
+        if str(folder) in text:
+            found.append(text)
+    return found

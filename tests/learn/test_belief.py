@@ -1,0 +1,70 @@
+"""When it is settled, and what is recorded while it is not."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+from saiddiagnosis import proposal, said
+
+from hoopd.diagnose.record import Remains, Unexplained
+from hoopd.learn.belief import belief_of
+from hoopd.learn.choice import MENU, first, next_choice
+
+
+def test_a_law_is_as_sure_as_it_is_among_the_laws_that_are_known() -> None:
+    belief = belief_of(said(0.90, none=0.07), 0.95, kinds=1)
+    assert belief.probability == pytest.approx(0.90 / 0.93) and belief.unknown == 0.07
+    assert belief.settled and belief.explanation == "hoop.coulomb_friction"
+
+
+@pytest.mark.parametrize(
+    ("diagnosis", "why"),
+    [
+        (said(0.80), "hoop.coulomb_friction is 86% sure, 95% are asked for"),
+        (said(0.92, "weak"), "hoop.coulomb_friction is weak"),
+        (said(0.92, "not_confirmed"), "hoop.coulomb_friction is not confirmed"),
+        (
+            said(0.92, unexplained=Unexplained(fires=True, slot="ball", curve=None)),
+            "something without a name acts at ball",
+        ),
+        (
+            said(0.92, remains=Remains(slot="ball", follows="psi", log_likelihood_gain=20.0, by_chance=4.0)),
+            "what remains at ball follows psi",
+        ),
+    ],
+)
+def test_what_is_open_is_said(diagnosis: object, why: str) -> None:
+    assert belief_of(diagnosis, 0.95, kinds=2).open == (why,)  # type: ignore[arg-type]
+
+
+def test_that_nothing_is_missing_takes_two_kinds_of_signal() -> None:
+    assert not belief_of(said(), 0.95, kinds=1).settled
+    belief = belief_of(said(), 0.95, kinds=2)
+    assert belief.settled and belief.laws == ()
+
+
+def test_a_curve_without_a_law_is_never_settled() -> None:
+    diagnosis = said(0.99)
+    unknown = msgspec.structs.replace(diagnosis.effects[0], name="unknown.hoop")
+    diagnosis = msgspec.structs.replace(diagnosis, effects=[unknown], verdict="unknown_physics")
+    assert belief_of(diagnosis, 0.95, kinds=3).open == ("unknown.hoop has no law yet",)
+
+
+def test_a_proposal_that_brings_enough_comes_first_and_without_its_place() -> None:
+    diagnosis = said(0.6, next_experiment=proposal(40.0))
+    choice = next_choice(diagnosis, belief_of(diagnosis, 0.95, 1), [MENU[0]])
+    assert choice is not None and choice.words == ("multisine", "--low", "0.05") and choice.expected_nats == 40.0
+
+
+def test_a_proposal_that_brings_nothing_leaves_it_to_the_menu_and_then_it_ends() -> None:
+    diagnosis = said(0.6, next_experiment=proposal(0.5))
+    belief = belief_of(diagnosis, 0.95, 1)
+    played = [first().words]
+    for _ in MENU[1:]:
+        choice = next_choice(diagnosis, belief, played)
+        assert choice is not None and choice.words in MENU and choice.words not in played
+        played.append(choice.words)
+    words = ("multisine", "--low", "0.05")
+    last = next_choice(diagnosis, belief, played)
+    assert last is not None and last.words == words
+    assert next_choice(diagnosis, belief, [*played, words, words]) is None
