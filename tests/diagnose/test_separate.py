@@ -16,6 +16,7 @@ from hoopd.diagnose.proof.next_experiment import (
     Expected,
     Pair,
     expectations,
+    expected_to_show,
     next_experiment,
     rows_of_recordings,
     why_by_hand,
@@ -221,6 +222,44 @@ def test_whether_it_is_more_than_the_simpler_effect_is_asked_of_the_larger_one(r
     assert proposed is not None and proposed.tells_apart == (more.name, HOOP.name)
     assert proposed.command.startswith("hoopd experiment ") and "-1" not in proposed.reason
     assert proposed.expected_nats is not None and proposed.expected_nats > 1.0
+
+
+@pytest.fixture(scope="module")
+def faint() -> Pair:
+    """A friction of which the recording says too little to name it."""
+    u = 0.03 * np.repeat(np.random.default_rng(3).choice([-1.0, 1.0], 60), 5)
+    stretches = [driven("a", 5, u, HOOP, Fc=0.002)]
+    base = fitted(stretches)
+    return Pair(fitted(stretches, (HOOP,), base, Fc=0.002), HOOP, HOOP, base)
+
+
+def quiet(faint: Pair, surprise_nats: float) -> Named:
+    """Nothing was named, and the friction is the likeliest candidate."""
+    tried = Tried(HOOP, faint.final, faint.ablated.criterion - faint.final.criterion, surprise_nats, None)  # type: ignore[arg-type]
+    return replace(Named(faint.ablated, faint.ablated, faint.ablated), tried=[tried])
+
+
+def test_where_nothing_was_named_the_likeliest_candidate_is_to_be_shown(faint: Pair) -> None:
+    proposed = next_experiment(quiet(faint, 6.0), {}, LIBRARY)
+    assert proposed is not None and proposed.tells_apart == (HOOP.name, "parameters")
+    assert proposed.command.startswith("hoopd experiment ") and "too few to name it" in proposed.reason
+    assert next_experiment(quiet(faint, 3.0), {}, LIBRARY) is None
+
+
+def test_what_is_expected_to_show_a_candidate_is_kept_by_fits_with_and_without_it(faint: Pair) -> None:
+    """Of a run that comes to rest the linear model promises too little: those are left out."""
+    menu = sorted((one for one in expected_to_show(faint) if one.entry.plan.kind != "decay"), key=lambda one: one.nats)
+    fc = faint.final.values[HOOP.key("Fc")]
+
+    def shown(one: Expected) -> float:
+        both = [faint.final.tracks[0].stretch, driven("b", 1, one.entry.u, HOOP, Fc=fc)]
+        true = fitted(both, (HOOP,), Fc=fc)
+        known = faint.ablated.criterion - faint.final.criterion
+        return fitted(both).criterion - true.criterion - known
+
+    assert menu[-1].nats > 3.0 * max(menu[0].nats, 1.0)
+    assert shown(menu[-1]) == pytest.approx(menu[-1].nats, rel=0.5)
+    assert shown(menu[-1]) > shown(menu[0])
 
 
 @pytest.mark.parametrize(

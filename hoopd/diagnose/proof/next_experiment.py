@@ -12,11 +12,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 from hoopd.diagnose.proof.experiment_menu import Entry, command, entries
 from hoopd.diagnose.proof.not_excluded import Separation
-from hoopd.diagnose.proof.separation import Rows, linear, nats_apart, rows_beside, rows_of, without_effect
+from hoopd.diagnose.proof.separation import Rows, linear, nats_apart, nats_seen, rows_beside, rows_of, without_effect
 from hoopd.diagnose.record import NextExperiment, Quantity
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.diagnose.search.screen import Member
@@ -31,6 +32,10 @@ from hoopd.plants.likelihood.stretches import Held, Stretch
 
 # An interval reaches this many standard errors.
 ERRORS = 2.0
+# The best of some thirty candidates is beyond it by chance in one recording of five: 30 exp(-5).
+WORTH_A_LOOK_NATS = 5.0
+# The rival of a candidate that was not named: parameters alone.
+PARAMETERS = "parameters"
 # What the recording to come is called.
 NEXT = "the next recording"
 
@@ -58,6 +63,8 @@ def next_experiment(
     named: Named, found: Mapping[str, Separation], library: Mapping[str, Effect], seed: int = 0
 ) -> NextExperiment | None:
     """For the pair that is hardest to tell apart; None where there is nothing to tell."""
+    if not named.accepted:
+        return _to_see_the_likeliest(named, seed)
     pair = _pair(named, found, library)
     if pair is None:
         return _change_of_hardware(found, library)
@@ -80,10 +87,23 @@ def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
     ]
 
 
-def rows_of_recordings(pair: Pair) -> Rows:
-    """Both explanations along the recordings that are there."""
+def expected_to_show(pair: Pair, seed: int = 0) -> list[Expected]:
+    """Every entry of the menu, and the nats that it adds to what the recordings say of the pair's effect alone."""
+    track = _stage(pair)
+    if track is None:
+        return []
+    period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
+    known = rows_of_recordings(pair, [])
+    before = nats_seen([known])
+    every = entries(track.composite, {**track.composite.values, **values_of(NEXT, values)}, period, seed)
+    return [Expected(one, nats_seen([known, rows_of_entry(pair, one, [])]) - before) for one in every]
+
+
+def rows_of_recordings(pair: Pair, rivals: Sequence[Effect] | None = None) -> Rows:
+    """Both explanations along the recordings that are there; `rivals`: others than the pair's."""
     about = without_effect(pair.final, pair.effect, pair.ablated, _free_of_next(pair))
-    return rows_beside(about, pair.effect, pair.final.values, [pair.rival], _recordings(pair.final))
+    told = [pair.rival] if rivals is None else rivals
+    return rows_beside(about, pair.effect, pair.final.values, told, _recordings(pair.final))
 
 
 def rows_of_entry(pair: Pair, entry: Entry, members: Sequence[Member]) -> Rows:
@@ -195,6 +215,23 @@ def _simulated(stretch: Stretch, rest: Sequence[Effect], entry: Entry) -> Track:
     z = np.array([composite.beginning(x[k], float(u[k])) for k in range(len(x))])
     track.moved(z, np.zeros((len(x), len(stretch.plant.disturbed))), z, z)
     return track
+
+
+def _to_see_the_likeliest(named: Named, seed: int) -> NextExperiment | None:
+    """Where nothing was named: what would show the likeliest candidate, if it is there at its fitted size."""
+    one = next((tried for tried in named.tried if tried.surprise >= WORTH_A_LOOK_NATS), None)
+    if one is None:
+        return None
+    pair = Pair(one.fit, one.effect, one.effect, named.base, one.gain)
+    best = max(expected_to_show(pair, seed), key=lambda entry: entry.nats, default=None)
+    if best is None or best.nats <= 0.0:
+        return None
+    told = _told(pair, best)
+    return msgspec.structs.replace(
+        told, tells_apart=(one.effect.name, PARAMETERS),
+        reason=f"{one.effect.name} is the likeliest of what was not found ({one.gain:.1f} nats, too few to name it); "
+        "of the safe signals this one would show most of it, if it is there.",
+    )  # fmt: skip
 
 
 # ---------------------------------------------------------------------------------------------- in words

@@ -148,6 +148,12 @@ def nats_apart(parts: Sequence[Rows]) -> dict[str, float]:
     return {name: max(float(v @ v) / 2.0 - one.gain, 0.0) for name, one in _best(parts, known, v).items()}
 
 
+def nats_seen(parts: Sequence[Rows]) -> float:
+    """Expected nats of the effect itself over the base, re-fitted to all parts together."""
+    _, v = _known(parts)
+    return float(v @ v) / 2.0
+
+
 def _best(parts: Sequence[Rows], known: Array, v: Array) -> dict[str, Score]:
     """Of every rival the choice that explains most of the effect's change v."""
     found: dict[str, Score] = {}

@@ -202,7 +202,8 @@ def next_sentence(diagnosis: Diagnosis) -> str:
             "Next: nothing has to be done; how much could hide stands under “What these recordings would have shown”."
         )
     if diagnosis.verdict == "parameters":
-        return "Next: keep the re-estimated parameters (--write FILE.yaml), and use that model."
+        more = f" To be surer that nothing is missing, {record}." if record else ""
+        return f"Next: keep the re-estimated parameters (--write FILE.yaml), and use that model.{more}"
     sure = [one for one in kept(diagnosis) if not doubt(one) and not one.is_unknown]
     if not sure:
         other = record or words_of_remains(diagnosis) or "record again, with another signal"
