@@ -125,7 +125,8 @@ def checked(plant: Plant, name: str, parameters: Mapping[str, float]) -> dict[st
     sized = not undeclared_sizes(plant)
     for key, value in parameters.items():
         _check(effect, key, value, sized=sized)
-    if missing := [one.name for one in effect.parameters if one.name not in parameters and _needed(one)]:
+    needed = [one.name for one in effect.parameters if _needed(one)] if effect.found_by != "switch" else []
+    if missing := [name for name in needed if name not in parameters]:
         raise EffectError("parameters", f"{name} lacks {', '.join(missing)}")
     return {**effect.neutral(), **parameters}
 

@@ -64,7 +64,8 @@ def rig_effects(config: Config, model: ModelFile) -> dict[str, dict[str, float]]
         if known[name].found_by == "quality":
             raise InputError("configuration", "sim.effects", f"{name} is no physics of a plant: see sim.faults")
     # a switch has no number that could be neutral: where it stands it is on
-    return {name: values for name, values in told.items() if not values or values != known[name].neutral()}
+    acts = {name: known[name].found_by == "switch" or values != known[name].neutral() for name, values in told.items()}
+    return {name: values for name, values in told.items() if acts[name]}
 
 
 def fault_list(config: Config) -> list[ScriptedFault]:

@@ -4,7 +4,7 @@ With `ball.lift_off` the ball leaves the hoop where nothing presses it on, flies
 in which it is seen. Further from its track than the detector looks it is not seen at all, and psi is not a number.
 
 Rules of this file: time is an argument and never runs backwards; a segment between two events is integrated in steps
-of at most 1 ms. What acts late is kept with its time, so that delays and latencies of any length are exact at the
+of at most 1 ms (2 ms where the ball may fly). What acts late is kept with its time, so that delays and latencies of any length are exact at the
 plant's own steps.
 """
 
@@ -48,7 +48,6 @@ class RigPlant:
         """`held`: hands hold ball and hoop at x0 until `hold_s` has passed and the drive gives its first torque."""
         effects, values = found.effects(), found.values
         c = Composite(found.plant, effects, substeps=1)
-        self._segment_s = STEP_S if effects else SEGMENT_S
         steps = 1 if effects else ADVANCE_STEPS
         self._model = NumericPlant(found.plant, effects, values, advance_steps=steps)
         self._delay_s = c.delay_s(values)
@@ -58,6 +57,8 @@ class RigPlant:
         self._z, self._t = c.beginning(np.asarray(x0, float)), t
         flies = any(one.flight is not None for one in effects)
         self._course = ContactCourse(ContactModes(found.plant, effects), values, self._z) if flies else None
+        # a course has steps of its own; the past is kept step by step
+        self._segment_s = STEP_S if effects and (self._course is None or self._remembers) else SEGMENT_S
         self._held, self._release_t = held, t + hold_s
         self._torques: deque[tuple[float, float]] = deque([(-inf, 0.0)])  # from when on
         self._past: deque[tuple[float, Array]] = deque([(t, self._z)])
@@ -116,7 +117,7 @@ class RigPlant:
         if self._course is None:
             self._z = self._model.advance(self._z, torque_nm, h, self._t)
             return
-        self._course.step(torque_nm, h, self._t)
+        self._course.advance(torque_nm, h, self._t)
         self._z = self._course.seen()
 
     def _next_torque(self) -> float:

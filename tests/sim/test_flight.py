@@ -93,4 +93,4 @@ def test_off_its_track_it_is_not_seen() -> None:
 
 def test_the_configuration_switches_it_on() -> None:
     config = configuration.load(None, sim=True, overrides=["sim.effects=[{name: ball.lift_off}]"])
-    assert parts.plant_arguments(config, FILE)["effects"] == {"ball.lift_off": {}}
+    assert parts.plant_arguments(config, FILE)["effects"] == {"ball.lift_off": {"restitution": 0.0, "grip": 1e3}}

@@ -32,7 +32,7 @@ TABLE = {
     "ball.rolling_resistance": {"r": "m"},
     "ball.quadratic_drag": {"c": "N m s2"},
     "ball.slip": {"mu": "-"},
-    "ball.lift_off": {},
+    "ball.lift_off": {"restitution": "-", "grip": "-"},
     "frame.tilt": {"d": "rad"},
     "frame.vibration": {"A": "m/s2", "w": "rad/s", "phi": "rad"},
     "camera.latency": {"d": "s"},

@@ -1,10 +1,15 @@
 """The modes of a ball that may leave the hoop, and what carries over from one to the next.
 
-It takes off where the normal force falls below zero. It lands where its distance from the axis comes back to Ro-Rb: its
-speed across the hoop is lost, and the impulse of the contact makes it roll again, or as nearly as mu times the lost
-momentum allows. What runs on through both (the hoop and its friction, lags, sensors) does so by the same effects.
+    rolling --N < 0--> air        spin and path go on as they are
+    air --touches--> air          while the speed that comes back is one that flies: r' -> -e r'
+    air --touches--> rolling      else: the speed across the hoop is lost
 
-Rules of this file: guards and resets, step by step; how each mode moves stands in its plant.
+It touches where its distance from the axis comes back to Ro-Rb. At every touch the impulse of friction makes it roll,
+or as nearly as mu times the impulse across, m (1 + e) r', allows. What runs on through all of it (the hoop and its
+friction, lags, sensors) does so by the same effects.
+
+Rules of this file: guards and resets; how each mode moves stands in its plant, when one ends `plants.hybrid_plant`
+finds.
 """
 
 from __future__ import annotations
@@ -19,15 +24,20 @@ from numpy.typing import NDArray
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.hoop.effects.flying_plant import FlyingPlant
+from hoopd.plants.hybrid_plant import HybridCourse, HybridPlant, Transition
 from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 
-BISECTIONS = 30  # of a landing within a step
+ROLLING, AIR = "rolling", "air"
+# A ball that comes back slower than this (m/s) is on the hoop: it would fly for 2 ms, a tenth of a picture's time.
+LEAST_REBOUND_M_S = 0.01
+# Of a distance (m): a ball that has just left its track, by rounding, has not touched it again.
+SAME_PLACE_M = 1e-9
 
 
 class ContactModes:
-    """Rolling and flying plant with their effects, guard and resets."""
+    """Rolling and flying plant with their effects, guards and resets."""
 
     def __init__(self, plant: Plant, effects: Sequence[Effect]) -> None:
         """`effects`: one of them lets the ball take off."""
@@ -37,39 +47,62 @@ class ContactModes:
         through = [one for one in effects if one.name not in self._flying.through_contact]
         self.rolling = Composite(plant, effects, substeps=1)
         self.air = Composite(self._flying.plant, through, substeps=1)
-        self.slip = next((one.key("mu") for one in effects if one.name.endswith(".slip")), None)
-        self.normal, self.off, self.on = self._functions()
+        slip = next((one.key("mu") for one in effects if one.name.endswith(".slip")), None)
+        self._mu, self._restitution = slip or effect.key("grip"), effect.key("restitution")
+        self.hybrid = HybridPlant({ROLLING: self.rolling, AIR: self.air}, self._transitions())
+        self.normal = self.hybrid.of(ROLLING)[0].guard
 
-    def _functions(self) -> tuple[ca.Function, ca.Function, ca.Function]:
-        """Normal force (z, p); taking off (z, p) -> z in the air; landing (z in the air, p, mu) -> z."""
-        z, p = ca.SX.sym("z", self.rolling.nz), ca.SX.sym("p", len(self.rolling.names))
+    def _transitions(self) -> list[Transition]:
+        """Normal force (z, p) and what follows where it ends; the way to the track and what follows there."""
+        p = ca.SX.sym("p", len(self.rolling.names))
         named = {name: p[i] for i, name in enumerate(self.rolling.names)}
-        s = self.rolling.plant.point(z, named)
-        normal = ca.Function("normal", [z, p], [self._flying.normal_force(s)])
-        off = ca.Function("off", [z, p], [ca.densify(self._took_off(z, s))])
-        air, mu = ca.SX.sym("air", self.air.nz), ca.SX.sym("mu")
-        at = self.air.plant.point(air, named)
-        return normal, off, ca.Function("on", [air, p, mu], [ca.densify(self._landed(air, at, mu))])
+        z, air = ca.SX.sym("z", self.rolling.nz), ca.SX.sym("air", self.air.nz)
+        on, off = self.rolling.plant.point(z, named), self.air.plant.point(air, named)
+        e, mu = named[self._restitution], named[self._mu]
+
+        def of(name: str, state: Any, value: Any) -> ca.Function:
+            return ca.Function(name, [state, p], [ca.densify(value)])
+
+        touching = of("touching", air, on_track(off) + SAME_PLACE_M - off.distance)
+        rebounds = of("rebounds", air, e * off.ddistance - LEAST_REBOUND_M_S)
+        return [
+            Transition(ROLLING, AIR, of("normal", z, self._flying.normal_force(on)), of("off", z, self._took_off(z, on))),
+            Transition(AIR, AIR, touching, of("bounced", air, self._bounced(air, off, mu, e)), rebounds),
+            Transition(AIR, ROLLING, touching, of("landed", air, self._landed(air, off, mu))),
+        ]
 
     def _took_off(self, z: Any, s: Point) -> Any:
         c = self._flying.contact(s)
         spin = c.by_theta * s.dtheta + c.by_psi * s.dpsi - (s.dslip if "slip" in s else 0.0)
-        return ca.vertcat(z[: self.shared], 0.0, spin, s.p["Ro"] - s.p["Rb"], 0.0, z[self.rolling.nx :])
+        return ca.vertcat(z[: self.shared], 0.0, spin, on_track(s), 0.0, z[self.rolling.nx :])
+
+    def _bounced(self, z: Any, s: Point, mu: Any, e: Any) -> Any:
+        rates = self._touched(s, mu, e)
+        moved = {**{f"d{q}": rate for q, rate in rates.items() if q != "slip"}, "ddistance": -e * s.ddistance}
+        moved["distance"] = on_track(s)
+        return ca.vertcat(*(moved.get(name, z[i]) for i, name in enumerate(self.air.plant.states)), z[self.air.nx :])
 
     def _landed(self, z: Any, s: Point, mu: Any) -> Any:
+        rates, own = self._touched(s, mu, 0.0), self.rolling.plant.coordinates
+        state = [x for q in own for x in (0.0 if q == "slip" else getattr(s, q), rates[q])]
+        return ca.vertcat(*state, z[self.air.nx :])
+
+    def _touched(self, s: Point, mu: Any, e: Any) -> dict[str, Any]:
+        """Rates of hoop, path, spin and slip after a touch."""
         c, rb = self._flying.contact(s), s.p["Rb"]
         by_theta = c.by_theta / c.theta_inertia if "theta" in self.rolling.plant.coordinates else 0.0
         by_psi = c.by_psi / c.psi_inertia
         slide = c.by_theta * s.dtheta + c.by_psi * s.dpsi - s.dspin
-        # the impulse P after which nothing slides, at most mu m r':  hoop, path and spin change by it
+        # the impulse P after which nothing slides, at most mu m (1 + e) r':  hoop, path and spin change by it
         free = (c.by_theta * by_theta + c.by_psi * by_psi + 1.0 / c.spin_inertia) * rb
-        most = mu * ca.fmax(s.p["mb"] * s.ddistance, 0.0)
+        most = mu * ca.fmax(s.p["mb"] * (1.0 + e) * s.ddistance, 0.0)
         impulse = ca.fmin(ca.fmax(-slide / free, -most), most)
-        change = {"theta": by_theta * rb * impulse, "psi": by_psi * rb * impulse, "slip": slide + free * impulse}
-        own = {**{q: getattr(s, q) for q in self.rolling.plant.coordinates if q != "slip"}, "slip": 0.0}
-        rate = {q: getattr(s, f"d{q}") for q in own if q != "slip"}
-        state = [x for q in self.rolling.plant.coordinates for x in (own[q], rate.get(q, 0.0) + change[q])]
-        return ca.vertcat(*state, z[self.air.nx :])
+        return {
+            "theta": s.dtheta + by_theta * rb * impulse,
+            "psi": s.dpsi + by_psi * rb * impulse,
+            "spin": s.dspin - rb * impulse / c.spin_inertia,
+            "slip": slide + free * impulse,
+        }
 
     @property
     def shared(self) -> int:
@@ -77,16 +110,31 @@ class ContactModes:
         return self.air.nx - 4
 
 
+def on_track(s: Point) -> Any:
+    """Distance of the rolling ball's centre from the axis, m."""
+    return s.p["Ro"] - s.p["Rb"]
+
+
 class ContactCourse:
     """One run: the mode, its state and when modes changed."""
 
     def __init__(self, modes: ContactModes, values: Mapping[str, float], z: Array) -> None:
-        self._o, self.z, self.flies = modes, z, False
-        self._p = {False: modes.rolling.vector(values), True: modes.air.vector(values)}
+        self._o, self._course = modes, HybridCourse(modes.hybrid, values, ROLLING, z)
         self._track = values.get("Ro", modes.rolling.values["Ro"]) - values.get("Rb", modes.rolling.values["Rb"])
-        # without slip in the model the contact holds whatever it has to
-        self._mu = values.get(modes.slip, 1e9) if modes.slip else 1e9
-        self._changes: list[float] = []
+
+    @property
+    def flies(self) -> bool:
+        """Whether the ball is off the hoop."""
+        return self._course.mode == AIR
+
+    @property
+    def z(self) -> Array:
+        """The state of the mode."""
+        return self._course.z
+
+    @z.setter
+    def z(self, z: Array) -> None:
+        self._course.z = z
 
     def seen(self) -> Array:
         """The state as the rolling plant has it."""
@@ -100,41 +148,18 @@ class ContactCourse:
     @property
     def distance(self) -> float:
         """Of the ball's centre from the axis, in shares of what it is on the hoop."""
-        return self._distance(self.z) / self._track if self.flies else 1.0
+        return float(self.z[self._o.air.nx - 2]) / self._track if self.flies else 1.0
 
     def step(self, torque: float, d: float, t: float) -> None:
         """Go on by d seconds from t; a change of mode within them is found."""
-        after = self._moved(torque, d, t)
-        if self.flies and self._distance(after) > self._track:
-            self._land(torque, d, t)
-            return
-        self.z = after
-        if not self.flies and float(self._o.normal(after, self._p[False])) < 0.0:
-            self.z, self.flies = self._o.off(after, self._p[False]).full().ravel(), True
-            self._changes.append(t + d)
+        self._course.step(torque, d, t)
 
-    def _land(self, torque: float, d: float, t: float) -> None:
-        early, late = 0.0, d
-        for _ in range(BISECTIONS):
-            middle = (early + late) / 2
-            if self._distance(self._moved(torque, middle, t)) > self._track:
-                late = middle
-            else:
-                early = middle
-        landed = self._o.on(self._moved(torque, late, t), self._p[False], self._mu)
-        self.z, self.flies = landed.full().ravel(), False
-        self._changes.append(t + late)
-        self.z = self._moved(torque, d - late, t + late)
-
-    def _moved(self, torque: float, d: float, t: float) -> Array:
-        c = self._o.air if self.flies else self._o.rolling
-        z = c.step_function(self.z, torque, np.zeros(c.nw), d, t, self._p[self.flies])
-        return np.asarray(z.full().ravel())
-
-    def _distance(self, z: Array) -> float:
-        return float(z[self._o.air.nx - 2])
+    def advance(self, torque: float, h: float, t: float) -> None:
+        """The same over up to 20 ms at once."""
+        self._course.advance(torque, h, t)
 
     def flights(self, end: float) -> list[tuple[float, float]]:
-        """Begin and end of every flight, s."""
-        times = [*self._changes, end] if self.flies else self._changes
-        return list(zip(times[::2], times[1::2], strict=True))
+        """Begin and end of every flight, s; a bounce ends one and begins the next."""
+        changes = self._course.changes
+        times = [one.t for one in changes if one.target == AIR], [one.t for one in changes if one.source == AIR]
+        return list(zip(times[0], [*times[1], end], strict=False))

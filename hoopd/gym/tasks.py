@@ -1,0 +1,148 @@
+"""What an agent is asked to do with hoop and ball, and how a try is judged: tick by tick a reward, and an end.
+
+    reward of a tick = -(off^2 + (ball speed / 10)^2 + (hoop speed / 60)^2 + (torque / limit)^2 / 10) dt  + bonuses
+
+`off` is the ball's angle from where the task wants it, at most pi. A try ends early when it succeeded, or when it
+cannot succeed any more.
+
+Rules of this file: pure; a judge sees moments and nothing else, so that it is the same over plant and rig.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import inf, pi, tau
+from types import MappingProxyType
+from typing import NamedTuple
+
+from hoopd.plants.hoop.maneuver.judgement import SETTLED_HOOP_RAD_S, SETTLED_RAD
+
+BOTTOM, LOOP, THROW = "bottom", "loop", "throw"
+# Settled for so long, it stays there.
+SETTLED_S = 0.5
+# A flight that no bounce is: a ball that falls freely comes down by 12 cm, more than the hoop's radius.
+FLIGHT_S = 0.1
+SUCCESS_BONUS, CATCH_BONUS, FAILURE_COST = 10.0, 5.0, 10.0
+USUAL_BALL_RAD_S, USUAL_HOOP_RAD_S, TORQUE_WEIGHT = 10.0, 60.0, 0.1
+
+
+class Moment(NamedTuple):
+    """Hoop and ball at the end of a tick."""
+
+    t: float  # s, of the try
+    hoop_speed: float  # rad/s
+    ball_angle: float  # rad from the bottom, whole turns counted
+    ball_speed: float  # rad/s
+    distance: float  # of the ball from the axis, in shares of what it is on the hoop: below 1 it flies
+    torque_share: float  # of the limit, in the tick that ends here
+
+
+class Verdict(NamedTuple):
+    """What a tick was worth."""
+
+    reward: float
+    over: bool = False
+    success: bool = False
+    why: str = ""  # it is over
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task: where a try begins, how long it may take, what ends it."""
+
+    name: str
+    seconds: float
+    start_rad: float  # the ball begins at rest, this far from the bottom at most
+    judge: Callable[[float], Judge]  # of a try, from the length of a tick
+    flies: bool  # the ball may leave the hoop: nothing holds it there
+    suspends: tuple[str, ...] = ()  # rows of the fault table that the task itself would raise
+
+
+class Judge:
+    """Of one try; of the bottom, and what all tasks share."""
+
+    goal_rad: float | None = 0.0  # where the ball has to be; None: at any bottom
+
+    def __init__(self, tick_s: float) -> None:
+        self._tick_s = tick_s
+        self._settled_since = inf
+
+    def see(self, m: Moment) -> Verdict:
+        """The next moment."""
+        cost = self._off(m) ** 2 + (m.ball_speed / USUAL_BALL_RAD_S) ** 2 + (m.hoop_speed / USUAL_HOOP_RAD_S) ** 2
+        cost += TORQUE_WEIGHT * m.torque_share**2
+        reward = self._bonus(m) - cost * self._tick_s
+        if why := self._failed(m):
+            return Verdict(reward - FAILURE_COST, True, False, why)
+        if self._succeeded(m):
+            return Verdict(reward + SUCCESS_BONUS, True, True, "done")
+        return Verdict(reward)
+
+    def _off(self, m: Moment) -> float:
+        goal = tau * round(m.ball_angle / tau) if self.goal_rad is None else self.goal_rad
+        return min(abs(m.ball_angle - goal), pi)
+
+    def _succeeded(self, m: Moment) -> bool:
+        """At its goal, and the hoop nearly at rest, for long enough."""
+        settled = self._off(m) <= SETTLED_RAD and abs(m.hoop_speed) <= SETTLED_HOOP_RAD_S and m.distance >= 1.0
+        self._settled_since = min(self._settled_since, m.t) if settled else inf
+        return m.t - self._settled_since >= SETTLED_S
+
+    def _bonus(self, m: Moment) -> float:
+        return 0.0
+
+    def _failed(self, m: Moment) -> str:
+        return "the ball left the hoop" if m.distance < 1.0 else ""
+
+
+class LoopJudge(Judge):
+    """Once round the hoop, as the angle counts, without losing it."""
+
+    goal_rad = tau
+
+    def _failed(self, m: Moment) -> str:
+        round_twice = not -pi < m.ball_angle < tau + pi
+        return super()._failed(m) or ("the ball went round the wrong way" if round_twice else "")
+
+
+class ThrowJudge(Judge):
+    """Off the hoop for a while, caught, and at rest at a bottom."""
+
+    goal_rad = None
+
+    def __init__(self, tick_s: float) -> None:
+        super().__init__(tick_s)
+        self._off_since = inf
+        self._caught = False
+
+    def _bonus(self, m: Moment) -> float:
+        """Once, for the first landing after a flight that no bounce is."""
+        if m.distance < 1.0:
+            self._off_since = min(self._off_since, m.t)
+            return 0.0
+        flown_s, self._off_since = m.t - self._off_since, inf
+        first, self._caught = not self._caught and flown_s >= FLIGHT_S, self._caught or flown_s >= FLIGHT_S
+        return CATCH_BONUS if first else 0.0
+
+    def _succeeded(self, m: Moment) -> bool:
+        return super()._succeeded(m) and self._caught
+
+    def _failed(self, m: Moment) -> str:
+        return ""
+
+
+TASKS: Mapping[str, Task] = MappingProxyType(
+    {
+        BOTTOM: Task(BOTTOM, 10.0, 1.0, Judge, flies=True),
+        LOOP: Task(LOOP, 6.0, 0.05, LoopJudge, flies=True, suspends=("ball_runaway",)),
+        THROW: Task(THROW, 8.0, 0.05, ThrowJudge, flies=True, suspends=("ball_runaway",)),
+    }
+)
+
+
+def task_of(name: str) -> Task:
+    """ValueError for a name that is none."""
+    if name not in TASKS:
+        raise ValueError(f"unknown task {name!r}; known: {', '.join(TASKS)}")
+    return TASKS[name]
