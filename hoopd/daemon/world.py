@@ -29,6 +29,7 @@ from hoopd.shell.loop import Drive, Eye, Timer
 from hoopd.shell.service import fifo_priority
 
 if TYPE_CHECKING:
+    from hoopd.sim.plant import RigPlant
     from hoopd.sim.rig import Rig
 
 Say = Callable[[str, str], None]  # who speaks and one line for the log
@@ -41,6 +42,7 @@ class World(NamedTuple):
     drive: Drive
     eye: Eye
     truth: Truth | None = None  # of the rig
+    plant: RigPlant | None = None  # hoop and ball as they are, of a rig in lock-step
 
 
 def read_layout(config: Config, config_path: Path | None) -> Layout:
@@ -210,6 +212,6 @@ def lockstep(config: Config, layout: Layout, plant: dict[str, Any], seed: int, *
             truth=truth,
         )
         try:
-            yield World(rig, rig, LockstepEye(rig, config.camera.stall_s), rig.true_psi)
+            yield World(rig, rig, LockstepEye(rig, config.camera.stall_s), rig.true_psi, model)
         finally:  # the last frame is on its way whatever ended the loop
             rig.finish(2.0 * constants.timeout_s)

@@ -55,7 +55,6 @@ class Task:
     seconds: float
     start_rad: float  # the ball begins at rest, this far from the bottom at most
     judge: Callable[[float], Judge]  # of a try, from the length of a tick
-    flies: bool  # the ball may leave the hoop: nothing holds it there
     suspends: tuple[str, ...] = ()  # rows of the fault table that the task itself would raise
 
 
@@ -134,9 +133,9 @@ class ThrowJudge(Judge):
 
 TASKS: Mapping[str, Task] = MappingProxyType(
     {
-        BOTTOM: Task(BOTTOM, 10.0, 1.0, Judge, flies=True),
-        LOOP: Task(LOOP, 6.0, 0.05, LoopJudge, flies=True, suspends=("ball_runaway",)),
-        THROW: Task(THROW, 8.0, 0.05, ThrowJudge, flies=True, suspends=("ball_runaway",)),
+        BOTTOM: Task(BOTTOM, 10.0, 1.0, Judge),
+        LOOP: Task(LOOP, 6.0, 0.05, LoopJudge, suspends=("ball_runaway",)),
+        THROW: Task(THROW, 8.0, 0.05, ThrowJudge, suspends=("ball_runaway",)),
     }
 )
 

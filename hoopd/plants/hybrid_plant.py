@@ -145,6 +145,10 @@ class HybridCourse:
         self.changes: list[ModeChange] = []
         self._steps: dict[str, _ModeSteps] = {}
 
+    def restart(self, mode: str, z: Any) -> None:
+        """Begin anew."""
+        self.mode, self.z, self.changes = mode, np.asarray(z, float), []
+
     def advance(self, u: Any, h: float, t: float) -> None:
         """Go on by `h` seconds from `t`, at most a leap of the plant's usual sample time."""
         least, after = self._moves().leap(self.z, u, h, t)
@@ -157,8 +161,7 @@ class HybridCourse:
     def step(self, u: Any, d: float, t: float) -> None:
         """Go on by `d` seconds from `t` in one step; transitions within it are found."""
         for _ in range(MOST_TRANSITIONS):
-            least, after = self._moves().step(self.z, u, d, t)
-            if least > 0.0:
+            if self._moves().step(self.z, u, d, t)[0] > 0.0:
                 break
             until = self._first(u, d, t)
             self._change(self._moves().step(self.z, u, until, t)[1], t + until)

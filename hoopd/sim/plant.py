@@ -4,8 +4,8 @@ With `ball.lift_off` the ball leaves the hoop where nothing presses it on, flies
 in which it is seen. Further from its track than the detector looks it is not seen at all, and psi is not a number.
 
 Rules of this file: time is an argument and never runs backwards; a segment between two events is integrated in steps
-of at most 1 ms (2 ms where the ball may fly). What acts late is kept with its time, so that delays and latencies of any length are exact at the
-plant's own steps.
+of at most 1 ms, 2 ms where the ball may fly. What acts late is kept with its time, so that delays and latencies of any
+length are exact at the plant's own steps.
 """
 
 from __future__ import annotations
@@ -54,16 +54,25 @@ class RigPlant:
         self._late = {channel: c.latency_s(channel, values) for channel in READ}
         self._remembers = any(self._late.values())
         self._errors = _readings(c, values) if any(one.sensor or one.sensor_lag for one in effects) else None
-        self._z, self._t = c.beginning(np.asarray(x0, float)), t
+        self._composite = c
         flies = any(one.flight is not None for one in effects)
-        self._course = ContactCourse(ContactModes(found.plant, effects), values, self._z) if flies else None
+        start = c.beginning(np.asarray(x0, float))
+        self._course = ContactCourse(ContactModes(found.plant, effects), values, start) if flies else None
         # a course has steps of its own; the past is kept step by step
         self._segment_s = STEP_S if effects and (self._course is None or self._remembers) else SEGMENT_S
-        self._held, self._release_t = held, t + hold_s
-        self._torques: deque[tuple[float, float]] = deque([(-inf, 0.0)])  # from when on
-        self._past: deque[tuple[float, Array]] = deque([(t, self._z)])
+        self._release_s = hold_s
+        self.restart(x0, held=held, t=t)
         # made now, not in the first tick
         self._model.advance(self._z, 0.0, 0.0, t)
+
+    def restart(self, x0: Vector, *, held: bool = False, t: float = 0.0) -> None:
+        """Begin anew, at rest in everything but x0: as a plant that is made now."""
+        self._z, self._t = self._composite.beginning(np.asarray(x0, float)), t
+        if self._course is not None:
+            self._course.restart(self._z)
+        self._held, self._release_t = held, t + self._release_s
+        self._torques: deque[tuple[float, float]] = deque([(-inf, 0.0)])  # from when on
+        self._past: deque[tuple[float, Array]] = deque([(t, self._z)])
 
     @property
     def t(self) -> float:

@@ -66,7 +66,9 @@ class ContactModes:
         touching = of("touching", air, on_track(off) + SAME_PLACE_M - off.distance)
         rebounds = of("rebounds", air, e * off.ddistance - LEAST_REBOUND_M_S)
         return [
-            Transition(ROLLING, AIR, of("normal", z, self._flying.normal_force(on)), of("off", z, self._took_off(z, on))),
+            Transition(
+                ROLLING, AIR, of("normal", z, self._flying.normal_force(on)), of("off", z, self._took_off(z, on))
+            ),
             Transition(AIR, AIR, touching, of("bounced", air, self._bounced(air, off, mu, e)), rebounds),
             Transition(AIR, ROLLING, touching, of("landed", air, self._landed(air, off, mu))),
         ]
@@ -121,6 +123,10 @@ class ContactCourse:
     def __init__(self, modes: ContactModes, values: Mapping[str, float], z: Array) -> None:
         self._o, self._course = modes, HybridCourse(modes.hybrid, values, ROLLING, z)
         self._track = values.get("Ro", modes.rolling.values["Ro"]) - values.get("Rb", modes.rolling.values["Rb"])
+
+    def restart(self, z: Array) -> None:
+        """Begin anew with a ball on the hoop."""
+        self._course.restart(ROLLING, z)
 
     @property
     def flies(self) -> bool:

@@ -11,7 +11,6 @@ from hoopd.plants.hoop.effects.flight import FlightRun
 from hoopd.plants.hoop.effects.flying_plant import FlyingPlant, in_the_air
 from hoopd.plants.hoop.effects.normal_force import signed_normal_force
 
-
 # A touch after which the ball rolls, whatever it takes.
 ALWAYS_ROLLS = 1e3
 
@@ -32,8 +31,8 @@ def lift_off(name: str, contact: ContactOf) -> Effect:
         found_by="switch",
         depends_on=("psi", "dpsi"),
         near=(f"{name}.slip",),
-        formula="no contact while N < 0; at a touch r' -> -restitution r', friction up to grip m (1 + restitution) r'",
-        statement="the ball leaves the hoop where the normal force would be negative, and flies until it touches again; there it may bounce",
+        formula="no contact while N < 0; touch: r' -> -restitution r', friction <= grip m (1 + restitution) r'",
+        statement="the ball leaves the hoop where the normal force would be negative, and flies until it touches it again",
         signature="above the axis at low speed the ball falls faster than it could roll",
         sign="on or off; 0 <= e < 1",
         best_experiment="large swings beyond a quarter turn",
