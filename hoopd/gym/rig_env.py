@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from hoopd.daemon.build import Texts, read_texts
+from hoopd.daemon.stepped_rig import SteppedRig
 from hoopd.gym.hidden_physics import HiddenPhysics
 from hoopd.gym.hoop_env import Array, HoopEnv, observation
-from hoopd.gym.stepped_rig import SteppedRig
 from hoopd.gym.tasks import BOTTOM, Moment
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.model_file import effects_of, parse_model
@@ -88,7 +88,7 @@ class RigEnv(HoopEnv):
 
     def _begin(self, ball_rad: float) -> None:
         self.close()
-        plant = _plant_arguments(self.physics.drawn(self.np_random), ball_rad)
+        plant = plant_arguments(self.physics.drawn(self.np_random), ball_rad)
         seed = int(self.np_random.integers(SEEDS))
         self._rig = SteppedRig(self._config, self._texts, plant, seed, self.task.suspends)
         self._began_t = self._rig.record.t
@@ -106,7 +106,7 @@ class RigEnv(HoopEnv):
         record = self.rig.record
         x, _ = self._ahead(np.array(record.x_hat), record.u, self.tick_s)
         _, hoop_speed, angle, speed = x.tolist()
-        return observation(hoop_speed, angle, speed, float(isfinite(record.psi)))
+        return observation(hoop_speed, angle, speed, float(isfinite(self.rig.seen_rad)))
 
     def _stopped(self, moment: Moment) -> str:
         if self.rig.acts:
@@ -114,12 +114,12 @@ class RigEnv(HoopEnv):
         return f"{self.rig.tick.mode}: {', '.join(self.rig.tick.faults) or 'no fault'}"
 
     def _info(self, moment: Moment) -> dict[str, Any]:
-        record = self.rig.record
-        measured = {"measured_hoop_rad_s": record.dtheta, "measured_ball_rad": record.psi}
-        return {**super()._info(moment), **measured, "measured_ball_t": record.psi_t, "torque_nm": record.u}
+        rig, record = self.rig, self.rig.record
+        ball = {"measured_ball_rad": rig.seen_rad, "measured_ball_t": record.psi_t}
+        return {**super()._info(moment), "measured_hoop_rad_s": record.dtheta, **ball, "torque_nm": record.u}
 
 
-def _plant_arguments(found: FoundEffects, ball_rad: float) -> dict[str, Any]:
+def plant_arguments(found: FoundEffects, ball_rad: float) -> dict[str, Any]:
     """Of `hoopd.sim.plant.make_plant`: hands hold the ball until the drive acts."""
     effects = {one.name: dict(one.parameters) for one in found.entries}
     x0 = [0.0, 0.0, ball_rad, 0.0]

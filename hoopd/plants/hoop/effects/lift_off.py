@@ -32,7 +32,7 @@ def lift_off(name: str, contact: ContactOf) -> Effect:
         depends_on=("psi", "dpsi"),
         near=(f"{name}.slip",),
         formula="no contact while N < 0; touch: r' -> -restitution r', friction <= grip m (1 + restitution) r'",
-        statement="the ball leaves the hoop where the normal force would be negative, and flies until it touches it again",
+        statement="the ball leaves the hoop where the normal force would be negative, and flies until it touches again",
         signature="above the axis at low speed the ball falls faster than it could roll",
         sign="on or off; 0 <= e < 1",
         best_experiment="large swings beyond a quarter turn",

@@ -1,4 +1,4 @@
-"""The daemon's own loop on the rig in lock-step, one tick at a time: the agent is the control law.
+"""The daemon's own loop on the rig in lock-step, one tick at a time: an agent outside of it is the control law.
 
 The loop waits for its timer as it always does; here the timer waits for the agent.
 
@@ -117,6 +117,11 @@ class SteppedRig:
         """Of the last tick."""
         assert self._loop.record is not None
         return self._loop.record
+
+    @property
+    def seen_rad(self) -> float:
+        """The ball's angle in the newest picture; NaN without a picture or a ball in it."""
+        return self.record.psi
 
     def play(self, torque_nm: float) -> None:
         """One tick with the agent's torque."""
