@@ -162,7 +162,7 @@ def run(
     steps = Steps(campaign, options, progress)
     if options.recordings:
         return _given(steps)
-    runs, ended = _recorded(steps, budget_s, may_play)
+    runs, ended = record_until_settled(steps, budget_s, may_play)
     comparison, kept, why = _tried(steps, runs)
     result = _result(runs, ended, comparison, kept, why)
     _tell(campaign, runs, result, comparison)
@@ -225,13 +225,17 @@ def _asked(options: LearnOptions, budget_s: float) -> CampaignRequest:
     )  # fmt: skip
 
 
-def _recorded(steps: Steps, budget_s: float, may_play: MayPlay) -> tuple[list[DiagnosedRun], str]:
+def record_until_settled(
+    steps: Steps, budget_s: float, may_play: MayPlay = lambda text: True, most_runs: int | None = None
+) -> tuple[list[DiagnosedRun], str]:
     """Runs until it is settled, nothing more can be learned, or the budget ends; and which of these it was."""
     campaign, confidence = steps.campaign, steps.options.confidence
     while True:
         runs = campaign.runs(confidence)
         if runs and runs[-1].belief.settled:
             return runs, f"Everything that is named is {confidence:.0%} sure, confirmed, and nothing else stands out."
+        if len(runs) == most_runs:
+            return runs, f"{most_runs} runs were played."
         choice = campaign.choose(runs)
         if choice is None:
             return runs, f"No signal inside the limits tells more: {'; '.join(runs[-1].belief.open)}."

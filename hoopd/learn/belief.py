@@ -13,8 +13,10 @@ from dataclasses import dataclass
 from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding
 
 PARAMETERS = "parameters"
-# Nothing is missing: one signal alone may never have reached what it acts on.
-QUIET_RUNS = 2
+# Nothing is missing: one signal alone may never have reached what it acts on, and too little is seen in a single run.
+QUIET_KINDS = 3
+# A candidate that is so surprising, in nats, is looked for: the best of thirty is by chance in two of five recordings.
+LOOKED_FOR_NATS = 4.0
 # What is believed less than so is not drawn or listed.
 LEAST_SHOWN = 0.01
 MOST_SHOWN = 6
@@ -53,13 +55,20 @@ def belief_of(diagnosis: Diagnosis, confidence: float, kinds: int) -> Belief:
     if not diagnosis.effects:
         sure = _among_known(shares.get(PARAMETERS, 1.0 - unknown), unknown)
         missing = _unsure("that nothing is missing", sure, confidence)
-        if kinds < QUIET_RUNS:
-            missing += ("one kind of signal has not shown it: another may",)
+        if kinds < QUIET_KINDS:
+            missing += (f"{kinds} of {QUIET_KINDS} kinds of signal have not shown it: another may",)
+        missing += tuple(f"{name} may be there ({nats:.1f} nats)" for name, nats in _nearly_seen(diagnosis))
         return Belief((), sure, unknown, missing, _shown(shares))
     shares |= {one.name: one.probability or 0.0 for one in diagnosis.effects}
     sure = min(_among_known(one.probability or 0.0, _share_of_none(one, unknown)) for one in diagnosis.effects)
     found = tuple(one.name for one in diagnosis.effects)
     return Belief(found, sure, unknown, _open(diagnosis, unknown, confidence), _shown(shares))
+
+
+def _nearly_seen(diagnosis: Diagnosis) -> list[tuple[str, float]]:
+    """The likeliest of what was not named, where it is worth a look."""
+    seen = [(one.name, one.surprise or 0.0) for one in diagnosis.candidates]
+    return [one for one in sorted(seen, key=lambda one: -one[1])[:1] if one[1] >= LOOKED_FOR_NATS]
 
 
 def _share_of_none(finding: EffectFinding, unknown: float) -> float:

@@ -143,14 +143,17 @@ class Campaign:
         played = [one.choice.words for one in runs]
         choice = next_choice(runs[-1].diagnosis, runs[-1].belief, played) if runs else first()
         if choice is not None:
-            files.folder.mkdir(exist_ok=True)
-            _write(files.choice, choice)
+            self.decide(files, choice)
         return choice
+
+    def decide(self, files: RunFiles, choice: ChosenRun) -> None:
+        """Write down what is recorded and why."""
+        files.folder.mkdir(exist_ok=True)
+        _write(files.choice, choice)
 
     def keep(self, files: RunFiles, choice: ChosenRun, seconds: float) -> None:
         """A run that somebody else has recorded: what it is, and how long."""
-        files.folder.mkdir(exist_ok=True)
-        _write(files.choice, choice)
+        self.decide(files, choice)
         _write(files.experiment, {"ended_at_s": seconds})
 
     @property

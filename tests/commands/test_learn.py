@@ -81,9 +81,9 @@ def test_it_records_until_the_law_is_sure_then_designs_and_keeps_what_is_better(
 
 
 def test_it_says_that_nothing_is_missing_and_designs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    steps = played(monkeypatch, said(), said())
+    steps = played(monkeypatch, said(), said(), said())
     result = command.run(options(tmp_path))
-    assert steps.commands == ["experiment", "diagnose"] * 2
+    assert steps.commands == ["experiment", "diagnose"] * 3
     assert result["settled"] and result["laws"] == [] and not result["kept"]
 
 
@@ -109,7 +109,7 @@ def test_what_was_broken_off_goes_on_and_loses_nothing(tmp_path: Path, monkeypat
 
 def test_a_recording_that_nobody_finished_is_kept_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "campaign" / "run_01"
-    steps = played(monkeypatch, said(), said())
+    steps = played(monkeypatch, said(), said(), said())
     steps.fails = "experiment"
     with pytest.raises(command.StepError):
         command.run(options(tmp_path))
@@ -120,7 +120,7 @@ def test_a_recording_that_nobody_finished_is_kept_aside(tmp_path: Path, monkeypa
 
 
 def test_another_question_is_no_campaign_to_go_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    played(monkeypatch, said(), said())
+    played(monkeypatch, said(), said(), said())
     command.run(options(tmp_path))
     with pytest.raises(InputError, match=r"learn.json: confidence: was begun with 0.95, not 0.8"):
         command.run(options(tmp_path, confidence=0.8))

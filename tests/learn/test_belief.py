@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from saiddiagnosis import proposal, said
 
-from hoopd.diagnose.record import Remains, Unexplained
+from hoopd.diagnose.record import Candidate, Remains, Unexplained
 from hoopd.learn.belief import belief_of
 from hoopd.learn.choice import MENU, first, next_choice
 
@@ -37,10 +37,16 @@ def test_what_is_open_is_said(diagnosis: object, why: str) -> None:
     assert belief_of(diagnosis, 0.95, kinds=2).open == (why,)  # type: ignore[arg-type]
 
 
-def test_that_nothing_is_missing_takes_two_kinds_of_signal() -> None:
-    assert not belief_of(said(), 0.95, kinds=1).settled
-    belief = belief_of(said(), 0.95, kinds=2)
+def test_that_nothing_is_missing_takes_three_kinds_of_signal() -> None:
+    assert not belief_of(said(), 0.95, kinds=2).settled
+    belief = belief_of(said(), 0.95, kinds=3)
     assert belief.settled and belief.laws == ()
+
+
+def test_what_is_nearly_seen_is_looked_for() -> None:
+    nearly = [*said().candidates, Candidate(name="ball.slip", log_likelihood_gain=7.0, probability=0.01, surprise=5.0)]
+    belief = belief_of(said(candidates=nearly), 0.95, kinds=3)
+    assert belief.open == ("ball.slip may be there (5.0 nats)",)
 
 
 def test_a_curve_without_a_law_is_never_settled() -> None:

@@ -1,0 +1,151 @@
+"""Campaigns on sealed devices: how many runs until the right law is reached, beside a fast two-level signal repeated.
+
+python tools/bench/learn.py [--rigs 60] [--quiet 20] [--seed N] [--most 12] [--arms learn,prbs] [--json FILE]
+
+The devices are the proof's own generator's (tools/concealed): parameters 3 to 10 % off, a disturbance, and one effect,
+two thirds of them of the library and a third outside of it, of 5 to 40 nats in one 20 s run. `learn` chooses each run,
+`prbs` repeats the first; both stop by the same rule. It prints runs until settled and right (censored at --most), false
+findings, and how near the limits the true states came.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools"), str(ROOT / "tools" / "bench")]
+
+import msgspec  # noqa: E402
+import numpy as np  # noqa: E402
+from concealed.effects import OUTSIDE, SINGLES  # noqa: E402
+from concealed.judged import Judged  # noqa: E402
+from concealed.outside.judge import formula  # noqa: E402
+from concealed.proportions import rate  # noqa: E402
+from learning.device import SealedDevice  # noqa: E402
+
+from hoopd.commands.learn import Steps, record_until_settled  # noqa: E402
+from hoopd.commands.options.learn import LearnOptions  # noqa: E402
+from hoopd.diagnose.record import Diagnosis  # noqa: E402
+from hoopd.learn.campaign import Campaign, CampaignRequest, DiagnosedRun, RunFiles  # noqa: E402
+from hoopd.learn.choice import MENU, ChosenRun  # noqa: E402
+
+NATS = (5.0, 40.0)
+# Of one picture alone, in one recording alone, or a matter of parameters.
+NOT_OF_A_RIG = frozenset({"camera.late_frames", "camera.outliers", "external.disturbance", "actuator.torque_gain"})
+console = Console()
+
+
+class Repeated(Campaign):
+    """A campaign that plays the same signal again and again."""
+
+    def choose(self, runs: list[DiagnosedRun]) -> ChosenRun | None:
+        """The fast two-level signal."""
+        chosen = ChosenRun(MENU[0], "the same again")
+        self.decide(self.run_files(len(runs) + 1), chosen)
+        return chosen
+
+
+@dataclass(frozen=True)
+class SealedSteps(Steps):
+    """Records from a sealed device."""
+
+    device: SealedDevice
+
+    def record(self, files: RunFiles, choice: ChosenRun, number: int) -> None:
+        """The recording of a run."""
+        seconds = self.device.record(choice.words, number, files.recording)
+        files.experiment.write_text(json.dumps({"ended_at_s": seconds, "outcome": "done"}))
+
+
+def drawn(number: int, seed: int) -> tuple[str, ...]:
+    """What is hidden in a device: every third time something that no library has."""
+    rng = np.random.default_rng([seed, number])
+    names = sorted(OUTSIDE) if number % 3 == 2 else sorted(set(SINGLES) - NOT_OF_A_RIG)
+    return (str(rng.choice(names)),)
+
+
+def campaign(device: SealedDevice, arm: str, most: int, seed: int) -> list[Diagnosis]:
+    """The diagnosis after each run."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "campaign"
+        made = Repeated(folder) if arm == "prbs" else Campaign(folder)
+        options = LearnOptions(sim=True, out=folder, budget=f"{most * 36}s", seed=seed)
+        made.begin(CampaignRequest(budget_s=most * 36.0, confidence=0.95, seed=seed, sim=True, config=None, sets=()))
+        steps = SealedSteps(made, options, lambda text: None, device)
+        runs, _ = record_until_settled(steps, most * 36.0, most_runs=most)
+        return [one.diagnosis for one in runs]
+
+
+def judged(effects: Sequence[str], answer: dict[str, Any], diagnoses: Sequence[Diagnosis]) -> dict[str, Any]:
+    """Runs until the last word, whether it is right, and what is false in it."""
+    case = Judged(answer, msgspec.to_builtins(diagnoses[-1]))
+    right = case.silent if not effects else formula(case) if effects[0] in OUTSIDE else case.in_class
+    return {"runs": len(diagnoses), "right": right, "names": case.names}
+
+
+def main() -> None:
+    """Devices, campaigns, table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rigs", type=int, default=60)
+    parser.add_argument("--quiet", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--most", type=int, default=12)
+    parser.add_argument("--arms", default="learn,prbs")
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    wanted = [*(drawn(k, asked.seed) for k in range(asked.rigs)), *[()] * asked.quiet]
+    for number, effects in enumerate(track(wanted, "devices", console=Console(stderr=True))):
+        for arm in asked.arms.split(","):
+            device = SealedDevice(tuple(effects), NATS, (asked.seed, number))
+            answer = device.answer()
+            said = judged(effects, answer, campaign(device, arm, asked.most, number))
+            use = max(max(one.most_angle_rad / 1.25, one.most_speed_rad_s / 45.0) for one in device.runs)
+            nats = [one["nats"] for one in answer["effects"]]
+            rows.append({"device": number, "hidden": effects, "nats": nats, "arm": arm, "use": use, **said})
+            if asked.json:
+                asked.json.write_text(json.dumps(rows, indent=1))
+    for arm in asked.arms.split(","):
+        show(arm, [row for row in rows if row["arm"] == arm], asked.most)
+
+
+def show(arm: str, rows: Sequence[dict[str, Any]], most: int) -> None:
+    """What the arm reached."""
+    table = Table("device", "hidden", "nats in 20 s", "runs", "said", "right", "use of limits", title=arm)
+    for row in rows:
+        nats = ", ".join(f"{one / 3.0:.0f}" for one in row["nats"] if one is not None)
+        cells = (", ".join(row["hidden"]) or "-", nats, str(row["runs"]), ", ".join(row["names"]) or "-")
+        table.add_row(str(row["device"]), *cells, "yes" if row["right"] else "no", f"{row['use']:.2f}")
+    console.print(table)
+    hidden, quiet = [row for row in rows if row["hidden"]], [row for row in rows if not row["hidden"]]
+    counted = [row["runs"] if row["right"] else most for row in hidden]
+    console.print(f"{arm}: right {told(row['right'] for row in hidden)}, nothing where nothing is ", end="")
+    console.print(f"{told(row['right'] for row in quiet)}; runs until right, median {median(counted)}, quiet ", end="")
+    console.print(f"{median([row['runs'] for row in quiet])}; limits passed {sum(row['use'] > 1 for row in rows)}")
+
+
+def told(answers: Any) -> str:
+    """A rate with its interval."""
+    found = rate(answers)
+    return f"{found['k']}/{found['n']}" if found["n"] else "-"
+
+
+def median(numbers: Sequence[float]) -> str:
+    """Of some numbers, a dash of none."""
+    return f"{statistics.median(numbers):g}" if numbers else "-"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,108 @@
+"""A sealed device of the proof's generator: it plays a signal of `hoopd experiment` and hands back a recording.
+
+Rules of this file: the plant shares no code with what learns; the signal alone is made by the command's own plan. Sizes
+are nats of a fast two-level signal of 20 s, so that a campaign begins with what it hardly sees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from concealed.batch import Column, columns_of
+from concealed.cases import answer, csv_bytes, traces
+from concealed.plant import SAMPLE_S, Array
+from concealed.recipes import TRAINING, Recipe, Wish, draw
+from concealed.simulate import WARM, Trace, simulate
+from concealed.sizing import find_sizes
+
+from hoopd.files.controller import parse_controller
+from hoopd.files.shipped import defaults_folder
+from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan, unit_table, write_score
+from hoopd.recording import load, save
+
+# The generator sizes over two recordings of 30 s, a campaign's first has 20 s.
+OF_ONE_RUN = 20.0 / 60.0
+FIRST_NM = 0.1
+PLAYED = 2  # the recording of a case that has the length of a run
+OPTIONS = {
+    "--amplitude": ("amplitude_nm", float), "--duration": ("duration_s", float), "--clock": ("clock_ticks", int),
+    "--low": ("low_hz", float), "--high": ("high_hz", float), "--hold": ("hold_s", float), "--kick": ("kick_s", float),
+    "--rest": ("rest_s", float),
+}  # fmt: skip
+
+
+@dataclass
+class PlayedRecipe(Recipe):
+    """A case whose recording is as long as the signal."""
+
+    rows: int = 1000
+
+    def samples(self, recording: int) -> int:
+        """Rows of the played recording."""
+        return self.rows if recording == PLAYED else super().samples(recording)
+
+
+@dataclass(frozen=True)
+class PlayedRun:
+    """What a run did, for the judge alone."""
+
+    most_angle_rad: float
+    most_speed_rad_s: float
+    most_torque_nm: float
+
+
+class SealedDevice:
+    """One device with what is hidden in it."""
+
+    def __init__(self, effects: tuple[str, ...], nats: tuple[float, float], seed: tuple[int, ...]) -> None:
+        family = "null" if not effects else "outside" if effects[0].startswith("outside.") else "single"
+        low, high = (one / OF_ONE_RUN for one in nats)
+        self.recipe = draw(Wish(family, effects, nats=(low, high)), seed)
+        unit = np.concatenate((np.zeros(WARM), unit_table(Plan("prbs", 30.0), 0, SAMPLE_S)))
+        for index in TRAINING:
+            self.recipe.shapes[index], self.recipe.gains[index] = unit, FIRST_NM
+            self.recipe.reached[index] = (0.5, 20.0, FIRST_NM)
+        find_sizes([self.recipe])
+        self.runs: list[PlayedRun] = []
+
+    def answer(self) -> dict[str, Any]:
+        """What is hidden, as the proof's judge reads it."""
+        made = traces([self.recipe])
+        return answer(self.recipe, [made[self.recipe.identifier, index] for index in range(3)])
+
+    def record(self, words: Sequence[str], number: int, path: Path) -> float:
+        """Play the words of `hoopd experiment` from rest and write the recording; its length in s."""
+        torque = torque_of(words, number)
+        trace = self._played(torque, number)
+        table = path.with_suffix(".csv")
+        table.write_bytes(csv_bytes(trace))
+        save(load(table), path)
+        table.unlink()
+        states = np.abs(trace.states[..., 0])
+        self.runs.append(PlayedRun(states[:, 2].max(), states[:, 1].max(), float(np.abs(torque).max())))
+        return float(len(torque) * SAMPLE_S)
+
+    def _played(self, torque: Array, number: int) -> Trace:
+        told = {one.name: getattr(self.recipe, one.name) for one in fields(Recipe)}
+        told["seed"] = (*self.recipe.seed, number)  # noise and disturbance of a run are its own
+        recipe = PlayedRecipe(**told, rows=len(torque))
+        recipe.shapes[PLAYED] = np.concatenate((np.zeros(WARM), torque))
+        recipe.gains[PLAYED] = 1.0
+        columns = columns_of([Column(recipe, PLAYED, recipe.sizes)])
+        return simulate(replace(columns, start=np.zeros_like(columns.start)))
+
+
+def torque_of(words: Sequence[str], seed: int) -> Array:
+    """Torque of a signal in N m, a value a tick, as the command would choose it."""
+    told: dict[str, Any] = {"duration_s": DURATIONS_S.get(words[0], DURATION_S), "seed": seed}
+    for name, value in zip(words[1::2], words[2::2], strict=True):
+        field, kind = OPTIONS[name]
+        told[field] = kind(value)
+    folder = defaults_folder()
+    base = parse_controller((folder / "controllers" / "lqg.yaml").read_text(), "lqg")
+    score = write_score(Plan(words[0], **told), base, (folder / "models" / "hoop.yaml").read_text(), SAMPLE_S)
+    return np.asarray(parse_controller(score.text, "signal").gains["table_nm"], dtype=np.float64)
