@@ -20,7 +20,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from hoopd.gym.hidden_physics import HiddenPhysics
-from hoopd.gym.tasks import Judge, Moment, task_of
+from hoopd.gym.tasks import Moment, TryJudge, task_of
 
 Array = NDArray[np.float32]
 Reset = tuple[Array, dict[str, Any]]
@@ -45,7 +45,7 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
         self.observation_space = spaces.Box(LOW, HIGH, dtype=np.float32)
         self._ticks = 0
         self._most_ticks = round(self.task.seconds / tick_s)
-        self._judge: Judge | None = None
+        self._judge: TryJudge | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Reset:
         """Begin a try; `options`: `ball_rad`, where the ball rests at its beginning."""

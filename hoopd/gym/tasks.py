@@ -38,7 +38,7 @@ class Moment(NamedTuple):
     torque_share: float  # of the limit, in the tick that ends here
 
 
-class Verdict(NamedTuple):
+class TickVerdict(NamedTuple):
     """What a tick was worth."""
 
     reward: float
@@ -48,17 +48,17 @@ class Verdict(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task:
+class GymTask:
     """A task: where a try begins, how long it may take, what ends it."""
 
     name: str
     seconds: float
     start_rad: float  # the ball begins at rest, this far from the bottom at most
-    judge: Callable[[float], Judge]  # of a try, from the length of a tick
+    judge: Callable[[float], TryJudge]  # of a try, from the length of a tick
     suspends: tuple[str, ...] = ()  # rows of the fault table that the task itself would raise
 
 
-class Judge:
+class TryJudge:
     """Of one try; of the bottom, and what all tasks share."""
 
     goal_rad: float | None = 0.0  # where the ball has to be; None: at any bottom
@@ -67,16 +67,16 @@ class Judge:
         self._tick_s = tick_s
         self._settled_since = inf
 
-    def see(self, m: Moment) -> Verdict:
+    def see(self, m: Moment) -> TickVerdict:
         """The next moment."""
         cost = self._off(m) ** 2 + (m.ball_speed / USUAL_BALL_RAD_S) ** 2 + (m.hoop_speed / USUAL_HOOP_RAD_S) ** 2
         cost += TORQUE_WEIGHT * m.torque_share**2
         reward = self._bonus(m) - cost * self._tick_s
         if why := self._failed(m):
-            return Verdict(reward - FAILURE_COST, True, False, why)
+            return TickVerdict(reward - FAILURE_COST, True, False, why)
         if self._succeeded(m):
-            return Verdict(reward + SUCCESS_BONUS, True, True, "done")
-        return Verdict(reward)
+            return TickVerdict(reward + SUCCESS_BONUS, True, True, "done")
+        return TickVerdict(reward)
 
     def _off(self, m: Moment) -> float:
         goal = tau * round(m.ball_angle / tau) if self.goal_rad is None else self.goal_rad
@@ -95,7 +95,7 @@ class Judge:
         return "the ball left the hoop" if m.distance < 1.0 else ""
 
 
-class LoopJudge(Judge):
+class LoopJudge(TryJudge):
     """Once round the hoop, as the angle counts, without losing it."""
 
     goal_rad = tau
@@ -105,7 +105,7 @@ class LoopJudge(Judge):
         return super()._failed(m) or ("the ball went round the wrong way" if round_twice else "")
 
 
-class ThrowJudge(Judge):
+class ThrowJudge(TryJudge):
     """Off the hoop for a while, caught, and at rest at a bottom."""
 
     goal_rad = None
@@ -131,16 +131,16 @@ class ThrowJudge(Judge):
         return ""
 
 
-TASKS: Mapping[str, Task] = MappingProxyType(
+TASKS: Mapping[str, GymTask] = MappingProxyType(
     {
-        BOTTOM: Task(BOTTOM, 10.0, 1.0, Judge),
-        LOOP: Task(LOOP, 6.0, 0.05, LoopJudge, suspends=("ball_runaway",)),
-        THROW: Task(THROW, 8.0, 0.05, ThrowJudge, suspends=("ball_runaway",)),
+        BOTTOM: GymTask(BOTTOM, 10.0, 1.0, TryJudge),
+        LOOP: GymTask(LOOP, 6.0, 0.05, LoopJudge, suspends=("ball_runaway",)),
+        THROW: GymTask(THROW, 8.0, 0.05, ThrowJudge, suspends=("ball_runaway",)),
     }
 )
 
 
-def task_of(name: str) -> Task:
+def task_of(name: str) -> GymTask:
     """ValueError for a name that is none."""
     if name not in TASKS:
         raise ValueError(f"unknown task {name!r}; known: {', '.join(TASKS)}")
