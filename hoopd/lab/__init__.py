@@ -12,6 +12,7 @@ of the command line and in its units: SI, angles in rad, but phases of a design 
 the same way; the ball's angle psi is 0 at the bottom. A lesson with it: `docs/lesson.py`.
 """
 
+from hoopd.lab.campaigns import LearnedModel, learn
 from hoopd.lab.comparison import ComparedControllers, compare
 from hoopd.lab.controllers import Controller, Design, controller, design
 from hoopd.lab.diagnosis import Diagnosed, diagnose
@@ -38,6 +39,7 @@ __all__ = [
     "Diagnosed",
     "Fitted",
     "FittedPlant",
+    "LearnedModel",
     "Linear",
     "Model",
     "Picture",
@@ -54,6 +56,7 @@ __all__ = [
     "feedback",
     "fit",
     "fit_plant",
+    "learn",
     "linearize",
     "load",
     "model",

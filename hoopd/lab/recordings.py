@@ -268,7 +268,9 @@ def rig_words(rig: Model | str, folder: str) -> tuple[str, str]:
     return "--set", f"sim.model={as_model(rig).save(Path(folder) / 'rig.yaml').path}"
 
 
-def on_the_rig(*arguments: str, told: Path | None = None, no_is_an_answer: bool = False) -> None:
+def on_the_rig(
+    *arguments: str, told: Path | None = None, no_is_an_answer: bool = False, patience_s: float = PATIENCE_S
+) -> None:
     """Run `hoopd` with this interpreter and package; ValueError with its own words, or the outcome in its result.
 
     no_is_an_answer: a result was told, whatever the exit code.
@@ -281,7 +283,7 @@ def on_the_rig(*arguments: str, told: Path | None = None, no_is_an_answer: bool 
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=PATIENCE_S,
+        timeout=patience_s,
         check=False,
     )
     if done.returncode and not (no_is_an_answer and told is not None and told.exists()):

@@ -16,6 +16,7 @@ import pytest
 from inprocess import call
 from saiddiagnosis import said
 
+from hoopd import lab
 from hoopd.commands import learn as command
 from hoopd.commands.options.learn import LearnOptions, seconds_of
 from hoopd.diagnose.record import Diagnosis
@@ -203,3 +204,13 @@ def _running(folder: Path) -> list[str]:
         if str(folder) in text:
             found.append(text)
     return found
+
+
+def test_the_lab_learns_by_the_same_command(tmp_path: Path) -> None:
+    """With a budget that leaves no room for a run nothing is played."""
+    learned = lab.learn(budget="5s", folder=tmp_path / "campaign", sets={"sim.delay_frames": 2})
+    assert not learned.settled and learned.laws == [] and "5 s" in learned.result["ended_because"]
+    asked = json.loads((tmp_path / "campaign" / "learn.json").read_text())
+    assert asked["sets"] == ["sim.delay_frames=2"] and asked["sim"]
+    with pytest.raises(ValueError, match=r"budget_s: was begun with 5\.0"):
+        lab.learn(budget="9s", folder=tmp_path / "campaign")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from hoopd.commands.options.declaration import option
 from hoopd.commands.options.running import config_option, sets_option
-from hoopd.commands.options.shared import json_option, plant_option
+from hoopd.commands.options.shared import json_option
 from hoopd.files.reading import InputError
 
 _UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0}
@@ -34,12 +34,15 @@ class LearnOptions:
     sim: bool = option("--sim", text="On the simulated rig, as fast as it goes.", default=False, python=False)
     config: Path | None = config_option()
     sets: tuple[str, ...] = sets_option()
-    plant: str | None = plant_option()
+    plant: str | None = option(
+        "--plant", text="Plant of the recordings: a registered name, or a plant file; the hoop else.", python=False
+    )
     recordings: tuple[str, ...] = option(
         "--recording",
         text="With --plant: what was recorded; repeatable. The next input is told, nothing is driven.",
         metavar="REC",
         default=(),
+        python=False,
     )
     budget: str = option("--budget", text="Recorded time at most, as 10min or 90s.", metavar="TIME", default="10min")
     confidence: float = option(
@@ -51,7 +54,11 @@ class LearnOptions:
     )
     seed: int = option("--seed", min=0, text="Seed of signals, rig and search.", default=0)
     out: Path = option(
-        "--out", text="Folder of the campaign; it goes on with one that was broken off.", default=Path("learned")
+        "--out",
+        text="Folder of the campaign; one that was broken off goes on.",
+        default=Path("learned"),
+        metavar="FOLDER",
+        python="folder",
     )
     jobs: int = option("--jobs", min=1, max=64, text="Processes that share a diagnosis.", default=1)
     yes: bool = option(
