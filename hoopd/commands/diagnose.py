@@ -16,6 +16,7 @@ from hoopd.commands.diagnosed_model import doubts, found_model, left_out
 from hoopd.commands.inputs import read_recording
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.output_files import check_targets
+from hoopd.commands.plant_inputs import refuse_shared
 from hoopd.diagnose.inputs import Source, source_of
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import to_json_bytes
@@ -102,6 +103,7 @@ def searched(
     progress: Progress = lambda text: None,
 ) -> Outcome:
     """The same from recordings that were read, whatever the options call them."""
+    refuse_shared([(one.name, one.recording) for one in train], [(one.name, one.recording) for one in held])
     check_motion(train, held, base.file.structure if isinstance(base.file, ModelFile) else "")
     without = [name for text in options.without for name in text.split(",")]
     whole = () if held else tuple(train)

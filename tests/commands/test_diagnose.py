@@ -7,6 +7,7 @@ bias in `tests/tools/test_concealed_score.py` and the friction in `tests/system/
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -184,6 +185,10 @@ def _another_name(run: Path, tmp: Path) -> list[Any]:
     return [run, run.parent / ".." / run.parent.name / run.name]
 
 
+def _a_copy(run: Path, tmp: Path) -> list[Any]:
+    return [run, "--holdout", shutil.copy(run, tmp / "copy.csv")]
+
+
 def _no_recording(run: Path, tmp: Path) -> list[Any]:
     return [tmp / "none.csv"]
 
@@ -236,6 +241,7 @@ REFUSED: dict[Callable[[Path, Path], list[Any]], str] = {
     _held_out_and_fitted: "it proves nothing",
     _twice: "given twice",
     _another_name: "same data",
+    _a_copy: "rows in common",
     _no_recording: "no such file",
     _another_file: "notes.csv",
     _own_input: "is an input",
