@@ -12,15 +12,13 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from hoopd.diagnose.findings import base_of, parameters_of
-from hoopd.diagnose.proof.training_windows import reason_of
-from hoopd.diagnose.record import Base, Quantity
+from hoopd.diagnose.findings import base_of, is_in_vocabulary, parameters_of
+from hoopd.diagnose.record import Base, EffectFinding, Quantity
 from hoopd.diagnose.record_file import to_digits
 from hoopd.diagnose.run import Outcome
 from hoopd.diagnose.search.effect_changes import at_nodes
 from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.stretch_scatter import interval
 
@@ -44,7 +42,11 @@ def found_model(outcome: Outcome, base: Model, name: str) -> Model:
     for one in outcome.diagnosis.effects:  # faults of a sensor are in no fit
         if one.status in DOUBTED or one.name in accepted:
             continue
-        if one.slot in final.tracks[0].stretch.plant.slots and one.name not in entries and _is_known(one.name, final):
+        if (
+            one.slot in final.tracks[0].stretch.plant.slots
+            and one.name not in entries
+            and is_in_vocabulary(one.name, final)
+        ):
             entries[one.name] = EffectEntry(name=one.name, parameters=_parameters(one.parameters))
     return msgspec.structs.replace(
         base, name=name, parameters={**base.parameters, **parameters}, effects=list(entries.values())
@@ -52,24 +54,18 @@ def found_model(outcome: Outcome, base: Model, name: str) -> Model:
 
 
 def left_out(outcome: Outcome) -> list[str]:
-    """Why named effects are not in the model: a user's own, and what held-out data deny or hardly bear out."""
-    own = [one.name for one in outcome.kept.effects if not _is_known(one.name, outcome.kept)]
-    denied = [one.name for one in outcome.diagnosis.effects if one.status == "not_confirmed" and not one.is_unknown]
-    weak = [
-        (one.name, one.reason or "its evidence is weak") for one in outcome.diagnosis.effects
-        if one.status == "weak" and one.name not in outcome.kept.names and not one.is_unknown
-    ]  # fmt: skip
-    doubted = {one.name for one in outcome.diagnosis.effects if one.status in DOUBTED}
-    known = {one.effect.name for one in outcome.named.accepted} - doubted - {*outcome.kept.names}
+    """Why named effects are not in the model: a user's own, and what is denied, hardly borne out, or does harm."""
     return [
-        *(
-            f"{name} is not in the model: {reason_of({})}; where it is off by part of its period it does harm"
-            for name in sorted(known)
-        ),
-        *(f"{name} is not in the model: a model file holds no effects of your own" for name in own),
-        *(f"{name} is not in the model: held-out data do not confirm it" for name in denied),
-        *(f"{name} is not in the model: {why}" for name, why in weak),
+        f"{one.name} is not in the model: {_why_left_out(one)}"
+        for one in outcome.diagnosis.effects
+        if one.in_model is False and not one.is_unknown
     ]
+
+
+def _why_left_out(one: EffectFinding) -> str:
+    if one.status == "not_confirmed":
+        return "held-out data do not confirm it"
+    return one.reason or "its evidence is weak"
 
 
 def doubts(outcome: Outcome) -> list[str]:
@@ -104,12 +100,7 @@ def outside(outcome: Outcome) -> list[str]:
 
 
 def _known(final: HypothesisFit) -> Iterable[Effect]:
-    return (effect for effect in final.effects if _is_known(effect.name, final))
-
-
-def _is_known(name: str, final: HypothesisFit) -> bool:
-    plants = {id(one): one for one in (track.stretch.plant for track in final.tracks)}.values()
-    return any(name in known_effects(plant, [name]) for plant in plants)
+    return (effect for effect in final.effects if is_in_vocabulary(effect.name, final))
 
 
 def entry_of(effect: Effect, final: HypothesisFit, old: EffectEntry | None = None) -> EffectEntry:

@@ -31,7 +31,6 @@ from hoopd.diagnose.record import (
     Quantity,
     Refused,
     Remains,
-    Status,
     Unexplained,
     Verdict,
 )
@@ -40,6 +39,7 @@ from hoopd.diagnose.search.candidates import needed_of, surprise_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.stretch_scatter import interval
 
@@ -146,25 +146,25 @@ def _effect(
         alternatives=list(apart.alternatives),
         ablation=ablation,
         placebo=placebo,
-        status=doubted(said.statuses[name], loss, needed, placebo),
-        reason=said.reason(name),
+        status=said.statuses[name],
+        reason=said.reason(name) or ("" if is_in_vocabulary(name, named.final) else OF_YOUR_OWN),
+        in_model=name in said.written.names and is_in_vocabulary(name, named.final),
     )
+
+
+# Why a user's own effect is in no model.
+OF_YOUR_OWN = "a model file holds no effects of your own"
+
+
+def is_in_vocabulary(name: str, found: HypothesisFit) -> bool:
+    """Whether a model file can hold an effect of this name: a user's own stand in a program."""
+    plants = {id(one): one for one in (track.stretch.plant for track in found.tracks)}.values()
+    return any(name in known_effects(plant, [name]) for plant in plants)
 
 
 def heldout_nats(heldout: Mapping[str, Played], name: str) -> float:
     """Nats that the held-out data gain by a name beside the others."""
     return heldout[f"without {name}"].fit.criterion - heldout["named"].fit.criterion
-
-
-def doubted(status: Status, gain: float, needed: float, placebo: Placebo | None) -> Status:
-    """A name is weak whose gain is not beyond what is needed times what its shuffles gain over what they may.
-
-    Shuffles without a cause that gain more than chance gives say that the residual is no noise to an effect of this
-    form: what it needs grows as they do.
-    """
-    if status != "confirmed" or placebo is None or placebo.held or not placebo.limit or placebo.most is None:
-        return status
-    return status if gain > needed * placebo.most / placebo.limit else "weak"
 
 
 def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, float]) -> tuple[float, Ablation]:
@@ -177,6 +177,7 @@ def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
     words = {"late_frames": "repeats the picture before", "outliers": "is a false detection"}
     slot, _, kind = fault.name.partition(".")
     known = likely([Option(fault.name, fault.surprise, True), Option(PARAMETERS, threshold)])
+    status = status_of(fault.surprise, threshold)
     return EffectFinding(
         name=fault.name,
         slot=slot,
@@ -186,7 +187,8 @@ def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
         statement=f"a share of the {slot}'s samples {words[kind]}",
         formula=f"a share of the samples {words[kind]}",
         probability=known.named,
-        status=status_of(fault.surprise, threshold),
+        status=status,
+        in_model=status != "weak",
     )
 
 
@@ -272,6 +274,7 @@ def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], said: Confi
         ablation=ablation,
         status=None if said is None else said.statuses[unknown.name],
         reason="" if denied is None else denied.reason,
+        in_model=False,
     )
 
 

@@ -122,7 +122,8 @@ class EffectFinding(_Part, frozen=True):
     ablation: Ablation | None = None
     placebo: Placebo | None = None
     status: Status | None = None  # null in files that are older than it
-    reason: str = ""  # why it is not confirmed, or weak
+    reason: str = ""  # why it is not confirmed, weak, or in no model that is written
+    in_model: bool | None = None  # whether a model that is written has it; null where that was not decided
 
     @property
     def is_unknown(self) -> bool:
@@ -231,6 +232,7 @@ class NextExperiment(_Part, frozen=True):
     expected_nats: Number
     reason: str = ""
     command: str = ""
+    apart_nats: Number = None  # by which the recordings that are there tell the two apart
 
 
 # t0 [s], t1 [s], reason.

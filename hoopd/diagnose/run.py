@@ -153,7 +153,8 @@ def _diagnosed(case: Case) -> Outcome:
     doubts = hold_doubts(case.train, data.ignored, base, case.settings.threshold)
     case.progress("proof on held-out data")
     fits = runs.played(heldout_fits(named, runs, missing.base, missing.proof))
-    said = confirmation(named, runs, fits, missing.proof, case.settings.threshold, case.seed)
+    proofs = placebos(named, case.seed, case.settings.threshold)
+    said = confirmation(named, runs, fits, missing.proof, case.settings.threshold, case.seed, proofs)
     refused = refused_of(named, said, missing.refused)
     if unknown is None and not is_any_told(named, said):
         drop_names(named)
@@ -170,7 +171,6 @@ def _diagnosed(case: Case) -> Outcome:
     )
     case.progress("what else could explain it")
     threshold, apart = case.settings.threshold, separations(named, library)
-    proofs = placebos(named, case.seed, threshold)
     faults = camera_faults([one.quality for one in case.train], threshold)
     known = {name: library[name] for name in case.library}
     stand = standings(Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold))

@@ -24,6 +24,7 @@ from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.replacement import replace_denied
 from hoopd.diagnose.proof.training_windows import is_wave
 from hoopd.diagnose.proof.worse_channels import lowered
+from hoopd.diagnose.record import Placebo
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried
 from hoopd.diagnose.search.naming import Named, Refusal
 from hoopd.plants.effects.base import Effect
@@ -271,6 +272,20 @@ def test_what_is_weak_is_a_finding_and_in_no_model_that_is_written(
     found, _ = confirmed(named, recorded("held", 2, friction=True))
     assert found.kept is named.final and not found.denials
     assert found.written.names == () and found.written.criterion > found.kept.criterion
+
+
+def test_a_name_whose_shuffles_gain_is_weak_and_in_no_model_that_is_written(
+    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = named_with(*fits)
+    _, shown = confirmed(named, recorded("held", 2, friction=True))
+    monkeypatch.setattr(confirmation_module, "surprise_in", lambda *_: 23.9)
+    monkeypatch.setattr(confirmation_module, "_simulates_better", lambda *_: False)
+    held = HeldOut([recorded("held", 2, friction=True)])
+    for most, status, written in ((3.0, "confirmed", named.final.names), (3000.0, "weak", ())):
+        gains = Placebo(log_likelihood_gain=1.0, held=most < 4.0, shuffles=8, most=most, limit=4.0)
+        found = confirmation(named, held, shown, None, 12.0, shuffled={FRICTION.name: gains})
+        assert found.statuses == {FRICTION.name: status} and found.written.names == written
 
 
 def test_a_channel_that_is_worse_is_outweighed_by_one_that_is_better_by_more(

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
+from scipy.signal import lfilter
 
 from hoopd.diagnose.curves.effect_force import MissingForceSamples, Variable, follows, rate_name
+from hoopd.diagnose.curves.missing_force import binned
 from hoopd.diagnose.findings import parameters_of
 from hoopd.diagnose.proof.fit_tables import played
 from hoopd.diagnose.report.curve_pictures import harmonics_of, law_over, shown_of
@@ -168,3 +170,19 @@ def test_a_neutral_value_that_stands_for_infinity_is_no_number_of_a_report() -> 
     limits = ("actuator.saturation", "actuator.back_emf_limit", "ball.slip")
     assert [one.nominal for name in limits for one in parameters_of(LIBRARY[name], final).values()] == [None] * 3
     assert parameters_of(IMBALANCE, final)["A"].nominal == 0.0
+
+
+def test_bands_of_means_hold_the_truth_however_soon_a_variable_comes_back() -> None:
+    """Noise that lasts; a variable that is everywhere all the time tells more than one that is in a place once."""
+    t, held, widths = np.arange(3000), dict[str, list[bool]](), dict[str, float]()
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        noise = lfilter([np.sqrt(1.0 - 0.95**2)], [1.0, -0.95], random.normal(size=len(t)))
+        for name, x in {"fast": random.uniform(-1.0, 1.0, len(t)), "slow": np.linspace(-1.0, 1.0, len(t))}.items():
+            found = binned(x, np.sign(x) + noise)
+            off = np.abs(found.x) > 0.1  # the bin about zero holds both signs
+            inside = (found.low < np.sign(found.x)) & (np.sign(found.x) < found.high)
+            held.setdefault(name, []).extend(inside[off].tolist())
+            widths[name] = float(np.median(found.high - found.low))
+    assert widths["fast"] < 0.5 < widths["slow"]
+    assert all(0.85 < np.mean(one) <= 1.0 for one in held.values()), {n: np.mean(o) for n, o in held.items()}

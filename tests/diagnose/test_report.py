@@ -27,6 +27,7 @@ from hoopd.diagnose.record import (
     FitTable,
     FreeRunChoice,
     FreeRunEffect,
+    NextExperiment,
     Placebo,
     Quantity,
     Refused,
@@ -574,6 +575,44 @@ def test_the_first_lines_say_how_sure_a_finding_is_and_what_to_do_next() -> None
     doubted = msgspec.structs.replace(told, effects=[msgspec.structs.replace(first, status="weak")])
     assert "--write" not in headline.next_sentence(doubted)
     assert headline.next_sentence(doubted).endswith("before a model is written.")
+
+
+def test_what_is_confirmed_and_in_no_model_is_not_told_to_be_kept() -> None:
+    diagnosis, shown = coulomb()
+    why = "held-back blocks are not surely simulated better with it"
+    first = msgspec.structs.replace(diagnosis.effects[0], status="confirmed", in_model=False, reason=why)
+    told = msgspec.structs.replace(diagnosis, effects=[first])
+    assert headline.certainty_sentence(told).endswith("confirmed by held-out data, but in no model that is written.")
+    assert "keep the model with" not in headline.next_sentence(told)
+    assert "(--write FILE.yaml) is without hoop.coulomb_friction" in headline.next_sentence(told)
+    assert f"In no model that is written: {why}" in Page(page(told, shown)).text
+    kept = msgspec.structs.replace(told, effects=[msgspec.structs.replace(first, in_model=True, reason="")])
+    assert headline.next_sentence(kept).startswith("Next: keep the model with hoop.coulomb_friction")
+
+
+@pytest.mark.parametrize(
+    ("reason", "held", "told"),
+    [("psi is worse", True, "weak: psi is worse"), ("", False, "a shuffled cause"), ("", True, "say little of it")],
+)
+def test_a_weak_finding_says_what_makes_it_weak(reason: str, held: bool, told: str) -> None:
+    diagnosis, _ = coulomb()
+    placebo = Placebo(log_likelihood_gain=1.0, held=held, shuffles=8, most=6.0, limit=3.7)
+    first = msgspec.structs.replace(diagnosis.effects[0], status="weak", reason=reason, placebo=placebo)
+    assert told in headline.certainty_sentence(msgspec.structs.replace(diagnosis, effects=[first]))
+
+
+def test_nobody_is_sent_to_tell_apart_what_is_told_apart() -> None:
+    diagnosis, _ = coulomb()
+    first = msgspec.structs.replace(diagnosis.effects[0], status="confirmed", not_excluded=[])
+    planned = NextExperiment(
+        signal="a multisine", parameters={}, tells_apart=("a.b", "c.d"), expected_nats=176.0, apart_nats=114.0
+    )
+    told = msgspec.structs.replace(diagnosis, effects=[first], next_experiment=planned)
+    assert "To be surer" not in headline.next_sentence(told)
+    near = msgspec.structs.replace(told, next_experiment=msgspec.structs.replace(planned, apart_nats=1.0))
+    assert headline.next_sentence(near).endswith("To be surer, record a multisine, which tells a.b from c.d.")
+    weak = msgspec.structs.replace(told, effects=[msgspec.structs.replace(first, status="weak")])
+    assert headline.next_sentence(weak).startswith("Next: record a multisine, as a further proof, before a model")
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

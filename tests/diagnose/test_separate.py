@@ -10,7 +10,7 @@ import typer
 from diagnose.madeup import NOISE, STEP_S, shipped_plant, stretch_with
 
 from hoopd.commands.cli import app
-from hoopd.diagnose.findings import doubted
+from hoopd.diagnose.proof.confirmation import doubted
 from hoopd.diagnose.proof.experiment_menu import command, entries
 from hoopd.diagnose.proof.next_experiment import (
     Expected,

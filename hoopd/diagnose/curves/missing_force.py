@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from hoopd.diagnose.curves.curve import UnnamedCurve
 from hoopd.diagnose.curves.curve_fits import Shape
@@ -16,7 +17,6 @@ from hoopd.diagnose.curves.curve_sites import CurveVariable, wanted
 from hoopd.diagnose.quality.unusual_intervals import disturbance
 from hoopd.diagnose.report_curves import Binned, LawCurve, MissingForce, Regressor
 from hoopd.diagnose.search.effect_changes import at_nodes
-from hoopd.ident.normal import Z95
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Point
 from hoopd.plants.likelihood.fitting import HypothesisFit
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 BINS = 24
 # A bin with fewer samples has no mean of its own.
 FEWEST = 8
+# What is in a bin for a moment only says next to nothing of its mean: so many independent samples more are taken.
+LEAST_FREEDOM, LEVEL = 2.0, 0.95
 
 
 def missing_force(
@@ -79,21 +81,38 @@ def _wrapped(variable: CurveVariable, s: Point, n: int) -> Array:
 
 
 def binned(x: Array, y: Array, bins: int = BINS) -> Binned:
-    """Means of y (n,) in bins of x (n,) of equal numbers, 95 % bands; neighbours in time are correlated."""
-    known = np.isfinite(x) & np.isfinite(y)
+    """Means of y (n,) in bins of x (n,) of equal numbers, 95 % bands; what was sampled soon after counts less."""
+    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     x, y = x[known], y[known]
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, bins + 1))) if len(x) else np.zeros(0)
     where = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
-    # n samples with correlation rho of neighbours count as n (1 - rho)/(1 + rho)
-    rho = float(np.clip(y[1:] @ y[:-1] / max(float(y @ y), 1e-300), 0.0, 0.99)) if len(y) > 1 else 0.0
+    each = [one for i in range(max(len(edges) - 1, 0)) if len(one := np.flatnonzero(where == i)) >= FEWEST]
+    rho = _correlation(y, each)
     rows = []
-    for i in range(max(len(edges) - 1, 0)):
-        own = y[where == i]
-        if len(own) >= FEWEST:
-            half = Z95 * float(own.std(ddof=1)) / np.sqrt(max(len(own) * (1 - rho) / (1 + rho), 1.0))
-            rows.append((float(x[where == i].mean()), float(own.mean()), half))
+    for one in each:
+        # about their own mean so many independent samples scatter by (n - 1)/n of their variance
+        freedom = max(_independent(known[one], rho) - 1.0, LEAST_FREEDOM)
+        half = float(stdtrit(freedom, 0.5 + LEVEL / 2.0) * y[one].std()) / np.sqrt(freedom)
+        rows.append((float(x[one].mean()), float(y[one].mean()), half))
     centre, mean, half_width = np.array(rows).reshape(-1, 3).T
     return Binned(centre, mean, mean - half_width, mean + half_width)
+
+
+def _correlation(y: Array, each: Sequence[NDArray[np.intp]]) -> float:
+    """Of neighbours in time, of what is left of y (n,) about the means of its bins."""
+    rest = y.copy()
+    for one in each:
+        rest[one] -= y[one].mean()
+    return float(np.clip(rest[1:] @ rest[:-1] / max(float(rest @ rest), 1e-300), 0.0, 0.99)) if len(y) > 1 else 0.0
+
+
+def _independent(index: NDArray[np.intp], rho: float) -> float:
+    """As how many the samples of a bin count, which were taken at these indices: n^2 / sum_ij rho^|k_i - k_j|."""
+    together, before = float(len(index)), 0.0
+    for gap in np.diff(index):
+        before = rho ** float(gap) * (1.0 + before)
+        together += 2.0 * before
+    return len(index) ** 2 / together
 
 
 # ---------------------------------------------------------------------------------------------- laws

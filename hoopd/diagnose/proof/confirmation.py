@@ -25,8 +25,8 @@ from hoopd.diagnose.proof.separation import own_columns
 from hoopd.diagnose.proof.training_windows import fitted_with, is_wave, reason_of, simulated_worse
 from hoopd.diagnose.proof.unknown_proof import Proven
 from hoopd.diagnose.proof.worse_channels import LEAST_POINTS, lowered
-from hoopd.diagnose.record import Status
-from hoopd.diagnose.search.candidates import UNSEEN_LOSS, Tried, surprise_of
+from hoopd.diagnose.record import Placebo, Status
+from hoopd.diagnose.search.candidates import UNSEEN_LOSS, Tried, needed_of, surprise_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import whitened_changes
 from hoopd.plants.effects.base import Effect
@@ -58,17 +58,23 @@ class Confirmation:
     harmful: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def reason(self, name: str) -> str:
-        """Why a finding is not confirmed, or weak; empty where nothing more is to be said."""
+        """Why a finding is not confirmed, weak, or in no model; empty where nothing more is to be said."""
         if name in self.denials:
             return self.denials[name].reason
-        return reason_of(self.harmful[name]) if self.harmful.get(name) else ""
+        return reason_of(self.harmful[name]) if name in self.harmful else ""
 
 
 def confirmation(
-    named: Named, held: HeldOut, fits: Mapping[str, Played], proof: Proven | None, threshold: float, seed: int = 0
+    named: Named,
+    held: HeldOut,
+    fits: Mapping[str, Played],
+    proof: Proven | None,
+    threshold: float,
+    seed: int = 0,
+    shuffled: Mapping[str, Placebo] | None = None,
 ) -> Confirmation:
-    """Of every accepted effect; `fits`: as of `heldout_fits`; `proof`: of what has no name."""
-    own: dict[str, Status] = {one.effect.name: _status(named, one, fits, threshold) for one in named.accepted}
+    """Of every accepted effect; `fits`: as of `heldout_fits`; `proof`: of what has no name; `shuffled`: by name."""
+    own = {one.effect.name: _doubted(named, one, fits, threshold, shuffled or {}) for one in named.accepted}
     names = _of_names(named, held, fits, seed)
     harmful = simulated_worse(named, names.kept.names, seed)
     own |= {name: "weak" for name, lost in harmful.items() if lost}
@@ -197,6 +203,28 @@ def _status(named: Named, one: Tried, fits: Mapping[str, Played], threshold: flo
     if gained <= 0.0 or (is_wave(one.effect) and _points_gained(without, with_it) < -LEAST_POINTS):
         return "weak"
     return status_of(surprise_in(named, one), threshold)
+
+
+def _doubted(
+    named: Named, one: Tried, fits: Mapping[str, Played], threshold: float, shuffled: Mapping[str, Placebo]
+) -> Status:
+    """The same when its shuffles were heard."""
+    name, status = one.effect.name, _status(named, one, fits, threshold)
+    if name not in shuffled:
+        return status
+    needed = needed_of(one.score, threshold, [track.stretch for track in named.base.tracks])
+    return doubted(status, named.losses[name], needed, shuffled[name])
+
+
+def doubted(status: Status, gain: float, needed: float, placebo: Placebo) -> Status:
+    """A name is weak whose gain is not beyond what is needed times what its shuffles gain over what they may.
+
+    Shuffles without a cause that gain more than chance gives say that the residual is no noise to an effect of this
+    form: what it needs grows as they do.
+    """
+    if status != "confirmed" or placebo.held or not placebo.limit or placebo.most is None:
+        return status
+    return status if gain > needed * placebo.most / placebo.limit else "weak"
 
 
 def _points_gained(without: Played, with_it: Played) -> float:

@@ -254,6 +254,7 @@ def _told(pair: Pair, best: Expected) -> NextExperiment:
         tells_apart=(pair.effect.name, pair.rival.name),
         expected_nats=best.nats,
         reason=_reason(pair.apart, best.nats),
+        apart_nats=pair.apart,
         command=command(plan, plant.plays) if plant.plays else "",
     )
 
@@ -262,6 +263,11 @@ def _reason(apart: float, more: float) -> str:
     before = f"These recordings tell the two apart by {apart:.1f} nats"
     if apart + more < NOT_EXCLUDED_NATS:
         return f"{before}; of the safe signals none brings enough, this one brings most: repeat it."
+    if apart >= NOT_EXCLUDED_NATS:
+        return (
+            f"{before} already, and no other known law is nearer: nothing has to be recorded to tell names apart. "
+            "Of the safe signals this one would add most to the proof."
+        )
     return f"{before}; of the safe signals this one is expected to bring most."
 
 
@@ -270,6 +276,7 @@ def _by_hand(pair: Pair) -> NextExperiment:
     return NextExperiment(
         signal=pair.effect.best_experiment, parameters={}, tells_apart=(pair.effect.name, pair.rival.name),
         expected_nats=None, reason=why_by_hand([track.stretch.plant for track in pair.final.tracks]),
+        apart_nats=pair.apart,
     )  # fmt: skip
 
 

@@ -89,7 +89,10 @@ class _Played:
 def reason_of(lost: Lost) -> str:
     """In words."""
     if not lost:
-        return "blocks of the training data that were held back are not surely simulated better with it"
+        return (
+            "blocks of the training data that were held back are not surely simulated better with it, "
+            "and where it is off by part of its period it does harm"
+        )
     worse = " and ".join(f"{channel} by {points:.1f} points" for channel, points in lost.items())
     return f"with it blocks of the training data that were held back are simulated worse: {worse}"
 

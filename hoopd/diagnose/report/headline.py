@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hoopd.diagnose.record import Diagnosis, EffectFinding, Fit, Fits, Number
+from hoopd.diagnose.record import Diagnosis, EffectFinding, Fit, Fits, NextExperiment, Number
 from hoopd.diagnose.report.sentences import each_fit, none_of_them
 from hoopd.plots.number_format import chance, listed, nats, percent, safe, value_text
 
@@ -20,6 +20,8 @@ TITLES = {
 }
 # A law that is less likely than this is more likely another one.
 SURE = 0.5
+# Two laws that are so many nats apart are told from one another (20 : 1).
+EXCLUDED_NATS = 3.0
 # Points of fit that a figure with one decimal shows.
 SHOWN = 0.1
 
@@ -185,18 +187,27 @@ def _certainty(effect: EffectFinding) -> str:
     gain, needed = evidence.log_likelihood_gain, evidence.threshold
     sure = [] if gain is None else [f"{nats(gain)} nats" + ("" if needed is None else f" ({nats(needed)} needed)")]
     sure += [chance(law)] if law is not None and not effect.is_unknown else []
-    held = "" if effect.status is None else f", {HELD_OUT[effect.status]}"
+    held = f", {_held_out(effect)}" if effect.status is not None else ""
     return f"{safe(effect.name)} {' and '.join(sure)}{held}"
+
+
+def _held_out(effect: EffectFinding) -> str:
+    """What held-out data say of it; of what is weak, what makes it so."""
+    if effect.status == "weak" and effect.reason:
+        return f"weak: {effect.reason}"
+    if effect.status == "weak" and effect.placebo is not None and not effect.placebo.held:
+        return "weak, for a shuffled cause gains too"
+    left_out = ", but in no model that is written" if is_only_told(effect) else ""
+    return HELD_OUT[effect.status or "untested"] + left_out
+
+
+def is_only_told(effect: EffectFinding) -> bool:
+    """Whether nothing speaks against it, and a model that is written is without it all the same."""
+    return effect.in_model is False and not effect.is_unknown and not doubt(effect)
 
 
 def next_sentence(diagnosis: Diagnosis) -> str:
     """What to do now."""
-    planned = diagnosis.next_experiment
-    record = (
-        ""
-        if planned is None or not planned.signal
-        else f"record {safe(planned.signal)}, which tells {listed(planned.tells_apart, 'from')}"
-    )
     if diagnosis.verdict == "consistent":
         return (
             "Next: nothing has to be done; how much could hide stands under “What these recordings would have shown”."
@@ -205,13 +216,31 @@ def next_sentence(diagnosis: Diagnosis) -> str:
         more = f" To be surer that nothing is missing, {record}." if record else ""
         return f"Next: keep the re-estimated parameters (--write FILE.yaml), and use that model.{more}"
     sure = [one for one in kept(diagnosis) if not doubt(one) and not one.is_unknown]
+    record = _recording(diagnosis.next_experiment)
+    again = record or words_of_remains(diagnosis) or "record again, with another signal"
     if not sure:
-        other = record or words_of_remains(diagnosis) or "record again, with another signal"
-        return f"Next: {other}, before a model is written."
-    more = f" To be surer, {record}." if record else ""
-    return (
-        f"Next: keep the model with {listed(one.name for one in sure)} (--write FILE.yaml), and design with it.{more}"
-    )
+        return f"Next: {again}, before a model is written."
+    written = [one.name for one in sure if not is_only_told(one)]
+    if not written:
+        names = listed(one.name for one in sure)
+        return (
+            f"Next: {again}; a model that is written (--write FILE.yaml) is without {names} until it simulates better."
+        )
+    more = f" To be surer, {record}." if record and not _is_told_apart(diagnosis.next_experiment) else ""
+    return f"Next: keep the model with {listed(written)} (--write FILE.yaml), and design with it.{more}"
+
+
+def _is_told_apart(planned: NextExperiment | None) -> bool:
+    """Whether the recordings that are there exclude what the next one would."""
+    return planned is not None and (planned.apart_nats or 0.0) >= EXCLUDED_NATS
+
+
+def _recording(planned: NextExperiment | None) -> str:
+    """What to record, and what for; empty where nothing is planned."""
+    if planned is None or not planned.signal:
+        return ""
+    why = "as a further proof" if _is_told_apart(planned) else f"which tells {listed(planned.tells_apart, 'from')}"
+    return f"record {safe(planned.signal)}, {why}"
 
 
 def words_of_remains(diagnosis: Diagnosis) -> str:

@@ -29,6 +29,8 @@ MANY = 6
 LEAST_LIKELY = 0.1
 # A window carries the error when it has so many times an even part of it, or half; of two one always has.
 STANDS_OUT, HALF, FEWEST_WINDOWS = 3.0, 0.5, 3
+# What a reason is of.
+DOUBTS = {"weak": "Weak", "not_confirmed": "Not confirmed"}
 # What a column of probabilities says.
 LIKELY = (
     "Likely: how likely this very law is the one in its place, among all laws that could stand there and none that is "
@@ -125,14 +127,14 @@ def rest_experiment_sentence(diagnosis: Diagnosis) -> str:
 
 
 def statements(diagnosis: Diagnosis) -> list[str]:
-    """What each finding is, in plain words; of one that is not confirmed, or weak, why."""
+    """What each finding is, in plain words; of one that is not confirmed, weak, or in no model, why."""
     return [f"{safe(one.name)}: {one.statement}{_law(one)}{_doubted(one)}" for one in diagnosis.effects]
 
 
 def _doubted(effect: EffectFinding) -> str:
-    if not effect.reason:
-        return ""
-    return f". {'Weak' if effect.status == 'weak' else 'Not confirmed'}: {effect.reason}"
+    return (
+        f". {DOUBTS.get(effect.status or '', 'In no model that is written')}: {effect.reason}" if effect.reason else ""
+    )
 
 
 def _law(effect: EffectFinding) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -256,3 +258,11 @@ def test_amplitudes_are_in_the_units_of_what_they_act_on(name: str, unit: str) -
     found = mechanism_named(cart, name)
     assert found is not None and found.parameters[0].unit == unit
     assert (cart.disturbance_unit("x"), cart.disturbance_unit("a"), state_unit(cart, "da")) == ("N", "N m", "rad/s")
+
+
+def test_every_law_of_every_place_is_told_in_a_sentence_and_no_letter_stands_for_two_things() -> None:
+    for one in mechanisms(plant_named("hoop")).values():
+        said = one.sentence
+        assert not re.search(r"(force|torque|reading|factor) that (friction|play)\b|smaller it is: the", said), said
+        if "phi" in {p.name for p in one.effect.parameters}:
+            assert "phi" not in one.axis.text, one.formula

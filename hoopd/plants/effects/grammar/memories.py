@@ -372,12 +372,12 @@ def _gaps(v: Array, t: Array) -> list[float]:
 MEMORIES: tuple[MemoryLaw, ...] = (
     MemoryLaw(
         "dahl", (POSITION,), _dahl_rates, lambda ops, z, v, c: z[0], _dahl_along, "xs", lambda axis: axis.unit, _ways,
-        "z, z' = ({v}' - |{v}'| z)/xs", "friction that gives way like a spring before it slides, along",
+        "z, z' = ({v}' - |{v}'| z)/xs", "comes from friction that gives way like a spring before it slides, along",
         dissipates=True,
     ),
     MemoryLaw(
         "play", (POSITION,), _play_rates, lambda ops, z, v, c: ops.fmin(ops.fmax(z[0], -1.0), 1.0), _play_along, "b",
-        lambda axis: axis.unit, _ways, "z, z' = {v}'/b within -1..1", "play, or a spring that yields, along",
+        lambda axis: axis.unit, _ways, "z, z' = {v}'/b within -1..1", "comes from play, or a spring that yields, along",
         dissipates=True,
     ),
     MemoryLaw(
@@ -410,7 +410,7 @@ MEMORIES: tuple[MemoryLaw, ...] = (
     MemoryLaw(
         "hesitation", (INPUT,), _hesitation_rates, _hesitation, _hesitation_along, "v0", lambda axis: axis.unit,
         _sizes, "(z - {v}) exp(-|{v}|/v0), z after {v} by a part of a sample",
-        "comes the later the smaller it is:", scaled=True, held=True,
+        "is late, the more so the smaller it is, behind", scaled=True, held=True,
     ),
     _reversal(POSITION),
     _reversal(INPUT),

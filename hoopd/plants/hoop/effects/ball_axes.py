@@ -24,9 +24,9 @@ def axes(plant: Plant, slot: str) -> Iterable[Axis]:
         "load", "N", "N", FORCE, signed_normal_force, "the normal force of the ball", coordinates=("psi",)
     )  # fmt: skip
     if ball and "theta" in plant.coordinates:
-        # phi = (Ro/Rb) (theta - psi): where on the ball the contact is
+        # phi = (Ro/Rb) (theta - psi): where on the ball the contact is; in a formula a wave has its phase as phi
         yield Axis(
-            "phi", "phi", "rad", POSITION, lambda s: s.p["Ro"] / s.p["Rb"] * (s.theta - s.psi),
+            "phi", "roll", "rad", POSITION, lambda s: s.p["Ro"] / s.p["Rb"] * (s.theta - s.psi),
             "the turning of the ball", True, ("theta", "psi"),
             lambda s: s.p["Ro"] / s.p["Rb"] * (s.dtheta - s.dpsi), scale_share=RATIO_SHARE,
         )  # fmt: skip
