@@ -228,7 +228,7 @@ def _to_see_the_likeliest(named: Named, seed: int) -> NextExperiment | None:
         return None
     told = _told(pair, best)
     return msgspec.structs.replace(
-        told, tells_apart=(one.effect.name, PARAMETERS),
+        told, tells_apart=(one.effect.name, PARAMETERS), apart_nats=None,
         reason=f"{one.effect.name} is the likeliest of what was not found ({one.gain:.1f} nats, too few to name it); "
         "of the safe signals this one would show most of it, if it is there.",
     )  # fmt: skip

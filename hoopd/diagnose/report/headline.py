@@ -212,11 +212,11 @@ def next_sentence(diagnosis: Diagnosis) -> str:
         return (
             "Next: nothing has to be done; how much could hide stands under “What these recordings would have shown”."
         )
+    record = _recording(diagnosis.next_experiment)
     if diagnosis.verdict == "parameters":
         more = f" To be surer that nothing is missing, {record}." if record else ""
         return f"Next: keep the re-estimated parameters (--write FILE.yaml), and use that model.{more}"
     sure = [one for one in kept(diagnosis) if not doubt(one) and not one.is_unknown]
-    record = _recording(diagnosis.next_experiment)
     again = record or words_of_remains(diagnosis) or "record again, with another signal"
     if not sure:
         return f"Next: {again}, before a model is written."
