@@ -16,6 +16,7 @@ from hoopd.diagnose.camera_faults import camera_faults
 from hoopd.diagnose.quality import recording_quality
 from hoopd.diagnose.quality import standstill as stops
 from hoopd.diagnose.quality.recording_quality import cleaned
+from hoopd.diagnose.quality.sensor_samples import clustered_error
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.registry import plant_named
 from hoopd.recording import load
@@ -96,6 +97,24 @@ def test_false_angles_are_found_while_the_ball_goes_round_and_psi_is_wrapped():
     psi = assess(spoiled.changed(wrapped, "psi", rows, anywhere)).channels["psi"]
     assert (~psi.counts)[rows].mean() > 0.9
     assert (~psi.counts)[~rows].mean() < 0.04
+
+
+def test_the_interval_of_a_share_holds_how_far_stretches_differ_where_they_do():
+    """A camera that is slow for a while, again and again: of another recording another share is late."""
+    rng, counted, held = np.random.default_rng(3), np.ones(1500, dtype=bool), []
+    for clustered in (False, True):
+        hits = []
+        for _ in range(150):
+            shares = rng.choice([0.0, 0.2], 5, p=[0.7, 0.3]) if clustered else np.full(5, 0.06)
+            bad = rng.random(1500) < np.repeat(shares, 300)
+            single = np.sqrt(bad.mean() * (1.0 - bad.mean()) / 1500)
+            error = clustered_error(bad, counted, single)
+            assert error >= single * (1.0 - 1e-9)
+            hits.append([abs(bad.mean() - 0.06) < 1.96 * one for one in (single, error)])
+        held.append(np.mean(hits, axis=0))
+    (alone, same), (narrow, wide) = held
+    assert alone == pytest.approx(0.95, abs=0.04) and same == pytest.approx(0.95, abs=0.05)
+    assert narrow < 0.6 and wide > narrow + 0.2
 
 
 def test_late_and_false_angles_in_one_recording_are_told_apart():

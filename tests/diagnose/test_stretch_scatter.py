@@ -10,38 +10,47 @@ import pytest
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
-from hoopd.plants.likelihood.stretch_scatter import _Piece, _scatter, _width, half_widths, interval
+from hoopd.plants.likelihood.stretch_scatter import Piece, _width, half_widths, interval, scatter, widest
 from hoopd.plants.likelihood.stretches import stretch_of
 from hoopd.recording.timeline import ChannelNodes
 
-STRETCHES, ROWS, DRAWS = 14, 60, 600
+STRETCHES, ROWS, DRAWS = 14, 60, 400
 
 
-def coverage(drawn: float, columns: int = 3) -> tuple[float, float]:
-    """Of plain intervals and ours over made regressions; `drawn`: how far a stretch draws the first parameter."""
-    rng, plain, ours = np.random.default_rng(4), [], []
-    for _ in range(DRAWS):
-        parts = [rng.normal(size=(ROWS, columns)) for _ in range(STRETCHES)]
-        errors = [x[:, 0] * drawn * rng.normal() + rng.normal(size=ROWS) for x in parts]
-        pieces = [_Piece(x.T @ x, x.T @ e) for x, e in zip(parts, errors, strict=True)]
+def coverage(drawn: float, columns: int = 3, lasting: int = 1) -> tuple[float, float, float]:
+    """Of plain intervals, of those by the shortest stretches, and of ours over made regressions; `drawn`: how far a
+    stretch draws the first parameter, `lasting`: stretches that are drawn alike."""
+    rng, held = np.random.default_rng(4), []
+    for _ in range(DRAWS // lasting):
+        parts = [rng.normal(size=(ROWS, columns)) for _ in range(STRETCHES * lasting)]
+        draws = np.repeat(drawn * rng.normal(size=STRETCHES), lasting)
+        errors = [x[:, 0] * draw + rng.normal(size=ROWS) for x, draw in zip(parts, draws, strict=True)]
+        pieces = [Piece(x.T @ x, x.T @ e) for x, e in zip(parts, errors, strict=True)]
         information = sum(one.information for one in pieces)
         step = np.linalg.solve(information, sum(one.slope for one in pieces))
-        centred = [_Piece(x.T @ x, x.T @ (e - x @ step)) for x, e in zip(parts, errors, strict=True)]
+        centred = [Piece(x.T @ x, x.T @ (e - x @ step)) for x, e in zip(parts, errors, strict=True)]
         sd = np.sqrt(np.diag(np.linalg.inv(information)))
-        scattered, freedom = _scatter(centred, np.zeros((columns, columns)), np.zeros(columns))
-        plain.append(abs(step[0]) < 1.96 * sd[0])
-        ours.append(abs(step[0]) < _width(sd[0], scattered[0], freedom[0]))
-    return float(np.mean(plain)), float(np.mean(ours))
+        none = np.zeros((columns, columns)), np.zeros(columns)
+        shortest = _width(sd[0], *(one[0] for one in scatter(centred, *none)))
+        held.append(abs(step[0]) < np.array([1.96 * sd[0], shortest, widest(sd, [centred], *none)[0]]))
+    plain, short, ours = np.mean(held, axis=0)
+    return float(plain), float(short), float(ours)
 
 
 def test_where_the_model_is_right_they_hold_95_in_100() -> None:
-    plain, ours = coverage(0.0)
+    plain, _, ours = coverage(0.0)
     assert plain == pytest.approx(0.95, abs=0.025) and 0.93 < ours < 0.98
 
 
 def test_where_it_is_not_they_still_do() -> None:
-    plain, ours = coverage(0.4)
+    plain, _, ours = coverage(0.4)
     assert plain < 0.75 and 0.92 < ours < 0.98
+
+
+def test_what_lasts_longer_than_a_stretch_shows_in_longer_ones() -> None:
+    """Four neighbours that are drawn alike scatter half as much as they are wrong by."""
+    plain, short, ours = coverage(0.4, lasting=4)
+    assert plain < 0.5 and short < 0.85 and 0.88 < ours < 0.99
 
 
 def test_one_stretch_alone_says_nothing_of_scatter() -> None:

@@ -12,6 +12,7 @@ from diagnose.madeup import shipped_plant, stretch_with
 from hoopd.diagnose.proof import written_parameters as module
 from hoopd.diagnose.proof.fit_tables import nrmse
 from hoopd.diagnose.proof.fold_runs import blocks_of, fold_runs
+from hoopd.diagnose.proof.two_estimates import beyond_chance
 from hoopd.diagnose.proof.written_parameters import ParameterSet, chosen, mean_percent, written_parameters
 from hoopd.diagnose.search.folds import FOLDS, fold_values
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -99,3 +100,26 @@ def test_an_interval_holds_what_two_kinds_of_estimate_are_apart_by(found: Hypoth
     assert (high - low) / 2.0 == pytest.approx(np.sqrt(10.0) * half["K2"])
     same: Any = interval(module._with(replace(found, widths={}), found.values), "K2")
     assert (same[1] - same[0]) / 2.0 == pytest.approx(half["K2"])
+
+
+def test_where_the_model_is_right_two_estimates_agree_and_where_it_is_not_they_are_apart(found: HypothesisFit) -> None:
+    """What the likelihood is off by is told, in the parameter's unit; nothing of the others."""
+    simulated = module._simulated(found, found.values, blocks_of(found), None)
+    assert beyond_chance(found, simulated) == dict.fromkeys(found.free, 0.0)
+    off = {**found.values, "K2": 1.3 * found.values["K2"]}
+    told = beyond_chance(replace(found, values=off), simulated)
+    assert told["K2"] == pytest.approx(off["K2"] - simulated.values["K2"])
+    assert {name for name, apart in told.items() if apart} == {"K2"}
+
+
+def test_what_they_are_apart_by_widens_an_interval_whichever_is_written(
+    found: HypothesisFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The likelihood's numbers simulate blocks best, and are as doubtful for it."""
+    half = {name: (ends[1] - ends[0]) / 2.0 for name in found.free if (ends := interval(found, name)) is not None}
+    monkeypatch.setattr(module, "beyond_chance", lambda *_: {**dict.fromkeys(found.free, 0.0), "K2": 3.0 * half["K2"]})
+    monkeypatch.setattr(module, "chosen", lambda each: each[-1])
+    written = written_parameters(found, PLANT.values).fit
+    assert written.values == found.values
+    assert written.widths["K2"] == pytest.approx(np.sqrt(10.0) * half["K2"])
+    assert written.widths["K1"] == pytest.approx(half["K1"])

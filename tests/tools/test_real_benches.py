@@ -165,6 +165,15 @@ def test_intervals_of_two_models_are_compared_where_both_have_them(tmp_path: Pat
     assert intervals.share([*intervals.compared(models)]) == (2, 4)
 
 
+def test_a_place_on_the_hoops_angle_belongs_to_its_recording(tmp_path: Path) -> None:
+    """Its zero is where the hoop stood; a place on the ball's angle is the device's."""
+    path, number = tmp_path / "model.yaml", "{value: 1, ci95: [0, 2]}"
+    laws = ("encoder.well_of_theta_in_theta", "ball.well_of_psi")
+    effects = "\n".join(f"  - {{name: {law}, parameters: {{v0: {number}, w: {number}}}}}" for law in laws)
+    path.write_text(f"parameters: {{}}\neffects:\n{effects}\n")
+    assert {*intervals.estimates(path)} == {f"{laws[0]}.w", f"{laws[1]}.v0", f"{laws[1]}.w"}
+
+
 def test_a_result_is_used_again_while_data_and_program_are_the_same(tmp_path: Path) -> None:
     tree, out, data = tmp_path / "tree", tmp_path / "out", tmp_path / "data.csv"
     (tree / "hoopd").mkdir(parents=True)

@@ -31,6 +31,7 @@ from hoopd.ident.damped_least_squares import Damping, Ends, Starts, StartsElimin
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.recording_parameters import plain
+from hoopd.plants.likelihood.stretch_scatter import Piece
 from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.plants.scales import LEAST_SIZE, parameter_size
 
@@ -67,6 +68,7 @@ class Refined:
     free: tuple[str, ...]
     runs: list[Simulated]
     cost: float  # sum of |y - yhat|^2 / |y - mean y|^2 over channels and recordings, with what starts and prior add
+    parts: list[Part]  # of which the runs are made, with the starts that were found
 
 
 def refine(
@@ -89,7 +91,20 @@ def refine(
         here, cost = _search(parts, here, tuple(free), effects, settled, drawn)
         starts = [node_states(part, here) for part in parts]
     runs = [simulated(part, here) for part in parts]
-    return Refined(here, tuple(free), runs, cost)
+    return Refined(here, tuple(free), runs, cost, parts)
+
+
+def window_pieces(found: Refined, scale: Array) -> list[Piece]:
+    """Share of each window in the normal equations of the parameters, these in units of `scale` (m,)."""
+    pieces = []
+    for part in found.parts:
+        pp, p, (ss, sp, s) = _equations(part, part.start, found.values, found.free, scale)
+        by_start = np.linalg.solve(ss, sp)
+        information = pp - np.einsum("bnm,bnk->bmk", sp, by_start)
+        slope = p - np.einsum("bnm,bn->bm", by_start, s)
+        # a piece's slope is that of the likelihood, which grows where the squares fall
+        pieces += [Piece(*each) for each in zip(information, -slope, strict=True)]
+    return pieces
 
 
 # ---------------------------------------------------------------------------------------------- search
@@ -125,7 +140,7 @@ def _search(
         normal, slope, groups = np.diag(pull), pull * off, []
         for part, start in zip(parts, point.starts, strict=True):
             pp, p, group = _equations(part, start, point.values, free, scale)
-            normal, slope = normal + pp, slope + p
+            normal, slope = normal + pp.sum(axis=0), slope + p.sum(axis=0)
             groups.append(group)
         return StartsEliminated(normal, slope, groups)
 
@@ -203,7 +218,8 @@ def _cost(
 def _equations(
     part: Part, begin: Array, values: Mapping[str, float], free: Sequence[str], scale: Array
 ) -> tuple[Array, Array, Starts]:
-    """Of one stretch from the starts `begin` (nx, b): J'J (m, m) and J'e (m,) of the parameters, and the starts'."""
+    """Of one stretch from the starts `begin` (nx, b): J'J (b, m, m) and J'e (b, m) of the parameters, window by window,
+    and the starts'."""
     nx = len(begin)
     local, m = part.local(values), len(free)
     mine = [(i, part.names[name]) for i, name in enumerate(free) if name in part.names]
@@ -224,4 +240,4 @@ def _equations(
     xx = np.einsum("ncbi,ncbj->bij", jx, jx) + np.eye(nx) * pull.T[None]
     x = (pull * (begin - part.anchor)).T - np.einsum("ncbi,ncb->bi", jx, e)
     starts = Starts(xx, np.einsum("ncbi,ncbj->bij", jx, jp), x)
-    return np.einsum("ncbi,ncbj->ij", jp, jp), -np.einsum("ncbi,ncb->i", jp, e), starts
+    return np.einsum("ncbi,ncbj->bij", jp, jp), -np.einsum("ncbi,ncb->bi", jp, e), starts

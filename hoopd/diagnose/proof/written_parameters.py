@@ -8,7 +8,8 @@ to two thirds of every recording and simulates the third in windows. The best is
 equally good the one that stays nearest to the user's, and fitted to all.
 
 Two estimates of one parameter agree within their errors where the model is right. How far they are apart is what it is
-wrong by, and widens the interval (Hausman, Specification tests in econometrics, Econometrica 46, 1978).
+wrong by, and widens the interval: what is written and the likelihood's, and, beyond chance, the likelihood's and output
+error's, whichever is written (`two_estimates`).
 
 Rules of this file: which effects there are is decided before; no held-out datum is read.
 """
@@ -25,6 +26,7 @@ from hoopd.diagnose.proof.fit_tables import Played, nrmse
 from hoopd.diagnose.proof.fold_runs import HeldBlock, Values, blocks_of, fold_runs
 from hoopd.diagnose.proof.free_run_refinement import Pull, Refined, refine
 from hoopd.diagnose.proof.simulation import WINDOW_S
+from hoopd.diagnose.proof.two_estimates import beyond_chance
 from hoopd.diagnose.proof.worse_channels import LEAST_POINTS
 from hoopd.diagnose.search.folds import FOLDS, fold_values
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -73,12 +75,16 @@ def written_parameters(
     """
     if not found.free or not any(blocks_of(found)):
         return Written(found)
-    each = []
-    for one in _candidates(found, users):
+    each, freely = [], None
+    base = [name for name in found.free if name in users and _size(found, name) > 0.0]
+    if base:
+        freely = _simulated(found, found.values, blocks_of(found), None)
+    for one in _candidates(found, users, base, freely):
         progress(f"parameters of the model: {one.kind} {one.percent:.1f} %")
         each.append(one)
     best = chosen(each)
-    return Written(_with(found, best.values), _note(best, each))
+    wrong = beyond_chance(found, freely) if freely is not None else {}
+    return Written(_with(found, best.values, wrong), _note(best, each))
 
 
 def chosen(each: Sequence[ParameterSet]) -> ParameterSet:
@@ -87,20 +93,22 @@ def chosen(each: Sequence[ParameterSet]) -> ParameterSet:
     return next((one for one in each if one.percent >= most - LEAST_POINTS), each[-1])
 
 
-def _candidates(found: HypothesisFit, users: Mapping[str, float]) -> Iterator[ParameterSet]:
-    """From the user's own on."""
-    base = [name for name in found.free if name in users and _size(found, name) > 0.0]
-    yield from _nearer(found, users, base) if base else ()
+def _candidates(
+    found: HypothesisFit, users: Mapping[str, float], base: Sequence[str], freely: Refined | None
+) -> Iterator[ParameterSet]:
+    """From the user's own on; `freely`: what simulates best, drawn to nothing."""
+    yield from _nearer(found, users, base, freely.cost) if freely is not None else ()
     yield _judged(found, "the likelihood's", found.values, fold_values(found))
 
 
-def _nearer(found: HypothesisFit, users: Mapping[str, float], base: Sequence[str]) -> Iterator[ParameterSet]:
+def _nearer(
+    found: HypothesisFit, users: Mapping[str, float], base: Sequence[str], error: float
+) -> Iterator[ParameterSet]:
     own = tuple(name for name in found.free if name not in base)
     stretches = [track.stretch for track in found.tracks]
     held = {**found.values, **{name: users[name] for name in base}}
     yours = fit(stretches, found.effects, held, like=found, noise=found.noise, free=own)
     yield _judged(found, "yours, effects beside them", yours.values, fold_values(yours))
-    error = _simulated(found, found.values, blocks_of(found), None).cost
     for share in DRAWN:
         pull = Pull({n: users[n] for n in base}, {n: _size(found, n) for n in base}, share * error)
         yield _by_output_error(found, pull, share)
@@ -146,9 +154,10 @@ def _size(found: HypothesisFit, name: str) -> float:
     return 0.0
 
 
-def _with(found: HypothesisFit, values: Mapping[str, float]) -> HypothesisFit:
-    """The fit with these values; intervals about them hold what they are apart from the likelihood's by."""
-    apart = {name: found.values[name] - values[name] for name in found.free}
+def _with(found: HypothesisFit, values: Mapping[str, float], wrong: Mapping[str, float] | None = None) -> HypothesisFit:
+    """The fit with these values; intervals about them hold what they are apart from the likelihood's by, and that from
+    output error's (`wrong`), whichever is more."""
+    apart = {name: max(found.values[name] - values[name], (wrong or {}).get(name, 0.0), key=abs) for name in found.free}
     widths = {name: float(np.hypot(half, apart[name])) for name, half in half_widths(found).items()}
     return replace(found, values={**found.values, **values}, widths=widths)
 

@@ -21,7 +21,9 @@ from hoopd.diagnose.quality.population import second_population
 from hoopd.diagnose.quality.sample_classes import NotFollowedError, Split, split
 from hoopd.diagnose.quality.sensors import Sensor
 from hoopd.diagnose.quality.turns import near
+from hoopd.ident.normal import Z95
 from hoopd.plants.fits.repeated_samples import HELD_COUNTS
+from hoopd.plants.likelihood.stretch_scatter import Piece, widest
 from hoopd.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -32,6 +34,8 @@ FEWEST = 75
 # Of its largest number: what changes by less is constant.
 ROUNDED = 1e-12
 SURE = 0.5
+# Of the shortest stretches whose shares are compared: one in fifty of them is a late frame where that is an effect.
+STRETCH_SAMPLES = 100
 # The least noise of an angle or its rate, or the same share of another reading's span: what a file's rounding leaves.
 LEAST, ANGLES = 1e-6, ("rad", "rad/s")
 
@@ -197,6 +201,7 @@ def _judged(whole: JudgedSamples, found: Split, short: Mask, fresh: Mask, t: Arr
     candidates = int(whole.counts.sum())
     again = repeated_frames(short, candidates, moved, found.sigma, resolution(values))
     late, false = (found.late > SURE) | (again.probability > SURE), found.false > SURE
+    share = _late_share(found, again, candidates, int(fresh.sum()) / candidates)
     counts = whole.counts & ~late & ~false
     sigma = noise_floor(t, np.where(counts & fresh, values - found.path, np.nan))
     return replace(
@@ -205,7 +210,7 @@ def _judged(whole: JudgedSamples, found: Split, short: Mask, fresh: Mask, t: Arr
         counts=counts,
         late=late,
         outliers=false,
-        late_share=_late_share(found, again, candidates, int(fresh.sum()) / candidates),
+        late_share=replace(share, error=clustered_error(late, whole.counts, share.error)),
         errors=Errors(found.normal, found.fresh + found.false),
     )
 
@@ -217,6 +222,18 @@ def _late_share(found: Split, again: RepeatedFrames, candidates: int, part: floa
         share, variance = share + part * float(found.shares[1]), variance + (part * float(found.errors[0])) ** 2
         gain += float(found.gains[0])
     return Share(share, sqrt(variance), gain, candidates, share)
+
+
+def clustered_error(bad: Mask, counted: Mask, error: float) -> float:
+    """Standard error of a share of samples (n,) of which stretches may have more than others: `error`, of samples that
+    are bad one by one, or what the stretches scatter by where that is beyond chance."""
+    if not error:
+        return error
+    whole = bad[counted]
+    parts = np.array_split(whole, max(1, len(whole) // STRETCH_SAMPLES))
+    more = [float(one.sum() - whole.mean() * len(one)) for one in parts]
+    pieces = [Piece(np.array([[float(len(one))]]), np.array([few])) for one, few in zip(parts, more, strict=True)]
+    return float(widest(np.array([error]), [pieces], np.zeros((1, 1)), np.zeros(1))[0]) / Z95
 
 
 def _moved(course: Array, fresh: Mask) -> Array:

@@ -10,6 +10,10 @@ H and H_b the information of all and of the stretch, g and g_b their slopes (the
 McCaffrey, Survey Methodology 28, 2002; its mean is the sandwich H^-1 (sum g_b g_b') H^-1). V of few stretches is itself
 a guess: it counts where it is larger than V of a right model comes out once in twenty, and with Student's quantile.
 
+What lasts longer than a stretch draws its neighbours the same way, and scatters less between them than it is wrong by.
+Neighbours are joined, again and again, as long as there are enough; of all lengths the widest interval counts, and the
+chance of one in twenty is shared among them.
+
 What a plant holds and believes to a share only (a geometry) moves what is fitted beside it, by S = -H^-1 X'X_h for each
 of its units. The recording says what it may be, h ~ N(m, P) about the held value, with the belief as prior, and
 
@@ -35,8 +39,10 @@ from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
 
-# One and a half swings of the hoop's ball, in its own times: longer than what a missing force remembers.
+# The shortest: one and a half swings of the hoop's ball, in its own times, longer than what a missing force remembers.
 STRETCH_S = 2.0
+# Stretches that are joined to the next longer one.
+JOINED = 2
 # Of fewer stretches that tell about a parameter nothing is said of its scatter.
 FEWEST = 4.0
 # How often the scatter of a right model is taken for more.
@@ -66,7 +72,7 @@ def _of_held(found: HypothesisFit) -> Array:
     return np.asarray(np.sqrt(np.einsum("ih,hk,ik->i", moves, second, moves)))
 
 
-class _Piece(NamedTuple):
+class Piece(NamedTuple):
     """A stretch's share of the normal equations."""
 
     information: Array  # (m, m)
@@ -87,37 +93,70 @@ def half_widths(found: HypothesisFit) -> dict[str, float]:
         By name, in the parameter's unit: never below what the information alone says.
     """
     plain = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    pieces = [piece for track, rows in zip(found.tracks, found.rows, strict=True) for piece in _pieces(track, rows)]
+    if not found.free:
+        return {}
+    weight, centre = prior(found.effects, found.tracks, found.free, found.values)
+    pieces = [_pieces(track, rows) for track, rows in zip(found.tracks, found.rows, strict=True)]
+    widths = widest(plain, pieces, np.diag(weight), weight * centre)
+    return dict(zip(found.free, np.hypot(widths, Z95 * _of_held(found)).tolist(), strict=True))
+
+
+def widest(plain: Array, tracks: Sequence[Sequence[Piece]], ridge: Array, pull: Array) -> Array:
+    """(m,) half widths by the length of stretches at which each parameter scatters most; pieces track by track."""
+    lengths = _lengths(tracks)
     widths = Z95 * plain
-    held = _of_held(found)
-    if len(pieces) >= FEWEST and len(found.free) > 0:
-        weight, centre = prior(found.effects, found.tracks, found.free, found.values)
-        scattered, freedom = _scatter(pieces, np.diag(weight), weight * centre)
-        widths = np.array([_width(*each) for each in zip(plain, scattered, freedom, strict=True)])
-    return dict(zip(found.free, np.hypot(widths, Z95 * held).tolist(), strict=True))
+    for pieces in lengths:
+        scattered, freedom = scatter(pieces, ridge, pull)
+        own = [_width(*each, CHANCE / len(lengths)) for each in zip(plain, scattered, freedom, strict=True)]
+        widths = np.maximum(widths, own)
+    return widths
 
 
-def _width(plain: float, scattered: float, freedom: float) -> float:
-    """From the two standard deviations; `freedom`: of the second."""
+def _lengths(tracks: Sequence[Sequence[Piece]]) -> list[list[Piece]]:
+    """All pieces, the shortest first, then joined with their neighbours, as long as there are enough of them."""
+    found = []
+    while (count := sum(map(len, tracks))) >= FEWEST:
+        found.append([piece for track in tracks for piece in track])
+        tracks = [_joined(track) for track in tracks]
+        if sum(map(len, tracks)) == count:
+            break
+    return found
+
+
+def _joined(track: Sequence[Piece]) -> list[Piece]:
+    """Neighbours as one."""
+    groups = np.array_split(np.arange(len(track)), max(1, len(track) // JOINED))
+    parts = ([track[i] for i in group] for group in groups)
+    return [Piece(sum(one.information for one in part), sum(one.slope for one in part)) for part in parts]
+
+
+def _width(plain: float, scattered: float, freedom: float, chance: float = CHANCE) -> float:
+    """From the two standard deviations; `freedom`: of the second, `chance`: of being taken for more than the first."""
     if freedom < FEWEST - 1.0 or not np.isfinite(scattered):
         return Z95 * plain
-    usual = plain * float(np.sqrt(2.0 * gammaincinv(freedom / 2.0, 1.0 - CHANCE) / freedom))
+    usual = plain * float(np.sqrt(2.0 * gammaincinv(freedom / 2.0, 1.0 - chance) / freedom))
     if scattered <= usual:
         return Z95 * plain
-    return max(float(stdtrit(freedom, 0.5 + LEVEL / 2.0)) * scattered, Z95 * plain)
+    return max(student(freedom) * scattered, Z95 * plain)
 
 
-def _pieces(track: Track, rows: Array) -> list[_Piece]:
+def student(freedom: float) -> float:
+    """Half of a 95 % interval over the standard deviation, which is itself a guess of so many degrees of freedom."""
+    return float(stdtrit(freedom, 0.5 + LEVEL / 2.0))
+
+
+def _pieces(track: Track, rows: Array) -> list[Piece]:
     """Of one track; its whitened rows stand node by node."""
     t, channels = track.stretch.t, rows.shape[0] // len(track.stretch.t)
     length = STRETCH_S * motion_scale(track.stretch.plant)
     count = max(1, round(float(t[-1] - t[0]) / length))
     edges = np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)[1:-1]) * channels
-    return [_Piece(x.T @ x, x.T @ r) for r, x in ((part[:, 0], -part[:, 1:]) for part in np.split(rows, edges))]
+    return [Piece(x.T @ x, x.T @ r) for r, x in ((part[:, 0], -part[:, 1:]) for part in np.split(rows, edges))]
 
 
-def _scatter(pieces: Sequence[_Piece], ridge: Array, pull: Array) -> tuple[Array, Array]:
-    """Standard deviations (m,) by leaving out each piece, and how many pieces tell about each parameter, less one."""
+def scatter(pieces: Sequence[Piece], ridge: Array, pull: Array) -> tuple[Array, Array]:
+    """Standard deviations (m,) by leaving out each piece, and how many pieces tell about each parameter, less one;
+    `ridge` (m, m) and `pull` (m,): what a prior adds to the normal equations."""
     whole = sum((one.information for one in pieces), ridge)
     slope = sum((one.slope for one in pieces), pull)
     step, count = inverse(whole) @ slope, len(pieces)

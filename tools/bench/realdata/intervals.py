@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import yaml
 
-# Where the angle began belongs to a recording: two of them share no phase.
-OF_ONE_RECORDING = ("phi",)
+# Where the angle began belongs to a recording: two of them share no phase, and no place on the hoop's angle, whose zero
+# is where it stood.
+PHASE, PLACE, ON_THE_HOOP = "phi", "v0", "_of_theta"
 # How often a turn: a size at another number is another thing.
 NUMBER = "n"
 
@@ -50,7 +51,7 @@ def estimates(path: Path) -> dict[str, Estimate]:
         own = effect["parameters"]
         which = f"[n={round(float(own[NUMBER]['value']))}]" if NUMBER in own else ""
         for name, one in own.items():
-            if name not in OF_ONE_RECORDING:
+            if name != PHASE and not (name == PLACE and ON_THE_HOOP in effect["name"]):
                 found[f"{effect['name']}{which if name != NUMBER else ''}.{name}"] = _estimate(one)
     return found
 
