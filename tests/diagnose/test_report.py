@@ -30,6 +30,7 @@ from hoopd.diagnose.record import (
     NextExperiment,
     Placebo,
     Quantity,
+    RecordingQuality,
     Refused,
 )
 from hoopd.diagnose.report import headline, table_notes, tables
@@ -588,6 +589,19 @@ def test_what_is_confirmed_and_in_no_model_is_not_told_to_be_kept() -> None:
     assert f"In no model that is written: {why}" in Page(page(told, shown)).text
     kept = msgspec.structs.replace(told, effects=[msgspec.structs.replace(first, in_model=True, reason="")])
     assert headline.next_sentence(kept).startswith("Next: keep the model with hoop.coulomb_friction")
+
+
+def test_a_question_to_the_reader_stands_before_what_it_may_explain() -> None:
+    """Another unit is no physics; a note at the end of a page comes after the belief."""
+    diagnosis, shown = coulomb()
+    asked = "u reaches 103, the drive's limit is 0.7 N m: another unit?"
+    recordings = {TRAIN: RecordingQuality(missing=0, late_frames=0, outliers=0, segments_ignored=[], notes=[asked])}
+    quality = msgspec.structs.replace(diagnosis.data_quality, recordings=recordings)
+    told = msgspec.structs.replace(diagnosis, data_quality=quality)
+    for text in (squeezed(printed(told)), squeezed(Page(page(told, shown)).text)):
+        assert 0 < text.index(squeezed("Answer this first")) < text.index(squeezed("How sure"))
+        assert text.count(squeezed(asked)) == 2
+    assert words.questions_sentence(msgspec.structs.replace(quality, recordings={}, notes=["nothing."])) == ""
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,7 @@ def _header(diagnosis: Diagnosis) -> str:
     return (
         f'<header>\n<p class="kicker">hoopd diagnose</p>\n<h1>{text(title)}</h1>\n'
         f"{paragraph(headline.verdict_sentence(diagnosis), 'verdict')}"
+        f"{paragraph(words.questions_sentence(diagnosis.data_quality))}"
         f"{paragraph(headline.certainty_sentence(diagnosis))}"
         f"{paragraph(headline.fit_sentence(diagnosis))}"
         f"{paragraph(words.unexplained_sentence(diagnosis))}"

@@ -241,6 +241,12 @@ def source_sentence(fit: FitTable) -> str:
     return "; ".join(f"{channel}: {source}" for channel, source in fit.channel_source.items())
 
 
+def questions_sentence(quality: DataQuality) -> str:
+    """What has to be answered before anything else is believed; empty where no note of a recording asks."""
+    asked = [one for one in quality_notes(quality) if one.endswith("?")]
+    return f"Answer this first, for it may be all of the mismatch: {' '.join(asked)}" if asked else ""
+
+
 def quality_notes(quality: DataQuality) -> list[str]:
     """Sentences about the recordings."""
     of_each = [f"{name}: {note}" for name, one in quality.recordings.items() for note in one.notes]

@@ -63,6 +63,7 @@ def _verdict(diagnosis: Diagnosis, console: Console) -> None:
     where = words.location_sentence(diagnosis.location, diagnosis.fit.window_s)
     _sentences(
         [
+            words.questions_sentence(diagnosis.data_quality),
             headline.certainty_sentence(diagnosis),
             headline.fit_sentence(diagnosis),
             where,
