@@ -10,7 +10,7 @@ import pytest
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
-from hoopd.plants.likelihood.stretch_scatter import Piece, _width, half_widths, interval, scatter, widest
+from hoopd.plants.likelihood.stretch_scatter import StretchShare, _width, half_widths, interval, scatter, widest
 from hoopd.plants.likelihood.stretches import stretch_of
 from hoopd.recording.timeline import ChannelNodes
 
@@ -25,10 +25,10 @@ def coverage(drawn: float, columns: int = 3, lasting: int = 1) -> tuple[float, f
         parts = [rng.normal(size=(ROWS, columns)) for _ in range(STRETCHES * lasting)]
         draws = np.repeat(drawn * rng.normal(size=STRETCHES), lasting)
         errors = [x[:, 0] * draw + rng.normal(size=ROWS) for x, draw in zip(parts, draws, strict=True)]
-        pieces = [Piece(x.T @ x, x.T @ e) for x, e in zip(parts, errors, strict=True)]
+        pieces = [StretchShare(x.T @ x, x.T @ e) for x, e in zip(parts, errors, strict=True)]
         information = sum(one.information for one in pieces)
         step = np.linalg.solve(information, sum(one.slope for one in pieces))
-        centred = [Piece(x.T @ x, x.T @ (e - x @ step)) for x, e in zip(parts, errors, strict=True)]
+        centred = [StretchShare(x.T @ x, x.T @ (e - x @ step)) for x, e in zip(parts, errors, strict=True)]
         sd = np.sqrt(np.diag(np.linalg.inv(information)))
         none = np.zeros((columns, columns)), np.zeros(columns)
         shortest = _width(sd[0], *(one[0] for one in scatter(centred, *none)))

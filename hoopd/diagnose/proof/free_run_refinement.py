@@ -31,7 +31,7 @@ from hoopd.ident.damped_least_squares import Damping, Ends, Starts, StartsElimin
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.recording_parameters import plain
-from hoopd.plants.likelihood.stretch_scatter import Piece
+from hoopd.plants.likelihood.stretch_scatter import StretchShare
 from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.plants.scales import LEAST_SIZE, parameter_size
 
@@ -94,7 +94,7 @@ def refine(
     return Refined(here, tuple(free), runs, cost, parts)
 
 
-def window_pieces(found: Refined, scale: Array) -> list[Piece]:
+def window_pieces(found: Refined, scale: Array) -> list[StretchShare]:
     """Share of each window in the normal equations of the parameters, these in units of `scale` (m,)."""
     pieces = []
     for part in found.parts:
@@ -103,7 +103,7 @@ def window_pieces(found: Refined, scale: Array) -> list[Piece]:
         information = pp - np.einsum("bnm,bnk->bmk", sp, by_start)
         slope = p - np.einsum("bnm,bn->bm", by_start, s)
         # a piece's slope is that of the likelihood, which grows where the squares fall
-        pieces += [Piece(*each) for each in zip(information, -slope, strict=True)]
+        pieces += [StretchShare(*each) for each in zip(information, -slope, strict=True)]
     return pieces
 
 

@@ -23,7 +23,7 @@ from hoopd.diagnose.quality.sensors import Sensor
 from hoopd.diagnose.quality.turns import near
 from hoopd.ident.normal import Z95
 from hoopd.plants.fits.repeated_samples import HELD_COUNTS
-from hoopd.plants.likelihood.stretch_scatter import Piece, widest
+from hoopd.plants.likelihood.stretch_scatter import StretchShare, widest
 from hoopd.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -232,7 +232,9 @@ def clustered_error(bad: Mask, counted: Mask, error: float) -> float:
     whole = bad[counted]
     parts = np.array_split(whole, max(1, len(whole) // STRETCH_SAMPLES))
     more = [float(one.sum() - whole.mean() * len(one)) for one in parts]
-    pieces = [Piece(np.array([[float(len(one))]]), np.array([few])) for one, few in zip(parts, more, strict=True)]
+    pieces = [
+        StretchShare(np.array([[float(len(one))]]), np.array([few])) for one, few in zip(parts, more, strict=True)
+    ]
     return float(widest(np.array([error]), [pieces], np.zeros((1, 1)), np.zeros(1))[0]) / Z95
 
 

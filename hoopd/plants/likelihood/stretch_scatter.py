@@ -72,7 +72,7 @@ def _of_held(found: HypothesisFit) -> Array:
     return np.asarray(np.sqrt(np.einsum("ih,hk,ik->i", moves, second, moves)))
 
 
-class Piece(NamedTuple):
+class StretchShare(NamedTuple):
     """A stretch's share of the normal equations."""
 
     information: Array  # (m, m)
@@ -101,7 +101,7 @@ def half_widths(found: HypothesisFit) -> dict[str, float]:
     return dict(zip(found.free, np.hypot(widths, Z95 * _of_held(found)).tolist(), strict=True))
 
 
-def widest(plain: Array, tracks: Sequence[Sequence[Piece]], ridge: Array, pull: Array) -> Array:
+def widest(plain: Array, tracks: Sequence[Sequence[StretchShare]], ridge: Array, pull: Array) -> Array:
     """(m,) half widths by the length of stretches at which each parameter scatters most; pieces track by track."""
     lengths = _lengths(tracks)
     widths = Z95 * plain
@@ -112,7 +112,7 @@ def widest(plain: Array, tracks: Sequence[Sequence[Piece]], ridge: Array, pull: 
     return widths
 
 
-def _lengths(tracks: Sequence[Sequence[Piece]]) -> list[list[Piece]]:
+def _lengths(tracks: Sequence[Sequence[StretchShare]]) -> list[list[StretchShare]]:
     """All pieces, the shortest first, then joined with their neighbours, as long as there are enough of them."""
     found = []
     while (count := sum(map(len, tracks))) >= FEWEST:
@@ -123,11 +123,11 @@ def _lengths(tracks: Sequence[Sequence[Piece]]) -> list[list[Piece]]:
     return found
 
 
-def _joined(track: Sequence[Piece]) -> list[Piece]:
+def _joined(track: Sequence[StretchShare]) -> list[StretchShare]:
     """Neighbours as one."""
     groups = np.array_split(np.arange(len(track)), max(1, len(track) // JOINED))
     parts = ([track[i] for i in group] for group in groups)
-    return [Piece(sum(one.information for one in part), sum(one.slope for one in part)) for part in parts]
+    return [StretchShare(sum(one.information for one in part), sum(one.slope for one in part)) for part in parts]
 
 
 def _width(plain: float, scattered: float, freedom: float, chance: float = CHANCE) -> float:
@@ -145,16 +145,16 @@ def student(freedom: float) -> float:
     return float(stdtrit(freedom, 0.5 + LEVEL / 2.0))
 
 
-def _pieces(track: Track, rows: Array) -> list[Piece]:
+def _pieces(track: Track, rows: Array) -> list[StretchShare]:
     """Of one track; its whitened rows stand node by node."""
     t, channels = track.stretch.t, rows.shape[0] // len(track.stretch.t)
     length = STRETCH_S * motion_scale(track.stretch.plant)
     count = max(1, round(float(t[-1] - t[0]) / length))
     edges = np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)[1:-1]) * channels
-    return [Piece(x.T @ x, x.T @ r) for r, x in ((part[:, 0], -part[:, 1:]) for part in np.split(rows, edges))]
+    return [StretchShare(x.T @ x, x.T @ r) for r, x in ((part[:, 0], -part[:, 1:]) for part in np.split(rows, edges))]
 
 
-def scatter(pieces: Sequence[Piece], ridge: Array, pull: Array) -> tuple[Array, Array]:
+def scatter(pieces: Sequence[StretchShare], ridge: Array, pull: Array) -> tuple[Array, Array]:
     """Standard deviations (m,) by leaving out each piece, and how many pieces tell about each parameter, less one;
     `ridge` (m, m) and `pull` (m,): what a prior adds to the normal equations."""
     whole = sum((one.information for one in pieces), ridge)
