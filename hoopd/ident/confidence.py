@@ -24,6 +24,7 @@ from hoopd.ident.polynomial.arx import VectorArx
 from hoopd.ident.stacked_models import StackedModels
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.structured import Structured
+from hoopd.ident.statespace.uncertainty import matrices_covariance
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -247,9 +248,12 @@ def _of_polynomials(model: Polynomials) -> _Coefficients | None:
 
 
 def _of_matrices(model: Innovations) -> _Coefficients | None:
-    if model.covariance is None or model.names != coordinates.names(model):
+    covariance = matrices_covariance(model)
+    if covariance is None:
         return None
-    return _Coefficients(model.values, model.covariance, lambda values: coordinates.with_values(model, values))
+    return _Coefficients(
+        coordinates.values(model), covariance, lambda values: coordinates.with_values(model, values)
+    )  # fmt: skip
 
 
 def _of_stack(model: StackedModels) -> _Coefficients | None:

@@ -25,6 +25,8 @@ CANCELLED = 2.0
 APART = 0.3
 # Without a covariance: poles and zeros nearer than rounding leaves double roots.
 CANCELLED_EXACTLY = 1e-6
+# What an input moves by less than this, beside the largest of what it moves, it does not.
+NEVER = 1e-12
 
 
 def check_model(model: Model, n: int, *, order: bool = True) -> None:
@@ -121,8 +123,16 @@ def integrator(pole: complex, n: int, where: str = "") -> str:
 
 
 def _integrator(model: Model, n: int) -> Iterator[str]:
-    for pole in drifting(poles(model), n)[:1]:
+    for pole in drifting(_reached(model), n)[:1]:
         yield integrator(pole, n)
+
+
+def _reached(model: Model) -> NDArray[np.complex128]:
+    """Poles that an input moves, where there is one: a slow disturbance's state drifts by no input."""
+    if not isinstance(model, Innovations) or not model.nu:
+        return poles(model)
+    found, left = np.linalg.eig(model.a.T)
+    return np.asarray(found[np.abs(left.T @ model.b).max(axis=1) > NEVER * np.abs(model.b).max(initial=0.0)], complex)
 
 
 def _unstable(model: Model, n: int) -> Iterator[str]:

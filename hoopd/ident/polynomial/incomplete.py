@@ -1,7 +1,4 @@
-"""The search for a polynomial model where outputs are missing, or where many short experiments start anywhere.
-
-The sum of squares is that of the exact likelihood (`hoopd.ident.gaplikelihood`), its derivatives are differences. The
-covariance is the inverse of the observed information, N/2 times the second derivatives of the logarithm of that sum.
+"""A polynomial model where outputs are missing, or where many short experiments start anywhere.
 
 Rules of this file: C and F stay stable at every step; every experiment has a free start, or rest where that is asked.
 """
@@ -9,87 +6,22 @@ Rules of this file: C and F stay stable at every step; every experiment has a fr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.damped_least_squares import Damping, Ends, NormalEquations, minimise
 from hoopd.ident.data import Data
-from hoopd.ident.gaplikelihood import LikelihoodErrors, MeasuredStretch, likelihood_errors, stretch
+from hoopd.ident.gaplikelihood import MeasuredStretch, stretch
+from hoopd.ident.gapsearch import GapOptimum, GapProblem, likeliest
 from hoopd.ident.models import state_space
 from hoopd.ident.polynomial.gaussnewton import PolynomialExperiment, stable
 from hoopd.ident.polynomial.structure import Structure
 
 Array = NDArray[np.float64]
 
-# Of the differences, relative to a coefficient of about one.
-STEP = 1e-6
-# Of the second differences, in standard errors.
-WIDE = 0.1
-ITERATIONS = 60
-# The search ends when the next step would be so many standard errors long (squared).
-SETTLED = 1e-7
-DAMPING = Damping(first=0.0, easier=0.1, harder=10.0, again=1e-4, most=1e9)
 # More starts than this share of the samples are not estimated beside the rest without a bias of it.
 SHORT = 0.01
-
-
-@dataclass(frozen=True)
-class IncompleteOptimum:
-    """Coefficients, variance of e, samples that count, covariance, errors of all stretches, how the search ended.
-
-    `errors` (rows,) and `jacobian` (m, rows): with what is missing eliminated.
-    """
-
-    x: Array
-    variance: float
-    count: int
-    covariance: Array
-    errors: Array
-    jacobian: Array
-    steps: int
-    settled: bool
-
-
-@dataclass(frozen=True)
-class _Problem:
-    own: Structure
-    like: Data
-    data: Sequence[MeasuredStretch]
-    free_start: bool
-
-    @property
-    def count(self) -> int:
-        """Outputs that were measured."""
-        return sum(one.count for one in self.data)
-
-    @property
-    def free(self) -> int:
-        """Outputs measured less the starts that are eliminated."""
-        nx = state_space(self.own.model(np.zeros(self.own.size), self.like)).nx
-        return self.count - len(self.data) * nx * self.free_start
-
-    def at(self, x: Array) -> LikelihoodErrors:
-        """Errors for coefficients x (size,)."""
-        model = state_space(replace(self.own.model(x, self.like), variance=1.0))
-        return likelihood_errors(model, self.data, free_start=self.free_start)
-
-    def cost(self, x: Array) -> float:
-        """The scaled sum of squares; infinite where the predictor forgets nothing."""
-        try:
-            with np.errstate(all="ignore"):
-                errors = self.at(x).scaled(self.free)[0]
-                cost = float(errors @ errors)
-        except (np.linalg.LinAlgError, ValueError):
-            return np.inf
-        return cost if np.isfinite(cost) else np.inf
-
-
-@dataclass(frozen=True)
-class _Point:
-    x: Array
-    cost: float
 
 
 def wanted(own: Structure, each: Sequence[Data], *, free_start: bool) -> bool:
@@ -105,81 +37,21 @@ def bridged(each: Sequence[Data]) -> list[PolynomialExperiment]:
     return [PolynomialExperiment(one.y[0], one.u) for one in map(_stretch, each)]
 
 
-def search(own: Structure, each: Sequence[Data], candidates: Sequence[Array], *, free_start: bool) -> IncompleteOptimum:
+def search(own: Structure, each: Sequence[Data], candidates: Sequence[Array], *, free_start: bool) -> GapOptimum:
     """The likeliest coefficients from the likeliest of the candidates."""
-    problem = _Problem(own, each[0], [_stretch(one) for one in each], free_start)
+    like = each[0]
+    states = state_space(own.model(np.zeros(own.size), like)).nx
+    problem = GapProblem(
+        lambda x: state_space(replace(own.model(x, like), variance=1.0)), [_stretch(one) for one in each], free_start,
+        states,
+    )  # fmt: skip
     if problem.free <= own.size:
         raise ValueError(
             f"too few samples: {problem.count} outputs for {own.size + problem.count - problem.free} coefficients and "
             "initial states"
         )
-
-    def linearised(point: _Point) -> NormalEquations:
-        errors, slopes = _slopes(problem, point.x)
-        return NormalEquations(slopes @ slopes.T, slopes @ errors)
-
-    def moved(point: _Point, step: Array) -> _Point:
-        x = stable(own, point.x + step)
-        return _Point(x, problem.cost(x))
-
-    points = [_Point(x, problem.cost(x)) for x in (stable(own, one) for one in candidates)]
-    ends = Ends(ITERATIONS, gain=0.0, promise=SETTLED / problem.free, stuck=SETTLED / problem.free)
-    best = minimise(min(points, key=lambda one: one.cost), linearised, moved, DAMPING, ends)
-    return _reported(problem, best.point.x, best.steps, best.converged)
+    return likeliest(problem, candidates, lambda x: stable(own, x))
 
 
 def _stretch(one: Data) -> MeasuredStretch:
     return stretch(one.y, one.u)
-
-
-def _slopes(problem: _Problem, x: Array) -> tuple[Array, Array]:
-    """Scaled errors (rows,) and their derivatives (size, rows)."""
-    errors = problem.at(x).scaled(problem.free)[0]
-    slopes = np.empty((len(x), len(errors)))
-    for i, h in enumerate(STEP * np.maximum(np.abs(x), 1.0)):
-        aside = x.copy()
-        aside[i] += h
-        slopes[i] = (problem.at(aside).scaled(problem.free)[0] - errors) / h
-    return errors, slopes
-
-
-def _reported(problem: _Problem, x: Array, steps: int, settled: bool) -> IncompleteOptimum:
-    found = problem.at(x)
-    errors, slopes = _slopes(problem, x)
-    factor = found.scaled(problem.free)[1]
-    spare = max(problem.free - len(x), 1)
-    variance = float(errors @ errors) / factor**2 / spare
-    first = _inverse(slopes @ slopes.T * spare / float(errors @ errors))
-    return IncompleteOptimum(
-        x, variance, problem.count, _observed(problem, x, first), errors / factor, slopes / factor, steps, settled
-    )  # fmt: skip
-
-
-def _observed(problem: _Problem, x: Array, first: Array) -> Array:
-    """Inverse of the second derivatives of N/2 log(cost) along the axes of a first guess of it; that where it fails."""
-    spare = max(problem.free - len(x), 1)
-    values, axes = np.linalg.eigh(first)
-    if not (values > 0.0).all():
-        return first
-    along = axes * np.sqrt(values)
-
-    def at(*steps: Array) -> float:
-        return 0.5 * spare * float(np.log(problem.cost(x + WIDE * np.sum(steps, axis=0))))
-
-    m, middle = len(x), at(np.zeros(len(x)))
-    hessian = np.empty((m, m))
-    sides = [(at(along[:, i]), at(-along[:, i])) for i in range(m)]
-    for i in range(m):
-        hessian[i, i] = (sides[i][0] - 2.0 * middle + sides[i][1]) / WIDE**2
-        for j in range(i):
-            up, down = at(along[:, i], along[:, j]), at(-along[:, i], -along[:, j])
-            across = 0.5 * (up + down - sum(sides[i]) - sum(sides[j]) + 2.0 * middle) / WIDE**2
-            hessian[i, j] = hessian[j, i] = across
-    if not np.isfinite(hessian).all() or np.linalg.eigvalsh(hessian).min() < 0.05:
-        return first
-    return np.asarray(along @ np.linalg.inv(hessian) @ along.T)
-
-
-def _inverse(m: Array) -> Array:
-    scale = np.sqrt(np.maximum(np.diag(m), 1e-300))
-    return np.asarray(np.linalg.pinv(m / np.outer(scale, scale), rcond=1e-14, hermitian=True) / np.outer(scale, scale))

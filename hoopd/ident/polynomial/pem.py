@@ -21,6 +21,7 @@ from hoopd.ident.checks import check, unsettled
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.doubts import warn
 from hoopd.ident.estimation_report import estimated
+from hoopd.ident.gapsearch import GapOptimum
 from hoopd.ident.loopchecks import check_feedback
 from hoopd.ident.modelchecks import DICKEY_FULLER, check_model
 from hoopd.ident.models import Polynomials
@@ -241,7 +242,7 @@ def _likeliest(
     return model
 
 
-def _sandwich(inverse: Array, best: incomplete.IncompleteOptimum) -> Array:
+def _sandwich(inverse: Array, best: GapOptimum) -> Array:
     """H^-1 Q H^-1 of errors with what is missing eliminated."""
     outer = inverse / best.variance
     return np.asarray(outer @ _serial(best.jacobian, best.errors) @ outer)

@@ -23,7 +23,8 @@ from hoopd.ident.data import Data, runs
 from hoopd.ident.doubts import IdentificationWarning
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import heldback
-from hoopd.ident.statespace.heldback import HORIZONS, Fold, HeldErrors, held_errors, no_worse, together
+from hoopd.ident.statespace.disturbances import SlowDisturbance, disturbances, predicts, with_disturbance
+from hoopd.ident.statespace.heldback import HORIZONS, WORTH, Fold, HeldErrors, held_errors, no_worse, together
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.ordering import split_of
 from hoopd.ident.statespace.projection import Weighting, WindowSplit
@@ -32,8 +33,11 @@ from hoopd.ident.statespace.subspacefit import Goal, SubspaceEstimate, WindowedD
 
 Array = NDArray[np.float64]
 
-# Candidates of different orders that are refined, steps that are looked at, and steps without gain that end it.
-REFINED, STEPS, PATIENCE = 2, 8, 2
+# Steps of refinement after which it is looked: the best of every order takes the first looks, so many of them the rest,
+# as long as not so many looks in a row find nothing better.
+STEPS, FIRST_LOOKS, REFINED, PATIENCE = (1, 2, 4, 8, 16, 32), 2, 4, 2
+# Candidates of different orders that are given slow disturbances.
+DISTURBED = 5
 # Likelihoods are compared so many steps towards their largest: an order is not to win by a better start.
 TOWARDS = 3
 # Candidates within chance of the best that are fitted to the whole record.
@@ -51,6 +55,7 @@ class SubspaceSetting:
     weighting: Weighting
     direct: bool
     steps: int = 0
+    disturbance: SlowDisturbance | None = None
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,8 @@ def choose(each: Sequence[Data], allowed: CandidateRange) -> tuple[Innovations, 
         judged.sort(key=lambda one: one.held.loss)
         if allowed.steps is None:
             judged = sorted([*judged, *_refinements(fits, judged, horizons)], key=lambda one: one.held.loss)
+        if allowed.goal.focus == "prediction":
+            judged = sorted([*judged, *_disturbed(fits, judged, horizons)], key=lambda one: one.held.loss)
         return _decided(each, judged, allowed.goal, horizons)
 
 
@@ -141,45 +148,84 @@ def _judged(fits: _Fits, setting: SubspaceSetting, horizons: Sequence[float]) ->
         found = fits.estimate(i, setting)
         if found is None:
             return None
-        model = found.model if not setting.steps else _after(found, setting, fits.goal)
+        model = _after(found, setting, fits.goal) if setting.steps else found.model
         held.append(held_errors(model, fold.held, horizons))
     return JudgedSetting(setting, together(held))
 
 
 def _after(found: SubspaceEstimate, setting: SubspaceSetting, goal: Goal) -> Innovations:
-    """The model after the setting's steps, or as many as lower the errors."""
-    return list(islice(refined(found, setting.direct, goal), setting.steps + 1))[-1]
+    """The model after the setting's steps, or as many as lower the errors, with its disturbances."""
+    model = list(islice(refined(found, setting.direct, goal), setting.steps + 1))[-1]
+    return model if setting.disturbance is None else with_disturbance(model, setting.disturbance)
 
 
 def _refinements(
     fits: _Fits, judged: Sequence[JudgedSetting], horizons: Sequence[float]
 ) -> Iterator[JudgedSetting]:  # fmt: skip
-    """The best of different orders after the number of steps that foretells best."""
-    seen: set[int] = set()
-    for one in judged:
-        if one.setting.order in seen:
-            continue
-        seen.add(one.setting.order)
-        best = _stopped(fits, one, horizons)
-        if best is not None:
+    """The best of each order takes some steps, the best of these take more; after how many they foretell best."""
+    each = [_Refinement.of(fits, one, horizons) for one in _of_each_order(judged)]
+    for one in each:
+        one.go_on(FIRST_LOOKS)
+    for one in sorted(each, key=lambda one: one.best.held.loss)[:REFINED]:
+        one.go_on(len(STEPS))
+    for one in each:
+        if not no_worse(one.first.held, one.best.held):
+            yield one.best
+
+
+@dataclass
+class _Refinement:
+    """A setting whose estimates of all folds are refined side by side, and what it has come to."""
+
+    first: JudgedSetting
+    best: JudgedSetting
+    models: Iterator[tuple[Innovations, ...]]
+    folds: Sequence[Fold]
+    horizons: Sequence[float]
+    looks: int = 0
+    idle: int = 0
+
+    @classmethod
+    def of(cls, fits: _Fits, first: JudgedSetting, horizons: Sequence[float]) -> _Refinement:
+        found = [fits.estimate(i, first.setting) for i in range(len(fits.folds))]
+        ways = [refined(one, first.setting.direct, fits.goal) for one in found if one is not None]
+        return cls(first, first, islice(zip(*ways, strict=False), 1, None), fits.folds, horizons)
+
+    def go_on(self, looks: int) -> None:
+        """Until so many looks were taken, the steps end or several looks have found nothing better."""
+        while self.looks < looks and self.idle < PATIENCE:
+            before = STEPS[self.looks - 1] if self.looks else 0
+            models = next(islice(self.models, STEPS[self.looks] - before - 1, None), None)
+            if models is None:
+                self.idle = PATIENCE
+                return
+            held = together([
+                held_errors(model, fold.held, self.horizons) for model, fold in zip(models, self.folds, strict=True)
+            ])  # fmt: skip
+            better = held.loss < self.best.held.loss
+            if better:
+                self.best = JudgedSetting(replace(self.first.setting, steps=STEPS[self.looks]), held)
+            self.idle = 0 if better else self.idle + 1
+            self.looks += 1
+
+
+def _disturbed(fits: _Fits, judged: Sequence[JudgedSetting], horizons: Sequence[float]) -> Iterator[JudgedSetting]:
+    """The best of different orders, each with the slow disturbance that foretells best, where one does."""
+    for one in _of_each_order(judged)[:DISTURBED]:
+        models = [
+            _after(found, one.setting, fits.goal)
+            for i in range(len(fits.folds)) if (found := fits.estimate(i, one.setting)) is not None
+        ]  # fmt: skip
+        tried = [
+            JudgedSetting(replace(one.setting, disturbance=disturbance), together([
+                held_errors(model, fold.held, horizons) for model, fold in zip(wider, fits.folds, strict=True)
+            ]))
+            for disturbance in disturbances()
+            if all(map(predicts, wider := [with_disturbance(model, disturbance) for model in models]))
+        ]  # fmt: skip
+        best = min(tried, key=lambda one: one.held.loss, default=one)
+        if best.held.loss < one.held.loss - WORTH:
             yield best
-        if len(seen) == REFINED:
-            return
-
-
-def _stopped(fits: _Fits, one: JudgedSetting, horizons: Sequence[float]) -> JudgedSetting | None:
-    found = [fits.estimate(i, one.setting) for i in range(len(fits.folds))]
-    ways = [refined(each, one.setting.direct, fits.goal) for each in found if each is not None]
-    best, last = None, 0
-    for step, models in enumerate(zip(*ways, strict=False)):
-        if step > STEPS or step - last > PATIENCE:
-            break
-        if step == 0:
-            continue
-        held = together([held_errors(m, fold.held, horizons) for m, fold in zip(models, fits.folds, strict=True)])
-        if held.loss < (one.held.loss if best is None else best.held.loss):
-            best, last = JudgedSetting(replace(one.setting, steps=step), held), step
-    return None if best is None or no_worse(one.held, best.held) else best
 
 
 def _decided(
@@ -199,7 +245,7 @@ def _decided(
                 continue
             model = _after(found, one.setting, goal)
             likeliest = _after(found, replace(one.setting, steps=max(one.setting.steps, TOWARDS)), goal)
-            entry = _information(likeliest, model, each, horizons), model, one
+            entry = _information(likeliest, model, each, horizons, one.setting.disturbance is not None), model, one
             fallback = fallback or entry
             if _sound(model, one, each, horizons):
                 ranked.append(entry)
@@ -222,10 +268,12 @@ def _sound(model: Innovations, one: JudgedSetting, each: Sequence[Data], horizon
     if before >= heldback.WORST:
         return True
     now = held_errors(model, [part[: heldback.MOST] for part in each], horizons).losses[-1]
-    return bool(radius(model.a) < 1.0 and now < before + SIMULATED_WORSE)
+    return bool(radius(model.a) < 1.0 and predicts(model) and now < before + SIMULATED_WORSE)
 
 
-def _information(likeliest: Innovations, model: Innovations, each: Sequence[Data], horizons: Sequence[float]) -> float:
+def _information(
+    likeliest: Innovations, model: Innovations, each: Sequence[Data], horizons: Sequence[float], disturbed: bool
+) -> float:  # fmt: skip
     """BIC with the errors of all horizons, each counting alike: N log(mean square) + d log N.
 
     Where it is the one step that a model is better at, errors near their least (`likeliest`) count for it.
@@ -234,7 +282,8 @@ def _information(likeliest: Innovations, model: Innovations, each: Sequence[Data
     errors = held_errors(model, each, horizons).errors.sum(axis=2)
     if horizons[0] == 1:
         errors[0] = np.minimum(errors[0], held_errors(likeliest, each, [1]).errors.sum(axis=2)[0])
-    free = model.nx * (model.nu + 2 * model.ny)
+    own = model.nx - model.ny * disturbed
+    free = own * (model.nu + 2 * model.ny) + model.ny * disturbed
     return count * float(np.log(errors + 1e-300).sum(axis=1).mean()) + free * float(np.log(count))
 
 
@@ -242,7 +291,8 @@ def _told(one: JudgedSetting, looked: int, equal: int, horizons: Sequence[float]
     setting = one.setting
     fits = {h: 100.0 * (1.0 - float(loss)) for h, loss in zip(horizons, one.held.losses, strict=True)}
     return StructureChoice(
-        setting.order, setting.horizon, setting.weighting, setting.direct, setting.steps, fits, looked, equal
+        setting.order, setting.horizon, setting.weighting, setting.direct, setting.steps, fits, looked, equal,
+        None if setting.disturbance is None else str(setting.disturbance),
     )  # fmt: skip
 
 
@@ -252,5 +302,5 @@ def horizons_of(parts: Sequence[Data], order: int | None) -> list[int]:
     nu, ny = parts[0].nu, parts[0].ny
     least = max(-(-(order or 1) // ny) + 1, 3)
     longest = max(part.n for part in parts)
-    most = max(min(25, round((1.0 - heldback.HELD) * longest) // (3 * (nu + ny) + 2)), least)
+    most = max(min(25, longest * (heldback.PARTS - 1) // heldback.PARTS // (3 * (nu + ny) + 4)), least)
     return sorted({int(np.clip(one, least, most)) for one in (usual, 10, 2 * usual)})

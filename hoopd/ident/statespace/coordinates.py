@@ -28,6 +28,7 @@ class Freedom:
     direct: bool = True
     gain: bool = True
     dynamics: bool = True  # A and C
+    fixed: int = 0  # states at the end whose entries are given, as those of a slow disturbance
 
 
 def shapes(model: Innovations) -> list[tuple[str, tuple[int, int]]]:
@@ -59,6 +60,8 @@ def with_values(model: Innovations, full: Array) -> Innovations:
 
 def basis(model: Innovations, free: Freedom) -> Array:
     """Orthonormal (full, m): the free entries less the changes of basis."""
+    if free.fixed:
+        return _embedded(model, free)
     allowed = np.flatnonzero(_mask(model, free))
     if not free.dynamics:
         return np.asarray(np.eye(len(_mask(model, free)))[:, allowed])
@@ -68,6 +71,19 @@ def basis(model: Innovations, free: Freedom) -> Array:
     q = np.zeros((len(_mask(model, free)), u.shape[1] - rank))
     q[allowed] = u[:, rank:]
     return q
+
+
+def _embedded(model: Innovations, free: Freedom) -> Array:
+    """The basis of the model without its last states, in the full vector of the whole."""
+    n = model.nx - free.fixed
+    own = replace(model, a=model.a[:n, :n], b=model.b[:n], c=model.c[:, :n], k=model.k[:n])
+    inside = with_values(model, np.zeros(len(values(model))))
+    for letter, shape in shapes(own):
+        getattr(inside, letter)[: shape[0], : shape[1]] = 1.0
+    columns = basis(own, replace(free, fixed=0))
+    found = np.zeros((len(values(model)), columns.shape[1]))
+    found[np.flatnonzero(values(inside))] = columns
+    return found
 
 
 def directions(model: Innovations, columns: Array) -> Directions:

@@ -10,7 +10,7 @@ Rules of this file: nothing is fitted here; a simulation that runs away counts a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,20 +18,24 @@ from numpy.typing import NDArray
 
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.models import Innovations
-from hoopd.ident.prediction import predict
+from hoopd.ident.prediction import estimate_x0, predict
 
 Array = NDArray[np.float64]
 
 # One step, ten steps, simulation: what a predictor, a controller and a simulator ask for.
 HORIZONS: tuple[float, ...] = (1, 10, np.inf)
-# Of the record: each of the two folds holds back so much, one at its end, one at its beginning.
-HELD = 1.0 / 3.0
+# Each fold holds another part of the record back: its end, its beginning, what lies between.
+PARTS = 3
+# The state at the start of what is held back is told by its first samples, as many as so, or so many an order.
+START, START_BY_ORDER = 50, 3
 # Blocks of the jackknife in each piece held back.
 BLOCKS = 8
 # An error so many times the outputs' change, and more, counts alike: how far an unstable simulation gets means nothing.
 WORST = 1.5
 # A loss so much smaller, a third of a point of fit at each horizon, is worth no other model.
 WORTH = 0.01
+# Means so small beside a channel's deviation were taken out.
+CENTRED = 1e-6
 # Fewer samples held back tell nothing.
 FEWEST = 40
 # A choice looks at so many samples of an experiment.
@@ -71,37 +75,62 @@ class HeldErrors:
 
 
 def folds(data: Data | Sequence[Data]) -> list[Fold]:
-    """Two ways to hold a third of every experiment back; none where too little would be left."""
+    """Three ways to hold a third of every experiment back, its end first; none where too little would be left.
+
+    Where the means are taken out of a record, those of what is fitted are taken out of each fold: an operating point
+    that moves is then as far off as in the next record.
+    """
     each = [one[: min(one.n, MOST)] for one in experiments(data)]
-    cuts = [(round(HELD * one.n), one.n) for one in each]
-    if sum(cut for cut, _ in cuts) < FEWEST:
+    if sum(one.n // PARTS for one in each) < FEWEST:
         return []
-    late = Fold(
-        tuple(one[: n - cut] for one, (cut, n) in zip(each, cuts, strict=True)),
-        tuple(one[n - cut :] for one, (cut, n) in zip(each, cuts, strict=True)),
-    )
-    early = Fold(
-        tuple(one[cut:] for one, (cut, _) in zip(each, cuts, strict=True)),
-        tuple(one[:cut] for one, (cut, _) in zip(each, cuts, strict=True)),
-    )
-    return [late, early]
+    found = [_fold(each, part) for part in (PARTS - 1, 0, *range(1, PARTS - 1))]
+    return [_centred(one) for one in found] if _is_centred(each) else found
+
+
+def _fold(each: Sequence[Data], part: int) -> Fold:
+    """One part held back."""
+    fitted, held = [], []
+    for one in each:
+        first, last = (round(one.n * edge / PARTS) for edge in (part, part + 1))
+        fitted += [rest for rest in (one[:first], one[last:]) if rest.n]
+        held.append(one[first:last])
+    return Fold(tuple(fitted), tuple(held))
+
+
+def _is_centred(each: Sequence[Data]) -> bool:
+    rows = np.concatenate([np.hstack([one.u, one.y]) for one in each])
+    return bool((np.abs(np.nanmean(rows, axis=0)) <= CENTRED * np.nanstd(rows, axis=0)).all())
+
+
+def _centred(fold: Fold) -> Fold:
+    u, y = (np.nanmean(np.concatenate([getattr(one, x) for one in fold.fitted]), axis=0) for x in ("u", "y"))
+    fitted, held = (
+        tuple(replace(one, u=one.u - u, y=one.y - y) for one in part) for part in (fold.fitted, fold.held)
+    )  # fmt: skip
+    return Fold(fitted, held)
 
 
 def held_errors(model: Innovations, held: Sequence[Data], horizons: Sequence[float] = HORIZONS) -> HeldErrors:
-    """Of one model over the experiments held back."""
+    """Of one model over the experiments held back, its state at the start of each told by the first samples alone."""
     errors, changes = [], []
     for one in held:
         centred = one.y - np.nanmean(one.y, axis=0)
         changes.append(_by_block(np.square(np.nan_to_num(centred))))
+        far = WORST * np.sqrt(np.nanmean(np.square(centred), axis=0))
         own = []
-        for h in horizons:
-            with np.errstate(all="ignore"):
-                e = one.y - predict(model, one, h)
-                far = WORST * np.sqrt(np.nanmean(np.square(centred), axis=0))
+        with np.errstate(all="ignore"):
+            starts = {ahead: _start(model, one, ahead) for ahead in {h == np.inf for h in horizons}}
+            for h in horizons:
+                e = one.y - predict(model, one, h, starts[h == np.inf])
                 e = np.where(np.isnan(one.y), 0.0, np.where(np.isfinite(e), np.clip(e, -10.0 * far, 10.0 * far), far))
-            own.append(_by_block(np.square(e)))
+                own.append(_by_block(np.square(e)))
         errors.append(np.array(own))
     return HeldErrors(np.concatenate(errors, axis=2), np.concatenate(changes, axis=1))
+
+
+def _start(model: Innovations, one: Data, simulation: bool) -> Array:
+    samples = min(max(START, START_BY_ORDER * model.nx), max(one.n // 2, model.nx))
+    return estimate_x0(model, one, samples=samples, simulation=simulation)
 
 
 def together(parts: Sequence[HeldErrors]) -> HeldErrors:

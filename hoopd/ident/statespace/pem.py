@@ -26,6 +26,7 @@ from hoopd.ident.simulationcheck import check_simulation
 from hoopd.ident.statespace import coordinates, gaussnewton, losses
 from hoopd.ident.statespace.coordinates import Freedom
 from hoopd.ident.statespace.gaussnewton import PemPoint, PemProblem
+from hoopd.ident.statespace.incomplete import likeliest_model
 from hoopd.ident.statespace.losses import Loss
 from hoopd.ident.statespace.ordering import check_states
 from hoopd.ident.statespace.sensitivities import Piece, paired, piece
@@ -71,8 +72,8 @@ def pem(
 
     Minimises sum_t |W e(t)|^2 (or another loss) over the minimal local coordinates of the model, by damped
     Gauss-Newton. W is the inverse root of the errors' covariance, renewed until it is settled: that is the least
-    determinant of the covariance, maximum likelihood for normal innovations. A missing output corrects nothing and
-    counts nothing.
+    determinant of the covariance, maximum likelihood for normal innovations. Of missing outputs the exact likelihood
+    is taken; with a loss, weight, regulariser, focus or horizon of one's own it corrects and counts nothing.
 
     Parameters
     ----------
@@ -147,12 +148,18 @@ def pem(
         x0 == "estimate", losses.named(loss), regulariser, limit,
     )  # fmt: skip
     point, problem = _settle(problem, model, PemSettings(focus, problem.loss, given, iterations, tolerance))
-    covariance = coordinates_covariance(problem, point, white=focus == "prediction" and horizon == 1)
-    if not point.ended:
+    own, covariance, ended = gaussnewton.settled(point), None, point.ended
+    own = replace(own, r=_covariance(problem, point), q=None, s=None)
+    white = focus == "prediction" and horizon == 1
+    if white and loss is None and regulariser is None and given is None and not all(one.complete for one in each):
+        exact = likeliest_model(each, own, problem.free, free_start=x0 == "estimate", within=limit)
+        own, covariance, ended = exact.model, exact.covariance, exact.settled
+    else:
+        covariance = coordinates_covariance(problem, point, white=white)
+    if not ended:
         unsettled(iterations)
     found = replace(
-        gaussnewton.settled(point), dt=each[0].dt, r=_covariance(problem, point), q=None, s=None,
-        names=coordinates.names(model), values=coordinates.values(point.model), covariance=covariance,
+        own, dt=each[0].dt, names=coordinates.names(model), values=coordinates.values(own), covariance=covariance,
         inputs=each[0].inputs, outputs=each[0].outputs,
     )  # fmt: skip
     check_model(found, sum(one.n for one in each))

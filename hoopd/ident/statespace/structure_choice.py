@@ -28,6 +28,7 @@ class StructureChoice:
     fits: Mapping[float, float]
     looked: int = 0
     equal: int = 0
+    disturbance: str | None = None
 
     def __str__(self) -> str:
         """In a sentence."""
@@ -36,6 +37,8 @@ class StructureChoice:
         )
         if self.steps:
             said += f", {self.steps} step{'s' if self.steps > 1 else ''} of refinement"
+        if self.disturbance is not None:
+            said += f", {self.disturbance}"
         if not self.fits:
             return f"{said}: nothing held back to compare by"
         fits = ", ".join(f"{fit:.1f} % {_horizon(h)}" for h, fit in self.fits.items())

@@ -119,14 +119,15 @@ def refined(found: SubspaceEstimate, direct: bool, goal: Goal) -> Iterator[Innov
     power = sum(float(np.vdot(p.y, p.y)) for p in found.pieces) / sum(p.n for p in found.pieces)
     if goal.focus == "simulation" or np.trace(covariance) <= 1e-16 * power:
         return
-    problem = replace(problem, weight=np.linalg.inv(np.linalg.cholesky(covariance)))
-    point = gaussnewton.evaluate(problem, found.model, found.starts)
-    while True:
+    while np.linalg.eigvalsh(covariance)[0] > 1e-12 * np.trace(covariance):
+        problem = replace(problem, weight=np.linalg.inv(np.linalg.cholesky(covariance)))
+        point = gaussnewton.evaluate(problem, point.model, point.starts)
         before = point.cost
         point = gaussnewton.minimise(problem, point, 1)
         if not point.cost < before:
             return
-        yield replace(gaussnewton.settled(point), r=_covariance(found.pieces, point))
+        covariance = _covariance(found.pieces, point)
+        yield replace(gaussnewton.settled(point), r=covariance)
 
 
 def _covariance(pieces: Sequence[Piece], point: gaussnewton.PemPoint) -> Array:

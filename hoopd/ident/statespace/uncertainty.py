@@ -6,18 +6,26 @@ the basis (response, poles) has its true variance; single entries of the matrice
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
+from hoopd.ident.data import Data
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates, gaussnewton
 from hoopd.ident.statespace.coloured import autoregression_of, shaped
+from hoopd.ident.statespace.coordinates import Freedom
 from hoopd.ident.statespace.gaussnewton import PemPoint, PemProblem
-from hoopd.ident.statespace.sensitivities import sensitivities
+from hoopd.ident.statespace.sensitivities import paired, piece, sensitivities
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+# Samples of an experiment that the curvature is taken from; the rest counts by its number.
+MOST = 20_000
 
 
 def coordinates_covariance(problem: PemProblem, point: PemPoint, *, white: bool) -> Array:
@@ -39,13 +47,52 @@ def coordinates_covariance(problem: PemProblem, point: PemPoint, *, white: bool)
     return np.asarray(normal.columns @ whole[:m, :m] @ normal.columns.T)
 
 
+def curvature_covariance(model: Innovations, each: Sequence[Data]) -> Array | None:
+    """(full, full) of a model that predicts the data of its fit about as well as any, by the curvature there.
+
+    What efficient estimates scatter by, subspace estimates with enough of a horizon among them (Bauer, J. Econometrics
+    123, 2004). None where the predictor forgets nothing.
+    """
+    gained = bool(model.k.any())
+    fixed = model.ny if model.choice is not None and model.choice.disturbance is not None else 0
+    free = Freedom(direct=bool(model.d.any()), gain=gained, fixed=fixed)
+    problem = PemProblem([piece(one) for one in each], np.eye(model.ny), free)
+    point = gaussnewton.with_best_starts(problem, model)
+    if not np.isfinite(point.cost):
+        return None
+    r = paired([path.ahead for path in point.paths], [one.known for one in problem.pieces])
+    power = max(float(np.trace(r)), 1e-300)
+    problem = replace(problem, weight=np.linalg.inv(np.linalg.cholesky(r + 1e-12 * power * np.eye(len(r)))))
+    point = gaussnewton.evaluate(problem, model, point.starts)
+    return coordinates_covariance(problem, point, white=gained)
+
+
+def matrices_covariance(model: Innovations) -> Array | None:
+    """The covariance that a model has, or that its data give: of a fit that this room made."""
+    if model.covariance is not None:
+        return model.covariance if len(model.covariance) == len(coordinates.values(model)) else None
+    if model.report is None or model.choice is None or not model.dt:
+        return None
+    each = [one[:MOST] for one in model.report.data if isinstance(one, Data)]
+    found = curvature_covariance(model, each) if each else None
+    seen, used = (sum(one.n for one in part) for part in (model.report.data, each))
+    return None if found is None else found * (used / seen)
+
+
+def _known(model: Innovations) -> Array:
+    found = matrices_covariance(model)
+    if found is None:
+        raise ValueError("the model has no covariance of its matrices (pem and subspaceid give one)")
+    return found
+
+
 def response_covariance(model: Innovations, w: ArrayLike) -> Array:
     """Give the covariance of the frequency response of an estimated state-space model, by linearisation.
 
     Parameters
     ----------
     model : Innovations
-        A model with the covariance of its matrices, as `pem` gives it.
+        A model with the covariance of its matrices, as `pem` and `subspaceid` give it.
     w : array_like, shape (nw,)
         Frequencies in rad/s.
 
@@ -71,12 +118,11 @@ def response_covariance(model: Innovations, w: ArrayLike) -> Array:
     >>> bool(abs(error) < 3.0 * np.sqrt(response_covariance(model, [0.0])[0, 0, 0, 0, 0]))
     True
     """
-    if model.covariance is None or len(model.covariance) != len(coordinates.values(model)):
-        raise ValueError("the model has no covariance of its matrices (pem gives one)")
+    covariance = _known(model)
     z = np.exp(1j * np.asarray(w, dtype=float) * model.dt) if model.dt else 1j * np.asarray(w, dtype=float)
     change = _response_change(model, z)
     parts = np.stack([change.real, change.imag], axis=-2)
-    return np.asarray(parts @ model.covariance @ parts.swapaxes(-1, -2))
+    return np.asarray(parts @ covariance @ parts.swapaxes(-1, -2))
 
 
 def pole_covariance(model: Innovations) -> tuple[Complex, Array]:
@@ -85,7 +131,7 @@ def pole_covariance(model: Innovations) -> tuple[Complex, Array]:
     Parameters
     ----------
     model : Innovations
-        A model with the covariance of its matrices, as `pem` gives it.
+        A model with the covariance of its matrices, as `pem` and `subspaceid` give it.
 
     Returns
     -------
@@ -110,14 +156,13 @@ def pole_covariance(model: Innovations) -> tuple[Complex, Array]:
     >>> bool(abs(poles[0] - 0.8) < 3.0 * np.sqrt(covariance[0, 0, 0]))
     True
     """
-    if model.covariance is None or len(model.covariance) != len(coordinates.values(model)):
-        raise ValueError("the model has no covariance of its matrices (pem gives one)")
+    covariance = _known(model)
     poles, left, right = linalg.eig(model.a, left=True)
     # d pole = l* dA r / (l* r)
     scale = np.einsum("ik,ik->k", left.conj(), right)
     change = np.einsum("ik,jk->kij", left.conj(), right).reshape(model.nx, -1) / scale[:, None]
     parts = np.stack([change.real, change.imag], axis=1)
-    own = model.covariance[: model.nx**2, : model.nx**2]
+    own = covariance[: model.nx**2, : model.nx**2]
     return poles, np.asarray(parts @ own @ parts.swapaxes(-1, -2))
 
 

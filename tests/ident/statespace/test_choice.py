@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.confidence import response_spread
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Innovations
 from hoopd.ident.simulationcheck import check_simulation
 from hoopd.ident.statespace import heldback, projection
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.ordering import has_direct_term
+from hoopd.ident.statespace.pem import pem
 from hoopd.ident.statespace.projection import TriangularFactor, WindowSplit
 from hoopd.ident.statespace.subspace import subspaceid
+from hoopd.ident.statespace.uncertainty import response_covariance
 from tests.shared import shared_path
 
 RESONANCE = [1.0, -1.9, 0.98]
@@ -108,3 +112,56 @@ def test_a_usual_horizon_that_gives_an_unstable_model_is_left_for_another() -> N
         model = subspaceid(data, 4)
     assert radius(model.a) < 1.0
     assert model.choice is not None and model.choice.looked > 1
+
+
+def wandering(seed: int, walk: float) -> Data:
+    rng = np.random.default_rng(seed)
+    u, e = rng.standard_normal((2, 900))
+    y = lfilter([0.0, 1.0], [1.0, -0.8], u) + 0.1 * e + walk * np.cumsum(rng.standard_normal(900))
+    return iddata(y - y.mean(), u - u.mean())
+
+
+def test_an_output_that_wanders_gets_a_state_for_it_and_a_quiet_one_does_not() -> None:
+    moved, quiet = (subspaceid(wandering(3, walk), most_order=1) for walk in (0.1, 0.0))
+    assert quiet.choice is not None and quiet.choice.disturbance is None and quiet.nx == 1
+    assert moved.choice is not None and moved.choice.disturbance is not None
+    assert "slow disturbance" in str(moved.choice) and moved.nx == 2
+    assert not moved.b[1].any() and 0.89 < moved.a[1, 1] < 1.0  # no input reaches it, and it is stable
+    plain = replace(moved, a=moved.a[:1, :1], b=moved.b[:1], c=moved.c[:, :1], k=moved.k[:1], x0=None)
+    new = [wandering(4, 0.1)]
+    losses = [heldback.held_errors(model, new, [1, 10]).losses for model in (moved, plain)]
+    assert losses[0][0] < losses[1][0] and losses[0][1] < 0.85 * losses[1][1]
+
+
+def test_a_third_is_held_back_three_times_and_means_are_those_of_what_is_fitted() -> None:
+    data = wandering(0, 0.1)
+    found = heldback.folds(data)
+    assert [one.held[0].n for one in found] == [300, 300, 300]
+    assert [len(one.fitted) for one in found] == [1, 1, 2]
+    assert all(abs(np.concatenate([part.y for part in one.fitted]).mean()) < 1e-9 for one in found)
+    raw = heldback.folds(replace(data, y=data.y + 5.0))  # nobody took a mean out
+    assert raw[0].held[0].y.mean() == pytest.approx(data.y[600:].mean() + 5.0)
+
+
+def test_refinement_goes_on_as_long_as_it_foretells_better() -> None:
+    rng = np.random.default_rng(5)
+    u, e = rng.standard_normal((2, 700))
+    # a noise model that no short window shows: its zeros are near the circle
+    y = lfilter([0.0, 1.0], [1.0, -0.9], u) + lfilter([1.0, -0.97], [1.0, -0.2], e)
+    model = subspaceid(iddata(y, u), most_order=3, horizon=5)
+    assert model.choice is not None and model.choice.steps in (1, 2, 4, 8, 16, 32)
+
+
+def test_subspace_models_have_bands() -> None:
+    data = made([0.0, 1.0, 0.5], [1.0, -1.5, 0.7], 800, 0)
+    w = np.array([0.1, 0.5, 1.5])
+    one, best = (response_spread(model, w) for model in (subspaceid(data, 2, refine=3), pem(data, 2)))
+    assert one is not None and best is not None
+    assert np.allclose(one.gain, best.gain, rtol=0.1)
+    assert np.isfinite(response_covariance(subspaceid(data, 2), w)).all()
+
+
+def test_a_slow_disturbance_widens_no_band_of_the_process() -> None:
+    model = subspaceid(wandering(3, 0.1), most_order=1)
+    band = response_spread(model, np.array([0.1, 1.0]))
+    assert band is not None and (band.gain < 0.05).all()

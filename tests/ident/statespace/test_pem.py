@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from harness.identcriteria import prediction as criteria
 from harness.identcriteria.statespacesets import PITCH, made, mimo4, mimo4k_gain, output_error, pair, pitch, responses
+from scipy.signal import lfilter
 
 from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.confidence import response_spread
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Innovations
+from hoopd.ident.polynomial.pem import armax
 from hoopd.ident.prediction import prediction_error
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener
@@ -104,6 +107,38 @@ def test_gaps_several_experiments_and_outliers() -> None:
     spoiled[::40] += 8.0
     plain, robust = (pem(iddata(spoiled, data.u), 2, loss=loss) for loss in (None, "cauchy"))
     assert off(robust) < off(plain)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2])
+def test_through_gaps_the_estimate_is_the_likeliest(share: float) -> None:
+    rng = np.random.default_rng(7)
+    u, e = rng.standard_normal((2, 700))
+    y = lfilter([0.0, 1.0, 0.5], [1.0, -1.5, 0.7], u) + lfilter([1.0, -1.0, 0.2], [1.0, -1.5, 0.7], 0.5 * e)
+    y[rng.random(700) < share] = np.nan
+    # one input, one output, order 2: the same family of models, whose likelihood is exact in both
+    one, other = pem(iddata(y, u), 2), armax(iddata(y, u), 2, 2, 2)
+    assert float(one.r[0, 0]) == pytest.approx(other.variance, rel=1e-3)
+    bands = [response_spread(model, W) for model in (one, other)]
+    assert np.allclose(bands[0].h, bands[1].h, rtol=2e-3) and np.allclose(bands[0].gain, bands[1].gain, rtol=0.03)
+
+
+def test_of_several_outputs_with_gaps_the_covariance_of_the_innovations_is_found() -> None:
+    rng = np.random.default_rng(8)
+    truth = replace(mimo4(), c=mimo4().c[:2], d=np.zeros((2, 2)), k=mimo4k_gain()[:, :2])
+    r = np.array([[0.5, 0.3], [0.3, 0.4]])
+    data = made(truth, rng.standard_normal((700, 2)), rng.standard_normal((700, 2)) @ np.linalg.cholesky(r).T)
+    y = data.y.copy()
+    y[rng.random(y.shape) < 0.1] = np.nan
+    model = pem(iddata(y, data.u), start=replace(truth, r=r))
+    assert np.allclose(model.r, r, atol=0.1)
+    misses = model_misses(model, truth)
+    assert 0.3 < np.mean(misses**2) < 2.5
+
+
+def model_misses(model: Innovations, truth: Innovations) -> np.ndarray:
+    """Errors of the gain in standard errors."""
+    band = response_spread(model, W)
+    return (np.abs(band.h) - np.abs(responses(truth, W))) / (band.gain * np.abs(band.h))
 
 
 def test_a_bound_on_the_poles_and_a_regulariser_hold() -> None:
