@@ -60,7 +60,7 @@ class SubspaceSetting:
 
 @dataclass(frozen=True)
 class CandidateRange:
-    """What is looked at: orders, horizons, weightings; whether there is a direct term and refinement (None: any)."""
+    """What is looked at: orders, horizons, weightings; a direct term, refinement (None: any), a slow disturbance."""
 
     orders: Sequence[int]
     horizons: Sequence[int]
@@ -68,6 +68,7 @@ class CandidateRange:
     direct: bool
     steps: int | None
     goal: Goal
+    disturbance: bool
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def choose(each: Sequence[Data], allowed: CandidateRange) -> tuple[Innovations, 
         judged.sort(key=lambda one: one.held.loss)
         if allowed.steps is None:
             judged = sorted([*judged, *_refinements(fits, judged, horizons)], key=lambda one: one.held.loss)
-        if allowed.goal.focus == "prediction":
+        if allowed.disturbance and allowed.goal.focus == "prediction":
             judged = sorted([*judged, *_disturbed(fits, judged, horizons)], key=lambda one: one.held.loss)
         return _decided(each, judged, allowed.goal, horizons)
 

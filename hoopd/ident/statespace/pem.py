@@ -9,6 +9,7 @@ Rules of this file: what is asked for and cannot be had is a ValueError; the dat
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -18,15 +19,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.ident.checks import check_channels, unsettled
 from hoopd.ident.data import Data, experiments
-from hoopd.ident.estimation_report import estimated
+from hoopd.ident.doubts import IdentificationWarning
+from hoopd.ident.estimation_report import chosen, estimated
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
-from hoopd.ident.simulationcheck import check_simulation
+from hoopd.ident.simulationcheck import check_simulation, simulates_worse
 from hoopd.ident.statespace import coordinates, gaussnewton, losses
 from hoopd.ident.statespace.coordinates import Freedom
 from hoopd.ident.statespace.gaussnewton import PemPoint, PemProblem
 from hoopd.ident.statespace.incomplete import likeliest_model
+from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.losses import Loss
 from hoopd.ident.statespace.ordering import check_states
 from hoopd.ident.statespace.sensitivities import Piece, paired, piece
@@ -73,7 +76,9 @@ def pem(
     Minimises sum_t |W e(t)|^2 (or another loss) over the minimal local coordinates of the model, by damped
     Gauss-Newton. W is the inverse root of the errors' covariance, renewed until it is settled: that is the least
     determinant of the covariance, maximum likelihood for normal innovations. Of missing outputs the exact likelihood
-    is taken; with a loss, weight, regulariser, focus or horizon of one's own it corrects and counts nothing.
+    is taken; with a loss, weight, regulariser, focus or horizon of one's own it corrects and counts nothing. Where
+    the least errors belong to a model that is unstable or simulates much worse than it predicts, and no start was
+    given, the search is stopped where it foretells data held back best; the report says so.
 
     Parameters
     ----------
@@ -162,9 +167,28 @@ def pem(
         own, dt=each[0].dt, names=coordinates.names(model), values=coordinates.values(own), covariance=covariance,
         inputs=each[0].inputs, outputs=each[0].outputs,
     )  # fmt: skip
+    if start is None and white and (radius(found.a) >= 1.0 or simulates_worse(found, each)):
+        found = _stopped_early(found, each, direct, stable)
     check_model(found, sum(one.n for one in each))
     check_simulation(found, each)
     return found
+
+
+def _stopped_early(found: Innovations, each: Sequence[Data], direct: bool, stable: bool | float) -> Innovations:
+    """After as many steps as foretell what is held back best, where that is stable and the least error is not."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", IdentificationWarning)
+            other = subspaceid(each, found.nx, direct=direct, stable=stable, refine="held back")
+    except ValueError:
+        return found
+    if radius(other.a) >= 1.0 or simulates_worse(other, each):
+        return found
+    chosen(
+        "the least prediction errors belong to a model that is unstable or simulates much worse than it predicts: the "
+        "search was stopped where it foretells thirds that were held back best"
+    )
+    return other
 
 
 def _start(

@@ -26,6 +26,7 @@ from hoopd.ident.statespace.nonlinear import nonlinear_pem
 from hoopd.ident.statespace.pem import pem
 from hoopd.ident.statespace.sensitivities import piece, sensitivities, trajectory
 from hoopd.ident.statespace.structured import structured_pem
+from tests.shared import shared_path
 
 W = np.array([0.1, 0.5, 1.5])
 SECOND = Innovations(
@@ -234,3 +235,14 @@ def test_a_saturation_at_the_input_is_found() -> None:
     assert np.nanstd(model.simulate(iddata(y, u), model.starts[0]) - y) < 0.03
     with pytest.raises(ValueError, match="input_map"):
         hammerstein_wiener(iddata(y, u), 2, [0.4], input_map=lambda u, p: u.T)
+
+
+def test_a_search_that_ends_at_an_unstable_model_is_stopped_by_what_is_held_back() -> None:
+    rows = np.loadtxt(shared_path("plants/daisy/CD_player_arm.dat"))[:1024]
+    rows = rows - rows.mean(axis=0)
+    data = iddata(rows[:, 2:], rows[:, :2])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = pem(data, 6)  # the least errors have a pole beyond 1
+    assert radius(model.a) < 1.0
+    assert model.report is not None and any("stopped" in one for one in model.report.choices)
