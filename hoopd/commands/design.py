@@ -37,7 +37,7 @@ from hoopd.files.whole_files import replace_file
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.loop.closed_loop import ClosedLoopRun
 from hoopd.plants.hoop.loop.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
-from hoopd.plants.hoop.loop.writeback import cancelled, delays_of, filter_effects, limits_of, unused
+from hoopd.plants.hoop.loop.writeback import cancelled, delays_of, filter_effects, filter_plant, limits_of, unused
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import effects_of, load_model, plant_of
 from hoopd.plots import style
@@ -207,9 +207,10 @@ def _text(law: str, designed: Law, spec: Spec, model: ModelFile, model_path: Pat
 
 
 def _levels(model: ModelFile, spec: Spec) -> dict[str, list[float]]:
-    """What the filter's innovations are while the device is as the model says."""
-    age_s = spec.delay_s - delays_of(effects_of(model)).camera_s
-    return innovation_levels(plant_of(model), EkfSettings(), age_s, spec.sample_time_s)
+    """What the filter's innovations are while the device is as the model with its effects says."""
+    found = effects_of(model)
+    age_s = spec.delay_s - delays_of(found).camera_s
+    return innovation_levels(filter_plant(found), EkfSettings(), age_s, spec.sample_time_s)
 
 
 def _write(out: Path | None, text: str) -> None:

@@ -41,6 +41,25 @@ class StageTorques(NamedTuple):
     end: Any
 
 
+class HoldingForces:
+    """Forces of dry friction that hold, substep by substep, as symbols: a derivative takes them as given."""
+
+    def __init__(self) -> None:
+        self._forces: list[tuple[Any, Any]] = []
+
+    def given(self, force: Any) -> Any:
+        """A symbol in the place of a force."""
+        symbol = ca.SX.sym(f"holding_{len(self._forces)}", force.size1())
+        self._forces.append((symbol, force))
+        return symbol
+
+    def put_back(self, expression: Any) -> Any:
+        """An expression with the forces themselves, the last first: each follows from those before it."""
+        for symbol, force in reversed(self._forces):
+            expression = ca.substitute(expression, symbol, force)
+        return expression
+
+
 class Motion:
     """A plant and its effects on forces; all parameters by `names`, expressions in and out."""
 
@@ -68,12 +87,24 @@ class Motion:
 
     # ------------------------------------------------------------------------------------------ steps
 
-    def step(self, x: Any, torques: StageTorques, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
-        """State of the plant d seconds later, with the disturbance w held."""
+    def step(
+        self,
+        x: Any,
+        torques: StageTorques,
+        w: Any,
+        d: Any,
+        t: Any,
+        p: Mapping[str, Any],
+        holding: HoldingForces | None = None,
+    ) -> Any:
+        """State of the plant d seconds later, with the disturbance w held; `holding`: forces that hold are put there,
+        and a symbol stands for them in what comes back."""
         values = self._vector(p)
         stops = self._stops(x, torques.middle, w, d, t, values) if self._frictions else ca.SX(0, 1)
+        if holding is not None:
+            stops = holding.given(stops)
         after = _runge_kutta(lambda y, at, stage: self._rate(y, torques[stage], w, at, values, stops), x, d, t)
-        return self._at_rest(after) if self._frictions else after
+        return self._at_rest(after) if self._frictions and holding is None else after
 
     def _at_rest(self, x: Any) -> Any:
         """Rates of nothing are nothing: else what has stopped would go on through ever smaller, ever slower numbers."""

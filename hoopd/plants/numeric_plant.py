@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from hoopd.plants.compiled import Call, Matrix, Vector, zero_order_hold
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.integration_step import USUAL_S
+from hoopd.plants.integration_step import USUAL_S, HoldingForces
 from hoopd.plants.plant_with_effects import LONGEST_STEP_S, Composite
 
 # Runge-Kutta steps a call of `advance`: up to the plant's usual sample time (20 ms), integrated at a 20th or finer.
@@ -96,6 +96,11 @@ class NumericPlant:
         """Names of the plant's own states."""
         return self._smooth.plant.states
 
+    @property
+    def sticks(self) -> bool:
+        """Whether dry friction may hold it."""
+        return any(one.friction is not None for one in self._effects)
+
     def derivative(self, x: ArrayLike, u: Any = 0.0, t: float = 0.0) -> Vector:
         """dx/dt of the plant's own states, without dry friction."""
         return self._rate.vector(x, u, t) if self._timed else self._rate.vector(x, u)
@@ -110,7 +115,8 @@ class NumericPlant:
         return self._advance.vector(x, u, h, t) if self._timed else self._advance.vector(x, u, h)
 
     def step_and_jacobian(self, x: ArrayLike, u: Any, h: float, t: float = 0.0) -> tuple[Vector, Matrix]:
-        """State after `h` seconds (up to the usual sample time) and its derivative by x."""
+        """State after `h` seconds (up to the usual sample time) and its derivative by x, in which the force of a dry
+        friction that holds is taken as given: what the model does not know may move what rests."""
         after = self._step.vector(x, u, h, t) if self._timed else self._step.vector(x, u, h)
         return after, self._step.matrix(1)
 
@@ -186,11 +192,19 @@ class NumericPlant:
         return dict(zip(c.names, map(float, c.vector(self._values)), strict=True))
 
     def _stepped(self, name: str, substeps: int, *, jacobian: bool) -> ca.Function:
-        """(x, u, h, t) -> x after, and its derivative."""
+        """(x, u, h, t) -> x after, and its derivative with dry friction's holding forces taken as given.
+
+        The derivative of what is held is zero, however short the step: a filter would then expect nothing of a hoop at
+        rest but what the noise added since its last node, and how much that is would follow the jitter of its ticks.
+        """
         c = self._composite(substeps)
         x, u, h, t = ca.SX.sym("x", c.nz), ca.SX.sym("u", c.nu), ca.SX.sym("h"), ca.SX.sym("t")
-        after = c.step_expression(x, [u] * substeps, ca.SX.zeros(c.nw), h, t, self._numbers(c))
-        results = [ca.densify(after)] + ([ca.densify(ca.jacobian(after, x))] if jacobian else [])
+        told = ([u] * substeps, ca.SX.zeros(c.nw), h, t, self._numbers(c))
+        results = [ca.densify(c.step_expression(x, *told))]
+        if jacobian:
+            holding = HoldingForces()
+            by_state = ca.jacobian(c.step_expression(x, *told, holding), x)
+            results.append(ca.densify(holding.put_back(by_state)))
         return ca.Function(name, self._arguments(x, u, h, t), results, {"cse": True})
 
     @cached_property

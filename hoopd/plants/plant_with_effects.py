@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.integration_step import USUAL_S, Motion, StageTorques, joined, split_inputs
+from hoopd.plants.integration_step import USUAL_S, HoldingForces, Motion, StageTorques, joined, split_inputs
 
 Array = NDArray[np.float64]
 
@@ -86,11 +86,21 @@ class Composite:
 
     # ------------------------------------------------------------------------------------------ expressions
 
-    def step_expression(self, z: Any, torques: Any, w: Any, h: Any, t: Any, p: Mapping[str, Any]) -> Any:
-        """State after h seconds; torques: the input (or a column of several) of each substep; w (nw,) held."""
+    def step_expression(
+        self,
+        z: Any,
+        torques: Any,
+        w: Any,
+        h: Any,
+        t: Any,
+        p: Mapping[str, Any],
+        holding: HoldingForces | None = None,
+    ) -> Any:
+        """State after h seconds; torques: the input (or a column of several) of each substep; w (nw,) held; `holding`:
+        as `Motion.step`."""
         d = h / self.substeps
         for j in range(self.substeps):
-            z = self._substep(z, torques[j], w, d, t + j * d, p)
+            z = self._substep(z, torques[j], w, d, t + j * d, p, holding)
         return z
 
     def rate_expression(self, x: Any, torque: Any, t: Any, p: Mapping[str, Any]) -> Any:
@@ -131,10 +141,12 @@ class Composite:
             return reading(self.plant.reading_point(z, p or {}, t))
         return z[self.plant.states.index(self.plant.state_of(channel))]
 
-    def _substep(self, z: Any, u: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
+    def _substep(
+        self, z: Any, u: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any], holding: HoldingForces | None = None
+    ) -> Any:
         before = z[: self.nx]
         torques, tail = self._lagged(z, u, d, t, p)
-        x = self._motion.step(before, torques, w, d, t, p)
+        x = self._motion.step(before, torques, w, d, t, p, holding)
         for effect, channel in self._sensor_lags:
             time = p[effect.key(effect.sensor_lag[channel])]
             reading = z[self.nx + len(tail)]

@@ -34,6 +34,7 @@ from hoopd.shell.config import load as load_config
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 HOOP, THESIS = CONFIG / "models" / "hoop.yaml", CONFIG / "models" / "thesis.yaml"
+SHIPPED_LQG = CONFIG / "controllers" / "lqg.yaml"
 BEARING = ("lqg", "lqr", "placement", "pid", "pi")
 
 
@@ -188,7 +189,10 @@ SLIP = "{name: ball.slip, parameters: {mu: {value: 0.1, unit: '-'}}}"
 
 
 def test_a_law_is_designed_on_what_feed_forward_leaves(tmp_path: Path) -> None:
-    plain, found = shipped(), run("lqg", with_effect(tmp_path, FRICTION))
+    plain, found = shipped(), run("lqg", with_effect(tmp_path, FRICTION), out=tmp_path / "found.yaml")
+    # of a hoop that friction holds other innovations are normal than of one that moves
+    normal, usual = (load_controller(one).estimator.innovations for one in (tmp_path / "found.yaml", SHIPPED_LQG))
+    assert normal["dtheta"][1] > 1.5 * usual["dtheta"][1]
     assert found["gains"] == plain["gains"] and found["margins"] == plain["margins"]
     assert found["effects"]["fed_forward"] == found["effects"]["in_the_filter"] == ["hoop.coulomb_friction"]
     released = found["closed_loop"]["released"]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hoopd.core.estimator import EkfSettings
 from hoopd.plants.compensation import demand_of, in_order
 from hoopd.plants.found_effects import EffectError, FoundEffect, FoundEffects, check_region, checked, weak_end
 from hoopd.plants.free_run import readings
@@ -101,6 +102,34 @@ def test_dry_friction_holds_the_hoop() -> None:
         x, _ = plant.step_and_jacobian(x, 0.007, 0.02)
     assert abs(x[0]) < 1e-9 and abs(x[1]) < 1e-9
     assert plant.advance(x, 0.02, 0.02)[1] > 0.1
+
+
+@pytest.mark.parametrize("pieces", [(0.01, 0.01), (0.0199, 0.0001), (0.001,) * 20])
+def test_what_a_filter_expects_of_a_held_hoop_does_not_follow_how_its_interval_is_cut(
+    pieces: tuple[float, ...],
+) -> None:
+    """Ticks jitter: a node more between two readings must change no expectation."""
+    plant, noise = HoopPlant.with_effects(CANCELLED["friction"]), np.diag(EkfSettings().q)
+
+    def expected(*steps: float) -> np.ndarray:
+        x, p = np.array([0.3, 0.0, 0.01, 0.1]), np.diag([1e-7, 0.0025, 1e-5, 0.01])
+        for h in steps:
+            x, f = plant.step_and_jacobian(x, 0.003, h)
+            p = f @ p @ f.T + noise * h
+        assert abs(x[1]) < 1e-3  # held
+        return p
+
+    np.testing.assert_allclose(expected(*pieces)[1, 1], expected(0.02)[1, 1], rtol=0.05)
+
+
+def test_in_motion_the_derivative_of_the_step_has_the_friction_s_own() -> None:
+    plant = HoopPlant.with_effects(CANCELLED["stribeck"])
+    x, f = MOVING, plant.step_and_jacobian(MOVING, 0.1, 0.02)[1]
+    moved = [
+        plant.step_and_jacobian(x + s, 0.1, 0.02)[0] - plant.step_and_jacobian(x - s, 0.1, 0.02)[0]
+        for s in 1e-4 * np.eye(4)
+    ]
+    np.testing.assert_allclose(f, np.array(moved).T / 2e-4, rtol=1e-5, atol=1e-6)
 
 
 # ------------------------------------------------------------------------------------------ free runs

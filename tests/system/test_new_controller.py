@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from harness.runs import TORQUE_LIMIT_NM, Run, run
+from harness.runs import TORQUE_LIMIT_NM, Run, run, serve_late
 
 from hoopd.core.records import CameraSample, DriverSample
 from hoopd.daemon.build import Prepared, build_tick, filter_of, make_controller, read_texts
@@ -227,6 +228,41 @@ def test_a_trial_on_another_model_goes_back_to_both_law_and_filter(tmp_path: Pat
     assert (at, fields["reason"], fields["back_to"]) == (7.5, "reverted", "lqg.yaml")
     assert largest_step(done, 6.0, 8.9) < 0.01
     assert {tick.mode for tick in done.ticks if 1.1 < tick.t < 8.9} == {"RUNNING"}
+
+
+FRICTION_NM = 0.006
+# What `hoopd design lqg` tells of a hoop with it.
+LEVELS = {"theta": [0.965, 0.8], "dtheta": [0.0543, 0.022], "psi": [0.229, 0.163]}
+
+
+def with_friction(folder: Folder, name: str, friction_nm: float) -> str:
+    """Key of the shipped law on a model with dry friction."""
+    model = (defaults_folder() / "models" / "hoop.yaml").read_text().replace("effects: []", "")
+    entry = f"{{name: hoop.coulomb_friction, parameters: {{Fc: {{value: {friction_nm}, unit: N m}}}}}}"
+    (folder.path / f"model_{name}").write_text(f"{model}\neffects: [{entry}]\n")
+    return folder.changed(name, model=f"model_{name}", estimator__innovations=LEVELS)
+
+
+def jitter(most_s: float, seed: int) -> Callable[[int], float]:
+    """How late the ticks of a busy machine are."""
+    late = np.random.default_rng(seed).exponential(most_s / 4, 4096)
+    return lambda k: min(most_s, float(late[k % len(late)]))
+
+
+def test_a_model_with_the_friction_that_is_there_takes_over_whatever_the_ticks_jitter(
+    tmp_path: Path, folder: Folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The hoop rests, held by friction: how surprising its readings are must not follow the length of a tick."""
+    serve_late(monkeypatch, late=jitter(0.004, 1), slow=jitter(0.003, 2))
+    right, wrong = (with_friction(folder, name, nm) for name, nm in (("right.yaml", FRICTION_NM), ("wrong.yaml", 0.0)))
+    swings = [(1.5 + 0.5 * k, "reference", 0.0 if k % 2 else 0.1) for k in range(4)]
+    tries = [one for k in range(6) for one in ((6.5 + 6 * k, "trial", right), (8.8 + 6 * k, "revert", ""))]
+    moved = [(43.0, "reference", 0.1), (44.0, "reference", -0.1)]
+    effects = [{"name": "hoop.coulomb_friction", "parameters": {"Fc": FRICTION_NM}}]
+    done = played(tmp_path, folder, *swings, *tries, *moved, (42.5, "trial", wrong), duration_s=45.5, effects=effects)
+    assert [fields["file"] for _, fields in told(done, "controller")] == ["right.yaml"] * 6
+    ((_, fields),) = told(done, "command_refused")
+    assert fields["reason"].startswith("the model does not fit: innovations of ")
 
 
 EFFECTS = (
