@@ -91,11 +91,22 @@ def _planned(model: ModelFile, options: TrajectoryOptions, torque_nm: float) -> 
     try:
         limits = MotionLimits(torque_nm, options.hoop_speed_rad_s, options.contact, options.grip)
         question = ManeuverQuestion(
-            options.kind, limits, options.angle_rad, options.seconds, model.sample_time_s, options.turn
+            options.kind,
+            limits,
+            options.angle_rad,
+            options.seconds,
+            model.sample_time_s,
+            options.turn,
+            options.flight_s,
         )
     except ValueError as error:
         raise InputError("trajectory", "", str(error)) from None
-    return plan_trajectory(model, question)
+    try:
+        return plan_trajectory(model, question)
+    except InfeasibleError:
+        raise
+    except ValueError as error:  # a flight that no ball of this hoop has
+        raise InputError("trajectory", "", str(error)) from None
 
 
 def _law_text(options: TrajectoryOptions, made: PlannedFile) -> str:

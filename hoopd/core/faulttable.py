@@ -88,6 +88,8 @@ CAMERA_FAULTS = (
     *("camera_late", "camera_lost", "ball_missing", "ball_lost", "ball_implausible", "ball_runaway"),
     *PICTURE_FAULTS,
 )
-# What a planned maneuver is, and no fault while it is played: a ball that goes round the hoop. Nothing else may be.
+# What a planned maneuver is, and no fault while it is played: a ball that goes round the hoop. Of one that is in the
+# air by plan: that it is not seen, and does not move as one that rolls. Nothing else may be.
 SUSPENDABLE = frozenset({"ball_runaway"})
+SUSPENDABLE_IN_FLIGHT = frozenset({"ball_lost", "ball_implausible"})
 BY_NAME: Mapping[str, Fault] = {fault.name: fault for fault in FAULTS}

@@ -15,7 +15,16 @@ from typing import NamedTuple
 from hoopd.core.ballresponse import BallMotion
 from hoopd.core.drift import Drift, Level
 from hoopd.core.encoderchecks import EncoderChecks, HoopMotion
-from hoopd.core.faulttable import BY_NAME, CAMERA_FAULTS, FAULTS, SECOND, SUSPENDABLE, Action, Fault
+from hoopd.core.faulttable import (
+    BY_NAME,
+    CAMERA_FAULTS,
+    FAULTS,
+    SECOND,
+    SUSPENDABLE,
+    SUSPENDABLE_IN_FLIGHT,
+    Action,
+    Fault,
+)
 from hoopd.core.frames import (
     ERROR_ENCODER,
     ERROR_OVERCURRENT,
@@ -158,8 +167,8 @@ class Health:
         self._suspended: tuple[str, ...] = ()
 
     def suspend(self, names: Collection[str]) -> None:
-        """From the next update on these rows are not judged, until it is called with others; only of `SUSPENDABLE`."""
-        self._suspended = tuple(name for name in names if name in SUSPENDABLE)
+        """From the next update on these rows are not judged, until it is called with others; only suspendable ones."""
+        self._suspended = tuple(name for name in names if name in SUSPENDABLE | SUSPENDABLE_IN_FLIGHT)
 
     def update(self, inputs: Inputs, estimate: Estimate, sent: Sent) -> None:
         """Advance every count by this tick."""

@@ -18,12 +18,14 @@ from math import isfinite, nan, tau
 import numpy as np
 
 from hoopd.core.controllers import DONE, Controller, Log, Measurement
-from hoopd.core.faulttable import SUSPENDABLE
+from hoopd.core.faulttable import SUSPENDABLE, SUSPENDABLE_IN_FLIGHT
 from hoopd.core.records import Vector
 
 # Rows of the fault table are suspended for a plan, and no plan is longer.
 LONGEST_PLAN_TICKS = 500
 LARGEST_UNMODELLED = 1000.0  # as of a ball that a hand may hold
+# After a landing, until the filter has seen it: pictures are two to four ticks old, and it takes three of them.
+CAUGHT_TICKS = 8
 STATES = ("theta", "dtheta", "psi", "dpsi")
 
 
@@ -42,12 +44,34 @@ class Tolerances:
 
     def breach(self, x: Vector, planned: Vector) -> str:
         """Which state is too far off; empty when none is."""
+        return self._breach(x, planned, 3)
+
+    def hoop_breach(self, x: Vector, planned: Vector) -> str:
+        """The same of the hoop alone."""
+        return self._breach(x, planned, 1)
+
+    def _breach(self, x: Vector, planned: Vector, states: int) -> str:
         bounds = (self.dtheta_rad_s, self.psi_rad, self.dpsi_rad_s)
-        for name, unit, index, bound in zip(STATES[1:], ("rad/s", "rad", "rad/s"), (1, 2, 3), bounds, strict=True):
+        rows = zip(STATES[1:], ("rad/s", "rad", "rad/s"), (1, 2, 3), bounds, strict=True)
+        for name, unit, index, bound in [*rows][:states]:
             off = float(x[index]) - float(planned[index])
             if not abs(off) <= bound:
                 return f"{name} {off:+.3g} {unit} off, {bound:g} allowed"
         return ""
+
+
+@dataclass(frozen=True)
+class FlightTicks:
+    """When the plan's ball is in the air, and what is suspended from its first tick there until it has been caught."""
+
+    first_tick: int
+    ticks: int
+    unmodelled: float  # as of the plan, while the filter's ball does not move as it
+    suspends: tuple[str, ...] = ()
+
+    def lasts(self, k: int) -> bool:
+        """Whether row k of the plan is one of the flight, or soon after: pictures come late, and a ball bounces."""
+        return self.first_tick <= k < self.first_tick + self.ticks + CAUGHT_TICKS
 
 
 @dataclass(frozen=True)
@@ -77,15 +101,16 @@ class PlannedMotion:
         envelope: Tolerances,
         unmodelled: float = 0.0,
         suspends: Sequence[str] = (),
+        flight: FlightTicks | None = None,
         brake: Brake = Brake(),
     ) -> None:
         """`states`: (n + 1, 4) from rest at the bottom; `feedback`: (n, 4) N m per state; `unmodelled`: density of what
         the model may leave of so fast a motion, (rad/s)^2/s; `suspends`: rows of the fault table that the plan itself
-        would raise."""
+        would raise; `flight`: of a throw."""
         self.torques_nm = np.array(torques_nm, float)
         self.states, self.feedback = np.array(states, float), np.array(feedback, float)
         self.start, self.envelope, self.brake = start, envelope, brake
-        self.unmodelled, self.suspends = float(unmodelled), tuple(suspends)
+        self.unmodelled, self.suspends, self.flight = float(unmodelled), tuple(suspends), flight
         n = len(self.torques_nm)
         if not 1 <= n <= LONGEST_PLAN_TICKS:
             raise ValueError(f"a plan has 1 to {LONGEST_PLAN_TICKS} ticks, not {n}")
@@ -93,12 +118,16 @@ class PlannedMotion:
             raise ValueError(f"{n} torques need {n + 1} rows of four states and {n} rows of four gains")
         if not all(np.isfinite(one).all() for one in (self.torques_nm, self.states, self.feedback)):
             raise ValueError("torques, states and gains must be finite")
-        if not 0.0 <= self.unmodelled <= LARGEST_UNMODELLED:
-            raise ValueError(f"unmodelled must be from 0 to {LARGEST_UNMODELLED:g}, not {unmodelled:g}")
+        for density in (self.unmodelled, flight.unmodelled if flight else 0.0):
+            if not 0.0 <= density <= LARGEST_UNMODELLED:
+                raise ValueError(f"unmodelled must be from 0 to {LARGEST_UNMODELLED:g}, not {density:g}")
+        if flight is not None and not 0 < flight.first_tick < flight.first_tick + flight.ticks < n:
+            raise ValueError(f"a flight begins and ends within the plan's {n} ticks")
         if start.breach(self.states[0], np.zeros(4)):
             raise ValueError(f"a plan begins at rest at the bottom: {start.breach(self.states[0], np.zeros(4))}")
-        if unknown := [name for name in self.suspends if name not in SUSPENDABLE]:
-            raise ValueError(f"{unknown[0]!r} may not be suspended: only {', '.join(sorted(SUSPENDABLE))}")
+        for named, known in ((self.suspends, SUSPENDABLE), (flight.suspends if flight else (), SUSPENDABLE_IN_FLIGHT)):
+            if unknown := [name for name in named if name not in known]:
+                raise ValueError(f"{unknown[0]!r} may not be suspended: only {', '.join(sorted(known))}")
 
 
 class MotionTracker:
@@ -118,12 +147,16 @@ class MotionTracker:
     @property
     def suspended(self) -> tuple[str, ...]:
         """Rows of the fault table that the plan would raise, while it is played and no longer."""
-        return self.plan.suspends if self._k > 0 and not self._given_up and not self.ended else ()
+        if self._k == 0 or self._given_up or self.ended:
+            return ()
+        return (*self.plan.suspends, *(self.plan.flight.suspends if self.plan.flight and self._flies else ()))
 
     @property
     def unmodelled(self) -> float:
         """What the filter has to expect beside its model until the maneuver is over, (rad/s)^2/s."""
-        return self.plan.unmodelled if not self.ended else 0.0
+        if self.ended:
+            return 0.0
+        return self.plan.flight.unmodelled if self.plan.flight and self._flies else self.plan.unmodelled
 
     def update(self, measurement: Measurement) -> tuple[float, Log]:
         """The next torque; zero once it has ended."""
@@ -159,6 +192,11 @@ class MotionTracker:
         """Nothing: the plan is what the recording says it is."""
         return False
 
+    @property
+    def _flies(self) -> bool:
+        """The plan's ball is in the air, or just caught."""
+        return self.plan.flight is not None and self.plan.flight.lasts(self._k)
+
     def _begin(self, m: Measurement) -> None:
         """Where the hoop is, and the bottom that the ball is at, are the plan's zero."""
         if not _known(m):
@@ -171,7 +209,10 @@ class MotionTracker:
     def _breach(self, m: Measurement) -> str:
         if not _known(m):
             return "the estimate was lost"
-        return self.plan.envelope.breach(m.x, self.plan.states[self._k] + self._origin)
+        planned = self.plan.states[self._k] + self._origin
+        if self._flies:  # the filter's ball rolls, whatever the real one does
+            return self.plan.envelope.hoop_breach(m.x, planned)
+        return self.plan.envelope.breach(m.x, planned)
 
     def _braked(self, m: Measurement) -> float:
         """The brake's torque until hoop and ball are calm, or it has taken too long."""

@@ -176,6 +176,7 @@ def _attempt(
         "least_contact": _number(outcome.least_contact),
         "settled_s": _number(outcome.settled_s),
         "largest_angle_rad": _number(outcome.largest_angle_rad),
+        "loose_s": _number(outcome.loose_s),
         "shortfalls": list(short),
         "success": reason == DONE and not short,
     }

@@ -11,7 +11,14 @@ import msgspec
 from msgspec import Meta
 
 from hoopd.core.limits import TORQUE_LIMIT_NM
-from hoopd.core.tracker import LARGEST_UNMODELLED, LONGEST_PLAN_TICKS, MotionTracker, PlannedMotion, Tolerances
+from hoopd.core.tracker import (
+    LARGEST_UNMODELLED,
+    LONGEST_PLAN_TICKS,
+    FlightTicks,
+    MotionTracker,
+    PlannedMotion,
+    Tolerances,
+)
 
 Row = Annotated[list[float], Meta(min_length=4, max_length=4)]
 Torque = Annotated[float, Meta(ge=-TORQUE_LIMIT_NM, le=TORQUE_LIMIT_NM)]
@@ -25,6 +32,15 @@ class TolerancesEntry(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_
     dpsi_rad_s: Annotated[float, Meta(gt=0, le=100)]
 
 
+class FlightEntry(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """Of a throw: the rows in which the ball is in the air, and what is otherwise meanwhile."""
+
+    first_tick: Annotated[int, Meta(gt=0, lt=LONGEST_PLAN_TICKS)]
+    ticks: Annotated[int, Meta(gt=0, lt=LONGEST_PLAN_TICKS)]
+    unmodelled: Annotated[float, Meta(ge=0, le=LARGEST_UNMODELLED)]
+    suspends: list[str] = []
+
+
 class PlannedMotionEntry(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A row a tick: the torque, the state before it, and the gains on (theta, dtheta, psi, dpsi)."""
 
@@ -36,6 +52,7 @@ class PlannedMotionEntry(msgspec.Struct, kw_only=True, frozen=True, forbid_unkno
     # density of what the model may leave of so fast a motion, (rad/s)^2/s: the filter's own noise is for a ball at rest
     unmodelled: Annotated[float, Meta(ge=0, le=LARGEST_UNMODELLED)] = 0.0
     suspends: list[str] = []  # rows of the fault table that the plan itself would raise
+    flight: FlightEntry | None = None
 
 
 def planned_motion_entry(gains: dict[str, Any]) -> PlannedMotionEntry:
@@ -44,6 +61,11 @@ def planned_motion_entry(gains: dict[str, Any]) -> PlannedMotionEntry:
         return msgspec.convert(gains, PlannedMotionEntry, strict=True)
     except msgspec.ValidationError as error:
         raise ValueError(str(error)) from None
+
+
+def flight_ticks(entry: FlightEntry) -> FlightTicks:
+    """As the law has it."""
+    return FlightTicks(entry.first_tick, entry.ticks, entry.unmodelled, tuple(entry.suspends))
 
 
 def tracker_of(entry: PlannedMotionEntry) -> MotionTracker:
@@ -56,5 +78,6 @@ def tracker_of(entry: PlannedMotionEntry) -> MotionTracker:
         envelope=Tolerances(**msgspec.structs.asdict(entry.envelope)),
         unmodelled=entry.unmodelled,
         suspends=entry.suspends,
+        flight=None if entry.flight is None else flight_ticks(entry.flight),
     )
     return MotionTracker(plan)

@@ -1,4 +1,4 @@
-"""Planned maneuvers: once round the hoop, or out and back.
+"""Planned maneuvers: once round the hoop, out and back, or a throw.
 
 Rules of this file: thin over `hoopd.commands.trajectory`; nothing is planned here.
 """
@@ -77,6 +77,7 @@ def trajectory(
     *,
     seconds: float | None = None,
     angle: float = 1.0,
+    flight: float = 0.18,
     turn: int = 1,
     max_torque: float | None = None,
     max_speed: float = 40.0,
@@ -88,13 +89,15 @@ def trajectory(
     Parameters
     ----------
     kind : str
-        loop: once round the hoop; swing: to an angle and back.
+        loop: once round the hoop; swing: to an angle and back; throw: off the hoop and caught.
     model : Model, str or Path
         A model, its shipped name, or its file's path; effects in a file are part of the plan.
     seconds : float, optional
         How long it takes; as suits it without.
     angle : float
         swing: how far out, in rad.
+    flight : float
+        throw: how long the ball is in the air, in s; whole ticks.
     turn : int
         1 or -1: which way round, as the ball's angle counts.
     max_torque : float, optional
@@ -125,8 +128,8 @@ def trajectory(
     """
     path = Path(model.name) if isinstance(model, Model) else shipped("models", model)
     asked = from_python(
-        TrajectoryOptions, kind=kind, model=path, seconds=seconds, angle=angle, turn=turn, max_torque=max_torque,
-        max_speed=max_speed, contact=contact, grip=grip,
+        TrajectoryOptions, kind=kind, model=path, seconds=seconds, angle=angle, flight=flight, turn=turn,
+        max_torque=max_torque, max_speed=max_speed, contact=contact, grip=grip,
     )  # fmt: skip
     if not isinstance(model, Model):
         return PlannedManeuver(*planned(asked))

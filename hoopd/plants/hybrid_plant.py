@@ -43,7 +43,7 @@ class Transition:
 class _ModeSteps:
     """What moves a mode: a step of its states under a held input, and a leap of several, looked at by its guards."""
 
-    def __init__(self, composite: Composite, names: Sequence[str], guards: Sequence[ca.Function], p: Array) -> None:
+    def __init__(self, composite: Composite, names: Sequence[str], guards: Sequence[ca.Function]) -> None:
         c = composite
         z, given = ca.SX.sym("z", c.nz), ca.SX.sym("given", 2 + c.nu + len(names))
         d, t, u, numbers = given[0], given[1], given[2 : 2 + c.nu], given[2 + c.nu :]
@@ -52,20 +52,15 @@ class _ModeSteps:
         least = ca.mmin(ca.vertcat(*(guard(after, numbers) for guard in guards))) if guards else ca.SX(1.0)
         function = ca.Function("step", [z, given], [ca.densify(ca.vertcat(least, after))], {"cse": True})
         self._step, self._leap = Call(function), Call(_repeated(function, LEAP_STEPS))
-        self._given = np.concatenate([np.zeros(2 + c.nu), p])
-        self._inputs = slice(2, 2 + c.nu)
 
-    def step(self, z: Array, u: Any, d: float, t: float) -> tuple[float, Array]:
-        """Least guard after one step of `d` seconds from `t`, and the state."""
-        return self._called(self._step, z, u, d, t)
+    def step(self, z: Array, given: Array) -> tuple[float, Array]:
+        """Least guard after one step, and the state; `given`: its length (s), the time, inputs, parameters."""
+        found = self._step.vector(z, given)
+        return float(found[0]), found[1:]
 
-    def leap(self, z: Array, u: Any, h: float, t: float) -> tuple[float, Array]:
-        """The same over `LEAP_STEPS` steps together of `h` seconds; the least guard after any of them."""
-        return self._called(self._leap, z, u, h / LEAP_STEPS, t)
-
-    def _called(self, call: Call, z: Array, u: Any, d: float, t: float) -> tuple[float, Array]:
-        self._given[0], self._given[1], self._given[self._inputs] = d, t, u
-        found = call.vector(z, self._given)
+    def leap(self, z: Array, given: Array) -> tuple[float, Array]:
+        """The same over `LEAP_STEPS` such steps together; the least guard after any of them."""
+        found = self._leap.vector(z, given)
         return float(found[0]), found[1:]
 
 
@@ -108,6 +103,7 @@ class HybridPlant:
 
     def __init__(self, modes: Mapping[str, Composite], transitions: Sequence[Transition]) -> None:
         self.modes, self.transitions = dict(modes), tuple(transitions)
+        self._steps: dict[str, _ModeSteps] = {}
         for one in self.transitions:
             if unknown := {one.source, one.target} - set(self.modes):
                 raise ValueError(f"a transition from or to {unknown.pop()!r}, which is no mode")
@@ -120,6 +116,13 @@ class HybridPlant:
     def vector(self, values: Mapping[str, float]) -> Array:
         """Parameters in the order of `names`."""
         return next(iter(self.modes.values())).vector(values)
+
+    def steps(self, mode: str) -> _ModeSteps:
+        """What moves a mode; made once, for every run."""
+        if mode not in self._steps:
+            guards = list(dict.fromkeys(one.guard for one in self.of(mode)))
+            self._steps[mode] = _ModeSteps(self.modes[mode], self.names, guards)
+        return self._steps[mode]
 
     def of(self, mode: str) -> tuple[Transition, ...]:
         """Transitions that end a mode."""
@@ -143,7 +146,8 @@ class HybridCourse:
         self.plant, self.mode, self.z = plant, mode, np.asarray(z, float)
         self.p = plant.vector(values)
         self.changes: list[ModeChange] = []
-        self._steps: dict[str, _ModeSteps] = {}
+        inputs = next(iter(plant.modes.values())).nu
+        self._given, self._inputs = np.concatenate([np.zeros(2 + inputs), self.p]), slice(2, 2 + inputs)
 
     def restart(self, mode: str, z: Any) -> None:
         """Begin anew."""
@@ -151,7 +155,7 @@ class HybridCourse:
 
     def advance(self, u: Any, h: float, t: float) -> None:
         """Go on by `h` seconds from `t`, at most a leap of the plant's usual sample time."""
-        least, after = self._moves().leap(self.z, u, h, t)
+        least, after = self.plant.steps(self.mode).leap(self.z, self._told(u, h / LEAP_STEPS, t))
         if least > 0.0:
             self.z = after
             return
@@ -161,19 +165,19 @@ class HybridCourse:
     def step(self, u: Any, d: float, t: float) -> None:
         """Go on by `d` seconds from `t` in one step; transitions within it are found."""
         for _ in range(MOST_TRANSITIONS):
-            if self._moves().step(self.z, u, d, t)[0] > 0.0:
+            if self._after(u, d, t)[0] > 0.0:
                 break
             until = self._first(u, d, t)
-            self._change(self._moves().step(self.z, u, until, t)[1], t + until)
+            self._change(self._after(u, until, t)[1], t + until)
             t, d = t + until, d - until
-        self.z = self._moves().step(self.z, u, d, t)[1]
+        self.z = self._after(u, d, t)[1]
 
     def _first(self, u: Any, d: float, t: float) -> float:
         """When a guard is below zero for the first time, s from `t`."""
         early, late = 0.0, d
         for _ in range(BISECTIONS):
             middle = (early + late) / 2
-            if self._moves().step(self.z, u, middle, t)[0] > 0.0:
+            if self._after(u, middle, t)[0] > 0.0:
                 early = middle
             else:
                 late = middle
@@ -189,8 +193,9 @@ class HybridCourse:
                 return
         self.z = z
 
-    def _moves(self) -> _ModeSteps:
-        if self.mode not in self._steps:
-            guards = list(dict.fromkeys(one.guard for one in self.plant.of(self.mode)))
-            self._steps[self.mode] = _ModeSteps(self.plant.modes[self.mode], self.plant.names, guards, self.p)
-        return self._steps[self.mode]
+    def _after(self, u: Any, d: float, t: float) -> tuple[float, Array]:
+        return self.plant.steps(self.mode).step(self.z, self._told(u, d, t))
+
+    def _told(self, u: Any, d: float, t: float) -> Array:
+        self._given[0], self._given[1], self._given[self._inputs] = d, t, u
+        return self._given

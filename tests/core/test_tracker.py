@@ -11,10 +11,18 @@ import pytest
 from harness.smallrig import PERIOD_S, SmallRig, healthy
 
 from hoopd.core.controllers import DONE, Log, Measurement
-from hoopd.core.faulttable import FAULTS, SUSPENDABLE
+from hoopd.core.faulttable import FAULTS, SUSPENDABLE, SUSPENDABLE_IN_FLIGHT
 from hoopd.core.installed import ControllerLabel, Filter, Installed
 from hoopd.core.records import CameraSample, Command
-from hoopd.core.tracker import LONGEST_PLAN_TICKS, Brake, MotionTracker, PlannedMotion, Tolerances
+from hoopd.core.tracker import (
+    CAUGHT_TICKS,
+    LONGEST_PLAN_TICKS,
+    Brake,
+    FlightTicks,
+    MotionTracker,
+    PlannedMotion,
+    Tolerances,
+)
 
 START, ENVELOPE = Tolerances(1.0, 0.05, 0.5), Tolerances(20.0, 0.5, 8.0)
 TORQUES = [0.0, 0.2, -0.1]
@@ -123,9 +131,56 @@ def test_tables_that_do_not_fit_are_refused(name: str) -> None:
         Tolerances(1.0, 0.0, 1.0)
 
 
-def test_only_the_ball_s_way_over_the_top_may_be_suspended() -> None:
+def test_only_the_ball_s_way_over_the_top_may_be_suspended_and_of_a_flight_that_it_is_not_seen() -> None:
     assert {"ball_runaway"} == SUSPENDABLE and LONGEST_PLAN_TICKS * PERIOD_S == 10.0
-    assert {fault.name for fault in FAULTS} > SUSPENDABLE
+    assert {"ball_lost", "ball_implausible"} == SUSPENDABLE_IN_FLIGHT
+    assert {fault.name for fault in FAULTS} > SUSPENDABLE | SUSPENDABLE_IN_FLIGHT
+
+
+def thrown(**changes: Any) -> MotionTracker:
+    """A plan of thirty ticks whose ball is in the air from the tenth on."""
+    n = 30
+    told = {"torques_nm": [0.1] * n, "states": [[0.0] * 4] * (n + 1), "feedback": [[0.0] * 4] * n, "unmodelled": 3.0}
+    flight = FlightTicks(10, 5, 400.0, ("ball_lost", "ball_implausible"))
+    return MotionTracker(planned(**{**told, "flight": flight, "suspends": ("ball_runaway",), **changes}))
+
+
+def test_in_the_air_and_until_it_is_caught_more_is_suspended_and_expected_and_the_ball_is_not_judged() -> None:
+    law, told = thrown(), []
+    for k in range(30):
+        off = 2.0 if 10 <= k < 15 + CAUGHT_TICKS else 0.0
+        law.update(measured([0.0, 0.0, off, 0.0], PERIOD_S * k))
+        told.append((law.suspended, law.unmodelled))
+        assert not law.ended
+    given_up = thrown()
+    asked(given_up, *[[0.0] * 4] * (15 + CAUGHT_TICKS), [0.0, 0.0, 2.0, 0.0])
+    assert given_up.suspended == ()
+    rows = ("ball_runaway", "ball_lost", "ball_implausible")
+    assert told[8] == (rows[:1], 3.0) and told[9] == told[21] == (rows, 400.0) and told[22] == (rows[:1], 3.0)
+
+
+def test_in_the_air_the_hoop_is_judged_all_the_same() -> None:
+    law = thrown()
+    for k in range(12):
+        law.update(measured([0.0, 0.0, 0.0, 0.0], PERIOD_S * k))
+    assert law.update(measured([0.0, 50.0, 0.0, 0.0], 1.0))[0] == -0.1 and law.suspended == ()
+
+
+@pytest.mark.parametrize(
+    ("flight", "says"),
+    [
+        (FlightTicks(10, 20, 400.0), "within the plan's 30 ticks"),
+        (FlightTicks(10, 5, 4e3), "unmodelled must be"),
+        (
+            FlightTicks(10, 5, 1.0, ("ball_runaway",)),
+            "'ball_runaway' may not be suspended: only ball_implausible",
+        ),
+        (FlightTicks(10, 5, 1.0, ("link_lost",)), "'link_lost' may not be suspended"),
+    ],
+)
+def test_a_flight_that_cannot_be_is_refused(flight: FlightTicks, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        thrown(flight=flight)
 
 
 # ------------------------------------------------------------------------------------------ in the tick

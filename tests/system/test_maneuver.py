@@ -148,3 +148,39 @@ def test_one_that_is_switched_off_before_its_first_torque_is_none() -> None:
     ]
     ticks = [SimpleNamespace(t=1.0, mode="RUNNING"), SimpleNamespace(t=1.02, mode="FAULT")]
     assert recorded_maneuvers(cast(RecordedRun, SimpleNamespace(events=events, ticks=ticks))) == []
+
+
+@cache
+def throw() -> TrajectoryFile:
+    planned = plan_trajectory(HOOP, ManeuverQuestion("throw", MotionLimits(0.45, 40.0, 0.5, 0.6)))
+    return trajectory_file(planned, "models/hoop.yaml", "ab", "throw")
+
+
+def bouncing(restitution: float, grip: float = 0.3) -> str:
+    numbers = f"{{restitution: {restitution}, grip: {grip}}}"
+    return f"sim.effects=[{{name: ball.lift_off, parameters: {numbers}}}]"
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.4])
+def test_a_ball_is_thrown_and_caught(tmp_path: Path, restitution: float) -> None:
+    result = played(tmp_path, bouncing(restitution), repeat=2, file=throw())
+    assert result["succeeded"] == 2 and set(result["faults"]) <= {"ball_missing"}, result
+    true, p = truth.read(tmp_path / "truth.csv"), HOOP.values()
+    free = (p["Ro"] - p["Rb"]) * true.dpsi**2 + p["g"] * np.cos(true.psi) < 0.0
+    assert true.psi[-1] == pytest.approx(2 * tau, abs=0.02) and free.sum() > 2 * 3
+
+
+def test_a_ball_that_is_not_caught_ends_with_the_torque_off(tmp_path: Path) -> None:
+    """It is gone from the middle of its flight on: nobody waits for it longer than planned."""
+    flight = throw().plan.flight
+    assert flight is not None
+    gone_s = 1.66 + 0.02 * (flight.first_tick + 4)
+    result = played(tmp_path, bouncing(0.0), f"sim.faults=[{{kind: ball_gone, at_s: {gone_s}}}]", file=throw())
+    assert result["succeeded"] == 0 and result["faults"]["ball_lost"] and result["exit"] == 1
+
+
+def test_a_ball_that_never_left_the_hoop_was_not_thrown(tmp_path: Path) -> None:
+    """A loop that is called a throw goes round and settles, and is none."""
+    result = played(tmp_path, file=msgspec.structs.replace(trajectory(), maneuver="throw"))
+    (attempt,) = result["attempts"]
+    assert not attempt["success"] and "flew for" in attempt["shortfalls"][0]

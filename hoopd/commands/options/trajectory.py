@@ -15,7 +15,9 @@ from hoopd.commands.options.shared import figure_option, json_option, model_opti
 
 def kind_argument() -> Any:
     """Which maneuver."""
-    return argument("loop: once round the hoop; swing: to an angle and back.", metavar="KIND")
+    return argument(
+        "loop: once round the hoop; swing: to an angle and back; throw: off the hoop and caught.", metavar="KIND"
+    )
 
 
 def torque_option() -> Any:
@@ -50,6 +52,9 @@ class TrajectoryOptions:
     )
     seconds: float | None = option("--seconds", text="How long it takes; as suits it without.")
     angle_rad: float = option("--angle", text="swing: how far out, in rad.", default=1.0)
+    flight_s: float = option(
+        "--flight", text="throw: how long the ball is in the air, in s; whole ticks, 0.06 to 0.22.", default=0.18
+    )
     turn: int = option("--turn", text="1 or -1: which way round, as the angle counts.", default=1)
     torque_nm: float | None = torque_option()
     hoop_speed_rad_s: float = speed_limit_option()

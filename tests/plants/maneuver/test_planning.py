@@ -157,3 +157,71 @@ def test_a_sampled_model_that_loses_the_ball_asks_for_more_contact() -> None:
     model = msgspec.structs.replace(HOOP, parameters={**HOOP.parameters, **parameters})
     planned = plan_trajectory(model, ManeuverQuestion("loop", MotionLimits(0.45, 40.0, 0.1, 0.6)))
     assert planned.question.limits.contact > 0.1
+
+
+@cache
+def throw(turn: int = 1) -> PlannedTrajectory:
+    return plan_trajectory(HOOP, ManeuverQuestion("throw", LIMITS, turn=turn))
+
+
+def test_a_throw_leaves_the_hoop_flies_a_parabola_and_is_back_at_rest() -> None:
+    """The run-up by the other integrator; then the parabola; then the other integrator again."""
+    planned, p = throw(), HOOP.values()
+    motion, (off, on) = planned.motion, planned.flight_ticks or (0, 0)
+    track = p["Ro"] - p["Rb"]
+    run_up = played(motion.inputs[:off], motion.tick_s, p)
+    assert np.abs(run_up - motion.states[: off + 1]).max() < 1e-4
+    force = contact(run_up, p)
+    assert force[:-1].min() > 0.0 and force[-1] == pytest.approx(0.0, abs=1e-3)
+    psi, rate = run_up[-1, 2:]
+    place, speed = track * np.array([np.sin(psi), -np.cos(psi)]), track * rate * np.array([np.cos(psi), np.sin(psi)])
+    for k, s in enumerate(motion.tick_s * np.arange(on - off + 1)):
+        x, y = place + speed * s - np.array([0.0, p["g"] * s * s / 2])
+        assert np.hypot(x, y) <= track * (1 + 1e-4)
+        assert np.cos(motion.states[off + k, 2]) == pytest.approx(-y / np.hypot(x, y), abs=1e-3)
+    assert np.hypot(x, y) == pytest.approx(track, rel=1e-3) and (on - off) * motion.tick_s == pytest.approx(0.18)
+    # the hoop meets it as fast as it rolls: nothing slides where it lands
+    spin = p["Ro"] * run_up[-1, 1] - track * run_up[-1, 3]
+    landed = motion.states[on]
+    assert p["Ro"] * landed[1] - track * landed[3] == pytest.approx(spin, abs=1e-3)
+    rest = one_by_one(landed, motion.inputs[on:], motion.tick_s, p)
+    assert rest[2] == pytest.approx(tau, abs=1e-3) and np.abs(rest[[1, 3]]).max() < 2e-2
+
+
+def one_by_one(x: Array, torques: Array, tick_s: float, values: dict[str, float]) -> Array:
+    for torque in torques:
+        x = one_step(x, float(torque), tick_s, values)
+    return x
+
+
+def test_a_throw_s_report_and_file_tell_of_its_flight() -> None:
+    planned = throw()
+    file = trajectory_file(planned, "models/hoop.yaml", "ab", "throw")
+    assert parse_trajectory(trajectory_text(file), "throw.yaml") == file
+    assert file.plan.flight is not None and file.plan.flight.ticks == 9 and file.plan.suspends == ["ball_runaway"]
+    assert file.plan.flight.suspends == ["ball_lost", "ball_implausible"]
+    assert file.report["flight_s"] == 0.18 and file.report["tracked"]["flown_s"] == pytest.approx(0.18, abs=1e-3)
+    assert file.report["sampled_models_arrived"] >= 36 and file.report["open_loop_end_rad"] == pytest.approx(
+        0.0, abs=1e-4
+    )
+    # in the air the hoop alone is fed back
+    air = planned.gains[slice(*planned.flight_ticks)]
+    assert not air[:, [0, 2, 3]].any() and air[:, 1].min() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        ({"flight_s": 0.15}, "whole ticks"),
+        ({"flight_s": 0.5}, "a flight takes 0.045 to 0.231 s"),
+        ({"seconds": 2.0}, "cannot be told of a throw"),
+    ],
+)
+def test_a_throw_that_no_ball_has_is_refused(asked: dict[str, Any], says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        plan_trajectory(HOOP, ManeuverQuestion("throw", LIMITS, **asked))
+
+
+def test_a_throw_with_too_little_torque_says_which_part() -> None:
+    with pytest.raises(InfeasibleError, match=r"no run-up of a throw in .* s: it would exceed torque"):
+        plan_trajectory(HOOP, ManeuverQuestion("throw", MotionLimits(0.01, 40.0, 0.5)))

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 # A ball at the bottom: 0.1 rad are 9 mm; a hoop that nearly stands.
 SETTLED_RAD, SETTLED_HOOP_RAD_S = 0.1, 3.0
 SETTLE_WITHIN_S = 2.0
+# Of a throw, three ticks: in 0.06 s a ball falls by 18 mm, a fifth of the way across.
+LEAST_FLIGHT_S = 0.05
 
 
 class RecordedManeuver(NamedTuple):
@@ -61,22 +63,27 @@ class ManeuverOutcome(NamedTuple):
         After its end, until ball and hoop stay settled; infinite when they do not.
     largest_angle_rad : float
         Furthest from where it began.
+    loose_s : float
+        How long the ball moved, for its longest time at once, as none does that a hoop holds.
     """
 
     turns: int
     least_contact: float
     settled_s: float
     largest_angle_rad: float
+    loose_s: float
 
     def shortfalls(self, kind: str, turn: int) -> tuple[str, ...]:
         """What a maneuver of this kind lacks to be one; empty: it succeeded."""
-        wanted = turn if kind == "loop" else 0
+        wanted = 0 if kind == "swing" else turn
         found = []
         if self.turns != wanted:
             found.append(f"went round {self.turns:+d} times, not {wanted:+d}")
         if isnan(self.least_contact):
             return ("too little was recorded of it",)
-        if not self.least_contact > 0.0:
+        if kind == "throw" and not self.loose_s >= LEAST_FLIGHT_S:
+            found.append(f"flew for {self.loose_s:.2f} s, less than {LEAST_FLIGHT_S:g}")
+        if kind != "throw" and not self.least_contact > 0.0:
             found.append(f"the contact was lost ({self.least_contact:.2f} of the ball's weight)")
         if not self.settled_s <= SETTLE_WITHIN_S:
             found.append(f"not settled within {SETTLE_WITHIN_S:g} s")
@@ -102,12 +109,12 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     >>> t = np.arange(0.0, 3.0, 0.02)
     >>> rest = RecordedManeuver(t, 0 * t, np.zeros((150, 4)), t, 0 * t, 1.0)
     >>> judge_maneuver(rest, 0.085, 9.81)
-    ManeuverOutcome(turns=0, least_contact=1.0, settled_s=0.0, largest_angle_rad=0.0)
+    ManeuverOutcome(turns=0, least_contact=1.0, settled_s=0.0, largest_angle_rad=0.0, loose_s=0.0)
     """
     played, after = run.t <= run.ended_t, run.t > run.ended_t
     ball = run.seen[np.isfinite(run.seen)]
     if not ball.size or not after.any() or not played.any():
-        return ManeuverOutcome(0, nan, inf, nan)
+        return ManeuverOutcome(0, nan, inf, nan, nan)
     bottom = tau * round(float(ball[-1]) / tau)
     states = run.states[played]
     contact = (track_m * states[:, 3] ** 2 + gravity_m_s2 * np.cos(states[:, 2])) / gravity_m_s2
@@ -116,4 +123,12 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     last = run.t[restless][-1] if restless.any() else run.ended_t
     settled_s = float(last - run.ended_t) if last < run.t[-1] else inf
     turns = round((bottom - float(ball[0])) / tau)
-    return ManeuverOutcome(turns, float(contact.min()), settled_s, float(np.abs(ball - ball[0]).max()))
+    loose = _longest(run.t[played], contact < 0.0)
+    return ManeuverOutcome(turns, float(contact.min()), settled_s, float(np.abs(ball - ball[0]).max()), loose)
+
+
+def _longest(t: Array, holds: NDArray[np.bool_]) -> float:
+    """The longest time at once, s."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
+    after = np.append(t, t[-1])
+    return max((float(after[end] - after[begin]) for begin, end in edges.reshape(-1, 2)), default=0.0)

@@ -1,4 +1,4 @@
-"""What may be asked of a plan: once round the hoop, or a swing to an angle and back, in which time, which way round.
+"""What may be asked of a plan: once round the hoop, a swing to an angle and back, a throw; how long, which way round.
 
 Rules of this file: a question checks itself and says where its motion begins and ends; nothing is solved here.
 """
@@ -16,7 +16,7 @@ from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
 
 Array = NDArray[np.float64]
 
-LOOP, SWING = KINDS = ("loop", "swing")
+LOOP, SWING, THROW = KINDS = ("loop", "swing", "throw")
 LONGEST_S = 10.0
 # Of a swing: beyond, the ball would have to stop where it falls off.
 LARGEST_SWING_RAD = 1.5
@@ -29,7 +29,7 @@ class ManeuverQuestion:
     Attributes
     ----------
     kind : str
-        loop or swing.
+        loop, swing or throw.
     limits : MotionLimits
         What the plan keeps.
     angle_rad : float
@@ -40,6 +40,8 @@ class ManeuverQuestion:
         Length of a tick in s.
     turn : int
         1 or -1: which way round, as psi counts.
+    flight_s : float
+        Of a throw: how long the ball is in the air, whole ticks.
     """
 
     kind: str
@@ -48,6 +50,7 @@ class ManeuverQuestion:
     seconds: float | None = None
     tick_s: float = 0.02
     turn: int = 1
+    flight_s: float = 0.18
 
     def __post_init__(self) -> None:
         """ValueError for a question that has no answer."""
@@ -57,8 +60,16 @@ class ManeuverQuestion:
             raise ValueError(f"turn must be 1 or -1, not {self.turn}")
         if self.kind == SWING and not 0.0 < self.angle_rad <= LARGEST_SWING_RAD:
             raise ValueError(f"angle must be above 0 and at most {LARGEST_SWING_RAD:g} rad, not {self.angle_rad:g}")
+        if self.kind == THROW and not self._is_whole_ticks(self.flight_s):
+            raise ValueError(f"flight must be whole ticks of {self.tick_s:g} s, not {self.flight_s:g}")
+        if self.kind == THROW and self.seconds is not None:
+            raise ValueError("seconds cannot be told of a throw: its parts take the time that suits them")
         if self.seconds is not None and not 10 * self.tick_s <= self.seconds <= LONGEST_S:
             raise ValueError(f"seconds must be {10 * self.tick_s:g} to {LONGEST_S:g}, not {self.seconds:g}")
+
+    def _is_whole_ticks(self, seconds: float) -> bool:
+        ticks = seconds / self.tick_s
+        return ticks > 0.5 and abs(ticks - round(ticks)) < 1e-6
 
     @property
     def ends(self) -> MotionEnds:

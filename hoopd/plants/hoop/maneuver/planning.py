@@ -58,23 +58,23 @@ def plan_motion(model: PlanningModel, question: ManeuverQuestion) -> CollocatedM
     problem = CollocationProblem(model.rate, groups, USUAL_TORQUE_NM)
     seconds, guess = question.seconds, None
     if seconds is None:
-        first = question.guess(_ticks(question, FIRST_SECONDS))
+        first = question.guess(whole_ticks(question, FIRST_SECONDS))
         near = problem.solve(question.ends, first, question.tick_s, time_cost=TIME_COST)
         seconds = near.seconds
-        guess = _stretched(near, _ticks(question, seconds), question.tick_s)
-    ticks = _ticks(question, seconds)
+        guess = stretched(near, whole_ticks(question, seconds), question.tick_s)
+    ticks = whole_ticks(question, seconds)
     found = problem.solve(question.ends, question.guess(ticks) if guess is None else guess, question.tick_s)
     if not found.solved:
-        raise _infeasible(found, question)
+        raise infeasible(found, f"no {question.kind}")
     return found
 
 
-def _ticks(question: ManeuverQuestion, seconds: float) -> int:
+def whole_ticks(question: ManeuverQuestion, seconds: float) -> int:
     """Whole ticks; of a swing an even number, so that its middle is an edge."""
     return 2 * ceil(seconds / (2 * question.tick_s) - 1e-9)
 
 
-def _stretched(motion: CollocatedMotion, ticks: int, tick_s: float) -> Array:
+def stretched(motion: CollocatedMotion, ticks: int, tick_s: float) -> Array:
     """A motion over so many ticks, as a guess."""
     shares, wanted = np.linspace(0.0, 1.0, len(motion.states)), np.linspace(0.0, 1.0, ticks + 1)
     table = np.column_stack([motion.states, np.append(motion.inputs, motion.inputs[-1])])
@@ -82,9 +82,10 @@ def _stretched(motion: CollocatedMotion, ticks: int, tick_s: float) -> Array:
     return np.column_stack([np.interp(wanted, shares, column) for column in table.T]) * [1.0, faster, 1.0, faster, 1.0]
 
 
-def _infeasible(found: CollocatedMotion, question: ManeuverQuestion) -> InfeasibleError:
+def infeasible(found: CollocatedMotion, what: str) -> InfeasibleError:
+    """The limits that a search gave up, of which the first is given up most."""
     given = {name: value for name, value in found.excess.items() if value > KEPT_WITHIN}
-    what = f"no {question.kind} in {found.seconds:g} s"
+    what = f"{what} in {found.seconds:g} s"
     if not given:
         return InfeasibleError("search", 0.0, f"{what} was found ({found.status})")
     most = sorted(given, key=lambda name: -given[name])

@@ -5,16 +5,20 @@ Rules of this file: no equation is written here; what only makes torque or readi
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import casadi as ca
+import numpy as np
 
-from hoopd.plants.found_effects import FoundEffects
+from hoopd.plants.found_effects import FoundEffect, FoundEffects
+from hoopd.plants.hoop.contact import contact_of
 from hoopd.plants.hoop.equations import runge_kutta
 from hoopd.plants.hoop.loop.writeback import filter_effects, filter_plant
 from hoopd.plants.hoop.maneuver.motion_limits import contact_weights, grip_weights
 from hoopd.plants.numeric_plant import FILTER_STEPS
 
+LIFT_OFF = "ball.lift_off"
 # Width of the smooth form of dry friction, rad/s of the rate that it acts against: a hundredth of a loop's speeds.
 FRICTION_WIDTH = 0.5
 
@@ -27,7 +31,15 @@ class PlanningModel:
         self.structure = found.structure
         self._plant = filter_plant(found)
         self.declared = self.found.plant if self.found else found.plant
+        # of a touch after a flight, where the model has it
+        self.lift_off = next((one.parameters for one in found.entries if one.name == LIFT_OFF), {})
         self.parameters = {name: ca.SX(value) for name, value in found.base.items()}
+
+    @property
+    def hoop_inertia(self) -> float:
+        """Of the hoop without its ball, kg m2."""
+        p = {name: float(value) for name, value in self.parameters.items()}
+        return float(contact_of(self.structure)(self.declared.point(np.zeros(4), p)).theta_inertia)
 
     @cached_property
     def rate(self) -> ca.Function:
@@ -49,3 +61,9 @@ class PlanningModel:
         after = runge_kutta(lambda y: self.rate(y, u), x, ca.SX(tick_s), 2 * FILTER_STEPS)
         parts = [after, ca.jacobian(after, x), ca.jacobian(after, u)]
         return ca.Function("step", [x, u], [ca.densify(one) for one in parts])
+
+
+def flying_model(model: PlanningModel) -> FoundEffects:
+    """The planning model's plant, with a ball that may leave the hoop."""
+    found = model.found
+    return replace(found, entries=(*found.entries, FoundEffect(LIFT_OFF, model.lift_off)))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.files.model import ModelFile
+from hoopd.plants.hoop.maneuver.judgement import LEAST_FLIGHT_S
 from hoopd.plants.hoop.maneuver.tracked_run import PlanTracker, TrackedRun
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 
@@ -32,11 +33,13 @@ class PlayResult(NamedTuple):
     end_rad: float  # angle from the bottom at the end
     torque_nm: float  # largest
     hoop_speed_rad_s: float  # largest
+    flown_s: float | None = None  # of a throw: the longest flight
 
     @property
     def arrived(self) -> bool:
-        """The ball kept its contact and came to the bottom."""
-        return self.contact > 0.0 and abs(self.end_rad) < ARRIVED_RAD
+        """The ball kept its contact, or flew as it was thrown, and came to the bottom."""
+        as_planned = self.contact > 0.0 if self.flown_s is None else self.flown_s >= LEAST_FLIGHT_S
+        return as_planned and abs(self.end_rad) < ARRIVED_RAD
 
 
 class PlayedPlan(NamedTuple):
@@ -47,6 +50,7 @@ class PlayedPlan(NamedTuple):
     gains: Array
     tick_s: float
     limit_nm: float
+    throw: bool = False  # the ball may leave the hoop
 
 
 def spreads(model: ModelFile) -> dict[str, float]:
@@ -84,11 +88,13 @@ def sampled(tracker: PlanTracker, plan: PlayedPlan, model: ModelFile, samples: i
 
 def played(tracker: PlanTracker, plan: PlayedPlan, changes: Mapping[str, float]) -> PlayResult:
     """One run with some parameters changed."""
-    run: TrackedRun = tracker.run(*plan, changes)
+    play = tracker.thrown if plan.throw else tracker.run
+    run: TrackedRun = play(*plan[:-1], changes)
     end = float(run.states[-1, 2])
     return PlayResult(
         run.contact,
         end - tau * round(end / tau),
         float(np.abs(run.inputs).max()),
         float(np.abs(run.states[:, 1]).max()),
+        run.flown_s if plan.throw else None,
     )

@@ -8,13 +8,15 @@ Rules of this file: one run, and what it says of the contact and the end; nothin
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.found_effects import FoundEffects
-from hoopd.plants.hoop.maneuver.planning_model import PlanningModel
+from hoopd.plants.hoop.effects.contact_modes import ContactCourse, ContactModes
+from hoopd.plants.hoop.maneuver.planning_model import PlanningModel, flying_model
 from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
@@ -31,11 +33,14 @@ class TrackedRun(NamedTuple):
         Torques that were asked for, N m.
     contact : float
         Least force between hoop and ball in weights of the ball; below zero it would have flown.
+    flown_s : float
+        Of a ball that may leave the hoop: its longest flight; 0 of one that may not.
     """
 
     states: Array
     inputs: Array
     contact: float
+    flown_s: float = 0.0
 
 
 class PlanTracker:
@@ -47,6 +52,33 @@ class PlanTracker:
         effects = self._model.found.effects()
         self._composite = Composite(self._model.declared, effects)
         self._values = self._model.found.values if self._model.found else dict(found.base)
+        self._model_flies = flying_model(self._model)
+
+    @cached_property
+    def _modes(self) -> ContactModes:
+        return ContactModes(self._model_flies.plant, self._model_flies.effects())
+
+    def thrown(
+        self,
+        states: Array,
+        inputs: Array,
+        gains: Array,
+        tick_s: float,
+        limit_nm: float,
+        changes: Mapping[str, float] | None = None,
+    ) -> TrackedRun:
+        """Play a plan with a ball that leaves the hoop where nothing holds it; arguments as of `run`."""
+        values = {**self._model_flies.values, **(changes or {})}
+        course = ContactCourse(self._modes, values, self._modes.rolling.beginning(states[0]))
+        seen, asked = [course.seen()[:4]], []
+        for k, (torque, gain) in enumerate(zip(inputs, gains, strict=True)):
+            u = float(np.clip(torque - gain @ (seen[-1] - states[k]), -limit_nm, limit_nm))
+            course.advance(u, tick_s, k * tick_s)
+            seen.append(course.seen()[:4])
+            asked.append(u)
+        played = np.array(seen)
+        flown = max((end - begin for begin, end in course.flights(len(inputs) * tick_s)), default=0.0)
+        return TrackedRun(played, np.array(asked), float(contact_along(played, values).min()), flown)
 
     def run(
         self,

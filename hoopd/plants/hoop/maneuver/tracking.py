@@ -73,6 +73,20 @@ def tracking_gains(step: ca.Function, states: Array, inputs: Array, weights: Tra
     return gains
 
 
+def hoop_gain(inertia: float, tick_s: float, weights: TrackingWeights) -> float:
+    """Gain on the speed of a hoop whose ball is in the air, N m per rad/s: theta'' = u / I for good.
+
+    Examples
+    --------
+    >>> round(hoop_gain(1.5e-3, 0.02, TrackingWeights()), 4)
+    0.0122
+    """
+    # 0 = q - p^2 b^2 / (r + p b^2),  K = p b / (r + p b^2)
+    b, q = tick_s / inertia, weights.dtheta_rad_s**-2
+    p = (q + (q * q + 4.0 * q * weights.r / b**2) ** 0.5) / 2.0
+    return float(p * b / (weights.r + p * b * b))
+
+
 def _backwards(p: Array, a: Array, b: Array, weights: TrackingWeights) -> tuple[Array, Array]:
     """P a tick earlier, and the gains (4,) of that tick."""
     k = (b.T @ p @ a) / (weights.r + float((b.T @ p @ b)[0, 0]))

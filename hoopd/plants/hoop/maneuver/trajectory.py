@@ -16,16 +16,17 @@ from numpy.typing import NDArray
 
 from hoopd.core.tracker import Tolerances
 from hoopd.files.model import ModelFile
-from hoopd.files.planned_motion import PlannedMotionEntry, TolerancesEntry
+from hoopd.files.planned_motion import FlightEntry, PlannedMotionEntry, TolerancesEntry
 from hoopd.files.trajectory import KeptLimits, TrajectoryFile, rounded
 from hoopd.plants.collocation import CollocatedMotion
 from hoopd.plants.hoop.loop.writeback import limits_of
-from hoopd.plants.hoop.maneuver.maneuver_question import LOOP, ManeuverQuestion
+from hoopd.plants.hoop.maneuver.maneuver_question import LOOP, SWING, THROW, ManeuverQuestion
 from hoopd.plants.hoop.maneuver.planning import InfeasibleError, plan_motion
 from hoopd.plants.hoop.maneuver.planning_model import PlanningModel
 from hoopd.plants.hoop.maneuver.robustness import PlayedPlan, PlayResult, by_parameter, played, sampled
+from hoopd.plants.hoop.maneuver.throw_planning import plan_throw
 from hoopd.plants.hoop.maneuver.tracked_run import PlanTracker
-from hoopd.plants.hoop.maneuver.tracking import TrackingWeights, tracking_gains
+from hoopd.plants.hoop.maneuver.tracking import TrackingWeights, hoop_gain, tracking_gains
 from hoopd.plants.model_file import effects_of
 
 Array = NDArray[np.float64]
@@ -39,6 +40,9 @@ START = Tolerances(dtheta_rad_s=1.5, psi_rad=0.08, dpsi_rad_s=0.6)
 ENVELOPE = Tolerances(dtheta_rad_s=35.0, psi_rad=0.9, dpsi_rad_s=9.0)
 # What a model leaves of an acceleration, and for how long alike.
 UNMODELLED_SHARE, UNMODELLED_S = 0.1, 0.4
+# A filter whose ball rolls does not know a flight: 50 rad/s^2, alike for a flight's time. Rows that a ball raises which
+# is not seen in the air, and which does not move as one that rolls.
+FLIGHT_UNMODELLED, FLIGHT_SUSPENDS = 400.0, ("ball_lost", "ball_implausible")
 USUAL_WEIGHTS = TrackingWeights()
 
 
@@ -54,6 +58,7 @@ class PlannedTrajectory(NamedTuple):
     by_parameter: dict[str, PlayResult]
     sampled: list[PlayResult]
     open_loop_end: Array  # (4,) of the plan's torques alone, minus the plan's end
+    flight_ticks: tuple[int, int] | None = None  # of a throw: the first in the air, the first after it
 
 
 def plan_trajectory(
@@ -111,22 +116,51 @@ def _planned(
     question: ManeuverQuestion,
     weights: TrackingWeights,
 ) -> PlannedTrajectory:
-    motion = plan_motion(planning, question)
-    gains = tracking_gains(planning.step(motion.tick_s), motion.states, motion.inputs, weights)
-    plan = PlayedPlan(motion.states, motion.inputs, gains, motion.tick_s, model.device.torque_limit_nm)
+    motion, gains, flight = _fed_back(planning, question, weights)
+    limit_nm, thrown = model.device.torque_limit_nm, flight is not None
+    plan = PlayedPlan(motion.states, motion.inputs, gains, motion.tick_s, limit_nm, thrown)
     contact, friction = (one.full().ravel() for one in planning.pressed(motion.states[:-1].T, motion.inputs[None]))
-    alone = tracker.run(*plan._replace(gains=np.zeros_like(gains)))
+    if flight is not None:
+        held = _held(len(contact), flight)
+        contact, friction = np.where(held, contact, np.nan), np.where(held, friction, np.nan)
+    play = tracker.run if flight is None else tracker.thrown
+    alone = play(*plan._replace(gains=np.zeros_like(gains))[:-1])
     return PlannedTrajectory(
         motion,
         gains,
         contact,
-        np.abs(friction) / contact,
+        np.abs(friction) / np.where(contact > 0.0, contact, np.nan),
         question,
         played(tracker, plan, {}),
         by_parameter(tracker, plan, model),
         sampled(tracker, plan, model),
         alone.states[-1] - motion.states[-1],
+        flight,
     )
+
+
+def _fed_back(
+    planning: PlanningModel, question: ManeuverQuestion, weights: TrackingWeights
+) -> tuple[CollocatedMotion, Array, tuple[int, int] | None]:
+    """A motion with its gains, and the ticks in which it is a flight: there the hoop alone is fed back."""
+    step = planning.step(question.tick_s)
+    if question.kind != THROW:
+        motion = plan_motion(planning, question)
+        return motion, tracking_gains(planning.step(motion.tick_s), motion.states, motion.inputs, weights), None
+    throw = plan_throw(planning, question)
+    off, on = throw.ticks[0], throw.ticks[0] + throw.ticks[1]
+    states, inputs = throw.motion.states, throw.motion.inputs
+    gains = np.zeros((len(inputs), 4))
+    gains[:off] = tracking_gains(step, states[: off + 1], inputs[:off], weights)
+    gains[off:on, 1] = hoop_gain(planning.hoop_inertia, question.tick_s, weights)
+    gains[on:] = tracking_gains(step, states[on:], inputs[on:], weights)
+    return throw.motion, gains, (off, on)
+
+
+def _held(ticks: int, flight: tuple[int, int]) -> NDArray[np.bool_]:
+    """Edges at which the hoop holds the ball: it lets it go at the first one of the flight."""
+    edges = np.arange(ticks)
+    return np.asarray((edges < flight[0]) | (edges >= flight[1]))
 
 
 def trajectory_file(planned: PlannedTrajectory, model: str, model_sha256: str, name: str) -> TrajectoryFile:
@@ -142,7 +176,7 @@ def trajectory_file(planned: PlannedTrajectory, model: str, model_sha256: str, n
         What recordings call it.
     """
     motion, question = planned.motion, planned.question
-    suspends = ["ball_runaway"] if question.kind == LOOP else []
+    suspends = ["ball_runaway"] if question.kind != SWING else []
     plan = PlannedMotionEntry(
         torques_nm=rounded(motion.inputs.tolist()),
         states=rounded(motion.states.tolist()),
@@ -151,6 +185,7 @@ def trajectory_file(planned: PlannedTrajectory, model: str, model_sha256: str, n
         envelope=TolerancesEntry(**asdict(ENVELOPE)),
         unmodelled=_short(_unmodelled(motion)),
         suspends=suspends,
+        flight=None if planned.flight_ticks is None else _flight_entry(planned.flight_ticks),
     )
     limits = question.limits
     kept = KeptLimits(
@@ -162,7 +197,7 @@ def trajectory_file(planned: PlannedTrajectory, model: str, model_sha256: str, n
     return TrajectoryFile(
         schema="hoopd.trajectory/1",
         name=name,
-        maneuver=cast("Literal['loop', 'swing']", question.kind),
+        maneuver=cast("Literal['loop', 'swing', 'throw']", question.kind),
         model=model,
         model_sha256=model_sha256,
         sample_time_s=motion.tick_s,
@@ -170,6 +205,12 @@ def trajectory_file(planned: PlannedTrajectory, model: str, model_sha256: str, n
         limits=kept,
         plan=plan,
         report=report_of(planned),
+    )
+
+
+def _flight_entry(ticks: tuple[int, int]) -> FlightEntry:
+    return FlightEntry(
+        first_tick=ticks[0], ticks=ticks[1] - ticks[0], unmodelled=FLIGHT_UNMODELLED, suspends=list(FLIGHT_SUSPENDS)
     )
 
 
@@ -189,8 +230,9 @@ def report_of(planned: PlannedTrajectory) -> dict[str, Any]:
         "largest_torque_nm": _short(np.abs(motion.inputs).max()),
         "largest_hoop_speed_rad_s": _short(np.abs(motion.states[:, 1]).max()),
         "largest_ball_speed_rad_s": _short(np.abs(motion.states[:, 3]).max()),
-        "least_contact": _short(planned.contact.min()),
-        "needed_grip": _short(planned.grip.max()),
+        "least_contact": _short(np.nanmin(planned.contact)),
+        "needed_grip": _short(np.nanmax(planned.grip)),
+        **({} if planned.flight_ticks is None else {"flight_s": _short(planned.question.flight_s)}),
         "open_loop_end_rad": _short(planned.open_loop_end[2]),
         "tracked": _row(planned.nominal),
         "sensitivity": {name: _row(one) for name, one in planned.by_parameter.items()},
@@ -202,6 +244,7 @@ def report_of(planned: PlannedTrajectory) -> dict[str, Any]:
 
 def _row(one: PlayResult) -> dict[str, float]:
     return {
+        **({} if one.flown_s is None else {"flown_s": _short(one.flown_s)}),
         "least_contact": _short(one.contact),
         "end_rad": _short(one.end_rad),
         "largest_torque_nm": _short(one.torque_nm),
