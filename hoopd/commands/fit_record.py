@@ -13,6 +13,7 @@ import numpy as np
 from hoopd.commands.options.fit import FitOptions
 from hoopd.commands.plant_inputs import number
 from hoopd.commands.simulate import off_words
+from hoopd.commands.simulate_plant import memory_words
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import START_MODELS, defaults_folder
@@ -162,6 +163,7 @@ def _notes(found: FittedParameters, recordings: Sequence[Recording]) -> list[str
     ]
     if found.settings.effects:
         notes.append(f"the model's effects are held as they are: {', '.join(found.settings.effects.names)}")
+        notes += memory_words(found.settings.effects.plant, found.settings.effects.effects())
     if "theta_rate" in found.channels and not found.settings.channels:
         notes.append("the model does not follow the hoop's angle to the encoder's counts: its rate was fitted instead")
     if any(found.uncertainty.memory.values()):

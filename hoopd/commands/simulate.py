@@ -16,7 +16,7 @@ from hoopd.commands.inputs import read_ages, read_recording, read_values
 from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
 from hoopd.commands.plant_inputs import number, other_model
-from hoopd.commands.simulate_plant import simulate_other_plant, zero_words
+from hoopd.commands.simulate_plant import memory_words, simulate_other_plant, zero_words
 from hoopd.files.identified import is_identified
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
@@ -66,6 +66,8 @@ def run(options: SimulateOptions) -> dict[str, Any]:
     result |= {"age_s": read_ages(options.age)} if options.age else {}
     result["effects"] = [*effects.names] if effects else []
     result["notes"] = _notes(file, found, whole, without_effects=options.without_effects)
+    if effects:
+        result["notes"] += memory_words(effects.plant, effects.effects())
     if whole.zero is not None and effects:
         result["notes"] += zero_words({"theta": whole.zero}, effects.effects())
     return {**result, **{key: str(path) for key, path in (("out", out), ("figure", figure)) if path is not None}}

@@ -14,7 +14,9 @@ from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.output_files import check_results
 from hoopd.commands.plant_inputs import number, system_of
 from hoopd.files.reading import InputError
+from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.vocabulary import remembering
 from hoopd.plants.fits.plant_runs import PlantSystem
 from hoopd.plants.fits.plant_simulation import simulate_plant
 from hoopd.plants.plant_model import PlantModel
@@ -60,10 +62,21 @@ def simulate_other_plant(model: PlantModel, options: SimulateOptions) -> dict[st
             for name, one in run.percent.items()
         },
         "effects": [effect.name for effect in system.effects],
-        "notes": [*said, *zero_words(run.zeros, system.effects), *([] if run.percent else [NOTHING_MEASURED])],
+        "notes": [
+            *said,
+            *zero_words(run.zeros, system.effects),
+            *memory_words(plant, system.effects),
+            *([] if run.percent else [NOTHING_MEASURED]),
+        ],
     }
     paths = {"out": options.out, "figure": options.figure}
     return {**result, **{key: str(path) for key, path in paths.items() if path is not None}}
+
+
+def memory_words(plant: Plant, effects: Sequence[Effect]) -> list[str]:
+    """That what an effect remembers is nothing where a run or a window begins."""
+    names = remembering(plant, effects)
+    return [f"what {', '.join(names)} remembers begins with nothing in every run and window"] if names else []
 
 
 def zero_words(zeros: Mapping[str, float], effects: Sequence[Effect]) -> list[str]:

@@ -263,3 +263,16 @@ def test_a_real_recording_is_cut_and_drawn(tmp_path: Path, monkeypatch: pytest.M
     assert found["free_run"]["psi"]["set_aside"] == 90
     assert found["free_run"]["theta_rate"]["nrmse_percent"] > 74.0
     assert found["free_run"]["psi"]["nrmse_percent"] > 74.0
+
+
+def test_what_remembers_begins_with_nothing_and_that_is_told(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizes = "parameters: {A: {value: 0.001, unit: N m}, xs: {value: 0.3, unit: rad}}"
+    model = tmp_path / "model.yaml"
+    model.write_text(DEVICE.read_text().replace("effects: []", f"effects: [{{name: hoop.dahl_of_theta, {sizes}}}]"))
+    arguments = ("--model", model, "--input", made, "--x0", "psi=0,dpsi=0,dtheta=0,theta=0")
+    found = result_of(monkeypatch, tmp_path, *arguments)
+    assert "what hoop.dahl_of_theta remembers begins with nothing in every run and window" in found["notes"]
+    bare = result_of(monkeypatch, tmp_path, *arguments, "--without-effects")
+    assert not any("remembers" in note for note in bare["notes"])

@@ -16,6 +16,7 @@ from hoopd.commands.diagnosed_model import flipped, outside
 from hoopd.diagnose.findings import heldout_nats, is_any_told, refused_of
 from hoopd.diagnose.proof import confirmation as confirmation_module
 from hoopd.diagnose.proof import denial as denials
+from hoopd.diagnose.proof import worse_channels
 from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, reach, status_of
 from hoopd.diagnose.proof.denial import Denial, denial
 from hoopd.diagnose.proof.error_windows import error_windows, window_of_the_loss
@@ -178,6 +179,26 @@ def test_the_chance_of_a_worse_channel_is_shared_by_names_and_channels(
         if among != alone:
             return
     pytest.fail("however often it was looked, the same was lowered")
+
+
+def test_every_look_at_a_channel_and_every_name_has_its_share_of_the_chance(
+    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = HeldOut([recorded("held", 2, friction=True)]).played_of(fits[1])
+    assert one is not None
+    asked: list[float] = []
+
+    def lost(pairs: Any, chance: float, random: Any) -> tuple[float, float]:
+        asked.append(chance)
+        return 0.0, 0.0
+
+    monkeypatch.setattr(worse_channels, "_loss", lost)
+    lowered(one, one)
+    channels = len(asked)
+    assert channels > 1 and asked == pytest.approx([worse_channels.CHANCE / channels] * channels)
+    asked.clear()
+    assert denial(one, one, 50.0, names=4) is None
+    assert asked == pytest.approx([worse_channels.CHANCE / (4 * channels)] * 2 * channels)
 
 
 def test_the_window_that_carries_the_error_and_that_of_the_loss_are_told(

@@ -13,6 +13,12 @@ from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
 
 
+def remembering(plant: Plant, effects: Iterable[Effect]) -> list[str]:
+    """Names of the mechanisms that have a memory: it begins with nothing wherever a run does."""
+    own = library(plant)
+    return [one.name for one in effects if one.plant is not None and one.name not in own]
+
+
 def known_effects(plant: Plant, names: Iterable[str] = ()) -> dict[str, Effect]:
     """Give the library of a plant, and those mechanisms of the grammar that are named.
 
