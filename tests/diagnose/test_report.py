@@ -643,6 +643,15 @@ def test_without_a_finding_the_nearest_explanation_is_told() -> None:
     assert headline.certainty_sentence(told) == (
         "How sure: of all explanations frame.tilt comes nearest, with 4.0 of the 12 nats that it needs."
     )
+    alone, other = (
+        Candidate(name=name, log_likelihood_gain=None, probability=share)
+        for name, share in (("parameters", 0.8), ("none of these", 0.19))
+    )
+    sure = headline.certainty_sentence(msgspec.structs.replace(told, candidates=[near, alone, other]))
+    assert sure.startswith("How sure: that nothing acts beside the model, 80 %, and that something does which is too ")
+    assert ", 19 %; of all explanations frame.tilt comes nearest" in sure
+    bare = headline.certainty_sentence(msgspec.structs.replace(told, candidates=[alone, other]))
+    assert bare.endswith(" or follows no known law, 19 %.")
 
 
 def test_what_is_left_without_a_name_has_an_experiment_too() -> None:

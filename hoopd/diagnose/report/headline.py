@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hoopd.diagnose.record import Diagnosis, EffectFinding, Fit, Fits, NextExperiment, Number
+from hoopd.diagnose.proof.probabilities import PARAMETERS
+from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding, Fit, Fits, NextExperiment, Number
 from hoopd.diagnose.report.sentences import each_fit, none_of_them
 from hoopd.plots.number_format import chance, listed, nats, percent, safe, value_text
 
@@ -41,7 +42,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 
 def _parameters_sentence(diagnosis: Diagnosis) -> str:
     if not diagnosis.refused:
-        return "The physics is complete but its parameters are off: re-estimating them removes the mismatch."
+        return (
+            "The parameters are off, and re-estimating them removes the mismatch: beyond them nothing is missing that "
+            "these recordings could show."
+        )
     return (
         "The parameters are off, and re-estimating them is as much as held-out data bear out: "
         f"more was found ({listed(one.name for one in diagnosis.refused)}), and not confirmed."
@@ -174,11 +178,25 @@ def certainty_sentence(diagnosis: Diagnosis) -> str:
         return f"How sure that something acts there, and that it is this very law: {each}{other}."
     tried = [(one.log_likelihood_gain, one.needed, one.name) for one in diagnosis.candidates]
     known = [(gain / needed, gain, needed, name) for gain, needed, name in tried if gain is not None and needed]
+    sure = _nothing_is_missing(diagnosis)
     if not known:
-        return ""
+        return f"How sure: {sure}." if sure else ""
     _, gain, needed, name = max(known)
     near = f"{safe(name)} comes nearest, with {nats(gain)} of the {nats(needed)} nats that it needs"
-    return f"How sure: of all explanations {near}." if gain < needed else ""
+    parts = [part for part in (sure, f"of all explanations {near}" if gain < needed else "") if part]
+    return f"How sure: {'; '.join(parts)}." if parts else ""
+
+
+def _nothing_is_missing(diagnosis: Diagnosis) -> str:
+    """How likely it is; empty where that was not asked."""
+    known = {one.name: one.probability for one in diagnosis.candidates}
+    alone, other = known.get(PARAMETERS), known.get(NONE_OF_THESE)
+    if alone is None or other is None:
+        return ""
+    return (
+        f"that nothing acts beside the model, {chance(alone)}, and that something does which is too small for these "
+        f"recordings or follows no known law, {chance(other)}"
+    )
 
 
 def _certainty(effect: EffectFinding) -> str:

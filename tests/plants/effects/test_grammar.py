@@ -219,6 +219,12 @@ def test_a_lens_on_the_axis_turns_nothing_and_one_beside_it_bends() -> None:
     assert turned == pytest.approx(k * e * LENS.of(np, v, {"v0": v0, "e": e}), rel=1e-3)
 
 
+def test_an_encoder_has_no_lens() -> None:
+    assert "camera.lens_of_psi_in_psi" in mechanisms(plant_named("hoop"))
+    for plant in ("hoop", "pendulum"):
+        assert not any(name.startswith("encoder.lens") for name in mechanisms(plant_named(plant)))
+
+
 def test_the_scale_of_an_angle_that_is_not_known_is_searched_without_gaps() -> None:
     phi = mechanisms(plant_named("hoop"))["ball.wave_of_phi_pair"]
     v = np.linspace(0.0, 300.0, 400)

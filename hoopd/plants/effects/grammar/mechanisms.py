@@ -43,6 +43,8 @@ NAMED = 40.0
 TAKING = ("square", "magnitude", "well")
 # Shapes that a level of dry friction may have.
 LEVELS = (*TAKING, "above", "below", "settling", "fading")
+# The device of a sensor that looks at nothing.
+ENCODER = "encoder"
 
 
 def mechanisms(plant: Plant) -> dict[str, Mechanism]:
@@ -266,7 +268,7 @@ def _of_reading(plant: Plant, site: ActingPlace, q: str) -> Iterator[Mechanism]:
     the first input twists before the sensor."""
     place, speed = position(plant, q), rate(plant, q)
     yield Mechanism(site, place, BENTS[place.turning])
-    if place.unit == "rad":
+    if place.unit == "rad" and plant.slots[site.slot].device != ENCODER:  # what counts lines has no image
         yield Mechanism(site, place, LENS)
     for axis, names in ((place, ("linear", "magnitude")), (CLOCK, ("linear", "wave"))):
         yield from (Mechanism(site, axis, shape, factor=speed) for shape in shapes_of(axis) if shape.name in names)
