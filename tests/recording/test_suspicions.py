@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoopd.plants.hoop.recordings.suspicions import COUNT_RAD, suspicions
+from hoopd.plants.hoop.recordings.suspicions import ABOVE_BALL_HZ, COUNT_RAD, _fast, suspicions
 from hoopd.plants.model_file import load_model, plant_of
 from hoopd.recording import Recording, load
 from hoopd.recording.edit import joined
@@ -141,3 +141,14 @@ def test_the_real_recordings() -> None:
 def real() -> Path:
     """Folder of the real recordings."""
     return shared_path("recordings/meas_ballOnly01.mat").parent
+
+
+def test_what_is_fast_is_what_a_butterworth_filter_there_and_back_lets_through() -> None:
+    from scipy.signal import butter, sosfiltfilt
+
+    t, noise = 0.02 * np.arange(1500), np.random.default_rng(2).normal(size=1500)
+    x = 3.0 + 0.1 * np.cumsum(noise) + np.sin(2 * np.pi * 1.2 * t) + 0.2 * np.sin(2 * np.pi * 4.0 * t)
+    expected = sosfiltfilt(butter(4, ABOVE_BALL_HZ, "highpass", fs=50.0, output="sos"), x)
+    found = _fast(x, 0.02)
+    assert found is not None and np.allclose(found[60:-60], expected[60:-60], rtol=0, atol=1e-4)
+    assert np.corrcoef(found, expected)[0, 1] > 0.9995

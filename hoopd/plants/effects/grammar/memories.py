@@ -124,6 +124,16 @@ def _carried(left: Array, added: Array) -> Array:
     return np.asarray(found)
 
 
+def _turned(left: complex, added: NDArray[np.complex128], begin: complex) -> NDArray[np.complex128]:
+    """z_k = left z_k-1 + added_k-1 from z_0 = begin, the beginning with it."""
+    from scipy.linalg.lapack import ztbtrs  # the daemon, which never asks for it, starts without scipy
+
+    bands, right = np.ones((2, len(added) + 1), dtype=complex), np.append(begin, added)
+    bands[1, :-1] = -left
+    found, _ = ztbtrs(bands, right, uplo="L", diag="U")
+    return np.asarray(found)
+
+
 # ---------------------------------------------------------------------------------------------- dahl
 
 
@@ -286,9 +296,7 @@ def _resonance_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
     p = c["w"] * complex(-zeta, np.sqrt(1.0 - zeta**2))
     left = np.exp(p * h)
     middle = (v[1:] + v[:-1]) / 2.0
-    from scipy.signal import lfilter  # the daemon, which never asks for it, starts without scipy
-
-    after, _ = lfilter([1.0], [1.0, -left], middle * (left - 1.0) / p, zi=[-v[0] / p * left])
+    after = _turned(left, middle * (left - 1.0) / p, -v[0] / p)[1:]
     return np.asarray(np.append(v[:1], c["w"] ** 2 / p.imag * after.imag) - v)
 
 
@@ -316,11 +324,8 @@ def _swing_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
     zeta, h = min(c.get("zeta", DAMPING), LARGEST_DAMPING), float(np.median(np.diff(t)))
     p = c["w"] * complex(-zeta, np.sqrt(1.0 - zeta**2))
     left = np.exp(p * h)
-    from scipy.signal import lfilter  # the daemon, which never asks for it, starts without scipy
-
-    begin = -complex(v[0])  # the body at rest, whatever the rate is
-    after, _ = lfilter([1.0], [1.0, -left], -np.diff(v) / h * (left - 1.0) / p, zi=[begin * left])
-    y = np.append(begin, after)
+    # the body at rest, whatever the rate is
+    y = _turned(left, -np.diff(v) / h * (left - 1.0) / p, -complex(v[0]))
     r = y.imag / p.imag
     return np.asarray(-(c["w"] * r + 2.0 * zeta * (y.real + p.real * r)))
 
