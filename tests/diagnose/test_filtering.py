@@ -201,8 +201,8 @@ def test_levels_are_recovered_from_far_and_from_near() -> None:
             d[NZ:] += LEVELS.force * np.sqrt(1 - np.exp(-2 * m.h[k] / LEVELS.time_s)) * random.normal(size=NQ)
     criterion = Criterion(m, np.zeros((899, NZ)), eps)
     first = Noise(LEVELS.force * 8, np.full(NQ, 0.15), LEVELS.reading * 2)
-    far = tuned([criterion], first, first)
-    near = tuned([criterion], far, first, near=True)
+    far = tuned([criterion], first, first).noise
+    near = tuned([criterion], far, first, near=True).noise
     # seven fitted numbers gain some chi2_7 / 2 over the true ones: above 12 nats once in a thousand
     assert 0.0 <= criterion.value(LEVELS) - criterion.value(far) < 12.0
     assert criterion.value(near) == pytest.approx(criterion.value(far), abs=0.02)
@@ -214,7 +214,7 @@ def test_levels_stay_within_their_bounds() -> None:
     m = model(6, 200)
     criterion = Criterion(m, np.zeros((199, NZ)), np.zeros((200, NC)))
     first = Noise(np.ones(NQ), np.full(NQ, 0.15), np.ones(NC))
-    found = tuned([criterion], first, first)
+    found = tuned([criterion], first, first).noise
     # nothing is left to explain: every level goes to its lowest
     assert np.allclose(found.reading, 0.4) and np.all(found.force < 0.1)
 

@@ -43,6 +43,7 @@ class _Numbers:
     values: dict[str, float]
     free: tuple[str, ...]
     noise: dict[str, Noise]
+    curvatures: dict[str, Array]
     references: tuple[tuple[Array, Array, Array, Array], ...]  # z, w, filtered, predicted of each track
     covariance: Array
     criterion: float
@@ -63,7 +64,7 @@ def _numbers(judge: Judge, before: HypothesisFit, score: Score) -> _Numbers:
     tried = judge.tried(before, score)
     found = tried.fit
     return _Numbers(
-        _ranges(tried.effect), found.values, found.free, found.noise,
+        _ranges(tried.effect), found.values, found.free, found.noise, found.curvatures,
         tuple((one.z, one.w, one.filtered, one.predicted) for one in found.tracks),
         found.covariance, found.criterion, found.steps, tried.gain, tried.surprise,
     )  # fmt: skip
@@ -77,7 +78,7 @@ def _restored(judge: Judge, before: HypothesisFit, score: Score, numbers: _Numbe
         track.moved(*reference)
     found = HypothesisFit(
         effects, numbers.values, numbers.free, tracks, numbers.noise,
-        covariance=numbers.covariance, criterion=numbers.criterion, steps=numbers.steps,
+        covariance=numbers.covariance, criterion=numbers.criterion, steps=numbers.steps, curvatures=numbers.curvatures,
     )  # fmt: skip
     return Tried(effect, linear_again(found), numbers.gain, numbers.surprise, score)
 

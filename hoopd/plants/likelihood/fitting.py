@@ -51,6 +51,7 @@ class HypothesisFit:
     criterion: float = np.inf  # negative log-likelihood, free parameters fitted
     steps: int = 0
     widths: dict[str, float] = field(default_factory=dict)  # halves of 95 % intervals, once they were asked for
+    curvatures: dict[str, Array] = field(default_factory=dict)  # of the noise levels, by recording (`noise_tuning`)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -91,6 +92,8 @@ def fit(
     # what belongs to one recording stays there, fitted or not
     start.update({name: value for name, value in values.items() if plain(name) in start})
     found = HypothesisFit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
+    if like is not None:
+        found.curvatures = dict(like.curvatures)
     _linearise(found)
     if not _is_finite(found.rows):
         # where it starts there is no such plant: the least likely of all hypotheses
@@ -131,7 +134,8 @@ def _searched(found: HypothesisFit, *, tune_noise: bool, near: bool) -> Hypothes
 def _kept(found: HypothesisFit) -> HypothesisFit:
     """The fit as it is now, whatever is done with it afterwards."""
     tracks = [copy(track) for track in found.tracks]
-    return replace(found, values=dict(found.values), tracks=tracks, noise=dict(found.noise))
+    curvatures = dict(found.curvatures)
+    return replace(found, values=dict(found.values), tracks=tracks, noise=dict(found.noise), curvatures=curvatures)
 
 
 def free_names(tracks: Sequence[Track], values: Mapping[str, float]) -> tuple[str, ...]:
@@ -278,5 +282,8 @@ def tuned_noise(found: HypothesisFit, *, near: bool = False) -> None:
         ]
         slower = min(motion_scale(t.stretch.plant) for t in found.tracks if t.stretch.recording == recording)
         criteria = [Criterion(one.model, one.f[:, :, 0], one.eps[:, :, 0]) for one in parts]
-        found.noise[recording] = tuned(criteria, found.noise[recording], first[recording], near=near, slower=slower)
+        found.noise[recording], found.curvatures[recording] = tuned(
+            criteria, found.noise[recording], first[recording],
+            near=near, slower=slower, curvature=found.curvatures.get(recording),
+        )  # fmt: skip
     _whiten(found)

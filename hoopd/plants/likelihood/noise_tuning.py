@@ -6,6 +6,7 @@ Rules of this file: numbers in, numbers out; what a level is worth says `noise`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from hoopd.plants.effects.usual_sizes import store_rate
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.noise_levels import Criterion
-from hoopd.plants.likelihood.quasi_newton import SearchEnds, lowest, positive
+from hoopd.plants.likelihood.quasi_newton import Minimum, SearchEnds, lowest, positive
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.scales import motion_scale, rate_scale
 
@@ -37,25 +38,49 @@ FIRST_SHARE = 0.01
 NOTHING = 1e-9
 
 
+class Tuning(NamedTuple):
+    """Where a search for levels has ended."""
+
+    noise: Noise
+    curvature: Array  # second derivatives by the logarithms of force, time_s and reading
+
+
 def tuned(
-    criteria: Sequence[Criterion], start: Noise, first: Noise, *, near: bool = False, slower: float = 1.0
-) -> Noise:
+    criteria: Sequence[Criterion],
+    start: Noise,
+    first: Noise,
+    *,
+    near: bool = False,
+    slower: float = 1.0,
+    curvature: Array | None = None,
+) -> Tuning:
     """Levels of highest likelihood for all criteria together, from `start`, within the bounds about a first guess.
 
     `near`: the start is close to them already; otherwise a part of the data brings it there. `slower`: times of the
-    plant's motion over usual ones.
+    plant's motion over usual ones. `curvature`: what an earlier search of the same data has come to; told in logarithms
+    it hardly depends on the levels, so that one that is near needs no new one.
     """
     nq = len(start.force)
     low = np.log([*first.force / FORCE_FACTOR, *[TIMES_S[0] * slower] * nq, *first.reading * READING_FACTOR[0]])
     high = np.log([*first.force * FORCE_FACTOR, *[TIMES_S[1] * slower] * nq, *first.reading * READING_FACTOR[1]])
+    begin = np.clip(np.log(np.concatenate(start)), low, high)
+    if curvature is None or not near:
+        begin, curvature = _by_parts(criteria, begin, (low, high), near=near)
+    found = _lowest(criteria, begin, curvature, (low, high))
+    return Tuning(_levels(found.v, nq), found.curvature)
+
+
+def _by_parts(
+    criteria: Sequence[Criterion], begin: Array, bounds: tuple[Array, Array], *, near: bool
+) -> tuple[Array, Array]:
+    """Where a part of the data brings a start, and the curvature of all of them there; one that is near stays."""
     parts = [part for one in criteria for part in one.parts()]
     share = sum(len(one.model.c) for one in parts) / sum(len(one.model.c) for one in criteria)
-    begin = np.clip(np.log(np.concatenate(start)), low, high)
     curvature = _curvature(parts, begin)
     if not near:
-        begin = _lowest(parts, begin, curvature, (low, high))
+        begin = _lowest(parts, begin, curvature, bounds).v
         curvature = _curvature(parts, begin)
-    return _levels(_lowest(criteria, begin, curvature / share, (low, high)), nq)
+    return begin, curvature / share
 
 
 def _levels(v: Array, nq: int) -> Noise:
@@ -77,9 +102,9 @@ def _curvature(criteria: Sequence[Criterion], v: Array) -> Array:
     return positive((rows + rows.T) / 2, least=LEAST_CURVATURE)
 
 
-def _lowest(criteria: Sequence[Criterion], v: Array, curvature: Array, bounds: tuple[Array, Array]) -> Array:
+def _lowest(criteria: Sequence[Criterion], v: Array, curvature: Array, bounds: tuple[Array, Array]) -> Minimum:
     """Where the total is lowest."""
-    return lowest(lambda levels: _total(criteria, levels), v, curvature, ends=ENDS, bounds=bounds).v
+    return lowest(lambda levels: _total(criteria, levels), v, curvature, ends=ENDS, bounds=bounds)
 
 
 # ---------------------------------------------------------------------------------------------- first guess
