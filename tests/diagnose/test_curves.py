@@ -15,7 +15,7 @@ from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, shape
 from hoopd.diagnose.curves.curve_screen import CurveScreen, by_slot, null_quantiles
 from hoopd.diagnose.curves.curve_sites import wanted
 from hoopd.diagnose.curves.hats import curve_expression, hats, spread_knots, turn_knots
-from hoopd.diagnose.search.chance import Group, drawn_maxima, null_of
+from hoopd.diagnose.search.chance import Group, colour, drawn_maxima, null_of
 from hoopd.diagnose.search.screen import Column, change_of
 from hoopd.diagnose.search.surprise import log_chances
 from hoopd.files.shipped import or_shipped
@@ -25,6 +25,16 @@ from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.model_file import load_model
+
+
+@pytest.mark.parametrize("n", [60, 61])
+def test_a_residual_inflates_gains_by_its_spectrum_along_the_directions(n: int) -> None:
+    random = np.random.default_rng(4)
+    unit = np.linalg.qr(random.normal(size=(2 * n, 3)))[0]
+    residual = 2.0 * np.sin(0.4 * np.arange(2 * n)) + random.normal(size=2 * n)
+    rest = (residual - unit @ (unit.T @ residual)).reshape(n, 2)
+    along = [np.sum(np.roll(one.reshape(n, 2), k, axis=0) * rest) for one in unit.T for k in range(n)]
+    assert colour(unit, residual, [(n, 2)]) == pytest.approx(max(1.0, float(np.mean(np.square(along)))), rel=1e-9)
 
 
 def cart() -> Plant:

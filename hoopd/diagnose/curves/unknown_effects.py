@@ -225,8 +225,8 @@ def chance_of_lead(base: Survey, name: Score, draws: int, seed: int) -> float:
 def _best(groups: Sequence[Group], residuals: Array) -> Array:
     """(draws,) the largest surprise of any group."""
     found = np.zeros(residuals.shape[1])
-    for group in groups:
-        found = np.maximum(found, projections(group, residuals).surprises())
+    for one in projections(groups, residuals):
+        found = np.maximum(found, one.surprises())
     return found
 
 

@@ -26,7 +26,7 @@ from hoopd.diagnose.search.candidates import Tried, columns_of, surprise_of
 from hoopd.diagnose.search.chance import colour
 from hoopd.diagnose.search.mechanism_screen import COLOURED, MechanismScreen, ProposedMechanism
 from hoopd.diagnose.search.naming import Named
-from hoopd.diagnose.search.screen import Screen, orthonormal, score_of, whitened_changes
+from hoopd.diagnose.search.screen import Screen, best_scores, orthonormal, whitened_changes
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
@@ -181,14 +181,8 @@ def _colour_along(change: Array, final: HypothesisFit) -> float:
 
 def nearest(screen: Screen, change: Array, but: Sequence[str] = ()) -> str | None:
     """The library's name that makes most of a change (rows,), if it makes more than half of it."""
-    best, most = None, NEAR_COSINE * float(change @ change) / 2.0
-    first = 0
-    for member in screen.members:
-        z = screen.vectors[:, first : first + len(member.columns)]
-        first += len(member.columns)
-        if member.effect.name in but or not np.any(z):
-            continue
-        gain = score_of(member, z, change).gain
-        if gain > most:
-            best, most = member.effect.name, gain
-    return best
+    found = best_scores(screen.members, screen.vectors, change)
+    others = [one for one in found if one.member.effect.name not in but]
+    best = max(others, key=lambda one: one.gain, default=None)
+    is_near = best is not None and best.gain > NEAR_COSINE * float(change @ change) / 2.0
+    return best.member.effect.name if best is not None and is_near else None

@@ -21,7 +21,7 @@ from hoopd.diagnose.proof.best_of_library import BestOfAll, Choice, given_back
 from hoopd.diagnose.proof.free_run_refinement import DIFFERENCE, Refined, sizes
 from hoopd.diagnose.proof.simulation import Simulated, Simulator
 from hoopd.diagnose.proof.window_comparison import channel_weights, errors_of
-from hoopd.diagnose.search.screen import Column, Member, Score, members_of, orthonormal, score_of
+from hoopd.diagnose.search.screen import Column, Member, Score, best_scores, members_of, orthonormal
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.recording_parameters import values_of
@@ -55,12 +55,7 @@ class Sensitivity:
 
     def scores(self) -> list[Score]:
         """Best member of every effect, largest gain first; gains in units of half the weighted squared error."""
-        best: dict[str, Score] = {}
-        for member, z in zip(self.members, self._parts(), strict=True):
-            score = score_of(member, z, self.residual)
-            if member.effect.name not in best or score.gain > best[member.effect.name].gain:
-                best[member.effect.name] = score
-        return sorted(best.values(), key=lambda one: -one.gain)
+        return sorted(best_scores(self.members, self.vectors, self.residual), key=lambda one: -one.gain)
 
     def beside(self, score: Score) -> dict[str, float]:
         """By how much the free parameters move when the effect comes in as the screen says."""

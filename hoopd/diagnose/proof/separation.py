@@ -23,9 +23,9 @@ from hoopd.diagnose.search.screen import (
     Column,
     Member,
     Score,
+    best_scores,
     members_of,
     orthonormal,
-    score_of,
     touched_grids,
     whitened_changes,
 )
@@ -156,13 +156,10 @@ def nats_seen(parts: Sequence[Rows]) -> float:
 
 def _best(parts: Sequence[Rows], known: Array, v: Array) -> dict[str, Score]:
     """Of every rival the choice that explains most of the effect's change v."""
-    found: dict[str, Score] = {}
-    for k, (member, _) in enumerate(parts[0].rivals):
-        z = _freed(known, np.concatenate([part.rivals[k][1] for part in parts]))
-        score = score_of(member, z, v)
-        if member.effect.name not in found or score.gain > found[member.effect.name].gain:
-            found[member.effect.name] = score
-    return found
+    if not parts[0].rivals:
+        return {}
+    z = _freed(known, np.concatenate([np.concatenate([z for _, z in part.rivals], axis=1) for part in parts]))
+    return {one.member.effect.name: one for one in best_scores([member for member, _ in parts[0].rivals], z, v)}
 
 
 def _known(parts: Sequence[Rows]) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ Rules of this file: numbers in, numbers out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from math import log
 from typing import NamedTuple
@@ -64,14 +64,25 @@ class Projections(NamedTuple):
         return surprises(self.gains, self.columns)
 
 
-def projections(group: Group, residuals: Array) -> Projections:
-    """Of projected or white residuals (rows, draws)."""
+def projections(groups: Sequence[Group], residuals: Array) -> Iterator[Projections]:
+    """Of every group for projected or white residuals (rows, draws)."""
+    for first in range(0, len(groups), TOGETHER):
+        part = groups[first : first + TOGETHER]
+        # of narrow groups one product with all residuals
+        together = np.concatenate([one.vectors for one in part], axis=1)
+        along, ends = together.T @ residuals, np.cumsum([0, *(one.vectors.shape[1] for one in part)])
+        for one, columns in zip(part, map(slice, ends[:-1], ends[1:]), strict=True):
+            yield _projected(one, along[columns])
+
+
+def _projected(group: Group, along: Array) -> Projections:
+    """Told the products (m, draws) of its columns (rows, m) with the residuals."""
     basis = group.basis
     if basis is None:
-        size, values, vectors = independent(group.vectors)
+        size, values, turned = independent(group.vectors)
         # U = Z D^-1 V L^-1/2 is orthonormal
-        basis = vectors / np.sqrt(np.maximum(values, 1e-300)) / size[:, None]
-    along = basis.T @ (group.vectors.T @ residuals)
+        basis = turned / np.sqrt(np.maximum(values, 1e-300)) / size[:, None]
+    along = basis.T @ along
     if group.positive:
         along = np.maximum(along, 0.0)
     return Projections(np.sum(along**2, axis=0) / 2, basis.shape[1])
@@ -89,10 +100,11 @@ def colour(unit: Array, residual: Array, shapes: Sequence[tuple[int, int]]) -> f
     for n, channels in shapes:
         rows = slice(first, first + n * channels)
         first += n * channels
-        u = np.fft.fft(unit[rows].reshape(n, channels, -1), axis=0)
-        r = np.fft.fft(rest[rows].reshape(n, channels, 1), axis=0)
-        # mean over shifts of (sum_t u_t-s r_t)^2, by Parseval
-        total += float(np.sum(np.abs(np.sum(np.conj(u) * r, axis=1)) ** 2)) / n**2
+        u = np.fft.rfft(unit[rows].reshape(n, channels, -1), axis=0)
+        r = np.fft.rfft(rest[rows].reshape(n, channels, 1), axis=0)
+        # mean over shifts of (sum_t u_t-s r_t)^2, by Parseval; what is not there is as large as what is
+        power = np.sum(np.abs(np.sum(np.conj(u) * r, axis=1)) ** 2, axis=1)
+        total += float(2.0 * np.sum(power) - power[0] - (0.0 if n % 2 else power[-1])) / n**2
     return float(max(1.0, total / unit.shape[1]))
 
 
@@ -105,8 +117,7 @@ def drawn_maxima(groups: Sequence[Group], draws: int, seed: int) -> Array:
 
 def _best_of(groups: Sequence[Group], noise: Array) -> Array:
     best = np.zeros(noise.shape[1])
-    for group in groups:
-        found = projections(group, noise)
+    for found in projections(groups, noise):
         best = np.minimum(best, log_chances(found.gains, found.columns))
     return best
 

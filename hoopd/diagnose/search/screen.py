@@ -150,15 +150,7 @@ class Screen:
 
     def scores(self) -> list[Score]:
         """Best member of every effect, largest gain first."""
-        best: dict[str, Score] = {}
-        first = 0
-        for member in self.members:
-            z = self.vectors[:, first : first + len(member.columns)]
-            first += len(member.columns)
-            score = score_of(member, z, self.residual)
-            if member.effect.name not in best or score.gain > best[member.effect.name].gain:
-                best[member.effect.name] = score
-        return sorted(best.values(), key=lambda one: -one.gain)
+        return sorted(best_scores(self.members, self.vectors, self.residual), key=lambda one: -one.gain)
 
     def projected(self, x: Array) -> Array:
         """(rows, m) without the directions of the free parameters."""
@@ -184,17 +176,37 @@ def change_of(track: Track, fit: HypothesisFit, effect: Effect, column: Column) 
     return f.sum(axis=2), eps.sum(axis=2)
 
 
+def best_scores(members: Sequence[Member], vectors: Array, residual: Array) -> list[Score]:
+    """Of every effect its best member; `vectors` (rows, m): the columns of all members, one after the other."""
+    squares, along = np.einsum("rm,rm->m", vectors, vectors), vectors.T @ residual
+    best: dict[str, tuple[float, Member, slice]] = {}
+    first = 0
+    for member in members:
+        own = slice(first, first + len(member.columns))
+        first = own.stop
+        z = vectors[:, own]
+        gram = squares[own, None] if len(member.columns) == 1 else z.T @ z
+        weights, name = _member_weights(member, gram, along[own]), member.effect.name
+        gain = max(float(weights @ along[own] - weights @ gram @ weights / 2), 0.0)
+        if name not in best or gain > best[name][0]:
+            best[name] = gain, member, own
+    return [score_of(member, vectors[:, own], residual) for _, member, own in best.values()]
+
+
 def score_of(member: Member, z: Array, residual: Array) -> Score:
     """Gain of a member's columns z (rows, m) for the residual, signs obeyed."""
-    signed = np.array([c.signed for c in member.columns])
-    scale = np.sqrt(np.maximum(np.sum(z**2, axis=0), 1e-300))
-    unit = z / scale
-    gram, right = unit.T @ unit, unit.T @ residual
-    weights = _weights(gram, right, signed) / scale
-    weights = np.clip(weights, -np.inf, [c.most for c in member.columns])
+    weights = _member_weights(member, z.T @ z, z.T @ residual)
     change = z @ weights
     gain = float(change @ residual - change @ change / 2)
     return Score(member, max(gain, 0.0), _start(member, weights), change)
+
+
+def _member_weights(member: Member, gram: Array, along: Array) -> Array:
+    """(m,) of columns with these products with each other (m, m) and with the residual (m,), signs obeyed."""
+    signed = np.array([c.signed for c in member.columns])
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    weights = _weights(gram / scale / scale[:, None], along / scale, signed) / scale
+    return np.clip(weights, -np.inf, [c.most for c in member.columns])
 
 
 def _weights(gram: Array, right: Array, signed: NDArray[np.bool_]) -> Array:

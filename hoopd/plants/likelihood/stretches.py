@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +57,7 @@ class Stretch:
         if self.every.shape != self.y.shape:
             object.__setattr__(self, "every", self.y)
 
-    @property
+    @cached_property
     def h(self) -> Array:
         """(n-1,) s"""
         return np.diff(self.t)
@@ -198,6 +199,8 @@ class Held:
 
     def _way(self, late: float, delay: float) -> Array:
         """(BACK_STEPS, n) of one channel; of a way of no length the torque at its end."""
+        if late == delay == 0.0:
+            return np.broadcast_to(np.append(self.u, self.u[-1:]), (BACK_STEPS, len(self.t)))
         steps = BACK_STEPS if late > 0.0 else 1
         edges = self.t[:, None] - np.arange(steps, -1, -1) * late / steps
         found = mean_torque(edges, self.t, self.u, delay).T[::-1]
